@@ -1,0 +1,62 @@
+"""Power flow between the control point (V∠δ) and the grid source (V_g∠0) behind R + jX.
+
+V and V_g are phase rms in V, P and Q three-phase in W and var, positive into the grid. For an LCL filter R
+and X include the grid-side inductor: the control point is the filter capacitor.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vsgdesign.frames import PHASES
+
+
+def power_flow(delta: Any, V_rms: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
+    """P and Q that leave the control point (:eq:`power-flow`, the paper's eqs. 1 and 2)."""
+    Z_sq = R * R + X * X
+    sine = V_rms * V_g_rms * np.sin(delta)
+    cosine = V_rms * V_g_rms * np.cos(delta)
+    V_sq = V_rms * V_rms
+    P = PHASES / Z_sq * (R * V_sq - R * cosine + X * sine)
+    Q = PHASES / Z_sq * (X * V_sq - X * cosine - R * sine)
+    return P, Q
+
+
+def operating_point_discriminant(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
+    """b₀ and the discriminant of :eq:`operating-point` in V² and V⁴; negative: no operating point."""
+    Z_sq = R * R + X * X
+    b_0 = 2.0 * (R * P + X * Q) / PHASES + V_g_rms * V_g_rms
+    return b_0, b_0 * b_0 - 4.0 * Z_sq * (P * P + Q * Q) / (PHASES * PHASES)
+
+
+def operating_point(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
+    """V (rms, V) and δ (rad) that deliver P and Q: the high-voltage root of :eq:`operating-point`.
+
+    NaN where the power flow has no real root.
+    """
+    b_0, discriminant = operating_point_discriminant(P, Q, V_g_rms, R, X)
+    V_sq = 0.5 * (b_0 + np.sqrt(discriminant))
+    delta = np.arctan2(X * P - R * Q, PHASES * V_sq - R * P - X * Q)
+    return np.sqrt(V_sq), delta
+
+
+def jacobian_from_powers(P: Any, Q: Any, V_rms: Any, R: Any, X: Any) -> Any:
+    """A, B, C, D from measured P, Q and V without δ or a solver (:eq:`jacobian-from-powers`).
+
+    A = ∂P/∂δ (W/rad), B = ∂P/∂V (W/V), C = ∂Q/∂δ (var/rad), D = ∂Q/∂V (var/V), V in phase rms.
+    """
+    scale = PHASES * V_rms * V_rms / (R * R + X * X)
+    b = scale * X
+    g = scale * R
+    return b - Q, (P + g) / V_rms, P - g, (b + Q) / V_rms
+
+
+def dQ_dV_as_published(delta: Any, V_rms: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
+    """The expression that the paper prints for D. It is C = ∂Q/∂δ; for comparison only.
+
+    The derivative of :eq:`power-flow` with respect to V is 3/Z²·(X(2V − V_g cos δ) − R V_g sin δ).
+    """
+    Z_sq = R * R + X * X
+    return PHASES / Z_sq * V_rms * V_g_rms * (X * np.sin(delta) - R * np.cos(delta))

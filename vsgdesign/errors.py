@@ -1,0 +1,56 @@
+"""One class per kind of failure. Every message says which field, which value, which limit, what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+class VsgDesignError(Exception):
+    """Base of every error that vsgdesign raises on purpose."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong with an input, and what to do about it."""
+
+    field: str
+    value: str
+    problem: str
+    advice: str = ""
+
+    def __str__(self) -> str:
+        shown = f"{self.field} = {self.value}" if self.value else self.field
+        advice = f" {self.advice}" if self.advice else ""
+        return f"{shown}: {self.problem}.{advice}"
+
+
+class StudyError(VsgDesignError):
+    """The study file is wrong. Carries every fault found, not only the first."""
+
+    def __init__(self, source: str, faults: Sequence[Fault]) -> None:
+        self.source = source
+        self.faults = tuple(faults)
+        count = "1 fault" if len(self.faults) == 1 else f"{len(self.faults)} faults"
+        lines = "\n".join(f"  - {fault}" for fault in self.faults)
+        super().__init__(f"{source}: {count}\n{lines}")
+
+
+class NoOperatingPointError(VsgDesignError):
+    """The grid cannot carry the power that is asked for: the power flow has no real solution."""
+
+    def __init__(self, message: str, *, shortfall_w: float) -> None:
+        self.shortfall_w = shortfall_w
+        super().__init__(message)
+
+
+class InfeasibleStudyError(VsgDesignError):
+    """The study is well-formed but asks for something that cannot be done."""
+
+
+class SimulationDivergedError(VsgDesignError):
+    """A simulated quantity left the range in which the result means anything."""
+
+
+class ArtifactError(VsgDesignError):
+    """A file handed between stages is damaged, foreign or of another schema."""

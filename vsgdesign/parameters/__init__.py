@@ -1,0 +1,29 @@
+"""What we are given: study files and published cases, as frozen, validated data in SI."""
+
+from vsgdesign.parameters.loading import case_names, load_study, study_from_text
+from vsgdesign.parameters.study import (
+    ClosedFormTarget,
+    ControllerSpec,
+    Converter,
+    Event,
+    Filter,
+    Grid,
+    GridSource,
+    SimulationSpec,
+    Study,
+)
+
+__all__ = [
+    "ClosedFormTarget",
+    "ControllerSpec",
+    "Converter",
+    "Event",
+    "Filter",
+    "Grid",
+    "GridSource",
+    "SimulationSpec",
+    "Study",
+    "case_names",
+    "load_study",
+    "study_from_text",
+]

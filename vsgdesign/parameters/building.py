@@ -1,0 +1,224 @@
+"""Builds each part of a Study from its TOML section. The limits of every field stand here.
+
+The limits are plausibility limits: wide enough for any real converter, narrow enough that a wrong unit
+(1 for 1 mH) falls outside.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from vsgdesign.equations.closed_form import current_loop_gains, voltage_loop_gains
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import Fault
+from vsgdesign.frames import ll_to_phase, rms_to_peak
+from vsgdesign.parameters.reader import REQUIRED, TableReader
+from vsgdesign.parameters.scenario import read_events, read_grid, read_simulation
+from vsgdesign.parameters.study import (
+    ClosedFormTarget,
+    ControllerSpec,
+    Converter,
+    Filter,
+    Grid,
+    GridSource,
+    Study,
+)
+
+SCHEMA = 1
+
+
+def build_study(document: dict[str, Any], default_name: str, content_hash: str, faults: list[Fault]) -> Study:
+    """A Study from a merged document. Faults are appended; the result is meaningless if there are any."""
+    root = TableReader(document, "", faults)
+    root.integer("schema", SCHEMA, SCHEMA, default=SCHEMA)
+    name, title, source = _read_identity(root.child("study"), default_name)
+    converter = _read_converter(root.section("converter"))
+    filter_ = _read_filter(root.section("filter"), converter)
+    inner_gains = _read_inner_loops(root.section("inner_loops"), filter_)
+    grid_table = root.section("grid")
+    grid, source_, basis = _read_grid_section(grid_table, converter)
+    power = root.child("power_loops") or TableReader({}, "power_loops", faults)
+    power.choice("structure", ("published",), default="published")
+    tau_P = power.quantity("tau_P", "s", 0.0, 1.0, default=0.0)
+    tau_Q = power.quantity("tau_Q", "s", 0.0, 1.0, default=0.0)
+    default_target = ClosedFormTarget(1.0, 1.0, 0.01, converter.S_rated * 0.9, converter.S_rated * 0.2)
+    target = _read_target(power, default_target, converter)
+    power.finish()
+    simulation = read_simulation(root.section("simulation"), converter)
+    events = read_events(root.children("events"), grid, basis, converter, source_, simulation)
+    controllers = _read_controllers(root, target, grid, basis, converter, simulation)
+    root.finish()
+    return Study(
+        name, title, source, converter, filter_, inner_gains, grid, source_, basis, target,
+        tau_P, tau_Q, controllers, simulation, events, content_hash,
+    )  # fmt: skip
+
+
+def _read_identity(table: TableReader | None, default_name: str) -> tuple[str, str, str]:
+    if table is None:
+        return default_name, default_name, ""
+    name = table.text("name", default=default_name)
+    title = table.text("title", default=name)
+    source = table.text("source", default="")
+    table.finish()
+    return name, title, source
+
+
+def _read_converter(table: TableReader) -> Converter:
+    S_rated = table.quantity("S_rated", "VA", 10.0, 1e10)
+    if table.one_of(("V_rated_ll_rms",), ("V_rated_rms",)) == ("V_rated_rms",):
+        V_rated_rms = table.quantity("V_rated_rms", "V", 5.0, 5e5)
+    else:
+        V_rated_rms = ll_to_phase(table.quantity("V_rated_ll_rms", "V", 10.0, 1e6)) if table.table else math.nan
+    f_n = table.quantity("f_n", "Hz", 10.0, 1000.0)
+    V_dc = table.quantity("V_dc", "V", 10.0, 1e6)
+    f_sw = table.quantity("f_sw", "Hz", 300.0, 1e6)
+    converter = Converter(
+        S_rated=S_rated,
+        V_rated_rms=V_rated_rms,
+        omega_n=2.0 * math.pi * f_n,
+        V_dc=V_dc,
+        f_sw=f_sw,
+        samples_per_carrier=table.integer("samples_per_carrier", 1, 64, default=2),
+        delay_samples=table.integer("delay_samples", 0, 1, default=1),
+        zero_sequence=table.choice("modulation", ("sine_triangle", "min_max"), default="sine_triangle") == "min_max",
+        current_limit_pu=table.quantity("current_limit_pu", "1", 0.5, 20.0, default=None),
+        V_min_pu=table.quantity("V_min_pu", "1", 0.0, 1.0, default=0.85),
+        V_max_pu=table.quantity("V_max_pu", "1", 1.0, 3.0, default=1.25),
+    )
+    if rms_to_peak(V_rated_rms) > converter.v_max_pk:
+        table.fault(
+            "V_dc", f"{V_dc:.6g} V",
+            f"too low: the bridge makes at most {converter.v_max_pk:.4g} V peak and the rated voltage is "
+            f"{rms_to_peak(V_rated_rms):.4g} V peak",
+            'Raise V_dc, or set modulation = "min_max" (+15 %).',
+        )  # fmt: skip
+    if f_sw * converter.samples_per_carrier < 20.0 * f_n:
+        table.fault("f_sw", f"{f_sw:.6g} Hz", f"samples fewer than 20 times a cycle of {f_n:.6g} Hz", "Raise f_sw.")
+    table.finish()
+    return converter
+
+
+def _read_filter(table: TableReader, converter: Converter) -> Filter:
+    kind = table.choice("kind", ("LC", "LCL"))
+    filter_ = Filter(
+        L_1=table.quantity("L_1", "H", 1e-7, 0.5),
+        R_1=table.quantity("R_1", "ohm", 0.0, 100.0),
+        C=table.quantity("C", "F", 1e-8, 0.1),
+        R_c=table.quantity("R_c", "ohm", 0.0, 1000.0, default=0.0),
+        L_2=table.quantity("L_2", "H", 1e-7, 0.5) if kind == "LCL" else 0.0,
+        R_2=table.quantity("R_2", "ohm", 0.0, 100.0) if kind == "LCL" else 0.0,
+    )
+    if kind == "LC":
+        for field in ("L_2", "R_2"):
+            if table.has(field):
+                table.fault(field, table.table[field], "an LC filter has none", 'Set kind = "LCL" or remove it.')
+                table.quantity(field, "H" if field == "L_2" else "ohm")
+    resonance_hz = 1.0 / (2.0 * math.pi * np.sqrt(filter_.L_1 * filter_.C))
+    nyquist_hz = 0.5 / converter.T_s
+    if resonance_hz > nyquist_hz:
+        table.fault(
+            "C", None, f"with L_1 it resonates at {resonance_hz:.4g} Hz, above half the sampling frequency "
+            f"({nyquist_hz:.4g} Hz)", "Sample faster, or enlarge L_1 or C.",
+        )  # fmt: skip
+    table.finish()
+    return filter_
+
+
+def _read_inner_loops(table: TableReader, filter_: Filter) -> InnerLoopGains:
+    times = ("current_response_time", "voltage_response_time")
+    given = ("K_pc", "K_ic", "K_pv", "K_iv")
+    if table.one_of(times, given) == given:
+        gains = InnerLoopGains(
+            K_pv=table.quantity("K_pv", "A/V", 1e-9, 1e6),
+            K_iv=table.quantity("K_iv", "A/(V·s)", 1e-9, 1e9),
+            K_pc=table.quantity("K_pc", "V/A", 1e-9, 1e6),
+            K_ic=table.quantity("K_ic", "V/(A·s)", 1e-9, 1e9),
+        )
+    else:
+        damping = table.quantity("damping_ratio", "1", 0.1, 10.0, default=1.0)
+        current_time = table.quantity("current_response_time", "s", 1e-5, 1.0) if table.table else math.nan
+        voltage_time = table.quantity("voltage_response_time", "s", 1e-5, 1.0) if table.table else math.nan
+        K_pc, K_ic = current_loop_gains(current_time, damping, filter_.L_1)
+        K_pv, K_iv = voltage_loop_gains(voltage_time, damping, filter_.C)
+        gains = InnerLoopGains(K_pv=K_pv, K_iv=K_iv, K_pc=K_pc, K_ic=K_ic)
+    table.finish()
+    return gains
+
+
+def _read_grid_section(table: TableReader, converter: Converter) -> tuple[Grid, GridSource, str]:
+    basis = table.choice("scr_basis", ("impedance", "reactance"), default="impedance")
+    grid = read_grid(table, converter, basis, None)
+    V_g_rms = table.quantity("V_g_pu", "1", 0.1, 2.0, default=1.0) * converter.V_rated_rms
+    f_n = converter.omega_n / (2.0 * math.pi)
+    f_g = table.quantity("f_g", "Hz", 0.8 * f_n, 1.2 * f_n, default=f_n)
+    table.finish()
+    return grid, GridSource(V_g_rms, 2.0 * math.pi * f_g), basis
+
+
+def _read_target(table: TableReader, default: ClosedFormTarget, converter: Converter) -> ClosedFormTarget:
+    limit = 2.0 * converter.S_rated
+    return ClosedFormTarget(
+        settling_time=table.quantity("settling_time", "s", 0.01, 1000.0, default=default.settling_time),
+        damping_ratio=table.quantity("damping_ratio", "1", 0.05, 20.0, default=default.damping_ratio),
+        droop_ratio=table.quantity("droop_ratio", "1", 0.0, 10.0, default=default.droop_ratio),
+        P=table.quantity("P_design", "W", -limit, limit, default=default.P),
+        Q=table.quantity("Q_design", "var", -limit, limit, default=default.Q),
+    )
+
+
+def _read_controllers(
+    root: TableReader, target: ClosedFormTarget, grid: Grid, basis: str, converter: Converter, simulation: Any
+) -> tuple[ControllerSpec, ...]:
+    specs: list[ControllerSpec] = []
+    for table in root.children("controllers"):
+        name = table.text("name")
+        if any(spec.name == name for spec in specs):
+            table.fault("name", name, "used twice", "Give every controller its own name.")
+        elif name and not all(c.isalnum() or c in "-_." for c in name):
+            table.fault("name", name, "may hold letters, digits, '-', '_' and '.' only", "It becomes a file name.")
+        kind = table.choice("kind", ("fixed", "scheduled"))
+        own_target = _read_target(table, target, converter)
+        gains, design_grid, period = None, None, 0.02
+        if kind == "fixed":
+            gains_table = table.child("gains")
+            if gains_table is not None:
+                gains = _read_power_gains(gains_table)
+            grid_table = table.child("design_grid")
+            if grid_table is not None:
+                if gains is not None:
+                    table.fault("design_grid", None, "gains are given too", "Give either gains or design_grid.")
+                own_basis = grid_table.choice("scr_basis", ("impedance", "reactance"), default=basis)
+                design_grid = read_grid(grid_table, converter, own_basis, None)
+                grid_table.finish()
+            elif gains is None:
+                design_grid = grid
+        else:
+            period = table.quantity("update_period", "s", converter.T_s, simulation.duration, default=0.02)
+            steps = period / converter.T_s
+            if not math.isnan(steps) and abs(steps - round(steps)) > 1e-6 * steps:
+                table.fault(
+                    "update_period", f"{period:.6g} s",
+                    f"not a whole number of sampling periods ({converter.T_s:.6g} s)",
+                    f"Use {round(steps) * converter.T_s:.9g}.",
+                )  # fmt: skip
+        specs.append(ControllerSpec(name, kind, own_target, gains, design_grid, period))
+        table.finish()
+    if not specs and not root.faults:
+        root.fault("controllers", None, "none given", 'Add [[controllers]] with name and kind = "fixed" or "scheduled".')
+    return tuple(specs)
+
+
+def _read_power_gains(table: TableReader) -> PowerLoopGains:
+    gains = PowerLoopGains(
+        K_ip=table.quantity("K_ip", "rad/(s²·W)", 1e-15, 1e6, default=REQUIRED),
+        D_p=table.quantity("D_p", "W·s/rad", 0.0, 1e12),
+        K_iq=table.quantity("K_iq", "V/(s·var)", 1e-15, 1e6),
+        D_q=table.quantity("D_q", "var/V", 0.0, 1e12),
+    )
+    table.finish()
+    return gains

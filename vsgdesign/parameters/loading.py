@@ -1,0 +1,109 @@
+"""From a TOML file to a Study: base documents merged, then every fault reported at once."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from vsgdesign.errors import Fault, StudyError
+from vsgdesign.parameters.building import build_study
+from vsgdesign.parameters.study import Study
+
+_CASE_PREFIX = "case:"
+_MAX_BASES = 8
+
+
+def case_names() -> tuple[str, ...]:
+    """Names of the published and example cases that come with the package."""
+    folder = resources.files("vsgdesign.parameters") / "cases"
+    return tuple(sorted(item.name[:-5] for item in folder.iterdir() if item.name.endswith(".toml")))
+
+
+def load_study(path: str | Path) -> Study:
+    """Read, merge and check a study file. StudyError lists every fault in it."""
+    path = Path(path)
+    return _build(_document(path, _MAX_BASES), str(path), path.stem if path.stem != "study" else path.parent.name)
+
+
+def study_from_text(text: str, source: str = "study text", folder: str | Path = ".") -> Study:
+    """The same from TOML text; relative bases are looked up in ``folder``."""
+    return _build(_merge_bases(_parse(text, source), Path(folder), source, _MAX_BASES), source, "study")
+
+
+def _build(document: dict[str, Any], source: str, default_name: str) -> Study:
+    faults: list[Fault] = []
+    study = build_study(document, default_name, _hash(document), faults)
+    if faults:
+        raise StudyError(source, faults)
+    return study
+
+
+def _hash(document: dict[str, Any]) -> str:
+    canonical = json.dumps(document, sort_keys=True, separators=(",", ":"), default=str)
+    return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def _document(path: Path, depth: int) -> dict[str, Any]:
+    if not path.is_file():
+        what = "is a folder, not a study file" if path.is_dir() else "there is no such file"
+        raise StudyError(str(path), [Fault("study file", f'"{path}"', what, "Give the path of a .toml study file.")])
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        fault = Fault("study file", f'"{path}"', f"is not UTF-8 text (byte {error.start})", "Give a TOML text file.")
+        raise StudyError(str(path), [fault]) from None
+    except OSError as error:
+        raise StudyError(str(path), [Fault("study file", f'"{path}"', f"cannot be read ({error.strerror})")]) from None
+    return _merge_bases(_parse(text, str(path)), path.parent, str(path), depth)
+
+
+def _parse(text: str, source: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError(source, [Fault("TOML", "", f"cannot be read as TOML: {error}")]) from None
+
+
+def _merge_bases(document: dict[str, Any], folder: Path, source: str, depth: int) -> dict[str, Any]:
+    base = document.pop("base", None)
+    if base is None:
+        return document
+    if not isinstance(base, str) or depth == 0:
+        problem = "must be a text" if depth else f"more than {_MAX_BASES} bases on top of one another (a circle?)"
+        raise StudyError(source, [Fault("base", str(base), problem, 'Give "case:NAME" or a path.')])
+    if base.startswith(_CASE_PREFIX):
+        name = base[len(_CASE_PREFIX) :]
+        if name not in case_names():
+            known = ", ".join(f'"{_CASE_PREFIX}{case}"' for case in case_names())
+            raise StudyError(source, [Fault("base", f'"{base}"', "no such case", f"Known: {known}.")])
+        text = (resources.files("vsgdesign.parameters") / "cases" / f"{name}.toml").read_text(encoding="utf-8")
+        below = _merge_bases(_parse(text, base), folder, base, depth - 1)
+    else:
+        below = _document(folder / base, depth - 1)
+    return _merge(below, document)
+
+
+_ALTERNATIVES = (
+    ({"R_g", "L_g"}, {"scr", "x_over_r", "scr_basis"}),
+    ({"V_rated_rms"}, {"V_rated_ll_rms"}),
+    ({"current_response_time", "voltage_response_time", "damping_ratio"}, {"K_pc", "K_ic", "K_pv", "K_iv"}),
+)
+
+
+def _merge(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """Tables merge field by field; anything else replaces. One way of saying a thing replaces the other."""
+    merged = dict(below)
+    for left, right in _ALTERNATIVES:
+        for ours, theirs in ((left, right), (right, left)):
+            if ours & above.keys() and not theirs & above.keys():
+                merged = {key: value for key, value in merged.items() if key not in theirs}
+    for key, value in above.items():
+        if isinstance(value, dict) and isinstance(merged.get(key), dict):
+            merged[key] = _merge(merged[key], value)
+        else:
+            merged[key] = value
+    return merged

@@ -1,0 +1,128 @@
+"""Reads the grid, the simulation and the events of a study file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from vsgdesign.parameters.reader import TableReader
+from vsgdesign.parameters.study import Converter, Event, Grid, GridSource, SimulationSpec, grid_from_scr
+from vsgdesign.parameters.units import UnitError, parse_quantity
+
+_SCR = (0.05, 1e4)
+_X_OVER_R = (1e-3, 1e4)
+
+
+def read_grid(table: TableReader, converter: Converter, basis: str, previous: Grid | None) -> Grid:
+    """A grid from scr and x_over_r, or from R_g and L_g.
+
+    With ``previous`` (an event) a missing one of scr and x_over_r keeps its value.
+    """
+    if previous is not None and not (table.has("R_g") or table.has("L_g")):
+        omega = converter.omega_n
+        keep_scr, keep_ratio = previous.scr(converter, basis), previous.x_over_r(omega)
+        scr = table.quantity("scr", "1", *_SCR, default=keep_scr)
+        ratio = table.quantity("x_over_r", "1", *_X_OVER_R, default=keep_ratio)
+        return grid_from_scr(scr, ratio, basis, converter)
+    if table.one_of(("scr", "x_over_r"), ("R_g", "L_g")) == ("R_g", "L_g"):
+        # Plausible: between 1/1000 and 20 times the base impedance.
+        high = 20.0 * converter.Z_base if converter.Z_base > 0.0 else math.inf
+        R_g = table.quantity("R_g", "ohm", 0.0, high)
+        L_g = table.quantity("L_g", "H", 1e-4 * high / 20.0 / converter.omega_n, high / converter.omega_n)
+        return Grid(R_g, L_g)
+    if not (table.has("scr") or table.has("x_over_r")):
+        return Grid(math.nan, math.nan)
+    scr = table.quantity("scr", "1", *_SCR)
+    ratio = table.quantity("x_over_r", "1", *_X_OVER_R)
+    return grid_from_scr(scr, ratio, basis, converter)
+
+
+def read_simulation(table: TableReader, converter: Converter) -> SimulationSpec:
+    """The [simulation] section."""
+    T_s = converter.T_s
+    limit = 2.0 * converter.S_rated
+    log_interval = table.quantity("log_interval", "s", 0.0, 1.0, default=max(round(200e-6 / T_s), 1) * T_s)
+    spec = SimulationSpec(
+        duration=table.quantity("duration", "s", 1e-3, 36000.0),
+        bridge=table.choice("bridge", ("averaged", "pwm"), default="averaged"),
+        start=table.choice("start", ("steady_state", "cold"), default="steady_state"),
+        log_interval=log_interval,
+        csv_interval=table.quantity("csv_interval", "s", 0.0, 10.0, default=0.002),
+        P_ref=table.quantity("P_ref", "W", -limit, limit),
+        Q_ref=table.quantity("Q_ref", "var", -limit, limit),
+    )
+    _check_multiple(table, "log_interval", log_interval, T_s)
+    table.finish()
+    return spec
+
+
+def _check_multiple(table: TableReader, field: str, value: float, T_s: float) -> None:
+    steps = value / T_s
+    if math.isnan(steps):
+        return
+    if steps < 0.5 or abs(steps - round(steps)) > 1e-6 * steps:
+        nearest = max(round(steps), 1) * T_s
+        table.fault(field, f"{value:.6g} s", f"not a multiple of the sampling period {T_s:.6g} s", f"Use {nearest:.9g}.")
+
+
+def read_events(
+    tables: list[TableReader], grid: Grid, basis: str, converter: Converter, source: GridSource, spec: SimulationSpec
+) -> tuple[Event, ...]:
+    """The [[events]], sorted by time. An event may change several things at once."""
+    events: list[Event] = []
+    present = grid  # an event that changes SCR alone keeps the X/R of the event before it
+    limit = 2.0 * converter.S_rated
+    f_n = converter.omega_n / (2.0 * math.pi)
+    for table in sorted(tables, key=_time_or_last):
+        t_s = table.quantity("time", "s", 0.0, spec.duration, hint="Events must lie within simulation.duration.")
+        new_grid = None
+        grid_table = table.child("grid")
+        if grid_table is not None:
+            new_grid = read_grid(grid_table, converter, basis, present)
+            grid_table.finish()
+            present = new_grid
+        V_g_pu = table.quantity("V_g_pu", "1", 0.0, 2.0, default=None)
+        f_g = table.quantity("f_g", "Hz", 0.8 * f_n, 1.2 * f_n, default=None)
+        over = table.quantity("over", "s", 0.0, spec.duration, default=0.0)
+        jump = table.quantity("phase_jump", "rad", -math.pi, math.pi, default=0.0)
+        P_ref = table.quantity("P_ref", "W", -limit, limit, default=None)
+        Q_ref = table.quantity("Q_ref", "var", -limit, limit, default=None)
+        if over > 0.0 and V_g_pu is None and f_g is None:
+            table.fault("over", f"{over:.6g} s", "ramps nothing", "It belongs to V_g_pu or f_g.")
+        event = Event(
+            t_s, "", new_grid,
+            None if V_g_pu is None else V_g_pu * converter.V_rated_rms,
+            None if f_g is None else 2.0 * math.pi * f_g,
+            over, jump, P_ref, Q_ref,
+        )  # fmt: skip
+        described = _describe(event, converter, basis)
+        if not described:
+            table.fault("", None, "changes nothing", "Give grid, V_g_pu, f_g, phase_jump, P_ref or Q_ref.")
+        name = table.text("name", default=described)
+        events.append(replace(event, name=name))
+        table.finish()
+    return tuple(events)
+
+
+def _time_or_last(table: TableReader) -> float:
+    try:
+        return parse_quantity(table.table.get("time"), "s")
+    except UnitError:
+        return math.inf
+
+
+def _describe(event: Event, converter: Converter, basis: str) -> str:
+    parts = []
+    if event.grid is not None:
+        parts.append(f"SCR {event.grid.scr(converter, basis):.3g}, X/R {event.grid.x_over_r(converter.omega_n):.3g}")
+    if event.V_g_rms is not None:
+        parts.append(f"V_g {event.V_g_rms / converter.V_rated_rms:.3g} pu")
+    if event.omega_g is not None:
+        parts.append(f"f_g {event.omega_g / (2.0 * math.pi):.4g} Hz")
+    if event.phase_jump != 0.0:
+        parts.append(f"phase {math.degrees(event.phase_jump):+.3g}°")
+    if event.P_ref is not None:
+        parts.append(f"P_ref {event.P_ref / 1e3:.4g} kW")
+    if event.Q_ref is not None:
+        parts.append(f"Q_ref {event.Q_ref / 1e3:.4g} kvar")
+    return ", ".join(parts)

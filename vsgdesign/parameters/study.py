@@ -1,0 +1,222 @@
+"""The study as data: frozen, SI, with the conventions of docs/nomenclature.md in the names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsgdesign.equations.controller import ControllerSettings
+from vsgdesign.equations.filters import FilterGrid
+from vsgdesign.equations.grid import (
+    grid_from_scr_impedance,
+    grid_from_scr_reactance,
+    scr_impedance,
+    scr_reactance,
+)
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.frames import base_impedance, linear_modulation_limit, rated_current_rms, rms_to_peak
+
+UNLIMITED_PU = 1e6
+"""A current limit so far out of reach that the limiter never acts (infinity would make NaN of 0·∞)."""
+
+
+@dataclass(frozen=True)
+class Converter:
+    """Ratings and the sampled bridge."""
+
+    S_rated: float
+    """VA."""
+    V_rated_rms: float
+    """Phase-to-neutral, V."""
+    omega_n: float
+    """Nominal angular frequency, rad/s."""
+    V_dc: float
+    f_sw: float
+    """Carrier frequency, Hz."""
+    samples_per_carrier: int
+    delay_samples: int
+    """Samples between measuring and applying: 0 or 1."""
+    zero_sequence: bool
+    """Min-max zero-sequence injection (limit V_dc/√3) instead of plain sine-triangle (V_dc/2)."""
+    current_limit_pu: float | None
+    """Limit of the converter-current reference in pu of the rated peak; None: no limit."""
+    V_min_pu: float
+    V_max_pu: float
+
+    @property
+    def T_s(self) -> float:
+        """Sampling period of the controller, s."""
+        return 1.0 / (self.f_sw * self.samples_per_carrier)
+
+    @property
+    def Z_base(self) -> float:
+        """Base impedance, Ω."""
+        return base_impedance(self.S_rated, self.V_rated_rms)
+
+    @property
+    def I_rated_pk(self) -> float:
+        """Rated phase current, A peak."""
+        return rms_to_peak(rated_current_rms(self.S_rated, self.V_rated_rms))
+
+    @property
+    def v_max_pk(self) -> float:
+        """Bridge-voltage limit, V peak."""
+        return linear_modulation_limit(self.V_dc, self.zero_sequence)
+
+
+@dataclass(frozen=True)
+class Filter:
+    """LC or LCL filter. An LC filter has L_2 = R_2 = 0."""
+
+    L_1: float
+    R_1: float
+    C: float
+    R_c: float = 0.0
+    L_2: float = 0.0
+    R_2: float = 0.0
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Grid impedance at the PCC: R_g in Ω, L_g in H."""
+
+    R_g: float
+    L_g: float
+
+    def scr(self, converter: Converter, basis: str) -> float:
+        """Short-circuit ratio on the ``impedance`` or ``reactance`` basis."""
+        ratio = scr_impedance if basis == "impedance" else scr_reactance
+        return float(ratio(self.R_g, self.L_g, converter.Z_base, converter.omega_n))
+
+    def x_over_r(self, omega: float) -> float:
+        """X/R at an angular frequency; infinite without resistance."""
+        return omega * self.L_g / self.R_g if self.R_g > 0.0 else np.inf
+
+
+def grid_from_scr(scr: float, x_over_r: float, basis: str, converter: Converter) -> Grid:
+    """The grid of a short-circuit ratio and X/R on the converter's base."""
+    build = grid_from_scr_impedance if basis == "impedance" else grid_from_scr_reactance
+    R_g, L_g = build(scr, x_over_r, converter.Z_base, converter.omega_n)
+    return Grid(float(R_g), float(L_g))
+
+
+@dataclass(frozen=True)
+class GridSource:
+    """The stiff source behind the grid impedance."""
+
+    V_g_rms: float
+    omega_g: float
+
+
+@dataclass(frozen=True)
+class ClosedFormTarget:
+    """What the closed-form gains aim at, and the operating point at which A and D are taken."""
+
+    settling_time: float
+    damping_ratio: float
+    droop_ratio: float
+    """q in D_q = q·D."""
+    P: float
+    Q: float
+
+
+@dataclass(frozen=True)
+class ControllerSpec:
+    """One controller to simulate: fixed gains, or gains rescheduled from the grid impedance."""
+
+    name: str
+    kind: str
+    """``fixed`` or ``scheduled``."""
+    target: ClosedFormTarget
+    gains: PowerLoopGains | None = None
+    """Given gains of a fixed controller; None: designed in closed form at ``design_grid``."""
+    design_grid: Grid | None = None
+    update_period: float = 0.02
+
+
+@dataclass(frozen=True)
+class Event:
+    """What changes at an instant. None: unchanged."""
+
+    t_s: float
+    name: str
+    grid: Grid | None = None
+    V_g_rms: float | None = None
+    omega_g: float | None = None
+    over: float = 0.0
+    """Duration of a linear ramp of V_g_rms and omega_g; zero: a step."""
+    phase_jump: float = 0.0
+    P_ref: float | None = None
+    Q_ref: float | None = None
+
+
+@dataclass(frozen=True)
+class SimulationSpec:
+    """One EMT run."""
+
+    duration: float
+    bridge: str
+    """``averaged`` or ``pwm``."""
+    start: str
+    """``steady_state`` or ``cold``."""
+    log_interval: float
+    csv_interval: float
+    P_ref: float
+    Q_ref: float
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything that a study file says, resolved, checked and in SI."""
+
+    name: str
+    title: str
+    source: str
+    converter: Converter
+    filter: Filter
+    inner_gains: InnerLoopGains
+    grid: Grid
+    grid_source: GridSource
+    scr_basis: str
+    target: ClosedFormTarget
+    tau_P: float
+    tau_Q: float
+    controllers: tuple[ControllerSpec, ...]
+    simulation: SimulationSpec
+    events: tuple[Event, ...]
+    hash: str
+    """SHA-256 of the resolved study document."""
+
+    def circuit(self, grid: Grid | None = None) -> FilterGrid:
+        """The circuit from the bridge to the grid source."""
+        f, g = self.filter, grid or self.grid
+        return FilterGrid(f.L_1, f.R_1, f.C, f.R_c, f.L_2, f.R_2, g.R_g, g.L_g)
+
+    def path_to_grid(self, grid: Grid | None = None, omega: float | None = None) -> tuple[float, float]:
+        """R and X in Ω between the control point (capacitor) and the grid source."""
+        g = grid or self.grid
+        omega = self.converter.omega_n if omega is None else omega
+        return self.filter.R_2 + g.R_g, omega * (self.filter.L_2 + g.L_g)
+
+    def controller_settings(self) -> ControllerSettings:
+        """The sampled controller's constants."""
+        c = self.converter
+        limit_pu = UNLIMITED_PU if c.current_limit_pu is None else c.current_limit_pu
+        lead = c.omega_n * (c.delay_samples + 0.5) * c.T_s
+        return ControllerSettings(
+            T_s=c.T_s,
+            smoothing_P=_smoothing(self.tau_P, c.T_s),
+            smoothing_Q=_smoothing(self.tau_Q, c.T_s),
+            omega_C=c.omega_n * self.filter.C,
+            omega_L=c.omega_n * self.filter.L_1,
+            i_max_pk=limit_pu * c.I_rated_pk,
+            v_max_pk=c.v_max_pk,
+            advance_cos=float(np.cos(lead)),
+            advance_sin=float(np.sin(lead)),
+        )
+
+
+def _smoothing(tau: float, T_s: float) -> float:
+    return 1.0 if tau == 0.0 else float(-np.expm1(-T_s / tau))

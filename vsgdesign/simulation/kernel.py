@@ -1,0 +1,206 @@
+"""The inner loop: controller sample, log, plant step, for a stretch in which nothing else changes.
+
+Plain Python; :mod:`vsgdesign.simulation.compiling` turns it into machine code. Real and imaginary parts are
+written out because the plant's matrices are real and shared by α and β.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
+from vsgdesign.frames import clarke, clarke_inverse, rotate
+
+LOG_COLUMNS = (
+    "i_s_alpha", "i_s_beta", "v_c_alpha", "v_c_beta", "i_g_alpha", "i_g_beta",
+    "v_g_alpha", "v_g_beta", "P", "Q", "omega", "V_rms", "theta",
+)  # fmt: skip
+
+TWO_PI = 2.0 * np.pi
+
+
+class Bridge(NamedTuple):
+    """The bridge: pwm (0: averaged, 1: switched), V_dc, zero-sequence injection, timing."""
+
+    pwm: int
+    V_dc: float
+    zero_sequence: int
+    samples_per_carrier: int
+    delay_samples: int
+    R_c: float
+
+
+def modulation_indices(v_alpha: Any, v_beta: Any, V_dc: Any, zero_sequence: int) -> Any:
+    """Phase modulation indices in [−1, 1] of a bridge voltage (:eq:`modulation`)."""
+    a, b, c = clarke_inverse(v_alpha, v_beta)
+    shift = 0.0
+    if zero_sequence != 0:
+        shift = -0.5 * (max(a, b, c) + min(a, b, c))
+    scale = 2.0 / V_dc
+    return (a + shift) * scale, (b + shift) * scale, (c + shift) * scale
+
+
+def carrier(p: Any) -> Any:
+    """Symmetric triangle in [−1, 1] over its period p ∈ [0, 1], valley at zero."""
+    return 4.0 * p - 1.0 if p < 0.5 else 3.0 - 4.0 * p
+
+
+def edge_response(edge: Any, x: Any) -> Any:
+    """The three components of the edge polynomial at x (Horner)."""
+    degree = edge.shape[0] - 1
+    i_s, v_c, i_g = edge[degree, 0], edge[degree, 1], edge[degree, 2]
+    for k in range(degree - 1, -1, -1):
+        i_s = i_s * x + edge[k, 0]
+        v_c = v_c * x + edge[k, 1]
+        i_g = i_g * x + edge[k, 2]
+    return i_s, v_c, i_g
+
+
+def add_edges(x: Any, m: Any, unit_alpha: Any, unit_beta: Any, p_start: Any, p_end: Any, h: Any, edge: Any) -> Any:
+    """Add what one phase's switching between carrier positions p_start and p_end does by the end.
+
+    The phase falls where the rising carrier meets m and rises where the falling carrier does; each edge steps
+    the bridge voltage by V_dc times the phase's unit vector. Order is irrelevant: responses superpose.
+    """
+    span = p_end - p_start
+    for rising in range(2):
+        p_edge = (m + 1.0) / 4.0 if rising == 1 else (3.0 - m) / 4.0
+        inside = p_start < p_edge <= p_end
+        if rising == 1:
+            inside = inside and p_edge < 0.5
+        else:
+            inside = inside and p_edge > 0.5
+        if inside:
+            step = -1.0 if rising == 1 else 1.0
+            left = (p_end - p_edge) / span
+            i_s, v_c, i_g = edge_response(edge, 2.0 * left - 1.0)
+            x[0] += step * unit_alpha * i_s
+            x[1] += step * unit_beta * i_s
+            x[2] += step * unit_alpha * v_c
+            x[3] += step * unit_beta * v_c
+            x[4] += step * unit_alpha * i_g
+            x[5] += step * unit_beta * i_g
+
+
+def advance_plant(x: Any, v_alpha: Any, v_beta: Any, transition: Any, bridge: Any) -> None:
+    """x ← Φ x + Γ v for both axes, in place; x = (i_s, v_c, i_g), each as (α, β)."""
+    for axis in range(2):
+        v = v_alpha if axis == 0 else v_beta
+        i_s, v_c, i_g = x[axis], x[2 + axis], x[4 + axis]
+        x[axis] = transition[0, 0] * i_s + transition[0, 1] * v_c + transition[0, 2] * i_g + bridge[0] * v
+        x[2 + axis] = transition[1, 0] * i_s + transition[1, 1] * v_c + transition[1, 2] * i_g + bridge[1] * v
+        x[4 + axis] = transition[2, 0] * i_s + transition[2, 1] * v_c + transition[2, 2] * i_g + bridge[2] * v
+
+
+def add_source(x: Any, response: Any, re: Any, im: Any) -> None:
+    """Add a source coefficient re + j·im times its complex response."""
+    for row in range(3):
+        x[2 * row] += response[row].real * re - response[row].imag * im
+        x[2 * row + 1] += response[row].real * im + response[row].imag * re
+
+
+def run_stretch(
+    first: int, count: int, x: Any, state: Any, pending: Any, refs: Any, power_gains: Any, inner_gains: Any,
+    settings: Any, bridge: Any, lengths: Any, transitions: Any, bridges: Any, edges: Any, responses: Any,
+    sources: Any, log: Any, log_every: int, controller_log: Any,
+) -> Any:  # fmt: skip
+    """Run samples first … first + count − 1. Returns the controller's state after the last.
+
+    ``x`` (6) and ``pending`` (2, the voltage waiting out the delay) are updated in place. The interval after
+    each sample is cut into ``len(lengths)`` pieces (one, unless an event falls inside, and then count is 1),
+    with arrays stacked over the pieces. ``sources`` holds, per piece, (cos φ, sin φ, V_g peak, its slope, ω,
+    ω's slope) at the piece's first instant. ``log`` takes LOG_COLUMNS at every log_every-th sample,
+    ``controller_log`` (0 or more rows) the nine controller states at every sample.
+    """
+    pieces = lengths.shape[0]
+    n = bridge.samples_per_carrier
+    ramped = sources[0, 3] != 0.0 or sources[0, 5] != 0.0 or pieces > 1
+    source_cos, source_sin, V_g = sources[0, 0], sources[0, 1], sources[0, 2]
+    turn_cos, turn_sin = np.cos(sources[0, 4] * lengths[0]), np.sin(sources[0, 4] * lengths[0])
+    drift = 0.0
+    until_log = (-first) % log_every
+    row = (first + until_log) // log_every
+    for offset in range(count):
+        v_alpha = x[2] + bridge.R_c * (x[0] - x[4])
+        v_beta = x[3] + bridge.R_c * (x[1] - x[5])
+        measured = Measurement(v_alpha, v_beta, x[0], x[1], x[4], x[5])
+        if offset < controller_log.shape[0]:
+            for j in range(9):
+                controller_log[offset, j] = state[j]
+        following, output = controller_step(state, measured, refs, power_gains, inner_gains, settings)
+        if until_log == 0:
+            for j in range(6):
+                log[row, j] = x[j]
+            log[row, 6] = V_g * source_cos
+            log[row, 7] = V_g * source_sin
+            log[row, 8] = output.P
+            log[row, 9] = output.Q
+            log[row, 10] = output.omega
+            log[row, 11] = state.V
+            log[row, 12] = state.theta
+            until_log = log_every
+            row += 1
+        until_log -= 1
+        theta = following.theta
+        if theta > TWO_PI:
+            theta -= TWO_PI
+        elif theta < -TWO_PI:
+            theta += TWO_PI
+        state = ControllerState(
+            theta, following.omega_i, following.V, following.P_f, following.Q_f,
+            following.xi_vd, following.xi_vq, following.xi_id, following.xi_iq,
+        )  # fmt: skip
+        if bridge.delay_samples == 0:
+            applied_alpha, applied_beta = output.v_b_alpha, output.v_b_beta
+        else:
+            applied_alpha, applied_beta = pending[0], pending[1]
+            pending[0] = output.v_b_alpha
+            pending[1] = output.v_b_beta
+
+        if bridge.pwm != 0:
+            m_a, m_b, m_c = modulation_indices(applied_alpha, applied_beta, bridge.V_dc, bridge.zero_sequence)
+            p_begin = ((first + offset) % n) / n
+        else:
+            m_a, m_b, m_c, p_begin = 0.0, 0.0, 0.0, 0.0
+        elapsed = 0.0
+        for piece in range(pieces):
+            h = lengths[piece]
+            if pieces > 1:
+                source_cos, source_sin, V_g = sources[piece, 0], sources[piece, 1], sources[piece, 2]
+                drift = 0.0
+            if bridge.pwm == 0:
+                advance_plant(x, applied_alpha, applied_beta, transitions[piece], bridges[piece])
+            else:
+                scale = 1.0 / (n * settings.T_s)
+                p_start = p_begin + elapsed * scale
+                p_end = p_begin + (elapsed + h) * scale if piece < pieces - 1 else p_begin + 1.0 / n
+                level = carrier(p_start)
+                half = 0.5 * bridge.V_dc
+                v_0_alpha, v_0_beta = clarke(
+                    half if m_a > level else -half, half if m_b > level else -half, half if m_c > level else -half
+                )
+                advance_plant(x, v_0_alpha, v_0_beta, transitions[piece], bridges[piece])
+                a_alpha, a_beta = clarke(bridge.V_dc, 0.0, 0.0)
+                b_alpha, b_beta = clarke(0.0, bridge.V_dc, 0.0)
+                c_alpha, c_beta = clarke(0.0, 0.0, bridge.V_dc)
+                add_edges(x, m_a, a_alpha, a_beta, p_start, p_end, h, edges[piece])
+                add_edges(x, m_b, b_alpha, b_beta, p_start, p_end, h, edges[piece])
+                add_edges(x, m_c, c_alpha, c_beta, p_start, p_end, h, edges[piece])
+            add_source(x, responses[piece, 0], V_g * source_cos, V_g * source_sin)
+            if ramped:
+                # Over the piece the source is (V + aτ) e^{j(φ + ωτ + dτ + rτ²/2)}: to second order in dτ and rτ².
+                a, r = sources[piece, 3], sources[piece, 5]
+                re, im = a, drift * V_g
+                add_source(x, responses[piece, 1], re * source_cos - im * source_sin, re * source_sin + im * source_cos)
+                re, im = -0.5 * V_g * drift * drift, 0.5 * V_g * r + drift * a
+                add_source(x, responses[piece, 2], re * source_cos - im * source_sin, re * source_sin + im * source_cos)
+                extra = drift * h + 0.5 * r * h * h
+                angle = sources[piece, 4] * h + extra
+                turn_cos, turn_sin = np.cos(angle), np.sin(angle)
+                drift += r * h
+                V_g += a * h
+            source_cos, source_sin = rotate(source_cos, source_sin, turn_cos, turn_sin)
+            elapsed += h
+    return state

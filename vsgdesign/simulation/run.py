@@ -1,0 +1,224 @@
+"""Runs one controller through a study's scenario: cuts time into stretches, lets the compiled loop run each."""
+
+from __future__ import annotations
+
+import functools
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
+from vsgdesign.frames import rms_to_peak
+from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.compiling import compile_function, source_stamp
+from vsgdesign.simulation.kernel import LOG_COLUMNS, Bridge, run_stretch
+from vsgdesign.simulation.plant import PlantStep, plant_step
+from vsgdesign.simulation.steady_state import cold_start, steady_state
+from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
+
+_RAMP_STRETCH = 0.02
+"""Longest stretch of a ramp with one centre frequency, s: keeps the second-order source model exact."""
+
+_PROGRESS_STRETCH = 1.0
+"""Longest stretch between two calls of ``progress``, s of simulated time."""
+
+Progress = Callable[[float], None]
+"""Called with the simulated time in s; may raise to stop the run."""
+
+
+@dataclass(frozen=True)
+class GainChange:
+    """Power-loop gains from t_s on, until the next change."""
+
+    t_s: float
+    gains: PowerLoopGains
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """One finished run. ``log`` has a row per logged sample and LOG_COLUMNS as columns, SI, peak αβ."""
+
+    t_s: NDArray[np.float64]
+    log: NDArray[np.float64]
+    controller_log: NDArray[np.float64]
+    """All controller states at the first samples, as many as were asked for; else zero rows."""
+    timeline: Timeline
+    gain_changes: tuple[GainChange, ...]
+    final_state: ControllerState
+    final_plant: NDArray[np.float64]
+    loop_seconds: float
+    """Wall time inside the compiled loop."""
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """One logged quantity by name."""
+        return self.log[:, LOG_COLUMNS.index(name)]
+
+
+@functools.cache
+def compiled_loop() -> Callable[..., ControllerState]:
+    """The compiled inner loop, from the disk cache where its sources are unchanged."""
+    return _with_stamp(source_stamp())
+
+
+def _with_stamp(stamp: int) -> Callable[..., ControllerState]:
+    def loop(
+        first, count, x, state, pending, refs, power_gains, inner_gains, settings, bridge,
+        lengths, transitions, bridges, edges, responses, sources, log, log_every, controller_log,
+    ):  # fmt: skip # noqa: ANN001, ANN202 - compiled; types are run_stretch's
+        if stamp < 0:  # never: it only makes the stamp part of the cache key
+            count = 0
+        return run_stretch(
+            first, count, x, state, pending, refs, power_gains, inner_gains, settings, bridge,
+            lengths, transitions, bridges, edges, responses, sources, log, log_every, controller_log,
+        )  # fmt: skip
+
+    return compile_function(loop, cache=True)  # type: ignore[arg-type]
+
+
+def simulate(
+    study: Study,
+    gain_changes: Sequence[GainChange],
+    *,
+    bridge: str | None = None,
+    log_states: int = 0,
+    progress: Progress | None = None,
+) -> Simulation:
+    """Simulate a study with given gains over time (the first change at or before t = 0).
+
+    ``bridge`` overrides the study's ("averaged" or "pwm"); ``log_states`` keeps the controller's states at the
+    first so many samples. Raises InfeasibleStudyError where the start has no steady state and
+    SimulationDivergedError where a state is no longer a number.
+    """
+    if not gain_changes or gain_changes[0].t_s > 0.0:
+        raise ValueError("the first gain change must be at or before t = 0")
+    timeline = build_timeline(study)
+    settings = study.controller_settings()
+    T_s = settings.T_s
+    samples = round(study.simulation.duration / T_s)
+    log_every = round(study.simulation.log_interval / T_s)
+    log = np.empty((-(-samples // log_every), len(LOG_COLUMNS)))
+    controller_log = np.empty((min(log_states, samples), len(ControllerState._fields)))
+    x, state, pending = _start(study, timeline, gain_changes[0].gains)
+    c = study.converter
+    pwm = (study.simulation.bridge if bridge is None else bridge) == "pwm"
+    bridge_data = Bridge(
+        int(pwm), c.V_dc, int(c.zero_sequence), c.samples_per_carrier, c.delay_samples, study.filter.R_c
+    )
+    loop = compiled_loop()
+    plants = functools.lru_cache(maxsize=64)(
+        lambda grid, h, omega: plant_step(study.circuit(grid), h, omega)
+    )
+    loop_seconds = 0.0
+    no_rows = np.empty((0, controller_log.shape[1]))
+    for first, count in _stretches(study, timeline, gain_changes, samples):
+        lengths, plant, sources = _pieces(timeline, plants, first, T_s)
+        P_ref, Q_ref = timeline.references_at(_time_of(first, T_s))
+        refs = References(P_ref, Q_ref, c.omega_n, c.V_rated_rms)
+        gains = _gains_at(gain_changes, _time_of(first, T_s))
+        states = controller_log[first:] if first < len(controller_log) else no_rows
+        begin = time.perf_counter()
+        state = ControllerState(*loop(
+            first, count, x, state, pending, refs, gains, study.inner_gains, settings, bridge_data,
+            lengths, *plant, sources, log, log_every, states,
+        ))  # fmt: skip
+        loop_seconds += time.perf_counter() - begin
+        if not (np.isfinite(x).all() and np.isfinite(state).all()):
+            raise SimulationDivergedError(
+                f"the simulation left the numbers between {first * T_s:.4f} s and {(first + count) * T_s:.4f} s. "
+                "The inner loops are unstable on this grid: slow them down (inner_loops response times) or "
+                "sample faster."
+            )
+        if progress is not None:
+            progress((first + count) * T_s)
+    t_s = np.arange(log.shape[0]) * (log_every * T_s)
+    return Simulation(t_s, log, controller_log, timeline, tuple(gain_changes), state, x, loop_seconds)
+
+
+def _start(study: Study, timeline: Timeline, gains: PowerLoopGains) -> tuple:
+    source = timeline.source_at(0.0)
+    if study.simulation.start == "cold":
+        return cold_start(study, source)
+    if not source.steady:
+        raise InfeasibleStudyError("a steady-state start cannot begin inside a ramp: move the ramp after t = 0")
+    return steady_state(study, timeline.grid_at(0.0), source, *timeline.references_at(0.0), gains)
+
+
+def _gains_at(changes: Sequence[GainChange], t_s: float) -> PowerLoopGains:
+    return [change.gains for change in changes if change.t_s <= t_s][-1]
+
+
+def _on_sample(t_s: float, T_s: float) -> int | None:
+    """The sample that an instant coincides with (to a millionth of a period), if any."""
+    k = round(t_s / T_s)
+    return k if abs(t_s / T_s - k) < 1e-6 else None
+
+
+def _time_of(sample: int, T_s: float) -> float:
+    """A sample's time, with the slack by which instants are taken to coincide with it."""
+    return (sample + 1e-6) * T_s
+
+
+def _stretches(
+    study: Study, timeline: Timeline, gain_changes: Sequence[GainChange], samples: int
+) -> Iterator[tuple[int, int]]:
+    """(first sample, count) of every stretch. One whose interval an event cuts is a single sample long.
+
+    What the controller is told (references, gains) takes effect at the first sample at or after its time.
+    """
+    T_s = study.converter.T_s
+    cuts = {0, samples}
+    for t_s in timeline.plant_changes():
+        k = _on_sample(t_s, T_s)
+        cuts |= {k} if k is not None else {math.floor(t_s / T_s), math.floor(t_s / T_s) + 1}
+    for t_s in [t for t, _, _ in timeline.references] + [change.t_s for change in gain_changes]:
+        cuts.add(math.ceil(t_s / T_s - 1e-6))
+    steps = max(round(_PROGRESS_STRETCH / T_s), 1)
+    cuts |= set(range(0, samples, steps))
+    ramp_steps = max(round(_RAMP_STRETCH / T_s), 1)
+    for segment, following in zip(timeline.sources, [*timeline.sources[1:], None], strict=True):
+        if not segment.steady:
+            end = samples if following is None else math.ceil(following.t_s / T_s)
+            cuts |= set(range(math.floor(segment.t_s / T_s), min(end, samples), ramp_steps))
+    ordered = sorted(k for k in cuts if 0 <= k <= samples)
+    for first, following in zip(ordered, ordered[1:], strict=False):
+        yield first, following - first
+
+
+def _pieces(
+    timeline: Timeline, plants: Callable[..., PlantStep], first: int, T_s: float
+) -> tuple[NDArray[np.float64], tuple, NDArray[np.float64]]:
+    """Lengths, stacked plant matrices and sources of the pieces of the interval after a sample."""
+    start, end = first * T_s, (first + 1) * T_s
+    inside = [t for t in timeline.plant_changes() if start < t < end and _on_sample(t, T_s) is None]
+    instants = [start, *inside]
+    lengths = np.diff([*instants, end]) if inside else np.array([T_s])
+    steps, sources = [], []
+    for k, h in enumerate(lengths):
+        t_s = instants[k] + 1e-6 * T_s if k == 0 else instants[k]
+        source = timeline.source_at(t_s).at(instants[k])
+        steps.append(plants(timeline.grid_at(t_s), float(h), source.omega))
+        sources.append(_source_row(source))
+    degree = max(step.edge.shape[0] for step in steps)
+    edges = np.zeros((len(steps), degree, 3))
+    for k, step in enumerate(steps):
+        edges[k, : step.edge.shape[0]] = step.edge
+    stacked = (
+        np.array([step.transition for step in steps]),
+        np.array([step.bridge for step in steps]),
+        edges,
+        np.array([step.source for step in steps]),
+    )
+    return np.asarray(lengths, dtype=float), stacked, np.array(sources)
+
+
+def _source_row(source: SourceSegment) -> list[float]:
+    return [
+        math.cos(source.phase), math.sin(source.phase), rms_to_peak(source.V_g_rms),
+        rms_to_peak(source.V_slope), source.omega, source.omega_slope,
+    ]  # fmt: skip

@@ -1,0 +1,125 @@
+"""The exact steady state of the sampled converter: where a run starts so that nothing moves."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import root
+
+from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.power_loops import PowerLoopGains, References, published_power_loops
+from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
+from vsgdesign.frames import instantaneous_power, rms_to_peak
+from vsgdesign.operating_point.equilibrium import OperatingPoint, solve_with_droop
+from vsgdesign.parameters.study import Grid, Study
+from vsgdesign.simulation.plant import PlantStep, plant_step
+from vsgdesign.simulation.timeline import SourceSegment
+
+
+def steady_state(
+    study: Study, grid: Grid, source: SourceSegment, P_ref: float, Q_ref: float, gains: PowerLoopGains
+) -> tuple[NDArray[np.float64], ControllerState, NDArray[np.float64]]:
+    """Plant state (6), controller state and pending voltage (2) that one control period only turns by ω_g·T_s.
+
+    At a fixed point of the sampled map every integrator's input is zero, so the capacitor sits at V∠δ, the
+    currents follow from it linearly, and three equations are left for V, δ and ω. Averaged bridge. Raises
+    InfeasibleStudyError with the reason where there is none or a limit is hit.
+    """
+    settings = study.controller_settings()
+    delay = study.converter.delay_samples
+    V_n, omega_n = study.converter.V_rated_rms, study.converter.omega_n
+    refs = References(P_ref, Q_ref, omega_n, V_n)
+    omega_g, T_s = source.omega, settings.T_s
+    plant = plant_step(study.circuit(grid), T_s, omega_g)
+    v_g = rms_to_peak(source.V_g_rms) * np.exp(1j * source.phase)
+
+    guess = _guess(study, grid, source, refs, gains)
+
+    def residual(unknown: NDArray[np.float64]) -> list[float]:
+        V, delta, omega_i = unknown[0] * V_n, unknown[1], unknown[2] * omega_n
+        x, _ = _phasors(study, plant, omega_g, rms_to_peak(V) * np.exp(1j * (delta + source.phase)), v_g)
+        v = x[1] + study.filter.R_c * (x[0] - x[2])
+        P, Q = instantaneous_power(v.real, v.imag, x[2].real, x[2].imag)
+        omega, domega_dt, dV_dt = published_power_loops(omega_i, V, P, Q, refs, gains)
+        return [
+            (omega - omega_g) / omega_n,
+            domega_dt / gains.K_ip / study.converter.S_rated,
+            dV_dt / gains.K_iq / study.converter.S_rated,
+        ]
+
+    solved = root(residual, [guess.V_rms / V_n, guess.delta, omega_g / omega_n], tol=1e-14)
+    error = float(np.max(np.abs(residual(solved.x))))
+    if not error < 1e-9:
+        raise InfeasibleStudyError(f"the start has no steady state (residual {error:.2g} pu): {solved.message}")
+    V, delta, omega_i = solved.x[0] * V_n, float(solved.x[1]), solved.x[2] * omega_n
+    theta = delta + source.phase
+    x, v_b = _phasors(study, plant, omega_g, rms_to_peak(V) * np.exp(1j * theta), v_g)
+    _check_limits(study, x, v_b)
+
+    turn = np.exp(-1j * theta)
+    v = (x[1] + study.filter.R_c * (x[0] - x[2])) * turn
+    i_s, i_g = x[0] * turn, x[2] * turn
+    # The voltage on the bridge now was computed `delay` samples ago, in the frame of that time.
+    lead = settings.advance_cos + 1j * settings.advance_sin
+    v_b_dq = v_b * turn * np.exp(1j * delay * omega_g * T_s) / lead
+    xi_v = i_s - i_g - 1j * settings.omega_C * v
+    xi_i = v_b_dq - v - 1j * settings.omega_L * i_s
+    P, Q = instantaneous_power(v.real, v.imag, i_g.real, i_g.imag)
+    state = ControllerState(
+        float(theta), float(omega_i), float(V), float(P), float(Q),
+        float(xi_v.real), float(xi_v.imag), float(xi_i.real), float(xi_i.imag),
+    )  # fmt: skip
+    return _interleave(x), state, np.array([v_b.real, v_b.imag])
+
+
+def cold_start(study: Study, source: SourceSegment) -> tuple[NDArray[np.float64], ControllerState, NDArray[np.float64]]:
+    """Everything at rest: no current, empty capacitor, controller at nominal voltage in phase with the grid."""
+    c = study.converter
+    state = ControllerState(source.phase, c.omega_n, c.V_rated_rms, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return np.zeros(6), state, np.zeros(2)
+
+
+def _guess(
+    study: Study, grid: Grid, source: SourceSegment, refs: References, gains: PowerLoopGains
+) -> OperatingPoint:
+    """The continuous-time operating point with both droops: what the sampled one is a hair away from."""
+    R, X = study.path_to_grid(grid, source.omega)
+    P = refs.P_ref + gains.D_p * (refs.omega_0 - source.omega)
+    try:
+        return solve_with_droop(P, refs.Q_ref, gains.D_q, refs.V_n, source.V_g_rms, R, X)
+    except NoOperatingPointError as error:
+        raise InfeasibleStudyError(f"the start has no steady state: {error}") from error
+
+
+def _phasors(
+    study: Study, plant: PlantStep, omega_g: float, v_node: complex, v_g: complex
+) -> tuple[NDArray[np.complex128], complex]:
+    """Plant state and bridge voltage at a sample, given the capacitor node's voltage there.
+
+    x(k+1) = Φ x + Γ v_b + u v_g and x(k+1) = e^{jω_g T} x: x is affine in v_b.
+    """
+    turn = np.exp(1j * omega_g * plant.h)
+    inverse = np.linalg.inv(turn * np.eye(3) - plant.transition)
+    per_bridge = inverse @ plant.bridge
+    from_grid = inverse @ plant.source[0] * v_g
+    node = np.array([study.filter.R_c, 1.0, -study.filter.R_c])
+    v_b = (v_node - node @ from_grid) / (node @ per_bridge)
+    return per_bridge * v_b + from_grid, complex(v_b)
+
+
+def _check_limits(study: Study, x: NDArray[np.complex128], v_b: complex) -> None:
+    settings = study.controller_settings()
+    if abs(v_b) > settings.v_max_pk:
+        raise InfeasibleStudyError(
+            f"the start needs a bridge voltage of {abs(v_b):.4g} V peak and the bridge makes "
+            f"{settings.v_max_pk:.4g} V. Raise V_dc, or ask for less P and Q."
+        )
+    if abs(x[0]) > settings.i_max_pk:
+        raise InfeasibleStudyError(
+            f"the start needs {abs(x[0]):.4g} A peak and the limit is {settings.i_max_pk:.4g} A. "
+            "Raise current_limit_pu, or ask for less P and Q."
+        )
+
+
+def _interleave(x: NDArray[np.complex128]) -> NDArray[np.float64]:
+    return np.array([part for entry in x for part in (entry.real, entry.imag)])

@@ -1,0 +1,134 @@
+"""Events as data to a timeline: what grid, source and references hold at any instant."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.parameters.study import Event, Grid, Study
+
+
+@dataclass(frozen=True)
+class SourceSegment:
+    """The grid source from t_s on: V_g and ω_g with their slopes, and the phase at t_s."""
+
+    t_s: float
+    V_g_rms: float
+    V_slope: float
+    omega: float
+    omega_slope: float
+    phase: float
+
+    def at(self, t_s: float) -> SourceSegment:
+        """The same source, described from a later instant on."""
+        dt = t_s - self.t_s
+        return SourceSegment(
+            t_s,
+            self.V_g_rms + self.V_slope * dt,
+            self.V_slope,
+            self.omega + self.omega_slope * dt,
+            self.omega_slope,
+            self.phase + self.omega * dt + 0.5 * self.omega_slope * dt * dt,
+        )
+
+    @property
+    def steady(self) -> bool:
+        """Neither amplitude nor frequency is being ramped."""
+        return self.V_slope == 0.0 and self.omega_slope == 0.0
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Piecewise descriptions, each sorted by time and starting at or before zero."""
+
+    sources: tuple[SourceSegment, ...]
+    grids: tuple[tuple[float, Grid], ...]
+    references: tuple[tuple[float, float, float], ...]
+    """(t_s, P_ref, Q_ref)."""
+
+    def source_at(self, t_s: float) -> SourceSegment:
+        """The source described from t_s on (after a change at t_s)."""
+        return _last(self.sources, t_s, lambda s: s.t_s).at(t_s)
+
+    def grid_at(self, t_s: float) -> Grid:
+        """The grid from t_s on."""
+        return _last(self.grids, t_s, lambda g: g[0])[1]
+
+    def grid_before(self, t_s: float) -> Grid:
+        """The grid that held up to t_s: what a measurement that ends at t_s has seen."""
+        earlier = [grid for t, grid in self.grids if t < t_s]
+        return earlier[-1] if earlier else self.grids[0][1]
+
+    def references_at(self, t_s: float) -> tuple[float, float]:
+        """(P_ref, Q_ref) from t_s on."""
+        _, P_ref, Q_ref = _last(self.references, t_s, lambda r: r[0])
+        return P_ref, Q_ref
+
+    def plant_changes(self) -> tuple[float, ...]:
+        """Instants at which the circuit or its source changes."""
+        times = {s.t_s for s in self.sources} | {t for t, _ in self.grids}
+        return tuple(sorted(times - {0.0}))
+
+    def source_phase(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Phase of the source in rad at each instant of a sorted array."""
+        starts = np.array([s.t_s for s in self.sources])
+        index = np.searchsorted(starts, t_s, side="right") - 1
+        fields = np.array([(s.t_s, s.omega, s.omega_slope, s.phase) for s in self.sources])[index]
+        dt = t_s - fields[:, 0]
+        return fields[:, 3] + fields[:, 1] * dt + 0.5 * fields[:, 2] * dt * dt
+
+
+def _last(items: Sequence, t_s: float, key) -> object:  # noqa: ANN001 - a key function
+    return items[max(bisect_right(items, t_s, key=key) - 1, 0)]
+
+
+def build_timeline(study: Study) -> Timeline:
+    """The timeline of a study's events. Phase A of the source crosses its peak... at t = 0 its phase is −90°.
+
+    The published source is √2·V_g·sin(ωt) on phase A, so its space vector starts at −j.
+    """
+    present = SourceSegment(0.0, study.grid_source.V_g_rms, 0.0, study.grid_source.omega_g, 0.0, -0.5 * math.pi)
+    sources = [present]
+    grids = [(0.0, study.grid)]
+    references = [(0.0, study.simulation.P_ref, study.simulation.Q_ref)]
+    V_end, omega_end = (math.inf, 0.0), (math.inf, 0.0)  # (end of the running ramp, value held from there)
+    pending = sorted(study.events, key=lambda event: event.t_s)
+    while pending or V_end[0] < math.inf or omega_end[0] < math.inf:
+        t_event = pending[0].t_s if pending else math.inf
+        t_s = min(t_event, V_end[0], omega_end[0])
+        now = present.at(t_s)
+        V, V_slope, omega, omega_slope, phase = now.V_g_rms, now.V_slope, now.omega, now.omega_slope, now.phase
+        if t_s == V_end[0]:
+            V, V_slope, V_end = V_end[1], 0.0, (math.inf, 0.0)
+        if t_s == omega_end[0]:
+            omega, omega_slope, omega_end = omega_end[1], 0.0, (math.inf, 0.0)
+        if t_s == t_event:
+            event = pending.pop(0)
+            phase += event.phase_jump
+            if event.V_g_rms is not None:
+                V, V_slope, V_end = _ramp(V, event.V_g_rms, event)
+            if event.omega_g is not None:
+                omega, omega_slope, omega_end = _ramp(omega, event.omega_g, event)
+            if event.grid is not None:
+                grids.append((t_s, event.grid))
+            if event.P_ref is not None or event.Q_ref is not None:
+                _, P_ref, Q_ref = references[-1]
+                P_ref = P_ref if event.P_ref is None else event.P_ref
+                references.append((t_s, P_ref, Q_ref if event.Q_ref is None else event.Q_ref))
+        changed = SourceSegment(t_s, V, V_slope, omega, omega_slope, phase)
+        if changed != now:
+            present = changed
+            sources = [s for s in sources if s.t_s < t_s or s.t_s == 0.0 < t_s] + [changed]
+    return Timeline(tuple(sources), tuple(grids), tuple(references))
+
+
+def _ramp(value: float, goal: float, event: Event) -> tuple[float, float, tuple[float, float]]:
+    """(value, slope, (end, final value)) after an event that steps or ramps to ``goal``."""
+    if event.over == 0.0:
+        return goal, 0.0, (math.inf, 0.0)
+    return value, (goal - value) / event.over, (event.t_s + event.over, goal)
