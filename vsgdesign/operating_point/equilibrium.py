@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from vsgdesign.equations.power_flow import (
     jacobian_from_powers,
@@ -71,7 +71,8 @@ def solve_with_droop(
     if not signs.any():
         raise _no_operating_point(P, Q_ref, V_g_rms, R, X)
     k = int(np.flatnonzero(signs)[-1])
-    V_rms = float(brentq(surplus, grid[k], grid[k + 1], xtol=1e-13 * V_n_rms, rtol=1e-15))
+    solution = root_scalar(surplus, bracket=(grid[k], grid[k + 1]), method="brentq", xtol=1e-13 * V_n_rms, rtol=1e-15)
+    V_rms = float(solution.root)
     delta = _angle(P, V_rms, V_g_rms, R, X)
     Q = float(power_flow(delta, V_rms, V_g_rms, R, X)[1])
     return _at(P, Q, V_rms, delta, R, X, (0.0, np.inf))
@@ -105,7 +106,8 @@ def _no_operating_point(P: float, Q: float, V_g_rms: float, R: float, X: float) 
         f"Change one: scale P and Q to {100.0 * shrink:.3g} % ({S * shrink / 1e3:.4g} kVA), reduce |Z| to "
         f"{Z * shrink:.4g} Ω (raise the SCR {1.0 / shrink:.3g} times), or raise Q."
     )
-    return NoOperatingPointError(message, shortfall_w=float(abs(P) - abs(P_max)) if np.isfinite(P_max) else S * (1 - shrink))
+    shortfall = abs(P) - abs(P_max) if np.isfinite(P_max) else S * (1.0 - shrink)
+    return NoOperatingPointError(message, shortfall_w=shortfall)
 
 
 def largest_power(P: float, Q: float, V_g_rms: float, R: float, X: float) -> float:

@@ -49,7 +49,7 @@ def build_study(document: dict[str, Any], default_name: str, content_hash: str, 
     target = _read_target(power, default_target, converter)
     power.finish()
     simulation = read_simulation(root.section("simulation"), converter)
-    events = read_events(root.children("events"), grid, basis, converter, source_, simulation)
+    events = read_events(root.children("events"), grid, basis, converter, simulation)
     controllers = _read_controllers(root, target, grid, basis, converter, simulation)
     root.finish()
     return Study(
@@ -209,7 +209,9 @@ def _read_controllers(
         specs.append(ControllerSpec(name, kind, own_target, gains, design_grid, period))
         table.finish()
     if not specs and not root.faults:
-        root.fault("controllers", None, "none given", 'Add [[controllers]] with name and kind = "fixed" or "scheduled".')
+        root.fault(
+            "controllers", None, "none given", 'Add [[controllers]] with name and kind = "fixed" or "scheduled".'
+        )
     return tuple(specs)
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from vsgdesign.parameters.reader import TableReader
-from vsgdesign.parameters.study import Converter, Event, Grid, GridSource, SimulationSpec, grid_from_scr
+from vsgdesign.parameters.study import Converter, Event, Grid, SimulationSpec, grid_from_scr
 from vsgdesign.parameters.units import UnitError, parse_quantity
 
 _SCR = (0.05, 1e4)
@@ -62,11 +62,13 @@ def _check_multiple(table: TableReader, field: str, value: float, T_s: float) ->
         return
     if steps < 0.5 or abs(steps - round(steps)) > 1e-6 * steps:
         nearest = max(round(steps), 1) * T_s
-        table.fault(field, f"{value:.6g} s", f"not a multiple of the sampling period {T_s:.6g} s", f"Use {nearest:.9g}.")
+        table.fault(
+            field, f"{value:.6g} s", f"not a multiple of the sampling period {T_s:.6g} s", f"Use {nearest:.9g}."
+        )
 
 
 def read_events(
-    tables: list[TableReader], grid: Grid, basis: str, converter: Converter, source: GridSource, spec: SimulationSpec
+    tables: list[TableReader], grid: Grid, basis: str, converter: Converter, spec: SimulationSpec
 ) -> tuple[Event, ...]:
     """The [[events]], sorted by time. An event may change several things at once."""
     events: list[Event] = []

@@ -58,7 +58,7 @@ def edge_response(edge: Any, x: Any) -> Any:
     return i_s, v_c, i_g
 
 
-def add_edges(x: Any, m: Any, unit_alpha: Any, unit_beta: Any, p_start: Any, p_end: Any, h: Any, edge: Any) -> Any:
+def add_edges(x: Any, m: Any, unit_alpha: Any, unit_beta: Any, p_start: Any, p_end: Any, edge: Any) -> None:
     """Add what one phase's switching between carrier positions p_start and p_end does by the end.
 
     The phase falls where the rising carrier meets m and rises where the falling carrier does; each edge steps
@@ -67,12 +67,8 @@ def add_edges(x: Any, m: Any, unit_alpha: Any, unit_beta: Any, p_start: Any, p_e
     span = p_end - p_start
     for rising in range(2):
         p_edge = (m + 1.0) / 4.0 if rising == 1 else (3.0 - m) / 4.0
-        inside = p_start < p_edge <= p_end
-        if rising == 1:
-            inside = inside and p_edge < 0.5
-        else:
-            inside = inside and p_edge > 0.5
-        if inside:
+        on_its_slope = p_edge < 0.5 if rising == 1 else p_edge > 0.5
+        if on_its_slope and p_start < p_edge <= p_end:
             step = -1.0 if rising == 1 else 1.0
             left = (p_end - p_edge) / span
             i_s, v_c, i_g = edge_response(edge, 2.0 * left - 1.0)
@@ -185,9 +181,9 @@ def run_stretch(
                 a_alpha, a_beta = clarke(bridge.V_dc, 0.0, 0.0)
                 b_alpha, b_beta = clarke(0.0, bridge.V_dc, 0.0)
                 c_alpha, c_beta = clarke(0.0, 0.0, bridge.V_dc)
-                add_edges(x, m_a, a_alpha, a_beta, p_start, p_end, h, edges[piece])
-                add_edges(x, m_b, b_alpha, b_beta, p_start, p_end, h, edges[piece])
-                add_edges(x, m_c, c_alpha, c_beta, p_start, p_end, h, edges[piece])
+                add_edges(x, m_a, a_alpha, a_beta, p_start, p_end, edges[piece])
+                add_edges(x, m_b, b_alpha, b_beta, p_start, p_end, edges[piece])
+                add_edges(x, m_c, c_alpha, c_beta, p_start, p_end, edges[piece])
             add_source(x, responses[piece, 0], V_g * source_cos, V_g * source_sin)
             if ramped:
                 # Over the piece the source is (V + aτ) e^{j(φ + ωτ + dτ + rτ²/2)}: to second order in dτ and rτ².

@@ -21,7 +21,7 @@ _MAX_DEGREE = 64
 
 def state_matrices(circuit: FilterGrid) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """A (3×3), b (3) and e (3) of d(i_s, v_c, i_g)/dt = A x + b v_b + e v_g, read off the linear equation."""
-    columns = [filter_grid_derivative(*unit, circuit) for unit in np.eye(5)]
+    columns = [filter_grid_derivative(u[0], u[1], u[2], u[3], u[4], circuit) for u in np.eye(5)]
     matrix = np.array(columns, dtype=float).T
     return matrix[:, :3].copy(), matrix[:, 3].copy(), matrix[:, 4].copy()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -70,7 +71,7 @@ def _with_stamp(stamp: int) -> Callable[..., ControllerState]:
     def loop(
         first, count, x, state, pending, refs, power_gains, inner_gains, settings, bridge,
         lengths, transitions, bridges, edges, responses, sources, log, log_every, controller_log,
-    ):  # fmt: skip # noqa: ANN001, ANN202 - compiled; types are run_stretch's
+    ):  # fmt: skip
         if stamp < 0:  # never: it only makes the stamp part of the cache key
             count = 0
         return run_stretch(
@@ -111,9 +112,7 @@ def simulate(
         int(pwm), c.V_dc, int(c.zero_sequence), c.samples_per_carrier, c.delay_samples, study.filter.R_c
     )
     loop = compiled_loop()
-    plants = functools.lru_cache(maxsize=64)(
-        lambda grid, h, omega: plant_step(study.circuit(grid), h, omega)
-    )
+    plants = functools.lru_cache(maxsize=64)(lambda grid, h, omega: plant_step(study.circuit(grid), h, omega))
     loop_seconds = 0.0
     no_rows = np.empty((0, controller_log.shape[1]))
     for first, count in _stretches(study, timeline, gain_changes, samples):
@@ -186,7 +185,7 @@ def _stretches(
             end = samples if following is None else math.ceil(following.t_s / T_s)
             cuts |= set(range(math.floor(segment.t_s / T_s), min(end, samples), ramp_steps))
     ordered = sorted(k for k in cuts if 0 <= k <= samples)
-    for first, following in zip(ordered, ordered[1:], strict=False):
+    for first, following in itertools.pairwise(ordered):
         yield first, following - first
 
 

@@ -79,9 +79,7 @@ def cold_start(study: Study, source: SourceSegment) -> tuple[NDArray[np.float64]
     return np.zeros(6), state, np.zeros(2)
 
 
-def _guess(
-    study: Study, grid: Grid, source: SourceSegment, refs: References, gains: PowerLoopGains
-) -> OperatingPoint:
+def _guess(study: Study, grid: Grid, source: SourceSegment, refs: References, gains: PowerLoopGains) -> OperatingPoint:
     """The continuous-time operating point with both droops: what the sampled one is a hair away from."""
     R, X = study.path_to_grid(grid, source.omega)
     P = refs.P_ref + gains.D_p * (refs.omega_0 - source.omega)

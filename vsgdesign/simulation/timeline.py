@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.parameters.study import Event, Grid, Study
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -83,14 +86,14 @@ class Timeline:
         return fields[:, 3] + fields[:, 1] * dt + 0.5 * fields[:, 2] * dt * dt
 
 
-def _last(items: Sequence, t_s: float, key) -> object:  # noqa: ANN001 - a key function
+def _last(items: Sequence[_T], t_s: float, key: Callable[[_T], float]) -> _T:
     return items[max(bisect_right(items, t_s, key=key) - 1, 0)]
 
 
 def build_timeline(study: Study) -> Timeline:
-    """The timeline of a study's events. Phase A of the source crosses its peak... at t = 0 its phase is −90°.
+    """The timeline of a study's events.
 
-    The published source is √2·V_g·sin(ωt) on phase A, so its space vector starts at −j.
+    The published source is √2·V_g·sin(ωt) on phase A, so its space vector starts at −90°.
     """
     present = SourceSegment(0.0, study.grid_source.V_g_rms, 0.0, study.grid_source.omega_g, 0.0, -0.5 * math.pi)
     sources = [present]
