@@ -1,0 +1,14 @@
+"""Arrays in, named results out: how fast, how far over, how large."""
+
+from vsgdesign.metrics.events import EventMetrics, EventWindow, measure_event
+from vsgdesign.metrics.step_response import ResponseMetrics, disturbance_response, one_cycle_mean, step_response
+
+__all__ = [
+    "EventMetrics",
+    "EventWindow",
+    "ResponseMetrics",
+    "disturbance_response",
+    "measure_event",
+    "one_cycle_mean",
+    "step_response",
+]

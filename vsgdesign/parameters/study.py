@@ -61,6 +61,11 @@ class Converter:
         return rms_to_peak(rated_current_rms(self.S_rated, self.V_rated_rms))
 
     @property
+    def V_limits_rms(self) -> tuple[float, float]:
+        """Least and largest phase voltage that is not flagged, V rms."""
+        return self.V_min_pu * self.V_rated_rms, self.V_max_pu * self.V_rated_rms
+
+    @property
     def v_max_pk(self) -> float:
         """Bridge-voltage limit, V peak."""
         return linear_modulation_limit(self.V_dc, self.zero_sequence)

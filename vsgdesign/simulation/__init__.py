@@ -1,5 +1,20 @@
 """EMT simulation: the exact plant between sampling and switching instants, with the real controller."""
 
-from vsgdesign.simulation.run import GainChange, Simulation, simulate
+from vsgdesign.simulation.gains import GainChange, closed_form_schedule, gain_changes
+from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.simulation.scenario import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
+from vsgdesign.simulation.timeline import Timeline, build_timeline
 
-__all__ = ["GainChange", "Simulation", "simulate"]
+__all__ = [
+    "ControllerResult",
+    "GainChange",
+    "OperatingPointRow",
+    "ScenarioResult",
+    "Simulation",
+    "Timeline",
+    "build_timeline",
+    "closed_form_schedule",
+    "gain_changes",
+    "run_scenario",
+    "simulate",
+]

@@ -18,6 +18,7 @@ from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.compiling import compile_function, source_stamp
+from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.kernel import LOG_COLUMNS, Bridge, run_stretch
 from vsgdesign.simulation.plant import PlantStep, plant_step
 from vsgdesign.simulation.steady_state import cold_start, steady_state
@@ -31,14 +32,6 @@ _PROGRESS_STRETCH = 1.0
 
 Progress = Callable[[float], None]
 """Called with the simulated time in s; may raise to stop the run."""
-
-
-@dataclass(frozen=True)
-class GainChange:
-    """Power-loop gains from t_s on, until the next change."""
-
-    t_s: float
-    gains: PowerLoopGains
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,91 @@
+"""Figures of one response: settling, overshoot, rise, ITAE. None where a figure has no meaning."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ResponseMetrics:
+    """One signal after one event. Times count from the event; None: not reached, or without meaning."""
+
+    initial: float
+    """Value before the event."""
+    final: float
+    """Value that the response ends at."""
+    overshoot_pct: float | None
+    """Beyond the final value, in percent of the step; None for a disturbance."""
+    settling_time_s: float | None
+    """From here on within the band; None if it is still outside at the end."""
+    rise_time_s: float | None
+    """10 % to 90 % of the step; None for a disturbance."""
+    peak_deviation: float
+    """Largest distance from the final value, in the signal's unit."""
+    itae_s2: float
+    """∫ t·|error| dt over the step (or, for a disturbance, over its reference), s²."""
+
+
+def one_cycle_mean(y: Array, samples_per_cycle: int) -> Array:
+    """Mean over the cycle that ends at each sample; over what there is, during the first cycle."""
+    if samples_per_cycle <= 1:
+        return y.copy()
+    total = np.concatenate(([0.0], np.cumsum(y - y[0])))
+    count = np.minimum(np.arange(1, len(y) + 1), samples_per_cycle)
+    return y[0] + (total[1:] - total[np.arange(1, len(y) + 1) - count]) / count
+
+
+def step_response(t: Array, y: Array, initial: float, final: float, band: float = 0.02) -> ResponseMetrics:
+    """A response to a step of reference from ``initial`` to ``final``.
+
+    ``t`` counts from the event. ``band`` is a fraction of the step. Raises ValueError without a step.
+    """
+    step = final - initial
+    if step == 0.0:
+        raise ValueError("a step response needs a step: initial and final are equal")
+    progress = (y - initial) / step
+    overshoot = 100.0 * max(float(np.max(progress)) - 1.0, 0.0)
+    first_10, first_90 = _first_crossing(t, progress, 0.1), _first_crossing(t, progress, 0.9)
+    rise = None if first_10 is None or first_90 is None else first_90 - first_10
+    error = np.abs(progress - 1.0)
+    return ResponseMetrics(
+        initial, final, overshoot, settling_time(t, error, band), rise,
+        float(np.max(np.abs(y - final))), float(np.trapezoid(t * error, t)),
+    )  # fmt: skip
+
+
+def disturbance_response(
+    t: Array, y: Array, initial: float, final: float, reference: float, band: float = 0.02
+) -> ResponseMetrics:
+    """A response to something else than a step of this signal. ``band`` is a fraction of ``reference``."""
+    error = np.abs(y - final) / reference
+    return ResponseMetrics(
+        initial, final, None, settling_time(t, error, band), None,
+        float(np.max(error)) * reference, float(np.trapezoid(t * error, t)),
+    )  # fmt: skip
+
+
+def settling_time(t: Array, error: Array, band: float) -> float | None:
+    """The last time at which the error comes into the band, interpolated; None if it ends outside."""
+    outside = np.flatnonzero(error > band)
+    if outside.size == 0:
+        return 0.0
+    k = int(outside[-1])
+    if k == len(t) - 1:
+        return None
+    fraction = (error[k] - band) / (error[k] - error[k + 1])
+    return float(t[k] + fraction * (t[k + 1] - t[k]))
+
+
+def _first_crossing(t: Array, y: Array, level: float) -> float | None:
+    above = np.flatnonzero(y >= level)
+    if above.size == 0:
+        return None
+    k = int(above[0])
+    if k == 0:
+        return float(t[0])
+    return float(t[k - 1] + (level - y[k - 1]) / (y[k] - y[k - 1]) * (t[k] - t[k - 1]))

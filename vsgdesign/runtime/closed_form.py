@@ -1,0 +1,51 @@
+"""Scheduled gains in closed form: grid impedance in, four gains out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsgdesign.equations.closed_form import power_loop_gains
+from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import NoOperatingPointError
+
+
+@dataclass(frozen=True)
+class ClosedFormSchedule:
+    """The paper's gain schedule for any target, operating point and filter (:eq:`closed-form-gains`).
+
+    A and D are taken at the fixed operating point (P, Q), as published, from the estimated R_g and L_g plus
+    the known grid-side inductor.
+    """
+
+    P: float
+    Q: float
+    V_g_rms: float
+    omega: float
+    settling_time: float
+    damping_ratio: float
+    droop_ratio: float
+    R_2: float = 0.0
+    L_2: float = 0.0
+
+    def gains(self, R_g: float, L_g: float) -> PowerLoopGains:
+        """Gains for a grid of R_g (Ω) and L_g (H).
+
+        Raises NoOperatingPointError where this grid cannot carry (P, Q), or where A or D is not positive there
+        so that no positive gain closes the loop.
+        """
+        R, X = R_g + self.R_2, self.omega * (L_g + self.L_2)
+        with np.errstate(invalid="ignore"):
+            V_rms, _ = operating_point(self.P, self.Q, self.V_g_rms, R, X)
+        A, _, _, D = jacobian_from_powers(self.P, self.Q, V_rms, R, X)
+        if not (A > 0.0 and D > 0.0):
+            reason = "has no operating point" if np.isnan(A) else f"makes A = {A:.4g} W/rad, D = {D:.4g} var/V"
+            raise NoOperatingPointError(
+                f"no closed-form gains: P = {self.P / 1e3:.4g} kW, Q = {self.Q / 1e3:.4g} kvar {reason} at "
+                f"R_g = {R_g:.4g} Ω, L_g = {L_g * 1e3:.4g} mH. Design for less power, or leave this grid out.",
+                shortfall_w=float("nan"),
+            )
+        values = power_loop_gains(A, D, self.settling_time, self.damping_ratio, self.droop_ratio)
+        return PowerLoopGains(*(float(value) for value in values))

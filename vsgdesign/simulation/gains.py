@@ -1,0 +1,65 @@
+"""Which gains a controller of the study has, and when: fixed, or rescheduled from the true grid impedance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
+from vsgdesign.parameters.study import ClosedFormTarget, ControllerSpec, Grid, Study
+from vsgdesign.runtime.closed_form import ClosedFormSchedule
+from vsgdesign.simulation.timeline import Timeline
+
+
+@dataclass(frozen=True)
+class GainChange:
+    """Power-loop gains from t_s on, until the next change."""
+
+    t_s: float
+    gains: PowerLoopGains
+
+
+def closed_form_schedule(study: Study, target: ClosedFormTarget) -> ClosedFormSchedule:
+    """The closed-form schedule of a study's converter for a target."""
+    return ClosedFormSchedule(
+        P=target.P,
+        Q=target.Q,
+        V_g_rms=study.grid_source.V_g_rms,
+        omega=study.converter.omega_n,
+        settling_time=target.settling_time,
+        damping_ratio=target.damping_ratio,
+        droop_ratio=target.droop_ratio,
+        R_2=study.filter.R_2,
+        L_2=study.filter.L_2,
+    )
+
+
+def gain_changes(study: Study, spec: ControllerSpec, timeline: Timeline) -> tuple[GainChange, ...]:
+    """Every change of a controller's gains over the scenario, the first at t = 0.
+
+    A scheduled controller updates at whole multiples of its period. What it knows then is the grid up to that
+    instant: a change of grid that coincides with an update is seen by the next one.
+    """
+    schedule = closed_form_schedule(study, spec.target)
+    if spec.kind == "fixed":
+        if spec.gains is not None:
+            return (GainChange(0.0, spec.gains),)
+        grid = spec.design_grid or study.grid
+        return (GainChange(0.0, _gains(schedule, grid, f"controller {spec.name}, design grid")),)
+    changes: list[GainChange] = []
+    for t_event, grid in timeline.grids:
+        updates = 0 if t_event == 0.0 else math.floor(t_event / spec.update_period + 1e-9) + 1
+        change = GainChange(
+            updates * spec.update_period, _gains(schedule, grid, f"controller {spec.name}, grid from {t_event:g} s")
+        )
+        # Two grids between two updates: only the last is ever seen.
+        changes = [earlier for earlier in changes if earlier.t_s < change.t_s] + [change]
+    return tuple(changes)
+
+
+def _gains(schedule: ClosedFormSchedule, grid: Grid, where: str) -> PowerLoopGains:
+    try:
+        return schedule.gains(grid.R_g, grid.L_g)
+    except NoOperatingPointError as error:
+        raise InfeasibleStudyError(f"{where}: {error}") from error

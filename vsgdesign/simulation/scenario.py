@@ -1,0 +1,154 @@
+"""A whole scenario: every controller of the study through all events, with its figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.filters import pcc_voltage
+from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
+from vsgdesign.frames import clarke, clarke_inverse, instantaneous_power
+from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
+from vsgdesign.operating_point import OperatingPoint, solve_operating_point
+from vsgdesign.parameters.study import ControllerSpec, Grid, Study
+from vsgdesign.simulation.gains import GainChange, gain_changes
+from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.simulation.timeline import Timeline, build_timeline
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ControllerResult:
+    """One controller's run. ``series`` maps names to arrays over ``series["t_s"]``, SI."""
+
+    spec: ControllerSpec
+    bridge: str
+    gain_changes: tuple[GainChange, ...]
+    simulation: Simulation
+    series: dict[str, Array]
+    events: tuple[EventMetrics, ...]
+
+
+@dataclass(frozen=True)
+class OperatingPointRow:
+    """The operating point from t_s on, at the references and without droop."""
+
+    t_s: float
+    grid: Grid
+    point: OperatingPoint
+
+
+@dataclass(frozen=True)
+class ScenarioResult:
+    """All controllers of a study, on one timeline."""
+
+    study: Study
+    timeline: Timeline
+    operating_points: tuple[OperatingPointRow, ...]
+    controllers: tuple[ControllerResult, ...]
+
+
+def run_scenario(
+    study: Study, *, bridge: str | None = None, progress: Callable[[str, float], None] | None = None
+) -> ScenarioResult:
+    """Check every operating point, then simulate every controller.
+
+    ``progress`` is called with the controller's name and the simulated time in s. Raises InfeasibleStudyError
+    naming the instant at which the scenario asks for what its grid cannot carry.
+    """
+    timeline = build_timeline(study)
+    points = operating_points(study, timeline)
+    changes = [gain_changes(study, spec, timeline) for spec in study.controllers]
+    results = []
+    for spec, gains in zip(study.controllers, changes, strict=True):
+        report = None if progress is None else _reporter(progress, spec.name)
+        run = simulate(study, gains, bridge=bridge, progress=report)
+        series = derive_series(study, run)
+        events = measure_events(study, series)
+        results.append(ControllerResult(spec, bridge or study.simulation.bridge, gains, run, series, events))
+    return ScenarioResult(study, timeline, points, tuple(results))
+
+
+def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[float], None]:
+    return lambda t_s: progress(name, t_s)
+
+
+def operating_points(study: Study, timeline: Timeline) -> tuple[OperatingPointRow, ...]:
+    """The operating point after every change of grid, source or reference."""
+    limits = study.converter.V_limits_rms
+    rows = []
+    instants = {t for t, _ in timeline.grids} | {t for t, _, _ in timeline.references}
+    instants |= {source.t_s for source in timeline.sources if source.steady}
+    for t_s in sorted(instants):
+        grid, source = timeline.grid_at(t_s), timeline.source_at(t_s)
+        R, X = study.path_to_grid(grid, source.omega)
+        P_ref, Q_ref = timeline.references_at(t_s)
+        try:
+            point = solve_operating_point(P_ref, Q_ref, source.V_g_rms, R, X, limits)
+        except NoOperatingPointError as error:
+            # A short sag has none and is ridden through; a scenario that rests there is impossible.
+            if source.V_g_rms < limits[0]:
+                continue
+            raise InfeasibleStudyError(f"from {t_s:g} s on: {error}") from error
+        rows.append(OperatingPointRow(t_s, grid, point))
+    return tuple(rows)
+
+
+def derive_series(study: Study, run: Simulation) -> dict[str, Array]:
+    """Named quantities of a run from its log: phases, powers at the PCC, frame angle, grid, gains."""
+    t_s = run.t_s
+    grid_index = _index(t_s, [t for t, _ in run.timeline.grids], study.converter.T_s)
+    R_g = np.array([grid.R_g for _, grid in run.timeline.grids])[grid_index]
+    L_g = np.array([grid.L_g for _, grid in run.timeline.grids])[grid_index]
+    circuit = study.circuit()._replace(R_g=R_g, L_g=L_g)
+    v_pcc = []
+    for axis in ("alpha", "beta"):
+        i_s, v_c, i_g, v_g = (run.column(f"{name}_{axis}") for name in ("i_s", "v_c", "i_g", "v_g"))
+        v_pcc.append(pcc_voltage(i_s, v_c, i_g, v_g, circuit))
+    i_pcc = [run.column("i_g_alpha"), run.column("i_g_beta")]
+    P_pcc, Q_pcc = instantaneous_power(*v_pcc, *i_pcc)
+    series = {"t_s": t_s}
+    for name, phases in (("v_pcc", clarke_inverse(*v_pcc)), ("i_pcc", clarke_inverse(*i_pcc))):
+        series |= {f"{name}_{phase}": values for phase, values in zip("abc", phases, strict=True)}
+    angle = run.column("theta") - run.timeline.source_phase(t_s)
+    series |= {
+        "P_pcc": P_pcc,
+        "Q_pcc": Q_pcc,
+        "omega": run.column("omega"),
+        "V_rms": run.column("V_rms"),
+        "delta": np.mod(angle + math.pi, 2.0 * math.pi) - math.pi,
+        "R_g": R_g,
+        "L_g": L_g,
+    }
+    gain_index = _index(t_s, [change.t_s for change in run.gain_changes], study.converter.T_s)
+    gains = np.array([change.gains for change in run.gain_changes])[gain_index]
+    series |= {name: gains[:, k] for k, name in enumerate(run.gain_changes[0].gains._fields)}
+    return series
+
+
+def _index(t_s: Array, starts: list[float], T_s: float) -> NDArray[np.intp]:
+    """Which of several successive values holds at each sample, with the simulator's slack on coincidence."""
+    return np.searchsorted(np.array(starts) - 1e-6 * T_s, t_s, side="right") - 1
+
+
+def measure_events(study: Study, series: dict[str, Array]) -> tuple[EventMetrics, ...]:
+    """Figures of P_pcc and Q_pcc after every event, up to the next one."""
+    t_s = series["t_s"]
+    alpha, beta = clarke(series["i_pcc_a"], series["i_pcc_b"], series["i_pcc_c"])
+    current_pu = np.hypot(alpha, beta) / study.converter.I_rated_pk
+    per_cycle = max(round(2.0 * math.pi / study.converter.omega_n / (t_s[1] - t_s[0])), 1) if len(t_s) > 1 else 1
+    ends = [event.t_s for event in study.events[1:]] + [study.simulation.duration]
+    metrics = []
+    for event, end_s in zip(study.events, ends, strict=True):
+        for signal, reference in (("P_pcc", event.P_ref), ("Q_pcc", event.Q_ref)):
+            window = EventWindow(event.name, event.t_s, end_s, reference is not None)
+            if end_s - event.t_s > 4.0 * (t_s[1] - t_s[0]):
+                metrics.append(
+                    measure_event(window, signal, t_s, series[signal], current_pu, study.converter.S_rated, per_cycle)
+                )
+    return tuple(metrics)
