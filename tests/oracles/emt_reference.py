@@ -1,0 +1,315 @@
+"""A second EMT, written from the mathematics alone, against which the library's fast one is held.
+
+Nothing of ``vsgdesign.simulation`` or ``vsgdesign.equations`` is used: the controller is written in complex
+numbers, the circuit is Kirchhoff's laws handed to SciPy's DOP853, the source integrates its own ramps and the
+bridge places its own pulses. Only the study's data (ratings, filter, events) is read. The integrator is
+restarted at every sample, switching edge and event, so that it never steps across a discontinuity.
+"""
+
+from __future__ import annotations
+
+import cmath
+import itertools
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import DOP853
+
+from vsgdesign.parameters import Grid, Study
+
+_RELATIVE = 1e-10
+_ABSOLUTE_PU = 1e-13
+"""Integration tolerances; one step per restart usually does, with an error far below either."""
+
+_COINCIDENT = 1e-6
+"""Part of a sampling period within which an instant counts as the sample itself (a rule of the library)."""
+
+
+@dataclass
+class State:
+    """Controller memory: angle, frequency, rms voltage, filtered powers, PI integrators in the dq frame."""
+
+    theta: float
+    omega: float
+    V: float
+    S_f: complex
+    xi_v: complex
+    xi_i: complex
+
+
+@dataclass
+class Start:
+    """Initial condition: circuit (i_s, v_c, i_g), controller, and the voltage waiting out the delay."""
+
+    plant: NDArray[np.complex128]
+    controller: State
+    waiting: complex
+
+
+@dataclass
+class Trace:
+    """What the reference saw at every sample."""
+
+    plant: NDArray[np.complex128]
+    source: NDArray[np.complex128]
+    power: NDArray[np.complex128]
+    theta: NDArray[np.float64]
+    omega: NDArray[np.float64]
+    V: NDArray[np.float64]
+    S_f: NDArray[np.complex128]
+    xi_v: NDArray[np.complex128]
+    xi_i: NDArray[np.complex128]
+    edges: int = 0
+    current_limited: int = 0
+    voltage_limited: int = 0
+    final_plant: NDArray[np.complex128] = field(default_factory=lambda: np.zeros(3, complex))
+
+
+class PiecewiseLinear:
+    """A quantity that holds, steps or ramps; and its running integral."""
+
+    def __init__(self, value: float, moves: Sequence[tuple[float, float, float]]) -> None:
+        """``moves``: (time, goal, ramp duration), sorted by time; a later move replaces a running one."""
+        knots = [(0.0, value, 0.0)]
+        for t, goal, over in moves:
+            now = self._value(knots, t)
+            knots = [knot for knot in knots if knot[0] < t]
+            if over > 0.0:
+                knots += [(t, now, (goal - now) / over), (t + over, goal, 0.0)]
+            else:
+                knots.append((t, goal, 0.0))
+        self.knots = knots
+        self.times = [knot[0] for knot in knots]
+        self.areas = [0.0]
+        for (t_0, v_0, slope), (t_1, _, _) in itertools.pairwise(knots):
+            self.areas.append(self.areas[-1] + 0.5 * (v_0 + (v_0 + slope * (t_1 - t_0))) * (t_1 - t_0))
+
+    @staticmethod
+    def _value(knots: list[tuple[float, float, float]], t: float) -> float:
+        t_0, v_0, slope = [knot for knot in knots if knot[0] <= t][-1]
+        return v_0 + slope * (t - t_0)
+
+    def at(self, t: float) -> tuple[float, float, float]:
+        """Value, slope and integral from zero at t (just after a knot that stands at t)."""
+        k = max(bisect_right(self.times, t) - 1, 0)
+        t_0, v_0, slope = self.knots[k]
+        dt = t - t_0
+        return v_0 + slope * dt, slope, self.areas[k] + dt * (v_0 + 0.5 * slope * dt)
+
+
+class StiffSource:
+    """√2·V_g·e^{jφ} behind the grid impedance, φ(0) = −90° because phase A is a sine."""
+
+    def __init__(self, study: Study) -> None:
+        events = sorted(study.events, key=lambda event: event.t_s)
+        self.amplitude = PiecewiseLinear(
+            study.grid_source.V_g_rms,
+            [(e.t_s, e.V_g_rms, e.over) for e in events if e.V_g_rms is not None],
+        )
+        self.frequency = PiecewiseLinear(
+            study.grid_source.omega_g,
+            [(e.t_s, e.omega_g, e.over) for e in events if e.omega_g is not None],
+        )
+        self.jumps = [(e.t_s, e.phase_jump) for e in events]
+        self.instants = sorted({*self.amplitude.times, *self.frequency.times, *(t for t, jump in self.jumps if jump)})
+
+    def held(self, at: float, since: float) -> tuple[float, float, float, float, float]:
+        """The ramp that holds at an instant, described from ``since``: (peak, its slope, phase, ω, its slope)."""
+        V, V_slope, _ = self.amplitude.at(at)
+        omega, omega_slope, turned = self.frequency.at(at)
+        phase = -0.5 * math.pi + turned + sum(jump for t_jump, jump in self.jumps if t_jump <= at)
+        back = since - at
+        return (
+            math.sqrt(2.0) * (V + V_slope * back),
+            math.sqrt(2.0) * V_slope,
+            phase + back * (omega + 0.5 * omega_slope * back),
+            omega + omega_slope * back,
+            omega_slope,
+        )
+
+
+def circuit_matrices(study: Study, grid: Grid) -> tuple[NDArray[np.complex128], Any, Any]:
+    """Kirchhoff's laws for (i_s, v_c, i_g): L_1 i_s' = v_b − R_1 i_s − v_n, C v_c' = i_s − i_g, (L_2+L_g) i_g' = …"""
+    f = study.filter
+    L, R = f.L_2 + grid.L_g, f.R_2 + grid.R_g
+    matrix = np.array(
+        [
+            [-(f.R_1 + f.R_c) / f.L_1, -1.0 / f.L_1, f.R_c / f.L_1],
+            [1.0 / f.C, 0.0, -1.0 / f.C],
+            [f.R_c / L, 1.0 / L, -(R + f.R_c) / L],
+        ],
+        dtype=complex,
+    )
+    return matrix, np.array([1.0 / f.L_1, 0.0, 0.0], complex), np.array([0.0, 0.0, -1.0 / L], complex)
+
+
+class SampledController:
+    """The published control in complex notation, one call per sample."""
+
+    def __init__(self, study: Study) -> None:
+        c, f, gains = study.converter, study.filter, study.inner_gains
+        self.T = 1.0 / (c.f_sw * c.samples_per_carrier)
+        self.omega_0, self.V_n = c.omega_n, c.V_rated_rms
+        self.current_pi, self.voltage_pi = (gains.K_pc, gains.K_ic), (gains.K_pv, gains.K_iv)
+        self.Y, self.X = 1j * c.omega_n * f.C, 1j * c.omega_n * f.L_1
+        rated_peak = math.sqrt(2.0) * c.S_rated / (3.0 * c.V_rated_rms)
+        self.i_max = math.inf if c.current_limit_pu is None else c.current_limit_pu * rated_peak
+        self.v_max = c.V_dc / math.sqrt(3.0) if c.zero_sequence else 0.5 * c.V_dc
+        self.lead = cmath.exp(1j * c.omega_n * (c.delay_samples + 0.5) * self.T)
+        self.smoothing = [1.0 if tau == 0.0 else 1.0 - math.exp(-self.T / tau) for tau in (study.tau_P, study.tau_Q)]
+        self.hits = {"current": 0, "voltage": 0}
+
+    def step(
+        self, s: State, v: complex, i_s: complex, i_g: complex, refs: tuple[float, float], gains: Any
+    ) -> tuple[State, complex, complex]:
+        """Next state, bridge voltage asked for (αβ), and the unfiltered complex power."""
+        S = 1.5 * v * i_g.conjugate()
+        S_f = s.S_f + complex(
+            self.smoothing[0] * (S.real - s.S_f.real), self.smoothing[1] * (S.imag - s.S_f.imag)
+        )  # fmt: skip
+        P_ref, Q_ref = refs
+        acceleration = gains.K_ip * (P_ref - S_f.real + gains.D_p * (self.omega_0 - s.omega))
+        rise = gains.K_iq * (Q_ref - S_f.imag + gains.D_q * (self.V_n - s.V))
+
+        frame = cmath.exp(-1j * s.theta)
+        v, i_s, i_g = v * frame, i_s * frame, i_g * frame
+        error = math.sqrt(2.0) * s.V - v
+        wanted = self.voltage_pi[0] * error + s.xi_v + i_g + self.Y * v
+        i_ref = self._shorten(wanted, self.i_max, "current")
+        xi_v = s.xi_v + self.T * self.voltage_pi[1] * (error + (i_ref - wanted) / self.voltage_pi[0])
+        error = i_ref - i_s
+        wanted = self.current_pi[0] * error + s.xi_i + v + self.X * i_s
+        v_b = self._shorten(wanted, self.v_max, "voltage")
+        xi_i = s.xi_i + self.T * self.current_pi[1] * (error + (v_b - wanted) / self.current_pi[0])
+        following = State(
+            s.theta + self.T * s.omega, s.omega + self.T * acceleration, s.V + self.T * rise, S_f, xi_v, xi_i
+        )  # fmt: skip
+        return following, v_b * self.lead / frame, S
+
+    def _shorten(self, vector: complex, limit: float, which: str) -> complex:
+        if abs(vector) <= limit:
+            return vector
+        self.hits[which] += 1
+        return vector * (limit / abs(vector))
+
+
+def bridge_pieces(
+    v_ref: complex, study: Study, sample: int, pwm: bool, cuts: Sequence[float]
+) -> list[tuple[float, float, complex]]:
+    """(begin, end, bridge voltage) within the period after a sample, times counted from the sample.
+
+    The upper switch of a phase conducts in one pulse per carrier period, centred on the carrier's valley and
+    (1 + m)/2 of the period long: natural sampling of a reference that is held over the sampling period.
+    """
+    c = study.converter
+    T = 1.0 / (c.f_sw * c.samples_per_carrier)
+    if not pwm:
+        instants = [0.0, *cuts, T]
+        return [(a, b, v_ref) for a, b in itertools.pairwise(instants)]
+    turns = [cmath.exp(2j * math.pi * k / 3.0) for k in range(3)]
+    phases = [(v_ref * turn.conjugate()).real for turn in turns]
+    common = 0.5 * (max(phases) + min(phases)) if c.zero_sequence else 0.0
+    carrier_period = 1.0 / c.f_sw
+    since_valley = (sample % c.samples_per_carrier) * T
+    valleys = (-since_valley, carrier_period - since_valley)
+    pulses = [0.25 * carrier_period * (1.0 + (v - common) / (0.5 * c.V_dc)) for v in phases]
+    edges = [valley + sign * half for half in pulses for valley in valleys for sign in (-1.0, 1.0)]
+    instants = sorted({0.0, T, *cuts, *(t for t in edges if 0.0 < t < T)})
+    pieces = []
+    for begin, end in itertools.pairwise(instants):
+        middle = 0.5 * (begin + end)
+        v_b = 0j
+        for half, turn in zip(pulses, turns, strict=True):
+            on = any(abs(middle - valley) < half for valley in valleys)
+            v_b += (2.0 / 3.0) * turn * (0.5 * c.V_dc if on else -0.5 * c.V_dc)
+        pieces.append((begin, end, v_b))
+    return pieces
+
+
+def integrate(
+    x: NDArray[np.complex128], length: float, v_b: complex, source: tuple, matrices: tuple, atol: NDArray[np.float64]
+) -> NDArray[np.complex128]:
+    """The circuit state after ``length`` seconds, by DOP853."""
+    A, b, e = matrices
+    peak, peak_slope, phase, omega, omega_slope = source
+    forced = b * v_b
+
+    def derivative(t: float, y: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        v_g = (peak + peak_slope * t) * cmath.exp(1j * (phase + t * (omega + 0.5 * omega_slope * t)))
+        return A @ y + forced + e * v_g
+
+    solver = DOP853(derivative, 0.0, x, length, rtol=_RELATIVE, atol=atol, first_step=length)
+    while solver.status == "running":
+        solver.step()
+    if solver.status != "finished":
+        raise RuntimeError("DOP853 failed on the reference circuit")
+    return solver.y
+
+
+def at_rest(study: Study) -> Start:
+    """Cold start: dead circuit, controller at nominal voltage and frequency in phase with the source."""
+    c = study.converter
+    phase = StiffSource(study).held(0.0, 0.0)[2]
+    return Start(np.zeros(3, complex), State(phase, c.omega_n, c.V_rated_rms, 0j, 0j, 0j), 0j)
+
+
+def run_reference(study: Study, gain_changes: Sequence[Any], pwm: bool, start: Start) -> Trace:
+    """Simulate the study from ``start``; ``gain_changes`` have ``t_s`` and ``gains``."""
+    controller, source, c = SampledController(study), StiffSource(study), study.converter
+    T = controller.T
+    samples = round(study.simulation.duration / T)
+    events = sorted(study.events, key=lambda event: event.t_s)
+    grids = [(0.0, study.grid), *((e.t_s, e.grid) for e in events if e.grid is not None)]
+    matrices = [(t, circuit_matrices(study, grid)) for t, grid in grids]
+    instants = sorted({*source.instants, *(t for t, _ in grids)})
+    V_pk = math.sqrt(2.0) * c.V_rated_rms
+    I_pk = math.sqrt(2.0) * c.S_rated / (3.0 * c.V_rated_rms)
+    atol = _ABSOLUTE_PU * np.array([I_pk, V_pk, I_pk])
+    x, state, waiting = start.plant.astype(complex), start.controller, start.waiting
+    trace = Trace(
+        np.empty((samples, 3), complex), *(np.empty(samples, complex) for _ in range(2)),
+        *(np.empty(samples) for _ in range(3)), *(np.empty(samples, complex) for _ in range(3)),
+    )  # fmt: skip
+    for k in range(samples):
+        now = (k + _COINCIDENT) * T
+        trace.plant[k] = x
+        peak, _, phase, _, _ = source.held(now, k * T)
+        trace.source[k] = peak * cmath.exp(1j * phase)
+        for name in ("theta", "omega", "V", "S_f", "xi_v", "xi_i"):
+            getattr(trace, name)[k] = getattr(state, name)
+        refs = _references(study, events, now)
+        gains = [change.gains for change in gain_changes if change.t_s <= now][-1]
+        i_s, v_c, i_g = (complex(entry) for entry in x)
+        v_node = v_c + study.filter.R_c * (i_s - i_g)
+        state, asked, trace.power[k] = controller.step(state, v_node, i_s, i_g, refs, gains)
+        if c.delay_samples == 0:
+            applied = asked
+        else:
+            applied, waiting = waiting, asked
+        cuts = [t - k * T for t in instants if _COINCIDENT * T < t - k * T < (1.0 - _COINCIDENT) * T]
+        pieces = bridge_pieces(applied, study, k, pwm, cuts)
+        trace.edges += len(pieces) - 1 - len(cuts)
+        for begin, end, v_b in pieces:
+            if end - begin < 1e-18:  # shorter than the last bit of any instant here
+                continue
+            middle = k * T + 0.5 * (begin + end)
+            circuit = [m for t, m in matrices if t <= middle][-1]
+            at_begin = source.held(middle, k * T + begin)
+            x = integrate(x, end - begin, v_b, at_begin, circuit, atol)
+    trace.current_limited, trace.voltage_limited = controller.hits["current"], controller.hits["voltage"]
+    trace.final_plant = x
+    return trace
+
+
+def _references(study: Study, events: Sequence[Any], now: float) -> tuple[float, float]:
+    P_ref, Q_ref = study.simulation.P_ref, study.simulation.Q_ref
+    for event in events:
+        if event.t_s <= now:
+            P_ref = P_ref if event.P_ref is None else event.P_ref
+            Q_ref = Q_ref if event.Q_ref is None else event.Q_ref
+    return P_ref, Q_ref
