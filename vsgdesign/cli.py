@@ -1,0 +1,172 @@
+"""The command line. Verbs only; heavy rooms are imported by the verb that needs them."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import wraps
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from vsgdesign import __version__
+from vsgdesign.errors import VsgDesignError
+
+if TYPE_CHECKING:
+    from vsgdesign.parameters import Study
+
+EXIT_IMPOSSIBLE = 1
+EXIT_WRONG_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+_STUDY = click.argument("study_file", metavar="STUDY.toml", type=click.Path())
+_JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on standard output.")
+_BRIDGE = click.option("--bridge", type=click.Choice(["averaged", "pwm"]), help="Override the study's bridge model.")
+
+
+def _exit_code(error: VsgDesignError) -> int:
+    from vsgdesign.errors import ArtifactError, StudyError
+
+    return EXIT_WRONG_INPUT if isinstance(error, StudyError | ArtifactError) else EXIT_IMPOSSIBLE
+
+
+def _verb(function: Callable[..., None]) -> Callable[..., None]:
+    """Turns the project's errors into one message on standard error and the documented exit code."""
+
+    @wraps(function)
+    def wrapped(*args: Any, **kwargs: Any) -> None:
+        try:
+            function(*args, **kwargs)
+        except VsgDesignError as error:
+            click.echo(f"error: {error}", err=True)
+            sys.exit(_exit_code(error))
+        except KeyboardInterrupt:
+            click.echo("interrupted: nothing was written", err=True)
+            sys.exit(EXIT_INTERRUPTED)
+
+    return wrapped
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="vsgdesign")
+def main() -> None:
+    """From a converter's datasheet to a gain schedule for grid-forming control, proven in EMT simulation.
+
+    Exit codes: 0 done, 1 the study asks for something impossible, 2 wrong input.
+    """
+
+
+@main.command()
+@_STUDY
+@click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME]")
+@_BRIDGE
+@_JSON
+@_verb
+def run(study_file: str, out: str | None, bridge: str | None, as_json: bool) -> None:
+    """Simulate every controller and write time series, figures, results.json and report.html."""
+    _run(study_file, out, bridge, as_json, report=True)
+
+
+@main.command()
+@_STUDY
+@click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME]")
+@_BRIDGE
+@_JSON
+@_verb
+def simulate(study_file: str, out: str | None, bridge: str | None, as_json: bool) -> None:
+    """Simulate only: time series and results.json, no figures."""
+    _run(study_file, out, bridge, as_json, report=False)
+
+
+@main.command()
+@_STUDY
+@_JSON
+@_verb
+def design(study_file: str, as_json: bool) -> None:
+    """Operating points, Jacobian A-D, gains and loop margins of every controller on every grid."""
+    from dataclasses import asdict
+
+    from vsgdesign.design import design_closed_form, distinct_grids
+
+    study = _load(study_file)
+    designs = [design_closed_form(study, spec, grid) for spec in study.controllers for grid in distinct_grids(study)]
+    if as_json:
+        _print_json({
+            "study": study.name,
+            "hash": study.hash,
+            "designs": [asdict(d) | {"gains": d.gains._asdict()} for d in designs],
+        })  # fmt: skip
+    else:
+        from vsgdesign.console import design_tables
+
+        design_tables(study, designs)
+
+
+@main.command()
+@_STUDY
+@_JSON
+@_verb
+def validate(study_file: str, as_json: bool) -> None:
+    """Check a study file and report every fault in it at once."""
+    from vsgdesign.errors import StudyError
+
+    try:
+        study = _load(study_file)
+    except StudyError as error:
+        if not as_json:
+            raise
+        faults = [vars(fault) for fault in error.faults]
+        _print_json({"valid": False, "source": error.source, "faults": faults})
+        sys.exit(EXIT_WRONG_INPUT)
+    if as_json:
+        _print_json({"valid": True, "study": study.name, "hash": study.hash})
+    else:
+        click.echo(f"{study_file}: valid ({len(study.controllers)} controllers, {len(study.events)} events)")
+
+
+def _load(study_file: str) -> Study:
+    from vsgdesign.parameters import load_study
+
+    return load_study(study_file)
+
+
+def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, report: bool) -> None:
+    from pathlib import Path
+
+    from vsgdesign.pipeline import run_study
+
+    study = _load(study_file)
+    folder = Path("out") / study.name if out is None else Path(out)
+    with _progress(quiet=as_json) as progress:
+        results = run_study(study, folder, bridge=bridge, report=report, progress=progress)
+    if as_json:
+        _print_json(results)
+        return
+    from vsgdesign.console import results_tables
+
+    results_tables(results)
+    click.echo(f"results: {folder / ('report.html' if report else 'results.json')}")
+
+
+def _print_json(document: Any) -> None:
+    from vsgdesign.artifacts.files import plain
+
+    click.echo(json.dumps(plain(document), indent=1, ensure_ascii=False))
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
+    """A progress bar per stage on standard error where that is a terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from vsgdesign.console import progress_bars
+
+    with progress_bars() as report:
+        yield report
+
+
+if __name__ == "__main__":
+    main()

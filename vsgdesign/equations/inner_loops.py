@@ -11,12 +11,17 @@ import numpy as np
 
 
 class InnerLoopGains(NamedTuple):
-    """PI gains of the voltage loop (A/V, A/(V·s)) and the current loop (V/A, V/(A·s))."""
+    """PI gains of the voltage loop (A/V, A/(V·s)) and the current loop (V/A, V/(A·s)), and K_ff.
+
+    K_ff is the share of the grid current that is fed forward: 1 as published; 0 damps the network far better
+    where the current loop is slowed by a computation delay.
+    """
 
     K_pv: Any
     K_iv: Any
     K_pc: Any
     K_ic: Any
+    K_ff: Any = 1.0
 
 
 def limit_length(x: Any, y: Any, limit: Any) -> Any:
@@ -37,8 +42,8 @@ def voltage_loop(
     """
     e_d = v_ref - v_d
     e_q = -v_q
-    want_d = gains.K_pv * e_d + xi_d + i_g_d - omega_C * v_q
-    want_q = gains.K_pv * e_q + xi_q + i_g_q + omega_C * v_d
+    want_d = gains.K_pv * e_d + xi_d + gains.K_ff * i_g_d - omega_C * v_q
+    want_q = gains.K_pv * e_q + xi_q + gains.K_ff * i_g_q + omega_C * v_d
     i_ref_d, i_ref_q = limit_length(want_d, want_q, i_max_pk)
     unwind = gains.K_iv / gains.K_pv
     xi_d = xi_d + T_s * (gains.K_iv * e_d + unwind * (i_ref_d - want_d))

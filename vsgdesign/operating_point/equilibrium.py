@@ -115,11 +115,10 @@ def largest_power(P: float, Q: float, V_g_rms: float, R: float, X: float) -> flo
 
     The discriminant of :eq:`operating-point` is a quadratic in P with leading coefficient −4X²/9.
     """
-    at_zero = operating_point_discriminant(0.0, Q, V_g_rms, R, X)[1]
-    plus = operating_point_discriminant(1.0, Q, V_g_rms, R, X)[1]
-    minus = operating_point_discriminant(-1.0, Q, V_g_rms, R, X)[1]
-    quadratic, linear = 0.5 * (plus + minus) - at_zero, 0.5 * (plus - minus)
-    roots = np.roots([quadratic, linear, at_zero])
+    Z_sq = R * R + X * X
+    b_0 = 2.0 * X * Q / PHASES + V_g_rms * V_g_rms
+    constant = b_0 * b_0 - 4.0 * Z_sq * Q * Q / PHASES**2
+    roots = np.roots([-4.0 * X * X / PHASES**2, 4.0 * R * b_0 / PHASES, constant])
     real = roots.real[np.abs(roots.imag) < 1e-9 * (1.0 + np.abs(roots.real))]
     side = real[real >= 0.0] if P >= 0.0 else real[real <= 0.0]
     return float(max(side, key=abs)) if side.size else np.nan

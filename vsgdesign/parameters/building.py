@@ -146,6 +146,7 @@ def _read_inner_loops(table: TableReader, filter_: Filter) -> InnerLoopGains:
         K_pc, K_ic = current_loop_gains(current_time, damping, filter_.L_1)
         K_pv, K_iv = voltage_loop_gains(voltage_time, damping, filter_.C)
         gains = InnerLoopGains(K_pv=K_pv, K_iv=K_iv, K_pc=K_pc, K_ic=K_ic)
+    gains = gains._replace(K_ff=table.quantity("current_feedforward", "1", 0.0, 1.0, default=1.0))
     table.finish()
     return gains
 

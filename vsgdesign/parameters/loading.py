@@ -48,10 +48,10 @@ def _hash(document: dict[str, Any]) -> str:
 
 
 def _document(path: Path, depth: int) -> dict[str, Any]:
-    if not path.is_file():
-        what = "is a folder, not a study file" if path.is_dir() else "there is no such file"
-        raise StudyError(str(path), [Fault("study file", f'"{path}"', what, "Give the path of a .toml study file.")])
     try:
+        if not path.is_file():
+            what = "is a folder, not a study file" if path.is_dir() else "there is no such file"
+            raise StudyError(str(path), [Fault("study file", f'"{path}"', what, "Give the path of a .toml study file.")])
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         fault = Fault("study file", f'"{path}"', f"is not UTF-8 text (byte {error.start})", "Give a TOML text file.")
@@ -64,7 +64,7 @@ def _document(path: Path, depth: int) -> dict[str, Any]:
 def _parse(text: str, source: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError, and what it lets through
         raise StudyError(source, [Fault("TOML", "", f"cannot be read as TOML: {error}")]) from None
 
 
@@ -88,7 +88,7 @@ def _merge_bases(document: dict[str, Any], folder: Path, source: str, depth: int
 
 
 _ALTERNATIVES = (
-    ({"R_g", "L_g"}, {"scr", "x_over_r", "scr_basis"}),
+    ({"R_g", "L_g"}, {"scr", "x_over_r"}),
     ({"V_rated_rms"}, {"V_rated_ll_rms"}),
     ({"current_response_time", "voltage_response_time", "damping_ratio"}, {"K_pc", "K_ic", "K_pv", "K_iv"}),
 )

@@ -41,7 +41,8 @@ def read_simulation(table: TableReader, converter: Converter) -> SimulationSpec:
     """The [simulation] section."""
     T_s = converter.T_s
     limit = 2.0 * converter.S_rated
-    log_interval = table.quantity("log_interval", "s", 0.0, 1.0, default=max(round(200e-6 / T_s), 1) * T_s)
+    default = math.nan if math.isnan(T_s) else max(round(200e-6 / T_s), 1) * T_s
+    log_interval = table.quantity("log_interval", "s", 0.0, 1.0, default=default)
     spec = SimulationSpec(
         duration=table.quantity("duration", "s", 1e-3, 36000.0),
         bridge=table.choice("bridge", ("averaged", "pwm"), default="averaged"),

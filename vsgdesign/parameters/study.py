@@ -101,7 +101,9 @@ class Grid:
 
 
 def grid_from_scr(scr: float, x_over_r: float, basis: str, converter: Converter) -> Grid:
-    """The grid of a short-circuit ratio and X/R on the converter's base."""
+    """The grid of a short-circuit ratio and X/R (infinite: no resistance) on the converter's base."""
+    if np.isinf(x_over_r):
+        return Grid(0.0, converter.Z_base / scr / converter.omega_n)
     build = grid_from_scr_impedance if basis == "impedance" else grid_from_scr_reactance
     R_g, L_g = build(scr, x_over_r, converter.Z_base, converter.omega_n)
     return Grid(float(R_g), float(L_g))

@@ -56,14 +56,17 @@ def parse_quantity(value: object, dimension: str) -> float:
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise UnitError(f"expected {_examples(dimension)}")
-    if isinstance(value, str):
-        match = _NUMBER.match(value)
-        if match is None:
-            raise UnitError(f"not a number with a unit; expected {_examples(dimension)}")
-        exponent, factor = _unit_scale(match.group(2), dimension) if match.group(2) else (0, 1.0)
-        number = float(Decimal(match.group(1)).scaleb(exponent)) * factor
-    else:
-        number = float(value)
+    try:
+        if isinstance(value, str):
+            match = _NUMBER.match(value)
+            if match is None:
+                raise UnitError(f"not a number with a unit; expected {_examples(dimension)}")
+            exponent, factor = _unit_scale(match.group(2), dimension) if match.group(2) else (0, 1.0)
+            number = float(Decimal(match.group(1)).scaleb(exponent)) * factor
+        else:
+            number = float(value)
+    except ArithmeticError:  # beyond the range of float, or of Decimal
+        number = math.inf
     if not math.isfinite(number):
         raise UnitError("must be a finite number")
     return number

@@ -10,6 +10,7 @@ from vsgdesign.equations.closed_form import power_loop_gains
 from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import NoOperatingPointError
+from vsgdesign.parameters.study import ClosedFormTarget, Study
 
 
 @dataclass(frozen=True)
@@ -49,3 +50,18 @@ class ClosedFormSchedule:
             )
         values = power_loop_gains(A, D, self.settling_time, self.damping_ratio, self.droop_ratio)
         return PowerLoopGains(*(float(value) for value in values))
+
+
+def closed_form_schedule(study: Study, target: ClosedFormTarget) -> ClosedFormSchedule:
+    """The closed-form schedule of a study's converter for a target."""
+    return ClosedFormSchedule(
+        P=target.P,
+        Q=target.Q,
+        V_g_rms=study.grid_source.V_g_rms,
+        omega=study.converter.omega_n,
+        settling_time=target.settling_time,
+        damping_ratio=target.damping_ratio,
+        droop_ratio=target.droop_ratio,
+        R_2=study.filter.R_2,
+        L_2=study.filter.L_2,
+    )

@@ -1,6 +1,6 @@
 """EMT simulation: the exact plant between sampling and switching instants, with the real controller."""
 
-from vsgdesign.simulation.gains import GainChange, closed_form_schedule, gain_changes
+from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
@@ -13,7 +13,6 @@ __all__ = [
     "Simulation",
     "Timeline",
     "build_timeline",
-    "closed_form_schedule",
     "gain_changes",
     "run_scenario",
     "simulate",

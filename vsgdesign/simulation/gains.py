@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
-from vsgdesign.parameters.study import ClosedFormTarget, ControllerSpec, Grid, Study
-from vsgdesign.runtime.closed_form import ClosedFormSchedule
+from vsgdesign.parameters.study import ControllerSpec, Grid, Study
+from vsgdesign.runtime.closed_form import ClosedFormSchedule, closed_form_schedule
 from vsgdesign.simulation.timeline import Timeline
 
 
@@ -18,21 +18,6 @@ class GainChange:
 
     t_s: float
     gains: PowerLoopGains
-
-
-def closed_form_schedule(study: Study, target: ClosedFormTarget) -> ClosedFormSchedule:
-    """The closed-form schedule of a study's converter for a target."""
-    return ClosedFormSchedule(
-        P=target.P,
-        Q=target.Q,
-        V_g_rms=study.grid_source.V_g_rms,
-        omega=study.converter.omega_n,
-        settling_time=target.settling_time,
-        damping_ratio=target.damping_ratio,
-        droop_ratio=target.droop_ratio,
-        R_2=study.filter.R_2,
-        L_2=study.filter.L_2,
-    )
 
 
 def gain_changes(study: Study, spec: ControllerSpec, timeline: Timeline) -> tuple[GainChange, ...]:

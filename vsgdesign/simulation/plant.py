@@ -59,7 +59,10 @@ def _transition_and_integral(A: NDArray[np.float64], b: NDArray[np.float64], h: 
 
 
 def _edge_polynomial(A: NDArray[np.float64], b: NDArray[np.float64], h: float) -> NDArray[np.float64]:
-    """Taylor series of ∫₀^τ Φ(s) b ds about τ = h/2, to the last bit that matters over 0 ≤ τ ≤ h."""
+    """Taylor series of ∫₀^τ Φ(s) b ds about τ = h/2, to the last bit that matters over 0 ≤ τ ≤ h.
+
+    NaN where it does not converge: the fastest mode dies out many times within h.
+    """
     half = 0.5 * h
     transition, middle = _transition_and_integral(A, b, half)
     coefficients = [middle]
@@ -69,6 +72,8 @@ def _edge_polynomial(A: NDArray[np.float64], b: NDArray[np.float64], h: float) -
         if k > 2 and np.all(np.abs(term) <= 1e-17 * np.max(np.abs(coefficients), axis=0)):
             break
         term = A @ term * (half / (k + 1))
+    else:
+        return np.full((1, 3), np.nan)
     return np.array(coefficients)
 
 

@@ -110,6 +110,11 @@ def simulate(
     no_rows = np.empty((0, controller_log.shape[1]))
     for first, count in _stretches(study, timeline, gain_changes, samples):
         lengths, plant, sources = _pieces(timeline, plants, first, T_s)
+        if pwm and not np.isfinite(plant[2]).all():
+            raise InfeasibleStudyError(
+                "the circuit is too stiff to switch: its fastest mode (R/L or R_c/L) dies out many times within a "
+                'sampling period. Sample faster, lower R_c, raise x_over_r, or use bridge = "averaged".'
+            )
         P_ref, Q_ref = timeline.references_at(_time_of(first, T_s))
         refs = References(P_ref, Q_ref, c.omega_n, c.V_rated_rms)
         gains = _gains_at(gain_changes, _time_of(first, T_s))

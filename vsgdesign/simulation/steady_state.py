@@ -62,7 +62,7 @@ def steady_state(
     # The voltage on the bridge now was computed `delay` samples ago, in the frame of that time.
     lead = settings.advance_cos + 1j * settings.advance_sin
     v_b_dq = v_b * turn * np.exp(1j * delay * omega_g * T_s) / lead
-    xi_v = i_s - i_g - 1j * settings.omega_C * v
+    xi_v = i_s - study.inner_gains.K_ff * i_g - 1j * settings.omega_C * v
     xi_i = v_b_dq - v - 1j * settings.omega_L * i_s
     P, Q = instantaneous_power(v.real, v.imag, i_g.real, i_g.imag)
     state = ControllerState(

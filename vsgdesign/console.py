@@ -1,0 +1,109 @@
+"""Tables and progress bars for a terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from vsgdesign.design import ClosedFormDesign
+    from vsgdesign.parameters import Study
+
+
+@contextmanager
+def progress_bars() -> Iterator[Callable[[str, float], None]]:
+    """One bar for each stage that reports, on standard error."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        tasks: dict[str, Any] = {}
+
+        def report(what: str, share: float) -> None:
+            if what not in tasks:
+                tasks[what] = progress.add_task(what, total=1.0)
+            progress.update(tasks[what], completed=share)
+
+        yield report
+
+
+def _console() -> Console:
+    """The terminal at its own width; where there is none (a pipe, a log), wide enough for every table."""
+    console = Console()
+    return console if console.is_terminal else Console(width=160)
+
+
+def _table(title: str, headings: Sequence[str], left: Sequence[str] = ()) -> Table:
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading in left else "right", overflow="fold")
+    return table
+
+
+def results_tables(results: dict[str, Any]) -> None:
+    """The figures of every reference step and disturbance of a run, on the raw signal."""
+    headings = ("controller", "at", "event", "signal", "overshoot", "settles 2 %", "rise", "peak current")
+    table = _table(results["study"]["title"], headings, left=("controller", "event", "signal"))
+    for name, controller in results["controllers"].items():
+        for event in controller["events"]:
+            if event["kind"] == "disturbance" and event["settling_time_s"] == 0.0:
+                continue  # the other signal never left its band: nothing to see
+            table.add_row(
+                name,
+                f"{event['t_s']:g} s",
+                event["name"],
+                event["signal"],
+                _cell(event["overshoot_pct"], ".1f", " %"),
+                _cell(event["settling_time_s"], ".3f", " s", none="not settled"),
+                _cell(event["rise_time_s"], ".3f", " s"),
+                _cell(event["peak_current_pu"], ".2f", " pu"),
+            )
+    _console().print(table)
+
+
+def design_tables(study: Study, designs: Sequence[ClosedFormDesign]) -> None:
+    """Operating points and margins, then gains."""
+    omega, basis = study.converter.omega_n, study.scr_basis
+    points = _table(
+        f"{study.title}: design points (SCR on the {basis} basis)",
+        ("controller", "SCR", "X/R", "V [pu]", "delta [deg]", "A [W/rad]", "D [var/V]", "PM of P", "PM of Q"),
+        left=("controller",),
+    )
+    gains = _table(
+        "gains",
+        ("controller", "SCR", "X/R", "K_ip [rad/(s²W)]", "D_p [W·s/rad]", "K_iq [V/(s·var)]", "D_q [var/V]"),
+        left=("controller",),
+    )
+    for d in designs:
+        row = (d.controller, f"{d.grid.scr(study.converter, basis):.3g}", f"{d.grid.x_over_r(omega):.3g}")
+        V_pu = d.point.V_rms / study.converter.V_rated_rms
+        points.add_row(
+            *row,
+            f"{V_pu:.3f}{' ' if d.point.V_within_limits else '!'}",
+            f"{math.degrees(d.point.delta):.2f}",
+            f"{d.point.A:.5g}",
+            f"{d.point.D:.5g}",
+            _cell(d.margins_P.phase_margin_deg, ".1f", "°"),
+            _cell(d.margins_Q.phase_margin_deg, ".1f", "°"),
+        )
+        gains.add_row(*row, *(f"{gain:.6g}" for gain in d.gains))
+    console = _console()
+    console.print(points)
+    if not all(d.point.V_within_limits for d in designs):
+        low, high = study.converter.V_min_pu, study.converter.V_max_pu
+        console.print(f"! the design point needs a voltage outside {low:g} to {high:g} pu\n")
+    console.print(gains)
+
+
+def _cell(value: float | None, form: str, unit: str, none: str = "–") -> str:
+    return none if value is None else f"{value:{form}}{unit}"

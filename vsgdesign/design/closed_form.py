@@ -1,0 +1,47 @@
+"""Closed-form designs of a study's controllers on each of its grids, with what they come from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
+from vsgdesign.operating_point import OperatingPoint, solve_operating_point
+from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
+from vsgdesign.parameters.study import ControllerSpec, Grid, Study
+from vsgdesign.runtime.closed_form import closed_form_schedule
+
+
+@dataclass(frozen=True)
+class ClosedFormDesign:
+    """One controller's gains on one grid, the point they are designed at, and the loops' margins there."""
+
+    controller: str
+    grid: Grid
+    point: OperatingPoint
+    gains: PowerLoopGains
+    margins_P: LoopMargins
+    margins_Q: LoopMargins
+
+
+def distinct_grids(study: Study) -> tuple[Grid, ...]:
+    """The grids of a study's scenario in order of appearance."""
+    return tuple(dict.fromkeys([study.grid, *(event.grid for event in study.events if event.grid is not None)]))
+
+
+def design_closed_form(study: Study, spec: ControllerSpec, grid: Grid) -> ClosedFormDesign:
+    """A controller on a grid of the scenario: scheduled gains are made for it, fixed ones for their own grid.
+
+    Raises InfeasibleStudyError where the design point does not exist on a grid.
+    """
+    schedule = closed_form_schedule(study, spec.target)
+    made_for = grid if spec.kind == "scheduled" else (spec.design_grid or study.grid)
+    R, X = study.path_to_grid(grid)
+    limits = study.converter.V_limits_rms
+    try:
+        gains = spec.gains or schedule.gains(made_for.R_g, made_for.L_g)
+        point = solve_operating_point(spec.target.P, spec.target.Q, study.grid_source.V_g_rms, R, X, limits)
+    except NoOperatingPointError as error:
+        raise InfeasibleStudyError(f"controller {spec.name}: {error}") from error
+    loops = power_loops(gains, point.A, point.D)
+    return ClosedFormDesign(spec.name, grid, point, gains, loop_margins(loops.P_open), loop_margins(loops.Q_open))

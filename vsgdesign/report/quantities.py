@@ -1,0 +1,68 @@
+"""Numbers as a reader wants them: an SI prefix chosen from the data, and sensible digits."""
+
+from __future__ import annotations
+
+import math
+
+_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
+
+DASH = "–"
+
+
+def prefix_for(largest: float, smallest_factor: float = 1.0) -> tuple[float, str]:
+    """(factor, prefix) that brings ``largest`` to 1 … 1000; no prefix below ``smallest_factor``."""
+    for factor, prefix in _PREFIXES:
+        # A hair of slack: 999.9999999 W is a kilowatt.
+        if abs(largest) * (1.0 + 1e-9) >= factor or factor <= smallest_factor:
+            return factor, prefix
+    return 1.0, ""
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number with so many significant digits, a dash for None, thousands in full."""
+    if value is None or not math.isfinite(value):
+        return DASH
+    if value == 0.0:
+        return "0"
+    # Decimal places from the rounded value, so that 9.996 becomes 10.0 and not 10.00.
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if -4 <= exponent < 6:
+        text = f"{value:.{max(digits - 1 - exponent, 0)}f}"
+        return _minus(text)
+    mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+    return _minus(f"{mantissa}·10{_superscript(int(power))}")
+
+
+def quantity(value: float | None, unit: str, digits: int = 3) -> str:
+    """A number with its SI prefix and unit: ``0.0116, "H"`` gives ``11.6 mH``."""
+    if value is None or not math.isfinite(value):
+        return DASH
+    factor, prefix = prefix_for(value, 1e-12) if value else (1.0, "")
+    return f"{number(value / factor, digits)} {prefix}{unit}"
+
+
+def plain(value: float, digits: int = 4) -> str:
+    """The shortest text of a number: no trailing zeros."""
+    text = number(value, digits)
+    return text.rstrip("0").rstrip(".") if "." in text and "·" not in text else text
+
+
+def plain_quantity(value: float, unit: str, digits: int = 4) -> str:
+    """``quantity`` without trailing zeros: ``2500, "W"`` gives ``2.5 kW``."""
+    factor, prefix = prefix_for(value, 1e-12) if value else (1.0, "")
+    return f"{plain(value / factor, digits)} {prefix}{unit}"
+
+
+def percent(value: float | None) -> str:
+    """Percent with one decimal; a dash for None."""
+    if value is None:
+        return DASH
+    return _minus(f"{value:.1f}")
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−")
+
+
+def _superscript(power: int) -> str:
+    return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
