@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -44,9 +45,9 @@ def _console() -> Console:
 
 
 def _table(title: str, headings: Sequence[str], left: Sequence[str] = ()) -> Table:
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(title=escape(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in headings:
-        table.add_column(heading, justify="left" if heading in left else "right", overflow="fold")
+        table.add_column(escape(heading), justify="left" if heading in left else "right", overflow="fold")
     return table
 
 
@@ -61,7 +62,7 @@ def results_tables(results: dict[str, Any]) -> None:
             table.add_row(
                 name,
                 f"{event['t_s']:g} s",
-                event["name"],
+                escape(event["name"]),
                 event["signal"],
                 _cell(event["overshoot_pct"], ".1f", " %"),
                 _cell(event["settling_time_s"], ".3f", " s", none="not settled"),
