@@ -1,0 +1,236 @@
+"""docs/study-file.md against the readers: every field they ask for, with unit, limits and default, both ways."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from vsgdesign.parameters import building, scenario, study_from_text
+from vsgdesign.parameters.reader import REQUIRED, TableReader
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "study-file.md"
+
+OUTSIDE_THE_READER = {("", "base")}
+"""Taken out of the document before it is read."""
+
+LC_WITH_TIMES = """
+[study]
+name = "one"
+[converter]
+S_rated = "5 kVA"
+V_rated_rms = "110 V"
+f_n = "50 Hz"
+V_dc = "800 V"
+f_sw = "10 kHz"
+[filter]
+kind = "LC"
+L_1 = "1 mH"
+R_1 = "1 mohm"
+C = "50 uF"
+[inner_loops]
+current_response_time = "1 ms"
+voltage_response_time = "10 ms"
+[grid]
+scr = 5
+x_over_r = 2
+[power_loops]
+[simulation]
+duration = "2 s"
+P_ref = "1 kW"
+Q_ref = "0 var"
+[[controllers]]
+name = "a"
+kind = "fixed"
+gains = { K_ip = 0.002, D_p = 4000, K_iq = 0.06, D_q = 0.7 }
+[[controllers]]
+name = "b"
+kind = "fixed"
+design_grid = { scr = 4, x_over_r = 2 }
+[[controllers]]
+name = "c"
+kind = "scheduled"
+[[events]]
+time = 1
+grid = { scr = 8 }
+"""
+
+LCL_WITH_GAINS = """
+[converter]
+S_rated = "1 MVA"
+V_rated_ll_rms = "690 V"
+f_n = "60 Hz"
+V_dc = "1200 V"
+f_sw = "4 kHz"
+[filter]
+kind = "LCL"
+L_1 = "150 uH"
+R_1 = "2 mohm"
+C = "200 uF"
+L_2 = "60 uH"
+R_2 = "1 mohm"
+[inner_loops]
+K_pc = 0.5
+K_ic = 100
+K_pv = 0.1
+K_iv = 20
+[grid]
+R_g = "20 mohm"
+L_g = "300 uH"
+[simulation]
+duration = "3 s"
+P_ref = "100 kW"
+Q_ref = "0 var"
+[[controllers]]
+name = "a"
+kind = "fixed"
+design_grid = { R_g = "20 mohm", L_g = "300 uH" }
+[[events]]
+time = 1
+grid = { R_g = "10 mohm", L_g = "200 uH" }
+"""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a reader asked of one field: its kind or unit, its limits, its default."""
+
+    unit: str
+    low: float | None = None
+    high: float | None = None
+    words: tuple[str, ...] = ()
+    default: Any = None
+
+
+@dataclass(frozen=True)
+class Row:
+    """What the page says of one field."""
+
+    unit: str
+    limits: str
+    default: str
+
+
+def _page() -> dict[tuple[str, str], Row]:
+    rows: dict[tuple[str, str], Row] = {}
+    section: str | None = None
+    for line in PAGE.read_text(encoding="utf-8").splitlines():
+        if line.startswith("#"):
+            name = re.search(r"`\[+([a-z_.]+)\]+`", line)
+            section = name.group(1) if name else ("" if line == "## Top level" else None)
+        elif section is not None and (field := re.match(r"\| `(\w+)` \|", line)):
+            cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+            assert len(cells) == 5, line
+            key = (section, field.group(1))
+            assert key not in rows, f"twice on the page: {key}"
+            rows[key] = Row(cells[1], cells[2], cells[3])
+    return rows
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], list[Asked]]:
+    """Every field that reading the two studies asks for, as (section, field)."""
+    record: dict[tuple[str, str], list[Asked]] = {}
+
+    def spy(method: str, describe: Any) -> None:
+        original = getattr(TableReader, method)
+        signature = inspect.signature(original)
+
+        def wrapped(self: TableReader, *args: Any, **kwargs: Any) -> Any:
+            bound = signature.bind(self, *args, **kwargs)
+            bound.apply_defaults()
+            key = (re.sub(r"\[\d+\]", "", self.path), bound.arguments["field"])
+            record.setdefault(key, []).append(describe(bound.arguments))
+            return original(self, *args, **kwargs)
+
+        monkeypatch.setattr(TableReader, method, wrapped)
+
+    spy(
+        "quantity",
+        lambda a: Asked("–" if a["dimension"] == "1" else a["dimension"], a["low"], a["high"], (), a["default"]),
+    )
+    spy("integer", lambda a: Asked("whole number", a["low"], a["high"], (), a["default"]))
+    spy("choice", lambda a: Asked("word", words=a["allowed"], default=a["default"]))
+    spy("text", lambda a: Asked("text", default=a["default"]))
+    spy("child", lambda _: Asked("table"))
+    spy("children", lambda _: Asked("list of tables"))
+    for text in (LC_WITH_TIMES, LCL_WITH_GAINS):
+        study_from_text(text)
+    return record
+
+
+def test_page_and_readers_name_the_same_fields(asked: dict[tuple[str, str], list[Asked]]) -> None:
+    on_page = set(_page()) - OUTSIDE_THE_READER
+    assert not set(asked) - on_page, f"read, but not on the page: {sorted(set(asked) - on_page)}"
+    assert not on_page - set(asked), f"on the page, but never read: {sorted(on_page - set(asked))}"
+
+
+def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[Asked]]) -> None:
+    """A field in a branch that the studies above do not take would escape the test above."""
+    reached = {field for _, field in asked}
+    escaped = set()
+    for module in (building, scenario):
+        for node in ast.walk(ast.parse(inspect.getsource(module))):
+            if (
+                isinstance(node, ast.Call)
+                and isinstance(node.func, ast.Attribute)
+                and node.func.attr in ("quantity", "integer", "choice", "text", "child", "children", "section")
+                and node.args
+                and isinstance(node.args[0], ast.Constant)
+            ):
+                escaped |= {node.args[0].value} - reached
+    assert not escaped, f"add these to a study of this test: {sorted(escaped)}"
+
+
+def test_units_limits_and_defaults(asked: dict[tuple[str, str], list[Asked]]) -> None:
+    page = _page()
+    wrong = [
+        f"{key}: {difference}"
+        for key, calls in asked.items()
+        if key in page
+        for call in calls
+        for difference in _differences(page[key], call)
+    ]
+    assert not wrong, wrong
+
+
+def _differences(row: Row, call: Asked) -> list[str]:
+    """Limits and defaults are compared where the page gives numbers or words: those of the study's own are prose."""
+    found = []
+    if row.unit != call.unit:
+        found.append(f"unit {row.unit}, read as {call.unit}")
+    if call.unit in ("table", "list of tables"):
+        return found
+    if call.words and set(re.findall(r"`(\w+)`", row.limits)) != set(call.words):
+        found.append(f"words {row.limits}, read as {call.words}")
+    numbers = [_number(part) for part in row.limits.split(" to ")]
+    if len(numbers) == 2 and None not in numbers and numbers != [call.low, call.high]:
+        found.append(f"limits {row.limits}, read with {call.low} to {call.high}")
+    if row.default.startswith("required") != (call.default is REQUIRED):
+        found.append(f"default {row.default}, read with {call.default!r}")
+    number, word = _number(row.default), re.fullmatch(r"`(\w+)`", row.default)
+    if number is not None and number != call.default:
+        found.append(f"default {row.default}, read with {call.default!r}")
+    if call.words and word is not None and word.group(1) != call.default:
+        found.append(f"default {row.default}, read with {call.default!r}")
+    return found
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def test_example_is_a_study() -> None:
+    example = re.search(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert example is not None
+    study = study_from_text(example.group(1))
+    assert [event.t_s for event in study.events] == [2.0]
