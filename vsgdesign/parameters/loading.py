@@ -51,7 +51,8 @@ def _document(path: Path, depth: int) -> dict[str, Any]:
     try:
         if not path.is_file():
             what = "is a folder, not a study file" if path.is_dir() else "there is no such file"
-            raise StudyError(str(path), [Fault("study file", f'"{path}"', what, "Give the path of a .toml study file.")])
+            fault = Fault("study file", f'"{path}"', what, "Give the path of a .toml study file.")
+            raise StudyError(str(path), [fault])
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         fault = Fault("study file", f'"{path}"', f"is not UTF-8 text (byte {error.start})", "Give a TOML text file.")

@@ -25,8 +25,8 @@ def read_grid(table: TableReader, converter: Converter, basis: str, previous: Gr
         ratio = table.quantity("x_over_r", "1", *_X_OVER_R, default=keep_ratio)
         return grid_from_scr(scr, ratio, basis, converter)
     if table.one_of(("scr", "x_over_r"), ("R_g", "L_g")) == ("R_g", "L_g"):
-        # Plausible: between 1/1000 and 20 times the base impedance.
-        high = 20.0 * converter.Z_base if converter.Z_base > 0.0 else math.inf
+        # Plausible: between 1/10000 and 20 times the base impedance.
+        high = 20.0 * converter.Z_base
         R_g = table.quantity("R_g", "ohm", 0.0, high)
         L_g = table.quantity("L_g", "H", 1e-4 * high / 20.0 / converter.omega_n, high / converter.omega_n)
         return Grid(R_g, L_g)
