@@ -156,6 +156,7 @@ class SampledController:
         self.T = 1.0 / (c.f_sw * c.samples_per_carrier)
         self.omega_0, self.V_n = c.omega_n, c.V_rated_rms
         self.current_pi, self.voltage_pi = (gains.K_pc, gains.K_ic), (gains.K_pv, gains.K_iv)
+        self.feedforward = gains.K_ff
         self.Y, self.X = 1j * c.omega_n * f.C, 1j * c.omega_n * f.L_1
         rated_peak = math.sqrt(2.0) * c.S_rated / (3.0 * c.V_rated_rms)
         self.i_max = math.inf if c.current_limit_pu is None else c.current_limit_pu * rated_peak
@@ -179,7 +180,7 @@ class SampledController:
         frame = cmath.exp(-1j * s.theta)
         v, i_s, i_g = v * frame, i_s * frame, i_g * frame
         error = math.sqrt(2.0) * s.V - v
-        wanted = self.voltage_pi[0] * error + s.xi_v + i_g + self.Y * v
+        wanted = self.voltage_pi[0] * error + s.xi_v + self.feedforward * i_g + self.Y * v
         i_ref = self._shorten(wanted, self.i_max, "current")
         xi_v = s.xi_v + self.T * self.voltage_pi[1] * (error + (i_ref - wanted) / self.voltage_pi[0])
         error = i_ref - i_s

@@ -16,8 +16,8 @@ import pytest
 
 from tests.oracles.emt_reference import Start, State, Trace, at_rest, run_reference
 from tests.simulation.studies import FAST_GAINS, GAINS, lc_study, lcl_study
-from vsgdesign.parameters import Grid, Study
-from vsgdesign.simulation import GainChange, Simulation, simulate
+from vsgdesign.parameters import Grid, Study, study_from_text
+from vsgdesign.simulation import GainChange, Simulation, gain_changes, simulate
 from vsgdesign.simulation.steady_state import steady_state
 from vsgdesign.simulation.timeline import build_timeline
 
@@ -158,6 +158,32 @@ def test_both_limits_active(bridge: str) -> None:
     assert reference.voltage_limited > 0
 
 
+@pytest.mark.parametrize(("case", "P_ref", "log"), [
+    ("lab_12kva_lcl", "6 kW", '"50 us"'), ("utility_1mva_60hz", "500 kW", repr(1.0 / 6000.0)),
+])  # fmt: skip
+def test_cases_that_come_with_the_package(case: str, P_ref: str, log: str) -> None:
+    text = f"""
+base = "case:{case}"
+[simulation]
+duration = "50 ms"
+P_ref = "{P_ref}"
+Q_ref = 0
+log_interval = {log}
+[[controllers]]
+name = "fixed"
+kind = "fixed"
+[[events]]
+time = "7.077 ms"
+phase_jump = "10 deg"
+[[events]]
+time = "20 ms"
+grid = {{ scr = 1.5 }}
+"""
+    study = study_from_text(text)
+    changes = gain_changes(study, study.controllers[0], build_timeline(study))
+    compare(study, changes, "pwm")
+
+
 def test_a_millionth_of_the_grid_shows() -> None:
     """The comparison can fail: a grid resistance wrong by 1 ppm stands out a hundredfold after 10 ms."""
     study = lc_study("10 ms", '[[events]]\ntime = "1.01 ms"\nphase_jump = "10 deg"\n')
@@ -200,6 +226,7 @@ f_g = {draw(49.5, 50.5)}
 """
     study = lcl_study(
         "10 ms", events, log=repr(T_s), f_sw=repr(f_sw), samples_per_carrier=str(samples_per_carrier),
+        current_feedforward=repr(draw(0.0, 1.0)),
         delay_samples=str(rng.integers(0, 2)), modulation=str(rng.choice(['"min_max"', '"sine_triangle"'])),
         V_dc=repr(draw(420.0, 800.0)), R_c=repr(draw(0.0, 6.0)), L_2=repr(draw(1e-4, 2e-3)),
     )  # fmt: skip
