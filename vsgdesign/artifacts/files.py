@@ -56,11 +56,12 @@ def _replace(staging: Path, target: Path) -> None:
         return
     # A folder cannot be renamed over a full one: the old moves aside first, and back if that fails.
     aside = Path(tempfile.mkdtemp(prefix=f".{target.name}.old.", dir=target.parent))
-    os.replace(target, aside / "old")
     try:
+        os.replace(target, aside / "old")
         os.replace(staging, target)
-    except OSError:
-        os.replace(aside / "old", target)
+    except BaseException:  # an interruption counts: the old results must not go with the folder they wait in
+        if not target.exists():
+            os.replace(aside / "old", target)
         raise
     finally:
         shutil.rmtree(aside, ignore_errors=True)

@@ -32,7 +32,7 @@ def read_npz(path: str | Path) -> dict[str, Array]:
     try:
         with np.load(path, allow_pickle=False) as data:
             return {name: np.asarray(data[name], dtype=float) for name in data.files}
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
+    except (OSError, ValueError, TypeError, NotImplementedError, zipfile.BadZipFile, EOFError) as error:
         raise ArtifactError(f'"{path}" is not a readable time series: {error}') from error
 
 
@@ -41,7 +41,11 @@ def write_csv(path: str | Path, series: Mapping[str, Array], interval_s: float) 
     t_s = series["t_s"]
     step = max(round(interval_s / (t_s[1] - t_s[0])), 1) if len(t_s) > 1 else 1
     header = ",".join(f"{name} [{UNITS[name]}]" for name in series)
-    columns = [[f"{value:.7g}" for value in values[::step].tolist()] for values in series.values()]
+    # Time keeps more digits: at 100 s, seven no longer tell samples of 50 us apart.
+    columns = [
+        [f"{value:{'.12g' if name == 't_s' else '.7g'}}" for value in values[::step].tolist()]
+        for name, values in series.items()
+    ]
     with Path(path).open("w", encoding="utf-8") as stream:
         stream.write(header + "\n")
         stream.writelines(",".join(row) + "\n" for row in zip(*columns, strict=True))

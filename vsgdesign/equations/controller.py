@@ -75,6 +75,43 @@ class ControllerOutput(NamedTuple):
     Q: Any
 
 
+def power_stage(
+    state: ControllerState, P: Any, Q: Any, refs: References, gains: PowerLoopGains, settings: ControllerSettings
+) -> Any:
+    """Power filters and power loops of one sample: ω, then the next (θ, ω_i, V, P_f, Q_f).
+
+    Integrators advance by forward Euler with period T_s; the angle by the frequency of this sample.
+    """
+    P_f = state.P_f + settings.smoothing_P * (P - state.P_f)
+    Q_f = state.Q_f + settings.smoothing_Q * (Q - state.Q_f)
+    omega, domega_dt, dV_dt = published_power_loops(state.omega_i, state.V, P_f, Q_f, refs, gains)
+    theta = state.theta + settings.T_s * omega
+    return omega, theta, state.omega_i + settings.T_s * domega_dt, state.V + settings.T_s * dV_dt, P_f, Q_f
+
+
+def voltage_stage(
+    theta: Any, V_rms: Any, state: ControllerState, measured: Measurement, gains: InnerLoopGains,
+    settings: ControllerSettings,
+) -> Any:  # fmt: skip
+    """Inner loops of one sample for the voltage V∠θ: v_b_alpha, v_b_beta, then the next four integrators."""
+    cosine = np.cos(theta)
+    sine = np.sin(theta)
+    v_d, v_q = rotate_back(measured.v_alpha, measured.v_beta, cosine, sine)
+    i_s_d, i_s_q = rotate_back(measured.i_s_alpha, measured.i_s_beta, cosine, sine)
+    i_g_d, i_g_q = rotate_back(measured.i_g_alpha, measured.i_g_beta, cosine, sine)
+    i_ref_d, i_ref_q, xi_vd, xi_vq = voltage_loop(
+        rms_to_peak(V_rms), v_d, v_q, i_g_d, i_g_q, state.xi_vd, state.xi_vq,
+        gains, settings.omega_C, settings.i_max_pk, settings.T_s,
+    )  # fmt: skip
+    v_b_d, v_b_q, xi_id, xi_iq = current_loop(
+        i_ref_d, i_ref_q, i_s_d, i_s_q, v_d, v_q, state.xi_id, state.xi_iq,
+        gains, settings.omega_L, settings.v_max_pk, settings.T_s,
+    )  # fmt: skip
+    lead_d, lead_q = rotate(v_b_d, v_b_q, settings.advance_cos, settings.advance_sin)
+    v_b_alpha, v_b_beta = rotate(lead_d, lead_q, cosine, sine)
+    return v_b_alpha, v_b_beta, xi_vd, xi_vq, xi_id, xi_iq
+
+
 def controller_step(
     state: ControllerState,
     measured: Measurement,
@@ -83,35 +120,11 @@ def controller_step(
     inner_gains: InnerLoopGains,
     settings: ControllerSettings,
 ) -> Any:
-    """One sample of the controller (:eq:`controller-step`): the next state, and the output of this one.
-
-    Integrators advance by forward Euler with period T_s; the angle by the frequency of this sample.
-    """
+    """One sample of the controller (:eq:`controller-step`): the next state, and the output of this one."""
     P, Q = instantaneous_power(measured.v_alpha, measured.v_beta, measured.i_g_alpha, measured.i_g_beta)
-    P_f = state.P_f + settings.smoothing_P * (P - state.P_f)
-    Q_f = state.Q_f + settings.smoothing_Q * (Q - state.Q_f)
-    omega, domega_dt, dV_dt = published_power_loops(state.omega_i, state.V, P_f, Q_f, refs, power_gains)
-
-    cosine = np.cos(state.theta)
-    sine = np.sin(state.theta)
-    v_d, v_q = rotate_back(measured.v_alpha, measured.v_beta, cosine, sine)
-    i_s_d, i_s_q = rotate_back(measured.i_s_alpha, measured.i_s_beta, cosine, sine)
-    i_g_d, i_g_q = rotate_back(measured.i_g_alpha, measured.i_g_beta, cosine, sine)
-    i_ref_d, i_ref_q, xi_vd, xi_vq = voltage_loop(
-        rms_to_peak(state.V), v_d, v_q, i_g_d, i_g_q, state.xi_vd, state.xi_vq,
-        inner_gains, settings.omega_C, settings.i_max_pk, settings.T_s,
-    )  # fmt: skip
-    v_b_d, v_b_q, xi_id, xi_iq = current_loop(
-        i_ref_d, i_ref_q, i_s_d, i_s_q, v_d, v_q, state.xi_id, state.xi_iq,
-        inner_gains, settings.omega_L, settings.v_max_pk, settings.T_s,
-    )  # fmt: skip
-    lead_d, lead_q = rotate(v_b_d, v_b_q, settings.advance_cos, settings.advance_sin)
-    v_b_alpha, v_b_beta = rotate(lead_d, lead_q, cosine, sine)
-
-    following = ControllerState(
-        state.theta + settings.T_s * omega,
-        state.omega_i + settings.T_s * domega_dt,
-        state.V + settings.T_s * dV_dt,
-        P_f, Q_f, xi_vd, xi_vq, xi_id, xi_iq,
-    )  # fmt: skip
+    omega, theta, omega_i, V, P_f, Q_f = power_stage(state, P, Q, refs, power_gains, settings)
+    v_b_alpha, v_b_beta, xi_vd, xi_vq, xi_id, xi_iq = voltage_stage(
+        state.theta, state.V, state, measured, inner_gains, settings
+    )
+    following = ControllerState(theta, omega_i, V, P_f, Q_f, xi_vd, xi_vq, xi_id, xi_iq)
     return following, ControllerOutput(v_b_alpha, v_b_beta, omega, P, Q)

@@ -139,9 +139,11 @@ def _index(t_s: Array, starts: list[float], T_s: float) -> NDArray[np.intp]:
 def measure_events(study: Study, series: dict[str, Array]) -> tuple[EventMetrics, ...]:
     """Figures of P_pcc and Q_pcc after every event, up to the next one."""
     t_s = series["t_s"]
+    if not study.events or len(t_s) < 2:
+        return ()
     alpha, beta = clarke(series["i_pcc_a"], series["i_pcc_b"], series["i_pcc_c"])
     current_pu = np.hypot(alpha, beta) / study.converter.I_rated_pk
-    per_cycle = max(round(2.0 * math.pi / study.converter.omega_n / (t_s[1] - t_s[0])), 1) if len(t_s) > 1 else 1
+    per_cycle = max(round(2.0 * math.pi / study.converter.omega_n / (t_s[1] - t_s[0])), 1)
     ends = [event.t_s for event in study.events[1:]] + [study.simulation.duration]
     metrics = []
     for event, end_s in zip(study.events, ends, strict=True):
