@@ -42,6 +42,16 @@ def operating_point(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
     return np.sqrt(V_sq), delta
 
 
+def largest_scale(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
+    """The largest s for which s·(P, Q) has an operating point; scaling R and X by s has the same effect.
+
+    :eq:`operating-point`'s discriminant in s is (V_g² + s c)² − 4 s² Z²S²/9 with c = 2(RP + XQ)/3: two linear
+    factors. For (P, Q) ≠ 0 not proportional to (R, X), where there is no limit.
+    """
+    c = 2.0 * (R * P + X * Q) / PHASES
+    return V_g_rms * V_g_rms / (2.0 * np.hypot(R, X) * np.hypot(P, Q) / PHASES - c)
+
+
 def jacobian_from_powers(P: Any, Q: Any, V_rms: Any, R: Any, X: Any) -> Any:
     """A, B, C, D from measured P, Q and V without δ or a solver (:eq:`jacobian-from-powers`).
 

@@ -28,8 +28,8 @@ def jacobian(
 ) -> NDArray[np.float64]:
     """[[A, B], [C, D]] at an operating point, W/rad, W/V, var/rad, var/V (V phase rms).
 
-    ``form="published"`` puts the paper's printed expression in the place of D: it is C over V_pcc's unit, not
-    ∂Q/∂V, and serves comparison only.
+    ``form="published"`` puts the paper's printed expression in the place of D: that is C = ∂Q/∂δ again,
+    not ∂Q/∂V, and serves comparison only.
     """
     if form not in ("exact", "published"):
         raise ValueError(f'form = "{form}": must be "exact" or "published"')

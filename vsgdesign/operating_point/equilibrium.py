@@ -9,6 +9,7 @@ from scipy.optimize import root_scalar
 
 from vsgdesign.equations.power_flow import (
     jacobian_from_powers,
+    largest_scale,
     operating_point,
     operating_point_discriminant,
     power_flow,
@@ -64,7 +65,10 @@ def solve_with_droop(
     def surplus(V: float) -> float:
         return Q_ref + D_q * (V_n_rms - V) - float(power_flow(_angle(P, V, V_g_rms, R, X), V, V_g_rms, R, X)[1])
 
-    grid = np.linspace(0.05, 4.0, 400) * max(V_g_rms, V_n_rms)
+    low, high = _voltages_with_angle(P, V_g_rms, R, X)
+    high = min(high, 4.0 * max(V_g_rms, V_n_rms))
+    # Dense towards both ends: on a resistive grid every root lies close to one.
+    grid = low + (high - low) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 400)))
     values = np.array([surplus(float(V)) for V in grid])
     # The last sign change between points where an angle exists.
     signs = np.isfinite(values[:-1]) & np.isfinite(values[1:]) & (values[:-1] * values[1:] <= 0.0)
@@ -82,7 +86,14 @@ def _angle(P: float, V: float, V_g_rms: float, R: float, X: float) -> float:
     """The stable δ that delivers P at voltage V: R V² + |Z| V V_g sin(δ − atan(R/X)) = P|Z|²/3; NaN if none."""
     Z = np.hypot(R, X)
     ratio = (P * Z * Z / PHASES - R * V * V) / (Z * V * V_g_rms)
-    return float(np.arctan2(R, X) + np.arcsin(ratio)) if abs(ratio) <= 1.0 else np.nan
+    return float(np.arctan2(R, X) + np.arcsin(np.clip(ratio, -1.0, 1.0))) if abs(ratio) <= 1.0 + 1e-12 else np.nan
+
+
+def _voltages_with_angle(P: float, V_g_rms: float, R: float, X: float) -> tuple[float, float]:
+    """The voltages between which :func:`_angle` has an answer: where |P|Z|²/3 − R V²| = |Z| V V_g."""
+    Z = np.hypot(R, X)
+    reach = V_g_rms + np.sqrt(np.maximum(V_g_rms * V_g_rms + 4.0 * R * P / PHASES, 0.0))
+    return 2.0 * Z * abs(P) / PHASES / reach, 0.5 * Z * reach / R if R > 0.0 else np.inf
 
 
 def _at(P: float, Q: float, V_rms: float, delta: float, R: float, X: float, limits: tuple) -> OperatingPoint:
@@ -92,41 +103,42 @@ def _at(P: float, Q: float, V_rms: float, delta: float, R: float, X: float, limi
 
 def _no_operating_point(P: float, Q: float, V_g_rms: float, R: float, X: float) -> NoOperatingPointError:
     """By how much, and which quantity to change."""
-    P_max = largest_power(P, Q, V_g_rms, R, X)
-    Z = float(np.hypot(R, X))
-    S = float(np.hypot(P, Q))
-    shrink = largest_scale(P, Q, V_g_rms, R, X)
+    low, high = feasible_powers(Q, V_g_rms, R, X)
+    Z, S = float(np.hypot(R, X)), float(np.hypot(P, Q))
+    scale = float(largest_scale(P, Q, V_g_rms, R, X))
+    shortfall = max(P - high, low - P) if np.isfinite(low) else S * (1.0 - scale)
     message = (
         f"no operating point: P = {P / 1e3:.4g} kW, Q = {Q / 1e3:.4g} kvar cannot cross |Z| = {Z:.4g} Ω "
         f"(R = {R:.4g} Ω, X = {X:.4g} Ω) from {V_g_rms:.4g} V rms. "
     )
-    if np.isfinite(P_max):
-        message += f"At this Q the most is P = {P_max / 1e3:.4g} kW, {(abs(P) - abs(P_max)) / 1e3:.4g} kW less. "
+    if np.isfinite(low):
+        nearest = high if high < P else low
+        message += f"At this Q the nearest possible P is {nearest / 1e3:.4g} kW, {shortfall / 1e3:.4g} kW away. "
+    b_0, _ = operating_point_discriminant(P, Q, V_g_rms, R, X)
+    helps = b_0 * X / PHASES > 2.0 * Z * Z * Q / PHASES**2  # the discriminant grows with Q
     message += (
-        f"Change one: scale P and Q to {100.0 * shrink:.3g} % ({S * shrink / 1e3:.4g} kVA), reduce |Z| to "
-        f"{Z * shrink:.4g} Ω (raise the SCR {1.0 / shrink:.3g} times), or raise Q."
+        f"Change one: scale P and Q to {100.0 * scale:.3g} % ({S * scale / 1e3:.4g} kVA), reduce |Z| to "
+        f"{Z * scale:.4g} Ω (raise the SCR {1.0 / scale:.3g} times), or {'raise' if helps else 'lower'} Q."
     )
-    shortfall = abs(P) - abs(P_max) if np.isfinite(P_max) else S * (1.0 - shrink)
-    return NoOperatingPointError(message, shortfall_w=shortfall)
+    return NoOperatingPointError(message, shortfall_w=float(shortfall))
 
 
-def largest_power(P: float, Q: float, V_g_rms: float, R: float, X: float) -> float:
-    """The largest P of the sign of P that the grid carries at this Q, in W; NaN if it carries none.
+def feasible_powers(Q: float, V_g_rms: float, R: float, X: float) -> tuple[float, float]:
+    """Least and largest P in W that the grid carries at this Q; NaN, NaN if it carries none.
 
-    The discriminant of :eq:`operating-point` is a quadratic in P with leading coefficient −4X²/9.
+    The discriminant of :eq:`operating-point` is a quadratic in P with leading coefficient −4X²/9, positive
+    between its roots. Without reactance one side has no limit.
     """
     Z_sq = R * R + X * X
     b_0 = 2.0 * X * Q / PHASES + V_g_rms * V_g_rms
     constant = b_0 * b_0 - 4.0 * Z_sq * Q * Q / PHASES**2
-    roots = np.roots([-4.0 * X * X / PHASES**2, 4.0 * R * b_0 / PHASES, constant])
-    real = roots.real[np.abs(roots.imag) < 1e-9 * (1.0 + np.abs(roots.real))]
-    side = real[real >= 0.0] if P >= 0.0 else real[real <= 0.0]
-    return float(max(side, key=abs)) if side.size else np.nan
-
-
-def largest_scale(P: float, Q: float, V_g_rms: float, R: float, X: float) -> float:
-    """The largest s for which s·(P, Q) has an operating point; scaling Z by s instead has the same effect."""
-    # With s: (V_g² + s c)² − 4 s² d = 0 where c = 2(RP + XQ)/3, d = Z²S²/9: linear factors in s.
-    c = 2.0 * (R * P + X * Q) / PHASES
-    root_d = float(np.hypot(R, X) * np.hypot(P, Q)) / PHASES
-    return float(V_g_rms * V_g_rms / (2.0 * root_d - c)) if 2.0 * root_d > c else np.inf
+    half_linear, quadratic = 2.0 * R * b_0 / PHASES, -4.0 * X * X / PHASES**2
+    inside = half_linear * half_linear - quadratic * constant
+    if inside < 0.0:
+        return float("nan"), float("nan")
+    if quadratic == 0.0:
+        return (-constant / (2.0 * half_linear), float("inf")) if half_linear > 0.0 else (float("nan"), float("nan"))
+    # The larger root by magnitude first: the other follows from their product without cancellation.
+    first = -(half_linear + np.copysign(np.sqrt(inside), half_linear)) / quadratic
+    second = constant / (quadratic * first) if first != 0.0 else 0.0
+    return float(min(first, second)), float(max(first, second))

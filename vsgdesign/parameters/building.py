@@ -37,7 +37,7 @@ def build_study(document: dict[str, Any], default_name: str, content_hash: str, 
     root.integer("schema", SCHEMA, SCHEMA, default=SCHEMA)
     name, title, source = _read_identity(root.child("study"), default_name)
     converter = _read_converter(root.section("converter"))
-    filter_ = _read_filter(root.section("filter"), converter)
+    filter_ = _read_filter(root.section("filter"))
     inner_gains = _read_inner_loops(root.section("inner_loops"), filter_)
     grid_table = root.section("grid")
     grid, source_, basis = _read_grid_section(grid_table, converter)
@@ -50,6 +50,7 @@ def build_study(document: dict[str, Any], default_name: str, content_hash: str, 
     power.finish()
     simulation = read_simulation(root.section("simulation"), converter)
     events = read_events(root.children("events"), grid, basis, converter, simulation)
+    _check_resonance(filter_, converter, [grid, *(event.grid for event in events if event.grid)], faults)
     controllers = _read_controllers(root, target, grid, basis, converter, simulation)
     root.finish()
     return Study(
@@ -103,7 +104,7 @@ def _read_converter(table: TableReader) -> Converter:
     return converter
 
 
-def _read_filter(table: TableReader, converter: Converter) -> Filter:
+def _read_filter(table: TableReader) -> Filter:
     kind = table.choice("kind", ("LC", "LCL"))
     filter_ = Filter(
         L_1=table.quantity("L_1", "H", 1e-7, 0.5),
@@ -118,15 +119,21 @@ def _read_filter(table: TableReader, converter: Converter) -> Filter:
             if table.has(field):
                 table.fault(field, table.table[field], "an LC filter has none", 'Set kind = "LCL" or remove it.')
                 table.quantity(field, "H" if field == "L_2" else "ohm")
-    resonance_hz = 1.0 / (2.0 * math.pi * np.sqrt(filter_.L_1 * filter_.C))
-    nyquist_hz = 0.5 / converter.T_s
-    if resonance_hz > nyquist_hz:
-        table.fault(
-            "C", None, f"with L_1 it resonates at {resonance_hz:.4g} Hz, above half the sampling frequency "
-            f"({nyquist_hz:.4g} Hz)", "Sample faster, or enlarge L_1 or C.",
-        )  # fmt: skip
     table.finish()
     return filter_
+
+
+def _check_resonance(filter_: Filter, converter: Converter, grids: list[Grid], faults: list[Fault]) -> None:
+    """The capacitor with L_1 in parallel to the path to the grid must resonate below half the sampling rate."""
+    L_path = min((filter_.L_2 + grid.L_g for grid in grids), default=math.nan)
+    resonance_hz = np.sqrt((1.0 / filter_.L_1 + 1.0 / L_path) / filter_.C) / (2.0 * math.pi)
+    nyquist_hz = 0.5 / converter.T_s
+    if resonance_hz > nyquist_hz:
+        problem = (
+            f"with L_1 and the strongest grid it resonates at {resonance_hz:.4g} Hz, above half the sampling "
+            f"frequency ({nyquist_hz:.4g} Hz)"
+        )
+        faults.append(Fault("filter.C", f"{filter_.C:.4g} F", problem, "Sample faster, or enlarge L_1 or C."))
 
 
 def _read_inner_loops(table: TableReader, filter_: Filter) -> InnerLoopGains:

@@ -31,7 +31,8 @@ DASHES: tuple[Any, ...] = (
 REFERENCE: dict[str, Any] = {"color": "#222222", "linestyle": (0, (2.2, 1.6)), "linewidth": 0.7, "zorder": 2.2}
 EVENT_LINE: dict[str, Any] = {"color": "#9A9A9A", "linestyle": (0, (1, 2)), "linewidth": 0.6, "zorder": 1.1}
 BAND: dict[str, Any] = {"color": "#BDBDBD", "alpha": 0.45, "linewidth": 0.0, "zorder": 0.6}
-ZOOM_SPAN: dict[str, Any] = {"color": "#F0E442", "alpha": 0.30, "linewidth": 0.0, "zorder": 0.4}
+LIMITS_BAND: dict[str, Any] = {"facecolor": "#DDEFE8", "edgecolor": "#5B8C7B", "linewidth": 0.6, "zorder": 0.3}
+ZOOM_SPAN: dict[str, Any] = {"color": "#F0E442", "alpha": 0.25, "linewidth": 0.0, "zorder": 0.4}
 NOTE_COLOUR = "#444444"
 
 _LOOK: dict[str, Any] = {
@@ -117,4 +118,4 @@ def line_style(index: int) -> dict[str, Any]:
 
 def text_width(text: str, size_pt: float = TEXT_PT) -> float:
     """Rough width of plain text in inches, on the safe side."""
-    return 0.6 * size_pt / 72.0 * len(text)
+    return 0.54 * size_pt / 72.0 * len(text)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsgdesign.equations.closed_form import power_loop_gains
-from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point
+from vsgdesign.equations.power_flow import jacobian_from_powers, largest_scale, operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import NoOperatingPointError
 from vsgdesign.parameters.study import ClosedFormTarget, Study
@@ -42,11 +42,16 @@ class ClosedFormSchedule:
             V_rms, _ = operating_point(self.P, self.Q, self.V_g_rms, R, X)
         A, _, _, D = jacobian_from_powers(self.P, self.Q, V_rms, R, X)
         if not (A > 0.0 and D > 0.0):
-            reason = "has no operating point" if np.isnan(A) else f"makes A = {A:.4g} W/rad, D = {D:.4g} var/V"
+            what, advice = f"makes A = {A:.4g} W/rad, D = {D:.4g} var/V", "Design for another power"
+            shortfall_w = float("nan")
+            if np.isnan(A):
+                share = float(largest_scale(self.P, self.Q, self.V_g_rms, R, X))
+                what, advice = "has no operating point", f"Design for {100.0 * share:.3g} % of that power"
+                shortfall_w = (1.0 - share) * abs(self.P)
             raise NoOperatingPointError(
-                f"no closed-form gains: P = {self.P / 1e3:.4g} kW, Q = {self.Q / 1e3:.4g} kvar {reason} at "
-                f"R_g = {R_g:.4g} Ω, L_g = {L_g * 1e3:.4g} mH. Design for less power, or leave this grid out.",
-                shortfall_w=float("nan"),
+                f"no closed-form gains: P = {self.P / 1e3:.4g} kW, Q = {self.Q / 1e3:.4g} kvar {what} at "
+                f"R_g = {R_g:.4g} Ω, L_g = {L_g * 1e3:.4g} mH. {advice} (P_design, Q_design), or leave this grid out.",
+                shortfall_w=shortfall_w,
             )
         values = power_loop_gains(A, D, self.settling_time, self.damping_ratio, self.droop_ratio)
         return PowerLoopGains(*(float(value) for value in values))

@@ -47,6 +47,12 @@ def carrier(p: Any) -> Any:
     return 4.0 * p - 1.0 if p < 0.5 else 3.0 - 4.0 * p
 
 
+def leg_voltage(m: Any, p: Any, half: Any) -> Any:
+    """±V_dc/2 of a leg just after carrier position p; on a tie the carrier's slope decides."""
+    level = carrier(p)
+    return half if m > level or (m == level and p >= 0.5) else -half
+
+
 def edge_response(edge: Any, x: Any) -> Any:
     """The three components of the edge polynomial at x (Horner)."""
     degree = edge.shape[0] - 1
@@ -172,10 +178,9 @@ def run_stretch(
                 scale = 1.0 / (n * settings.T_s)
                 p_start = p_begin + elapsed * scale
                 p_end = p_begin + (elapsed + h) * scale if piece < pieces - 1 else p_begin + 1.0 / n
-                level = carrier(p_start)
                 half = 0.5 * bridge.V_dc
                 v_0_alpha, v_0_beta = clarke(
-                    half if m_a > level else -half, half if m_b > level else -half, half if m_c > level else -half
+                    leg_voltage(m_a, p_start, half), leg_voltage(m_b, p_start, half), leg_voltage(m_c, p_start, half)
                 )
                 advance_plant(x, v_0_alpha, v_0_beta, transitions[piece], bridges[piece])
                 a_alpha, a_beta = clarke(bridge.V_dc, 0.0, 0.0)

@@ -25,7 +25,11 @@ from vsgdesign.simulation.steady_state import cold_start, steady_state
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
 
 _RAMP_STRETCH = 0.02
-"""Longest stretch of a ramp with one centre frequency, s: keeps the second-order source model exact."""
+"""Longest stretch of a ramp with one centre frequency, s."""
+
+_RAMP_DRIFT = 1e-4
+"""Largest angle, rad, that a ramp may drift from its centre frequency within one period of a stretch: the source
+model's error is its cube over six, 2e-13."""
 
 _PROGRESS_STRETCH = 1.0
 """Longest stretch between two calls of ``progress``, s of simulated time."""
@@ -177,10 +181,11 @@ def _stretches(
         cuts.add(math.ceil(t_s / T_s - 1e-6))
     steps = max(round(_PROGRESS_STRETCH / T_s), 1)
     cuts |= set(range(0, samples, steps))
-    ramp_steps = max(round(_RAMP_STRETCH / T_s), 1)
     for segment, following in zip(timeline.sources, [*timeline.sources[1:], None], strict=True):
         if not segment.steady:
             end = samples if following is None else math.ceil(following.t_s / T_s)
+            slope = max(abs(segment.omega_slope), 1e-12)
+            ramp_steps = max(round(min(_RAMP_STRETCH, _RAMP_DRIFT / (slope * T_s)) / T_s), 1)
             cuts |= set(range(math.floor(segment.t_s / T_s), min(end, samples), ramp_steps))
     ordered = sorted(k for k in cuts if 0 <= k <= samples)
     for first, following in itertools.pairwise(ordered):
