@@ -66,6 +66,7 @@ def solve_with_droop(
         return Q_ref + D_q * (V_n_rms - V) - float(power_flow(_angle(P, V, V_g_rms, R, X), V, V_g_rms, R, X)[1])
 
     low, high = _voltages_with_angle(P, V_g_rms, R, X)
+    low = max(low, 1e-3 * V_g_rms)
     high = min(high, 4.0 * max(V_g_rms, V_n_rms))
     # Dense towards both ends: on a resistive grid every root lies close to one.
     grid = low + (high - low) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 400)))
