@@ -16,9 +16,9 @@ import pytest
 
 from tests.oracles.emt_reference import Start, State, Trace, at_rest, run_reference
 from tests.simulation.studies import FAST_GAINS, GAINS, lc_study, lcl_study
+from vsgdesign.operating_point.sampled import steady_state
 from vsgdesign.parameters import Grid, Study, study_from_text
 from vsgdesign.simulation import GainChange, Simulation, gain_changes, simulate
-from vsgdesign.simulation.steady_state import steady_state
 from vsgdesign.simulation.timeline import build_timeline
 
 TOLERANCE = 1e-9
@@ -64,9 +64,10 @@ over = "5 ms"
 
 def library_start(study: Study, gains: Sequence[GainChange]) -> Start:
     """The library's steady start as an initial condition. (Whether it is steady has its own test.)"""
-    source = build_timeline(study).source_at(0.0)
+    phase = build_timeline(study).source_at(0.0).phase
     spec = study.simulation
-    x, s, pending = steady_state(study, study.grid, source, spec.P_ref, spec.Q_ref, gains[0].gains)
+    start = steady_state(study, study.grid, study.grid_source, spec.P_ref, spec.Q_ref, gains[0].gains, phase)
+    x, s, pending = start.plant, start.controller, start.pending
     state = State(
         s.theta, s.omega_i, s.V, complex(s.P_f, s.Q_f), complex(s.xi_vd, s.xi_vq), complex(s.xi_id, s.xi_iq)
     )  # fmt: skip

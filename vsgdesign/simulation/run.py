@@ -16,12 +16,12 @@ from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.frames import rms_to_peak
-from vsgdesign.parameters.study import Study
+from vsgdesign.operating_point.plant import PlantStep, plant_step
+from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state
+from vsgdesign.parameters.study import GridSource, Study
 from vsgdesign.simulation.compiling import compile_function, source_stamp
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.kernel import LOG_COLUMNS, Bridge, run_stretch
-from vsgdesign.simulation.plant import PlantStep, plant_step
-from vsgdesign.simulation.steady_state import cold_start, steady_state
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
 
 _RAMP_STRETCH = 0.02
@@ -102,7 +102,8 @@ def simulate(
     log_every = round(study.simulation.log_interval / T_s)
     log = np.empty((-(-samples // log_every), len(LOG_COLUMNS)))
     controller_log = np.empty((min(log_states, samples), len(ControllerState._fields)))
-    x, state, pending = _start(study, timeline, gain_changes[0].gains)
+    start = _start(study, timeline, gain_changes[0].gains)
+    x, state, pending = start.plant, start.controller, start.pending
     c = study.converter
     pwm = (study.simulation.bridge if bridge is None else bridge) == "pwm"
     bridge_data = Bridge(
@@ -141,13 +142,15 @@ def simulate(
     return Simulation(t_s, log, controller_log, timeline, tuple(gain_changes), state, x, loop_seconds)
 
 
-def _start(study: Study, timeline: Timeline, gains: PowerLoopGains) -> tuple:
+def _start(study: Study, timeline: Timeline, gains: PowerLoopGains) -> SampledState:
     source = timeline.source_at(0.0)
     if study.simulation.start == "cold":
-        return cold_start(study, source)
+        return cold_start(study, source.phase)
     if not source.steady:
         raise InfeasibleStudyError("a steady-state start cannot begin inside a ramp: move the ramp after t = 0")
-    return steady_state(study, timeline.grid_at(0.0), source, *timeline.references_at(0.0), gains)
+    P_ref, Q_ref = timeline.references_at(0.0)
+    grid, at_start = timeline.grid_at(0.0), GridSource(source.V_g_rms, source.omega)
+    return steady_state(study, grid, at_start, P_ref, Q_ref, gains, source.phase)
 
 
 def _gains_at(changes: Sequence[GainChange], t_s: float) -> PowerLoopGains:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
@@ -11,15 +13,23 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References, publishe
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.frames import instantaneous_power, rms_to_peak
 from vsgdesign.operating_point.equilibrium import OperatingPoint, solve_with_droop
-from vsgdesign.parameters.study import Grid, Study
-from vsgdesign.simulation.plant import PlantStep, plant_step
-from vsgdesign.simulation.timeline import SourceSegment
+from vsgdesign.operating_point.plant import PlantStep, plant_step
+from vsgdesign.parameters.study import Grid, GridSource, Study
+
+
+@dataclass(frozen=True)
+class SampledState:
+    """Plant state (i_s, v_c, i_g, each as α, β), controller state, and the voltage waiting out the delay (2)."""
+
+    plant: NDArray[np.float64]
+    controller: ControllerState
+    pending: NDArray[np.float64]
 
 
 def steady_state(
-    study: Study, grid: Grid, source: SourceSegment, P_ref: float, Q_ref: float, gains: PowerLoopGains
-) -> tuple[NDArray[np.float64], ControllerState, NDArray[np.float64]]:
-    """Plant state (6), controller state and pending voltage (2) that one control period only turns by ω_g·T_s.
+    study: Study, grid: Grid, source: GridSource, P_ref: float, Q_ref: float, gains: PowerLoopGains, phase: float = 0.0
+) -> SampledState:
+    """The state that one control period only turns by ω_g·T_s, with the source's phasor at ``phase`` (rad).
 
     At a fixed point of the sampled map every integrator's input is zero, so the capacitor sits at V∠δ, the
     currents follow from it linearly, and three equations are left for V, δ and ω. Averaged bridge. Raises
@@ -29,15 +39,15 @@ def steady_state(
     delay = study.converter.delay_samples
     V_n, omega_n = study.converter.V_rated_rms, study.converter.omega_n
     refs = References(P_ref, Q_ref, omega_n, V_n)
-    omega_g, T_s = source.omega, settings.T_s
+    omega_g, T_s = source.omega_g, settings.T_s
     plant = plant_step(study.circuit(grid), T_s, omega_g)
-    v_g = rms_to_peak(source.V_g_rms) * np.exp(1j * source.phase)
+    v_g = rms_to_peak(source.V_g_rms) * np.exp(1j * phase)
 
     guess = _guess(study, grid, source, refs, gains)
 
     def residual(unknown: NDArray[np.float64]) -> list[float]:
         V, delta, omega_i = unknown[0] * V_n, unknown[1], unknown[2] * omega_n
-        x, _ = _phasors(study, plant, omega_g, rms_to_peak(V) * np.exp(1j * (delta + source.phase)), v_g)
+        x, _ = _phasors(study, plant, omega_g, rms_to_peak(V) * np.exp(1j * (delta + phase)), v_g)
         v = x[1] + study.filter.R_c * (x[0] - x[2])
         P, Q = instantaneous_power(v.real, v.imag, x[2].real, x[2].imag)
         omega, domega_dt, dV_dt = published_power_loops(omega_i, V, P, Q, refs, gains)
@@ -52,7 +62,7 @@ def steady_state(
     if not error < 1e-9:
         raise InfeasibleStudyError(f"the start has no steady state (residual {error:.2g} pu): {solved.message}")
     V, delta, omega_i = solved.x[0] * V_n, float(solved.x[1]), solved.x[2] * omega_n
-    theta = delta + source.phase
+    theta = delta + phase
     x, v_b = _phasors(study, plant, omega_g, rms_to_peak(V) * np.exp(1j * theta), v_g)
     _check_limits(study, x, v_b)
 
@@ -69,20 +79,20 @@ def steady_state(
         float(theta), float(omega_i), float(V), float(P), float(Q),
         float(xi_v.real), float(xi_v.imag), float(xi_i.real), float(xi_i.imag),
     )  # fmt: skip
-    return _interleave(x), state, np.array([v_b.real, v_b.imag])
+    return SampledState(_interleave(x), state, np.array([v_b.real, v_b.imag]))
 
 
-def cold_start(study: Study, source: SourceSegment) -> tuple[NDArray[np.float64], ControllerState, NDArray[np.float64]]:
+def cold_start(study: Study, phase: float = 0.0) -> SampledState:
     """Everything at rest: no current, empty capacitor, controller at nominal voltage in phase with the grid."""
     c = study.converter
-    state = ControllerState(source.phase, c.omega_n, c.V_rated_rms, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return np.zeros(6), state, np.zeros(2)
+    state = ControllerState(phase, c.omega_n, c.V_rated_rms, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return SampledState(np.zeros(6), state, np.zeros(2))
 
 
-def _guess(study: Study, grid: Grid, source: SourceSegment, refs: References, gains: PowerLoopGains) -> OperatingPoint:
+def _guess(study: Study, grid: Grid, source: GridSource, refs: References, gains: PowerLoopGains) -> OperatingPoint:
     """The continuous-time operating point with both droops: what the sampled one is a hair away from."""
-    R, X = study.path_to_grid(grid, source.omega)
-    P = refs.P_ref + gains.D_p * (refs.omega_0 - source.omega)
+    R, X = study.path_to_grid(grid, source.omega_g)
+    P = refs.P_ref + gains.D_p * (refs.omega_0 - source.omega_g)
     try:
         return solve_with_droop(P, refs.Q_ref, gains.D_q, refs.V_n, source.V_g_rms, R, X)
     except NoOperatingPointError as error:

@@ -1,0 +1,39 @@
+"""Modes of a linear model: damping ratios, participation factors, sensitivities."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Complex = NDArray[np.complex128]
+Array = NDArray[np.float64]
+
+
+def damping_ratio(eigenvalues: Complex) -> Array:
+    """−Re s/|s| of continuous-time eigenvalues; 1 for s = 0 (an integrator oscillates not at all)."""
+    size = np.abs(eigenvalues)
+    return np.where(size > 0.0, -eigenvalues.real / np.where(size > 0.0, size, 1.0), 1.0)
+
+
+def to_continuous(z: Complex, T_s: float) -> Complex:
+    """s = ln(z)/T_s of discrete-time eigenvalues; −∞ for z = 0 (gone within a sample)."""
+    with np.errstate(divide="ignore"):
+        return np.log(z.astype(complex)) / T_s
+
+
+def participation_factors(A: Array) -> tuple[Complex, Array]:
+    """Eigenvalues (…, n) and participation |p_ki| (…, n states, n modes), each mode's column summing to one.
+
+    p_ki = v_ki w_ik with right eigenvectors v and left eigenvectors w scaled to w v = I (:eq:`participation`).
+    """
+    eigenvalues, right = np.linalg.eig(A)
+    left = np.linalg.inv(right)
+    factors = np.abs(right * np.swapaxes(left, -1, -2))
+    return eigenvalues, factors / factors.sum(axis=-2, keepdims=True)
+
+
+def eigenvalue_sensitivity(A: Array, dA: Array) -> tuple[Complex, Complex]:
+    """Eigenvalues and their derivatives w dA v (:eq:`eigenvalue-sensitivity`) for matrices (…, n, n)."""
+    eigenvalues, right = np.linalg.eig(A)
+    left = np.linalg.inv(right)
+    return eigenvalues, np.einsum("...ij,...jk,...ki->...i", left, dA, right)
