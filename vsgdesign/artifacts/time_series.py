@@ -30,7 +30,8 @@ def write_npz(path: str | Path, series: Mapping[str, Array]) -> None:
 def read_npz(path: str | Path) -> dict[str, Array]:
     """The series back, in double precision. Raises ArtifactError for a file that is not one."""
     try:
-        with np.load(path, allow_pickle=False) as data:
+        # Opened here: NumPy leaves a file that turns out to be no archive open.
+        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as data:
             return {name: np.asarray(data[name], dtype=float) for name in data.files}
     except (OSError, ValueError, TypeError, NotImplementedError, zipfile.BadZipFile, EOFError) as error:
         raise ArtifactError(f'"{path}" is not a readable time series: {error}') from error
