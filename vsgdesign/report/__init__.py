@@ -1,0 +1,30 @@
+"""Figures and a page from a scenario's results. Importing this room does not load matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vsgdesign.report.figure_types import WrittenFigure
+
+if TYPE_CHECKING:
+    from vsgdesign.simulation import ScenarioResult
+
+__all__ = ["WrittenFigure", "write_figures", "write_report"]
+
+
+def write_figures(result: ScenarioResult, folder: str | Path) -> list[WrittenFigure]:
+    """Draw every figure of a scenario into ``folder`` (made if missing), each as SVG and as PNG (200 dpi)."""
+    from vsgdesign.report.files import write_all
+
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return write_all(result, folder)
+
+
+def write_report(result: ScenarioResult, figures: Sequence[WrittenFigure], out_path: str | Path) -> Path:
+    """Write the report of a scenario: one HTML file that holds the text, the tables and the given figures."""
+    from vsgdesign.report.page import write_page
+
+    return write_page(result, figures, Path(out_path))

@@ -32,7 +32,7 @@ REFERENCE: dict[str, Any] = {"color": "#222222", "linestyle": (0, (2.2, 1.6)), "
 EVENT_LINE: dict[str, Any] = {"color": "#9A9A9A", "linestyle": (0, (1, 2)), "linewidth": 0.6, "zorder": 1.1}
 BAND: dict[str, Any] = {"color": "#BDBDBD", "alpha": 0.45, "linewidth": 0.0, "zorder": 0.6}
 LIMITS_BAND: dict[str, Any] = {"facecolor": "#DDEFE8", "edgecolor": "#5B8C7B", "linewidth": 0.6, "zorder": 0.3}
-ZOOM_SPAN: dict[str, Any] = {"color": "#F0E442", "alpha": 0.25, "linewidth": 0.0, "zorder": 0.4}
+ZOOM_SPAN: dict[str, Any] = {"color": "#8A8A8A", "linewidth": 0.0, "zorder": 2.1}
 NOTE_COLOUR = "#444444"
 
 _LOOK: dict[str, Any] = {
@@ -88,7 +88,7 @@ def look() -> AbstractContextManager[None]:
 
 
 @functools.cache
-def _settings() -> dict[str, Any]:
+def _settings() -> Any:
     # What belongs to the session rather than to the look is left alone.
     session = ("backend", "interactive", "toolbar", "timezone", "tk.", "webagg", "docstring", "keymap", "figure.hooks")
     defaults = {key: value for key, value in matplotlib.rcParamsDefault.items() if not key.startswith(session)}

@@ -14,7 +14,7 @@ LABEL_ROW_IN = 0.125
 """Height of one row of event labels."""
 
 _MOST_ROWS = 3
-_LONGEST_NAME = 28
+_LONGEST_NAME = 24
 _SYMBOL = re.compile(r"\b([PQVf])_(ref|g)\b")
 
 

@@ -1,0 +1,31 @@
+"""What the figure makers hand on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class NamedFigure:
+    """A figure with what a page needs around it. ``name`` becomes its file name."""
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+
+
+@dataclass(frozen=True)
+class WrittenFigure:
+    """A figure on disk, as SVG and as PNG."""
+
+    name: str
+    title: str
+    caption: str
+    svg: Path
+    png: Path

@@ -1,0 +1,56 @@
+"""Figures to files: SVG and PNG, small and the same on every run."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+from vsgdesign.report.bode_figures import bode_figures
+from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.scenario_figures import scenario_figures
+from vsgdesign.report.style import look
+from vsgdesign.simulation import ScenarioResult
+
+_PATH = re.compile(r'(?<= d=")[^"]*')
+_LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
+_SPACE = re.compile(r"\s+")
+_FAMILY = "'DejaVu Sans', sans-serif"
+
+
+def all_figures(result: ScenarioResult) -> Iterator[NamedFigure]:
+    """Every figure of a scenario, one at a time."""
+    yield from scenario_figures(result)
+    yield from bode_figures(result)
+
+
+def write_all(result: ScenarioResult, folder: Path) -> list[WrittenFigure]:
+    """Write every figure of a scenario into an existing folder."""
+    return [write_figure(figure, folder) for figure in all_figures(result)]
+
+
+def write_figure(named: NamedFigure, folder: Path) -> WrittenFigure:
+    """One figure as NAME.svg and NAME.png."""
+    svg, png = folder / f"{named.name}.svg", folder / f"{named.name}.png"
+    buffer = io.StringIO()
+    with look(), warnings.catch_warnings():
+        # A controller may have any letters in its name; a missing glyph costs a box in the PNG, no more.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        named.figure.savefig(
+            buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None}
+        )
+        named.figure.savefig(png, format="png", metadata={"Software": None})
+    svg.write_text(compact(buffer.getvalue()), encoding="utf-8", newline="\n")
+    return WrittenFigure(named.name, named.title, named.caption, svg, png)
+
+
+def compact(svg: str) -> str:
+    """The same drawing with path coordinates to a hundredth of a point, and a font list that every system has."""
+    svg = _PATH.sub(lambda match: _LONG_NUMBER.sub(_rounded, _SPACE.sub(" ", match.group()).strip()), svg)
+    return svg.replace(_FAMILY, "'DejaVu Sans', Verdana, sans-serif")
+
+
+def _rounded(match: re.Match[str]) -> str:
+    return f"{float(match.group()):.2f}".rstrip("0").rstrip(".")

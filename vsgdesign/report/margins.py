@@ -1,0 +1,81 @@
+"""Each controller's open P loop on each grid of the scenario, with its classical margins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import NoOperatingPointError
+from vsgdesign.operating_point import solve_operating_point
+from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
+from vsgdesign.parameters import Grid
+from vsgdesign.report.quantities import plain
+from vsgdesign.runtime import closed_form_schedule
+from vsgdesign.simulation import ControllerResult, ScenarioResult
+
+
+@dataclass(frozen=True)
+class LoopOnGrid:
+    """The open P loop of one controller on one grid, at the operating point of the controller's design."""
+
+    label: str
+    Z_ohm: float
+    P: float
+    Q: float
+    gains: PowerLoopGains
+    numerator: NDArray[np.float64]
+    denominator: NDArray[np.float64]
+    margins: LoopMargins
+
+    @property
+    def corner_rad_s(self) -> float:
+        """The loop's finite corner, K_ip·D_p."""
+        return float(self.gains.K_ip * self.gains.D_p)
+
+    def response(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Frequency response at angular frequencies in rad/s."""
+        s = 1j * omega
+        return np.polyval(self.numerator, s) / np.polyval(self.denominator, s)
+
+
+def distinct_grids(result: ScenarioResult) -> tuple[Grid, ...]:
+    """Every grid of the scenario once, in order of appearance."""
+    return tuple(dict.fromkeys(grid for _, grid in result.timeline.grids))
+
+
+def grid_label(result: ScenarioResult, grid: Grid) -> str:
+    """SCR and X/R of a grid."""
+    converter = result.study.converter
+    ratio = grid.x_over_r(converter.omega_n)
+    return f"SCR {plain(grid.scr(converter, result.study.scr_basis), 3)}, X/R {plain(ratio, 3)}"
+
+
+def loops_on_grids(result: ScenarioResult, controller: ControllerResult) -> tuple[LoopOnGrid, ...]:
+    """The loops on all grids that can carry the power of the controller's design."""
+    study, target = result.study, controller.spec.target
+    schedule = closed_form_schedule(study, target)
+    loops = []
+    for grid in distinct_grids(result):
+        R, X = study.path_to_grid(grid)
+        try:
+            point = solve_operating_point(target.P, target.Q, study.grid_source.V_g_rms, R, X)
+            gains = (
+                schedule.gains(grid.R_g, grid.L_g)
+                if controller.spec.kind == "scheduled"
+                else controller.gain_changes[0].gains
+            )
+        except NoOperatingPointError:
+            continue
+        # Beyond A = 0 the loop has positive feedback: it has no margin to speak of.
+        if point.A <= 0.0:
+            continue
+        open_loop = power_loops(gains, point.A, point.D).P_open
+        numerator, denominator = (np.trim_zeros(np.ravel(part[0][0]), "f") for part in (open_loop.num, open_loop.den))
+        loops.append(LoopOnGrid(
+            grid_label(result, grid), float(np.hypot(R, X)), target.P, target.Q, gains,
+            numerator, denominator, loop_margins(open_loop),
+        ))  # fmt: skip
+    return tuple(loops)

@@ -1,0 +1,142 @@
+"""The report: one HTML file with everything in it, nothing fetched and nothing executed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+
+from vsgdesign import __version__
+from vsgdesign.report import tables
+from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.quantities import plain, plain_quantity
+from vsgdesign.report.verdict import explanation, step_outcomes, verdict
+from vsgdesign.simulation import ScenarioResult
+
+
+def write_page(result: ScenarioResult, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
+    """Write the page of a scenario, with the figures' SVG text as it lies on disk."""
+    import jinja2
+
+    outcomes = step_outcomes(result)
+    study = result.study
+    environment = jinja2.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    )
+    environment.filters["sub"] = with_subscripts
+    template = (resources.files("vsgdesign.report") / "templates" / "report.html.j2").read_text(encoding="utf-8")
+    with_events = bool(study.events)
+    text = environment.from_string(template).render(
+        study=study,
+        version=__version__,
+        scenario=_scenario(result),
+        verdict=verdict(result, outcomes),
+        explanation=explanation(outcomes),
+        targets=tables.targets_table(outcomes) if outcomes else None,
+        setting=(tables.converter_table(result), tables.filter_table(result)),
+        controllers=tables.controllers_table(result),
+        events=tables.events_table(result) if with_events else None,
+        operating_points=tables.operating_points_table(result),
+        gains=[tables.gains_table(controller) for controller in result.controllers],
+        margins=tables.margins_table(result),
+        metrics=[tables.metrics_table(result, controller) for controller in result.controllers if controller.events],
+        figures=[
+            (figure, inline_svg(figure.svg.read_text(encoding="utf-8"), figure.name, figure.title))
+            for figure in figures
+        ],
+        limits=limits_of_validity(result),
+    )
+    out_path.write_text(text, encoding="utf-8", newline="\n")
+    return out_path
+
+
+_SUBSCRIPT = re.compile(r"(?<![A-Za-z])(K|D|P|Q|V|R|L|T|f|ω)_(ref|pcc|ip|iq|pv|iv|pc|ic|p|q|g|n|s|op)\b")
+
+
+def with_subscripts(text: str) -> str:
+    """A plain text with its symbols (K_ip, P_ref) set with subscripts, everything else escaped."""
+    from markupsafe import Markup, escape
+
+    return Markup(_SUBSCRIPT.sub(r"<i>\1</i><sub>\2</sub>", str(escape(text))))
+
+
+def _scenario(result: ScenarioResult) -> str:
+    study = result.study
+    names = ", ".join(controller.spec.name for controller in result.controllers)
+    count = len(study.events)
+    events = "no events" if count == 0 else f"{count} event{'s' if count > 1 else ''}"
+    plural = "s" if len(result.controllers) > 1 else ""
+    bridges = " and ".join(sorted({_bridge(controller.bridge) for controller in result.controllers}))
+    return (
+        f"{plain(study.simulation.duration)} s of electromagnetic-transient simulation with {bridges}, {events}, "
+        f"controller{plural} {names}, on a {plain_quantity(study.converter.S_rated, 'VA')} converter."
+    )
+
+
+def _bridge(bridge: str) -> str:
+    return "an averaged bridge" if bridge == "averaged" else "a switched bridge (PWM)"
+
+
+def limits_of_validity(result: ScenarioResult) -> list[str]:
+    """What the simulation leaves out, as far as it bears on the numbers of this report."""
+    study = result.study
+    bridges = {controller.bridge for controller in result.controllers}
+    items = []
+    if "averaged" in bridges:
+        items.append(
+            "The bridge is averaged over a sampling period: no switching ripple, no dead time, no device losses."
+        )
+    if "pwm" in bridges:
+        items.append(
+            "The bridge switches ideally at the exact instants of its modulation: no dead time, no device losses. "
+            "Figures of the instantaneous signal contain the ripple; targets are judged on the one-cycle mean."
+        )
+    items += [
+        f"The dc link is an ideal source of {plain_quantity(study.converter.V_dc, 'V')}, nothing behind it.",
+        "The grid is an ideal three-phase source behind one balanced R–L branch; no other converter or load is near.",
+        "Inductors do not saturate, capacitors and measurements are ideal; "
+        f"the controller is sampled every {plain_quantity(study.converter.T_s, 's')}.",
+    ]
+    if any(controller.spec.kind == "scheduled" for controller in result.controllers):
+        items.append(
+            "Scheduled gains come from the true grid impedance, as it was up to each update; "
+            "the error of an impedance estimator is not included."
+        )
+    if study.converter.current_limit_pu is None:
+        items.append("No current limit acts: currents beyond the rating are simulated as if the converter bore them.")
+    items.append(
+        f"Settling times and overshoots are read from a signal logged every "
+        f"{plain_quantity(study.simulation.log_interval, 's')}, up to the next event or the end."
+    )
+    return items
+
+
+_PROLOGUE = re.compile(r"^.*?(?=<svg\b)", re.DOTALL)
+_METADATA = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
+_STYLE = re.compile(r"\s*<defs>\s*<style[^>]*>.*?</style>\s*</defs>", re.DOTALL)
+_SVG_TAG = re.compile(r"<svg\b[^>]*>")
+_VIEW_BOX = re.compile(r'viewBox="0 0 ([\d.]+) ([\d.]+)"')
+_ID = re.compile(r'\bid="([^"]+)"')
+_REFERENCE = re.compile(r'(?:xlink:)?href="#([^"]+)"')
+_URL = re.compile(r"url\(#([^)]+)\)")
+
+
+def inline_svg(svg: str, name: str, title: str) -> str:
+    """An SVG file as a part of an HTML page: no namespaces or prologue, ids of its own, width from its box."""
+    from markupsafe import Markup, escape
+
+    svg = _STYLE.sub("", _METADATA.sub("", _PROLOGUE.sub("", svg)))
+    box = _VIEW_BOX.search(svg)
+    if box is None:
+        raise ValueError(f"the SVG of figure {name} has no viewBox")
+    width, height = (float(size) for size in box.groups())
+    tag = Markup('<svg role="img" aria-label="{}" viewBox="0 0 {:g} {:g}" style="--width: {:.0f}pt">').format(
+        title, width, height, width
+    )
+    svg = _SVG_TAG.sub(lambda _: str(tag), svg, count=1)
+    # Ids repeat from figure to figure; within one page each figure gets its own.
+    prefix = str(escape(name))
+    svg = _ID.sub(rf'id="{prefix}-\1"', svg)
+    svg = _REFERENCE.sub(rf'href="#{prefix}-\1"', svg)
+    return Markup(_URL.sub(rf"url(#{prefix}-\1)", svg).strip())

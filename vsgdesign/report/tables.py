@@ -1,0 +1,251 @@
+"""The tables of the report, as texts ready to be set."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from vsgdesign.frames import phase_to_ll
+from vsgdesign.metrics import ResponseMetrics
+from vsgdesign.report.margins import distinct_grids, grid_label, loops_on_grids
+from vsgdesign.report.quantities import DASH, number, percent, plain, plain_quantity, prefix_for, quantity
+from vsgdesign.report.verdict import RULE, StepOutcome, coupling
+from vsgdesign.simulation import ControllerResult, ScenarioResult
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: head, rows of texts (as long as the head), notes below. ``texts`` columns are set flush left."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    texts: int = 1
+    groups: tuple[tuple[str, int], ...] = ()
+    """A row above the head: (label, how many columns)."""
+    notes: tuple[str, ...] = ()
+    flagged: frozenset[int] = field(default_factory=frozenset)
+    """Rows that deserve attention."""
+
+
+def converter_table(result: ScenarioResult) -> Table:
+    """Ratings, bridge, inner loops and measurement."""
+    study, c, g = result.study, result.study.converter, result.study.inner_gains
+    limit = "none" if c.current_limit_pu is None else f"{plain(c.current_limit_pu)} pu of the rated peak"
+    rows = (
+        ("Rated power", plain_quantity(c.S_rated, "VA")),
+        ("Rated voltage", f"{plain_quantity(c.V_rated_rms, 'V')} phase rms "
+                          f"({plain_quantity(phase_to_ll(c.V_rated_rms), 'V')} line to line)"),
+        ("Nominal frequency", f"{plain(c.omega_n / (2.0 * math.pi))} Hz"),
+        ("Dc link", plain_quantity(c.V_dc, "V")),
+        ("Carrier frequency", plain_quantity(c.f_sw, "Hz")),
+        ("Sampling period", f"{plain_quantity(c.T_s, 's')} ({c.samples_per_carrier} per carrier period)"),
+        ("Computation delay", "none" if c.delay_samples == 0 else f"{c.delay_samples} sample"),
+        ("Modulation", "sine-triangle with min-max zero sequence" if c.zero_sequence else "sine-triangle"),
+        ("Current limit", limit),
+        ("Voltage limits", f"{plain(c.V_min_pu)} to {plain(c.V_max_pu)} pu"),
+        ("Voltage loop", f"K_pv = {number(g.K_pv)} A/V, K_iv = {number(g.K_iv)} A/(V·s)"),
+        ("Current loop", f"K_pc = {number(g.K_pc)} V/A, K_ic = {number(g.K_ic)} V/(A·s)"),
+        ("Power filters", f"P {_time_constant(study.tau_P)}, Q {_time_constant(study.tau_Q)}"),
+    )  # fmt: skip
+    return Table("Converter", ("Quantity", "Value"), rows, texts=2)
+
+
+def filter_table(result: ScenarioResult) -> Table:
+    """Filter and grid at the start."""
+    study, f = result.study, result.study.filter
+    rows = [
+        ("Converter-side inductor", f"{plain_quantity(f.L_1, 'H')}, {_ohm(f.R_1)}"),
+        ("Capacitor", plain_quantity(f.C, "F")),
+    ]
+    if f.R_c:
+        rows.append(("In series with it", _ohm(f.R_c)))
+    if f.L_2:
+        rows.append(("Grid-side inductor", f"{plain_quantity(f.L_2, 'H')}, {_ohm(f.R_2)}"))
+    grid, source = study.grid, study.grid_source
+    rows += [
+        ("Grid at the start", f"{grid_label(result, grid)} ({study.scr_basis} basis)"),
+        ("", f"R_g = {_ohm(grid.R_g)}, L_g = {plain_quantity(grid.L_g, 'H')}"),
+        ("Grid source at the start", f"{plain_quantity(source.V_g_rms, 'V')} phase rms, "
+                                     f"{plain(source.omega_g / (2.0 * math.pi), 5)} Hz"),
+    ]  # fmt: skip
+    return Table("Filter and grid", ("Quantity", "Value"), tuple(rows), texts=2)
+
+
+def _time_constant(tau: float) -> str:
+    return "unfiltered" if tau == 0.0 else plain_quantity(tau, "s")
+
+
+def _ohm(value: float) -> str:
+    return "0 Ω" if value == 0.0 else plain_quantity(value, "Ω")
+
+
+def controllers_table(result: ScenarioResult) -> Table:
+    """What each controller is and aims at."""
+    rows = []
+    for controller in result.controllers:
+        spec = controller.spec
+        if spec.kind == "scheduled":
+            how = f"rescheduled every {plain_quantity(spec.update_period, 's')} from the true grid impedance"
+        elif spec.gains is not None:
+            how = "given in the study"
+        else:
+            how = f"closed form for {grid_label(result, spec.design_grid or result.study.grid)}"
+        target = spec.target
+        rows.append((
+            spec.name, how, f"{plain(target.settling_time)} s", plain(target.damping_ratio),
+            plain(target.droop_ratio), plain_quantity(target.P, "W"), plain_quantity(target.Q, "var"),
+        ))  # fmt: skip
+    head = ("Controller", "Power-loop gains", "Target settling time", "ξ", "D_q/D", "Design P", "Design Q")
+    return Table("Controllers", head, tuple(rows), texts=2)
+
+
+def events_table(result: ScenarioResult) -> Table:
+    """The events by number."""
+    rows = tuple((str(n + 1), f"{plain(e.t_s, 5)} s", e.name) for n, e in enumerate(result.study.events))
+    return Table("Events", ("No.", "Time", "Event"), rows, texts=3)
+
+
+def operating_points_table(result: ScenarioResult) -> Table:
+    """Where the converter sits after every change; voltage outside its limits in words."""
+    c = result.study.converter
+    low, high = c.V_limits_rms
+    rows, flagged = [], set()
+    p_factor, p_prefix = prefix_for(max((abs(row.point.P) for row in result.operating_points), default=1.0))
+    for index, row in enumerate(result.operating_points):
+        point = row.point
+        words = "within"
+        if not point.V_within_limits:
+            flagged.add(index)
+            words = f"above {plain(c.V_max_pu)} pu" if point.V_rms > high else f"below {plain(c.V_min_pu)} pu"
+            words = words if not low <= point.V_rms <= high else "outside"
+        rows.append((
+            plain(row.t_s, 5), grid_label(result, row.grid), number(row.grid.R_g), number(row.grid.L_g * 1e3),
+            number(point.P / p_factor), number(point.Q / p_factor), number(point.V_rms, 4),
+            number(point.V_rms / c.V_rated_rms), words, number(math.degrees(point.delta)),
+            number(point.A), number(point.B), number(point.C), number(point.D), number(coupling(row)),
+        ))  # fmt: skip
+    head = (
+        "From [s]", "Grid", "R_g [Ω]", "L_g [mH]", f"P [{p_prefix}W]", f"Q [{p_prefix}var]", "V [V]", "V [pu]",
+        "V limits", "δ [°]", "A [W/rad]", "B [W/V]", "C [var/rad]", "D [var/V]", "c",
+    )  # fmt: skip
+    notes = (
+        "At the references, without voltage droop. A = ∂P/∂δ, B = ∂P/∂V, C = ∂Q/∂δ, D = ∂Q/∂V, c = BC/(AD); V in "
+        f"phase rms at the filter capacitor. SCR on the {result.study.scr_basis} basis.",
+    )
+    return Table(
+        "After each change of grid, source or reference",
+        head,
+        tuple(rows),
+        texts=2,
+        notes=notes,
+        flagged=frozenset(flagged),
+    )
+
+
+def gains_table(controller: ControllerResult) -> Table:
+    """A controller's gains over time."""
+    rows = tuple(
+        (plain(change.t_s, 6), *(number(value, 4) for value in change.gains)) for change in controller.gain_changes
+    )
+    head = ("From [s]", "K_ip [rad/(s²·W)]", "D_p [W·s/rad]", "K_iq [V/(s·var)]", "D_q [var/V]")
+    return Table(f"Gains of {controller.spec.name}", head, rows)
+
+
+def margins_table(result: ScenarioResult) -> Table:
+    """Crossover and margins of each open P loop on each grid."""
+    rows = []
+    grids = [grid_label(result, grid) for grid in distinct_grids(result)]
+    for controller in result.controllers:
+        loops = {loop.label: loop for loop in loops_on_grids(result, controller)}
+        for label in grids:
+            loop = loops.get(label)
+            margins = None if loop is None else loop.margins
+            rows.append((
+                controller.spec.name, label,
+                number(None if margins is None else margins.crossover_rad_s),
+                DASH if margins is None else percent(margins.phase_margin_deg),
+                DASH if margins is None or margins.delay_margin_s is None else quantity(margins.delay_margin_s, "s"),
+            ))  # fmt: skip
+    head = ("Controller", "Grid", "Crossover [rad/s]", "Phase margin [°]", "Delay margin")
+    notes = (
+        "Of the P loop alone, without coupling, at the operating point of the design. Margins of one loop say nothing "
+        f"about the coupled system. {DASH}: this grid does not carry the power of the design, or the loop has no "
+        "crossover.",
+    )
+    return Table("Margins of the open active-power loop", head, tuple(rows), texts=2, notes=notes)
+
+
+def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
+    """Each reference step against its target, beside what the uncoupled loop would do."""
+    rows, flagged = [], set()
+    for index, outcome in enumerate(outcomes):
+        target, uncoupled = outcome.controller.spec.target, outcome.uncoupled
+        if not (outcome.settles and outcome.stays_below):
+            flagged.add(index)
+        rows.append((
+            outcome.controller.spec.name, f"{outcome.metrics.name} at {plain(outcome.metrics.t_s, 5)} s",
+            plain(target.settling_time), _settled(outcome.settling_time_s, outcome.window_s), _met(outcome.settles),
+            percent(outcome.target_overshoot_pct), percent(outcome.overshoot_pct), _met(outcome.stays_below),
+            number(uncoupled.omega_n if uncoupled else None),
+            number(uncoupled.damping_ratio if uncoupled else None),
+            number(uncoupled.settling_time_s if uncoupled else None),
+            percent(uncoupled.overshoot_pct if uncoupled else None),
+            number(outcome.coupling),
+        ))  # fmt: skip
+    head = (
+        "Controller", "Step", "Target", "Measured", "Result", "Target", "Measured", "Result",
+        "ω_n [rad/s]", "ξ", "Settling [s]", "Overshoot [%]", "c",
+    )  # fmt: skip
+    groups = (("", 2), ("Settling time [s]", 3), ("Overshoot [%]", 3), ("The same loop without coupling", 4), ("", 1))
+    notes = (
+        RULE,
+        f"Without coupling: ω_n = √(K_ip·A) and ξ = K_ip·D_p/(2ω_n) for P; for Q a first-order pole K_iq·(D + D_q) and "
+        f"no ξ ({DASH}); with A and D at the operating point after the step.",
+    )
+    return Table("Reference steps against their targets", head, tuple(rows), 2, groups, notes, frozenset(flagged))
+
+
+def _met(met: bool) -> str:
+    return "met" if met else "missed"
+
+
+def metrics_table(result: ScenarioResult, controller: ControllerResult) -> Table:
+    """Figures of every event of one controller, on the instantaneous signal and on its one-cycle mean."""
+    starts = sorted({event.t_s for event in result.study.events})
+    ends = dict(zip(starts, [*starts[1:], result.study.simulation.duration], strict=False))
+    largest = max((abs(event.raw.peak_deviation) for event in controller.events), default=1.0)
+    factor, prefix = prefix_for(largest)
+    rows = []
+    for event in controller.events:
+        window = ends[event.t_s] - event.t_s
+        unit = f"{prefix}W" if event.signal == "P_pcc" else f"{prefix}var"
+        rows.append((
+            f"{plain(event.t_s, 5)} s", event.name, "P" if event.signal == "P_pcc" else "Q", event.kind,
+            *_figures(event.raw, window, factor, unit), *_figures(event.one_cycle_mean, window, factor, unit),
+            number(event.peak_current_pu),
+        ))  # fmt: skip
+    part = ("Overshoot [%]", "Settling [s]", "Rise [s]", "Peak deviation", "ITAE [s²]")
+    head = ("Time", "Event", "Of", "Kind", *part, *part, "Peak current [pu]")
+    groups = (("", 4), ("Instantaneous", 5), ("One-cycle mean", 5), ("", 1))
+    notes = (
+        f"{DASH}: the figure has no meaning there: overshoot and rise time belong to a step of the signal's own "
+        "reference, and a response that does not reach 90 % of its step has no rise time. > T: still outside its band "
+        "when the next event came after T. Bands of the settling time: 2 % of the step; for a disturbance 2 % of the "
+        "rated power. Peak deviation: from the value that the response ends at. ITAE: ∫ t·|error| dt, the error "
+        "relative to the step, or to the rated power for a disturbance. Peak current: largest length of the current "
+        "vector over the rated peak.",
+    )
+    return Table(f"Events of {controller.spec.name}", head, tuple(rows), texts=4, groups=groups, notes=notes)
+
+
+def _figures(metrics: ResponseMetrics, window_s: float, factor: float, unit: str) -> tuple[str, ...]:
+    return (
+        percent(metrics.overshoot_pct), _settled(metrics.settling_time_s, window_s), number(metrics.rise_time_s),
+        f"{number(metrics.peak_deviation / factor)} {unit}", number(metrics.itae_s2),
+    )  # fmt: skip
+
+
+def _settled(settling_time_s: float | None, window_s: float) -> str:
+    return f"> {plain(window_s)}" if settling_time_s is None else number(settling_time_s)
