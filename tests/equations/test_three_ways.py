@@ -1,0 +1,161 @@
+"""Every equation as a float, through CasADi and through Numba: the same number three times.
+
+The functions are found, not listed: a new one is tested as soon as it exists, and fails here until its
+arguments have ranges.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+import typing
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import casadi
+import numpy as np
+import pytest
+
+from vsgdesign import equations, frames
+from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
+from vsgdesign.simulation.compiling import compile_function
+
+RANGES: dict[str, tuple[float, float]] = {
+    "response_time": (1e-3, 1e-2), "settling_time": (0.1, 3.0), "damping_ratio": (0.3, 2.0), "droop_ratio": (0.0, 0.1),
+    "A": (1e3, 1e5), "D": (10.0, 1e3), "C": (1e-6, 1e-4), "scr": (1.0, 20.0), "x_over_r": (0.1, 10.0),
+    "Z_base": (1.0, 10.0), "omega": (300.0, 320.0), "delta": (-1.0, 1.0), "theta": (-6.0, 6.0),
+    "cosine": (-1.0, 1.0), "sine": (-1.0, 1.0), "limit": (1.0, 20.0), "T_s": (2e-5, 1e-4),
+    "smoothing_P": (0.01, 1.0), "smoothing_Q": (0.01, 1.0), "omega_C": (1e-3, 0.1), "omega_L": (0.1, 1.0),
+    "i_max_pk": (5.0, 50.0), "v_max_pk": (100.0, 400.0), "advance_cos": (0.99, 1.0), "advance_sin": (0.0, 0.1),
+    "omega_0": (310.0, 318.0), "omega_i": (310.0, 318.0), "V_n": (100.0, 120.0), "V": (90.0, 130.0),
+    "K_pv": (0.01, 0.1), "K_iv": (5.0, 30.0), "K_pc": (5.0, 20.0), "K_ic": (1e3, 4e4), "K_ff": (0.0, 1.0),
+    "K_ip": (1e-3, 1e-2), "D_p": (500.0, 3000.0), "K_iq": (0.05, 0.5), "D_q": (0.1, 3.0),
+    "S_rated": (1e3, 1e6), "dc_voltage": (300.0, 900.0), "zero_sequence": (0.0, 1.0),
+}  # fmt: skip
+BY_PREFIX: tuple[tuple[str, tuple[float, float]], ...] = (
+    ("V_", (90.0, 130.0)), ("v_", (-200.0, 200.0)), ("i_", (-30.0, 30.0)), ("xi_", (-20.0, 20.0)),
+    ("L_", (1e-4, 1e-2)), ("R_", (0.01, 3.0)), ("P", (-4e3, 4e3)), ("Q", (-2e3, 2e3)),
+)  # fmt: skip
+ONE_LETTER = {"a": (-200.0, 200.0), "R": (0.1, 2.0), "X": (0.1, 2.0)}
+FLAGS = ("zero_sequence",)
+"""Arguments that choose between formulas and are never symbols."""
+
+
+def all_functions() -> Iterator[tuple[str, Callable[..., Any]]]:
+    modules = [
+        importlib.import_module(f"{equations.__name__}.{m.name}") for m in pkgutil.iter_modules(equations.__path__)
+    ]
+    for module in [*modules, frames]:
+        for name, function in inspect.getmembers(module, inspect.isfunction):
+            if function.__module__ == module.__name__:
+                yield f"{module.__name__.rpartition('.')[2]}.{name}", function
+
+
+FUNCTIONS = dict(all_functions())
+
+
+def draw(name: str, rng: np.random.Generator) -> float:
+    if name in FLAGS:
+        return bool(rng.integers(0, 2))
+    found = RANGES.get(name) or ONE_LETTER.get(name)
+    if found is None:
+        found = next((limits for prefix, limits in BY_PREFIX if name.startswith(prefix)), None)
+    if found is None:
+        found = {"b": ONE_LETTER["a"], "c": ONE_LETTER["a"], "x": ONE_LETTER["a"], "y": ONE_LETTER["a"],
+                 "alpha": ONE_LETTER["a"], "beta": ONE_LETTER["a"], "x_pk": ONE_LETTER["a"],
+                 "x_rms": ONE_LETTER["a"]}[name]  # fmt: skip
+    return float(rng.uniform(*found))
+
+
+def arguments(function: Callable[..., Any], make: Callable[[str], Any]) -> list[Any]:
+    """One argument per parameter; structures are filled field by field."""
+    hints = typing.get_type_hints(function)
+    result = []
+    for name in inspect.signature(function).parameters:
+        kind = hints[name]
+        if hasattr(kind, "_fields"):
+            result.append(kind(*(make(field) for field in kind._fields)))
+        else:
+            result.append(make(name))
+    return result
+
+
+def flat(value: Any) -> list[Any]:
+    return [leaf for item in value for leaf in flat(item)] if isinstance(value, tuple) else [value]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _numpy_functions_on_symbols() -> None:
+    casadi.GlobalOptions.setNumpyMode(1)
+
+
+def test_they_are_all_here() -> None:
+    assert len(FUNCTIONS) >= 35
+    assert {"controller.controller_step", "power_flow.power_flow", "frames.clarke"} <= FUNCTIONS.keys()
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_float_casadi_and_numba_agree(name: str) -> None:
+    function = FUNCTIONS[name]
+    compiled = compile_function(function)
+    rng = np.random.default_rng(sum(name.encode()))
+    for _ in range(10):
+        flags = {flag: draw(flag, rng) for flag in FLAGS}
+        values: list[float] = []
+        symbols: list[casadi.SX] = []
+
+        def number(field: str, flags: dict = flags, values: list = values) -> Any:
+            if field in FLAGS:
+                return flags[field]
+            values.append(draw(field, rng))
+            return values[-1]
+
+        def symbol(field: str, flags: dict = flags, symbols: list = symbols) -> Any:
+            if field in FLAGS:
+                return flags[field]
+            symbols.append(casadi.SX.sym(field))
+            return symbols[-1]
+
+        plain = arguments(function, number)
+        expected = np.array([float(leaf) for leaf in flat(function(*plain))])
+        traced = casadi.Function("f", symbols, flat(function(*arguments(function, symbol))))
+        through_casadi = np.array([float(leaf) for leaf in _sequence(traced(*values))])
+        through_numba = np.array([float(leaf) for leaf in flat(compiled(*plain))])
+        # Of the larger of the entry and a rounding of what it was summed from: an entry near zero is a
+        # difference, and Numba contracts multiply-adds.
+        scale = np.maximum(np.abs(expected), 1e-3 * np.max(np.abs(expected)))
+        assert np.all(np.isfinite(expected))
+        np.testing.assert_array_less(np.abs(through_casadi - expected), 1e-12 * scale + 1e-300)
+        np.testing.assert_array_less(np.abs(through_numba - expected), 1e-12 * scale + 1e-300)
+
+
+def _sequence(value: Any) -> tuple[Any, ...]:
+    return value if isinstance(value, tuple) else (value,)
+
+
+def test_the_compiled_step_returns_its_structures() -> None:
+    """Callers read fields by name, and feed the state back in."""
+    rng = np.random.default_rng(5)
+    plain = arguments(controller_step, lambda field: draw(field, rng))
+    following, output = compile_function(controller_step)(*plain)
+    assert type(following).__name__ == ControllerState.__name__
+    assert following._fields == ControllerState._fields
+    assert output.omega == plain[0].omega_i
+    again, _ = compile_function(controller_step)(ControllerState(*following), *plain[1:])
+    expected = controller_step(ControllerState(*following), *plain[1:])[0]
+    assert tuple(again) == pytest.approx(tuple(expected), rel=1e-12)
+
+
+def test_derivatives_are_finite_where_the_measurement_is_zero() -> None:
+    """A cold converter is linearised too: the limiters must not divide by the length of nothing."""
+    rng = np.random.default_rng(6)
+    plain = arguments(controller_step, lambda field: draw(field, rng))
+    state = casadi.SX.sym("state", len(ControllerState._fields))
+    measured = casadi.SX.sym("measured", len(Measurement._fields))
+    following, output = controller_step(
+        ControllerState(*casadi.vertsplit(state)), Measurement(*casadi.vertsplit(measured)), *plain[2:]
+    )
+    x = casadi.vertcat(state, measured)
+    jacobian = casadi.Function("J", [x], [casadi.jacobian(casadi.vertcat(*flat((following, output))), x)])
+    assert np.all(np.isfinite(np.array(jacobian(np.zeros(x.shape[0])))))
