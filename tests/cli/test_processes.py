@@ -1,0 +1,86 @@
+"""The installed command as a real process: exit codes, and an interruption in the middle of a run."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import select
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.cli.small_studies import SMALL, study_file
+from vsgdesign import __version__
+
+COMMAND = [sys.executable, "-m", "vsgdesign.cli"]
+
+
+def run(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [*COMMAND, *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120)
+
+
+def test_version_and_usage(tmp_path: Path) -> None:
+    result = run("--version", cwd=tmp_path)
+    assert (result.returncode, result.stdout.strip()) == (0, f"vsgdesign, version {__version__}")
+    assert run("nonsense", cwd=tmp_path).returncode == 2
+
+
+def test_simulate(tmp_path: Path) -> None:
+    study_file(tmp_path)
+    result = run("simulate", "small.toml", "--json", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+    assert json.loads(result.stdout)["study"]["name"] == "small"
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["small"]
+
+
+def test_wrong_input(tmp_path: Path) -> None:
+    study_file(tmp_path, duration='"0.3 ohm"')
+    result = run("simulate", "small.toml", cwd=tmp_path)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr.startswith("error: small.toml: 1 fault\n  - simulation.duration")
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a POSIX terminal")
+def test_interruption(tmp_path: Path) -> None:
+    """Ctrl-C once the progress bar shows that the run is under way: code 130, one line, nothing left behind."""
+    text = SMALL.replace('duration = "0.3 s"', 'duration = "3000 s"\nlog_interval = "1 s"')
+    study_file(tmp_path, text)
+    (tmp_path / "parent").mkdir()
+    ours, theirs = os.openpty()
+    command = [*COMMAND, "simulate", "small.toml", "--out", "parent/out"]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=theirs, env=os.environ | {"TERM": "xterm"}
+    )
+    os.close(theirs)
+    shown = ""
+    try:
+        end = time.monotonic() + 90.0
+        while not re.search(r"simulate fixed", shown) and time.monotonic() < end:
+            if select.select([ours], [], [], 0.2)[0]:
+                shown += os.read(ours, 4096).decode(errors="replace")
+        assert "simulate fixed" in shown
+        assert process.poll() is None, "it finished before it could be interrupted"
+        assert [path.name.startswith(".out.") for path in (tmp_path / "parent").iterdir()] == [True]
+        process.send_signal(signal.SIGINT)
+        while select.select([ours], [], [], 0.2)[0] or process.poll() is None:
+            try:
+                shown += os.read(ours, 4096).decode(errors="replace")
+            except OSError:  # the other end is closed
+                break
+        stdout, _ = process.communicate(timeout=30)
+    finally:
+        process.kill()
+        process.wait()
+        os.close(ours)
+    assert process.returncode == 130, shown
+    assert "interrupted: nothing was written" in shown
+    assert "Traceback" not in shown
+    assert stdout == b""
+    assert list((tmp_path / "parent").iterdir()) == []
