@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_RIPPLE = 0.004
-"""Typical distance from the one-cycle mean, over the drawn range, from which ripple hides the mean."""
-
 
 def extreme_indices(y: Array, columns: int) -> NDArray[np.intp]:
     """Sorted indices of at most about 4·columns samples that draw the same line on that many pixel columns.
@@ -44,13 +41,13 @@ def envelope(t: Array, y: Array, columns: int) -> tuple[Array, Array, Array]:
     return middles, np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
 
 
-def has_ripple(y: Array, mean: Array, drawn_range: float) -> bool:
-    """Whether a signal departs from its one-cycle mean so much, most of the time, that the mean is hard to see.
+def ripple_level(y: Array, mean: Array) -> float:
+    """Typical distance of a signal from its one-cycle mean, in the signal's unit.
 
-    The median does not mind transients, during which the mean lags.
+    The median over the whole run: transients, during which the mean lags, do not count.
     """
     step = max(len(y) // 20_000, 1)
-    return bool(np.median(np.abs(y[::step] - mean[::step])) > _RIPPLE * drawn_range)
+    return float(np.median(np.abs(y[::step] - mean[::step])))
 
 
 @dataclass(frozen=True)
@@ -60,9 +57,11 @@ class Trace:
     t: Array
     y: Array
     mean: Array
+    ripple: float
+    """Typical distance between the two; zero for an averaged bridge, where there is nothing to smooth away."""
 
     def between(self, begin_s: float, end_s: float) -> Trace:
         """The part within a stretch of time, both ends included."""
         slack = 0.5 * (self.t[1] - self.t[0]) if len(self.t) > 1 else 0.0
         first, last = np.searchsorted(self.t, [begin_s - slack, end_s + slack])
-        return Trace(self.t[first:last], self.y[first:last], self.mean[first:last])
+        return Trace(self.t[first:last], self.y[first:last], self.mean[first:last], self.ripple)

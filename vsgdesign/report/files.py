@@ -17,7 +17,7 @@ from vsgdesign.simulation import ScenarioResult
 _PATH = re.compile(r'(?<= d=")[^"]*')
 _LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
 _SPACE = re.compile(r"\s+")
-_FAMILY = "'DejaVu Sans', sans-serif"
+_FAMILY = re.compile("'DejaVu Sans'(, sans-serif)?")
 
 
 def all_figures(result: ScenarioResult) -> Iterator[NamedFigure]:
@@ -49,7 +49,7 @@ def write_figure(named: NamedFigure, folder: Path) -> WrittenFigure:
 def compact(svg: str) -> str:
     """The same drawing with path coordinates to a hundredth of a point, and a font list that every system has."""
     svg = _PATH.sub(lambda match: _LONG_NUMBER.sub(_rounded, _SPACE.sub(" ", match.group()).strip()), svg)
-    return svg.replace(_FAMILY, "'DejaVu Sans', Verdana, sans-serif")
+    return _FAMILY.sub("'DejaVu Sans', Verdana, sans-serif", svg)
 
 
 def _rounded(match: re.Match[str]) -> str:

@@ -41,6 +41,7 @@ def write_page(result: ScenarioResult, figures: Sequence[WrittenFigure], out_pat
         gains=[tables.gains_table(controller) for controller in result.controllers],
         margins=tables.margins_table(result),
         metrics=[tables.metrics_table(result, controller) for controller in result.controllers if controller.events],
+        metrics_notes=tables.METRICS_NOTES,
         figures=[
             (figure, inline_svg(figure.svg.read_text(encoding="utf-8"), figure.name, figure.title))
             for figure in figures

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.parameters.study import Event
-from vsgdesign.report.decimation import Trace, envelope, extreme_indices, has_ripple
+from vsgdesign.report.decimation import Trace, envelope, extreme_indices
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.schedule_figures import schedule_figures
 from vsgdesign.report.signals import Signal, events_of, signals
@@ -45,6 +45,10 @@ _MAIN_HEIGHT, _ZOOM_HEIGHT, _BETWEEN = 1.75, 1.25, 0.56
 _LEGEND_ROW = 0.15
 _MOST_ZOOMS = 4
 _PIXELS_PER_IN = 100.0
+_HIDING_RIPPLE = 0.004
+"""Ripple over the drawn range from which it hides the mean."""
+_LEAST_MOVE = 0.05
+"""Share of the smallest axis range that an event must move a signal by to be worth enlarging."""
 _COLUMNS_FOR_ALL = 300.0
 """Columns per inch that all curves of one axis share: keeps files small with many controllers."""
 
@@ -120,7 +124,7 @@ def choose_zooms(result: ScenarioResult, signal: Signal) -> tuple[Zoom, ...]:
             for controller in result.controllers
         )
         moved = max((_moved(trace, event.t_s, ends[event.t_s]) for trace in signal.traces), default=0.0)
-        if moved > 0.0:
+        if moved > _LEAST_MOVE * signal.smallest_range:
             ranked.append((is_step, moved, event))
     ranked.sort(key=lambda item: (item[0], item[1]), reverse=True)
     chosen = sorted(ranked[:_MOST_ZOOMS], key=lambda item: item[2].t_s)
@@ -181,12 +185,12 @@ def draw_traces(
     """Every controller's curve; where ripple is large, a light envelope and the dark mean. True if it is."""
     columns = round(width_in * min(_PIXELS_PER_IN, _COLUMNS_FOR_ALL / len(traces)))
     drawn_range = max(max(float(np.ptp(trace.y)) for trace in traces), signal.smallest_range)
-    rippled = any(has_ripple(trace.y, trace.mean, drawn_range) for trace in traces)
+    rippled = any(trace.ripple > _HIDING_RIPPLE * drawn_range for trace in traces)
     for index, trace in enumerate(traces):
         style = line_style(index)
         t = (trace.t - origin_s) / unit.seconds
         if rippled:
-            axes.fill_between(*envelope(t, trace.y, columns), color=style["color"], alpha=0.22, linewidth=0.0, zorder=2)
+            axes.fill_between(*envelope(t, trace.y, columns), color=style["color"], alpha=0.25, linewidth=0.3, zorder=2)
         y = trace.mean if rippled else trace.y
         picks = extreme_indices(y, columns)
         axes.plot(t[picks], y[picks], zorder=3 + 0.01 * index, **style)
@@ -213,9 +217,9 @@ def _draw_zoom(axes: Any, result: ScenarioResult, signal: Signal, zoom: Zoom, wi
         axes.plot((t_s - origin) / unit.seconds, values, **REFERENCE)
         # A reference far away (a ramp elsewhere in the scenario) must not set the scale; a near one may.
         seen = values[(t_s >= zoom.begin_s) & (t_s <= zoom.end_s)]
-        room = 0.04 * (limits[1] - limits[0])
-        low = min([limits[0], *(seen - room)])
-        axes.set_ylim(low, max([limits[1], *(seen + room)]))
+        low, high = min([limits[0], *seen]), max([limits[1], *seen])
+        room = 0.04 * (high - low)
+        axes.set_ylim(low - room if low < limits[0] else low, high + room if high > limits[1] else high)
     if signal.band is not None:
         limits = axes.get_ylim()
         axes.axhspan(*signal.band, **LIMITS_BAND)

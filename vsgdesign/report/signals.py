@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.frames import clarke, peak_to_rms
 from vsgdesign.metrics import EventMetrics, one_cycle_mean
-from vsgdesign.report.decimation import Trace
+from vsgdesign.report.decimation import Trace, ripple_level
 from vsgdesign.report.quantities import prefix_for
 from vsgdesign.simulation import ControllerResult, ScenarioResult
 
@@ -60,7 +60,8 @@ def _traces(result: ScenarioResult, values: list[Array], factor: float) -> tuple
     for controller, y in zip(result.controllers, values, strict=True):
         t = controller.series["t_s"]
         scaled = y / factor
-        traces.append(Trace(t, scaled, one_cycle_mean(scaled, samples_per_cycle(result, t))))
+        mean = one_cycle_mean(scaled, samples_per_cycle(result, t))
+        traces.append(Trace(t, scaled, mean, ripple_level(scaled, mean) if controller.bridge == "pwm" else 0.0))
     return tuple(traces)
 
 
@@ -117,7 +118,7 @@ def _frequency(result: ScenarioResult) -> Signal:
         f_grid += [source.omega / turn, (source.omega + source.omega_slope * (end_s - source.t_s)) / turn]
     return Signal(
         "frequency", "Frequency", "Frequency", "Hz", "Frequency of each converter's power loop",
-        _traces(result, values, 1.0), 0.002, target=(np.array(t_grid), np.array(f_grid)), target_label="grid source",
+        _traces(result, values, 1.0), 0.01, target=(np.array(t_grid), np.array(f_grid)), target_label="grid source",
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from vsgdesign.frames import phase_to_ll
-from vsgdesign.metrics import ResponseMetrics
+from vsgdesign.metrics import EventMetrics, ResponseMetrics
 from vsgdesign.report.margins import distinct_grids, grid_label, loops_on_grids
 from vsgdesign.report.quantities import DASH, number, percent, plain, plain_quantity, prefix_for, quantity
 from vsgdesign.report.verdict import RULE, StepOutcome, coupling
@@ -182,12 +182,13 @@ def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
     rows, flagged = [], set()
     for index, outcome in enumerate(outcomes):
         target, uncoupled = outcome.controller.spec.target, outcome.uncoupled
-        if not (outcome.settles and outcome.stays_below):
+        if outcome.misses:
             flagged.add(index)
         rows.append((
             outcome.controller.spec.name, f"{outcome.metrics.name} at {plain(outcome.metrics.t_s, 5)} s",
-            plain(target.settling_time), _settled(outcome.settling_time_s, outcome.window_s), _met(outcome.settles),
-            percent(outcome.target_overshoot_pct), percent(outcome.overshoot_pct), _met(outcome.stays_below),
+            plain(target.settling_time), _settled(outcome.settling_time_s, outcome.window_s),
+            _met(outcome, outcome.settles),
+            percent(outcome.target_overshoot_pct), percent(outcome.overshoot_pct), _met(outcome, outcome.stays_below),
             number(uncoupled.omega_n if uncoupled else None),
             number(uncoupled.damping_ratio if uncoupled else None),
             number(uncoupled.settling_time_s if uncoupled else None),
@@ -200,14 +201,17 @@ def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
     )  # fmt: skip
     groups = (("", 2), ("Settling time [s]", 3), ("Overshoot [%]", 3), ("The same loop without coupling", 4), ("", 1))
     notes = (
-        RULE,
+        f"{RULE} {DASH} instead of a result: the next event or the end comes before the target settling time. > T: not "
+        "settled within the T observed.",
         f"Without coupling: ω_n = √(K_ip·A) and ξ = K_ip·D_p/(2ω_n) for P; for Q a first-order pole K_iq·(D + D_q) and "
         f"no ξ ({DASH}); with A and D at the operating point after the step.",
     )
     return Table("Reference steps against their targets", head, tuple(rows), 2, groups, notes, frozenset(flagged))
 
 
-def _met(met: bool) -> str:
+def _met(outcome: StepOutcome, met: bool) -> str:
+    if not outcome.judged:
+        return DASH
     return "met" if met else "missed"
 
 
@@ -220,30 +224,36 @@ def metrics_table(result: ScenarioResult, controller: ControllerResult) -> Table
     rows = []
     for event in controller.events:
         window = ends[event.t_s] - event.t_s
-        unit = f"{prefix}W" if event.signal == "P_pcc" else f"{prefix}var"
         rows.append((
-            f"{plain(event.t_s, 5)} s", event.name, "P" if event.signal == "P_pcc" else "Q", event.kind,
-            *_figures(event.raw, window, factor, unit), *_figures(event.one_cycle_mean, window, factor, unit),
+            f"{plain(event.t_s, 5)} s", event.name, _signal(event),
+            *_figures(event.raw, window, factor), *_figures(event.one_cycle_mean, window, factor),
             number(event.peak_current_pu),
         ))  # fmt: skip
-    part = ("Overshoot [%]", "Settling [s]", "Rise [s]", "Peak deviation", "ITAE [s²]")
-    head = ("Time", "Event", "Of", "Kind", *part, *part, "Peak current [pu]")
-    groups = (("", 4), ("Instantaneous", 5), ("One-cycle mean", 5), ("", 1))
-    notes = (
-        f"{DASH}: the figure has no meaning there: overshoot and rise time belong to a step of the signal's own "
-        "reference, and a response that does not reach 90 % of its step has no rise time. > T: still outside its band "
-        "when the next event came after T. Bands of the settling time: 2 % of the step; for a disturbance 2 % of the "
-        "rated power. Peak deviation: from the value that the response ends at. ITAE: ∫ t·|error| dt, the error "
-        "relative to the step, or to the rated power for a disturbance. Peak current: largest length of the current "
-        "vector over the rated peak.",
-    )
-    return Table(f"Events of {controller.spec.name}", head, tuple(rows), texts=4, groups=groups, notes=notes)
+    part = ("Overshoot [%]", "Settling [s]", "Rise [s]", f"Peak deviation [{prefix}W, {prefix}var]", "ITAE [s²]")
+    head = ("Time", "Event", "Signal", *part, *part, "Peak current [pu]")
+    groups = (("", 3), ("Instantaneous", 5), ("One-cycle mean", 5), ("", 1))
+    return Table(f"Events of {controller.spec.name}", head, tuple(rows), texts=3, groups=groups)
 
 
-def _figures(metrics: ResponseMetrics, window_s: float, factor: float, unit: str) -> tuple[str, ...]:
+METRICS_NOTES = (
+    f"{DASH}: the figure has no meaning there: overshoot and rise time belong to a step of the signal's own "
+    "reference, and a response that does not reach 90 % of its step has no rise time. > T: still outside its band "
+    "when the next event came after T. Bands of the settling time: 2 % of the step; for a disturbance 2 % of the "
+    "rated power. Peak deviation: from the value that the response ends at. ITAE: ∫ t·|error| dt, the error "
+    "relative to the step, or to the rated power for a disturbance. Peak current: largest length of the current "
+    "vector over the rated peak.",
+)
+"""What the dashes and the columns of the metrics tables mean."""
+
+
+def _signal(event: EventMetrics) -> str:
+    return ("P" if event.signal == "P_pcc" else "Q") + (", step" if event.kind == "step" else "")
+
+
+def _figures(metrics: ResponseMetrics, window_s: float, factor: float) -> tuple[str, ...]:
     return (
         percent(metrics.overshoot_pct), _settled(metrics.settling_time_s, window_s), number(metrics.rise_time_s),
-        f"{number(metrics.peak_deviation / factor)} {unit}", number(metrics.itae_s2),
+        number(metrics.peak_deviation / factor), number(metrics.itae_s2),
     )  # fmt: skip
 
 

@@ -5,14 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.report.quantities import number, percent, plain
 from vsgdesign.report.second_order import UncoupledResponse, overshoot_of, settling_factor, uncoupled_P, uncoupled_Q
+from vsgdesign.report.signals import samples_per_cycle
 from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult
 
 _TIME_SLACK = 1.005
 _OVERSHOOT_SLACK_PCT = 0.05
 _MOST_LISTED = 6
+_WEAK_COUPLING = 0.1
+"""A |c| below this does not make a step overshoot by itself."""
+_AT_REST = 0.02
+"""Drift over the last cycle before a step, relative to the step, up to which the signal was at rest."""
 
 RULE = (
     "A target counts as met within 0.5 % of the settling time and 0.05 percentage points of the overshoot. The target "
@@ -32,6 +39,8 @@ class StepOutcome:
     """The operating point after the step, if there is one."""
     uncoupled: UncoupledResponse | None
     target_overshoot_pct: float
+    at_rest: bool
+    """Whether the signal stood still when the step came; else its figures mix two transients."""
 
     @property
     def settling_time_s(self) -> float | None:
@@ -53,6 +62,16 @@ class StepOutcome:
     def stays_below(self) -> bool:
         """Whether the target overshoot is met."""
         return self.overshoot_pct <= self.target_overshoot_pct + _OVERSHOOT_SLACK_PCT
+
+    @property
+    def judged(self) -> bool:
+        """Whether there was time enough to meet the target."""
+        return self.window_s >= self.controller.spec.target.settling_time
+
+    @property
+    def misses(self) -> bool:
+        """Whether a target is missed that could have been met."""
+        return self.judged and not (self.settles and self.stays_below)
 
     @property
     def coupling(self) -> float | None:
@@ -83,8 +102,21 @@ def step_outcomes(result: ScenarioResult) -> list[StepOutcome]:
                 damping = controller.spec.target.damping_ratio
                 overshoot = overshoot_of(damping) if metrics.signal == "P_pcc" else 0.0
                 window = ends[metrics.t_s] - metrics.t_s
-                outcomes.append(StepOutcome(controller, metrics, window, row, uncoupled, overshoot))
+                at_rest = _was_at_rest(result, controller, metrics)
+                outcomes.append(StepOutcome(controller, metrics, window, row, uncoupled, overshoot, at_rest))
     return outcomes
+
+
+def _was_at_rest(result: ScenarioResult, controller: ControllerResult, metrics: EventMetrics) -> bool:
+    """Compares the two cycles before a step."""
+    t = controller.series["t_s"]
+    cycle = samples_per_cycle(result, t)
+    begin = int(np.searchsorted(t, metrics.t_s - 0.5 * (t[1] - t[0])))
+    if begin < 2 * cycle:
+        return True
+    y = controller.series[metrics.signal]
+    drift = np.mean(y[begin - cycle : begin]) - np.mean(y[begin - 2 * cycle : begin - cycle])
+    return bool(abs(drift) <= _AT_REST * abs(metrics.raw.final - metrics.raw.initial))
 
 
 def _uncoupled(
@@ -102,59 +134,74 @@ def _uncoupled(
 def verdict(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> list[str]:
     """The paragraphs of the verdict: targets, then what else a reader must know."""
     if not outcomes:
-        no_step = "No event steps a reference, so there is no settling time or overshoot to hold to a target."
+        stepped = any(event.P_ref is not None or event.Q_ref is not None for event in result.study.events)
+        reason = "No reference step moves its power measurably" if stepped else "No event steps a reference"
+        no_step = f"{reason}, so there is no settling time or overshoot to hold to a target."
         return [text for text in (no_step, _stress(result)) if text]
     paragraphs = [_summary(result, outcomes)]
     for controller in result.controllers:
         own = [outcome for outcome in outcomes if outcome.controller is controller]
         if own:
-            paragraphs.append(_against_target(controller, own))
+            paragraphs.append(_against_target(controller, own, _MOST_LISTED // min(len(result.controllers), 3)))
     return [*paragraphs, _stress(result)]
 
 
 def _summary(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> str:
     """One sentence that says it all."""
-    failed = {outcome.controller.spec.name for outcome in outcomes if not (outcome.settles and outcome.stays_below)}
-    names = [controller.spec.name for controller in result.controllers]
+    judged = [outcome for outcome in outcomes if outcome.judged]
+    names = [c.spec.name for c in result.controllers if any(outcome.controller is c for outcome in judged)]
+    failed = {outcome.controller.spec.name for outcome in judged if outcome.misses}
     good = [name for name in names if name not in failed]
+    if not names:
+        return "No reference step can be held to its target: the next event always comes too soon."
     if len(names) == 1:
-        return f"{names[0]} {'misses' if failed else 'meets'} its targets{' on some reference step' if failed else ''}."
-    if not failed:
-        return "Every controller meets its settling time and overshoot on every reference step."
+        return f"{names[0]} {'does not meet' if failed else 'meets'} its settling time and overshoot on every step."
     if not good:
         return "No controller meets its settling time and overshoot on every reference step."
-    return (
-        f"{', '.join(good)} meet{'s' if len(good) == 1 else ''} the targets on every reference step, the others do not."
-    )
+    if not failed:
+        return "Every controller meets its settling time and overshoot on every reference step."
+    return f"Settling time and overshoot are met on every reference step by {', '.join(good)} only."
 
 
-def _against_target(controller: ControllerResult, outcomes: Sequence[StepOutcome]) -> str:
-    spec, count = controller.spec, len(outcomes)
-    limit = overshoot_of(spec.target.damping_ratio)
+def _against_target(controller: ControllerResult, outcomes: Sequence[StepOutcome], most: int) -> str:
+    target = controller.spec.target
+    judged = [outcome for outcome in outcomes if outcome.judged]
+    limit = overshoot_of(target.damping_ratio)
     overshoot = "no overshoot" if limit == 0.0 else f"at most {percent(limit)} % overshoot of P"
-    settled = sum(outcome.settles for outcome in outcomes)
-    below = sum(outcome.stays_below for outcome in outcomes)
-    steps = f"{count} reference step{'s' if count > 1 else ''}"
     text = (
-        f"{spec.name} ({spec.kind} gains; target: within 2 % after {plain(spec.target.settling_time)} s, {overshoot}) "
+        f"{controller.spec.name} ({controller.spec.kind} gains; target: within 2 % after "
+        f"{plain(target.settling_time)} s, {overshoot})"
     )
-    if settled == below == count:
-        return text + ("meets both on its reference step." if count == 1 else f"meets both on all {steps}.")
-    text += f"meets its settling time on {settled or 'none'} and its overshoot on {below or 'none'} of {steps}. "
-    missed = [outcome for outcome in outcomes if not (outcome.settles and outcome.stays_below)]
-    missed.sort(key=lambda outcome: -1e9 if outcome.settling_time_s is None else -outcome.settling_time_s)
-    shown = sorted(missed[:_MOST_LISTED], key=lambda outcome: (outcome.metrics.t_s, outcome.metrics.signal))
-    text += "; ".join(_miss(outcome) for outcome in shown)
-    if len(missed) > len(shown):
-        text += f"; and {len(missed) - len(shown)} more, in the table below"
-    return text + "."
+    missed = [outcome for outcome in judged if outcome.misses]
+    sentences = []
+    if judged and not missed:
+        sentences.append(f"{text} meets both on {_steps(len(judged))}.")
+    elif judged:
+        settled = sum(outcome.settles for outcome in judged)
+        below = sum(outcome.stays_below for outcome in judged)
+        sentences.append(f"{text}: settling time met on {settled} and overshoot on {below} of {_steps(len(judged))}.")
+        missed.sort(key=lambda outcome: -1e9 if outcome.settling_time_s is None else -outcome.settling_time_s)
+        shown = sorted(missed[:most], key=lambda outcome: (outcome.metrics.t_s, outcome.metrics.signal))
+        more = f"; and {len(missed) - len(shown)} more, in the table below" if len(missed) > len(shown) else ""
+        sentences.append("; ".join(_miss(outcome) for outcome in shown) + more + ".")
+    if len(judged) < len(outcomes):
+        lead = "" if judged else f"{text}: "
+        sentences.append(
+            f"{lead}{_steps(len(outcomes) - len(judged))} cannot be judged, as the next event or the end comes before "
+            "the target settling time."
+        )
+    return " ".join(sentences)
+
+
+def _steps(count: int) -> str:
+    return "1 reference step" if count == 1 else f"{count} reference steps"
 
 
 def _miss(outcome: StepOutcome) -> str:
     parts = []
     settled, target = outcome.settling_time_s, outcome.controller.spec.target.settling_time
     if settled is None:
-        parts.append(f"not settled within the {plain(outcome.window_s)} s to the next event")
+        parts.append(f"not settled within the {plain(outcome.window_s)} s observed")
     elif not outcome.settles:
         parts.append(f"settled after {number(settled)} s ({number(settled - target, 2)} s late)")
     if not outcome.stays_below:
@@ -163,6 +210,8 @@ def _miss(outcome: StepOutcome) -> str:
             "" if outcome.target_overshoot_pct == 0.0 else f" ({percent(over - outcome.target_overshoot_pct)} too much)"
         )
         parts.append(f"{percent(over)} % overshoot{beyond}")
+    if not outcome.at_rest:
+        parts.append("not at rest when the step came")
     return f"{outcome.metrics.name} at {plain(outcome.metrics.t_s)} s: {', '.join(parts)}"
 
 
@@ -204,7 +253,8 @@ def explanation(outcomes: Sequence[StepOutcome]) -> list[str]:
     missed = [
         outcome
         for outcome in outcomes
-        if outcome.controller.spec.gains is None and not (outcome.settles and outcome.stays_below)
+        # A step into an earlier transient says nothing about the design.
+        if outcome.controller.spec.gains is None and outcome.at_rest and outcome.misses
     ]
     if not missed:
         return []
@@ -238,7 +288,7 @@ def _coupling(missed: Sequence[StepOutcome]) -> str:
     known: list[tuple[float, StepOutcome]] = []
     for outcome in missed:
         c = outcome.coupling
-        if c is not None and outcome.uncoupled is not None and not outcome.stays_below:
+        if c is not None and abs(c) >= _WEAK_COUPLING and outcome.uncoupled is not None and not outcome.stays_below:
             known.append((c, outcome))
     if not known:
         return ""
@@ -249,7 +299,7 @@ def _coupling(missed: Sequence[StepOutcome]) -> str:
     return (
         "The design takes P to depend on δ alone and Q on V alone; it ignores B = ∂P/∂V and C = ∂Q/∂δ. Their weight is "
         f"c = BC/(AD), zero without coupling, and here {span} at the operating points of the steps that overshoot. "
-        f"Largest effect: {worst.controller.spec.name}, {worst.metrics.name} at {plain(worst.metrics.t_s)} s "
+        f"Farthest apart: {worst.controller.spec.name}, {worst.metrics.name} at {plain(worst.metrics.t_s)} s "
         f"(c = {number(worst.coupling)}), where the uncoupled loop would overshoot {percent(_predicted(worst))} % "
         f"and the simulation shows {percent(worst.overshoot_pct)} %."
     )

@@ -1,0 +1,168 @@
+"""Figures: all there, well-formed, labelled with units, small, and the same on every run."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+
+import matplotlib
+import numpy as np
+import pytest
+
+from vsgdesign.report import write_figures
+from vsgdesign.report.files import compact
+from vsgdesign.report.margins import loops_on_grids
+from vsgdesign.report.scenario_figures import choose_zooms, signal_figure
+from vsgdesign.report.signals import signals
+from vsgdesign.report.time_axis import event_labels, time_unit
+
+NAMES = ["active_power", "reactive_power", "voltage", "frequency", "grid_impedance", "gains", "bode_P"]
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def texts(path) -> list[str]:
+    # Labels with symbols come glyph by glyph: white space says nothing.
+    return [re.sub(r"\s", "", "".join(element.itertext())) for element in ET.parse(path).iter(f"{SVG}text")]
+
+
+def test_every_figure_is_written_once_in_both_formats(made):
+    assert [figure.name for figure in made.figures] == NAMES
+    for figure in made.figures:
+        assert figure.png.read_bytes().startswith(b"\x89PNG")
+        assert ET.parse(figure.svg).getroot().tag == f"{SVG}svg"
+        assert figure.svg.stat().st_size < 300_000
+
+
+@pytest.mark.parametrize(
+    ("name", "small", "large"),
+    [
+        ("active_power", ["Time [s]", "Active power [kW]"], ["Time [ms]", "Active power [MW]"]),
+        ("reactive_power", ["Time [s]", "Reactive power [kvar]"], ["Time [ms]", "Reactive power [kvar]"]),
+        ("voltage", ["Time [s]", "Voltage, phase rms [V]", "[pu]"], ["Voltage, phase rms [V]", "[pu]"]),
+        ("frequency", ["Time [s]", "Frequency [Hz]"], ["Time [ms]", "Frequency [Hz]"]),
+        ("grid_impedance", ["Time [s]", "[Ω]", "[mH]"], ["Time [ms]", "[mΩ]", "[µH]"]),
+        ("gains", ["[rad/(s²·W)]", "[W·s/rad]", "[V/(s·var)]", "[var/V]"], ["[rad/(s²·W)]", "[var/V]"]),
+        ("bode_P", ["Angular frequency [rad/s]", "Magnitude [dB]", "Phase [°]"], ["Magnitude [dB]", "Phase [°]"]),
+    ],
+)
+def test_axes_have_labels_with_units(short, megawatt, name, small, large):
+    for made, labels in ((short, small), (megawatt, large)):
+        shown = " | ".join(texts(next(figure.svg for figure in made.figures if figure.name == name)))
+        for label in labels:
+            assert label.replace(" ", "") in shown, shown
+
+
+def test_text_stays_text_of_at_least_seven_points(made):
+    for figure in made.figures:
+        sizes = [float(size) for size in re.findall(r"font(?:-size)?: (?:\w+ )*?([\d.]+)px", figure.svg.read_text())]
+        families = re.findall(r"font-family: ([^;\"]+)", figure.svg.read_text())
+        assert all(family.endswith("sans-serif") for family in families)
+        # Indices of symbols may be smaller.
+        assert len(sizes) > 5
+        assert sorted(sizes)[len(sizes) // 3] >= 7.0
+        assert all(size >= 4.8 for size in sizes)
+
+
+def test_two_builds_are_identical(short, tmp_path):
+    for before, after in zip(short.figures, write_figures(short.result, tmp_path), strict=True):
+        assert before.svg.read_bytes() == after.svg.read_bytes(), before.name
+        assert before.png.read_bytes() == after.png.read_bytes(), before.name
+
+
+def test_a_users_settings_do_not_show_and_stay_as_they_were(short):
+    signal = next(signals(short.result))
+    with matplotlib.rc_context({"font.size": 30.0, "axes.facecolor": "red", "lines.linewidth": 9.0}):
+        before = dict(matplotlib.rcParams)
+        axes = signal_figure(short.result, signal).figure.axes[0]
+        assert dict(matplotlib.rcParams) == before
+        assert axes.get_facecolor() == (1.0, 1.0, 1.0, 1.0)
+        assert axes.xaxis.label.get_fontsize() == 8.0
+
+
+def test_curves_keep_the_peaks_of_the_signal(short):
+    signal = next(signals(short.result))
+    axes = signal_figure(short.result, signal).figure.axes[0]
+    drawn = [line.get_ydata() for line in axes.get_lines() if len(line.get_ydata()) > 50]
+    assert len(drawn) == 2
+    for line, controller in zip(drawn, short.result.controllers, strict=True):
+        power = controller.series["P_pcc"] / 1e3
+        assert np.max(line) == np.max(power)
+        assert np.min(line) == np.min(power)
+
+
+def test_own_steps_are_enlarged_with_their_band(short):
+    P, Q, *_ = signals(short.result)
+    assert [zoom.event.t_s for zoom in choose_zooms(short.result, P) if zoom.is_step] == [1.0]
+    assert [zoom.event.t_s for zoom in choose_zooms(short.result, Q) if zoom.is_step] == [6.0]
+    first, *panels = signal_figure(short.result, P).figure.axes
+    heights = [patch.get_height() for patch in panels[0].patches]
+    # 2 % of the 500 W step to either side, in kW; both controllers end at the same power.
+    assert heights == pytest.approx([0.02], rel=1e-3)
+    assert not [patch for patch in first.patches if patch.get_height() == pytest.approx(0.02)]
+
+
+def test_ripple_is_drawn_light_under_its_mean_with_pwm_only(short, megawatt):
+    for made, envelopes in ((short, 0), (megawatt, 1)):
+        signal = next(signals(made.result))
+        named = signal_figure(made.result, signal)
+        fills = [c for c in named.figure.axes[0].collections if type(c).__name__ == "FillBetweenPolyCollection"]
+        assert len(fills) == envelopes
+        assert ("mean over the preceding cycle" in named.caption) == bool(envelopes)
+
+
+def test_no_axes_or_legends_overlap(made):
+    for signal in signals(made.result):
+        figure = signal_figure(made.result, signal).figure
+        renderer = figure.canvas.get_renderer()
+        figure.draw(renderer)
+        boxes = [axes.get_tightbbox(renderer) for axes in figure.axes]
+        boxes += [legend.get_window_extent(renderer) for legend in figure.legends]
+        for index, box in enumerate(boxes):
+            assert box.x0 > -1.0
+            assert box.x1 < figure.bbox.width + 1.0
+            assert box.y0 > -1.0
+            assert box.y1 < figure.bbox.height + 1.0
+            for other in boxes[index + 1 :]:
+                assert not box.overlaps(other), (signal.name, box, other)
+
+
+def test_scheduled_loops_are_alike_on_all_grids_and_fixed_ones_are_not(short):
+    fixed, scheduled = (loops_on_grids(short.result, controller) for controller in short.result.controllers)
+    crossovers = [[loop.margins.crossover_rad_s for loop in loops] for loops in (fixed, scheduled)]
+    assert crossovers[1][0] == pytest.approx(crossovers[1][1], rel=1e-9)
+    assert crossovers[0][1] > 2.0 * crossovers[0][0]
+    for loop in (*fixed, *scheduled):
+        at_crossover = loop.response(np.array([loop.margins.crossover_rad_s]))[0]
+        assert abs(at_crossover) == pytest.approx(1.0, rel=1e-6)
+        assert np.degrees(np.angle(at_crossover)) + 180.0 == pytest.approx(loop.margins.phase_margin_deg, abs=1e-6)
+
+
+def test_labels_never_overlap_and_turn_to_numbers_without_room():
+    few = event_labels([(10.0 * k, f"event {k}") for k in range(6)], 60.0, 6.0)
+    assert not few.numbered
+    assert few.rows == 1
+    many = event_labels([(2.0 * k, f"a rather long event {k}") for k in range(30)], 60.0, 6.0)
+    assert many.numbered
+    assert [label.text for label in many.labels] == [str(k + 1) for k in range(30)]
+    for row in range(many.rows):
+        begins = [label.x_in for label in many.labels if label.row == row]
+        assert all(b - a > 0.1 for a, b in itertools.pairwise(begins))
+
+
+@pytest.mark.parametrize(("span", "symbol"), [(0.05, "ms"), (0.5, "s"), (600.0, "s"), (3600.0, "min")])
+def test_time_units_fit_the_span(span, symbol):
+    assert time_unit(span).symbol == symbol
+
+
+def test_compacting_touches_coordinates_only():
+    svg = '<path id="m12.34567" d="M 1.23456 -7.00049 \nL 2 3.5 "/><text x="1.23456">0.123456</text>'
+    assert compact(svg) == '<path id="m12.34567" d="M 1.23 -7 L 2 3.5"/><text x="1.23456">0.123456</text>'
+
+
+def test_importing_the_room_loads_no_heavy_library():
+    code = "import sys, vsgdesign.report; print([m for m in ('matplotlib', 'jinja2', 'control') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

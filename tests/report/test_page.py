@@ -1,0 +1,217 @@
+"""The page: well-formed, complete, self-contained, and true to the numbers."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from vsgdesign.report import tables, write_report
+from vsgdesign.report.quantities import number, plain_quantity, prefix_for, quantity
+from vsgdesign.report.second_order import overshoot_of, settling_factor, uncoupled_P
+from vsgdesign.report.verdict import explanation, step_outcomes, verdict
+
+VOID = {"meta", "br", "hr", "img", "input", "link"}
+
+
+class Checker(HTMLParser):
+    """Collects faults of nesting, tags, ids, references and the text of table cells."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.faults: list[str] = []
+        self.ids: list[str] = []
+        self.targets: list[str] = []
+        self.rows: list[list[str]] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        values = dict(attrs)
+        self.ids += [values["id"]] if "id" in values else []
+        self.targets += [values[name] for name in ("href", "xlink:href", "src") if name in values]
+        self.targets += re.findall(r"url\(([^)]*)\)", " ".join(v or "" for v in values.values()))
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.faults.append(f"</{tag}> closes nothing at {self.getpos()}")
+
+    def handle_data(self, data):
+        if {"td", "th"} & set(self.open):
+            self.rows[-1][-1] += data
+
+
+def checked(path) -> Checker:
+    checker = Checker()
+    checker.feed(path.read_text(encoding="utf-8"))
+    checker.close()
+    return checker
+
+
+def test_the_page_is_well_formed_and_refers_to_itself_only(made):
+    page = checked(made.page)
+    assert page.faults == []
+    assert page.open == []
+    assert not {"script", "link", "img", "iframe", "object"} & set(page.tags)
+    assert len(page.ids) == len(set(page.ids))
+    assert page.targets
+    assert all(target.startswith("#") and target[1:] in page.ids for target in page.targets)
+    text = made.page.read_text(encoding="utf-8")
+    assert "http" not in text
+    assert "src=" not in text
+    assert "@import" not in text
+
+
+def test_every_figure_is_on_the_page(made):
+    text = made.page.read_text(encoding="utf-8")
+    assert text.count("<svg") == len(made.figures)
+    for index, figure in enumerate(made.figures):
+        assert f'id="figure-{figure.name}"' in text
+        assert f"Figure {index + 1}. {figure.title}." in text
+
+
+def test_every_row_of_every_table_is_on_the_page(made):
+    shown = [["".join(cell.split()) for cell in row] for row in checked(made.page).rows]
+    result = made.result
+    outcomes = step_outcomes(result)
+    expected = [
+        tables.converter_table(result), tables.filter_table(result), tables.controllers_table(result),
+        tables.operating_points_table(result), tables.margins_table(result),
+        *(tables.gains_table(controller) for controller in result.controllers),
+        *(tables.metrics_table(result, controller) for controller in result.controllers if controller.events),
+    ]  # fmt: skip
+    expected += [tables.targets_table(outcomes)] if outcomes else []
+    expected += [tables.events_table(result)] if made.study.events else []
+    for table in expected:
+        assert table.rows
+        for row in table.rows:
+            assert len(row) == len(table.head)
+            assert [re.sub(r"\s|_(?=[a-z])", "", cell) for cell in row] in [
+                [re.sub(r"_(?=[a-z])", "", cell) for cell in cells] for cells in shown
+            ], (table.title, row)
+
+
+def test_the_page_says_where_it_comes_from(made):
+    text = made.page.read_text(encoding="utf-8")
+    assert made.study.hash in text
+    assert f"<code>{made.study.name}</code>" in text
+    assert "vsgdesign 0." in text
+
+
+def test_titles_are_escaped(short):
+    text = short.page.read_text(encoding="utf-8")
+    assert "<h1>Published system, &lt;short&gt; &amp; sweet</h1>" in text
+    assert "<short>" not in text
+
+
+def test_two_builds_are_identical(made, tmp_path):
+    again = write_report(made.result, made.figures, tmp_path / "again.html")
+    assert again.read_bytes() == made.page.read_bytes()
+
+
+def test_numbers_of_the_events_are_the_measured_ones(short):
+    controller = short.result.controllers[0]
+    table = tables.metrics_table(short.result, controller)
+    row = next(row for row in table.rows if row[0] == "1 s" and row[2] == "P, step")
+    metrics = next(e for e in controller.events if e.t_s == 1.0 and e.signal == "P_pcc")
+    assert float(row[3]) == pytest.approx(metrics.raw.overshoot_pct, abs=0.05)
+    assert float(row[4]) == pytest.approx(metrics.raw.settling_time_s, rel=5e-3)
+    assert float(row[13]) == pytest.approx(metrics.peak_current_pu, rel=5e-3)
+    disturbance = next(row for row in table.rows if row[0] == "4 s" and row[2] == "P")
+    assert disturbance[3] == "–"
+    assert disturbance[5] == "–"
+
+
+def test_voltage_outside_its_limits_is_said_in_words(short):
+    rows = tables.operating_points_table(short.result).rows
+    assert [row[8] for row in rows] == ["within", "above 1.25 pu", "within", "within"]
+    assert "1 of 4 operating points" in " ".join(verdict(short.result, step_outcomes(short.result)))
+
+
+def test_the_verdict_counts_and_explains(short):
+    outcomes = step_outcomes(short.result)
+    text = " ".join(verdict(short.result, outcomes))
+    assert text.startswith("No controller meets")
+    assert "settling time met on 0 and overshoot on 0 of 2 reference steps" in text
+    first = outcomes[0]
+    assert f"settled after {number(first.settling_time_s)} s" in text
+    why = " ".join(explanation(outcomes))
+    assert "5.83/ω_n = 1.46 s for AVSG" in why
+    row = next(row for row in short.result.operating_points if row.t_s == 1.0)
+    c = row.point.B * row.point.C / (row.point.A * row.point.D)
+    assert number(c) in why
+    assert "damping ratio" not in why, "both P steps are on the grid of the design"
+
+
+def test_a_met_target_is_called_met(short):
+    controller = short.result.controllers[1]
+    slow = replace(controller.spec, target=replace(controller.spec.target, settling_time=2.0, damping_ratio=0.5))
+    result = replace(short.result, controllers=(replace(controller, spec=slow),))
+    outcomes = [outcome for outcome in step_outcomes(result) if outcome.metrics.signal == "P_pcc"]
+    assert [outcome.misses for outcome in outcomes] == [False]
+    assert verdict(result, outcomes)[0] == "AVSG meets its settling time and overshoot on every step."
+    assert explanation(outcomes) == []
+
+
+def test_a_window_shorter_than_the_target_is_not_judged(short):
+    controller = short.result.controllers[1]
+    slow = replace(controller.spec, target=replace(controller.spec.target, settling_time=60.0))
+    result = replace(short.result, controllers=(replace(controller, spec=slow),))
+    outcomes = step_outcomes(result)
+    assert "cannot be judged" in " ".join(verdict(result, outcomes))
+    assert tables.targets_table(outcomes).rows[0][4] == "–"
+    assert not tables.targets_table(outcomes).flagged
+
+
+def test_without_events_nothing_is_judged(megawatt):
+    text = megawatt.page.read_text(encoding="utf-8")
+    assert "No event steps a reference" in text
+    assert "Responses to the events" not in text
+    assert "Why the closed form misses" not in text
+    assert "switches ideally" in text
+
+
+def test_yardsticks_of_second_order_loops():
+    assert settling_factor(1.0) == pytest.approx(5.834, abs=1e-3)
+    assert overshoot_of(0.5) == pytest.approx(16.303, abs=1e-3)
+    assert overshoot_of(1.0) == 0.0
+    assert settling_factor(0.0) == math.inf
+    # Two real poles, the fast one far off: the slow one alone, ln 50 of its time constants.
+    assert settling_factor(20.0) * (20.0 - math.sqrt(399.0)) == pytest.approx(math.log(50.0), rel=1e-3)
+    response = uncoupled_P(16.0 / 8348.0, 8348.0 / 2.0, 8348.0)
+    assert response.omega_n == pytest.approx(4.0)
+    assert response.damping_ratio == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (9.996, "10.0"), (-0.00767, "−0.00767"), (123456.0, "123456"), (1.5e7, "1.50·10⁷"), (None, "–"),
+     (float("nan"), "–"), (2e-9, "2.00·10⁻⁹")],
+)  # fmt: skip
+def test_numbers_have_sensible_digits(value, text):
+    assert number(value) == text
+
+
+def test_quantities_choose_their_prefix():
+    assert quantity(0.011554, "H") == "11.6 mH"
+    assert plain_quantity(2e6, "VA") == "2 MVA"
+    assert prefix_for(999.9999999999) == (1000.0, "k")
+    assert prefix_for(0.2) == (1.0, "")
+    assert [prefix_for(10.0**k)[1] for k in (3, 6, 9)] == ["k", "M", "G"]
+    assert np.isclose(prefix_for(3e4)[0], 1e3)
