@@ -24,7 +24,8 @@ GRIDS = {
     "49.9 Hz": "[grid]\nscr = 5\nf_g = 49.9\n",
     "0.93 pu": "[grid]\nscr = 5\nV_g_pu = 0.93\n",
     "low and slow": "[grid]\nscr = 4\nx_over_r = 3\nV_g_pu = 1.06\nf_g = 49.95\n",
-    "delayed": "[converter]\ndelay_samples = 1\n[inner_loops]\ncurrent_response_time = 2e-3\n[grid]\nscr = 5\nf_g = 50.1\n",
+    "delayed": "[converter]\ndelay_samples = 1\n[inner_loops]\ncurrent_response_time = 2e-3\n"
+    "[grid]\nscr = 5\nf_g = 50.1\n",
     "filtered": '[power_loops]\ntau_P = "2 ms"\ntau_Q = "4 ms"\n',
 }
 
