@@ -147,7 +147,7 @@ RULES = [
     ("filter.L_2", "1 mH", "filter.L_2", "an LC filter has none"),
     ("filter.R_2", 0.1, "filter.R_2", "an LC filter has none"),
     ("filter.C", "0.1 uF", "filter.C", "frequency (1e+04 Hz)"),
-    ("events.1.grid", {"R_g": 0.1, "L_g": "5 uH"}, "filter.C", "strongest grid"),
+    ("events.1.grid", {"R_g": 0.1, "L_g": "4 uH"}, "filter.C", "strongest grid"),
     ("simulation.log_interval", "70 us", "simulation.log_interval", "not a multiple of the sampling period"),
     ("simulation.log_interval", 0.0, "simulation.log_interval", "not a multiple of the sampling period"),
     ("controllers.1.update_period", "1.01 ms", "controllers[1].update_period", "not a whole number of sampling"),

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 SensitivityAt = Callable[[NDArray[np.intp], Array], Complex]
 """(cells (k,), ω (k,)) → S (k, 2, 2)."""
@@ -112,7 +113,7 @@ def _square(x: Complex) -> Array:
     return x.real * x.real + x.imag * x.imag
 
 
-def _crossings(values: Array, omega: Array, function: Callable) -> tuple[NDArray[np.intp], Array]:
+def _crossings(values: NDArray[Any], omega: Array, function: Callable) -> tuple[NDArray[np.intp], Array]:
     """Every sign change of (N, F) values along the grid, located by bisection: cells and frequencies."""
     change = np.signbit(values[:, 1:]) != np.signbit(values[:, :-1])
     cells, k = np.nonzero(change & np.isfinite(values[:, 1:]) & np.isfinite(values[:, :-1]))

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating[Any, Any]]
 Array = NDArray[np.float64]
 
 
 def damping_ratio(eigenvalues: Complex) -> Array:
     """−Re s/|s| of continuous-time eigenvalues; 1 for s = 0 (an integrator oscillates not at all)."""
     size = np.abs(eigenvalues)
-    return np.where(size > 0.0, -eigenvalues.real / np.where(size > 0.0, size, 1.0), 1.0)
+    return np.where(size > 0.0, -eigenvalues.real / np.where(size > 0.0, size, 1.0), 1.0).astype(float)
 
 
-def to_continuous(z: Complex, T_s: float) -> Complex:
+def to_continuous(z: NDArray[Any], T_s: float) -> Complex:
     """s = ln(z)/T_s of discrete-time eigenvalues; −∞ for z = 0 (gone within a sample)."""
     with np.errstate(divide="ignore"):
-        return np.log(z.astype(complex)) / T_s
+        return np.asarray(np.log(z.astype(complex)) / T_s, dtype=complex)
 
 
 def participation_factors(A: Array) -> tuple[Complex, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import root_scalar
@@ -62,15 +63,15 @@ def solve_with_droop(
     if D_q == 0.0:
         return solve_operating_point(P, Q_ref, V_g_rms, R, X)
 
-    def surplus(V: float) -> float:
-        return Q_ref + D_q * (V_n_rms - V) - float(power_flow(_angle(P, V, V_g_rms, R, X), V, V_g_rms, R, X)[1])
+    def surplus(V: Any) -> Any:
+        return Q_ref + D_q * (V_n_rms - V) - power_flow(_angle(P, V, V_g_rms, R, X), V, V_g_rms, R, X)[1]
 
     low, high = _voltages_with_angle(P, V_g_rms, R, X)
     low = max(low, 1e-3 * V_g_rms)
     high = min(high, 4.0 * max(V_g_rms, V_n_rms))
     # Dense towards both ends: on a resistive grid every root lies close to one.
     grid = low + (high - low) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 400)))
-    values = np.array([surplus(float(V)) for V in grid])
+    values = surplus(grid)
     # The last sign change between points where an angle exists.
     signs = np.isfinite(values[:-1]) & np.isfinite(values[1:]) & (values[:-1] * values[1:] <= 0.0)
     if not signs.any():
@@ -78,16 +79,17 @@ def solve_with_droop(
     k = int(np.flatnonzero(signs)[-1])
     solution = root_scalar(surplus, bracket=(grid[k], grid[k + 1]), method="brentq", xtol=1e-13 * V_n_rms, rtol=1e-15)
     V_rms = float(solution.root)
-    delta = _angle(P, V_rms, V_g_rms, R, X)
+    delta = float(_angle(P, V_rms, V_g_rms, R, X))
     Q = float(power_flow(delta, V_rms, V_g_rms, R, X)[1])
     return _at(P, Q, V_rms, delta, R, X, (0.0, np.inf))
 
 
-def _angle(P: float, V: float, V_g_rms: float, R: float, X: float) -> float:
+def _angle(P: float, V: Any, V_g_rms: float, R: float, X: float) -> Any:
     """The stable δ that delivers P at voltage V: R V² + |Z| V V_g sin(δ − atan(R/X)) = P|Z|²/3; NaN if none."""
     Z = np.hypot(R, X)
     ratio = (P * Z * Z / PHASES - R * V * V) / (Z * V * V_g_rms)
-    return float(np.arctan2(R, X) + np.arcsin(np.clip(ratio, -1.0, 1.0))) if abs(ratio) <= 1.0 + 1e-12 else np.nan
+    angle = np.arctan2(R, X) + np.arcsin(np.clip(ratio, -1.0, 1.0))
+    return np.where(np.abs(ratio) <= 1.0 + 1e-12, angle, np.nan)
 
 
 def _voltages_with_angle(P: float, V_g_rms: float, R: float, X: float) -> tuple[float, float]:

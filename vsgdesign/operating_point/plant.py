@@ -42,11 +42,15 @@ class PlantStep:
     """3×3: rows m = 0, 1, 2: what a source (s^m)·e^{jωs} adds over the interval."""
 
 
-def plant_step(circuit: FilterGrid, h: float, omega: float) -> PlantStep:
-    """Matrices of :class:`PlantStep` for a circuit, an interval h (s) and a source frequency (rad/s)."""
+def plant_step(circuit: FilterGrid, h: float, omega: float, *, edges: bool = True) -> PlantStep:
+    """Matrices of :class:`PlantStep` for a circuit, an interval h (s) and a source frequency (rad/s).
+
+    ``edges=False`` leaves the edge polynomial empty: an averaged bridge has no edges.
+    """
     A, b, e = state_matrices(circuit)
     transition, bridge = _transition_and_integral(A, b, h)
-    return PlantStep(h, transition, bridge, _edge_polynomial(A, b, h), _source_response(A, e, transition, h, omega))
+    edge = _edge_polynomial(A, b, h) if edges else np.empty((0, 3))
+    return PlantStep(h, transition, bridge, edge, _source_response(A, e, transition, h, omega))
 
 
 def _transition_and_integral(A: NDArray[np.float64], b: NDArray[np.float64], h: float) -> tuple:

@@ -40,7 +40,7 @@ def steady_state(
     V_n, omega_n = study.converter.V_rated_rms, study.converter.omega_n
     refs = References(P_ref, Q_ref, omega_n, V_n)
     omega_g, T_s = source.omega_g, settings.T_s
-    plant = plant_step(study.circuit(grid), T_s, omega_g)
+    plant = plant_step(study.circuit(grid), T_s, omega_g, edges=False)
     v_g = rms_to_peak(source.V_g_rms) * np.exp(1j * phase)
 
     guess = _guess(study, grid, source, refs, gains)

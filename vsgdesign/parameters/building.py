@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.equations.closed_form import current_loop_gains, voltage_loop_gains
+from vsgdesign.equations.filters import FilterGrid, filter_grid_derivative
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import Fault
@@ -62,7 +63,7 @@ def build_study(document: dict[str, Any], default_name: str, content_hash: str, 
 def _read_identity(table: TableReader | None, default_name: str) -> tuple[str, str, str]:
     if table is None:
         return default_name, default_name, ""
-    name = table.text("name", default=default_name)
+    name = table.identifier("name", default=default_name)
     title = table.text("title", default=name)
     source = table.text("source", default="")
     table.finish()
@@ -124,9 +125,11 @@ def _read_filter(table: TableReader) -> Filter:
 
 
 def _check_resonance(filter_: Filter, converter: Converter, grids: list[Grid], faults: list[Fault]) -> None:
-    """The capacitor with L_1 in parallel to the path to the grid must resonate below half the sampling rate."""
-    L_path = min((filter_.L_2 + grid.L_g for grid in grids), default=math.nan)
-    resonance_hz = np.sqrt((1.0 / filter_.L_1 + 1.0 / L_path) / filter_.C) / (2.0 * math.pi)
+    """On every grid of the study the circuit must ring below half the sampling rate."""
+    if faults:
+        return  # the values may not be numbers
+    ringing = [np.abs(np.linalg.eigvals(_circuit_matrix(filter_, grid)).imag).max() for grid in grids]
+    resonance_hz = float(max(ringing)) / (2.0 * math.pi)
     nyquist_hz = 0.5 / converter.T_s
     if resonance_hz > nyquist_hz:
         problem = (
@@ -134,6 +137,12 @@ def _check_resonance(filter_: Filter, converter: Converter, grids: list[Grid], f
             f"frequency ({nyquist_hz:.4g} Hz)"
         )
         faults.append(Fault("filter.C", f"{filter_.C:.4g} F", problem, "Sample faster, or enlarge L_1 or C."))
+
+
+def _circuit_matrix(f: Filter, grid: Grid) -> np.ndarray:
+    circuit = FilterGrid(f.L_1, f.R_1, f.C, f.R_c, f.L_2, f.R_2, grid.R_g, grid.L_g)
+    columns = [filter_grid_derivative(u[0], u[1], u[2], 0.0, 0.0, circuit) for u in np.eye(3)]
+    return np.array(columns, dtype=float).T
 
 
 def _read_inner_loops(table: TableReader, filter_: Filter) -> InnerLoopGains:
@@ -184,11 +193,9 @@ def _read_controllers(
 ) -> tuple[ControllerSpec, ...]:
     specs: list[ControllerSpec] = []
     for table in root.children("controllers"):
-        name = table.text("name")
+        name = table.identifier("name")
         if any(spec.name == name for spec in specs):
             table.fault("name", name, "used twice", "Give every controller its own name.")
-        elif name and not all(c.isalnum() or c in "-_." for c in name):
-            table.fault("name", name, "may hold letters, digits, '-', '_' and '.' only", "It becomes a file name.")
         kind = table.choice("kind", ("fixed", "scheduled"))
         own_target = _read_target(table, target, converter)
         gains, design_grid, period = None, None, 0.02

@@ -99,6 +99,13 @@ class TableReader:
             return ""
         return raw
 
+    def identifier(self, field: str, default: Any = REQUIRED) -> Any:
+        """A text that can name a file: letters, digits, '-', '_' and '.', not of dots alone."""
+        name = self.text(field, default)
+        if field in self.table and name and (not all(c.isalnum() or c in "-_." for c in name) or not name.strip(".")):
+            self.fault(field, name, "may hold letters, digits, '-', '_' and '.' only", "It becomes a file name.")
+        return name
+
     def section(self, field: str) -> TableReader:
         """A nested table that must be there."""
         table = self.child(field)

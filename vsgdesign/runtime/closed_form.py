@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,7 +11,9 @@ from vsgdesign.equations.closed_form import power_loop_gains
 from vsgdesign.equations.power_flow import jacobian_from_powers, largest_scale, operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import NoOperatingPointError
-from vsgdesign.parameters.study import ClosedFormTarget, Study
+
+if TYPE_CHECKING:  # reading study files is no part of what ships
+    from vsgdesign.parameters.study import ClosedFormTarget, Study
 
 
 @dataclass(frozen=True)
@@ -37,15 +40,12 @@ class ClosedFormSchedule:
         Raises NoOperatingPointError where this grid cannot carry (P, Q), or where A or D is not positive there
         so that no positive gain closes the loop.
         """
-        R, X = R_g + self.R_2, self.omega * (L_g + self.L_2)
-        with np.errstate(invalid="ignore"):
-            V_rms, _ = operating_point(self.P, self.Q, self.V_g_rms, R, X)
-        A, _, _, D = jacobian_from_powers(self.P, self.Q, V_rms, R, X)
+        A, D = self.plant_gains(R_g, L_g)
         if not (A > 0.0 and D > 0.0):
             what, advice = f"makes A = {A:.4g} W/rad, D = {D:.4g} var/V", "Design for another power"
             shortfall_w = float("nan")
             if np.isnan(A):
-                share = float(largest_scale(self.P, self.Q, self.V_g_rms, R, X))
+                share = float(largest_scale(self.P, self.Q, self.V_g_rms, *self._path(R_g, L_g)))
                 what, advice = "has no operating point", f"Design for {100.0 * share:.3g} % of that power"
                 shortfall_w = (1.0 - share) * abs(self.P)
             raise NoOperatingPointError(
@@ -53,8 +53,27 @@ class ClosedFormSchedule:
                 f"R_g = {R_g:.4g} Ω, L_g = {L_g * 1e3:.4g} mH. {advice} (P_design, Q_design), or leave this grid out.",
                 shortfall_w=shortfall_w,
             )
-        values = power_loop_gains(A, D, self.settling_time, self.damping_ratio, self.droop_ratio)
-        return PowerLoopGains(*(float(value) for value in values))
+        return PowerLoopGains(*(float(value) for value in self._from_plant(A, D)))
+
+    def gains_over(self, R_g: Any, L_g: Any) -> PowerLoopGains:
+        """Gains for arrays of grids; NaN where :meth:`gains` would raise."""
+        A, D = self.plant_gains(R_g, L_g)
+        A, D = np.where((A > 0.0) & (D > 0.0), A, np.nan), np.where((A > 0.0) & (D > 0.0), D, np.nan)
+        return PowerLoopGains(*self._from_plant(A, D))
+
+    def plant_gains(self, R_g: Any, L_g: Any) -> tuple[Any, Any]:
+        """A (W/rad) and D (var/V) at (P, Q) on a grid; NaN where it has no operating point."""
+        R, X = self._path(R_g, L_g)
+        with np.errstate(invalid="ignore"):
+            V_rms, _ = operating_point(self.P, self.Q, self.V_g_rms, R, X)
+        A, _, _, D = jacobian_from_powers(self.P, self.Q, V_rms, R, X)
+        return A, D
+
+    def _path(self, R_g: Any, L_g: Any) -> tuple[Any, Any]:
+        return R_g + self.R_2, self.omega * (L_g + self.L_2)
+
+    def _from_plant(self, A: Any, D: Any) -> Any:
+        return power_loop_gains(A, D, self.settling_time, self.damping_ratio, self.droop_ratio)
 
 
 def closed_form_schedule(study: Study, target: ClosedFormTarget) -> ClosedFormSchedule:

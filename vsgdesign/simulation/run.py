@@ -28,8 +28,8 @@ _RAMP_STRETCH = 0.02
 """Longest stretch of a ramp with one centre frequency, s."""
 
 _RAMP_DRIFT = 1e-4
-"""Largest angle, rad, that a ramp may drift from its centre frequency within one period of a stretch: the source
-model's error is its cube over six, 2e-13."""
+"""Largest angle, rad, that a ramp may drift from its centre frequency within one period of a stretch. The source
+model leaves out third-order terms of a period; against DOP853 that is 7e-11 of rated in the steepest test."""
 
 _PROGRESS_STRETCH = 1.0
 """Longest stretch between two calls of ``progress``, s of simulated time."""

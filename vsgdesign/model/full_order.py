@@ -1,0 +1,165 @@
+"""The full-order sampled-data model: one control period of plant, delay and controller, differentiated exactly.
+
+The map is the simulator's own (averaged bridge), generated from the same equations and written in the frame of
+the grid source, so a steady state is a fixed point and its Jacobian's eigenvalues are the system's: no Padé, no
+continuous approximation of the sampling.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, power_stage, voltage_stage
+from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage, filter_grid_derivative
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.frames import instantaneous_power, rms_to_peak, rotate_back
+from vsgdesign.model.tracing import numpy_on_symbols
+
+PARAMETERS = (
+    *FilterGrid._fields, *PowerLoopGains._fields, *InnerLoopGains._fields, *References._fields, "V_g", "omega_g",
+)  # fmt: skip
+"""Names of the map's parameters, SI: circuit, gains, references, V_g (phase rms) and ω_g (rad/s)."""
+
+SETTINGS = ControllerSettings._fields
+"""Names of the controller's constants, after the parameters."""
+
+INPUTS = ("P_ref", "Q_ref", "omega_g", "V_g", "P_meas", "Q_meas", "theta_cmd", "V_cmd")
+"""Inputs of the linear model. The last four are added to the measured powers (the plant's output) and to the
+commanded angle and voltage (its input): they break the loop for the margins."""
+
+OUTPUTS = ("P", "Q", "omega", "V", "delta", "v_b_d", "v_b_q")
+"""Outputs of the linear model: measured powers, frequency, commanded V and δ, and the bridge voltage that is
+applied from this sample on (peak, in the source's frame)."""
+
+_TAYLOR_ORDER = 13
+
+
+@dataclass(frozen=True)
+class FullOrderMap:
+    """The CasADi functions of one structure (delay, power filters), for any parameters.
+
+    ``states`` names z. ``step(z, p)`` gives the next z; ``linear(z, p)`` gives A, B, C, D for INPUTS and
+    OUTPUTS; ``directional(z, p, dz, dp)`` gives dA along a direction; ``of_parameters(z, p)`` gives ∂step/∂p.
+    p holds PARAMETERS, then SETTINGS.
+    """
+
+    states: tuple[str, ...]
+    step: ca.Function
+    linear: ca.Function
+    directional: ca.Function
+    of_parameters: ca.Function
+
+
+@functools.cache
+def full_order_map(delay: int, filter_P: bool, filter_Q: bool, squarings: int) -> FullOrderMap:
+    """Build the map for 0 or 1 samples of delay, with or without power filters.
+
+    ``squarings`` k: matrix exponentials by Taylor series of (A T_s)/2^k, squared k times.
+    """
+    names = _state_names(delay, filter_P, filter_Q)
+    z = ca.SX.sym("z", len(names))
+    p = ca.SX.sym("p", len(PARAMETERS) + len(SETTINGS))
+    u = ca.SX.sym("u", len(INPUTS))
+    with numpy_on_symbols():
+        following, outputs = _one_period(names, z, p, u, squarings)
+    at_rest = ca.DM.zeros(len(INPUTS))
+
+    def rested(expression: ca.SX) -> ca.SX:
+        return ca.substitute(expression, u, at_rest)
+
+    A, B = rested(ca.jacobian(following, z)), rested(ca.jacobian(following, u))
+    C, D = rested(ca.jacobian(outputs, z)), rested(ca.jacobian(outputs, u))
+    following, outputs = rested(following), rested(outputs)
+    dz, dp = ca.SX.sym("dz", z.shape), ca.SX.sym("dp", p.shape)
+    dA = ca.reshape(ca.jtimes(ca.vec(A), ca.vertcat(z, p), ca.vertcat(dz, dp)), *A.shape)
+    return FullOrderMap(
+        names,
+        ca.Function("step", [z, p], [following, outputs]),
+        ca.Function("linear", [z, p], [ca.densify(m) for m in (A, B, C, D)], {"cse": True}),
+        ca.Function("directional", [z, p, dz, dp], [ca.densify(dA)], {"cse": True}),
+        ca.Function("of_parameters", [z, p], [ca.densify(ca.jacobian(following, p))], {"cse": True}),
+    )
+
+
+def _state_names(delay: int, filter_P: bool, filter_Q: bool) -> tuple[str, ...]:
+    plant = ("i_s_d", "i_s_q", "v_c_d", "v_c_q", "i_g_d", "i_g_q")
+    pending = ("pending_d", "pending_q") if delay else ()
+    filters = (*(("P_f",) if filter_P else ()), *(("Q_f",) if filter_Q else ()))
+    return (*plant, *pending, "delta", "omega_i", "V", *filters, "xi_vd", "xi_vq", "xi_id", "xi_iq")
+
+
+def _one_period(names: tuple[str, ...], z: ca.SX, p: ca.SX, u: ca.SX, squarings: int) -> tuple[ca.SX, ca.SX]:
+    state = dict(zip(names, ca.vertsplit(z), strict=True))
+    values = dict(zip((*PARAMETERS, *SETTINGS), ca.vertsplit(p), strict=True))
+    push = dict(zip(INPUTS, ca.vertsplit(u), strict=True))
+    circuit = FilterGrid(*(values[n] for n in FilterGrid._fields))
+    power_gains = PowerLoopGains(*(values[n] for n in PowerLoopGains._fields))
+    inner_gains = InnerLoopGains(*(values[n] for n in InnerLoopGains._fields))
+    settings = ControllerSettings(*(values[n] for n in SETTINGS))
+    refs = References(
+        values["P_ref"] + push["P_ref"], values["Q_ref"] + push["Q_ref"], values["omega_0"], values["V_n"]
+    )
+    omega_g = values["omega_g"] + push["omega_g"]
+    V_g = rms_to_peak(values["V_g"] + push["V_g"])
+
+    v_d, v_q = (capacitor_node_voltage(state[f"i_s_{a}"], state[f"v_c_{a}"], state[f"i_g_{a}"], circuit) for a in "dq")
+    measured = Measurement(v_d, v_q, state["i_s_d"], state["i_s_q"], state["i_g_d"], state["i_g_q"])
+    P, Q = instantaneous_power(v_d, v_q, measured.i_g_alpha, measured.i_g_beta)
+    # Without a filter the remembered power is of no consequence: any value serves.
+    controller = ControllerState(
+        state["delta"], state["omega_i"], state["V"], state.get("P_f", P), state.get("Q_f", Q),
+        state["xi_vd"], state["xi_vq"], state["xi_id"], state["xi_iq"],
+    )  # fmt: skip
+    omega, theta, omega_i, V, P_f, Q_f = power_stage(
+        controller, P + push["P_meas"], Q + push["Q_meas"], refs, power_gains, settings
+    )
+    v_b_d, v_b_q, *integrators = voltage_stage(
+        controller.theta + push["theta_cmd"], controller.V + push["V_cmd"], controller, measured, inner_gains, settings
+    )
+    applied = (state["pending_d"], state["pending_q"]) if "pending_d" in state else (v_b_d, v_b_q)
+
+    transition, bridge, source_re, source_im = _exact_step(circuit, omega_g, settings.T_s, squarings)
+    turn_cos, turn_sin = np.cos(omega_g * settings.T_s), np.sin(omega_g * settings.T_s)
+    along = [transition @ ca.vertcat(*(state[f"{n}_{a}"] for n in ("i_s", "v_c", "i_g"))) for a in "dq"]
+    along = [x + bridge * v for x, v in zip(along, applied, strict=True)]
+    # The source's phasor is V_g∠0 at the start of the period: what it adds has a part in each axis.
+    along = [along[0] + source_re * V_g, along[1] + source_im * V_g]
+    plant = [rotate_back(along[0][k], along[1][k], turn_cos, turn_sin) for k in range(3)]
+    following = {
+        **{f"{n}_{a}": plant[k][j] for k, n in enumerate(("i_s", "v_c", "i_g")) for j, a in enumerate("dq")},
+        "delta": theta - settings.T_s * omega_g,
+        "omega_i": omega_i, "V": V, "P_f": P_f, "Q_f": Q_f,
+        **dict(zip(("xi_vd", "xi_vq", "xi_id", "xi_iq"), integrators, strict=True)),
+    }  # fmt: skip
+    pending = rotate_back(v_b_d, v_b_q, turn_cos, turn_sin)
+    following |= {"pending_d": pending[0], "pending_q": pending[1]}
+    outputs = ca.vertcat(P + push["P_meas"], Q + push["Q_meas"], omega, controller.V, controller.theta, *applied)
+    return ca.vertcat(*(following[name] for name in names)), outputs
+
+
+def _exact_step(circuit: FilterGrid, omega: ca.SX, h: ca.SX, squarings: int) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Φ, Γ and the real and imaginary response to a source e^{jωs}: one exponential of a 6×6 matrix.
+
+    The circuit is augmented by a constant (the bridge) and by an oscillator (the source); row i of the result
+    holds what each of them adds to state i.
+    """
+    symbols = ca.SX.sym("s", 5)
+    i_s, v_c, i_g, v_b, v_g = ca.vertsplit(symbols)
+    rates = ca.vertcat(*filter_grid_derivative(i_s, v_c, i_g, v_b, v_g, circuit))
+    M = ca.SX(6, 6)
+    M[:3, :5] = ca.jacobian(rates, symbols)
+    M[4, 5], M[5, 4] = -omega, omega
+    scaled = M * (h / 2.0**squarings)
+    exponential, term = ca.SX.eye(6), ca.SX.eye(6)
+    for k in range(1, _TAYLOR_ORDER + 1):
+        term = ca.mtimes(term, scaled) / k
+        exponential = exponential + term
+    for _ in range(squarings):
+        exponential = ca.mtimes(exponential, exponential)
+    # The α axis sees the oscillator's first state; the β axis is a quarter turn behind, hence the sign.
+    return exponential[:3, :3], exponential[:3, 3], exponential[:3, 4], -exponential[:3, 5]

@@ -1,0 +1,109 @@
+"""Where the modes go as a parameter moves, what takes part in them, and what moves them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, linear_sum_assignment
+
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.metrics.modes import eigenvalue_sensitivity, participation_factors, to_continuous
+from vsgdesign.model.full_order import PARAMETERS
+from vsgdesign.operating_point.full_order import FullOrderModel, parameter_sensitivity
+from vsgdesign.parameters.study import Study
+from vsgdesign.stability.cells import GainLaw, cell_set, grid_arrays, reduced_cells
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complexfloating[Any, Any]]
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One mode of a cell: s in 1/s, damping ratio, and the states that take part most (name, share)."""
+
+    s: complex
+    damping: float
+    participation: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class ModeSensitivity:
+    """How a parameter moves one mode: ds/dp, and relative to the parameter, p·ds/dp in 1/s."""
+
+    parameter: str
+    value: float
+    ds_dp: complex
+    relative: complex
+
+
+def modes(states: Sequence[str], A: Array, T_s: float | None = None, count: int = 4) -> tuple[Mode, ...]:
+    """Modes of one matrix from the least stable on; ``T_s`` for a sampled model, None for a continuous one."""
+    eigenvalues, shares = participation_factors(A)
+    s: Complex = eigenvalues.astype(complex) if T_s is None else to_continuous(eigenvalues, T_s)
+    found = []
+    for k in np.argsort(-s.real, kind="stable").tolist():
+        order = np.argsort(-shares[:, k], kind="stable")[:count].tolist()
+        size = abs(s[k])
+        damping = 1.0 if size == 0.0 or not np.isfinite(size) else float(-s[k].real / size)
+        found.append(Mode(complex(s[k]), damping, tuple((str(states[j]), float(shares[j, k])) for j in order)))
+    return tuple(found)
+
+
+def track(eigenvalues: Complex) -> Complex:
+    """Eigenvalues (K, n) along a path, each step's order matched to the step before: n continuous loci."""
+    loci = np.array(eigenvalues, dtype=complex)
+    for k in range(1, len(loci)):
+        distance = np.abs(loci[k - 1][:, None] - loci[k][None, :])
+        distance[~np.isfinite(distance)] = 1e12
+        loci[k] = loci[k][linear_sum_assignment(distance)[1]]
+    return loci
+
+
+def mode_sensitivities(
+    model: FullOrderModel, cell: int, s: complex, parameters: Sequence[str] = PARAMETERS
+) -> tuple[ModeSensitivity, ...]:
+    """ds/dp of the mode nearest to ``s`` for every parameter, the largest relative effect first.
+
+    With z = e^{sT}: ds/dp = (dz/dp)/(z T_s). The steady state follows the parameter.
+    """
+    z = np.linalg.eigvals(model.A[cell])
+    k = int(np.argmin(np.abs(z - np.exp(s * model.T_s))))
+    found = []
+    for name in parameters:
+        value = float(model.p[cell, PARAMETERS.index(name)])
+        eigenvalues, dz = eigenvalue_sensitivity(model.A[cell], parameter_sensitivity(model, cell, name))
+        ds = complex(dz[k] / (eigenvalues[k] * model.T_s))
+        found.append(ModeSensitivity(name, value, ds, value * ds))
+    return tuple(sorted(found, key=lambda item: -abs(item.relative)))
+
+
+def stability_limit(
+    study: Study, law: GainLaw, scr: float, P: float, Q: float, bracket: tuple[float, float] = (0.05, 20.0)
+) -> float:
+    """The X/R at which the coupled reduced model loses stability at an SCR, by root finding (relative 1e-10).
+
+    Below it the loop is unstable. Raises InfeasibleStudyError where there is no change of stability, or no
+    operating point, within the bracket.
+    """
+
+    def abscissa(log_ratio: float) -> float:
+        R_g, L_g = grid_arrays(study, np.array([scr]), np.array([np.exp(log_ratio)]))
+        cells = cell_set(study, R_g, L_g, P, Q, law(R_g, L_g))
+        if not cells.good.all():
+            return float("nan")
+        return float(np.linalg.eigvals(reduced_cells(study, cells).A).real.max())
+
+    grid = np.linspace(np.log(bracket[0]), np.log(bracket[1]), 60)
+    values = np.array([abscissa(x) for x in grid])
+    falls = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
+    if falls.size == 0:
+        raise InfeasibleStudyError(
+            f"no loss of stability at SCR {scr:g} between X/R {bracket[0]:g} and {bracket[1]:g}: "
+            f"{'stable wherever an operating point exists' if not (values > 0).any() else 'unstable throughout'}"
+        )
+    k = int(falls[-1])
+    return float(np.exp(brentq(abscissa, grid[k], grid[k + 1], xtol=1e-11)))  # type: ignore[arg-type]

@@ -1,0 +1,105 @@
+"""The power loop of either model as S(jω): broken at the plant's output (P, Q) or at its input (δ, V)."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.metrics.rational import RationalMatrix, transfer_matrix
+from vsgdesign.model.coupled import CoupledModel
+from vsgdesign.model.full_order import INPUTS, OUTPUTS
+from vsgdesign.operating_point.full_order import FullOrderModel
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complexfloating[Any, Any]]
+
+BREAKS = ("output", "input")
+_CHUNK = 64
+
+
+class SensitivityLoop(Protocol):
+    """S(jω) = (I + L)⁻¹ of N cells, on a grid or at single points."""
+
+    def on(self, omega: Array) -> Complex:
+        """S (N, F, 2, 2) on a frequency grid in rad/s."""
+        ...
+
+    def at(self, cells: NDArray[np.intp], omega: Array) -> Complex:
+        """S (k, 2, 2) of cells at frequencies, both (k,)."""
+        ...
+
+
+class ReducedLoop:
+    """The loop of a CoupledModel: S = (I − J K)⁻¹ or (I − K J)⁻¹ with K exact as a rational matrix."""
+
+    def __init__(self, model: CoupledModel, broken_at: str = "output") -> None:
+        _check(broken_at)
+        self._K: RationalMatrix = transfer_matrix(model.A_K, model.B_K, model.C_K)
+        self._J = model.J
+        self._at_output = broken_at == "output"
+
+    def on(self, omega: Array) -> Complex:
+        """S (N, F, 2, 2) on a frequency grid in rad/s."""
+        return self._sensitivity(self._K.on(1j * omega), self._J[:, None])
+
+    def at(self, cells: NDArray[np.intp], omega: Array) -> Complex:
+        """S (k, 2, 2) of cells at frequencies, both (k,)."""
+        return self._sensitivity(self._K.at(cells, 1j * omega), self._J[cells])
+
+    def _sensitivity(self, K: Complex, J: Array) -> Complex:
+        # K carries the minus sign of the feedback: I + L = I − J K.
+        left, right = (J, K) if self._at_output else (K, J)
+        a11, a12 = _row_times(left, 0, right)
+        a21, a22 = _row_times(left, 1, right)
+        a11, a12, a21, a22 = 1.0 - a11, -a12, -a21, 1.0 - a22
+        inverse = 1.0 / (a11 * a22 - a12 * a21)
+        S = np.empty(K.shape, dtype=complex)
+        S[..., 0, 0], S[..., 0, 1] = a22 * inverse, -a12 * inverse
+        S[..., 1, 0], S[..., 1, 1] = -a21 * inverse, a11 * inverse
+        return S
+
+
+def _row_times(left: NDArray, row: int, right: NDArray) -> tuple[NDArray, NDArray]:
+    """One row of a product of 2×2 matrices, without the overhead of tiny matmuls."""
+    return (
+        left[..., row, 0] * right[..., 0, 0] + left[..., row, 1] * right[..., 1, 0],
+        left[..., row, 0] * right[..., 0, 1] + left[..., row, 1] * right[..., 1, 1],
+    )
+
+
+class FullOrderLoop:
+    """The loop of a FullOrderModel: S(z) = I + C (zI − A)⁻¹ B between the loop-breaking ports, as a sum over modes."""
+
+    def __init__(self, model: FullOrderModel, broken_at: str = "output") -> None:
+        _check(broken_at)
+        ports = ("P_meas", "Q_meas", "P", "Q") if broken_at == "output" else ("theta_cmd", "V_cmd", "delta", "V")
+        columns = [INPUTS.index(name) for name in ports[:2]]
+        rows = [OUTPUTS.index(name) for name in ports[2:]]
+        self._T_s = model.T_s
+        self._poles, right = np.linalg.eig(model.A)
+        into = np.linalg.solve(right, model.B[:, :, columns].astype(complex))
+        self._residues = (model.C[:, rows, :] @ right)[:, :, :, None] * into[:, None, :, :]
+
+    def on(self, omega: Array) -> Complex:
+        """S (N, F, 2, 2) on a frequency grid in rad/s, below the Nyquist frequency."""
+        z = np.exp(1j * omega * self._T_s)
+        S = np.empty((len(self._poles), len(omega), 2, 2), dtype=complex)
+        for start in range(0, len(S), _CHUNK):
+            part = slice(start, start + _CHUNK)
+            factors = 1.0 / (z[None, :, None] - self._poles[part, None, :])
+            residues = self._residues[part].transpose(0, 2, 1, 3).reshape(factors.shape[0], factors.shape[2], 4)
+            S[part] = (factors @ residues).reshape(-1, len(omega), 2, 2)
+        S += np.eye(2)
+        return S
+
+    def at(self, cells: NDArray[np.intp], omega: Array) -> Complex:
+        """S (k, 2, 2) of cells at frequencies, both (k,)."""
+        factors = 1.0 / (np.exp(1j * omega * self._T_s)[:, None] - self._poles[cells])
+        return np.einsum("kn,kinj->kij", factors, self._residues[cells]) + np.eye(2, dtype=complex)
+
+
+def _check(broken_at: str) -> None:
+    if broken_at not in BREAKS:
+        raise ValueError(f'broken_at = "{broken_at}": must be "output" or "input"')

@@ -1,0 +1,58 @@
+"""Exact step responses of linear models, for prediction and for overshoot and settling without a simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from vsgdesign.metrics.step_response import ResponseMetrics, step_response
+from vsgdesign.model.coupled import INPUTS, OUTPUTS, CoupledModel
+from vsgdesign.model.full_order import INPUTS as FULL_INPUTS
+from vsgdesign.model.full_order import OUTPUTS as FULL_OUTPUTS
+from vsgdesign.operating_point.full_order import FullOrderModel
+
+Array = NDArray[np.float64]
+
+
+def reduced_step(model: CoupledModel, input_: str, output: str, t_end: float, dt: float) -> tuple[Array, Array]:
+    """Unit step responses (N, K) of the reduced model at times (K,): exact at the samples."""
+    column, row = INPUTS.index(input_), OUTPUTS.index(output)
+    count, n, _ = model.A.shape
+    augmented = np.zeros((count, n + 1, n + 1))
+    augmented[:, :n, :n] = model.A * dt
+    augmented[:, :n, n] = model.B[:, :, column] * dt
+    step = np.array(expm(augmented), dtype=np.float64)
+    return _recurse(step[:, :n, :n], step[:, :n, n], model.C[:, row], model.D[:, row, column], round(t_end / dt), dt)
+
+
+def full_order_step(model: FullOrderModel, input_: str, output: str, t_end: float) -> tuple[Array, Array]:
+    """Unit step responses (N, K) of the sampled model at every sample (K,)."""
+    column, row = FULL_INPUTS.index(input_), FULL_OUTPUTS.index(output)
+    steps = round(t_end / model.T_s)
+    return _recurse(model.A, model.B[:, :, column], model.C[:, row], model.D[:, row, column], steps, model.T_s)
+
+
+def _recurse(A: Array, b: Array, c: Array, d: Array, steps: int, dt: float) -> tuple[Array, Array]:
+    x = np.zeros(b.shape)
+    y = np.empty((len(b), steps + 1))
+    for k in range(steps + 1):
+        y[:, k] = np.einsum("ij,ij->i", c, x) + d
+        x = np.einsum("ijk,ik->ij", A, x) + b
+    return np.arange(steps + 1, dtype=np.float64) * dt, y
+
+
+def reduced_step_metrics(
+    model: CoupledModel, input_: str, output: str, t_end: float = 12.0, dt: float = 1e-3
+) -> list[ResponseMetrics | None]:
+    """Overshoot, settling and rise per cell against its own final value; None for an unstable cell."""
+    t, y = reduced_step(model, input_, output, t_end, dt)
+    column, row = INPUTS.index(input_), OUTPUTS.index(output)
+    found: list[ResponseMetrics | None] = []
+    for k, A in enumerate(model.A):
+        if np.linalg.eigvals(A).real.max() >= 0.0:
+            found.append(None)
+            continue
+        final = float(model.D[k, row, column] - model.C[k, row] @ np.linalg.solve(A, model.B[k, :, column]))
+        found.append(step_response(t, y[k], 0.0, final))
+    return found
