@@ -43,3 +43,11 @@ def test_the_proof_can_fail() -> None:
 def test_the_top_package_imports_nothing() -> None:
     bare, with_package = imported("pass"), imported("import vsgdesign")
     assert with_package - bare <= {"vsgdesign", "__future__"}
+
+
+def test_what_ships_reads_no_study_files() -> None:
+    """The runtime's own rooms and nothing of what reads and checks TOML."""
+    code = "import sys, vsgdesign.runtime; print(*{'.'.join(name.split('.')[:2]) for name in sys.modules})"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    rooms = {name.split(".")[1] for name in run.stdout.split() if name.startswith("vsgdesign.")}
+    assert rooms == {"runtime", "equations", "frames", "errors"}

@@ -1,0 +1,1 @@
+"""Timings of the hot paths: ``python -m bench``. Never part of the tests."""
