@@ -38,9 +38,9 @@ def table(rows: list[Row]) -> str:
     headings = (
         "what",
         "ours",
-        "unit",
         "low",
         "high",
+        "unit",
         "n",
         "anchor",
         "ratio",
