@@ -106,6 +106,50 @@ def design(study_file: str, as_json: bool) -> None:
 
 @main.command()
 @_STUDY
+@click.option("--evidence/--no-evidence", default=False, help="Also simulate small steps in EMT.  [default: no]")
+@_JSON
+@_verb
+def margins(study_file: str, evidence: bool, as_json: bool) -> None:
+    """Modes and margins over the study's grids: worst cases, close looks and gates, on the terminal."""
+    from vsgdesign.pipeline import assess_study, stability_document
+
+    study = _load(study_file)
+    with _progress(quiet=as_json) as progress:
+        document = stability_document(assess_study(study, evidence=evidence, progress=progress))
+    if as_json:
+        _print_json(document)
+        return
+    from vsgdesign.console import stability_tables
+
+    stability_tables(document)
+
+
+@main.command()
+@_STUDY
+@click.option("--out", default=None, metavar="DIR", help="Folder for the report.  [default: out/NAME-stability]")
+@_JSON
+@_verb
+def report(study_file: str, out: str | None, as_json: bool) -> None:
+    """Stability-margin report: maps, modes, margins, impedance and EMT evidence as one HTML page, with CSV."""
+    from pathlib import Path
+
+    from vsgdesign.pipeline import report_stability
+
+    study = _load(study_file)
+    folder = Path("out") / f"{study.name}-stability" if out is None else Path(out)
+    with _progress(quiet=as_json) as progress:
+        document = report_stability(study, folder, progress=progress)
+    if as_json:
+        _print_json(document)
+        return
+    from vsgdesign.console import stability_tables
+
+    stability_tables(document)
+    click.echo(f"report: {folder / 'report.html'}")
+
+
+@main.command()
+@_STUDY
 @_JSON
 @_verb
 def validate(study_file: str, as_json: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import math
 from typing import Any
 
@@ -68,6 +69,23 @@ class TableReader:
             self.fault(field, raw, limits + as_read, hint or "Check the unit: a bare number is SI.")
             return math.nan
         return value
+
+    def quantities(
+        self, field: str, dimension: str, low: float, high: float, default: tuple[float, ...], increasing: bool = True
+    ) -> tuple[float, ...]:
+        """A non-empty list of quantities within [low, high], strictly increasing unless said otherwise."""
+        self._known.append(field)
+        if field not in self.table:
+            return default
+        raw = self.table[field]
+        if not isinstance(raw, list) or not raw:
+            self.fault(field, raw, "must be a list of at least one value", f"For example {field} = [1.5, 3, 10].")
+            return default
+        items = TableReader({str(k): item for k, item in enumerate(raw)}, self.name(field), self.faults)
+        values = tuple(items.quantity(str(k), dimension, low, high) for k in range(len(raw)))
+        if increasing and any(not b > a for a, b in itertools.pairwise(values)):
+            self.fault(field, raw, "must increase from each value to the next")
+        return values
 
     def integer(self, field: str, low: int, high: int, default: Any = REQUIRED) -> Any:
         """A whole number within [low, high]."""

@@ -175,6 +175,30 @@ class SimulationSpec:
 
 
 @dataclass(frozen=True)
+class Gates:
+    """Limits that a design is held against. Ours, configurable, and no grid code's."""
+
+    damping_ratio: float = 0.3
+    gain_margin_db: float = 6.0
+    phase_margin_deg: float = 30.0
+    M_s: float = 2.0
+    settling_time: float = 1.0
+
+
+@dataclass(frozen=True)
+class StabilitySpec:
+    """Axes of the margin maps: SCR × X/R × every combination of P (W) and Q (var), and estimate errors."""
+
+    scr: tuple[float, ...]
+    x_over_r: tuple[float, ...]
+    P: tuple[float, ...]
+    Q: tuple[float, ...]
+    errors: tuple[float, ...]
+    """Relative errors of R_g and L_g, each taking every value."""
+    gates: Gates
+
+
+@dataclass(frozen=True)
 class Study:
     """Everything that a study file says, resolved, checked and in SI."""
 
@@ -193,6 +217,7 @@ class Study:
     controllers: tuple[ControllerSpec, ...]
     simulation: SimulationSpec
     events: tuple[Event, ...]
+    stability: StabilitySpec
     hash: str
     """SHA-256 of the resolved study document."""
 

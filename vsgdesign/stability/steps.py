@@ -27,10 +27,21 @@ def reduced_step(model: CoupledModel, input_: str, output: str, t_end: float, dt
 
 
 def full_order_step(model: FullOrderModel, input_: str, output: str, t_end: float) -> tuple[Array, Array]:
-    """Unit step responses (N, K) of the sampled model at every sample (K,)."""
+    """Unit step responses (N, K) of the sampled model at every sample (K,), summed over the modes.
+
+    A mode z adds r (zᵏ − 1)/(z − 1) to sample k.
+    """
     column, row = FULL_INPUTS.index(input_), FULL_OUTPUTS.index(output)
-    steps = round(t_end / model.T_s)
-    return _recurse(model.A, model.B[:, :, column], model.C[:, row], model.D[:, row, column], steps, model.T_s)
+    k = np.arange(round(t_end / model.T_s) + 1, dtype=np.float64)
+    y = np.empty((len(model.A), len(k)))
+    for cell, A in enumerate(model.A):
+        z, right = np.linalg.eig(A.astype(complex))
+        residues = (model.C[cell, row] @ right) * np.linalg.solve(right, model.B[cell, :, column].astype(complex))
+        with np.errstate(divide="ignore"):
+            powers = np.exp(np.outer(k, np.log(z)))
+        powers[0] = 1.0  # also where z = 0
+        y[cell] = ((powers - 1.0) @ (residues / (z - 1.0))).real + model.D[cell, row, column]
+    return k * model.T_s, y
 
 
 def _recurse(A: Array, b: Array, c: Array, d: Array, steps: int, dt: float) -> tuple[Array, Array]:

@@ -1,0 +1,42 @@
+"""Reads the [stability] section: the axes of the margin maps and the gates."""
+
+from __future__ import annotations
+
+from vsgdesign.parameters.reader import TableReader
+from vsgdesign.parameters.study import ClosedFormTarget, Converter, Gates, StabilitySpec
+
+DEFAULT_SCR = (1.2, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0, 12.5, 16.0, 20.0)
+DEFAULT_X_OVER_R = (0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 14.0, 20.0)
+DEFAULT_ERRORS = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
+
+
+def read_stability(table: TableReader | None, converter: Converter, target: ClosedFormTarget) -> StabilitySpec:
+    """The section, or its defaults: SCR 1.2–20 × X/R 0.5–20 at the design point of the power loops."""
+    if table is None:
+        return StabilitySpec(DEFAULT_SCR, DEFAULT_X_OVER_R, (target.P,), (target.Q,), DEFAULT_ERRORS, Gates())
+    limit = 2.0 * converter.S_rated
+    spec = StabilitySpec(
+        scr=table.quantities("scr", "1", 0.05, 1e4, DEFAULT_SCR),
+        x_over_r=table.quantities("x_over_r", "1", 1e-3, 1e4, DEFAULT_X_OVER_R),
+        P=table.quantities("P", "W", -limit, limit, (target.P,)),
+        Q=table.quantities("Q", "var", -limit, limit, (target.Q,)),
+        errors=table.quantities("errors", "1", -0.9, 10.0, DEFAULT_ERRORS),
+        gates=_read_gates(table.child("gates")),
+    )
+    table.finish()
+    return spec
+
+
+def _read_gates(table: TableReader | None) -> Gates:
+    if table is None:
+        return Gates()
+    default = Gates()
+    gates = Gates(
+        damping_ratio=table.quantity("damping_ratio", "1", 0.0, 1.0, default=default.damping_ratio),
+        gain_margin_db=table.quantity("gain_margin_db", "1", 0.0, 60.0, default=default.gain_margin_db),
+        phase_margin_deg=table.quantity("phase_margin_deg", "1", 0.0, 180.0, default=default.phase_margin_deg),
+        M_s=table.quantity("M_s", "1", 1.0, 100.0, default=default.M_s),
+        settling_time=table.quantity("settling_time", "s", 1e-3, 1000.0, default=default.settling_time),
+    )
+    table.finish()
+    return gates

@@ -1,0 +1,189 @@
+"""From a study to its stability: maps, close looks, EMT evidence, clause matrix, report."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsgdesign.artifacts import provenance, staged_folder, write_json
+from vsgdesign.artifacts.tables import write_table
+from vsgdesign.metrics.margins import guaranteed_margins
+from vsgdesign.parameters import Study
+from vsgdesign.simulation.evidence import StepEvidence, step_evidence
+from vsgdesign.stability.assessment import ControllerAssessment, FocusCell, assess
+from vsgdesign.stability.tables import VIEW_HEADER, map_header, map_rows, view_rows
+from vsgdesign.stability.verdict import Verdict, clause_matrix, worst_cases
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class StabilityResult:
+    """All that the stability report is made from. ``evidence`` is keyed by (controller, cell label)."""
+
+    study: Study
+    assessments: tuple[ControllerAssessment, ...]
+    evidence: dict[tuple[str, str], tuple[StepEvidence, StepEvidence]]
+    verdicts: tuple[Verdict, ...]
+    timing_s: dict[str, float]
+
+
+def assess_study(study: Study, *, evidence: bool = True, progress: Progress | None = None) -> StabilityResult:
+    """Assess every controller of a study; with ``evidence``, also small EMT steps at each of its stable grids."""
+    tell = progress or _silent
+    begin = time.perf_counter()
+    assessments = tuple(
+        assess(study, spec, lambda what, share: tell(f"assess {what}", share)) for spec in study.controllers
+    )
+    timing = {"assess": time.perf_counter() - begin}
+    begin = time.perf_counter()
+    found: dict[tuple[str, str], tuple[StepEvidence, StepEvidence]] = {}
+    if evidence:
+        cells = [(a.spec.name, cell) for a in assessments for cell in a.focus if cell.full_order_table.stable[0]]
+        for done, (name, cell) in enumerate(cells):
+            tell("simulate small steps", done / len(cells))
+            found[name, cell.label] = step_evidence(study, cell)
+        tell("simulate small steps", 1.0)
+        timing["evidence"] = time.perf_counter() - begin
+    return StabilityResult(study, assessments, found, clause_matrix(study, assessments), timing)
+
+
+def report_stability(study: Study, out: str | Path, *, progress: Progress | None = None) -> dict[str, Any]:
+    """Assess a study and leave figures, CSV files, results.json and report.html in ``out``.
+
+    Returns the content of results.json. The folder appears when everything is done. Raises the errors of
+    :func:`assess_study` and ArtifactError.
+    """
+    from vsgdesign.report import write_stability_figures, write_stability_report
+
+    tell = progress or _silent
+    with staged_folder(out) as folder:
+        result = assess_study(study, progress=progress)
+        begin = time.perf_counter()
+        write_stability_tables(result, folder)
+        tell("draw figures", 0.0)
+        figures = write_stability_figures(result, folder / "figures")
+        write_stability_report(result, figures, folder / "report.html")
+        tell("draw figures", 1.0)
+        result.timing_s["report"] = time.perf_counter() - begin
+        document = stability_document(result)
+        write_json(folder / "results.json", document)
+    return document
+
+
+def write_stability_tables(result: StabilityResult, folder: Path) -> None:
+    """Every map, frequency view and response of a result as CSV."""
+    for a in result.assessments:
+        name = a.spec.name
+        maps = {"reduced": a.reduced, "full_order": a.full_order, "stale": a.stale, "estimate_error": a.estimate_error}
+        for kind, field in maps.items():
+            if field is not None:
+                write_table(folder / f"map_{name}_{kind}.csv", map_header(field), map_rows(field))
+        for cell in a.focus:
+            write_table(folder / f"frequency_{name}_{slug(cell.label)}.csv", VIEW_HEADER, view_rows(cell))
+    for (name, label), responses in result.evidence.items():
+        for e in responses:
+            columns = (e.t_s, e.emt, e.full_order, e.reduced)
+            unit = "W" if e.signal == "P" else "var"
+            header = ("t [s]", *(f"{kind} [{unit}]" for kind in ("emt", "full_order", "reduced")))
+            step = max(len(e.t_s) // 3000, 1)
+            rows = zip(*(column[::step].tolist() for column in columns), strict=True)
+            write_table(folder / f"step_{e.signal}_{name}_{slug(label)}.csv", header, rows)
+
+
+def slug(label: str) -> str:
+    """A label as part of a file name."""
+    return re.sub(r"[^A-Za-z0-9.]+", "_", label).strip("_")
+
+
+def stability_document(result: StabilityResult) -> dict[str, Any]:
+    """results.json of a stability report: identity, gates, verdicts, worst cases and close looks."""
+    study = result.study
+    return {
+        "schema": 1,
+        "study": {"name": study.name, "title": study.title, "source": study.source, "hash": study.hash},
+        "provenance": provenance(),
+        "gates": asdict(study.stability.gates),
+        "axes": {key: value for key, value in asdict(study.stability).items() if key != "gates"},
+        "scr_basis": study.scr_basis,
+        "verdicts": [asdict(row) for row in result.verdicts],
+        "controllers": {a.spec.name: _controller(result, a) for a in result.assessments},
+        "timing_s": result.timing_s,
+    }
+
+
+def _controller(result: StabilityResult, a: ControllerAssessment) -> dict[str, Any]:
+    study = result.study
+    return {
+        "kind": a.spec.kind,
+        "worst": {
+            "reduced": [asdict(w) for w in worst_cases(study, a.reduced)],
+            "full_order": [asdict(w) for w in worst_cases(study, a.full_order)],
+        },
+        "between_nodes": {
+            "grids": len(a.between.stable),
+            "stable": int(a.between.stable.sum()),
+            "least_damping": float(np.min(a.between.least_damping)) if len(a.between.stable) else None,
+        },
+        "x_over_r_limit": [{"scr": scr, "x_over_r": limit} for scr, limit in a.x_over_r_limit],
+        "cells": [_focus(result, a.spec.name, cell) for cell in a.focus],
+    }
+
+
+def _focus(result: StabilityResult, name: str, cell: FocusCell) -> dict[str, Any]:
+    evidence = result.evidence.get((name, cell.label))
+    return {
+        "label": cell.label,
+        "R_g": cell.grid.R_g,
+        "L_g": cell.grid.L_g,
+        "P": cell.P,
+        "Q": cell.Q,
+        "margins": {"reduced": _margins(cell.reduced_table), "full_order": _margins(cell.full_order_table)},
+        "modes": [
+            {
+                "real": m.s.real,
+                "imag": m.s.imag,
+                "damping": m.damping,
+                "participation": [{"state": state, "share": share} for state, share in m.participation],
+            }
+            for m in cell.modes
+        ],
+        "sensitivities": [
+            {"parameter": s.parameter, "value": s.value, "ds_dp_real": s.ds_dp.real, "ds_dp_imag": s.ds_dp.imag}
+            for s in cell.sensitivities
+        ],
+        "linear_against_emt": None
+        if evidence is None
+        else {e.signal: {"full_order": e.error("full_order"), "reduced": e.error("reduced")} for e in evidence},
+    }
+
+
+def _margins(table: Any) -> dict[str, Any]:
+    gain, phase = guaranteed_margins(table.disk_output.value)
+    loops = {
+        loop: {field: float(getattr(margins, field)[0]) for field in margins.__dataclass_fields__}
+        for loop, margins in (("P", table.loop_P), ("Q", table.loop_Q))
+    }
+    return {
+        "stable": bool(table.stable[0]),
+        "spectral_abscissa": float(table.spectral_abscissa[0]),
+        "least_damping": float(table.least_damping[0]),
+        "disk_margin_output": float(table.disk_output.value[0]),
+        "disk_margin_output_rad_s": float(table.disk_output.omega[0]),
+        "disk_margin_input": float(table.disk_input.value[0]),
+        "guaranteed_gain_factor": float(gain[0]),
+        "guaranteed_phase_deg": float(phase[0]),
+        "M_s": float(table.M_s.value[0]),
+        "M_s_rad_s": float(table.M_s.omega[0]),
+        "loops": loops,
+    }
+
+
+def _silent(_what: str, _share: float) -> None:
+    """No progress is wanted."""

@@ -1,0 +1,79 @@
+"""Small steps in EMT beside what the linear models predict: how far a margin can be believed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.model.full_order import PARAMETERS
+from vsgdesign.parameters.study import Event, Grid, Study
+from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.run import simulate
+from vsgdesign.stability.assessment import FocusCell
+from vsgdesign.stability.steps import full_order_step, reduced_step
+
+Array = NDArray[np.float64]
+
+STEP_PU = 0.002
+"""Size of the steps in per unit of rating: small enough to be linear, large enough to be measured."""
+
+_BEFORE = 0.02
+
+
+@dataclass(frozen=True)
+class StepEvidence:
+    """One reference step of one cell. Responses are deviations in W or var over ``t_s`` from the step."""
+
+    label: str
+    signal: str
+    """``P`` or ``Q``, at the control point."""
+    step: float
+    t_s: Array
+    emt: Array
+    full_order: Array
+    reduced: Array
+
+    def error(self, which: str) -> float:
+        """Largest distance of a prediction from EMT over the size of the step."""
+        return float(np.max(np.abs(getattr(self, which) - self.emt)) / abs(self.step))
+
+
+def step_evidence(study: Study, cell: FocusCell, duration: float = 3.0) -> tuple[StepEvidence, StepEvidence]:
+    """P and Q steps of a focus cell: averaged EMT from the exact steady state against both linear models."""
+    model = cell.full_order
+    p = dict(zip(PARAMETERS, model.p[0], strict=False))
+    gains = PowerLoopGains(*(float(p[name]) for name in PowerLoopGains._fields))
+    size = STEP_PU * study.converter.S_rated
+    found = []
+    for signal in ("P", "Q"):
+        t_s, emt = _simulate_step(study, cell.grid, gains, float(p["P_ref"]), float(p["Q_ref"]), signal, size, duration)
+        _, full = full_order_step(model, f"{signal}_ref", signal, duration)
+        _, reduced = reduced_step(cell.reduced, f"{signal}_ref", signal, duration, model.T_s)
+        count = min(len(emt), full.shape[1], reduced.shape[1])
+        predictions = (size * full[0, :count], size * reduced[0, :count])
+        found.append(StepEvidence(cell.label, signal, size, t_s[:count], emt[:count], *predictions))
+    return found[0], found[1]
+
+
+def _simulate_step(
+    study: Study, grid: Grid, gains: PowerLoopGains, P_ref: float, Q_ref: float,
+    signal: str, size: float, duration: float,
+) -> tuple[Array, Array]:  # fmt: skip
+    T_s = study.converter.T_s
+    start = round(_BEFORE / T_s)
+    event = Event(
+        t_s=start * T_s,
+        name="step",
+        P_ref=P_ref + size if signal == "P" else None,
+        Q_ref=Q_ref + size if signal == "Q" else None,
+    )
+    spec = replace(
+        study.simulation, duration=start * T_s + duration, bridge="averaged", start="steady_state",
+        log_interval=T_s, P_ref=P_ref, Q_ref=Q_ref,
+    )  # fmt: skip
+    run = simulate(replace(study, grid=grid, simulation=spec, events=(event,)), [GainChange(0.0, gains)])
+    values = run.column(signal)
+    return run.t_s[start:] - start * T_s, values[start:] - values[start - 1]

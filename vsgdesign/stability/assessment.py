@@ -1,0 +1,225 @@
+"""Everything that a stability report of one controller needs, computed in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.metrics.modes import to_continuous
+from vsgdesign.metrics.step_response import ResponseMetrics
+from vsgdesign.model.coupled import CoupledModel
+from vsgdesign.model.full_order import PARAMETERS
+from vsgdesign.operating_point.full_order import FullOrderModel
+from vsgdesign.parameters.study import ControllerSpec, Grid, Study
+from vsgdesign.stability.cells import GainLaw, cell_set, full_order_cells, gain_law, grid_arrays, reduced_cells
+from vsgdesign.stability.impedance import (
+    generalised_nyquist,
+    network_frequency_perturbation,
+    output_admittance,
+    passivity_index,
+)
+from vsgdesign.stability.loci import Mode, ModeSensitivity, mode_sensitivities, modes, stability_limit, track
+from vsgdesign.stability.loops import FullOrderLoop
+from vsgdesign.stability.maps import MarginMap, estimate_error_map, margin_map, stale_schedule_matrix
+from vsgdesign.stability.margins import MarginTable, frequency_grid, full_order_margins, reduced_margins
+from vsgdesign.stability.steps import reduced_step_metrics
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complexfloating[Any, Any]]
+Progress = Callable[[str, float], None]
+
+_VIEW_POINTS = 600
+_LOCUS_POINTS = 60
+_BETWEEN_POINTS = 300
+
+_MOVED = tuple(name for name in PARAMETERS if name not in ("omega_0", "omega_g", "V_n"))
+"""Parameters worth ranking by relative effect: nobody moves a frequency or voltage reference by per cents."""
+
+
+@dataclass(frozen=True)
+class FrequencyView:
+    """One cell over frequency: what a reader of Bode, Nichols, NFP and impedance plots looks at."""
+
+    omega: Array
+    L_P: Complex
+    L_Q: Complex
+    """Loops at the measured powers, each with the other closed."""
+    admittance: Complex
+    """(F, 2, 2), S, dq, peak over peak."""
+    passivity: Array
+    nyquist: Complex
+    """(F, 2) eigenvalues of Z_g Y."""
+    nfp: Complex
+    """ΔP/Δω_g, per unit over per unit."""
+
+
+@dataclass(frozen=True)
+class FocusCell:
+    """One grid of the scenario, looked at closely with both models."""
+
+    label: str
+    grid: Grid
+    P: float
+    Q: float
+    reduced: CoupledModel
+    full_order: FullOrderModel
+    reduced_table: MarginTable
+    full_order_table: MarginTable
+    modes: tuple[Mode, ...]
+    sensitivities: tuple[ModeSensitivity, ...]
+    """Of the least stable mode."""
+    view: FrequencyView
+
+
+@dataclass(frozen=True)
+class Locus:
+    """Full-order eigenvalues along a parameter: (K, n), tracked; NaN rows where there is no steady state."""
+
+    parameter: str
+    values: Array
+    eigenvalues: Complex
+
+
+@dataclass(frozen=True)
+class ControllerAssessment:
+    """All maps and close looks of one controller."""
+
+    spec: ControllerSpec
+    reduced: MarginMap
+    full_order: MarginMap
+    step_P: tuple[ResponseMetrics | None, ...]
+    step_Q: tuple[ResponseMetrics | None, ...]
+    """P_ref to P and Q_ref to Q of the reduced model, per row of its table; None: unstable."""
+    stale: MarginMap | None
+    """True SCR × the gains' SCR, full order; None for fixed gains."""
+    estimate_error: MarginMap | None
+    """SCR × X/R of the study × errors, full order; None for fixed gains."""
+    between: MarginTable
+    between_grids: Array
+    """Margins of the full-order model at random grids between the map's nodes, (N, 2): SCR, X/R."""
+    focus: tuple[FocusCell, ...]
+    loci: tuple[Locus, ...]
+    x_over_r_limit: tuple[tuple[float, float | None], ...]
+    """Per SCR of the study's grids, the X/R at which the reduced model loses stability; None: nowhere."""
+
+
+def assess(study: Study, spec: ControllerSpec, progress: Progress | None = None, seed: int = 0) -> ControllerAssessment:
+    """Assess one controller over the study's [stability] axes and at its grids.
+
+    ``progress`` is called with what is being done and the share done. Raises NoOperatingPointError where fixed
+    gains cannot be designed.
+    """
+    tell = progress or (lambda _what, _share: None)
+    axes, law = study.stability, gain_law(study, spec)
+    P, Q = axes.P[0], axes.Q[0]
+    ratio = study.grid.x_over_r(study.converter.omega_n)
+    tell(spec.name, 0.0)
+    reduced = margin_map(study, law, axes.scr, axes.x_over_r, axes.P, axes.Q, "reduced")
+    model = reduced_cells(study, reduced.cells)
+    step_P = tuple(reduced_step_metrics(model, "P_ref", "P"))
+    step_Q = tuple(reduced_step_metrics(model, "Q_ref", "Q"))
+    tell(spec.name, 0.15)
+    full = margin_map(study, law, axes.scr, axes.x_over_r, axes.P, axes.Q, "full_order")
+    tell(spec.name, 0.4)
+    scheduled = spec.kind == "scheduled"
+    stale = stale_schedule_matrix(study, law, axes.scr, ratio, P, Q, "full_order") if scheduled else None
+    tell(spec.name, 0.55)
+    errors = estimate_error_map(study, law, axes.scr, [ratio], axes.errors, P, Q, "full_order") if scheduled else None
+    tell(spec.name, 0.7)
+    between_grids, between = _between_nodes(study, law, P, Q, seed)
+    tell(spec.name, 0.8)
+    focus = _focus_cells(study, law, P, Q)
+    tell(spec.name, 0.9)
+    scr = study.grid.scr(study.converter, study.scr_basis)
+    loci = (
+        _locus(study, law, "SCR", np.geomspace(axes.scr[0], axes.scr[-1], _LOCUS_POINTS), ratio, P, Q),
+        _locus(study, law, "X/R", np.geomspace(axes.x_over_r[0], axes.x_over_r[-1], _LOCUS_POINTS), scr, P, Q),
+    )
+    limits = tuple((f.grid.scr(study.converter, study.scr_basis), _limit(study, law, f.grid, P, Q)) for f in focus)
+    tell(spec.name, 1.0)
+    return ControllerAssessment(
+        spec, reduced, full, step_P, step_Q, stale, errors, between, between_grids, focus, loci, limits
+    )
+
+
+def _limit(study: Study, law: GainLaw, grid: Grid, P: float, Q: float) -> float | None:
+    try:
+        return stability_limit(study, law, grid.scr(study.converter, study.scr_basis), P, Q)
+    except InfeasibleStudyError:
+        return None
+
+
+def _between_nodes(study: Study, law: GainLaw, P: float, Q: float, seed: int) -> tuple[Array, MarginTable]:
+    """Random grids, log-uniform over the axes' box: a map may hide something between its nodes."""
+    axes = study.stability
+    rng = np.random.default_rng(seed)
+    low = np.log([axes.scr[0], axes.x_over_r[0]])
+    high = np.log([axes.scr[-1], axes.x_over_r[-1]])
+    points = np.exp(rng.uniform(low, high, (_BETWEEN_POINTS, 2)))
+    grids = [grid_arrays(study, p[:1], p[1:]) for p in points]
+    R_g = np.array([g[0][0, 0] for g in grids])
+    L_g = np.array([g[1][0, 0] for g in grids])
+    cells = cell_set(study, R_g, L_g, P, Q, law(R_g, L_g))
+    model = full_order_cells(study, cells)
+    return points[np.flatnonzero(cells.good)[model.index]], full_order_margins(model)
+
+
+def _focus_cells(study: Study, law: GainLaw, P: float, Q: float) -> tuple[FocusCell, ...]:
+    """Every distinct grid of the scenario that carries (P, Q) and has gains."""
+    found = []
+    grids = dict.fromkeys([study.grid, *(event.grid for event in study.events if event.grid is not None)])
+    for grid in grids:
+        gains = law(np.array([grid.R_g]), np.array([grid.L_g]))
+        cells = cell_set(study, grid.R_g, grid.L_g, P, Q, gains)
+        if not cells.good.all():
+            continue
+        reduced, full = reduced_cells(study, cells), full_order_cells(study, cells)
+        if len(full.index) == 0:
+            continue
+        found_modes = modes(full.states, full.A[0], full.T_s)
+        label = (
+            f"SCR {grid.scr(study.converter, study.scr_basis):.3g}, X/R {grid.x_over_r(study.converter.omega_n):.3g}"
+        )
+        found.append(
+            FocusCell(
+                label, grid, P, Q, reduced, full, reduced_margins(reduced), full_order_margins(full), found_modes,
+                mode_sensitivities(full, 0, found_modes[0].s, _MOVED), _frequency_view(study, full),
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _frequency_view(study: Study, model: FullOrderModel) -> FrequencyView:
+    omega = frequency_grid(model.T_s, _VIEW_POINTS)
+    omega = omega[omega > 2.0 * np.pi * 0.01]
+    S = FullOrderLoop(model).on(omega)[0]
+    Y = output_admittance(model, 0, omega)
+    return FrequencyView(
+        omega,
+        1.0 / S[:, 0, 0] - 1.0,
+        1.0 / S[:, 1, 1] - 1.0,
+        Y,
+        passivity_index(Y),
+        generalised_nyquist(model, 0, omega),
+        network_frequency_perturbation(model, 0, omega, study.converter.S_rated, study.converter.omega_n),
+    )
+
+
+def _locus(study: Study, law: GainLaw, parameter: str, values: Array, other: float, P: float, Q: float) -> Locus:
+    """Eigenvalues over SCR at a fixed X/R, or over X/R at a fixed SCR."""
+    if parameter == "SCR":
+        R_g, L_g = (array[:, 0] for array in grid_arrays(study, values, np.array([other])))
+    else:
+        R_g, L_g = (array[0] for array in grid_arrays(study, np.array([other]), values))
+    cells = cell_set(study, R_g, L_g, P, Q, law(R_g, L_g))
+    model = full_order_cells(study, cells)
+    spread = np.full((len(values), len(model.states)), np.nan + 0j)
+    if len(model.index):
+        good = np.flatnonzero(cells.good)[model.index]
+        spread[good] = track(to_continuous(np.linalg.eigvals(model.A), model.T_s))
+    return Locus(parameter, values, spread)

@@ -1,0 +1,199 @@
+"""The clause matrix: what was held against which limit, with what result, and where the evidence is.
+
+Limits of our own are labelled so. What a grid code or a test framework asks for is listed with its source and
+with how sure we are of having it right, and is never called a pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.parameters.study import Study
+from vsgdesign.stability.assessment import ControllerAssessment
+from vsgdesign.stability.maps import MarginMap
+
+Array = NDArray[np.float64]
+
+OWN = "vsgdesign internal gate, no grid code"
+PASS, FAIL, INFORMATIONAL, NOT_ASSESSED = "pass", "fail", "informational", "not assessed"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One row of the clause matrix. ``confidence``: read, secondary or recalled source; empty for our own."""
+
+    controller: str
+    source: str
+    confidence: str
+    test: str
+    value: str
+    limit: str
+    verdict: str
+    evidence: str
+
+
+@dataclass(frozen=True)
+class WorstCase:
+    """The worst cell of one quantity in a map; ``where`` names the cell, empty if there is none."""
+
+    quantity: str
+    unit: str
+    value: float
+    where: str
+    share_below: float
+    """Share of the analysed cells that miss the gate."""
+
+
+def describe_cell(field: MarginMap, flat: int) -> str:
+    """A cell of a map in words."""
+    parts = []
+    for (name, values), index in zip(field.axes, np.unravel_index(flat, field.shape), strict=True):
+        if name == "P, Q":
+            parts.append(f"P {field.cells.P[flat] / 1e3:.4g} kW, Q {field.cells.Q[flat] / 1e3:.4g} kvar")
+        else:
+            parts.append(f"{name} {values[index]:.4g}")
+    return ", ".join(parts)
+
+
+def worst_cases(study: Study, field: MarginMap) -> tuple[WorstCase, ...]:
+    """Least damping, disk margin, gain, phase and delay margins and largest M_s over a map.
+
+    Unstable cells count as the worst of all: they have no margin.
+    """
+    table, gates = field.table, study.stability.gates
+    GM = np.minimum(table.loop_P.gain_margin_db, table.loop_Q.gain_margin_db)
+    PM = np.minimum(table.loop_P.phase_margin_deg, table.loop_Q.phase_margin_deg)
+    DM = np.minimum(table.loop_P.delay_margin_s, table.loop_Q.delay_margin_s)
+    rows: list[tuple[str, str, Array, float, bool]] = [
+        ("least damping ratio", "", table.least_damping, gates.damping_ratio, True),
+        ("disk margin", "", table.disk_output.value, np.nan, True),
+        ("gain margin", "dB", GM, gates.gain_margin_db, True),
+        ("phase margin", "°", PM, gates.phase_margin_deg, True),
+        ("delay margin", "s", DM, np.nan, True),
+        ("peak sensitivity M_s", "", table.M_s.value, gates.M_s, False),
+    ]
+    found = []
+    for quantity, unit, values, gate, larger_is_better in rows:
+        if len(values) == 0:
+            found.append(WorstCase(quantity, unit, float("nan"), "", 0.0))
+            continue
+        bad = np.where(
+            table.stable | (quantity == "least damping ratio"), values, -np.inf if larger_is_better else np.inf
+        )
+        k = int(np.argmin(bad) if larger_is_better else np.argmax(bad))
+        if not np.isfinite(bad[k]) and not table.stable[k]:
+            k = int(np.argmax(table.spectral_abscissa))  # of the unstable cells the most unstable
+        misses = bad < gate if larger_is_better else bad > gate
+        value = float(bad[k]) if np.isfinite(bad[k]) or table.stable[k] else float("nan")
+        share = float(np.mean(misses)) if np.isfinite(gate) else float("nan")
+        found.append(WorstCase(quantity, unit, value, describe_cell(field, int(field.analysed[k])), share))
+    return tuple(found)
+
+
+def clause_matrix(study: Study, assessments: Sequence[ControllerAssessment]) -> tuple[Verdict, ...]:
+    """All rows, controller by controller."""
+    rows: list[Verdict] = []
+    for a in assessments:
+        rows += _own_gates(study, a) + _external(study, a)
+    return tuple(rows)
+
+
+def _own_gates(study: Study, a: ControllerAssessment) -> list[Verdict]:
+    gates, name = study.stability.gates, a.spec.name
+    rows = []
+    for label, field in (("reduced", a.reduced), ("full order", a.full_order)):
+        analysed, stable = len(field.table.stable), int(field.table.stable.sum())
+        evidence = f"map_{name}_{'reduced' if label == 'reduced' else 'full_order'}.csv"
+        rows.append(
+            Verdict(
+                name, OWN, "", f"stable in every analysed cell ({label})", f"{stable} of {analysed}", "all",
+                PASS if stable == analysed else FAIL, evidence,
+            )
+        )  # fmt: skip
+        limits = {
+            "least damping ratio": f"≥ {gates.damping_ratio:g}",
+            "gain margin": f"≥ {gates.gain_margin_db:g} dB",
+            "phase margin": f"≥ {gates.phase_margin_deg:g}°",
+            "peak sensitivity M_s": f"≤ {gates.M_s:g}",
+        }
+        for worst in worst_cases(study, field):
+            if worst.quantity in limits:
+                shown = "unstable" if np.isnan(worst.value) else f"{worst.value:.3g} {worst.unit}".strip()
+                rows.append(
+                    Verdict(
+                        name, OWN, "", f"{worst.quantity}, worst cell ({label})", f"{shown} at {worst.where}",
+                        limits[worst.quantity], FAIL if worst.share_below > 0.0 else PASS, evidence,
+                    )
+                )  # fmt: skip
+    rows.append(_settling(study, a))
+    return rows
+
+
+def _settling(study: Study, a: ControllerAssessment) -> Verdict:
+    limit = study.stability.gates.settling_time
+    late, slowest, where = 0, 0.0, ""
+    for k, (p, q) in enumerate(zip(a.step_P, a.step_Q, strict=True)):
+        times = [np.inf if r is None or r.settling_time_s is None else r.settling_time_s for r in (p, q)]
+        late += max(times) > limit
+        if max(times) > slowest:
+            slowest, where = max(times), describe_cell(a.reduced, int(a.reduced.analysed[k]))
+    shown = "not settled" if np.isinf(slowest) else f"{slowest:.3g} s"
+    return Verdict(
+        a.spec.name, OWN, "", "2 % settling of P and Q steps, worst cell (reduced)", f"{shown} at {where}",
+        f"≤ {limit:g} s", FAIL if late else PASS, f"map_{a.spec.name}_reduced.csv",
+    )  # fmt: skip
+
+
+_EXTERNAL = (
+    (
+        "AEMO grid-forming test framework, January 2024",
+        "secondary",
+        "SCR 20, 10, 3, 2, 1.5, 1.25",
+        (20, 10, 3, 2, 1.5, 1.25),
+    ),
+    ("RTE DyCoV grid-forming templates", "read", "SCR 10 and 2", (10, 2)),
+    ("ERCOT AGS-ESR", "secondary", "SCR 3", (3,)),
+    ("Australian distribution, typical planning values", "secondary", "SCR 5 at X/R 10, SCR 3 at X/R 3", (5, 3)),
+)
+"""Grids that published tests use: (source, confidence, text, SCR). Small-signal stability there informs; the
+tests themselves are time-domain tests, which this report does not run."""
+
+
+def _external(study: Study, a: ControllerAssessment) -> list[Verdict]:
+    rows = []
+    stable = a.full_order.stable
+    axis = np.array(study.stability.scr)
+    for source, confidence, text, ratios in _EXTERNAL:
+        nearest = [int(np.argmin(np.abs(np.log(axis / ratio)))) for ratio in ratios]
+        covered = [k for k, ratio in zip(nearest, ratios, strict=True) if abs(axis[k] / ratio - 1.0) < 0.02]
+        if len(covered) < len(ratios):
+            value, verdict = "not on the map's SCR axis", NOT_ASSESSED
+        else:
+            cells = stable[covered]
+            value = f"small-signal stable in {int(np.nansum(cells))} of {int(np.isfinite(cells).sum())} cells over X/R"
+            verdict = INFORMATIONAL
+        rows.append(
+            Verdict(
+                a.spec.name, source, confidence, f"grids of the test: {text}", value, "none published for margins",
+                verdict, f"map_{a.spec.name}_full_order.csv",
+            )
+        )  # fmt: skip
+    rows.append(
+        Verdict(
+            a.spec.name, "IEEE 2800-2022", "recalled", "damping ratio of controlled modes",
+            f"{float(np.min(a.full_order.table.least_damping)):.3g} least over the map (all modes)",
+            "≥ 0.3, to be checked",
+            INFORMATIONAL, f"map_{a.spec.name}_full_order.csv",
+        )
+    )  # fmt: skip
+    rows.append(
+        Verdict(
+            a.spec.name, "FNN 2020; GB GC0137", "secondary; recalled", "phase jumps, sags, RoCoF in time domain", "",
+            "", NOT_ASSESSED, "run the scenario with such events",
+        )
+    )  # fmt: skip
+    return rows
