@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from vsgdesign.parameters import building, scenario, study_from_text
+from vsgdesign.parameters import building, scenario, stability, study_from_text
 from vsgdesign.parameters.reader import REQUIRED, TableReader
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -59,6 +59,8 @@ kind = "scheduled"
 [[events]]
 time = 1
 grid = { scr = 8 }
+[stability]
+[stability.gates]
 """
 
 LCL_WITH_GAINS = """
@@ -155,6 +157,12 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], list[Asked]]
         "quantity",
         lambda a: Asked("–" if a["dimension"] == "1" else a["dimension"], a["low"], a["high"], (), a["default"]),
     )
+    spy(
+        "quantities",
+        lambda a: Asked(
+            "list of " + ("–" if a["dimension"] == "1" else a["dimension"]), a["low"], a["high"], (), a["default"]
+        ),
+    )
     spy("integer", lambda a: Asked("whole number", a["low"], a["high"], (), a["default"]))
     spy("choice", lambda a: Asked("word", words=a["allowed"], default=a["default"]))
     spy("text", lambda a: Asked("text", default=a["default"]))
@@ -175,12 +183,13 @@ def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[As
     """A field in a branch that the studies above do not take would escape the test above."""
     reached = {field for _, field in asked}
     escaped = set()
-    for module in (building, scenario):
+    for module in (building, scenario, stability):
         for node in ast.walk(ast.parse(inspect.getsource(module))):
             if (
                 isinstance(node, ast.Call)
                 and isinstance(node.func, ast.Attribute)
-                and node.func.attr in ("quantity", "integer", "choice", "text", "child", "children", "section")
+                and node.func.attr
+                in ("quantity", "quantities", "integer", "identifier", "choice", "text", "child", "children", "section")
                 and node.args
                 and isinstance(node.args[0], ast.Constant)
             ):
