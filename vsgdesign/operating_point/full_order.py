@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.model.full_order import PARAMETERS, FullOrderMap, full_order_map
+from vsgdesign.model.full_order import PARAMETERS, SETTINGS, FullOrderMap, full_order_map
 from vsgdesign.operating_point.plant import state_matrices
 from vsgdesign.operating_point.sampled import SampledState, steady_state
 from vsgdesign.parameters.study import Grid, GridSource, Study
@@ -72,7 +72,7 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
         rows.append(pack(functions.states, start))
         params.append([*parameter_values(study, cell), *settings])
     z = np.array(rows).reshape(len(good), len(functions.states))
-    p = np.array(params).reshape(len(good), -1)
+    p = np.array(params).reshape(len(good), len(PARAMETERS) + len(SETTINGS))
     A, B, C, D = _matrices(functions, z, p)
     return FullOrderModel(
         functions.states, settings.T_s, z, p, A, B, C, D, np.array(good, dtype=int), tuple(faults), functions
