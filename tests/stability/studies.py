@@ -1,0 +1,101 @@
+"""Studies and random cells that the tests of the small-signal models share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
+from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
+from vsgdesign.parameters import Grid, Study, study_from_text
+from vsgdesign.parameters.study import ClosedFormTarget, GridSource, grid_from_scr
+from vsgdesign.runtime.closed_form import closed_form_schedule
+
+PUBLISHED, LABORATORY, UTILITY = "hoang2025_5kva", "lab_12kva_lcl", "utility_1mva_60hz"
+CASES = (PUBLISHED, LABORATORY, UTILITY)
+
+_TEXT = """
+base = "case:{case}"
+[simulation]
+duration = "1 s"
+log_interval = "10 ms"
+P_ref = "0 W"
+Q_ref = "0 var"
+[[controllers]]
+name = "scheduled"
+kind = "scheduled"
+"""
+
+
+def case_study(
+    case: str, *, tau_P: float = 0.0, tau_Q: float = 0.0, delay: int | None = None, f_sw: float | None = None
+) -> Study:
+    """A packaged case with one scheduled controller, logging every sample of a run."""
+    study = study_from_text(_TEXT.format(case=case))
+    converter = study.converter
+    if delay is not None:
+        converter = replace(converter, delay_samples=delay)
+    if f_sw is not None:
+        converter = replace(converter, f_sw=f_sw)
+    simulation = replace(study.simulation, log_interval=converter.T_s)
+    return replace(study, converter=converter, simulation=simulation, tau_P=tau_P, tau_Q=tau_Q)
+
+
+@dataclass(frozen=True)
+class Situation:
+    """A study and one point of it, with the full-order model there."""
+
+    study: Study
+    cell: Cell
+    model: FullOrderModel
+
+    @property
+    def growth(self) -> float:
+        """Largest real part of the full-order modes, 1/s."""
+        z = np.linalg.eigvals(self.model.A[0])
+        return float(np.log(np.abs(z).max()) / self.model.T_s)
+
+
+def situation(study: Study, cell: Cell) -> Situation:
+    """The full-order model of one cell; InfeasibleStudyError where it has no steady state."""
+    model = linearise_full_order(study, [cell])
+    if model.faults[0] is not None:
+        raise InfeasibleStudyError(model.faults[0])
+    return Situation(study, cell, model)
+
+
+def designed(study: Study, grid: Grid, settling_time: float = 1.0, damping_ratio: float = 1.0) -> PowerLoopGains:
+    """Closed-form gains for a grid at the study's design point."""
+    target = study.target
+    aim = ClosedFormTarget(settling_time, damping_ratio, target.droop_ratio, target.P, target.Q)
+    return closed_form_schedule(study, aim).gains(grid.R_g, grid.L_g)
+
+
+def random_situations(count: int, seed: int) -> list[Situation]:
+    """Random cases, delays, filters, grids, gains, inner loops, powers and grid frequencies that have a steady state.
+
+    Nothing is asked of their stability.
+    """
+    rng = np.random.default_rng(seed)
+    found: list[Situation] = []
+    while len(found) < count:
+        tau_P, tau_Q = (float(rng.choice([0.0, 10.0 ** rng.uniform(-3.0, -1.5)])) for _ in "PQ")
+        study = case_study(str(rng.choice(CASES)), tau_P=tau_P, tau_Q=tau_Q, delay=int(rng.integers(2)))
+        inner = type(study.inner_gains)(*(float(g * 10.0 ** rng.uniform(-0.15, 0.15)) for g in study.inner_gains))
+        study = replace(study, inner_gains=inner)
+        scr, ratio = 10.0 ** rng.uniform(0.2, 1.4), 10.0 ** rng.uniform(-0.5, 1.2)
+        grid = grid_from_scr(float(scr), float(ratio), study.scr_basis, study.converter)
+        S = study.converter.S_rated
+        P, Q = float(rng.uniform(-0.6, 0.9) * S), float(rng.uniform(-0.4, 0.4) * S)
+        source = GridSource(
+            study.grid_source.V_g_rms * float(rng.uniform(0.95, 1.05)),
+            study.grid_source.omega_g * float(rng.uniform(0.9998, 1.0002)),
+        )
+        try:
+            gains = designed(study, grid, float(10.0 ** rng.uniform(-1.0, 0.2)), float(rng.uniform(0.5, 1.5)))
+            found.append(situation(study, Cell(grid, gains, P, Q, source)))
+        except (InfeasibleStudyError, NoOperatingPointError):
+            continue
+    return found
