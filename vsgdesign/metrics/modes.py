@@ -12,15 +12,17 @@ Array = NDArray[np.float64]
 
 
 def damping_ratio(eigenvalues: Complex) -> Array:
-    """−Re s/|s| of continuous-time eigenvalues; 1 for s = 0 (an integrator oscillates not at all)."""
+    """−Re s/|s| of continuous-time eigenvalues; 1 for s = 0 and s = −∞ (neither oscillates)."""
     size = np.abs(eigenvalues)
-    return np.where(size > 0.0, -eigenvalues.real / np.where(size > 0.0, size, 1.0), 1.0).astype(float)
+    moves = (size > 0.0) & np.isfinite(size)
+    return np.where(moves, -np.where(moves, eigenvalues.real, -1.0) / np.where(moves, size, 1.0), 1.0).astype(float)
 
 
 def to_continuous(z: NDArray[Any], T_s: float) -> Complex:
     """s = ln(z)/T_s of discrete-time eigenvalues; −∞ for z = 0 (gone within a sample)."""
     with np.errstate(divide="ignore"):
-        return np.asarray(np.log(z.astype(complex)) / T_s, dtype=complex)
+        rate = np.log(np.abs(z)) / T_s
+    return np.asarray(rate + 1j * (np.angle(z) / T_s), dtype=complex)  # a complex quotient makes NaN of −∞
 
 
 def participation_factors(A: Array) -> tuple[Complex, Array]:

@@ -68,8 +68,6 @@ def full_order_margins(model: FullOrderModel, omega: Array | None = None) -> Mar
 def _table(eigenvalues: Complex, output: SensitivityLoop, input_: SensitivityLoop, omega: Array) -> MarginTable:
     abscissa = eigenvalues.real.max(axis=1)
     damping = damping_ratio(eigenvalues)
-    # What is gone within a sample (z = 0) oscillates not at all.
-    damping = np.where(np.isfinite(eigenvalues), damping, 1.0)
     least = np.argmin(damping, axis=1)
     cells = np.arange(len(eigenvalues))
     stable = abscissa < 0.0
