@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.metrics.rational import RationalMatrix, transfer_matrix
+from vsgdesign.metrics.transfer import TransferMatrix
 from vsgdesign.model.coupled import CoupledModel
 from vsgdesign.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.operating_point.full_order import FullOrderModel
@@ -32,11 +32,11 @@ class SensitivityLoop(Protocol):
 
 
 class ReducedLoop:
-    """The loop of a CoupledModel: S = (I − J K)⁻¹ or (I − K J)⁻¹ with K exact as a rational matrix."""
+    """The loop of a CoupledModel: S = (I − J K)⁻¹ or (I − K J)⁻¹ with K solved at every frequency."""
 
     def __init__(self, model: CoupledModel, broken_at: str = "output") -> None:
         _check(broken_at)
-        self._K: RationalMatrix = transfer_matrix(model.A_K, model.B_K, model.C_K)
+        self._K = TransferMatrix(model.A_K, model.B_K, model.C_K)
         self._J = model.J
         self._at_output = broken_at == "output"
 
