@@ -96,7 +96,7 @@ def design(study_file: str, as_json: bool) -> None:
         _print_json({
             "study": study.name,
             "hash": study.hash,
-            "designs": [asdict(d) | {"gains": d.gains._asdict()} for d in designs],
+            "designs": [asdict(d) | {"gains": d.gains.named()} for d in designs],
         })  # fmt: skip
     else:
         from vsgdesign.console import design_tables

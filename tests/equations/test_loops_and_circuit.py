@@ -18,7 +18,7 @@ from vsgdesign.equations.grid import (
     scr_reactance,
 )
 from vsgdesign.equations.inner_loops import InnerLoopGains, current_loop, limit_length, voltage_loop
-from vsgdesign.equations.power_loops import PowerLoopGains, References, published_power_loops
+from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 
 COMPONENT = st.floats(-1e3, 1e3)
 CIRCUIT = FilterGrid(L_1=2e-3, R_1=0.05, C=20e-6, R_c=2.0, L_2=0.5e-3, R_2=0.02, R_g=0.8, L_g=5e-3)
@@ -81,7 +81,7 @@ def test_anti_windup_brings_the_integrator_to_the_limit_and_no_further() -> None
 
 def test_power_loops_say_what_is_printed() -> None:
     gains, refs = PowerLoopGains(0.0077, 2087.0, 0.115, 0.69), References(3000.0, 500.0, 314.0, 110.0)
-    omega, domega_dt, dV_dt = published_power_loops(313.5, 112.0, 2800.0, 650.0, refs, gains)
+    omega, domega_dt, dV_dt = power_loops(313.5, 112.0, 2800.0, 650.0, refs, gains)
     assert omega == 313.5
     assert domega_dt == pytest.approx(0.0077 * (200.0 + 2087.0 * 0.5), rel=1e-14)
     assert dV_dt == pytest.approx(0.115 * (-150.0 - 0.69 * 2.0), rel=1e-13)

@@ -30,6 +30,8 @@ RANGES: dict[str, tuple[float, float]] = {
     "i_max_pk": (5.0, 50.0), "v_max_pk": (100.0, 400.0), "advance_cos": (0.99, 1.0), "advance_sin": (0.0, 0.1),
     "omega_0": (310.0, 318.0), "omega_i": (310.0, 318.0), "V_n": (100.0, 120.0), "V": (90.0, 130.0),
     "K_pv": (0.01, 0.1), "K_iv": (5.0, 30.0), "K_pc": (5.0, 20.0), "K_ic": (1e3, 4e4), "K_ff": (0.0, 1.0),
+    "K_pq": (-1e-2, 1e-2), "K_qp": (-0.5, 0.5), "k_P": (0.0, 1e-3), "k_Q": (-1e-3, 1e-3), "B": (50.0, 500.0),
+    "k_1": (5.0, 30.0), "d_1": (3.0, 9.0), "k_2": (2.0, 8.0), "share_P": (0.0, 1.0), "share_Q": (0.0, 1.0),
     "K_ip": (1e-3, 1e-2), "D_p": (500.0, 3000.0), "K_iq": (0.05, 0.5), "D_q": (0.1, 3.0),
     "S_rated": (1e3, 1e6), "dc_voltage": (300.0, 900.0), "zero_sequence": (0.0, 1.0),
 }  # fmt: skip
@@ -141,7 +143,7 @@ def test_the_compiled_step_returns_its_structures() -> None:
     following, output = compile_function(controller_step)(*plain)
     assert type(following).__name__ == ControllerState.__name__
     assert following._fields == ControllerState._fields
-    assert output.omega == plain[0].omega_i
+    assert following.theta == pytest.approx(plain[0].theta + plain[-1].T_s * output.omega, rel=1e-14)
     again, _ = compile_function(controller_step)(ControllerState(*following), *plain[1:])
     expected = controller_step(ControllerState(*following), *plain[1:])[0]
     assert tuple(again) == pytest.approx(tuple(expected), rel=1e-12)

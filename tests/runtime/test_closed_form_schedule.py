@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -68,7 +69,8 @@ def test_the_papers_four_gains(R: float, X: float) -> None:
     assert gains.K_ip == pytest.approx(16.0 / A, rel=1e-7)
     assert gains.D_q == pytest.approx(D / 100.0, rel=1e-7)
     assert gains.K_iq == pytest.approx(4.0 / (1.01 * D), rel=1e-7)
-    assert all(isinstance(gain, float) and gain > 0.0 for gain in gains)
+    assert all(isinstance(gain, float) and gain > 0.0 for gain in gains[:4])
+    assert gains[4:] == (0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(("settling_time", "damping_ratio"), [(0.5, 1.0), (1.0, 0.7), (2.5, 1.4)])
@@ -103,7 +105,8 @@ def test_the_grid_side_inductor_is_part_of_the_path() -> None:
 def test_built_from_a_study() -> None:
     study = study_from_text(STUDY)
     built = closed_form_schedule(study, study.controllers[0].target)
-    assert built == schedule()
+    # The droops belong to the other structures: the published one does not look at them.
+    assert replace(built, D_p=0.0, D_q=0.0) == schedule()
     assert built.gains(study.grid.R_g, study.grid.L_g) == schedule().gains(3.63, 3.63 / OMEGA)
 
 
@@ -138,7 +141,7 @@ def test_just_short_of_the_nose_the_gains_are_refused_as_not_positive_or_finite(
             assert "makes A = " in str(error)  # noqa: PT017 -- both outcomes are right, at different scales
             seen.add("refused")
         else:
-            assert all(math.isfinite(gain) and gain > 0.0 for gain in gains)
+            assert all(math.isfinite(gain) and gain > 0.0 for gain in gains[:4])
             seen.add("given")
     assert "given" in seen
 
@@ -156,4 +159,4 @@ def test_published_study_reproduces_table_ii() -> None:
     assert fixed.design_grid is not None
     gains = closed_form_schedule(study, fixed.target).gains(fixed.design_grid.R_g, fixed.design_grid.L_g)
     # Table II prints K_ip 0.00767, D_p 2087, K_iq 0.115, D_q 0.687.
-    assert gains == pytest.approx((0.00767, 2087.0, 0.115, 0.687), rel=3e-3)
+    assert gains[:4] == pytest.approx((0.00767, 2087.0, 0.115, 0.687), rel=3e-3)

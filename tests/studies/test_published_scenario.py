@@ -70,7 +70,7 @@ def test_every_reference_is_reached_but_for_the_droop(scenario: ScenarioResult) 
 def test_gains_are_table_ii_and_follow_the_grid(scenario: ScenarioResult) -> None:
     by_name = {result.spec.name: result for result in scenario.controllers}
     (only,) = by_name["CVSG"].gain_changes
-    assert only.gains == pytest.approx((0.00767, 2087.0, 0.115, 0.687), rel=3e-3)
+    assert only.gains[:4] == pytest.approx((0.00767, 2087.0, 0.115, 0.687), rel=3e-3)
     changes = by_name["AVSG"].gain_changes
     assert [change.t_s for change in changes] == pytest.approx([0.0, 20.02, 40.02])
     assert [round(change.gains.D_p) for change in changes] == sorted(round(change.gains.D_p) for change in changes)

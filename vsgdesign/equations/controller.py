@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsgdesign.equations.inner_loops import InnerLoopGains, current_loop, voltage_loop
-from vsgdesign.equations.power_loops import PowerLoopGains, References, published_power_loops
+from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.frames import instantaneous_power, rms_to_peak, rotate, rotate_back
 
 
@@ -84,7 +84,7 @@ def power_stage(
     """
     P_f = state.P_f + settings.smoothing_P * (P - state.P_f)
     Q_f = state.Q_f + settings.smoothing_Q * (Q - state.Q_f)
-    omega, domega_dt, dV_dt = published_power_loops(state.omega_i, state.V, P_f, Q_f, refs, gains)
+    omega, domega_dt, dV_dt = power_loops(state.omega_i, state.V, P_f, Q_f, refs, gains)
     theta = state.theta + settings.T_s * omega
     return omega, theta, state.omega_i + settings.T_s * domega_dt, state.V + settings.T_s * dV_dt, P_f, Q_f
 

@@ -1,4 +1,4 @@
-"""Power loops: from measured P, Q to the converter's frequency and voltage."""
+"""Power loops: from measured P, Q to the converter's frequency and voltage. One law for every structure."""
 
 from __future__ import annotations
 
@@ -6,15 +6,27 @@ from typing import Any, NamedTuple
 
 
 class PowerLoopGains(NamedTuple):
-    """The four gains of the published structure.
+    """Gains of the power-loop law (:eq:`power-loop-law`); the published structure uses the first four.
 
-    K_ip: rad/(s²·W); D_p: W·s/rad; K_iq: V/(s·var); D_q: var/V (rms).
+    K_ip: rad/(s²·W); D_p: W·s/rad; K_iq: V/(s·var); D_q: var/V (rms). Off-diagonal integral gains K_pq
+    (rad/(s²·var)) and K_qp (V/(s·W)) undo the grid's coupling. k_P (rad/(s·W)) and k_Q (rad/(s·var)) damp
+    through the angle, without droop and without inertia.
     """
 
     K_ip: Any
     D_p: Any
     K_iq: Any
     D_q: Any
+    K_pq: Any = 0.0
+    K_qp: Any = 0.0
+    k_P: Any = 0.0
+    k_Q: Any = 0.0
+
+    def named(self) -> dict[str, float]:
+        """Gains by name, without those of the last four that are zero: the published structure has four."""
+        return {
+            name: value for name, value in self._asdict().items() if name not in self._field_defaults or value != 0.0
+        }
 
 
 class References(NamedTuple):
@@ -26,12 +38,24 @@ class References(NamedTuple):
     V_n: Any
 
 
-def published_power_loops(omega_i: Any, V_rms: Any, P: Any, Q: Any, refs: References, gains: PowerLoopGains) -> Any:
-    """ω (rad/s), dω_i/dt and dV/dt of the published loops (:eq:`published-loops`).
+def power_loops(omega_i: Any, V_rms: Any, P: Any, Q: Any, refs: References, gains: PowerLoopGains) -> Any:
+    """ω (rad/s), dω_i/dt and dV/dt of every structure (:eq:`power-loop-law`).
 
-    dω/dt = K_ip (P_ref − P + D_p (ω_0 − ω)), dV/dt = K_iq (Q_ref − Q + D_q (V_n − V)), V in rms: the
-    authors' released model integrates the peak amplitude while its gains come from the rms Jacobian.
+    ω = ω_i − k_P P − k_Q (Q + D_q V), with errors e_P = P_ref − P + D_p (ω_0 − ω) and
+    e_Q = Q_ref − Q + D_q (V_n − V): dω_i/dt = K_ip e_P + K_pq e_Q, dV/dt = K_qp e_P + K_iq e_Q. At rest both
+    errors are zero, so the droops are exactly D_p and D_q whatever the other gains.
+
+    With the last four gains zero this is the published law, with V in rms: the authors' released model
+    integrates the peak amplitude while its gains come from the rms Jacobian.
     """
-    domega_dt = gains.K_ip * (refs.P_ref - P + gains.D_p * (refs.omega_0 - omega_i))
-    dV_dt = gains.K_iq * (refs.Q_ref - Q + gains.D_q * (refs.V_n - V_rms))
-    return omega_i, domega_dt, dV_dt
+    omega = omega_i - gains.k_P * P - gains.k_Q * (Q + gains.D_q * V_rms)
+    e_P = refs.P_ref - P + gains.D_p * (refs.omega_0 - omega)
+    e_Q = refs.Q_ref - Q + gains.D_q * (refs.V_n - V_rms)
+    return omega, gains.K_ip * e_P + gains.K_pq * e_Q, gains.K_qp * e_P + gains.K_iq * e_Q
+
+
+def bumpless(omega_i: Any, V_rms: Any, P: Any, Q: Any, old: PowerLoopGains, new: PowerLoopGains) -> Any:
+    """ω_i that keeps ω where it is when the gains change (:eq:`bumpless`)."""
+    before = old.k_P * P + old.k_Q * (Q + old.D_q * V_rms)
+    after = new.k_P * P + new.k_Q * (Q + new.D_q * V_rms)
+    return omega_i + after - before

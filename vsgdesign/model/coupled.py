@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.power_flow import power_flow
-from vsgdesign.equations.power_loops import PowerLoopGains, References, published_power_loops
+from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.model.tracing import numpy_on_symbols
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ def _power_loop_jacobian() -> ca.Function:
     )
     gains = [ca.SX.sym(n) for n in PowerLoopGains._fields]
     with numpy_on_symbols():
-        rates = published_power_loops(omega_i, V, P, Q, References(P_ref, Q_ref, omega_0, V_n), PowerLoopGains(*gains))
+        rates = power_loops(omega_i, V, P, Q, References(P_ref, Q_ref, omega_0, V_n), PowerLoopGains(*gains))
     groups = (ca.vertcat(omega_i, V), ca.vertcat(P, Q), ca.vertcat(P_ref, Q_ref))
     derivatives = [ca.jacobian(ca.vertcat(*rates), group) for group in groups]
     return ca.Function("loops", [*groups, omega_0, V_n, *gains], derivatives)

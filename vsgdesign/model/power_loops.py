@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.power_loops import PowerLoopGains, References, published_power_loops
+from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.model.tracing import numpy_on_symbols
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ def _linearised() -> ca.Function:
     constants = [ca.SX.sym(n) for n in ("omega_0", "V_n")]
     gains = [ca.SX.sym(n) for n in PowerLoopGains._fields]
     with numpy_on_symbols():
-        rates = published_power_loops(omega_i, V, P, Q, References(P_ref, Q_ref, *constants), PowerLoopGains(*gains))
+        rates = power_loops(omega_i, V, P, Q, References(P_ref, Q_ref, *constants), PowerLoopGains(*gains))
     outputs = ca.vertcat(*rates)
     states, powers, refs = ca.vertcat(omega_i, V), ca.vertcat(P, Q), ca.vertcat(P_ref, Q_ref)
     derivatives = [ca.jacobian(outputs, group) for group in (states, powers, refs)]

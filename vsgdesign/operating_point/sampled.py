@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.equations.power_loops import PowerLoopGains, References, published_power_loops
+from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.frames import instantaneous_power, rms_to_peak
 from vsgdesign.operating_point.equilibrium import OperatingPoint, solve_with_droop
@@ -50,14 +50,15 @@ def steady_state(
         x, _ = _phasors(study, plant, omega_g, rms_to_peak(V) * np.exp(1j * (delta + phase)), v_g)
         v = x[1] + study.filter.R_c * (x[0] - x[2])
         P, Q = instantaneous_power(v.real, v.imag, x[2].real, x[2].imag)
-        omega, domega_dt, dV_dt = published_power_loops(omega_i, V, P, Q, refs, gains)
+        omega, domega_dt, dV_dt = power_loops(omega_i, V, P, Q, refs, gains)
         return [
             (omega - omega_g) / omega_n,
             domega_dt / gains.K_ip / study.converter.S_rated,
             dV_dt / gains.K_iq / study.converter.S_rated,
         ]
 
-    solved = root(residual, [guess.V_rms / V_n, guess.delta, omega_g / omega_n], tol=1e-14)
+    omega_i = omega_g + gains.k_P * guess.P + gains.k_Q * (guess.Q + gains.D_q * guess.V_rms)
+    solved = root(residual, [guess.V_rms / V_n, guess.delta, omega_i / omega_n], tol=1e-14)
     error = float(np.max(np.abs(residual(solved.x))))
     if not error < 1e-9:
         raise InfeasibleStudyError(f"the start has no steady state (residual {error:.2g} pu): {solved.message}")

@@ -21,6 +21,7 @@ from vsgdesign.parameters.reader import REQUIRED, TableReader
 from vsgdesign.parameters.scenario import read_events, read_grid, read_simulation
 from vsgdesign.parameters.stability import read_stability
 from vsgdesign.parameters.study import (
+    STRUCTURES,
     ClosedFormTarget,
     ControllerSpec,
     Converter,
@@ -44,7 +45,6 @@ def build_study(document: dict[str, Any], default_name: str, content_hash: str, 
     grid_table = root.section("grid")
     grid, source_, basis = _read_grid_section(grid_table, converter)
     power = root.child("power_loops") or TableReader({}, "power_loops", faults)
-    power.choice("structure", ("published",), default="published")
     tau_P = power.quantity("tau_P", "s", 0.0, 1.0, default=0.0)
     tau_Q = power.quantity("tau_Q", "s", 0.0, 1.0, default=0.0)
     default_target = ClosedFormTarget(1.0, 1.0, 0.01, converter.S_rated * 0.9, converter.S_rated * 0.2)
@@ -181,13 +181,34 @@ def _read_grid_section(table: TableReader, converter: Converter) -> tuple[Grid, 
 
 def _read_target(table: TableReader, default: ClosedFormTarget, converter: Converter) -> ClosedFormTarget:
     limit = 2.0 * converter.S_rated
+    structure = table.choice("structure", STRUCTURES, default=default.structure)
+    settling_time = table.quantity("settling_time", "s", 0.01, 1000.0, default=default.settling_time)
+    # Poles that settle (2 %) in 1.00 s with 1 % overshoot, in time scaled to the settling time.
+    pace = default.settling_time / settling_time
+    at = table.choice("operating_point", ("design", "reference"), default=_operating_point(default, structure))
     return ClosedFormTarget(
-        settling_time=table.quantity("settling_time", "s", 0.01, 1000.0, default=default.settling_time),
+        settling_time=settling_time,
         damping_ratio=table.quantity("damping_ratio", "1", 0.05, 20.0, default=default.damping_ratio),
         droop_ratio=table.quantity("droop_ratio", "1", 0.0, 10.0, default=default.droop_ratio),
         P=table.quantity("P_design", "W", -limit, limit, default=default.P),
         Q=table.quantity("Q_design", "var", -limit, limit, default=default.Q),
+        structure=structure,
+        k_1=table.quantity("k_1", "1/s²", 1e-3, 1e6, default=default.k_1 * pace * pace),
+        d_1=table.quantity("d_1", "1/s", 1e-3, 1e4, default=default.d_1 * pace),
+        k_2=table.quantity("k_2", "1/s", 1e-3, 1e4, default=default.k_2 * pace),
+        P_droop=table.quantity("P_droop", "1", 0.0, 1.0, default=default.P_droop),
+        Q_droop=table.quantity("Q_droop", "1", 0.0, 1.0, default=default.Q_droop),
+        share_P=table.quantity("share_P", "1", 0.0, 1.0, default=default.share_P),
+        share_Q=table.quantity("share_Q", "1", 0.0, 1.0, default=default.share_Q),
+        follow_references=at == "reference",
     )
+
+
+def _operating_point(default: ClosedFormTarget, structure: str) -> str:
+    """The published structure designs at one point, as published; the others follow the references."""
+    if structure == default.structure:
+        return "reference" if default.follow_references else "design"
+    return "design" if structure == "published" else "reference"
 
 
 def _read_controllers(

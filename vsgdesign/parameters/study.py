@@ -18,6 +18,9 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.frames import base_impedance, linear_modulation_limit, rated_current_rms, rms_to_peak
 
+STRUCTURES = ("published", "decoupled", "angle_damped")
+"""Power-loop structures that a study may name."""
+
 UNLIMITED_PU = 1e6
 """A current limit so far out of reach that the limiter never acts (infinity would make NaN of 0·∞)."""
 
@@ -119,14 +122,28 @@ class GridSource:
 
 @dataclass(frozen=True)
 class ClosedFormTarget:
-    """What the closed-form gains aim at, and the operating point at which A and D are taken."""
+    """What the closed-form gains aim at, and the operating point at which the Jacobian is taken."""
 
     settling_time: float
     damping_ratio: float
     droop_ratio: float
-    """q in D_q = q·D."""
+    """q in D_q = q·D of the published structure."""
     P: float
     Q: float
+    structure: str = "published"
+    """``published``, ``decoupled`` or ``angle_damped``."""
+    k_1: float = 15.8
+    d_1: float = 6.6
+    k_2: float = 4.0
+    """Pole placement of the other two: δ by s² + d_1 s + k_1, V by s + k_2."""
+    P_droop: float = 0.05
+    Q_droop: float = 0.05
+    """Frequency and voltage deviation, per unit, that rated power answers; 0: no droop."""
+    share_P: float = 1.0
+    share_Q: float = 1.0
+    """How much of the coupling B (C) is taken out of the P (Q) row, 0 to 1."""
+    follow_references: bool = False
+    """Take the Jacobian at the present references instead of (P, Q)."""
 
 
 @dataclass(frozen=True)

@@ -80,9 +80,9 @@ def _controller(study: Study, controller: ControllerResult) -> dict[str, Any]:
     return {
         "kind": controller.spec.kind,
         "bridge": controller.bridge,
-        "structure": "published",
+        "structure": controller.spec.target.structure,
         "target": asdict(controller.spec.target),
-        "gains": [{"t_s": change.t_s, **change.gains._asdict()} for change in controller.gain_changes],
+        "gains": [{"t_s": change.t_s, **change.gains.named()} for change in controller.gain_changes],
         "events": [_event(event) for event in controller.events],
         "loop_s": controller.simulation.loop_seconds,
         "real_time_factor": study.simulation.duration / max(controller.simulation.loop_seconds, 1e-9),

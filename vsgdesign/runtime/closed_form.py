@@ -1,4 +1,4 @@
-"""Scheduled gains in closed form: grid impedance in, four gains out."""
+"""Scheduled gains in closed form: grid impedance in, the gains of any structure out."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from vsgdesign.equations.closed_form import power_loop_gains
 from vsgdesign.equations.power_flow import jacobian_from_powers, largest_scale, operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import angle_damped_gains, decoupled_gains
 from vsgdesign.errors import NoOperatingPointError
 
 if TYPE_CHECKING:  # reading study files is no part of what ships
@@ -18,10 +19,12 @@ if TYPE_CHECKING:  # reading study files is no part of what ships
 
 @dataclass(frozen=True)
 class ClosedFormSchedule:
-    """The paper's gain schedule for any target, operating point and filter (:eq:`closed-form-gains`).
+    """A gain schedule for any structure, target, operating point and filter.
 
-    A and D are taken at the fixed operating point (P, Q), as published, from the estimated R_g and L_g plus
-    the known grid-side inductor.
+    The Jacobian is taken at the operating point (P, Q), from the estimated R_g and L_g plus the known
+    grid-side inductor. ``published`` uses ``damping_ratio`` and ``droop_ratio`` (:eq:`closed-form-gains`); the
+    other structures the pole placement k_1, d_1, k_2, the droops and the shares of decoupling
+    (:eq:`decoupled-gains`, :eq:`angle-damped-gains`).
     """
 
     P: float
@@ -33,6 +36,14 @@ class ClosedFormSchedule:
     droop_ratio: float
     R_2: float = 0.0
     L_2: float = 0.0
+    structure: str = "published"
+    k_1: float = 15.8
+    d_1: float = 6.6
+    k_2: float = 4.0
+    D_p: float = 0.0
+    D_q: float = 0.0
+    share_P: float = 1.0
+    share_Q: float = 1.0
 
     def gains(self, R_g: float, L_g: float) -> PowerLoopGains:
         """Gains for a grid of R_g (Ω) and L_g (H).
@@ -40,7 +51,7 @@ class ClosedFormSchedule:
         Raises NoOperatingPointError where this grid cannot carry (P, Q), or where A or D is not positive there
         so that no positive gain closes the loop.
         """
-        A, D = self.plant_gains(R_g, L_g)
+        A, B, C, D = self.plant_gains(R_g, L_g)
         if not (A > 0.0 and D > 0.0):
             what, advice = f"makes A = {A:.4g} W/rad, D = {D:.4g} var/V", "Design for another power"
             shortfall_w = float("nan")
@@ -53,34 +64,40 @@ class ClosedFormSchedule:
                 f"R_g = {R_g:.4g} Ω, L_g = {L_g * 1e3:.4g} mH. {advice} (P_design, Q_design), or leave this grid out.",
                 shortfall_w=shortfall_w,
             )
-        return PowerLoopGains(*(float(value) for value in self._from_plant(A, D)))
+        return PowerLoopGains(*(float(value) for value in self._from_plant(A, B, C, D)))
 
     def gains_over(self, R_g: Any, L_g: Any) -> PowerLoopGains:
         """Gains for arrays of grids; NaN where :meth:`gains` would raise."""
-        A, D = self.plant_gains(R_g, L_g)
-        A, D = np.where((A > 0.0) & (D > 0.0), A, np.nan), np.where((A > 0.0) & (D > 0.0), D, np.nan)
-        return PowerLoopGains(*self._from_plant(A, D))
+        A, B, C, D = self.plant_gains(R_g, L_g)
+        good = np.where((A > 0.0) & (D > 0.0), 1.0, np.nan)
+        return PowerLoopGains(*(value * good for value in self._from_plant(A, B, C, D)))
 
-    def plant_gains(self, R_g: Any, L_g: Any) -> tuple[Any, Any]:
-        """A (W/rad) and D (var/V) at (P, Q) on a grid; NaN where it has no operating point."""
+    def plant_gains(self, R_g: Any, L_g: Any) -> tuple[Any, Any, Any, Any]:
+        """A, B, C, D at (P, Q) on a grid; NaN where it has no operating point."""
         R, X = self._path(R_g, L_g)
         with np.errstate(invalid="ignore"):
             V_rms, _ = operating_point(self.P, self.Q, self.V_g_rms, R, X)
-        A, _, _, D = jacobian_from_powers(self.P, self.Q, V_rms, R, X)
-        return A, D
+        return jacobian_from_powers(self.P, self.Q, V_rms, R, X)
 
     def _path(self, R_g: Any, L_g: Any) -> tuple[Any, Any]:
         return R_g + self.R_2, self.omega * (L_g + self.L_2)
 
-    def _from_plant(self, A: Any, D: Any) -> Any:
-        return power_loop_gains(A, D, self.settling_time, self.damping_ratio, self.droop_ratio)
+    def _from_plant(self, A: Any, B: Any, C: Any, D: Any) -> PowerLoopGains:
+        if self.structure == "published":
+            return PowerLoopGains(*power_loop_gains(A, D, self.settling_time, self.damping_ratio, self.droop_ratio))
+        poles = (self.k_1, self.d_1, self.k_2)
+        if self.structure == "decoupled":
+            return decoupled_gains(A, B, C, D, *poles, self.D_q, self.share_P, self.share_Q)
+        return angle_damped_gains(A, B, C, D, *poles, self.D_p, self.D_q, self.share_P, self.share_Q)
 
 
-def closed_form_schedule(study: Study, target: ClosedFormTarget) -> ClosedFormSchedule:
-    """The closed-form schedule of a study's converter for a target."""
+def closed_form_schedule(
+    study: Study, target: ClosedFormTarget, P: float | None = None, Q: float | None = None
+) -> ClosedFormSchedule:
+    """The schedule of a study's converter for a target; P and Q replace the target's operating point."""
     return ClosedFormSchedule(
-        P=target.P,
-        Q=target.Q,
+        P=target.P if P is None else P,
+        Q=target.Q if Q is None else Q,
         V_g_rms=study.grid_source.V_g_rms,
         omega=study.converter.omega_n,
         settling_time=target.settling_time,
@@ -88,4 +105,12 @@ def closed_form_schedule(study: Study, target: ClosedFormTarget) -> ClosedFormSc
         droop_ratio=target.droop_ratio,
         R_2=study.filter.R_2,
         L_2=study.filter.L_2,
+        structure=target.structure,
+        k_1=target.k_1,
+        d_1=target.d_1,
+        k_2=target.k_2,
+        D_p=study.converter.S_rated / (target.P_droop * study.converter.omega_n) if target.P_droop > 0.0 else 0.0,
+        D_q=study.converter.S_rated / (target.Q_droop * study.converter.V_rated_rms) if target.Q_droop > 0.0 else 0.0,
+        share_P=target.share_P,
+        share_Q=target.share_Q,
     )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.operating_point.plant import PlantStep, plant_step
@@ -113,6 +113,7 @@ def simulate(
     plants = functools.lru_cache(maxsize=64)(lambda grid, h, omega: plant_step(study.circuit(grid), h, omega))
     loop_seconds = 0.0
     no_rows = np.empty((0, controller_log.shape[1]))
+    gains = gain_changes[0].gains
     for first, count in _stretches(study, timeline, gain_changes, samples):
         lengths, plant, sources = _pieces(timeline, plants, first, T_s)
         if pwm and not np.isfinite(plant[2]).all():
@@ -122,7 +123,10 @@ def simulate(
             )
         P_ref, Q_ref = timeline.references_at(_time_of(first, T_s))
         refs = References(P_ref, Q_ref, c.omega_n, c.V_rated_rms)
-        gains = _gains_at(gain_changes, _time_of(first, T_s))
+        before, gains = gains, _gains_at(gain_changes, _time_of(first, T_s))
+        if gains is not before:
+            omega_i = bumpless(state.omega_i, state.V, state.P_f, state.Q_f, before, gains)
+            state = state._replace(omega_i=omega_i)
         states = controller_log[first:] if first < len(controller_log) else no_rows
         begin = time.perf_counter()
         state = ControllerState(*loop(

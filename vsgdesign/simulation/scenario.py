@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.filters import pcc_voltage
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.frames import clarke, clarke_inverse, instantaneous_power
 from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
@@ -127,7 +128,10 @@ def derive_series(study: Study, run: Simulation) -> dict[str, Array]:
     }
     gain_index = _index(t_s, [change.t_s for change in run.gain_changes], study.converter.T_s)
     gains = np.array([change.gains for change in run.gain_changes])[gain_index]
-    series |= {name: gains[:, k] for k, name in enumerate(run.gain_changes[0].gains._fields)}
+    always = len(PowerLoopGains._fields) - len(PowerLoopGains._field_defaults)
+    for k, name in enumerate(PowerLoopGains._fields):
+        if k < always or gains[:, k].any():  # the published structure has the first four only
+            series[name] = gains[:, k]
     return series
 
 

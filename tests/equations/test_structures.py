@@ -1,0 +1,108 @@
+"""Structures against poles found by another route, and against what each promises at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from vsgdesign.equations.closed_form import power_loop_gains
+from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point, power_flow
+from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless, power_loops
+from vsgdesign.equations.structures import angle_damped_gains, decoupled_gains, decoupling
+
+OMEGA_0, V_N = 314.0, 110.0
+K_1, D_1, K_2 = 15.8, 6.6, 4.0
+
+
+def random_grids(count: int, seed: int) -> list[tuple[float, float, float, float]]:
+    """(P, Q, R, X) with an operating point, X/R from 0.2 to 20."""
+    rng = np.random.default_rng(seed)
+    found: list[tuple[float, float, float, float]] = []
+    while len(found) < count:
+        P, Q = rng.uniform(-4e3, 4e3), rng.uniform(-1e3, 2e3)
+        Z, ratio = rng.uniform(0.3, 4.0), np.exp(rng.uniform(np.log(0.2), np.log(20.0)))
+        R = Z / np.hypot(1.0, ratio)
+        with np.errstate(invalid="ignore"):
+            V, delta = operating_point(P, Q, V_N, R, R * ratio)
+        if np.isfinite(V) and abs(delta) < 1.0:
+            found.append((P, Q, float(R), float(R * ratio)))
+    return found
+
+
+def closed_loop(P: float, Q: float, R: float, X: float, gains: PowerLoopGains) -> NDArray[np.complex128]:
+    """Eigenvalues of (δ, ω_i, V) by central differences of the nonlinear equations: no formula of the library."""
+    V_0, delta_0 = (float(value) for value in operating_point(P, Q, V_N, R, X))
+    omega_i = OMEGA_0 + gains.k_P * P + gains.k_Q * (Q + gains.D_q * V_0)
+    refs = References(P, Q - gains.D_q * (V_N - V_0), OMEGA_0, V_N)
+
+    def rates(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        p, q = power_flow(x[0], x[2], V_N, R, X)
+        omega, domega, dV = power_loops(x[1], x[2], p, q, refs, gains)
+        return np.array([omega - OMEGA_0, domega, dV])
+
+    at = np.array([delta_0, omega_i, V_0])
+    # It is a steady state: the largest rate is rounding of powers of some kW times the gains.
+    assert np.abs(rates(at)).max() < 1e-8
+    h = np.array([1e-5, 1e-4, 1e-3])
+    columns = [(rates(at + h * e) - rates(at - h * e)) / (2.0 * h @ e) for e in np.eye(3)]
+    return np.linalg.eigvals(np.array(columns).T)
+
+
+def wanted() -> NDArray[np.complex128]:
+    return np.array([*np.roots([1.0, D_1, K_1]), -K_2], dtype=complex)
+
+
+@pytest.mark.parametrize("grid", random_grids(12, seed=1))
+@pytest.mark.parametrize(("D_p", "D_q"), [(0.0, 0.0), (318.0, 0.0), (318.0, 909.0), (40.0, 100.0)])
+def test_angle_damping_places_the_poles_whatever_grid_and_droops(
+    grid: tuple[float, float, float, float], D_p: float, D_q: float
+) -> None:
+    P, Q, R, X = grid
+    J = jacobian_from_powers(P, Q, operating_point(P, Q, V_N, R, X)[0], R, X)
+    gains = angle_damped_gains(*J, K_1, D_1, K_2, D_p, D_q, 1.0, 1.0)
+    found = np.sort_complex(closed_loop(P, Q, R, X, gains))
+    # Differences of a stiff W times kW-sized powers: 1e-5 of the poles' size.
+    assert np.abs(found - np.sort_complex(wanted())).max() < 1e-4
+
+
+@pytest.mark.parametrize("grid", random_grids(12, seed=2))
+@pytest.mark.parametrize("D_q", [0.0, 50.0])
+def test_decoupling_places_the_poles_without_P_f_droop_of_its_own(
+    grid: tuple[float, float, float, float], D_q: float
+) -> None:
+    P, Q, R, X = grid
+    J = jacobian_from_powers(P, Q, operating_point(P, Q, V_N, R, X)[0], R, X)
+    gains = decoupled_gains(*J, K_1, D_1, K_2, D_q, 1.0, 1.0)
+    assert gains.K_ip * gains.D_p == pytest.approx(D_1, rel=1e-12)
+    found = np.sort_complex(closed_loop(P, Q, R, X, gains))
+    assert np.abs(found - np.sort_complex(wanted())).max() < 1e-4
+
+
+def test_the_published_structure_is_the_law_with_four_gains() -> None:
+    gains = PowerLoopGains(*power_loop_gains(8348.0, 68.7, 1.0, 1.0, 0.01))
+    refs = References(3e3, 1e3, OMEGA_0, V_N)
+    omega, domega, dV = power_loops(313.5, 112.0, 2.8e3, 650.0, refs, gains)
+    assert omega == 313.5
+    assert domega == pytest.approx(gains.K_ip * (200.0 + gains.D_p * 0.5), rel=1e-14)
+    assert dV == pytest.approx(gains.K_iq * (350.0 - gains.D_q * 2.0), rel=1e-14)
+    assert gains.named() == {"K_ip": gains.K_ip, "D_p": gains.D_p, "K_iq": gains.K_iq, "D_q": gains.D_q}
+
+
+def test_no_share_leaves_a_diagonal_and_one_row_can_stay_pure() -> None:
+    A, B, C, D = 8348.0, 91.9, -4840.0, 68.7
+    assert decoupling(A, B, C, D, 0.0, 0.0, 0.0) == pytest.approx((1.0 / A, 0.0, 0.0, 1.0 / D), rel=1e-14)
+    w11, w12, w21, w22 = decoupling(A, B, C, D, 0.0, 0.0, 1.0)
+    assert (w11, w12) == pytest.approx((1.0 / A, 0.0), rel=1e-14)
+    assert np.array([[w11, w12], [w21, w22]]) @ np.array([[A, 0.0], [C, D]]) == pytest.approx(np.eye(2), abs=1e-12)
+
+
+def test_rescheduling_leaves_the_frequency_where_it_is() -> None:
+    refs = References(3e3, 1e3, OMEGA_0, V_N)
+    old = angle_damped_gains(8348.0, 91.9, -4840.0, 68.7, K_1, D_1, K_2, 318.0, 909.0, 1.0, 1.0)
+    new = angle_damped_gains(24076.0, 217.0, -20845.0, 211.0, K_1, D_1, K_2, 318.0, 909.0, 1.0, 1.0)
+    omega_i = 317.0
+    before = power_loops(omega_i, 112.0, 2.8e3, 650.0, refs, old)[0]
+    moved = bumpless(omega_i, 112.0, 2.8e3, 650.0, old, new)
+    assert abs(moved - omega_i) > 1e-3
+    assert power_loops(moved, 112.0, 2.8e3, 650.0, refs, new)[0] == pytest.approx(before, rel=1e-14)
