@@ -42,7 +42,7 @@ def test_matrices_against_differences_of_an_independent_ode(tau_P: float, tau_Q:
     kept = [0, 1, 2, *([3] if tau_P else []), *([4] if tau_Q else [])]
     for _ in range(10):
         point, gains = random_point(rng), random_gains(rng)
-        c = IdealConverter(point["R"], point["X"], *gains, omega_0=OMEGA_0, V_n=V_N, tau_P=tau_P, tau_Q=tau_Q)
+        c = IdealConverter(point["R"], point["X"], *gains[:4], omega_0=OMEGA_0, V_n=V_N, tau_P=tau_P, tau_Q=tau_Q)
         S = c.power(point["delta"], point["V"], point["V_g"])
         x = np.array([point["delta"], OMEGA_0, point["V"], S.real, S.imag])
         u = np.array([S.real + 100.0, S.imag - 50.0, OMEGA_0, point["V_g"]])

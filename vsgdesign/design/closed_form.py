@@ -10,11 +10,16 @@ from vsgdesign.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
 from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.stability.loops import coupled_loop
 
 
 @dataclass(frozen=True)
 class ClosedFormDesign:
-    """One controller's gains on one grid, the point they are designed at, and the loops' margins there."""
+    """One controller's gains on one grid, the point they are designed at, and the loops' margins there.
+
+    Margins are those of the paper's decoupled loops for the published structure; for the others, those of each
+    loop with the other closed, coupling included.
+    """
 
     controller: str
     grid: Grid
@@ -43,5 +48,10 @@ def design_closed_form(study: Study, spec: ControllerSpec, grid: Grid) -> Closed
         point = solve_operating_point(spec.target.P, spec.target.Q, study.grid_source.V_g_rms, R, X, limits)
     except NoOperatingPointError as error:
         raise InfeasibleStudyError(f"controller {spec.name}: {error}") from error
-    loops = power_loops(gains, point.A, point.D)
-    return ClosedFormDesign(spec.name, grid, point, gains, loop_margins(loops.P_open), loop_margins(loops.Q_open))
+    if spec.target.structure == "published":
+        loops = power_loops(gains, point.A, point.D)
+        open_P, open_Q = loops.P_open, loops.Q_open
+    else:
+        source = study.grid_source.V_g_rms
+        open_P, open_Q = (coupled_loop(point, gains, source, R, X, loop=k) for k in (0, 1))
+    return ClosedFormDesign(spec.name, grid, point, gains, loop_margins(open_P), loop_margins(open_Q))

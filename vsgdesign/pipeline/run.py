@@ -67,6 +67,11 @@ def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict
         "study": {"name": study.name, "title": study.title, "source": study.source, "hash": study.hash},
         "provenance": provenance(),
         "operating_points": [_operating_point(row) for row in result.operating_points],
+        "gains": [
+            {"controller": c.spec.name, "t_s": change.t_s, **change.gains.named()}
+            for c in result.controllers
+            for change in c.gain_changes
+        ],
         "controllers": {c.spec.name: _controller(study, c) for c in result.controllers},
         "timing_s": timing_s,
     }

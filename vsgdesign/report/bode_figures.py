@@ -79,6 +79,8 @@ def _bode_figure(name: str, columns: Sequence[tuple[str, str, Sequence[LoopOnGri
     at = "; ".join(at if len(targets) == 1 else f"{at} for {', '.join(names)}" for at, names in targets.items())
     left_out = max(len(loops) for _, _, loops in columns) - rows
     more = f" {left_out} grids between them are in the table of margins only." if left_out > 0 else ""
+    if any(len(loop.gains.named()) > 4 for _, _, loops in columns for loop in loops):
+        more += " Structures that act on both powers: their P loop with the Q loop closed, coupling included."
     caption = (
         "Open active-power loop K_ip·A/(s(s + K_ip·D_p)) without coupling, A = ∂P/∂δ taken at the operating point of "
         f"the design ({at}) on each grid. Dots: gain crossover; the phase margin is the distance of the "

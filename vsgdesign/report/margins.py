@@ -15,6 +15,7 @@ from vsgdesign.parameters import Grid
 from vsgdesign.report.quantities import plain
 from vsgdesign.runtime import closed_form_schedule
 from vsgdesign.simulation import ControllerResult, ScenarioResult
+from vsgdesign.stability.loops import coupled_loop
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,8 @@ class LoopOnGrid:
 
     @property
     def corner_rad_s(self) -> float:
-        """The loop's finite corner, K_ip·D_p."""
-        return float(self.gains.K_ip * self.gains.D_p)
+        """The loop's fastest corner; K_ip·D_p for the published structure."""
+        return float(np.abs(np.roots(self.denominator)).max())
 
     def response(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Frequency response at angular frequencies in rad/s."""
@@ -72,7 +73,10 @@ def loops_on_grids(result: ScenarioResult, controller: ControllerResult) -> tupl
         # Beyond A = 0 the loop has positive feedback: it has no margin to speak of.
         if point.A <= 0.0:
             continue
-        open_loop = power_loops(gains, point.A, point.D).P_open
+        if target.structure == "published":
+            open_loop = power_loops(gains, point.A, point.D).P_open
+        else:
+            open_loop = coupled_loop(point, gains, study.grid_source.V_g_rms, R, X, loop=0)
         numerator, denominator = (np.trim_zeros(np.ravel(part[0][0]), "f") for part in (open_loop.num, open_loop.den))
         loops.append(LoopOnGrid(
             grid_label(result, grid), float(np.hypot(R, X)), target.P, target.Q, gains,

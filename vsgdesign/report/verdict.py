@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -99,12 +100,21 @@ def step_outcomes(result: ScenarioResult) -> list[StepOutcome]:
             if metrics.kind == "step":
                 row = next((row for row in result.operating_points if abs(row.t_s - metrics.t_s) < 1e-9), None)
                 uncoupled = None if row is None else _uncoupled(controller, metrics, row, ends[metrics.t_s])
-                damping = controller.spec.target.damping_ratio
-                overshoot = overshoot_of(damping) if metrics.signal == "P_pcc" else 0.0
+                overshoot = _target_overshoot(controller) if metrics.signal == "P_pcc" else 0.0
+                if controller.spec.target.structure != "published":
+                    overshoot = _target_overshoot(controller)  # P and Q are both means of the same two responses
                 window = ends[metrics.t_s] - metrics.t_s
                 at_rest = _was_at_rest(result, controller, metrics)
                 outcomes.append(StepOutcome(controller, metrics, window, row, uncoupled, overshoot, at_rest))
     return outcomes
+
+
+def _target_overshoot(controller: ControllerResult) -> float:
+    """Overshoot in per cent that the design's own poles have."""
+    target = controller.spec.target
+    if target.structure == "published":
+        return overshoot_of(target.damping_ratio)
+    return overshoot_of(0.5 * target.d_1 / math.sqrt(target.k_1))
 
 
 def _was_at_rest(result: ScenarioResult, controller: ControllerResult, metrics: EventMetrics) -> bool:
@@ -122,6 +132,9 @@ def _was_at_rest(result: ScenarioResult, controller: ControllerResult, metrics: 
 def _uncoupled(
     controller: ControllerResult, metrics: EventMetrics, row: OperatingPointRow, end_s: float
 ) -> UncoupledResponse | None:
+    # The paper's decoupled loops are those of the published structure alone.
+    if controller.spec.target.structure != "published":
+        return None
     # The gains at the end of the window: an event that also changes the grid is followed by new ones.
     gains = [change.gains for change in controller.gain_changes if change.t_s < end_s][-1]
     if metrics.signal == "P_pcc":
@@ -166,7 +179,7 @@ def _summary(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> str:
 def _against_target(controller: ControllerResult, outcomes: Sequence[StepOutcome], most: int) -> str:
     target = controller.spec.target
     judged = [outcome for outcome in outcomes if outcome.judged]
-    limit = overshoot_of(target.damping_ratio)
+    limit = _target_overshoot(controller)
     overshoot = "no overshoot" if limit == 0.0 else f"at most {percent(limit)} % overshoot of P"
     text = (
         f"{controller.spec.name} ({controller.spec.kind} gains; target: within 2 % after "
@@ -254,7 +267,10 @@ def explanation(outcomes: Sequence[StepOutcome]) -> list[str]:
         outcome
         for outcome in outcomes
         # A step into an earlier transient says nothing about the design.
-        if outcome.controller.spec.gains is None and outcome.at_rest and outcome.misses
+        if outcome.controller.spec.gains is None
+        and outcome.at_rest
+        and outcome.misses
+        and outcome.controller.spec.target.structure == "published"
     ]
     if not missed:
         return []
