@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,22 +15,12 @@ from vsgdesign.artifacts.tables import write_table
 from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.parameters import Study
 from vsgdesign.simulation.evidence import StepEvidence, step_evidence
+from vsgdesign.simulation.stability_result import StabilityResult, frequency_file, map_file, maps_of, step_file
 from vsgdesign.stability.assessment import ControllerAssessment, FocusCell, assess
 from vsgdesign.stability.tables import VIEW_HEADER, map_header, map_rows, view_rows
-from vsgdesign.stability.verdict import Verdict, clause_matrix, worst_cases
+from vsgdesign.stability.verdict import clause_matrix, worst_cases
 
 Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class StabilityResult:
-    """All that the stability report is made from. ``evidence`` is keyed by (controller, cell label)."""
-
-    study: Study
-    assessments: tuple[ControllerAssessment, ...]
-    evidence: dict[tuple[str, str], tuple[StepEvidence, StepEvidence]]
-    verdicts: tuple[Verdict, ...]
-    timing_s: dict[str, float]
 
 
 def assess_study(study: Study, *, evidence: bool = True, progress: Progress | None = None) -> StabilityResult:
@@ -81,12 +70,10 @@ def write_stability_tables(result: StabilityResult, folder: Path) -> None:
     """Every map, frequency view and response of a result as CSV."""
     for a in result.assessments:
         name = a.spec.name
-        maps = {"reduced": a.reduced, "full_order": a.full_order, "stale": a.stale, "estimate_error": a.estimate_error}
-        for kind, field in maps.items():
-            if field is not None:
-                write_table(folder / f"map_{name}_{kind}.csv", map_header(field), map_rows(field))
+        for kind, field in maps_of(a).items():
+            write_table(folder / map_file(name, kind), map_header(field), map_rows(field))
         for cell in a.focus:
-            write_table(folder / f"frequency_{name}_{slug(cell.label)}.csv", VIEW_HEADER, view_rows(cell))
+            write_table(folder / frequency_file(name, cell.label), VIEW_HEADER, view_rows(cell))
     for (name, label), responses in result.evidence.items():
         for e in responses:
             columns = (e.t_s, e.emt, e.full_order, e.reduced)
@@ -94,12 +81,7 @@ def write_stability_tables(result: StabilityResult, folder: Path) -> None:
             header = ("t [s]", *(f"{kind} [{unit}]" for kind in ("emt", "full_order", "reduced")))
             step = max(len(e.t_s) // 3000, 1)
             rows = zip(*(column[::step].tolist() for column in columns), strict=True)
-            write_table(folder / f"step_{e.signal}_{name}_{slug(label)}.csv", header, rows)
-
-
-def slug(label: str) -> str:
-    """A label as part of a file name."""
-    return re.sub(r"[^A-Za-z0-9.]+", "_", label).strip("_")
+            write_table(folder / step_file(name, label, e.signal), header, rows)
 
 
 def stability_document(result: StabilityResult) -> dict[str, Any]:

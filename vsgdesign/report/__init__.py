@@ -1,4 +1,4 @@
-"""Figures and a page from a scenario's results. Importing this room does not load matplotlib."""
+"""Figures and pages from results: of a scenario, of a stability assessment. Importing it loads no matplotlib."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from vsgdesign.report.figure_types import WrittenFigure
 
 if TYPE_CHECKING:
     from vsgdesign.simulation import ScenarioResult
+    from vsgdesign.simulation.stability_result import StabilityResult
 
-__all__ = ["WrittenFigure", "write_figures", "write_report"]
+__all__ = ["WrittenFigure", "write_figures", "write_report", "write_stability_figures", "write_stability_report"]
 
 
 def write_figures(result: ScenarioResult, folder: str | Path) -> list[WrittenFigure]:
@@ -28,3 +29,22 @@ def write_report(result: ScenarioResult, figures: Sequence[WrittenFigure], out_p
     from vsgdesign.report.page import write_page
 
     return write_page(result, figures, Path(out_path))
+
+
+def write_stability_figures(result: StabilityResult, folder: str | Path) -> list[WrittenFigure]:
+    """Draw every figure of a stability assessment into ``folder`` (made if missing), as SVG and as PNG (200 dpi)."""
+    from vsgdesign.report.stability_figures import write_all
+
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return write_all(result, folder)
+
+
+def write_stability_report(result: StabilityResult, figures: Sequence[WrittenFigure], out_path: str | Path) -> Path:
+    """Write the stability report: one HTML file with text, tables and the given figures, in eight parts.
+
+    Its links lead to the CSV files of the same folder.
+    """
+    from vsgdesign.report.stability_page import write_stability_page
+
+    return write_stability_page(result, figures, Path(out_path))

@@ -18,6 +18,8 @@ class NamedFigure:
     title: str
     caption: str
     figure: Figure
+    part: int = 0
+    """Part of the report that it belongs to, where a report has parts."""
 
 
 @dataclass(frozen=True)
@@ -29,3 +31,4 @@ class WrittenFigure:
     caption: str
     svg: Path
     png: Path
+    part: int = 0

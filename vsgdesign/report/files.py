@@ -43,7 +43,7 @@ def write_figure(named: NamedFigure, folder: Path) -> WrittenFigure:
         )
         named.figure.savefig(png, format="png", metadata={"Software": None})
     svg.write_text(compact(buffer.getvalue()), encoding="utf-8", newline="\n")
-    return WrittenFigure(named.name, named.title, named.caption, svg, png)
+    return WrittenFigure(named.name, named.title, named.caption, svg, png, named.part)
 
 
 def compact(svg: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +12,20 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import NoOperatingPointError
 from vsgdesign.operating_point import solve_operating_point
 from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
-from vsgdesign.parameters import Grid
+from vsgdesign.parameters import Grid, Study
 from vsgdesign.report.quantities import plain
 from vsgdesign.runtime import closed_form_schedule
 from vsgdesign.simulation import ControllerResult, ScenarioResult
 from vsgdesign.stability.loops import coupled_loop
+
+
+class HasStudy(Protocol):
+    """Any result that knows its study."""
+
+    @property
+    def study(self) -> Study:
+        """The study that it is a result of."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -47,7 +57,7 @@ def distinct_grids(result: ScenarioResult) -> tuple[Grid, ...]:
     return tuple(dict.fromkeys(grid for _, grid in result.timeline.grids))
 
 
-def grid_label(result: ScenarioResult, grid: Grid) -> str:
+def grid_label(result: HasStudy, grid: Grid) -> str:
     """SCR and X/R of a grid."""
     converter = result.study.converter
     ratio = grid.x_over_r(converter.omega_n)

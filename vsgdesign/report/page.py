@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vsgdesign import __version__
 from vsgdesign.report import tables
@@ -14,42 +15,62 @@ from vsgdesign.report.quantities import plain, plain_quantity
 from vsgdesign.report.verdict import explanation, step_outcomes, verdict
 from vsgdesign.simulation import ScenarioResult
 
+if TYPE_CHECKING:
+    import jinja2
+
 
 def write_page(result: ScenarioResult, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
     """Write the page of a scenario, with the figures' SVG text as it lies on disk."""
-    import jinja2
-
     outcomes = step_outcomes(result)
     study = result.study
-    environment = jinja2.Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
-    )
-    environment.filters["sub"] = with_subscripts
-    template = (resources.files("vsgdesign.report") / "templates" / "report.html.j2").read_text(encoding="utf-8")
     with_events = bool(study.events)
-    text = environment.from_string(template).render(
-        study=study,
-        version=__version__,
-        scenario=_scenario(result),
-        verdict=verdict(result, outcomes),
-        explanation=explanation(outcomes),
-        targets=tables.targets_table(outcomes) if outcomes else None,
-        setting=(tables.converter_table(result), tables.filter_table(result)),
-        controllers=tables.controllers_table(result),
-        events=tables.events_table(result) if with_events else None,
-        operating_points=tables.operating_points_table(result),
-        gains=[tables.gains_table(controller) for controller in result.controllers],
-        margins=tables.margins_table(result),
-        metrics=[tables.metrics_table(result, controller) for controller in result.controllers if controller.events],
-        metrics_notes=tables.METRICS_NOTES,
-        figures=[
-            (figure, inline_svg(figure.svg.read_text(encoding="utf-8"), figure.name, figure.title))
-            for figure in figures
-        ],
-        limits=limits_of_validity(result),
+    text = (
+        environment()
+        .get_template("report.html.j2")
+        .render(
+            study=study,
+            version=__version__,
+            scenario=_scenario(result),
+            verdict=verdict(result, outcomes),
+            explanation=explanation(outcomes),
+            targets=tables.targets_table(outcomes) if outcomes else None,
+            setting=(tables.converter_table(result), tables.filter_table(result)),
+            controllers=tables.controllers_table(result),
+            events=tables.events_table(result) if with_events else None,
+            operating_points=tables.operating_points_table(result),
+            gains=[tables.gains_table(controller) for controller in result.controllers],
+            margins=tables.margins_table(result),
+            metrics=[
+                tables.metrics_table(result, controller) for controller in result.controllers if controller.events
+            ],
+            metrics_notes=tables.METRICS_NOTES,
+            figures=[
+                (figure, inline_svg(figure.svg.read_text(encoding="utf-8"), figure.name, figure.title))
+                for figure in figures
+            ],
+            limits=limits_of_validity(result),
+        )
     )
     out_path.write_text(text, encoding="utf-8", newline="\n")
     return out_path
+
+
+def environment() -> jinja2.Environment:
+    """Templates of this room, with the filter ``sub``; every text is escaped, a missing one is an error."""
+    import jinja2
+
+    def read(name: str) -> str:
+        return (resources.files("vsgdesign.report") / "templates" / name).read_text(encoding="utf-8")
+
+    found = jinja2.Environment(
+        loader=jinja2.FunctionLoader(read),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    found.filters["sub"] = with_subscripts
+    return found
 
 
 _SUBSCRIPT = re.compile(r"(?<![A-Za-z])(K|D|P|Q|V|R|L|T|f|ω)_(ref|pcc|ip|iq|pv|iv|pc|ic|p|q|g|n|s|op)\b")

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 from vsgdesign.frames import phase_to_ll
 from vsgdesign.metrics import EventMetrics, ResponseMetrics
-from vsgdesign.report.margins import distinct_grids, grid_label, loops_on_grids
+from vsgdesign.parameters.study import ControllerSpec
+from vsgdesign.report.margins import HasStudy, distinct_grids, grid_label, loops_on_grids
 from vsgdesign.report.quantities import DASH, number, percent, plain, plain_quantity, prefix_for, quantity
 from vsgdesign.report.verdict import RULE, StepOutcome, coupling
 from vsgdesign.simulation import ControllerResult, ScenarioResult
@@ -29,7 +30,7 @@ class Table:
     """Rows that deserve attention."""
 
 
-def converter_table(result: ScenarioResult) -> Table:
+def converter_table(result: HasStudy) -> Table:
     """Ratings, bridge, inner loops and measurement."""
     study, c, g = result.study, result.study.converter, result.study.inner_gains
     limit = "none" if c.current_limit_pu is None else f"{plain(c.current_limit_pu)} pu of the rated peak"
@@ -52,7 +53,7 @@ def converter_table(result: ScenarioResult) -> Table:
     return Table("Converter", ("Quantity", "Value"), rows, texts=2)
 
 
-def filter_table(result: ScenarioResult) -> Table:
+def filter_table(result: HasStudy) -> Table:
     """Filter and grid at the start."""
     study, f = result.study, result.study.filter
     rows = [
@@ -83,9 +84,13 @@ def _ohm(value: float) -> str:
 
 def controllers_table(result: ScenarioResult) -> Table:
     """What each controller is and aims at."""
+    return specs_table(result, [controller.spec for controller in result.controllers])
+
+
+def specs_table(result: HasStudy, specs: Sequence[ControllerSpec]) -> Table:
+    """What controllers are and aim at."""
     rows = []
-    for controller in result.controllers:
-        spec = controller.spec
+    for spec in specs:
         if spec.kind == "scheduled":
             how = f"rescheduled every {plain_quantity(spec.update_period, 's')} from the true grid impedance"
         elif spec.gains is not None:

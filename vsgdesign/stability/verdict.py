@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 OWN = "vsgdesign internal gate, no grid code"
 PASS, FAIL, INFORMATIONAL, NOT_ASSESSED = "pass", "fail", "informational", "not assessed"
+NOTHING = "no cell could be analysed"
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ def _own_gates(study: Study, a: ControllerAssessment) -> list[Verdict]:
         rows.append(
             Verdict(
                 name, OWN, "", f"stable in every analysed cell ({label})", f"{stable} of {analysed}", "all",
-                PASS if stable == analysed else FAIL, evidence,
+                NOT_ASSESSED if analysed == 0 else PASS if stable == analysed else FAIL, evidence,
             )
         )  # fmt: skip
         limits = {
@@ -122,11 +123,17 @@ def _own_gates(study: Study, a: ControllerAssessment) -> list[Verdict]:
         }
         for worst in worst_cases(study, field):
             if worst.quantity in limits:
-                shown = "unstable" if np.isnan(worst.value) else f"{worst.value:.3g} {worst.unit}".strip()
+                shown = (
+                    "unstable"
+                    if np.isnan(worst.value)
+                    else f"{worst.value:.3g} {worst.unit}".strip().replace(" °", "°")
+                )
+                verdict = FAIL if worst.share_below > 0.0 else PASS
                 rows.append(
                     Verdict(
-                        name, OWN, "", f"{worst.quantity}, worst cell ({label})", f"{shown} at {worst.where}",
-                        limits[worst.quantity], FAIL if worst.share_below > 0.0 else PASS, evidence,
+                        name, OWN, "", f"{worst.quantity}, worst cell ({label})",
+                        f"{shown} at {worst.where}" if analysed else NOTHING,
+                        limits[worst.quantity], verdict if analysed else NOT_ASSESSED, evidence,
                     )
                 )  # fmt: skip
     rows.append(_settling(study, a))
@@ -135,6 +142,7 @@ def _own_gates(study: Study, a: ControllerAssessment) -> list[Verdict]:
 
 def _settling(study: Study, a: ControllerAssessment) -> Verdict:
     limit = study.stability.gates.settling_time
+    analysed = len(a.step_P) > 0
     late, slowest, where = 0, 0.0, ""
     for k, (p, q) in enumerate(zip(a.step_P, a.step_Q, strict=True)):
         times = [np.inf if r is None or r.settling_time_s is None else r.settling_time_s for r in (p, q)]
@@ -143,8 +151,9 @@ def _settling(study: Study, a: ControllerAssessment) -> Verdict:
             slowest, where = max(times), describe_cell(a.reduced, int(a.reduced.analysed[k]))
     shown = "not settled" if np.isinf(slowest) else f"{slowest:.3g} s"
     return Verdict(
-        a.spec.name, OWN, "", "2 % settling of P and Q steps, worst cell (reduced)", f"{shown} at {where}",
-        f"≤ {limit:g} s", FAIL if late else PASS, f"map_{a.spec.name}_reduced.csv",
+        a.spec.name, OWN, "", "2 % settling of P and Q steps, worst cell (reduced)",
+        f"{shown} at {where}" if analysed else NOTHING,
+        f"≤ {limit:g} s", NOT_ASSESSED if not analysed else FAIL if late else PASS, f"map_{a.spec.name}_reduced.csv",
     )  # fmt: skip
 
 
@@ -182,12 +191,13 @@ def _external(study: Study, a: ControllerAssessment) -> list[Verdict]:
                 verdict, f"map_{a.spec.name}_full_order.csv",
             )
         )  # fmt: skip
+    damping = a.full_order.table.least_damping
     rows.append(
         Verdict(
             a.spec.name, "IEEE 2800-2022", "recalled", "damping ratio of controlled modes",
-            f"{float(np.min(a.full_order.table.least_damping)):.3g} least over the map (all modes)",
+            f"{float(np.min(damping)):.3g} least over the map (all modes)" if len(damping) else NOTHING,
             "≥ 0.3, to be checked",
-            INFORMATIONAL, f"map_{a.spec.name}_full_order.csv",
+            INFORMATIONAL if len(damping) else NOT_ASSESSED, f"map_{a.spec.name}_full_order.csv",
         )
     )  # fmt: skip
     rows.append(

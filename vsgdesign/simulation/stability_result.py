@@ -1,0 +1,52 @@
+"""What a stability report is made from, and the names of the files that hold it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.evidence import StepEvidence
+from vsgdesign.stability.assessment import ControllerAssessment
+from vsgdesign.stability.maps import MarginMap
+from vsgdesign.stability.verdict import Verdict
+
+MAP_KINDS = ("reduced", "full_order", "stale", "estimate_error")
+"""Maps of one controller, as their files name them."""
+
+
+@dataclass(frozen=True)
+class StabilityResult:
+    """All that the stability report is made from. ``evidence`` is keyed by (controller, cell label)."""
+
+    study: Study
+    assessments: tuple[ControllerAssessment, ...]
+    evidence: dict[tuple[str, str], tuple[StepEvidence, StepEvidence]]
+    verdicts: tuple[Verdict, ...]
+    timing_s: dict[str, float]
+
+
+def slug(label: str) -> str:
+    """A label as part of a file name."""
+    return re.sub(r"[^A-Za-z0-9.]+", "_", label).strip("_")
+
+
+def maps_of(a: ControllerAssessment) -> dict[str, MarginMap]:
+    """The maps that a controller has, by kind."""
+    fields = dict(zip(MAP_KINDS, (a.reduced, a.full_order, a.stale, a.estimate_error), strict=True))
+    return {kind: field for kind, field in fields.items() if field is not None}
+
+
+def map_file(controller: str, kind: str) -> str:
+    """File of one map."""
+    return f"map_{controller}_{kind}.csv"
+
+
+def frequency_file(controller: str, label: str) -> str:
+    """File of one cell over frequency."""
+    return f"frequency_{controller}_{slug(label)}.csv"
+
+
+def step_file(controller: str, label: str, signal: str) -> str:
+    """File of one small step."""
+    return f"step_{signal}_{controller}_{slug(label)}.csv"
