@@ -1,7 +1,8 @@
 """Stability margins from a 2×2 sensitivity: exact disk margin, per-loop margins, peak sensitivity.
 
 Everything starts from S(jω) = (I + L)⁻¹ of N cells, given as a function that can be evaluated anywhere, so a
-crossing or a peak found on a frequency grid is then located to machine precision.
+crossing or a peak found on a frequency grid is then located to machine precision. Grids are (F,), or (N, F) where
+every cell has its own.
 """
 
 from __future__ import annotations
@@ -19,7 +20,11 @@ Complex = NDArray[np.complexfloating[Any, Any]]
 SensitivityAt = Callable[[NDArray[np.intp], Array], Complex]
 """(cells (k,), ω (k,)) → S (k, 2, 2)."""
 
-_REFINEMENTS = 60
+_BISECTIONS = 60
+_GOLDEN_SECTIONS = 40
+_GOLDEN = 0.5 * (5.0**0.5 - 1.0)
+_PEAKS = 3
+"""Highest local maxima of a cell that are refined: between grid points the second may be the first."""
 
 
 @dataclass(frozen=True)
@@ -72,29 +77,28 @@ def largest_singular_value(S: Complex) -> Array:
 def disk_margin(S_grid: Complex, omega: Array, at: SensitivityAt) -> PeakTable:
     """Least disk margin over frequency of N cells: from S on a grid (N, F, 2, 2), then refined."""
     values = disk_margin_per_frequency(S_grid)
-    lowest, where = _refine_extreme(-values, omega, lambda c, w: -disk_margin_per_frequency(at(c, w)))
+    lowest, where = _highest(-values, _per_cell(omega, values), lambda c, w: -disk_margin_per_frequency(at(c, w)))
     return PeakTable(-lowest, where)
 
 
 def peak_sensitivity(S_grid: Complex, omega: Array, at: SensitivityAt) -> PeakTable:
     """M_s = max σ_max(S) over frequency of N cells."""
-    values, where = _refine_extreme(
-        largest_singular_value(S_grid), omega, lambda c, w: largest_singular_value(at(c, w))
-    )
-    return PeakTable(values, where)
+    values = largest_singular_value(S_grid)
+    return PeakTable(*_highest(values, _per_cell(omega, values), lambda c, w: largest_singular_value(at(c, w))))
 
 
 def loop_margins(S_grid: Complex, omega: Array, at: SensitivityAt, loop: int) -> LoopMarginTable:
     """Gain, phase and delay margins of one loop (0: P, 1: Q) with the other closed.
 
-    The loop seen there is L = 1/S_ii − 1. Crossings are bracketed on the grid, then bisected.
+    The loop seen there is L = 1/S_ii − 1. Crossings are bracketed on the grid, then bisected; where the grid only
+    comes close to one, it is searched for a pair of them between its points.
     """
 
     def gain(cells: NDArray[np.intp], w: Array) -> Complex:
         return 1.0 / at(cells, w)[:, loop, loop] - 1.0
 
     L = 1.0 / S_grid[:, :, loop, loop] - 1.0
-    count = L.shape[0]
+    count, omega = L.shape[0], _per_cell(omega, L)
     cells, w = _crossings(np.log(np.abs(L)), omega, lambda c, x: np.log(np.abs(gain(c, x))))
     phase = np.angle(-gain(cells, w))  # distance to −1 along the unit circle
     PM, PM_at = _least_per_cell(np.abs(np.degrees(phase)), w, cells, count)
@@ -113,13 +117,30 @@ def _square(x: Complex) -> Array:
     return x.real * x.real + x.imag * x.imag
 
 
+def _per_cell(omega: Array, values: NDArray[Any]) -> Array:
+    return np.broadcast_to(omega, values.shape)
+
+
 def _crossings(values: NDArray[Any], omega: Array, function: Callable) -> tuple[NDArray[np.intp], Array]:
-    """Every sign change of (N, F) values along the grid, located by bisection: cells and frequencies."""
-    change = np.signbit(values[:, 1:]) != np.signbit(values[:, :-1])
-    cells, k = np.nonzero(change & np.isfinite(values[:, 1:]) & np.isfinite(values[:, :-1]))
-    low, high = np.log(omega[k]), np.log(omega[k + 1])
-    sign_low = np.signbit(values[cells, k])
-    for _ in range(_REFINEMENTS):
+    """Every sign change of (N, F) values along the grids, located by bisection: cells and frequencies."""
+    negative, log_omega = np.signbit(values), np.log(omega)
+    fine = np.isfinite(values)
+    cells, k = np.nonzero((negative[:, 1:] != negative[:, :-1]) & fine[:, 1:] & fine[:, :-1])
+    low, high = log_omega[cells, k], log_omega[cells, k + 1]
+    # A value that comes close to zero and turns back may have crossed twice in between.
+    size = np.abs(values)
+    turns = (size[:, 1:-1] < size[:, :-2]) & (size[:, 1:-1] <= size[:, 2:]) & fine[:, 2:]
+    turns &= (negative[:, 1:-1] == negative[:, :-2]) & (negative[:, 1:-1] == negative[:, 2:])
+    turned, k = np.nonzero(turns)
+    sign = np.where(negative[turned, k + 1], -1.0, 1.0)
+    left, right = log_omega[turned, k], log_omega[turned, k + 2]
+    nearest, x = _golden(left, right, lambda w: -sign * function(turned, w))
+    beyond = nearest > 0.0
+    cells = np.concatenate([cells, turned[beyond], turned[beyond]])
+    low, high = np.concatenate([low, left[beyond], x[beyond]]), np.concatenate([high, x[beyond], right[beyond]])
+
+    sign_low = np.signbit(function(cells, np.exp(low)))
+    for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         same = np.signbit(function(cells, np.exp(middle))) == sign_low
         low, high = np.where(same, middle, low), np.where(same, high, middle)
@@ -135,22 +156,35 @@ def _least_per_cell(value: Array, omega: Array, cells: NDArray[np.intp], count: 
     return least, where
 
 
-def _refine_extreme(values: Array, omega: Array, function: Callable) -> tuple[Array, Array]:
-    """Largest of (N, F) values per cell, refined by golden section between the grid's neighbours."""
-    cells = np.arange(values.shape[0])
-    k = np.argmax(values, axis=1)
+def _highest(values: Array, omega: Array, function: Callable) -> tuple[Array, Array]:
+    """Largest of (N, F) values per cell and where: its highest local maxima refined between their neighbours."""
+    count, points = values.shape
+    bounded = np.pad(values, ((0, 0), (1, 1)), constant_values=-np.inf)
+    local = np.where((values >= bounded[:, :-2]) & (values >= bounded[:, 2:]), values, -np.inf)
+    kept = min(_PEAKS, points)
+    k = np.argpartition(local, points - kept, axis=1)[:, points - kept :]
+    cells, chosen = np.repeat(np.arange(count), kept), k.ravel()
+    is_peak = local[cells, chosen] > -np.inf
+    cells, chosen = cells[is_peak], chosen[is_peak]
     log_omega = np.log(omega)
-    low, high = log_omega[np.maximum(k - 1, 0)], log_omega[np.minimum(k + 1, len(omega) - 1)]
-    ratio = 0.5 * (np.sqrt(5.0) - 1.0)
-    a, b = high - ratio * (high - low), low + ratio * (high - low)
-    f_a, f_b = function(cells, np.exp(a)), function(cells, np.exp(b))
-    for _ in range(_REFINEMENTS):
+    low = log_omega[cells, np.maximum(chosen - 1, 0)]
+    high = log_omega[cells, np.minimum(chosen + 1, points - 1)]
+    best, at = _golden(low, high, lambda w: function(cells, w))
+    # The grid's own point may be the highest: at its edge, or exactly on the peak.
+    own = values[cells, chosen]
+    at = np.where(own > best, omega[cells, chosen], np.exp(at))
+    least, where = _least_per_cell(-np.maximum(best, own), at, cells, count)
+    return -least, where
+
+
+def _golden(low: Array, high: Array, function: Callable) -> tuple[Array, Array]:
+    """Maxima of function(e^x), one in each interval low ≤ x ≤ high, by golden section: values and x."""
+    a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+    f_a, f_b = function(np.exp(a)), function(np.exp(b))
+    for _ in range(_GOLDEN_SECTIONS):
         left = f_a > f_b
         low, high = np.where(left, low, a), np.where(left, b, high)
-        a, b = np.where(left, high - ratio * (high - low), b), np.where(left, a, low + ratio * (high - low))
-        new = function(cells, np.exp(np.where(left, a, b)))
+        a, b = np.where(left, high - _GOLDEN * (high - low), b), np.where(left, a, low + _GOLDEN * (high - low))
+        new = function(np.exp(np.where(left, a, b)))
         f_a, f_b = np.where(left, new, f_b), np.where(left, f_a, new)
-    best, at = np.maximum(f_a, f_b), np.exp(np.where(f_a > f_b, a, b))
-    # At the edge of the grid the grid's own point may be the extreme.
-    edge = values[cells, k] > best
-    return np.where(edge, values[cells, k], best), np.where(edge, omega[k], at)
+    return np.maximum(f_a, f_b), np.where(f_a > f_b, a, b)

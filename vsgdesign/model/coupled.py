@@ -70,6 +70,8 @@ def _power_loop_jacobian() -> ca.Function:
 def _batched(function: ca.Function, columns: list[Array], shapes: list[tuple[int, int]]) -> list[Array]:
     """Evaluate a CasADi function for N cells at once; matrix outputs as (N, rows, columns)."""
     count = columns[0].shape[-1]
+    if count == 0:
+        return [np.empty((0, *shape)) for shape in shapes]
     outputs = function.map(count)(*columns)
     return [
         np.array(out).reshape(rows, count, cols).transpose(1, 0, 2)

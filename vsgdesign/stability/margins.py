@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 DEFAULT_POINTS = 500
+_WIDTHS = (-4.0, -1.0, 0.0, 1.0, 4.0)
+"""Where a resonance is looked at, in half-widths (−Re s) from its frequency."""
 
 
 @dataclass(frozen=True)
@@ -71,12 +73,13 @@ def _table(eigenvalues: Complex, output: SensitivityLoop, input_: SensitivityLoo
     least = np.argmin(damping, axis=1)
     cells = np.arange(len(eigenvalues))
     stable = abscissa < 0.0
-    S_out = output.on(omega)
-    disk_output = disk_margin(S_out, omega, output.at)
-    M_s = peak_sensitivity(S_out, omega, output.at)
-    loop_P, loop_Q = (loop_margins(S_out, omega, output.at, k) for k in (0, 1))
+    extra = _around_modes(eigenvalues, omega)
+    S_out, grid = _on_both(output, omega, extra)
+    disk_output = disk_margin(S_out, grid, output.at)
+    M_s = peak_sensitivity(S_out, grid, output.at)
+    loop_P, loop_Q = (loop_margins(S_out, grid, output.at, k) for k in (0, 1))
     del S_out
-    disk_input = disk_margin(input_.on(omega), omega, input_.at)
+    disk_input = disk_margin(*_on_both(input_, omega, extra), input_.at)
     return MarginTable(
         eigenvalues,
         stable,
@@ -89,6 +92,27 @@ def _table(eigenvalues: Complex, output: SensitivityLoop, input_: SensitivityLoo
         _only(loop_P, stable),
         _only(loop_Q, stable),
     )
+
+
+def _around_modes(eigenvalues: Complex, omega: Array) -> Array:
+    """Frequencies (N, M) on and beside every mode's resonance, which may be narrower than a step of the grid."""
+    pairs = np.argsort(-eigenvalues.imag, axis=1)[:, : eigenvalues.shape[1] // 2]
+    modes = np.take_along_axis(eigenvalues, pairs, axis=1)
+    width = np.where(np.isfinite(modes), np.abs(modes.real), 0.0)
+    points = (modes.imag[..., None] + width[..., None] * np.array(_WIDTHS)).reshape(len(modes), -1)
+    # What has no place on the grid goes between its points, where it does no harm.
+    spare = np.resize(np.sqrt(omega[:-1] * omega[1:]), points.shape[1])
+    return np.asarray(np.where((points > omega[0]) & (points < omega[-1]), points, spare), dtype=np.float64)
+
+
+def _on_both(loop: SensitivityLoop, omega: Array, extra: Array) -> tuple[Complex, Array]:
+    """S on the common grid and on each cell's own frequencies, merged: S (N, F + M, 2, 2) and the grids (N, F + M)."""
+    count, own = extra.shape
+    cells = np.repeat(np.arange(count), own)
+    S = np.concatenate([loop.on(omega), loop.at(cells, extra.ravel()).reshape(count, own, 2, 2)], axis=1)
+    grid = np.concatenate([np.broadcast_to(omega, (count, len(omega))), extra], axis=1)
+    order = np.argsort(grid, axis=1, kind="stable")
+    return np.take_along_axis(S, order[..., None, None], axis=1), np.take_along_axis(grid, order, axis=1)
 
 
 def _only(table: Any, stable: NDArray[np.bool_]) -> Any:
