@@ -148,6 +148,20 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
             run_python(block, following, names, where)
 
 
+def test_the_figures_of_the_walk_through_can_be_drawn(tmp_path: Path) -> None:
+    script = ROOT / "studies" / "walk_through" / "make_figures.py"
+    done = subprocess.run(
+        [sys.executable, str(script), str(tmp_path)], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    page = (ROOT / "docs" / "walk-through.md").read_text(encoding="utf-8")
+    drawn = {path.name for path in tmp_path.iterdir()}
+    assert drawn == set(re.findall(r"figures/(walk_through_\w+\.png)", page))
+    for line in done.stdout.splitlines()[:2]:
+        model, emt = (complex(text) for text in re.findall(r"[\d.]+\+[\d.]+j", line))
+        assert abs(emt - model) < 1e-3 * abs(model), line
+
+
 def test_every_block_says_what_it_is() -> None:
     """A block without a kind would be skipped by accident."""
     known = {*RUN_KINDS, "text", "bibtex", "bash", "zsh", "fish"}
