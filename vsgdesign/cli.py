@@ -150,6 +150,42 @@ def report(study_file: str, out: str | None, as_json: bool) -> None:
 
 @main.command()
 @_STUDY
+@click.option("--controller", default=None, metavar="NAME", help="A scheduled controller.  [default: the last one]")
+@click.option("--scr", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the study's axes]")
+@click.option("--x-over-r", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the study's axes]")
+@click.option("--p-pu", type=(float, float), default=(-0.9, 0.9), show_default=True, metavar="LOW HIGH")
+@click.option("--q-pu", type=(float, float), default=(-0.4, 0.4), show_default=True, metavar="LOW HIGH")
+@click.option("--error", type=float, default=0.2, show_default=True, help="Relative error of R_g and of L_g.")
+@_JSON
+@_verb
+def certify(
+    study_file: str, controller: str | None, scr: tuple[float, float] | None, x_over_r: tuple[float, float] | None,
+    p_pu: tuple[float, float], q_pu: tuple[float, float], error: float, as_json: bool,
+) -> None:  # fmt: skip
+    """One Lyapunov function for a whole region of grids, powers and estimate errors, or a counterexample."""
+    from dataclasses import asdict
+
+    from vsgdesign.design.certificate import Certificate, certify, region_of
+
+    study = _load(study_file)
+    spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error)
+    found = certify(study, spec, region)
+    holds = isinstance(found, Certificate)
+    if as_json:
+        document = {key: getattr(value, "tolist", lambda v=value: v)() for key, value in vars(found).items()}
+        if not holds:
+            document["eigenvalue"] = {"real": found.eigenvalue.real, "imag": found.eigenvalue.imag}
+        _print_json({"certified": holds, **document, "region": asdict(region)})
+    else:
+        from vsgdesign.console import certificate_text
+
+        click.echo(certificate_text(found))
+    if not holds:
+        sys.exit(EXIT_IMPOSSIBLE)
+
+
+@main.command()
+@_STUDY
 @_JSON
 @_verb
 def validate(study_file: str, as_json: bool) -> None:

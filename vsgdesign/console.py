@@ -15,6 +15,7 @@ from rich.table import Table
 
 if TYPE_CHECKING:
     from vsgdesign.design import ClosedFormDesign
+    from vsgdesign.design.certificate import Certificate, Counterexample
     from vsgdesign.parameters import Study
 
 
@@ -152,6 +153,31 @@ def stability_tables(document: dict[str, Any]) -> None:
     verdicts = [row["verdict"] for row in document["verdicts"]]
     counts = ", ".join(f"{verdicts.count(kind)} {kind}" for kind in dict.fromkeys(verdicts))
     console.print(f"gates (ours, no grid code): {counts}")
+
+
+def certificate_text(found: Certificate | Counterexample) -> str:
+    """What was proved, or the cell that forbids it."""
+    from vsgdesign.design.certificate import Certificate
+
+    r = found.region
+    where = (
+        f"SCR {r.scr[0]:g} to {r.scr[1]:g}, X/R {r.x_over_r[0]:g} to {r.x_over_r[1]:g}, "
+        f"P {r.P[0] / 1e3:g} to {r.P[1] / 1e3:g} kW, Q {r.Q[0] / 1e3:g} to {r.Q[1] / 1e3:g} kvar, "
+        f"R_g and L_g known to ±{100.0 * r.error:g} %"
+    )
+    if isinstance(found, Certificate):
+        return (
+            f"{found.controller}: certified over {where}, within the static limits.\n"
+            f"One quadratic Lyapunov function decays at {found.decay:.3g} 1/s or faster, whatever the speed of change "
+            f"(power loops; ideal inner loops, no power filters).\nGridded and refined, not gap-free: verified at {found.checked} cells "
+            f"and {found.fresh} fresh random points; {found.vertices} vertices decide."
+        )
+    return (
+        f"{found.controller}: not certified over {where}.\n"
+        f"Counterexample: SCR {found.scr:.4g}, X/R {found.x_over_r:.4g}, P {found.P / 1e3:.4g} kW, "
+        f"Q {found.Q / 1e3:.4g} kvar, R_g {100.0 * found.error_R:+.3g} %, L_g {100.0 * found.error_L:+.3g} %: "
+        f"eigenvalue {found.eigenvalue.real:.3g} {found.eigenvalue.imag:+.3g}j 1/s."
+    )
 
 
 def _finite(value: float | None, form: str, unit: str) -> str:

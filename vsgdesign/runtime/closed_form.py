@@ -72,6 +72,14 @@ class ClosedFormSchedule:
         good = np.where((A > 0.0) & (D > 0.0), 1.0, np.nan)
         return PowerLoopGains(*(value * good for value in self._from_plant(A, B, C, D)))
 
+    def gains_measured(self, R_g: Any, L_g: Any, P: Any, Q: Any, V_rms: Any) -> PowerLoopGains:
+        """Gains from an estimated grid and the measured P, Q, V at the control point, for arrays or scalars.
+
+        The Jacobian needs no operating point to be solved for (:eq:`jacobian-from-powers`), so an error of the
+        estimate does not also move V.
+        """
+        return PowerLoopGains(*self._from_plant(*jacobian_from_powers(P, Q, V_rms, *self._path(R_g, L_g))))
+
     def plant_gains(self, R_g: Any, L_g: Any) -> tuple[Any, Any, Any, Any]:
         """A, B, C, D at (P, Q) on a grid; NaN where it has no operating point."""
         R, X = self._path(R_g, L_g)

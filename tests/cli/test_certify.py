@@ -1,0 +1,49 @@
+"""The certify verb: what it prints, its exit codes, and wrong input."""
+
+from __future__ import annotations
+
+import json
+
+from click.testing import CliRunner
+
+from vsgdesign.cli import main
+
+STUDY = "studies/structures/study.toml"
+
+
+def certify(*options: str) -> tuple[int, str]:
+    result = CliRunner().invoke(main, ["certify", STUDY, *options])
+    return result.exit_code, result.output
+
+
+def test_a_region_that_can_be_certified() -> None:
+    code, text = certify("--scr", "3", "20", "--x-over-r", "1", "20")
+    assert code == 0
+    assert "angle_damped: certified over SCR 3 to 20" in text
+    assert "not gap-free" in text
+
+
+def test_a_counterexample_is_exit_code_1_and_names_the_cell() -> None:
+    code, text = certify("--controller", "published", "--x-over-r", "0.3", "20", "--error", "0")
+    assert code == 1
+    assert "Counterexample: SCR" in text
+
+
+def test_json() -> None:
+    code, text = certify("--scr", "3", "20", "--x-over-r", "1", "20", "--json")
+    document = json.loads(text)
+    assert code == 0
+    assert document["certified"] is True
+    assert document["decay"] > 1.0
+    assert len(document["P"]) == 3
+    assert document["region"]["error"] == 0.2
+    code, text = certify("--controller", "published", "--x-over-r", "0.3", "20", "--json")
+    assert code == 1
+    assert json.loads(text)["eigenvalue"]["real"] > 0.0
+
+
+def test_wrong_options_are_all_named_at_once() -> None:
+    code, text = certify("--controller", "x", "--error", "nan", "--scr", "5", "2")
+    assert code == 1
+    for part in ("no such scheduled controller", "error = nan", "scr = 5 2"):
+        assert part in text

@@ -1,0 +1,137 @@
+"""The certificate against trajectories, fresh points and cells that must defeat it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from vsgdesign.design import Certificate, Counterexample, Region, certify
+from vsgdesign.design.certificate import _evaluate, _random, region_of
+from vsgdesign.equations.power_flow import operating_point, power_flow
+from vsgdesign.equations.power_loops import References, power_loops
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.parameters import ControllerSpec, Study, load_study
+from vsgdesign.parameters.study import grid_from_scr
+from vsgdesign.runtime import closed_form_schedule
+
+PUBLISHED_BOX = Region((2.0, 20.0), (0.3, 20.0), (-4500.0, 4500.0), (-2000.0, 2000.0), 0.2)
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    return replace(load_study("studies/structures/study.toml"), scr_basis="impedance")
+
+
+def controller(study: Study, name: str, **target: float) -> ControllerSpec:
+    spec = next(spec for spec in study.controllers if spec.name == name)
+    return replace(spec, target=replace(spec.target, **target))
+
+
+@pytest.fixture(scope="module")
+def angle_damped(study: Study) -> Certificate:
+    found = certify(study, controller(study, "angle_damped", Q_droop=0.5), PUBLISHED_BOX)
+    assert isinstance(found, Certificate)
+    return found
+
+
+def state_matrices(study: Study, spec: ControllerSpec, points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """A of each point by differences of the nonlinear equations, with gains from the wrong estimate."""
+    V_n, omega = study.converter.V_rated_rms, study.converter.omega_n
+    found = []
+    for scr, ratio, P, Q, e_R, e_L in points:
+        grid = grid_from_scr(scr, ratio, study.scr_basis, study.converter)
+        R, X = grid.R_g, omega * grid.L_g
+        V, delta = (float(value) for value in operating_point(P, Q, V_n, R, X))
+        schedule = closed_form_schedule(study, spec.target)
+        gains = schedule.gains_measured(grid.R_g * (1.0 + e_R), grid.L_g * (1.0 + e_L), P, Q, V)
+        refs = References(P, Q - gains.D_q * (V_n - V), omega, V_n)
+
+        def rates(x: NDArray[np.float64], R: float = R, X: float = X, refs=refs, gains=gains) -> NDArray[np.float64]:
+            p, q = power_flow(x[0], x[2], V_n, R, X)
+            speed, domega, dV = power_loops(x[1], x[2], p, q, refs, gains)
+            return np.array([speed - omega, domega, dV])
+
+        at = np.array([delta, omega + gains.k_P * P + gains.k_Q * (Q + gains.D_q * V), V])
+        h = np.array([1e-6, 1e-4, 1e-4])
+        found.append(np.array([(rates(at + h * e) - rates(at - h * e)) / (2.0 * h @ e) for e in np.eye(3)]).T)
+    return found
+
+
+def points_of(study: Study, spec: ControllerSpec, region: Region, count: int, seed: int) -> NDArray[np.float64]:
+    return _evaluate(study, spec, _random(region, count, np.random.default_rng(seed))).columns
+
+
+def test_the_function_falls_along_random_changes_of_grid_and_estimate(study: Study, angle_damped: Certificate) -> None:
+    """Cells drawn afresh, held for a random time each: xᵀPx stays below its start times e^{−2αt}."""
+    spec = controller(study, "angle_damped", Q_droop=0.5)
+    rng = np.random.default_rng(7)
+    matrices = state_matrices(study, spec, points_of(study, spec, PUBLISHED_BOX, 400, seed=5))
+    assert len(matrices) > 200
+    weight = np.diag(1.0 / angle_damped.scale) @ angle_damped.P @ np.diag(1.0 / angle_damped.scale)
+    for _ in range(20):
+        x = rng.normal(size=3) * angle_damped.scale
+        start, t = x @ weight @ x, 0.0
+        for _ in range(100):
+            hold = rng.exponential(0.02)
+            x = expm(matrices[rng.integers(len(matrices))] * hold) @ x
+            t += hold
+            assert x @ weight @ x <= start * np.exp(-2.0 * angle_damped.decay * t) * (1.0 + 1e-6)
+
+
+def test_it_holds_at_points_of_another_seed_by_another_derivation(study: Study, angle_damped: Certificate) -> None:
+    spec = controller(study, "angle_damped", Q_droop=0.5)
+    weight = np.diag(1.0 / angle_damped.scale) @ angle_damped.P @ np.diag(1.0 / angle_damped.scale)
+    for A in state_matrices(study, spec, points_of(study, spec, PUBLISHED_BOX, 2000, seed=99)):
+        residual = A.T @ weight + weight @ A + 2.0 * angle_damped.decay * weight
+        scaled = np.diag(angle_damped.scale) @ residual @ np.diag(angle_damped.scale)
+        # Differences of the equations are good to 1e-6 of entries of some 1e2.
+        assert np.linalg.eigvalsh(scaled).max() < 1e-3
+
+
+def test_what_it_reaches(study: Study, angle_damped: Certificate) -> None:
+    """SCR 2 to 20, X/R 0.3 to 20, both signs of P and Q, ±20 %: 2 1/s; from SCR 1.2 on: 1 1/s."""
+    assert angle_damped.decay >= 2.0
+    assert angle_damped.largest < 0.0
+    wider = certify(study, controller(study, "angle_damped", Q_droop=0.5), replace(PUBLISHED_BOX, scr=(1.2, 20.0)))
+    assert isinstance(wider, Certificate)
+    assert wider.decay >= 1.0
+
+
+def test_it_is_the_same_every_time(study: Study, angle_damped: Certificate) -> None:
+    again = certify(study, controller(study, "angle_damped", Q_droop=0.5), PUBLISHED_BOX)
+    assert isinstance(again, Certificate)
+    assert again.decay == angle_damped.decay
+    np.testing.assert_array_equal(again.P, angle_damped.P)
+
+
+def test_no_decay_beyond_the_slowest_cell(study: Study, angle_damped: Certificate) -> None:
+    spec = controller(study, "angle_damped", Q_droop=0.5)
+    matrices = state_matrices(study, spec, points_of(study, spec, PUBLISHED_BOX, 2000, seed=3))
+    assert angle_damped.decay <= -max(np.linalg.eigvals(A).real.max() for A in matrices)
+
+
+def test_an_unstable_cell_is_a_counterexample_and_is_unstable(study: Study) -> None:
+    """The published schedule loses stability below X/R 0.35."""
+    spec = controller(study, "published")
+    found = certify(study, spec, replace(PUBLISHED_BOX, error=0.0))
+    assert isinstance(found, Counterexample)
+    assert found.x_over_r < 0.5
+    point = np.array([[found.scr, found.x_over_r, found.P, found.Q, found.error_R, found.error_L]])
+    largest = np.linalg.eigvals(state_matrices(study, spec, point)[0]).real.max()
+    assert largest > 0.0
+    assert largest == pytest.approx(found.eigenvalue.real, rel=1e-4)
+
+
+def test_what_cannot_be_asked(study: Study) -> None:
+    with pytest.raises(InfeasibleStudyError, match="no cell within the static limits"):
+        certify(study, controller(study, "angle_damped"), replace(PUBLISHED_BOX, P=(4e4, 4e4), scr=(1.2, 1.5)))
+    with pytest.raises(InfeasibleStudyError, match="made for a scheduled controller"):
+        certify(study, replace(controller(study, "published"), kind="fixed"), PUBLISHED_BOX)
+    with pytest.raises(InfeasibleStudyError) as caught:
+        region_of(study, "nobody", (5.0, 2.0), None, (-1.0, 1.0), (-0.4, 0.4), float("nan"))
+    for part in ("no such scheduled controller", "scr = 5 2", "error = nan"):
+        assert part in str(caught.value)
