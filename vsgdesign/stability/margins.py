@@ -99,7 +99,9 @@ def _around_modes(eigenvalues: Complex, omega: Array) -> Array:
     pairs = np.argsort(-eigenvalues.imag, axis=1)[:, : eigenvalues.shape[1] // 2]
     modes = np.take_along_axis(eigenvalues, pairs, axis=1)
     width = np.where(np.isfinite(modes), np.abs(modes.real), 0.0)
-    points = (modes.imag[..., None] + width[..., None] * np.array(_WIDTHS)).reshape(len(modes), -1)
+    points = (modes.imag[..., None] + width[..., None] * np.array(_WIDTHS)).reshape(
+        len(modes), modes.shape[1] * len(_WIDTHS)
+    )
     # What has no place on the grid goes between its points, where it does no harm.
     spare = np.resize(np.sqrt(omega[:-1] * omega[1:]), points.shape[1])
     return np.asarray(np.where((points > omega[0]) & (points < omega[-1]), points, spare), dtype=np.float64)
