@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.quantities import plain, prefix_for
+from vsgdesign.report.stability_look import decades, plain_numbers, power_of_ten
 from vsgdesign.report.stability_panels import groups
 from vsgdesign.report.style import PAGE_IN, add_axes, line_style, look, new_figure, text_width
 from vsgdesign.report.time_axis import symbols
@@ -21,7 +22,7 @@ Complex = NDArray[np.complexfloating[Any, Any]]
 
 PART = 6
 MOST_CELLS = 8
-_LEFT, _RIGHT, _BOTTOM, _BETWEEN, _GAP = 0.55, 0.13, 0.36, 0.62, 0.1
+_LEFT, _RIGHT, _BOTTOM, _BETWEEN, _GAP = 0.58, 0.13, 0.36, 0.62, 0.1
 _LEGEND_ROW = 0.145
 _ONE = {"marker": "+", "markersize": 7.0, "markeredgewidth": 1.2, "color": "#000000", "linestyle": "", "zorder": 5}
 
@@ -112,12 +113,10 @@ def where(result: StabilityResult) -> str:
 
 
 def _frequency_axis(axes: Any, part: Sequence[Column], last: bool) -> None:
-    from matplotlib.ticker import LogLocator
-
     omega = [c.view.omega for _, _, cells in part for c in cells]
     axes.set_xscale("log")
     axes.set_xlim(min(w[0] for w in omega) / (2.0 * np.pi), max(w[-1] for w in omega) / (2.0 * np.pi))
-    axes.xaxis.set_major_locator(LogLocator(numticks=12))
+    decades(axes.xaxis)
     if last:
         axes.set_xlabel("Frequency [Hz]")
     else:
@@ -138,6 +137,7 @@ def _broken(degrees: Array, jump: float) -> Array:
 def _degree_axis(axes: Any) -> None:
     axes.set_ylim(-190.0, 190.0)
     axes.set_yticks([-180, -90, 0, 90, 180])
+    plain_numbers(axes)
     axes.set_ylabel("Phase [°]")
 
 
@@ -152,6 +152,7 @@ def _nfp_figure(result: StabilityResult, part: Sequence[Column], name: str) -> N
         magnitude.set_yscale("log")
         low, high = magnitude.get_ylim()
         magnitude.set_ylim(max(low, 1e-6 * high), high)
+        decades(magnitude.yaxis)
         magnitude.set_title(_title(a))
         magnitude.set_ylabel("|ΔP/Δω$_g$| [pu/pu]")
         _degree_axis(phase)
@@ -195,6 +196,7 @@ def _nichols_figure(result: StabilityResult, part: Sequence[Column], name: str) 
             axes.set_yticks([-40, -20, 0, 20, 40])
             axes.set_title(_title(a) + f": $L_{loop}$")
             axes.set_ylabel("Magnitude [dB]")
+            plain_numbers(axes)
             if row == 1:
                 axes.set_xlabel("Phase [°]")
     layout.legend(part)
@@ -241,6 +243,7 @@ def _passivity_figure(result: StabilityResult, part: Sequence[Column], name: str
         _frequency_axis(axes, part, last=True)
     _same_limits(layout.figure.axes)
     for axes in layout.figure.axes:
+        axes.yaxis.set_major_formatter(lambda value, _position: power_of_ten(value))
         low, high = axes.get_ylim()
         axes.axhspan(min(low, 0.0), 0.0, facecolor="#F6E3D3", linewidth=0.0, zorder=0.5)
         axes.set_ylim(low, high)
@@ -276,6 +279,7 @@ def _nyquist_figure(result: StabilityResult, part: Sequence[Column], name: str) 
         axes.set_title(_title(a))
         axes.set_xlabel("Re λ [1]")
         axes.set_ylabel("Im λ [1]")
+        plain_numbers(axes)
     layout.legend(part)
     first = min(float(_hertz(cell)[0]) for _, _, cells in part for cell in cells)
     caption = (
@@ -314,6 +318,7 @@ def _admittance_figure(result: StabilityResult, column: Column) -> NamedFigure:
     low, high = sizes[0].get_ylim()
     for axes in sizes:
         axes.set_ylim(max(low, 1e-6 * high), high)
+        decades(axes.yaxis)
     layout.figure.align_ylabels(layout.figure.axes[:2] + layout.figure.axes[4:6])
     layout.legend([column])
     caption = (

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.report.stability_gains import used_gains
 from vsgdesign.report.stability_look import edges
 from vsgdesign.report.stability_maps import disk_margin_of
 from vsgdesign.report.stability_modes import VIEWS, finite_points, locus_limits
@@ -96,9 +97,8 @@ def _g(value: float) -> str:
 
 
 def _gain_texts(field: MarginMap) -> list[str]:
-    gains = {
-        name: np.reshape(value, field.shape)[:, :, 0].ravel() for name, value in field.cells.gains._asdict().items()
-    }
+    found = field.cells.gains
+    gains = {name: np.reshape(getattr(found, name), field.shape)[:, :, 0].ravel() for name in used_gains(field)}
     count = len(next(iter(gains.values())))
     return [
         ", ".join(f"{name} {value[k]:.4g}" for name, value in gains.items())

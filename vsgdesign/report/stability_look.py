@@ -164,6 +164,34 @@ def value_ticks(
     axis.set_minor_formatter(NullFormatter())
 
 
+def decades(axis: Any, most: int = 12) -> None:
+    """Plain powers of ten on a logarithmic axis, without minor ticks: both cost matplotlib much time."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    axis.set_major_locator(LogLocator(numticks=most))
+    axis.set_major_formatter(lambda value, _position: power_of_ten(value))
+    axis.set_minor_locator(NullLocator())
+
+
+def plain_numbers(*axes: Any) -> None:
+    """Tick labels of linear axes as plain text, which is much faster set than formulas."""
+    from matplotlib.ticker import ScalarFormatter
+
+    for one in axes:
+        for axis in (one.xaxis, one.yaxis):
+            if isinstance(axis.get_major_formatter(), ScalarFormatter):
+                axis.set_major_formatter(ScalarFormatter(useOffset=False, useMathText=False))
+
+
+def power_of_ten(value: float) -> str:
+    """A tick of a logarithmic axis; with its sign, and zero, for a symmetric one."""
+    if value < 0.0:
+        return "−" + power_of_ten(-value)
+    if value == 0.0 or 1e-3 <= value < 9e3:
+        return f"{value:g}"
+    return "10" + str(round(float(np.log10(value)))).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
 @dataclass(frozen=True)
 class Cells:
     """One panel's cells: values over (x, y), and what else there is to say of each."""

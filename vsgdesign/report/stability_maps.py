@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from vsgdesign.parameters.study import Gates, Study
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.quantities import plain
-from vsgdesign.report.schedule_figures import GAIN_AXES
+from vsgdesign.report.stability_gains import gain_figure, used_gains
 from vsgdesign.report.stability_look import Cells, Scale, gate_scale
 from vsgdesign.report.stability_panels import Frame, Panel, groups, map_figure
+from vsgdesign.report.tables import GAIN_UNITS
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.stability.assessment import ControllerAssessment
 from vsgdesign.stability.maps import MarginMap
@@ -223,14 +224,14 @@ def _settling_figures(result: StabilityResult) -> Iterator[NamedFigure]:
 
 
 def _gain_figures(result: StabilityResult, index: int, a: ControllerAssessment) -> Iterator[NamedFigure]:
-    from vsgdesign.report.stability_gains import gain_figure
-
     fixed = [other for other in result.assessments if other.spec.kind == "fixed"]
     baseline = "; ".join(f"{other.spec.name}: {_fixed_gains(other)}" for other in fixed)
     more = f" The fixed gains, the same on every grid, are {baseline}." if baseline else ""
-    yield gain_figure(result, index, a, GAIN_AXES, more)
+    figure = gain_figure(result, index, a, more)
+    if figure is not None:
+        yield figure
 
 
 def _fixed_gains(a: ControllerAssessment) -> str:
-    gains = a.reduced.cells.gains
-    return ", ".join(f"{name} = {plain(float(value[0]), 3)}" for name, value in gains._asdict().items())
+    gains = a.reduced.cells.gains._asdict()
+    return ", ".join(f"{name} = {plain(float(gains[name][0]), 3)} {GAIN_UNITS[name]}" for name in used_gains(a.reduced))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vsgdesign.parameters.study import Study
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.quantities import plain
-from vsgdesign.report.stability_look import UNSTABLE, colour_bar
+from vsgdesign.report.stability_look import UNSTABLE, colour_bar, plain_numbers
 from vsgdesign.report.stability_maps import DAMPING, axis_labels, baseline_first
 from vsgdesign.report.stability_panels import groups
 from vsgdesign.report.stability_schedule import place_of_design
@@ -102,6 +102,7 @@ def _loci_figure(result: StabilityResult, index: int, a: ControllerAssessment) -
             axes.patch.set_gid(f"hover.locus.{index}.{which}.{view}")
             axes.set_title(symbols(f"{a.spec.name} over {locus.parameter}: ") + what.replace("ω_g", "$\\omega_g$"))
             axes.set_ylabel("Im s [rad/s]")
+            plain_numbers(axes)
             if row == 2:
                 axes.set_xlabel("Re s [1/s]")
         place = figure.add_axes((

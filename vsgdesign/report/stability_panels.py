@@ -39,7 +39,7 @@ class Frame:
     y_label: str
     bar_label: str
     part: int
-    aspect: float = 0.66
+    aspect: float = 0.56
     """Height of a panel over its width."""
     gate_label: str | None = None
 

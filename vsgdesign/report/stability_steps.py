@@ -12,6 +12,7 @@ from vsgdesign.metrics.step_response import ResponseMetrics, settling_time, step
 from vsgdesign.report.decimation import extreme_indices
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.quantities import plain_quantity, prefix_for
+from vsgdesign.report.stability_look import plain_numbers
 from vsgdesign.report.stability_panels import groups
 from vsgdesign.report.style import BAND, COLOURS, PAGE_IN, add_axes, look, new_figure
 from vsgdesign.report.time_axis import symbols, time_unit
@@ -111,6 +112,7 @@ def _figure(
                 axes.set_xlabel(f"Time after step [{unit.symbol}]")
             else:
                 axes.tick_params(axis="x", labelbottom=False)
+            plain_numbers(axes)
             in_row.append(axes)
         lows, highs = zip(*(one.get_ylim() for one in in_row), strict=True)
         for one in in_row:

@@ -54,6 +54,8 @@ _LOOK: dict[str, Any] = {
     "axes.labelpad": 2.5,
     "axes.titlepad": 3.0,
     "axes.titlelocation": "left",
+    # Where a title goes anyway; to be told so spares matplotlib a search that costs a fifth of its time.
+    "axes.titley": 1.0,
     "axes.formatter.useoffset": False,
     "axes.formatter.limits": (-4, 5),
     "axes.formatter.use_mathtext": True,

@@ -149,20 +149,21 @@ def operating_points_table(result: ScenarioResult) -> Table:
     )
 
 
-_GAIN_UNITS = {
+GAIN_UNITS = {
     "K_ip": "rad/(s²·W)", "D_p": "W·s/rad", "K_iq": "V/(s·var)", "D_q": "var/V",
     "K_pq": "rad/(s²·var)", "K_qp": "V/(s·W)", "k_P": "rad/(s·W)", "k_Q": "rad/(s·var)",
 }  # fmt: skip
+"""Units of the power loops' gains by name."""
 
 
 def gains_table(controller: ControllerResult) -> Table:
     """A controller's gains over time."""
-    used = [name for name in _GAIN_UNITS if any(name in change.gains.named() for change in controller.gain_changes)]
+    used = [name for name in GAIN_UNITS if any(name in change.gains.named() for change in controller.gain_changes)]
     rows = tuple(
         (plain(change.t_s, 6), *(number(getattr(change.gains, name), 4) for name in used))
         for change in controller.gain_changes
     )
-    head = ("From [s]", *(f"{name} [{_GAIN_UNITS[name]}]" for name in used))
+    head = ("From [s]", *(f"{name} [{GAIN_UNITS[name]}]" for name in used))
     return Table(f"Gains of {controller.spec.name}", head, rows)
 
 
