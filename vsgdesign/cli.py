@@ -203,7 +203,9 @@ def validate(study_file: str, as_json: bool) -> None:
     if as_json:
         _print_json({"valid": True, "study": study.name, "hash": study.hash})
     else:
-        click.echo(f"{study_file}: valid ({len(study.controllers)} controllers, {len(study.events)} events)")
+        counts = [(len(study.controllers), "controller"), (len(study.events), "event")]
+        shown = ", ".join(f"{count} {word}{'' if count == 1 else 's'}" for count, word in counts)
+        click.echo(f"{study_file}: valid ({shown})")
 
 
 def _load(study_file: str) -> Study:

@@ -13,8 +13,8 @@ import numpy as np
 class InnerLoopGains(NamedTuple):
     """PI gains of the voltage loop (A/V, A/(V·s)) and the current loop (V/A, V/(A·s)), and K_ff.
 
-    K_ff is the share of the grid current that is fed forward: 1 as published; 0 damps the network far better
-    where the current loop is slowed by a computation delay.
+    K_ff is the share of the grid current that is fed forward: 1 as published. With a computation delay a little
+    less damps the network better; much less leaves the voltage loop without strength on a strong grid.
     """
 
     K_pv: Any

@@ -13,7 +13,6 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.metrics.step_response import ResponseMetrics
 from vsgdesign.model.coupled import CoupledModel
-from vsgdesign.model.full_order import PARAMETERS
 from vsgdesign.operating_point.full_order import FullOrderModel
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
 from vsgdesign.stability.cells import GainLaw, cell_set, full_order_cells, gain_law, grid_arrays, reduced_cells
@@ -36,9 +35,6 @@ Progress = Callable[[str, float], None]
 _VIEW_POINTS = 600
 _LOCUS_POINTS = 60
 _BETWEEN_POINTS = 300
-
-_MOVED = tuple(name for name in PARAMETERS if name not in ("omega_0", "omega_g", "V_n"))
-"""Parameters worth ranking by relative effect: nobody moves a frequency or voltage reference by per cents."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +184,7 @@ def _focus_cells(study: Study, law: GainLaw, P: float, Q: float) -> tuple[FocusC
         found.append(
             FocusCell(
                 label, grid, P, Q, reduced, full, reduced_margins(reduced), full_order_margins(full), found_modes,
-                mode_sensitivities(full, 0, found_modes[0].s, _MOVED), _frequency_view(study, full),
+                mode_sensitivities(full, 0, found_modes[0].s), _frequency_view(study, full),
             )
         )  # fmt: skip
     return tuple(found)

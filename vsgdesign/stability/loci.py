@@ -63,8 +63,12 @@ def track(eigenvalues: Complex) -> Complex:
     return loci
 
 
+RANKED = tuple(name for name in PARAMETERS if name not in ("omega_0", "omega_g", "V_n"))
+"""Parameters worth ranking by relative effect: nobody moves a frequency or voltage reference by per cents."""
+
+
 def mode_sensitivities(
-    model: FullOrderModel, cell: int, s: complex, parameters: Sequence[str] = PARAMETERS
+    model: FullOrderModel, cell: int, s: complex, parameters: Sequence[str] = RANKED
 ) -> tuple[ModeSensitivity, ...]:
     """ds/dp of the mode nearest to ``s`` for every parameter, the largest relative effect first.
 
