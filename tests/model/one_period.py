@@ -63,9 +63,11 @@ class OnePeriod:
                 value = z[name] + (1.0 - math.exp(-T / tau)) * (value - z[name])
                 following[name] = value
             used.append(value)
-        omega = z["omega_i"]
-        following["omega_i"] = omega + T * g["K_ip"] * (refs["P_ref"] - used[0] + g["D_p"] * (c.omega_n - omega))
-        following["V"] = z["V"] + T * g["K_iq"] * (refs["Q_ref"] - used[1] + g["D_q"] * (c.V_rated_rms - z["V"]))
+        omega = z["omega_i"] - g["k_P"] * used[0] - g["k_Q"] * (used[1] + g["D_q"] * z["V"])
+        e_P = refs["P_ref"] - used[0] + g["D_p"] * (c.omega_n - omega)
+        e_Q = refs["Q_ref"] - used[1] + g["D_q"] * (c.V_rated_rms - z["V"])
+        following["omega_i"] = z["omega_i"] + T * (g["K_ip"] * e_P + g["K_pq"] * e_Q)
+        following["V"] = z["V"] + T * (g["K_qp"] * e_P + g["K_iq"] * e_Q)
         following["delta"] = z["delta"] + T * (omega - refs["omega_g"])
 
         theta, V = z["delta"] + push.get("theta_cmd", 0.0), z["V"] + push.get("V_cmd", 0.0)

@@ -27,7 +27,14 @@ def random_point(rng: np.random.Generator) -> dict[str, float]:
 
 
 def random_gains(rng: np.random.Generator) -> PowerLoopGains:
-    return PowerLoopGains(*(float(value * 10.0 ** rng.uniform(-1.0, 1.0)) for value in GAINS))
+    """The published structure's four gains."""
+    return PowerLoopGains(*(float(value * 10.0 ** rng.uniform(-1.0, 1.0)) for value in GAINS[:4]))
+
+
+def random_structure(rng: np.random.Generator) -> PowerLoopGains:
+    """All eight: off-diagonal integral gains of either sign, and damping through the angle."""
+    sizes = {"K_pq": 0.01, "K_qp": 0.05, "k_P": 1e-3, "k_Q": 1e-3}
+    return random_gains(rng)._replace(**{name: float(size * rng.uniform(-1.0, 1.0)) for name, size in sizes.items()})
 
 
 def model_at(point: dict[str, float], gains: PowerLoopGains, tau_P=0.0, tau_Q=0.0, coupling=True) -> CoupledModel:
@@ -41,15 +48,17 @@ def test_matrices_against_differences_of_an_independent_ode(tau_P: float, tau_Q:
     states = ["delta", "omega_i", "V", *(["P_f"] if tau_P else []), *(["Q_f"] if tau_Q else [])]
     kept = [0, 1, 2, *([3] if tau_P else []), *([4] if tau_Q else [])]
     for _ in range(10):
-        point, gains = random_point(rng), random_gains(rng)
-        c = IdealConverter(point["R"], point["X"], *gains[:4], omega_0=OMEGA_0, V_n=V_N, tau_P=tau_P, tau_Q=tau_Q)
+        point, gains = random_point(rng), random_structure(rng)
+        c = IdealConverter(
+            point["R"], point["X"], omega_0=OMEGA_0, V_n=V_N, tau_P=tau_P, tau_Q=tau_Q, **gains._asdict()
+        )
         S = c.power(point["delta"], point["V"], point["V_g"])
         x = np.array([point["delta"], OMEGA_0, point["V"], S.real, S.imag])
         u = np.array([S.real + 100.0, S.imag - 50.0, OMEGA_0, point["V_g"]])
 
         def rates_and_outputs(x: Array, u: Array, c: IdealConverter = c) -> Array:
             S = c.power(x[0], x[2], u[3])
-            return np.array([*np.array(c.rates(x, *u))[kept], S.real, S.imag, x[1], x[2]])
+            return np.array([*np.array(c.rates(x, *u))[kept], S.real, S.imag, c.frequency(x, u[3]), x[2]])
 
         size = np.array([1.0, OMEGA_0, V_N, c.scale, c.scale, c.scale, c.scale, OMEGA_0, V_N])
         both = np.concatenate([x, u])
@@ -73,7 +82,7 @@ def test_the_loop_is_the_plant_around_the_controller() -> None:
     """C_K (sI − A_K)⁻¹ B_K closed by J has the model's poles: det(I − J K(s)) = det(sI − A)/det(sI − A_K)."""
     rng = np.random.default_rng(12)
     for _ in range(10):
-        m = model_at(random_point(rng), random_gains(rng), 0.02, 0.03)
+        m = model_at(random_point(rng), random_structure(rng), 0.02, 0.03)
         for s in (1.0j, 3.0 - 2.0j, 40.0 + 5.0j):
             eye = np.eye(5)
             K = m.C_K[0] @ np.linalg.solve(s * eye - m.A_K[0], m.B_K[0])
@@ -109,7 +118,7 @@ def test_without_coupling_the_papers_loops_are_left() -> None:
     t = np.linspace(0.0, 3.0, 200)
     for _ in range(10):
         point = random_point(rng)
-        gains = PowerLoopGains(*(float(value * 10.0 ** rng.uniform(-0.3, 0.3)) for value in GAINS))
+        gains = PowerLoopGains(*(float(value * 10.0 ** rng.uniform(-0.3, 0.3)) for value in GAINS[:4]))
         full, m = model_at(point, gains), model_at(point, gains, coupling=False)
         A, D = full.J[0, 0, 0], full.J[0, 1, 1]
         assert abs(full.J[0, 0, 1]) > 1e-3 * A / V_N
@@ -149,7 +158,7 @@ def test_at_rest_the_droops_hold() -> None:
     """dP/dω_g = −D_p at rest, and Q + D_q V is held: the model's gains at s = 0."""
     rng = np.random.default_rng(16)
     for _ in range(5):
-        point, gains = random_point(rng), random_gains(rng)
+        point, gains = random_point(rng), random_structure(rng)
         m = model_at(point, gains, 0.01, 0.02)
         rest = m.D[0] - m.C[0] @ np.linalg.solve(m.A[0], m.B[0])
         P, Q, omega, V = (rest[OUTPUTS.index(n)] for n in ("P", "Q", "omega", "V"))

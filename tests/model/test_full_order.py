@@ -21,6 +21,7 @@ from tests.stability.studies import (
     case_study,
     designed,
     random_situations,
+    rated,
 )
 from vsgdesign.model.full_order import INPUTS, OUTPUTS, PARAMETERS, full_order_map
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order, parameter_values
@@ -29,20 +30,6 @@ from vsgdesign.parameters.study import GridSource, grid_from_scr
 from vsgdesign.simulation import GainChange, Simulation, simulate
 
 Array = NDArray[np.float64]
-
-
-def rated(study: Study, names: tuple[str, ...]) -> Array:
-    """The rated value of each state."""
-    c = study.converter
-    V_pk = np.sqrt(2.0) * c.V_rated_rms
-    I_pk = np.sqrt(2.0) * c.S_rated / (3.0 * c.V_rated_rms)
-    table = {
-        "i": I_pk, "v": V_pk, "pending": V_pk, "delta": 1.0, "omega": c.omega_n, "V": c.V_rated_rms,
-        "P": c.S_rated, "Q": c.S_rated,
-    }  # fmt: skip
-    return np.array(
-        [I_pk if n.startswith("xi_v") else V_pk if n.startswith("xi_i") else table[n.split("_")[0]] for n in names]
-    )
 
 
 def turning_states(study: Study, run: Simulation, gains, refs: tuple[float, float], names: tuple[str, ...]) -> Array:

@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from scipy.optimize import root
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class IdealConverter:
-    """Published power loops on an ideal voltage source. Volts are phase rms, powers three-phase."""
+    """Power loops of any structure on an ideal voltage source. Volts are phase rms, powers three-phase."""
 
     R: float
     X: float
@@ -30,42 +29,40 @@ class IdealConverter:
     V_n: float
     tau_P: float = 0.0
     tau_Q: float = 0.0
+    K_pq: float = 0.0
+    K_qp: float = 0.0
+    k_P: float = 0.0
+    k_Q: float = 0.0
 
     def power(self, delta: Any, V: Any, V_g: float) -> Any:
         """S = 3 E conj((E − V_g)/Z) with E = V∠δ."""
         E = V * np.exp(1j * delta)
         return 3.0 * E * np.conj((E - V_g) / (self.R + 1j * self.X))
 
+    def measured(self, x: Array, V_g: float) -> tuple[float, float]:
+        """P and Q as the loops have them."""
+        S = self.power(x[0], x[2], V_g)
+        return x[3] if self.tau_P > 0.0 else S.real, x[4] if self.tau_Q > 0.0 else S.imag
+
+    def frequency(self, x: Array, V_g: float) -> float:
+        """ω, of which a part may come straight from the powers: angle damping."""
+        P, Q = self.measured(x, V_g)
+        return x[1] - self.k_P * P - self.k_Q * (Q + self.D_q * x[2])
+
     def rates(self, x: Array, P_ref: float, Q_ref: float, omega_g: float, V_g: float) -> list[float]:
-        """d/dt of (δ, ω, V, P_f, Q_f); a filter without time constant follows at once."""
-        delta, omega, V, P_f, Q_f = x
-        S = self.power(delta, V, V_g)
-        P = P_f if self.tau_P > 0.0 else S.real
-        Q = Q_f if self.tau_Q > 0.0 else S.imag
+        """d/dt of (δ, ω_i, V, P_f, Q_f); a filter without time constant follows at once."""
+        S = self.power(x[0], x[2], V_g)
+        P, Q = self.measured(x, V_g)
+        omega = self.frequency(x, V_g)
+        e_P = P_ref - P + self.D_p * (self.omega_0 - omega)
+        e_Q = Q_ref - Q + self.D_q * (self.V_n - x[2])
         return [
             omega - omega_g,
-            self.K_ip * (P_ref - P + self.D_p * (self.omega_0 - omega)),
-            self.K_iq * (Q_ref - Q + self.D_q * (self.V_n - V)),
-            (S.real - P_f) / self.tau_P if self.tau_P > 0.0 else 0.0,
-            (S.imag - Q_f) / self.tau_Q if self.tau_Q > 0.0 else 0.0,
+            self.K_ip * e_P + self.K_pq * e_Q,
+            self.K_qp * e_P + self.K_iq * e_Q,
+            (S.real - x[3]) / self.tau_P if self.tau_P > 0.0 else 0.0,
+            (S.imag - x[4]) / self.tau_Q if self.tau_Q > 0.0 else 0.0,
         ]
-
-    def rest(self, inputs: tuple[float, float, float, float], guess: tuple[float, float]) -> Array:
-        """Where nothing moves, near a guess of (δ, V), by a root finder."""
-        P_ref, Q_ref, omega_g, V_g = inputs
-
-        def residual(y: Array) -> list[float]:
-            S = self.power(y[0], y[1] * self.V_n, V_g)
-            P = P_ref + self.D_p * (self.omega_0 - omega_g)
-            Q = Q_ref + self.D_q * self.V_n * (1.0 - y[1])
-            return [(S.real - P) / self.scale, (S.imag - Q) / self.scale]
-
-        found = root(residual, [guess[0], guess[1] / self.V_n], tol=1e-14)
-        if not max(abs(value) for value in residual(found.x)) < 1e-10:
-            raise RuntimeError(f"no rest: {found.message}")
-        delta, V = float(found.x[0]), float(found.x[1]) * self.V_n
-        S = self.power(delta, V, V_g)
-        return np.array([delta, omega_g, V, S.real, S.imag])
 
     @property
     def scale(self) -> float:
@@ -81,16 +78,5 @@ class IdealConverter:
         if not solved.success:
             raise RuntimeError(solved.message)
         S = self.power(solved.y[0], solved.y[2], inputs[3])
-        return solved.y, np.stack([S.real, S.imag, solved.y[1], solved.y[2]])
-
-    def jacobian(self, x: Array, inputs: tuple[float, float, float, float], step: float = 1e-6) -> Array:
-        """∂rates/∂x by central differences, over the states that move."""
-        sizes = step * np.array([1.0, self.omega_0, self.V_n, self.scale, self.scale])
-        columns = []
-        for k, h in enumerate(sizes):
-            up, down = x.copy(), x.copy()
-            up[k] += h
-            down[k] -= h
-            columns.append((np.array(self.rates(up, *inputs)) - np.array(self.rates(down, *inputs))) / (2.0 * h))
-        kept = [0, 1, 2, *([3] if self.tau_P > 0.0 else []), *([4] if self.tau_Q > 0.0 else [])]
-        return np.stack(columns, axis=1)[np.ix_(kept, kept)]
+        omega = np.array([self.frequency(x, inputs[3]) for x in solved.y.T])
+        return solved.y, np.stack([S.real, S.imag, omega, solved.y[2]])

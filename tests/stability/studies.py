@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
@@ -12,6 +13,8 @@ from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise
 from vsgdesign.parameters import Grid, Study, study_from_text
 from vsgdesign.parameters.study import ClosedFormTarget, GridSource, grid_from_scr
 from vsgdesign.runtime.closed_form import closed_form_schedule
+
+Array = NDArray[np.float64]
 
 PUBLISHED, LABORATORY, UTILITY = "hoang2025_5kva", "lab_12kva_lcl", "utility_1mva_60hz"
 CASES = (PUBLISHED, LABORATORY, UTILITY)
@@ -73,6 +76,32 @@ def designed(study: Study, grid: Grid, settling_time: float = 1.0, damping_ratio
     return closed_form_schedule(study, aim).gains(grid.R_g, grid.L_g)
 
 
+def rated(study: Study, names: tuple[str, ...]) -> Array:
+    """The rated value of each state."""
+    c = study.converter
+    V_pk = np.sqrt(2.0) * c.V_rated_rms
+    I_pk = np.sqrt(2.0) * c.S_rated / (3.0 * c.V_rated_rms)
+    table = {
+        "i": I_pk, "v": V_pk, "pending": V_pk, "delta": 1.0, "omega": c.omega_n, "V": c.V_rated_rms,
+        "P": c.S_rated, "Q": c.S_rated,
+    }  # fmt: skip
+    return np.array(
+        [I_pk if n.startswith("xi_v") else V_pk if n.startswith("xi_i") else table[n.split("_")[0]] for n in names]
+    )
+
+
+def another_structure(rng: np.random.Generator, gains: PowerLoopGains) -> PowerLoopGains:
+    """Off-diagonal integral gains of either sign, and half of the damping moved from the droop to the angle."""
+    share = float(rng.uniform(0.2, 0.9))
+    return gains._replace(
+        D_p=(1.0 - share) * gains.D_p,
+        k_P=share * gains.K_ip * gains.D_p * float(rng.uniform(0.5, 1.5)) / (gains.K_ip * gains.D_p**2),
+        K_pq=gains.K_ip * float(rng.uniform(-0.5, 0.5)),
+        K_qp=gains.K_iq * float(rng.uniform(-0.3, 0.3)),
+        k_Q=float(rng.uniform(-0.2, 0.2)) / gains.D_p,
+    )
+
+
 def random_situations(count: int, seed: int) -> list[Situation]:
     """Random cases, delays, filters, grids, gains, inner loops, powers and grid frequencies that have a steady state.
 
@@ -95,6 +124,8 @@ def random_situations(count: int, seed: int) -> list[Situation]:
         )
         try:
             gains = designed(study, grid, float(10.0 ** rng.uniform(-1.0, 0.2)), float(rng.uniform(0.5, 1.5)))
+            if rng.random() < 0.4:
+                gains = another_structure(rng, gains)
             found.append(situation(study, Cell(grid, gains, P, Q, source)))
         except (InfeasibleStudyError, NoOperatingPointError):
             continue
