@@ -11,6 +11,8 @@ from vsgdesign.parameters.units import UnitError, parse_quantity
 
 _SCR = (0.05, 1e4)
 _X_OVER_R = (1e-3, 1e4)
+_MOST_ROWS = 5e6
+"""Largest log: about 2 GB for a controller."""
 
 
 def read_grid(table: TableReader, converter: Converter, basis: str, previous: Grid | None) -> Grid:
@@ -53,6 +55,12 @@ def read_simulation(table: TableReader, converter: Converter) -> SimulationSpec:
         Q_ref=table.quantity("Q_ref", "var", -limit, limit),
     )
     _check_multiple(table, "log_interval", log_interval, T_s)
+    if spec.duration > _MOST_ROWS * spec.log_interval > 0.0:
+        table.fault(
+            "log_interval", f"{log_interval:.6g} s",
+            f"logs {spec.duration / log_interval:.3g} samples, more than {_MOST_ROWS:.0e}: several GB of memory",
+            f"Use {math.ceil(spec.duration / _MOST_ROWS / T_s) * T_s:.6g} or more, or a shorter duration.",
+        )  # fmt: skip
     table.finish()
     return spec
 
