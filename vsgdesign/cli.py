@@ -127,9 +127,10 @@ def margins(study_file: str, evidence: bool, as_json: bool) -> None:
 @main.command()
 @_STUDY
 @click.option("--out", default=None, metavar="DIR", help="Folder for the report.  [default: out/NAME-stability]")
+@click.option("--pdf", is_flag=True, help='Also write report.pdf (needs the extra "pdf").')
 @_JSON
 @_verb
-def report(study_file: str, out: str | None, as_json: bool) -> None:
+def report(study_file: str, out: str | None, pdf: bool, as_json: bool) -> None:
     """Stability-margin report: maps, modes, margins, impedance and EMT evidence as one HTML page, with CSV."""
     from pathlib import Path
 
@@ -138,7 +139,7 @@ def report(study_file: str, out: str | None, as_json: bool) -> None:
     study = _load(study_file)
     folder = Path("out") / f"{study.name}-stability" if out is None else Path(out)
     with _progress(quiet=as_json) as progress:
-        document = report_stability(study, folder, progress=progress)
+        document = report_stability(study, folder, pdf=pdf, progress=progress)
     if as_json:
         _print_json(document)
         return

@@ -43,15 +43,19 @@ def assess_study(study: Study, *, evidence: bool = True, progress: Progress | No
     return StabilityResult(study, assessments, found, clause_matrix(study, assessments), timing)
 
 
-def report_stability(study: Study, out: str | Path, *, progress: Progress | None = None) -> dict[str, Any]:
+def report_stability(
+    study: Study, out: str | Path, *, pdf: bool = False, progress: Progress | None = None
+) -> dict[str, Any]:
     """Assess a study and leave figures, CSV files, results.json and report.html in ``out``.
 
-    Returns the content of results.json. The folder appears when everything is done. Raises the errors of
-    :func:`assess_study` and ArtifactError.
+    With ``pdf`` also report.pdf, which needs the extra of that name. Returns the content of results.json. The
+    folder appears when everything is done. Raises the errors of :func:`assess_study` and ArtifactError.
     """
-    from vsgdesign.report import write_stability_figures, write_stability_report
+    from vsgdesign.report import require_pdf, write_pdf, write_stability_figures, write_stability_report
 
     tell = progress or _silent
+    if pdf:
+        require_pdf()
     with staged_folder(out) as folder:
         result = assess_study(study, progress=progress)
         begin = time.perf_counter()
@@ -60,6 +64,10 @@ def report_stability(study: Study, out: str | Path, *, progress: Progress | None
         figures = write_stability_figures(result, folder / "figures")
         write_stability_report(result, figures, folder / "report.html")
         tell("draw figures", 1.0)
+        if pdf:
+            tell("print", 0.0)
+            write_pdf(folder / "report.html", folder / "report.pdf")
+            tell("print", 1.0)
         result.timing_s["report"] = time.perf_counter() - begin
         document = stability_document(result)
         write_json(folder / "results.json", document)

@@ -7,12 +7,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.printing import require_pdf, write_pdf
 
 if TYPE_CHECKING:
     from vsgdesign.simulation import ScenarioResult
     from vsgdesign.simulation.stability_result import StabilityResult
 
-__all__ = ["WrittenFigure", "write_figures", "write_report", "write_stability_figures", "write_stability_report"]
+__all__ = [
+    "WrittenFigure",
+    "require_pdf",
+    "write_figures",
+    "write_pdf",
+    "write_report",
+    "write_stability_figures",
+    "write_stability_report",
+]
 
 
 def write_figures(result: ScenarioResult, folder: str | Path) -> list[WrittenFigure]:

@@ -22,6 +22,10 @@ CROSS: dict[str, Any] = {"marker": "x", "markersize": 2.6, "markeredgewidth": 0.
 PARTIAL: dict[str, Any] = {"marker": ".", "markersize": 3.0, "color": "#000000", "linestyle": "", "zorder": 6}
 
 
+MOST_VECTORS = 1100
+"""Cells of one figure up to which each is a shape of its own; more become an image, which keeps files small."""
+
+
 @dataclass(frozen=True)
 class Scale:
     """How a quantity becomes a colour: the gate in the middle, worse on one side, better on the other.
@@ -207,7 +211,7 @@ class Cells:
     y_log: bool = True
 
 
-def draw_cells(axes: Any, cells: Cells, scale: Scale, width_in: float, height_in: float) -> None:
+def draw_cells(axes: Any, cells: Cells, scale: Scale, width_in: float, height_in: float, raster: bool = False) -> None:
     """Colours, unstable and missing cells, and the staircase between cells that meet the gate and those that do not."""
     from matplotlib.collections import PolyCollection
 
@@ -218,7 +222,7 @@ def draw_cells(axes: Any, cells: Cells, scale: Scale, width_in: float, height_in
     shown = np.where(cells.unstable | cells.missing, np.nan, scale(cells.values))
     axes.pcolormesh(
         x, y, np.ma.masked_invalid(shown.T), cmap=scale.colours(), vmin=0.0, vmax=1.0, zorder=1,
-        edgecolors="face", linewidth=0.15, rasterized=shown.size > 1000,
+        edgecolors="face", linewidth=0.15, rasterized=raster, clip_on=False,
     )  # fmt: skip
     for mask, style in ((cells.missing, NO_POINT), (cells.unstable, UNSTABLE)):
         if mask.any():

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vsgdesign.parameters.study import Gates, Study
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.quantities import plain
-from vsgdesign.report.stability_gains import gain_figure, used_gains
+from vsgdesign.report.stability_gains import gain_figures, used_gains
 from vsgdesign.report.stability_look import Cells, Scale, gate_scale
 from vsgdesign.report.stability_panels import Frame, Panel, groups, map_figure
 from vsgdesign.report.tables import GAIN_UNITS
@@ -227,9 +227,7 @@ def _gain_figures(result: StabilityResult, index: int, a: ControllerAssessment) 
     fixed = [other for other in result.assessments if other.spec.kind == "fixed"]
     baseline = "; ".join(f"{other.spec.name}: {_fixed_gains(other)}" for other in fixed)
     more = f" The fixed gains, the same on every grid, are {baseline}." if baseline else ""
-    figure = gain_figure(result, index, a, more)
-    if figure is not None:
-        yield figure
+    yield from gain_figures(result, index, a, more)
 
 
 def _fixed_gains(a: ControllerAssessment) -> str:

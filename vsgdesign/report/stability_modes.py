@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 PART = 5
 RAYS = (0.1, 0.3, 0.5, 0.7)
 VIEWS = {"power": "modes of the power loops", "network": "modes below 3ω_g", "all": "all modes"}
-POWER_STATES = ("delta", "omega_i", "V", "P_f", "Q_f")
+POWER_STATES = ("delta", "omega_i", "V")
 
 
 def mode_figures(result: StabilityResult) -> Iterator[NamedFigure]:
@@ -59,8 +59,12 @@ def locus_limits(study: Study, a: ControllerAssessment, locus: Locus, view: str)
         near = s[np.abs(s) <= 3.0 * study.grid_source.omega_g]
         s = near if near.size else s
     elif view == "power":
-        # The slowest modes of the close looks that the power loops take part in most, with room around them.
-        slow = [abs(m.s) for cell in a.focus for m in cell.modes if m.participation[0][0] in POWER_STATES]
+        # Of each close look the three least stable modes that the power loops take part in most.
+        slow = [
+            abs(mode.s)
+            for cell in a.focus
+            for mode in [m for m in cell.modes if m.participation[0][0] in POWER_STATES][:3]
+        ]
         reach = 2.0 * max(slow, default=float(np.median(np.abs(s))))
         s = s[np.abs(s) <= max(reach, 1.01 * float(np.abs(s).min()))]
     left, right = float(s.real.min()), max(float(s.real.max()), 0.0)
@@ -141,8 +145,9 @@ def _rays(axes: Any, limits: tuple[float, float, float, float], study: Study) ->
     axes.axvline(0.0, color="#333333", linewidth=0.7, zorder=2)
     if left >= 0.0:
         return
-    marks = sorted({*(z for z in RAYS if abs(z - gate) > 0.03), gate})
-    for zeta in marks:
+    placed: list[tuple[float, float]] = []
+    # The gate's own ray has its label first; another label needs room beside it.
+    for zeta in (gate, *(z for z in RAYS if abs(z - gate) > 0.03)):
         if not 0.0 < zeta < 1.0:
             continue
         slope = np.sqrt(1.0 - zeta * zeta) / zeta
@@ -151,6 +156,10 @@ def _rays(axes: Any, limits: tuple[float, float, float, float], study: Study) ->
         style = {"color": "#000000" if own else "#A8A8A8", "linewidth": 0.9 if own else 0.6, "zorder": 1.5}
         axes.plot([0.0, x], [0.0, -slope * x], **style)
         at_top = -slope * left >= top
+        spot = ((x - left) / (limits[1] - left), -slope * x / top)
+        if any(abs(spot[0] - u) < 0.085 and abs(spot[1] - v) < 0.12 for u, v in placed):
+            continue
+        placed.append(spot)
         axes.annotate(
             f"{zeta:g}", (x, -slope * x), xytext=(1.5, -1.5) if at_top else (2.0, 1.5), textcoords="offset points",
             ha="left", va="top" if at_top else "bottom", color="#333333", zorder=4,

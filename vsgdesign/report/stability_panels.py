@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.stability_look import Cells, Scale, colour_bar, draw_cells, legend_patches
+from vsgdesign.report.stability_look import MOST_VECTORS, Cells, Scale, colour_bar, draw_cells, legend_patches
 from vsgdesign.report.style import PAGE_IN, add_axes, look, new_figure, text_width
 from vsgdesign.report.time_axis import symbols
 
@@ -70,13 +70,14 @@ def _map_figure(frame: Frame, rows: Sequence[Sequence[Panel]], scale: Scale) -> 
     inner = len(rows) * panel_height + (len(rows) - 1) * _BETWEEN_Y
     height = below + inner + _TOP
     figure = new_figure(total, height)
+    raster = sum(p.cells.values.size for p in panels) > MOST_VECTORS
     values = np.concatenate([p.cells.values[~(p.cells.unstable | p.cells.missing)].ravel() for p in panels])
     values = values[~np.isnan(values)]
     for r, row in enumerate(rows):
         for c, panel in enumerate(row):
             bottom = below + (len(rows) - 1 - r) * (panel_height + _BETWEEN_Y)
             axes = add_axes(figure, _LEFT + c * (width + _BETWEEN_X), bottom, width, panel_height)
-            draw_cells(axes, panel.cells, scale, width, panel_height)
+            draw_cells(axes, panel.cells, scale, width, panel_height, raster)
             axes.set_title(symbols(panel.title))
             if panel.key:
                 axes.patch.set_gid(f"hover.{panel.key}")
