@@ -185,12 +185,10 @@ def test_the_exponential_inside(case: str, scr: float, ratio: float) -> None:
 
 def test_names() -> None:
     """What structure has which states, and that names are not repeated."""
-    for delay in (0, 1):
-        for filter_P in (False, True):
-            for filter_Q in (False, True):
-                names = full_order_map(delay, filter_P, filter_Q, 6).states
-                assert len(set(names)) == len(names) == 13 + 2 * delay + filter_P + filter_Q
-                assert ("pending_d" in names, "P_f" in names, "Q_f" in names) == (bool(delay), filter_P, filter_Q)
+    for delay, filter_P, filter_Q in ((0, False, False), (0, True, False), (1, False, True), (1, True, True)):
+        names = full_order_map(delay, filter_P, filter_Q, 6).states
+        assert len(set(names)) == len(names) == 13 + 2 * delay + filter_P + filter_Q
+        assert ("pending_d" in names, "P_f" in names, "Q_f" in names) == (bool(delay), filter_P, filter_Q)
     assert len(set(PARAMETERS)) == len(PARAMETERS)
 
 
