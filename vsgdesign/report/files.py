@@ -17,6 +17,7 @@ from vsgdesign.simulation import ScenarioResult
 _PATH = re.compile(r'(?<= d=")[^"]*')
 _LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
 _SPACE = re.compile(r"\s+")
+_IMAGE_ID = re.compile(r' id="image[0-9a-f]+"')
 _FAMILY = re.compile("'DejaVu Sans'(, sans-serif)?")
 
 
@@ -49,6 +50,7 @@ def write_figure(named: NamedFigure, folder: Path) -> WrittenFigure:
 def compact(svg: str) -> str:
     """The same drawing with path coordinates to a hundredth of a point, and a font list that every system has."""
     svg = _PATH.sub(lambda match: _LONG_NUMBER.sub(_rounded, _SPACE.sub(" ", match.group()).strip()), svg)
+    svg = _IMAGE_ID.sub("", svg)  # equal images would have equal ids, and nothing refers to them
     return _FAMILY.sub("'DejaVu Sans', Verdana, sans-serif", svg)
 
 

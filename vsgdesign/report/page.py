@@ -73,7 +73,9 @@ def environment() -> jinja2.Environment:
     return found
 
 
-_SUBSCRIPT = re.compile(r"(?<![A-Za-z])(K|D|P|Q|V|R|L|T|f|ω)_(ref|pcc|ip|iq|pv|iv|pc|ic|p|q|g|n|s|op)\b")
+_SUBSCRIPT = re.compile(
+    r"(?<![A-Za-z])(K|D|M|P|Q|V|R|L|T|Y|Z|f|k|ω)_(ref|pcc|ip|iq|pq|qp|pv|iv|pc|ic|ff|dq|p|q|P|Q|g|n|s|op|1|2|c)\b"
+)
 
 
 def with_subscripts(text: str) -> str:

@@ -64,7 +64,7 @@ def _gain_figure(
         bottom = _BOTTOM + (rows - 1 - row) * (panel + _BETWEEN)
         axes = add_axes(figure, left, bottom, width, panel)
         draw_cells(axes, cells, scale, width, panel, raster)
-        axes.patch.set_gid(f"hover.map.{index}.gains")
+        axes.patch.set_gid(f"hover.map.{index}.gains.{name}")
         axes.set_title(symbols(f"{a.spec.name}: ") + symbol)
         if column == 0:
             axes.set_ylabel("X/R [1]")

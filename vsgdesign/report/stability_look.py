@@ -222,7 +222,7 @@ def draw_cells(axes: Any, cells: Cells, scale: Scale, width_in: float, height_in
     shown = np.where(cells.unstable | cells.missing, np.nan, scale(cells.values))
     axes.pcolormesh(
         x, y, np.ma.masked_invalid(shown.T), cmap=scale.colours(), vmin=0.0, vmax=1.0, zorder=1,
-        edgecolors="face", linewidth=0.15, rasterized=raster, clip_on=False,
+        edgecolors="face", linewidth=0.4, rasterized=raster, clip_on=False,
     )  # fmt: skip
     for mask, style in ((cells.missing, NO_POINT), (cells.unstable, UNSTABLE)):
         if mask.any():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import quote
@@ -21,6 +22,8 @@ from vsgdesign.simulation.stability_result import (
     maps_of,
     step_file,
 )
+
+_MINUS = re.compile(r"(?<!\w)-(?=\d)")
 
 _MAP_CONTENT = {
     "reduced": "margins of the reduced model over SCR × X/R × (P, Q)",
@@ -46,7 +49,7 @@ def write_stability_page(result: StabilityResult, figures: Sequence[WrittenFigur
             study=study,
             version=__version__,
             verdict=verdict_text(result),
-            verdicts=[(row, link_of(result, row.evidence)) for row in result.verdicts],
+            verdicts=[(row, _MINUS.sub("−", row.value), link_of(result, row.evidence)) for row in result.verdicts],
             figures=numbered,
             identity=made.identity_table(result),
             setting=(converter_table(result), filter_table(result)),

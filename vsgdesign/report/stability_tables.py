@@ -39,7 +39,7 @@ def identity_table(result: StabilityResult) -> Table:
         ("Operating points of the maps, Q", ", ".join(plain_quantity(q, "var") for q in s.Q)),
         ("Map axes", f"SCR {plain(s.scr[0])} to {plain(s.scr[-1])} ({len(s.scr)} values), "
                      f"X/R {plain(s.x_over_r[0])} to {plain(s.x_over_r[-1])} ({len(s.x_over_r)} values)"),
-        ("Estimate errors", ", ".join(f"{percent(100.0 * e)} %" for e in s.errors)),
+        ("Estimate errors", ", ".join(f"{plain(100.0 * e)} %" for e in s.errors)),
     ]  # fmt: skip
     notes = ("At every operating point P and Q are exact at the control point, in spite of droop.",)
     return Table("Identity", ("Quantity", "Value"), tuple(rows), texts=2, notes=notes)

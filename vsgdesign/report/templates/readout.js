@@ -3,6 +3,11 @@
   "use strict";
   var data = JSON.parse(document.getElementById("hover-data").textContent);
   var box = document.getElementById("readout");
+  function entry(group) {
+    // Panels that share their cells (gains) carry a name of their own after the key.
+    var key = group.id.split("-hover.")[1];
+    return data[key] || data[key.replace(/\.[^.]+$/, "")];
+  }
   function between(edges, value) {
     for (var k = 0; k + 1 < edges.length; k++) if (value >= edges[k] && value <= edges[k + 1]) return k;
     return -1;
@@ -35,7 +40,7 @@
   }
   document.querySelectorAll("figure.drawing svg").forEach(function (svg) {
     var panels = Array.prototype.filter.call(svg.querySelectorAll("[id*='-hover.']"), function (group) {
-      return data[group.id.split("-hover.")[1]];
+      return entry(group);
     });
     if (!panels.length) return;
     svg.addEventListener("mousemove", function (event) {
@@ -44,7 +49,7 @@
         var r = group.getBoundingClientRect();
         var u = (event.clientX - r.left) / r.width, v = (r.bottom - event.clientY) / r.height;
         if (u < 0 || u > 1 || v < 0 || v > 1) return;
-        var found = data[group.id.split("-hover.")[1]];
+        var found = entry(group);
         text = found.of ? mode(found, u, v, r.width, r.height) : cell(found, u, v);
       });
       box.textContent = text;

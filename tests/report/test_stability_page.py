@@ -1,0 +1,155 @@
+"""The stability page: eight parts, every verdict, links that lead somewhere, and nothing from outside."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from urllib.parse import unquote
+
+import pytest
+
+from tests.report.stability_cases import TEXTS, Made, assessed, make
+from tests.report.test_page import checked
+from vsgdesign.report import write_stability_report
+from vsgdesign.report.stability_page import csv_files
+from vsgdesign.stability.verdict import OWN
+
+_MADE: dict[str, Made] = {}
+
+
+def case(name: str, factory: pytest.TempPathFactory) -> Made:
+    if name not in _MADE:
+        _MADE[name] = make(name, factory.mktemp(name))
+    return _MADE[name]
+
+
+@pytest.fixture(scope="session", params=sorted(TEXTS))
+def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Made:
+    return case(request.param, tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    return case("plain", tmp_path_factory)
+
+
+def words(cell: str) -> str:
+    """Text without white space and without the marks of subscripts and minus signs."""
+    return re.sub(r"[\s_]", "", cell).replace("−", "-")
+
+
+def test_well_formed_and_nothing_from_outside(made: Made) -> None:
+    page = checked(made.page)
+    assert page.faults == []
+    assert page.open == []
+    assert not {"link", "img", "iframe", "object"} & set(page.tags)
+    assert len(page.ids) == len(set(page.ids))
+    files = {name for name, _ in csv_files(made.result)}
+    for target in page.targets:
+        inside = target.startswith("data:") or (target.startswith("#") and target[1:] in page.ids)
+        assert inside or unquote(target) in files, target[:60]
+    text = made.text
+    assert "http" not in text
+    assert "src=" not in text
+    assert "@import" not in text
+    assert text.count("<script") == 2
+    assert "<short>" not in text
+
+
+def test_eight_parts_each_with_something_to_say(made: Made) -> None:
+    parts = re.split(r'<h2 id="part-(\d)">', made.text)
+    assert parts[1::2] == list("12345678")
+    for number, part in zip(parts[1::2], parts[2::2], strict=True):
+        said = re.sub(r"<svg.*?</svg>|<[^>]+>", " ", part, flags=re.DOTALL)
+        assert len(said.split()) > 20, number
+
+
+def test_every_verdict_is_a_row(made: Made) -> None:
+    shown = [[words(cell) for cell in row] for row in checked(made.page).rows]
+    assert made.result.verdicts
+    for v in made.result.verdicts:
+        row = (
+            v.controller, v.source, v.confidence or "ours", v.test,
+            v.value or "–", v.limit or "–", v.verdict, v.evidence,
+        )  # fmt: skip
+        assert [words(cell) for cell in row] in shown, row
+    # Ours are marked as ours, and what is of others never passes.
+    for v in made.result.verdicts:
+        assert (v.source == OWN) == (v.confidence == "")
+        assert v.source == OWN or v.verdict in ("informational", "not assessed")
+
+
+def test_every_figure_stands_in_its_part_with_a_way_to_read_it(made: Made) -> None:
+    parts = re.split(r'<h2 id="part-(\d)">', made.text)
+    assert made.text.count("<svg") == len(made.figures)
+    for figure in made.figures:
+        assert f'id="figure-{figure.name}"' in parts[2 * figure.part]
+        assert figure.caption.startswith("How to read: ")
+
+
+def test_the_verdict_counts_gates_and_names_the_worst(plain: Made) -> None:
+    verdict = re.search(r'<section class="verdict">\s*<p>(.*?)</p>\s*</section>', plain.text, re.DOTALL)
+    assert verdict is not None
+    for a in plain.result.assessments:
+        own = [v for v in plain.result.verdicts if v.controller == a.spec.name and v.source == OWN]
+        met = sum(v.verdict == "pass" for v in own)
+        assert f"{a.spec.name} ({a.spec.kind} gains) meets {met} of its {len(own)} gates" in verdict.group(1)
+        assert (
+            f"{int(a.full_order.table.stable.sum())} of {len(a.full_order.table.stable)} analysed cells" in verdict[1]
+        )
+    assert "no grid code's" in html.unescape(verdict.group(1))
+    assert " Hz (s = " in verdict.group(1)
+
+
+def test_identity(plain: Made) -> None:
+    study, text = plain.result.study, plain.text
+    for said in (study.hash, "7.26 Ω", "314.16 rad/s", "5 kVA", "50 µs", "Version of numpy"):
+        assert said in text
+    for pair in plain.result.evidence.values():
+        for e in pair:
+            assert f"{100.0 * e.error('full_order'):.2g}" in text
+
+
+ABSENT = {
+    "plain": ["Envelopes of grid-code tests", "not assessed yet"],
+    "odd": ["the worst of its 4 operating points", "No small step was simulated"],
+    "unstable": [
+        "no controller of the study is scheduled", "an unstable mode", "the full-order model is unstable there",
+    ],
+    "faulty": [
+        "none of its 4 cells could be analysed", "No grid of the scenario could be looked at closely",
+        "no cell could be analysed", "No eigenvalue could be drawn",
+    ],
+}  # fmt: skip
+
+
+def test_what_is_not_there_is_said(made: Made) -> None:
+    name = next(name for name in TEXTS if assessed(name) is made.result)
+    for said in ABSENT[name]:
+        assert said in made.text, said
+
+
+def test_nothing_analysed_passes_nothing() -> None:
+    verdicts = assessed("faulty").verdicts
+    assert {v.verdict for v in verdicts} <= {"not assessed", "informational"}
+    assert {v.verdict for v in verdicts if v.source == OWN} == {"not assessed"}
+
+
+def test_the_readout_knows_every_cell(plain: Made) -> None:
+    data = json.loads(plain.text.split('id="hover-data">')[1].split("</script>")[0])
+    for index, a in enumerate(plain.result.assessments):
+        for field in (a.reduced, a.full_order):
+            entry = data[f"map.{index}.{field.model}"]
+            assert len(entry["texts"]) == len(field.faults) == entry["per"] * 4
+            assert entry["values"] == [[2.0, 8.0], [1.0, 5.0]]
+            for k, flat in enumerate(field.analysed):
+                assert f"ζ {field.table.least_damping[k]:.3g}" in entry["texts"][flat]
+    keys = re.findall(r'id="[^"]+-hover\.([^"]+)"', plain.text)
+    assert keys
+    assert all(key in data or key.rpartition(".")[0] in data for key in keys)
+
+
+def test_two_builds_are_identical(plain: Made, tmp_path) -> None:
+    again = write_stability_report(plain.result, plain.figures, tmp_path / "again.html")
+    assert again.read_bytes() == plain.page.read_bytes()
