@@ -8,12 +8,15 @@ import control
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from tests.stability.loops_by_control import OpenLoop, open_full_order, open_reduced
-from tests.stability.studies import Situation, random_situations
+from tests.stability.studies import PUBLISHED, Situation, case_study, designed, random_situations, situation
 from vsgdesign.metrics.margins import disk_margin_per_frequency, guaranteed_margins, largest_singular_value
 from vsgdesign.model.coupled import CoupledModel
 from vsgdesign.operating_point import solve_operating_point
+from vsgdesign.operating_point.full_order import Cell
+from vsgdesign.parameters.study import grid_from_scr
 from vsgdesign.stability.cells import cell_set, reduced_cells
 from vsgdesign.stability.loops import FullOrderLoop, ReducedLoop
 from vsgdesign.stability.margins import MarginTable, frequency_grid, full_order_margins, reduced_margins
@@ -160,3 +163,29 @@ def test_the_critical_perturbation_is_the_margin(which: str, at: str, situations
         count += 1
     print(f"{which}, {at}: {count} critical perturbations")
     assert count >= 8
+
+
+def test_a_resonance_narrower_than_a_step_of_the_grid() -> None:
+    """The synchronous resonance a hair from its limit: 1e-5 of its frequency wide, where the grid has 2 % steps.
+
+    At the loop's limit the disk margin is zero, and here it is nearly so. The grid alone sees nothing of it.
+    """
+    study = case_study(PUBLISHED)
+
+    def at_ratio(ratio: float) -> Situation:
+        grid = grid_from_scr(12.0, ratio, study.scr_basis, study.converter)
+        return situation(study, Cell(grid, designed(study, grid, 0.3), 1500.0, 300.0))
+
+    limit = brentq(lambda ratio: at_ratio(ratio).growth, 12.0, 15.0, xtol=1e-9)
+    s = at_ratio(limit * (1.0 - 1e-4))
+    assert -0.01 < s.growth < 0.0
+    z = np.linalg.eigvals(s.model.A[0])
+    worst = np.log(z[np.argmax(np.abs(z))].astype(complex)) / s.model.T_s
+    table, S = full_order_margins(s.model), FullOrderLoop(s.model)
+    near = abs(worst.imag) + abs(worst.real) * np.linspace(-20.0, 20.0, 20001)
+    expected = disk_margin_per_frequency(S.on(near)[0]).min()
+    print(f"alpha {expected:.2e} at {abs(worst.imag):.1f} rad/s, width {abs(worst.real):.1e}")
+    on_grid = disk_margin_per_frequency(S.on(frequency_grid(s.model.T_s))[0]).min()
+    assert on_grid > 20.0 * expected
+    assert table.disk_output.value[0] == pytest.approx(expected, rel=1e-4)
+    assert table.M_s.value[0] == pytest.approx(largest_singular_value(S.on(near)[0]).max(), rel=1e-4)
