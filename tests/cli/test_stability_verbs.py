@@ -1,0 +1,176 @@
+"""margins and report: exit codes, documents, files, and what they refuse."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import subprocess
+import sys
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+from tests.cli.small_studies import SMALL, as_json, call, failure, study_file
+
+AXES = "\n[stability]\nscr = [2, 8]\nx_over_r = [1]\nerrors = [-0.1, 0, 0.1]\n"
+ONE = SMALL.replace('[[controllers]]\nname = "scheduled"\nkind = "scheduled"\n', "")
+ONE = ONE[: ONE.index("[[events]]")]
+KEYS = {
+    "schema", "study", "provenance", "gates", "axes", "scr_basis", "verdicts", "controllers", "timing_s",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def document(tmp_path_factory: pytest.TempPathFactory) -> dict:
+    return as_json("margins", study_file(tmp_path_factory.mktemp("margins"), SMALL + AXES))
+
+
+def test_margins_as_json(document: dict) -> None:
+    assert set(document) >= KEYS
+    assert document["axes"] == {
+        "scr": [2.0, 8.0], "x_over_r": [1.0], "P": document["axes"]["P"], "Q": document["axes"]["Q"],
+        "errors": [-0.1, 0.0, 0.1],
+    }  # fmt: skip
+    assert set(document["controllers"]) == {"fixed", "scheduled"}
+    for controller in document["controllers"].values():
+        assert {"kind", "worst", "between_nodes", "x_over_r_limit", "cells"} <= set(controller)
+        assert set(controller["worst"]) == {"reduced", "full_order"}
+        for cell in controller["cells"]:
+            assert {"label", "margins", "modes", "sensitivities", "linear_against_emt"} <= set(cell)
+            assert cell["linear_against_emt"] is None
+    assert {row["verdict"] for row in document["verdicts"]} <= {"pass", "fail", "informational", "not assessed"}
+
+
+def test_gates_do_not_change_the_exit_code(document: dict) -> None:
+    """A failed gate is a result, not an error: as_json has seen exit code 0."""
+    assert "fail" in {row["verdict"] for row in document["verdicts"]}
+
+
+def test_margins_in_words_with_evidence(tmp_path: Path) -> None:
+    result = call("margins", study_file(tmp_path, ONE + AXES), "--evidence")
+    assert result.exit_code == 0, result.output
+    for said in ("worst cells over the maps", "SCR on the reactance basis", "gates (ours, no grid code):"):
+        assert said in result.stdout
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["small.toml"]
+
+
+def test_report_writes_a_folder_whose_links_lead_somewhere(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    result = call("report", study_file(tmp_path, ONE + AXES), "--out", out)
+    assert result.exit_code == 0, result.output
+    assert result.stdout.rstrip().endswith(f"report: {out / 'report.html'}")
+    # Not a terminal: no progress bar.
+    assert result.stderr == ""
+    text = (out / "report.html").read_text(encoding="utf-8")
+    links = {unquote(link) for link in re.findall(r'<a href="([^#"]+)"', text)}
+    assert links == {path.name for path in out.glob("*.csv")}
+    assert {path.name for path in out.iterdir() if path.suffix != ".csv"} == {
+        "figures", "report.html", "results.json",
+    }  # fmt: skip
+    assert {path.suffix for path in (out / "figures").iterdir()} == {".svg", ".png"}
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ("scrs = [2]", "stability.scrs: unknown field. Did you mean scr?"),
+        ("scr = [8, 2]", "stability.scr = [8, 2]: must increase from each value to the next"),
+        ("scr = [2, 2]", "must increase from each value to the next"),
+        ("scr = [nan]", "stability.scr.0 = nan: must be a finite number"),
+        ("scr = []", "must be a list of at least one value"),
+        ("scr = 2", "must be a list of at least one value"),
+        ("scr = [-2]", "stability.scr.0 = -2"),
+        ('x_over_r = ["1 ohm"]', "stability.x_over_r.0"),
+        ("errors = [-1]", "stability.errors.0 = -1"),
+        ('P = ["3 var"]', 'stability.P.0 = "3 var": expected a number in W'),
+        ("[stability.gates]\ndamping = 0.3", "stability.gates.damping: unknown field. Did you mean damping_ratio?"),
+        ("[stability.gates]\nM_s = 0.5", "stability.gates.M_s = 0.5"),
+    ],
+)
+def test_a_wrong_section_is_named(lines: str, said: str, tmp_path: Path) -> None:
+    study = study_file(tmp_path, SMALL + "\n[stability]\n" + lines + "\n")
+    message = failure(2, "margins", study)
+    assert said in message
+
+
+def test_out_on_a_foreign_folder(tmp_path: Path) -> None:
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter.tex").write_text("years of work")
+    message = failure(2, "report", study_file(tmp_path, ONE + AXES), "--out", tmp_path / "thesis")
+    assert "holds other files (no results.json in it) and is left untouched" in message
+    assert [path.name for path in (tmp_path / "thesis").iterdir()] == ["chapter.tex"]
+
+
+@pytest.mark.parametrize("verb", ["margins", "report"])
+def test_no_such_file(verb: str, tmp_path: Path) -> None:
+    assert "there is no such file" in failure(2, verb, tmp_path / "missing.toml")
+
+
+def test_a_fixed_design_that_does_not_exist(tmp_path: Path) -> None:
+    text = ONE.replace('kind = "fixed"', 'kind = "fixed"\ndesign_grid = { scr = 0.2, x_over_r = 3 }')
+    message = failure(1, "report", study_file(tmp_path, text + AXES), "--out", tmp_path / "out")
+    assert "%" in message
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["small.toml"]
+
+
+def test_a_pdf_without_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "weasyprint", None)
+    message = failure(2, "report", study_file(tmp_path, ONE + AXES), "--out", tmp_path / "out", "--pdf")
+    assert message == (
+        'error: a PDF needs WeasyPrint, which is not installed: pip install "vsgdesign[pdf]", or leave --pdf out.\n'
+    )
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["small.toml"]
+
+
+def test_a_pdf_without_pango(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = importlib.import_module
+
+    def broken(name: str, package: str | None = None) -> object:
+        if name == "weasyprint":
+            raise OSError("cannot load library 'libpango-1.0-0'")
+        return real(name, package)
+
+    monkeypatch.setattr("importlib.import_module", broken)
+    message = failure(2, "report", study_file(tmp_path, ONE + AXES), "--out", tmp_path / "out", "--pdf")
+    assert "does not find the Pango library" in message
+    assert "apt install libpango-1.0-0" in message
+    assert message.count("\n") == 1
+
+
+def test_a_pdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a stand-in for WeasyPrint: what it is given, and that report.pdf lies beside the page."""
+    given: list[str] = []
+
+    class Html:
+        def __init__(self, string: str, **_options: object) -> None:
+            given.append(string)
+
+        def write_pdf(self, target: str) -> None:
+            Path(target).write_bytes(b"%PDF-1.7")
+
+    stand_in = type(sys)("weasyprint")
+    stand_in.HTML = Html  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "weasyprint", stand_in)
+    out = tmp_path / "out"
+    assert call("report", study_file(tmp_path, ONE + AXES), "--out", out, "--pdf").exit_code == 0
+    assert (out / "report.pdf").read_bytes() == b"%PDF-1.7"
+    assert given == [(out / "report.html").read_text(encoding="utf-8")]
+
+
+def test_help() -> None:
+    for verb in ("margins", "report"):
+        result = call(verb, "--help")
+        assert result.exit_code == 0
+        assert "STUDY.toml" in result.stdout
+        assert "--json" in result.stdout
+    assert "--pdf" in call("report", "--help").stdout
+
+
+def test_no_progress_in_a_pipe(tmp_path: Path) -> None:
+    study = study_file(tmp_path, ONE + AXES)
+    command = [sys.executable, "-m", "vsgdesign.cli", "margins", str(study)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr
+    assert run.stderr == ""
+    assert "\x1b" not in run.stdout
