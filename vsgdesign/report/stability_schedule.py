@@ -135,12 +135,15 @@ def _box_figure(result: StabilityResult, index: int, a: ControllerAssessment, fi
 
 
 def _draw_boxes(result: StabilityResult, index: int, a: ControllerAssessment, field: MarginMap) -> NamedFigure:
+    from matplotlib.lines import Line2D
+
     study = result.study
     left, right, bottom, height, between = 0.5, 1.0, 0.36, 1.75, 0.6
     width = (PAGE_IN - left - right - between) / 2.0
     figure = new_figure(PAGE_IN, bottom + height + 0.22)
     shown = _spread(len(field.axes[0][1]), _MOST_LINES)
     lines: Sequence[Any] = ()
+    gates: list[Any] = []
     for k, quantity in enumerate((DAMPING, DISK)):
         axes = add_axes(figure, left + k * (width + between), bottom, width, height)
         sizes, worst = worst_over_boxes(field, quantity.column(field.table))
@@ -152,10 +155,7 @@ def _draw_boxes(result: StabilityResult, index: int, a: ControllerAssessment, fi
         gate = quantity.scale(study.stability.gates).gate
         if gate is not None and quantity.gate_text is not None:
             axes.axhline(gate, color="#000000", linewidth=1.1, zorder=2)
-            axes.annotate(
-                quantity.gate_text(study.stability.gates), (1.0, gate), xycoords=("axes fraction", "data"),
-                xytext=(-2.0, 2.0), textcoords="offset points", ha="right", va="bottom",
-            )  # fmt: skip
+            gates = [Line2D([], [], color="#000000", linewidth=1.1, label=quantity.gate_text(study.stability.gates))]
         axes.set_ylim(bottom=0.0)
         axes.set_ylim(top=max(axes.get_ylim()[1], 1.15 * (gate or 0.0), 0.1))
         axes.set_xlabel("Half-width of the box of errors of $R_g$ and $L_g$ [%]")
@@ -164,7 +164,7 @@ def _draw_boxes(result: StabilityResult, index: int, a: ControllerAssessment, fi
         axes.set_title(symbols(f"{a.spec.name}, full order"))
         lines = axes.get_lines()[: len(shown)]
     figure.legend(
-        handles=list(lines), loc="upper left",
+        handles=[*lines, *gates], loc="upper left",
         bbox_to_anchor=((PAGE_IN - right + 0.12) / PAGE_IN, 1.0 - 0.22 / (bottom + height + 0.22)),
     )  # fmt: skip
     caption = (
