@@ -19,7 +19,14 @@ from vsgdesign.operating_point.full_order import Cell
 from vsgdesign.parameters.study import grid_from_scr
 from vsgdesign.stability.cells import cell_set, reduced_cells
 from vsgdesign.stability.loops import FullOrderLoop, ReducedLoop
-from vsgdesign.stability.margins import MarginTable, frequency_grid, full_order_margins, reduced_margins
+from vsgdesign.stability.margins import (
+    MarginTable,
+    _around_modes,
+    _on_both,
+    frequency_grid,
+    full_order_margins,
+    reduced_margins,
+)
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -189,3 +196,32 @@ def test_a_resonance_narrower_than_a_step_of_the_grid() -> None:
     assert on_grid > 20.0 * expected
     assert table.disk_output.value[0] == pytest.approx(expected, rel=1e-4)
     assert table.M_s.value[0] == pytest.approx(largest_singular_value(S.on(near)[0]).max(), rel=1e-4)
+
+
+class Slope:
+    """S of a first-order slope with a resonance on it too narrow to lift a single grid point above its neighbour."""
+
+    width, frequency, share = 0.001, 50.0, 0.005
+
+    def at(self, _: NDArray[np.intp], omega: Array) -> Complex:
+        s = 1j * omega
+        resonance = 1.0 + self.share * s / (s * s + 2.0 * self.width * s + self.frequency**2)
+        return (3.0 / (1.0 + s / 10.0) * resonance)[:, None, None] * np.eye(2)
+
+    def on(self, omega: Array) -> Complex:
+        return self.at(np.zeros(1, dtype=np.intp), omega)[None]
+
+
+def test_a_resonance_on_a_slope_is_looked_at_where_its_mode_is() -> None:
+    """No local maximum on the grid tells of it: only the modes' own frequencies do."""
+    loop, omega = Slope(), frequency_grid()
+    modes = np.array([[complex(-loop.width, loop.frequency), complex(-loop.width, -loop.frequency), -10.0]])
+    size = largest_singular_value(loop.on(omega))[0]
+    assert np.all(np.diff(size[(omega > 20.0) & (omega < 100.0)]) < 0.0)
+    near = np.linspace(49.5, 50.5, 200001)
+    local = largest_singular_value(loop.on(near))[0]
+    merged, grid = _on_both(loop, omega, _around_modes(modes, omega))
+    assert np.all(np.diff(grid) > 0.0)
+    seen = largest_singular_value(merged)[0][np.abs(grid[0] - 50.0) < 0.5]
+    assert local.max() > 2.5 * local[0]
+    assert seen.max() == pytest.approx(local.max(), rel=1e-2)
