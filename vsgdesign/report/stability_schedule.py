@@ -138,7 +138,7 @@ def _draw_boxes(result: StabilityResult, index: int, a: ControllerAssessment, fi
     from matplotlib.lines import Line2D
 
     study = result.study
-    left, right, bottom, height, between = 0.5, 1.0, 0.36, 1.75, 0.6
+    left, right, bottom, height, between = 0.5, 1.15, 0.36, 1.75, 0.6
     width = (PAGE_IN - left - right - between) / 2.0
     figure = new_figure(PAGE_IN, bottom + height + 0.22)
     shown = _spread(len(field.axes[0][1]), _MOST_LINES)

@@ -66,7 +66,7 @@ def verdict_text(result: StabilityResult) -> str:
 def _controller(result: StabilityResult, a: ControllerAssessment) -> str:
     own = [row for row in result.verdicts if row.controller == a.spec.name and row.source == OWN]
     field, table = a.full_order, a.full_order.table
-    head = f"{a.spec.name} ({a.spec.kind} gains) meets {_count(own)}"
+    head = f"Controller {a.spec.name} ({a.spec.kind} gains) meets {_count(own)}"
     cells = len(field.faults)
     if len(table.stable) == 0:
         return f"{head}: none of its {cells} cells could be analysed, {_reason(field)}."
