@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 import re
 import subprocess
 import sys
@@ -12,6 +13,8 @@ from urllib.parse import unquote
 import pytest
 
 from tests.cli.small_studies import SMALL, as_json, call, failure, study_file
+from vsgdesign.errors import ArtifactError
+from vsgdesign.report import write_pdf
 
 AXES = "\n[stability]\nscr = [2, 8]\nx_over_r = [1]\nerrors = [-0.1, 0, 0.1]\n"
 ONE = SMALL.replace('[[controllers]]\nname = "scheduled"\nkind = "scheduled"\n', "")
@@ -138,24 +141,34 @@ def test_a_pdf_without_pango(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert message.count("\n") == 1
 
 
-def test_a_pdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a stand-in for WeasyPrint: what it is given, and that report.pdf lies beside the page."""
+@pytest.mark.parametrize("complete", [True, False])
+def test_a_pdf(complete: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a stand-in for WeasyPrint: what it is given, and that a figure it leaves out is no success."""
     given: list[str] = []
 
     class Html:
-        def __init__(self, string: str, **_options: object) -> None:
+        def __init__(self, string: str, url_fetcher: list[str]) -> None:
             given.append(string)
+            assert url_fetcher == ["data"]
 
         def write_pdf(self, target: str) -> None:
+            if not complete:
+                logging.getLogger("weasyprint").error("Failed to render SVG image")
             Path(target).write_bytes(b"%PDF-1.7")
 
     stand_in = type(sys)("weasyprint")
     stand_in.HTML = Html  # type: ignore[attr-defined]
+    stand_in.URLFetcher = lambda allowed_protocols: allowed_protocols  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "weasyprint", stand_in)
-    out = tmp_path / "out"
-    assert call("report", study_file(tmp_path, ONE + AXES), "--out", out, "--pdf").exit_code == 0
-    assert (out / "report.pdf").read_bytes() == b"%PDF-1.7"
-    assert given == [(out / "report.html").read_text(encoding="utf-8")]
+    page, pdf = tmp_path / "report.html", tmp_path / "report.pdf"
+    page.write_text("<p>a page", encoding="utf-8")
+    if complete:
+        assert write_pdf(page, pdf).read_bytes() == b"%PDF-1.7"
+    else:
+        with pytest.raises(ArtifactError, match="the PDF would be incomplete: Failed to render SVG image"):
+            write_pdf(page, pdf)
+    assert given == ["<p>a page"]
+    assert logging.getLogger("weasyprint").handlers == []
 
 
 def test_help() -> None:

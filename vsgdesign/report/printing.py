@@ -26,22 +26,37 @@ def require_pdf() -> Any:
         raise ArtifactError(MISSING_LIBRARY) from error
 
 
+class _Failures(logging.Handler):
+    """Remembers what could not be printed."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self.messages: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.messages.append(record.getMessage())
+
+
 def write_pdf(page: Path, out_path: Path) -> Path:
-    """Print a page of this room; nothing is fetched. Raises ArtifactError without the extra ``pdf``."""
+    """Print a page of this room; nothing is fetched.
+
+    Raises ArtifactError without the extra ``pdf``, and where a part of the page cannot be printed.
+    """
     weasyprint = require_pdf()
-    logger = logging.getLogger("weasyprint")
-    level = logger.level
-    # It warns of every property for screens that paper does not have.
-    logger.setLevel(logging.CRITICAL)
+    logger, failures = logging.getLogger("weasyprint"), _Failures()
+    level, propagate = logger.level, logger.propagate
+    # It warns of every property that paper does not have; a figure that is left out is an error to it.
+    logger.setLevel(logging.ERROR)
+    logger.propagate = False
+    logger.addHandler(failures)
     try:
         # Without a base address, so that no folder of this machine ends up in the file's links.
-        weasyprint.HTML(string=page.read_text(encoding="utf-8"), url_fetcher=_refuse).write_pdf(str(out_path))
+        fetcher = weasyprint.URLFetcher(allowed_protocols=["data"])
+        weasyprint.HTML(string=page.read_text(encoding="utf-8"), url_fetcher=fetcher).write_pdf(str(out_path))
     finally:
+        logger.removeHandler(failures)
         logger.setLevel(level)
+        logger.propagate = propagate
+    if failures.messages:
+        raise ArtifactError(f"the PDF would be incomplete: {failures.messages[0]}. The HTML page is complete.")
     return out_path
-
-
-def _refuse(url: str, *_args: Any, **_kwargs: Any) -> Any:
-    if url.startswith("data:"):
-        return importlib.import_module("weasyprint").default_url_fetcher(url)
-    raise ValueError(f"a report holds everything itself, and does not fetch {url}")
