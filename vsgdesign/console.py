@@ -169,8 +169,9 @@ def certificate_text(found: Certificate | Counterexample) -> str:
         return (
             f"{found.controller}: certified over {where}, within the static limits.\n"
             f"One quadratic Lyapunov function decays at {found.decay:.3g} 1/s or faster, whatever the speed of change "
-            f"(power loops; ideal inner loops, no power filters).\nGridded and refined, not gap-free: verified at {found.checked} cells "
-            f"and {found.fresh} fresh random points; {found.vertices} vertices decide."
+            f"(power loops; ideal inner loops, no power filters).\n"
+            f"Gridded and refined, not gap-free: verified at {found.checked} cells and {found.fresh} fresh random "
+            f"points; {found.vertices} vertices decide."
         )
     return (
         f"{found.controller}: not certified over {where}.\n"
