@@ -21,6 +21,8 @@ STEP_PU = 0.002
 """Size of the steps in per unit of rating: small enough to be linear, large enough to be measured."""
 
 _BEFORE = 0.02
+_INTERVAL = 1e-3
+"""Spacing at which responses are compared, s, to the nearest whole number of samples."""
 
 
 @dataclass(frozen=True)
@@ -47,11 +49,13 @@ def step_evidence(study: Study, cell: FocusCell, duration: float = 3.0) -> tuple
     p = dict(zip(PARAMETERS, model.p[0], strict=False))
     gains = PowerLoopGains(*(float(p[name]) for name in PowerLoopGains._fields))
     size = STEP_PU * study.converter.S_rated
+    every = max(round(_INTERVAL / model.T_s), 1)
     found = []
     for signal in ("P", "Q"):
-        t_s, emt = _simulate_step(study, cell.grid, gains, float(p["P_ref"]), float(p["Q_ref"]), signal, size, duration)
-        _, full = full_order_step(model, f"{signal}_ref", signal, duration)
-        _, reduced = reduced_step(cell.reduced, f"{signal}_ref", signal, duration, model.T_s)
+        refs = (float(p["P_ref"]), float(p["Q_ref"]))
+        t_s, emt = _simulate_step(study, cell.grid, gains, *refs, signal, size, duration, every)
+        full = full_order_step(model, f"{signal}_ref", signal, duration)[1][:, ::every]
+        _, reduced = reduced_step(cell.reduced, f"{signal}_ref", signal, duration, every * model.T_s)
         count = min(len(emt), full.shape[1], reduced.shape[1])
         predictions = (size * full[0, :count], size * reduced[0, :count])
         found.append(StepEvidence(cell.label, signal, size, t_s[:count], emt[:count], *predictions))
@@ -60,20 +64,20 @@ def step_evidence(study: Study, cell: FocusCell, duration: float = 3.0) -> tuple
 
 def _simulate_step(
     study: Study, grid: Grid, gains: PowerLoopGains, P_ref: float, Q_ref: float,
-    signal: str, size: float, duration: float,
+    signal: str, size: float, duration: float, every: int,
 ) -> tuple[Array, Array]:  # fmt: skip
-    T_s = study.converter.T_s
-    start = round(_BEFORE / T_s)
+    interval = every * study.converter.T_s
+    start = round(_BEFORE / interval)
     event = Event(
-        t_s=start * T_s,
+        t_s=start * interval,
         name="step",
         P_ref=P_ref + size if signal == "P" else None,
         Q_ref=Q_ref + size if signal == "Q" else None,
     )
     spec = replace(
-        study.simulation, duration=start * T_s + duration, bridge="averaged", start="steady_state",
-        log_interval=T_s, P_ref=P_ref, Q_ref=Q_ref,
+        study.simulation, duration=start * interval + duration, bridge="averaged", start="steady_state",
+        log_interval=interval, P_ref=P_ref, Q_ref=Q_ref,
     )  # fmt: skip
     run = simulate(replace(study, grid=grid, simulation=spec, events=(event,)), [GainChange(0.0, gains)])
     values = run.column(signal)
-    return run.t_s[start:] - start * T_s, values[start:] - values[start - 1]
+    return run.t_s[start:] - start * interval, values[start:] - values[start - 1]

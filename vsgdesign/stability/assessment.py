@@ -178,9 +178,7 @@ def _focus_cells(study: Study, law: GainLaw, P: float, Q: float) -> tuple[FocusC
         if len(full.index) == 0:
             continue
         found_modes = modes(full.states, full.A[0], full.T_s)
-        label = (
-            f"SCR {grid.scr(study.converter, study.scr_basis):.3g}, X/R {grid.x_over_r(study.converter.omega_n):.3g}"
-        )
+        label = _label(study, grid, taken=[cell.label for cell in found])
         found.append(
             FocusCell(
                 label, grid, P, Q, reduced, full, reduced_margins(reduced), full_order_margins(full), found_modes,
@@ -188,6 +186,13 @@ def _focus_cells(study: Study, law: GainLaw, P: float, Q: float) -> tuple[FocusC
             )
         )  # fmt: skip
     return tuple(found)
+
+
+def _label(study: Study, grid: Grid, taken: list[str]) -> str:
+    """SCR and X/R to three digits, or to as many as tell the grid from those before."""
+    scr, ratio = grid.scr(study.converter, study.scr_basis), grid.x_over_r(study.converter.omega_n)
+    labels = (f"SCR {scr:.{digits}g}, X/R {ratio:.{digits}g}" for digits in range(3, 17))
+    return next((label for label in labels if label not in taken), f"SCR {scr!r}, X/R {ratio!r}")
 
 
 def _frequency_view(study: Study, model: FullOrderModel) -> FrequencyView:
