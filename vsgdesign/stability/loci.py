@@ -63,6 +63,9 @@ def track(eigenvalues: Complex) -> Complex:
     return loci
 
 
+_NEWTON_STEPS = 25
+_NEWTON_TOLERANCE = 1e-12
+
 RANKED = tuple(name for name in PARAMETERS if name not in ("omega_0", "omega_g", "V_n"))
 """Parameters worth ranking by relative effect: nobody moves a frequency or voltage reference by per cents."""
 
@@ -83,6 +86,46 @@ def mode_sensitivities(
         ds = complex(dz[k] / (eigenvalues[k] * model.T_s))
         found.append(ModeSensitivity(name, value, ds, value * ds))
     return tuple(sorted(found, key=lambda item: -abs(item.relative)))
+
+
+def parameter_locus(model: FullOrderModel, cell: int, parameter: str, values: Sequence[float]) -> Complex:
+    """Eigenvalues s (K, n) of one cell along any of PARAMETERS, tracked; NaN where no steady state is found.
+
+    The steady state is followed by Newton's method on the one-period map, from the cell's own value outwards. The
+    controller's constants (its limits, ω₀C and ω₀L_1) stay as they are, as they do for the sensitivities.
+    """
+    if parameter not in PARAMETERS:
+        raise ValueError(f'parameter = "{parameter}": must be one of {", ".join(PARAMETERS)}')
+    column = PARAMETERS.index(parameter)
+    wanted = np.asarray(values, dtype=float)
+    spread: Complex = np.full((len(wanted), len(model.states)), np.nan + 0j)
+    own = float(model.p[cell, column])
+    for side in (np.flatnonzero(wanted >= own), np.flatnonzero(wanted < own)):
+        z, p = model.z[cell].copy(), model.p[cell].copy()
+        for k in sorted(side.tolist(), key=lambda index: abs(wanted[index] - own)):
+            p[column] = wanted[k]
+            found = _follow(model, z, p)
+            if found is None:
+                break
+            z, A = found
+            spread[k] = to_continuous(np.linalg.eigvals(A), model.T_s)
+    good = np.flatnonzero(np.isfinite(spread.real).any(axis=1))
+    spread[good] = track(spread[good])
+    return spread
+
+
+def _follow(model: FullOrderModel, z: Array, p: Array) -> tuple[Array, Array] | None:
+    """Fixed point of the map at p by Newton from z, and the Jacobian there; None where it does not converge."""
+    size = 1.0 + np.abs(z)
+    for _ in range(_NEWTON_STEPS):
+        A = np.array(model.map.linear(z, p)[0])
+        gap = np.array(model.map.step(z, p)[0]).ravel() - z
+        if not np.isfinite(gap).all():
+            return None
+        if np.max(np.abs(gap) / size) < _NEWTON_TOLERANCE:
+            return z, A
+        z = z - np.linalg.solve(A - np.eye(len(z)), gap)
+    return None
 
 
 def stability_limit(
