@@ -21,6 +21,7 @@ from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_s
 from vsgdesign.parameters.study import GridSource, Study
 from vsgdesign.simulation.compiling import compile_function, source_stamp
 from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.interrupts import interrupts_deferred
 from vsgdesign.simulation.kernel import LOG_COLUMNS, Bridge, run_stretch
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
 
@@ -129,10 +130,11 @@ def simulate(
             state = state._replace(omega_i=omega_i)
         states = controller_log[first:] if first < len(controller_log) else no_rows
         begin = time.perf_counter()
-        state = ControllerState(*loop(
-            first, count, x, state, pending, refs, gains, study.inner_gains, settings, bridge_data,
-            lengths, *plant, sources, log, log_every, states,
-        ))  # fmt: skip
+        with interrupts_deferred():
+            state = ControllerState(*loop(
+                first, count, x, state, pending, refs, gains, study.inner_gains, settings, bridge_data,
+                lengths, *plant, sources, log, log_every, states,
+            ))  # fmt: skip
         loop_seconds += time.perf_counter() - begin
         if not (np.isfinite(x).all() and np.isfinite(state).all()):
             raise SimulationDivergedError(

@@ -1,0 +1,53 @@
+"""Ctrl-C waits for compiled code to be left, and is not lost."""
+
+from __future__ import annotations
+
+import signal
+import threading
+
+import pytest
+
+from vsgdesign.simulation.interrupts import interrupts_deferred
+
+
+def test_an_interrupt_waits_for_the_end_of_the_block() -> None:
+    reached = []
+    with pytest.raises(KeyboardInterrupt), interrupts_deferred():
+        signal.raise_signal(signal.SIGINT)
+        reached.append("end")
+    assert reached == ["end"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_without_an_interrupt_nothing_happens_and_the_handler_is_back() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with interrupts_deferred():
+        assert signal.getsignal(signal.SIGINT) is not before
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_an_error_inside_goes_out_and_the_handler_is_back() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(RuntimeError, match="inside"), interrupts_deferred():
+        raise RuntimeError("inside")
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_another_thread_and_an_ignored_signal_are_left_alone() -> None:
+    seen = []
+
+    def work() -> None:
+        before = signal.getsignal(signal.SIGINT)
+        with interrupts_deferred():
+            seen.append(signal.getsignal(signal.SIGINT) is before)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with interrupts_deferred():
+            seen.append(signal.getsignal(signal.SIGINT) == signal.SIG_IGN)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert seen == [True, True]
