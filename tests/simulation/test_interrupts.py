@@ -12,9 +12,14 @@ from vsgdesign.simulation.interrupts import interrupts_deferred
 
 def test_an_interrupt_waits_for_the_end_of_the_block() -> None:
     reached = []
-    with pytest.raises(KeyboardInterrupt), interrupts_deferred():
-        signal.raise_signal(signal.SIGINT)
-        reached.append("end")
+
+    def block() -> None:
+        with interrupts_deferred():
+            signal.raise_signal(signal.SIGINT)
+            reached.append("end")
+
+    with pytest.raises(KeyboardInterrupt):
+        block()
     assert reached == ["end"]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
