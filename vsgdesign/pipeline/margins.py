@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts import provenance, staged_folder, write_json
+from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.tables import write_table
 from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.parameters import Study
@@ -20,12 +20,10 @@ from vsgdesign.stability.assessment import ControllerAssessment, FocusCell, asse
 from vsgdesign.stability.tables import VIEW_HEADER, map_header, map_rows, view_rows
 from vsgdesign.stability.verdict import clause_matrix, worst_cases
 
-Progress = Callable[[str, float], None]
-
 
 def assess_study(study: Study, *, evidence: bool = True, progress: Progress | None = None) -> StabilityResult:
     """Assess every controller of a study; with ``evidence``, also small EMT steps at each of its stable grids."""
-    tell = progress or _silent
+    tell = progress or silent
     begin = time.perf_counter()
     assessments = tuple(
         assess(study, spec, lambda what, share: tell(f"assess {what}", share)) for spec in study.controllers
@@ -53,7 +51,7 @@ def report_stability(
     """
     from vsgdesign.report import require_pdf, write_pdf, write_stability_figures, write_stability_report
 
-    tell = progress or _silent
+    tell = progress or silent
     if pdf:
         require_pdf()
     with staged_folder(out) as folder:
@@ -173,7 +171,3 @@ def _margins(table: Any) -> dict[str, Any]:
         "M_s_rad_s": float(table.M_s.omega[0]),
         "loops": loops,
     }
-
-
-def _silent(_what: str, _share: float) -> None:
-    """No progress is wanted."""

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from vsgdesign.artifacts import provenance, staged_folder, write_csv, write_json, write_npz
+from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.parameters import Study
 from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
-
-Progress = Callable[[str, float], None]
-"""Called with what is being done and how far it is, 0 to 1."""
 
 
 def run_study(
@@ -26,7 +23,7 @@ def run_study(
     interruption leaves what was there before. Raises the errors of :func:`vsgdesign.simulation.run_scenario`
     and ArtifactError.
     """
-    tell = progress or _silent
+    tell = progress or silent
     begin = time.perf_counter()
     timing: dict[str, float] = {}
     with staged_folder(out) as folder:
@@ -53,10 +50,6 @@ def run_study(
         document = results_document(result, timing)
         write_json(folder / "results.json", document)
     return document
-
-
-def _silent(_what: str, _share: float) -> None:
-    """No progress is wanted."""
 
 
 def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict[str, Any]:

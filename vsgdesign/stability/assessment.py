@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.metrics.step_response import ResponseMetrics
@@ -30,7 +30,6 @@ from vsgdesign.stability.steps import reduced_step_metrics
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
-Progress = Callable[[str, float], None]
 
 _VIEW_POINTS = 600
 _LOCUS_POINTS = 60
@@ -110,7 +109,7 @@ def assess(study: Study, spec: ControllerSpec, progress: Progress | None = None,
     ``progress`` is called with what is being done and the share done. Raises NoOperatingPointError where fixed
     gains cannot be designed.
     """
-    tell = progress or (lambda _what, _share: None)
+    tell = progress or silent
     axes, law = study.stability, gain_law(study, spec)
     P, Q = axes.P[0], axes.Q[0]
     ratio = study.grid.x_over_r(study.converter.omega_n)
