@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from tests.oracles.emt_reference import StiffSource
-from tests.simulation.studies import lc_study
+from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.parameters import Event, Grid
 from vsgdesign.simulation import GainChange
+from vsgdesign.simulation.online import ListedGains
 from vsgdesign.simulation.run import _stretches
 from vsgdesign.simulation.timeline import build_timeline
 
@@ -134,9 +135,9 @@ def test_stretches_cover_every_sample_once(events: tuple[Event, ...], changes: l
     study = replace(STUDY, events=events)
     timeline = build_timeline(study)
     T_s, samples = study.converter.T_s, 20000
-    gains = [GainChange(t_s, study.inner_gains) for t_s in changes]  # type: ignore[arg-type]
+    gains = ListedGains([GainChange(t_s, GAINS) for t_s in [0.0, *changes]], T_s)
     following = 0
-    for first, count in _stretches(study, timeline, gains, samples):
+    for first, count in _stretches(study, timeline, gains.cuts(samples), samples):
         assert first == following
         assert count > 0
         following = first + count

@@ -1,14 +1,20 @@
 """EMT simulation: the exact plant between sampling and switching instants, with the real controller."""
 
 from vsgdesign.simulation.gains import GainChange, gain_changes
+from vsgdesign.simulation.online import FixedGains, HeldBack, MeasuredWindow, OnlineScheduler, Recorder
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 __all__ = [
     "ControllerResult",
+    "FixedGains",
     "GainChange",
+    "HeldBack",
+    "MeasuredWindow",
+    "OnlineScheduler",
     "OperatingPointRow",
+    "Recorder",
     "ScenarioResult",
     "Simulation",
     "Timeline",

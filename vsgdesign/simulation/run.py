@@ -23,6 +23,7 @@ from vsgdesign.simulation.compiling import compile_function, source_stamp
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.interrupts import interrupts_deferred
 from vsgdesign.simulation.kernel import LOG_COLUMNS, Bridge, run_stretch
+from vsgdesign.simulation.online import ListedGains, OnlineGains, OnlineScheduler
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
 
 _RAMP_STRETCH = 0.02
@@ -82,28 +83,29 @@ def _with_stamp(stamp: int) -> Callable[..., ControllerState]:
 
 def simulate(
     study: Study,
-    gain_changes: Sequence[GainChange],
+    schedule: Sequence[GainChange] | OnlineScheduler,
     *,
     bridge: str | None = None,
     log_states: int = 0,
     progress: Progress | None = None,
 ) -> Simulation:
-    """Simulate a study with given gains over time (the first change at or before t = 0).
+    """Simulate a study with given gains over time (the first change at or before t = 0), or with a scheduler
+    that is asked for them during the run.
 
     ``bridge`` overrides the study's ("averaged" or "pwm"); ``log_states`` keeps the controller's states at the
-    first so many samples. Raises InfeasibleStudyError where the start has no steady state and
-    SimulationDivergedError where a state is no longer a number.
+    first so many samples. Raises InfeasibleStudyError where the start has no steady state or a scheduler's
+    period does not fit the sampling, and SimulationDivergedError where a state is no longer a number.
     """
-    if not gain_changes or gain_changes[0].t_s > 0.0:
-        raise ValueError("the first gain change must be at or before t = 0")
     timeline = build_timeline(study)
     settings = study.controller_settings()
     T_s = settings.T_s
     samples = round(study.simulation.duration / T_s)
-    log_every = round(study.simulation.log_interval / T_s)
+    feed = ListedGains(schedule, T_s) if isinstance(schedule, Sequence) else OnlineGains(schedule, study, timeline)
+    kept = round(study.simulation.log_interval / T_s)
+    log_every = math.gcd(kept, feed.log_samples)  # a scheduler's samples are taken from the log
     log = np.empty((-(-samples // log_every), len(LOG_COLUMNS)))
     controller_log = np.empty((min(log_states, samples), len(ControllerState._fields)))
-    start = _start(study, timeline, gain_changes[0].gains)
+    start = _start(study, timeline, feed.first())
     x, state, pending = start.plant, start.controller, start.pending
     c = study.converter
     pwm = (study.simulation.bridge if bridge is None else bridge) == "pwm"
@@ -114,17 +116,16 @@ def simulate(
     plants = functools.lru_cache(maxsize=64)(lambda grid, h, omega: plant_step(study.circuit(grid), h, omega))
     loop_seconds = 0.0
     no_rows = np.empty((0, controller_log.shape[1]))
-    gains = gain_changes[0].gains
-    for first, count in _stretches(study, timeline, gain_changes, samples):
+    gains = feed.first()
+    for first, count in _stretches(study, timeline, feed.cuts(samples), samples):
         lengths, plant, sources = _pieces(timeline, plants, first, T_s)
         if pwm and not np.isfinite(plant[2]).all():
             raise InfeasibleStudyError(
                 "the circuit is too stiff to switch: its fastest mode (R/L or R_c/L) dies out many times within a "
                 'sampling period. Sample faster, lower R_c, raise x_over_r, or use bridge = "averaged".'
             )
-        P_ref, Q_ref = timeline.references_at(_time_of(first, T_s))
-        refs = References(P_ref, Q_ref, c.omega_n, c.V_rated_rms)
-        before, gains = gains, _gains_at(gain_changes, _time_of(first, T_s))
+        refs = _references(study, timeline, first)
+        before, gains = gains, feed.update(first, gains, state, refs, log, log_every)
         if gains is not before:
             omega_i = bumpless(state.omega_i, state.V, state.P_f, state.Q_f, before, gains)
             state = state._replace(omega_i=omega_i)
@@ -144,8 +145,15 @@ def simulate(
             )
         if progress is not None:
             progress((first + count) * T_s)
-    t_s = np.arange(log.shape[0]) * (log_every * T_s)
-    return Simulation(t_s, log, controller_log, timeline, tuple(gain_changes), state, x, loop_seconds)
+    feed.finish(samples, gains, state, _references(study, timeline, samples), log, log_every)
+    log = log if log_every == kept else log[:: kept // log_every].copy()
+    t_s = np.arange(log.shape[0]) * (kept * T_s)
+    return Simulation(t_s, log, controller_log, timeline, tuple(feed.changes), state, x, loop_seconds)
+
+
+def _references(study: Study, timeline: Timeline, sample: int) -> References:
+    P_ref, Q_ref = timeline.references_at(_time_of(sample, study.converter.T_s))
+    return References(P_ref, Q_ref, study.converter.omega_n, study.converter.V_rated_rms)
 
 
 def _start(study: Study, timeline: Timeline, gains: PowerLoopGains) -> SampledState:
@@ -159,10 +167,6 @@ def _start(study: Study, timeline: Timeline, gains: PowerLoopGains) -> SampledSt
     return steady_state(study, grid, at_start, P_ref, Q_ref, gains, source.phase)
 
 
-def _gains_at(changes: Sequence[GainChange], t_s: float) -> PowerLoopGains:
-    return [change.gains for change in changes if change.t_s <= t_s][-1]
-
-
 def _on_sample(t_s: float, T_s: float) -> int | None:
     """The sample that an instant coincides with (to a millionth of a period), if any."""
     k = round(t_s / T_s)
@@ -174,19 +178,17 @@ def _time_of(sample: int, T_s: float) -> float:
     return (sample + 1e-6) * T_s
 
 
-def _stretches(
-    study: Study, timeline: Timeline, gain_changes: Sequence[GainChange], samples: int
-) -> Iterator[tuple[int, int]]:
+def _stretches(study: Study, timeline: Timeline, gain_cuts: set[int], samples: int) -> Iterator[tuple[int, int]]:
     """(first sample, count) of every stretch. One whose interval an event cuts is a single sample long.
 
     What the controller is told (references, gains) takes effect at the first sample at or after its time.
     """
     T_s = study.converter.T_s
-    cuts = {0, samples}
+    cuts = {0, samples} | gain_cuts
     for t_s in timeline.plant_changes():
         k = _on_sample(t_s, T_s)
         cuts |= {k} if k is not None else {math.floor(t_s / T_s), math.floor(t_s / T_s) + 1}
-    for t_s in [t for t, _, _ in timeline.references] + [change.t_s for change in gain_changes]:
+    for t_s, _, _ in timeline.references:
         cuts.add(math.ceil(t_s / T_s - 1e-6))
     steps = max(round(_PROGRESS_STRETCH / T_s), 1)
     cuts |= set(range(0, samples, steps))

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.filters import pcc_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.frames import clarke, clarke_inverse, instantaneous_power
@@ -17,6 +16,7 @@ from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
 from vsgdesign.simulation.gains import GainChange, gain_changes
+from vsgdesign.simulation.online import pcc_vectors
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
@@ -106,12 +106,8 @@ def derive_series(study: Study, run: Simulation) -> dict[str, Array]:
     grid_index = _index(t_s, [t for t, _ in run.timeline.grids], study.converter.T_s)
     R_g = np.array([grid.R_g for _, grid in run.timeline.grids])[grid_index]
     L_g = np.array([grid.L_g for _, grid in run.timeline.grids])[grid_index]
-    circuit = study.circuit()._replace(R_g=R_g, L_g=L_g)
-    v_pcc = []
-    for axis in ("alpha", "beta"):
-        i_s, v_c, i_g, v_g = (run.column(f"{name}_{axis}") for name in ("i_s", "v_c", "i_g", "v_g"))
-        v_pcc.append(pcc_voltage(i_s, v_c, i_g, v_g, circuit))
-    i_pcc = [run.column("i_g_alpha"), run.column("i_g_beta")]
+    circuit = study.circuit()._replace(R_g=R_g[:, None], L_g=L_g[:, None])
+    v_pcc, i_pcc = (vectors.T for vectors in pcc_vectors(run.log, circuit))
     P_pcc, Q_pcc = instantaneous_power(*v_pcc, *i_pcc)
     series = {"t_s": t_s}
     for name, phases in (("v_pcc", clarke_inverse(*v_pcc)), ("i_pcc", clarke_inverse(*i_pcc))):

@@ -1,0 +1,274 @@
+"""Gains decided while the simulation runs: what a scheduler is told, when its answer acts, and what is kept.
+
+A scheduler is asked at every whole multiple of its period, with what a controller has measured during the
+period that ends there. Windows do not overlap and the first begins at t = 0. Its answer acts from that very
+sample on; :class:`HeldBack` makes it act whole windows later.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.filters import FilterGrid, pcc_voltage
+from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.timeline import Timeline
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MeasuredWindow:
+    """What a controller has measured during one period, SI, and its own quantities at the end of it.
+
+    Arrays have a row per sample, the first at the begin of the period, the last one interval before its end.
+    """
+
+    index: int
+    """0 for the window that begins at t = 0."""
+    t_s: float
+    """End of the window: the sample at which an answer acts."""
+    sample_interval: float
+    v_pcc: Array
+    """(n, 2): α and β of the voltage at the PCC, V peak. α is phase A."""
+    i_pcc: Array
+    """(n, 2): α and β of the current into the grid, A peak."""
+    theta: Array
+    """(n): angle of the converter's d axis against α, rad."""
+    P: float
+    Q: float
+    """Powers at the control point as the power loops see them (filtered), W and var."""
+    V_rms: float
+    """The Q loop's voltage, phase rms V."""
+    omega: float
+    """The converter's frequency, rad/s."""
+    refs: References
+    gains: PowerLoopGains
+    """What the power loops have been run with."""
+    source_phase: float
+    """Angle of the grid source's space vector at the first sample, rad. No converter can measure it: it is what
+    a window that is synchronised with the grid is given."""
+
+
+class OnlineScheduler(Protocol):
+    """Decides the power-loop gains while a run is under way."""
+
+    @property
+    def update_period(self) -> float:
+        """Time between two updates, s: a whole multiple of ``sample_interval``."""
+        ...
+
+    @property
+    def sample_interval(self) -> float:
+        """Spacing of a window's samples, s: a whole multiple of the controller's sampling period."""
+        ...
+
+    def first_gains(self) -> PowerLoopGains:
+        """Gains from t = 0 on, before anything has been measured."""
+        ...
+
+    def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
+        """Gains from the end of the window on; None: go on as before."""
+        ...
+
+
+@dataclass(frozen=True)
+class FixedGains:
+    """The scheduler that never changes anything; wrapped in a :class:`Recorder`, it collects windows."""
+
+    gains: PowerLoopGains
+    update_period: float = 20e-3
+    sample_interval: float = 200e-6
+
+    def first_gains(self) -> PowerLoopGains:
+        """The gains."""
+        return self.gains
+
+    def update(self, window: MeasuredWindow) -> PowerLoopGains | None:  # noqa: ARG002
+        """Nothing new."""
+        return None
+
+
+@dataclass(frozen=True)
+class HeldBack:
+    """A scheduler whose answers act ``windows`` updates later than they are given: computing takes time.
+
+    With 1, what window k says acts from the end of window k + 1 on. For one run only: it remembers.
+    """
+
+    scheduler: OnlineScheduler
+    windows: int = 1
+    _waiting: deque[PowerLoopGains | None] = field(default_factory=deque)
+
+    @property
+    def update_period(self) -> float:
+        """That of the scheduler."""
+        return self.scheduler.update_period
+
+    @property
+    def sample_interval(self) -> float:
+        """That of the scheduler."""
+        return self.scheduler.sample_interval
+
+    def first_gains(self) -> PowerLoopGains:
+        """Those of the scheduler, with nothing waiting."""
+        self._waiting.clear()
+        return self.scheduler.first_gains()
+
+    def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
+        """What the scheduler said ``windows`` updates ago."""
+        self._waiting.append(self.scheduler.update(window))
+        return self._waiting.popleft() if len(self._waiting) > self.windows else None
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """A scheduler with everything kept that it was told and that it answered, in order."""
+
+    scheduler: OnlineScheduler
+    windows: list[MeasuredWindow] = field(default_factory=list)
+    answers: list[PowerLoopGains | None] = field(default_factory=list)
+
+    @property
+    def update_period(self) -> float:
+        """That of the scheduler."""
+        return self.scheduler.update_period
+
+    @property
+    def sample_interval(self) -> float:
+        """That of the scheduler."""
+        return self.scheduler.sample_interval
+
+    def first_gains(self) -> PowerLoopGains:
+        """Those of the scheduler, with nothing kept from an earlier run."""
+        self.windows.clear()
+        self.answers.clear()
+        return self.scheduler.first_gains()
+
+    def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
+        """What the scheduler says."""
+        answer = self.scheduler.update(window)
+        self.windows.append(window)
+        self.answers.append(answer)
+        return answer
+
+
+def pcc_vectors(log: Array, circuit: FilterGrid) -> tuple[Array, Array]:
+    """v_pcc and i_pcc, (n, 2) each as (α, β), of rows of a run's log (:eq:`pcc-voltage`).
+
+    R_g and L_g of the circuit are numbers, or (n, 1) where they change within the rows.
+    """
+    i_s, v_c, i_g, v_g = log[:, 0:2], log[:, 2:4], log[:, 4:6], log[:, 6:8]
+    return pcc_voltage(i_s, v_c, i_g, v_g, circuit), i_g
+
+
+class ListedGains:
+    """Gains over time that are known beforehand, as a run takes them."""
+
+    def __init__(self, changes: Sequence[GainChange], T_s: float) -> None:
+        if not changes or changes[0].t_s > 0.0:
+            raise ValueError("the first gain change must be at or before t = 0")
+        self.changes = list(changes)
+        # What the controller is told takes effect at the first sample at or after its time.
+        self._at = {max(math.ceil(change.t_s / T_s - 1e-6), 0): change.gains for change in changes}
+        self.log_samples = 0
+
+    def first(self) -> PowerLoopGains:
+        """Gains from t = 0 on."""
+        return self._at[0]
+
+    def cuts(self, samples: int) -> set[int]:
+        """Samples at which gains may change."""
+        return {k for k in self._at if k <= samples}
+
+    def update(self, sample: int, present: PowerLoopGains, *_: object) -> PowerLoopGains:
+        """Gains from a sample on."""
+        return self._at.get(sample, present)
+
+    def finish(self, *_: object) -> None:
+        """The run is over."""
+
+
+class OnlineGains:
+    """An online scheduler, as a run takes it: cuts windows out of the log and asks."""
+
+    def __init__(self, scheduler: OnlineScheduler, study: Study, timeline: Timeline) -> None:
+        self._scheduler, self._timeline = scheduler, timeline
+        T_s = study.converter.T_s
+        interval, period = scheduler.sample_interval, scheduler.update_period
+        self._every = _whole(interval, T_s, "sample_interval", "the controller's sampling period")
+        self._period = self._every * _whole(period, interval, "update_period", "the sample interval")
+        self.log_samples = self._every
+        self._T_s, self._circuit = T_s, study.circuit()
+        self._gains = scheduler.first_gains()
+        self.changes = [GainChange(0.0, self._gains)]
+
+    def first(self) -> PowerLoopGains:
+        """Gains from t = 0 on."""
+        return self._gains
+
+    def cuts(self, samples: int) -> set[int]:
+        """Samples at which gains may change."""
+        return set(range(self._period, samples + 1, self._period))
+
+    def update(
+        self, sample: int, present: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int
+    ) -> PowerLoopGains:
+        """Ask the scheduler if a window ends at this sample; ``log`` has a row every ``log_every`` samples."""
+        if sample == 0 or sample % self._period:
+            return present
+        answer = self._scheduler.update(self._window(sample, present, state, refs, log, log_every))
+        if answer is None or answer == present:
+            return present
+        self.changes.append(GainChange(sample * self._T_s, answer))
+        return answer
+
+    def finish(
+        self, sample: int, present: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int
+    ) -> None:
+        """Hand over the window that ends with the run, if one does; there is nothing left for its answer to act on."""
+        if sample % self._period == 0:
+            self._scheduler.update(self._window(sample, present, state, refs, log, log_every))
+
+    def _window(
+        self, sample: int, gains: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int
+    ) -> MeasuredWindow:
+        begin = sample - self._period
+        rows = log[begin // log_every : sample // log_every : self._every // log_every]
+        v_pcc, i_pcc = pcc_vectors(rows, self._circuit_over(begin, sample))
+        omega, _, _ = power_loops(state.omega_i, state.V, state.P_f, state.Q_f, refs, gains)
+        return MeasuredWindow(
+            index=sample // self._period - 1, t_s=sample * self._T_s, sample_interval=self._every * self._T_s,
+            v_pcc=v_pcc, i_pcc=i_pcc.copy(), theta=rows[:, 12].copy(),
+            P=state.P_f, Q=state.Q_f, V_rms=state.V, omega=omega, refs=refs, gains=gains,
+            source_phase=self._timeline.source_at((begin + 1e-6) * self._T_s).phase,
+        )  # fmt: skip
+
+    def _circuit_over(self, begin: int, end: int) -> FilterGrid:
+        grids, T_s = self._timeline.grids, self._T_s
+        if len(grids) > 1 and self._circuit.L_2 + self._circuit.R_2 > 0.0:
+            samples = range(begin, end, self._every)
+            held = [self._timeline.grid_at((k + 1e-6) * T_s) for k in samples]
+            R_g, L_g = (np.array([[getattr(grid, name)] for grid in held]) for name in ("R_g", "L_g"))
+            return self._circuit._replace(R_g=R_g, L_g=L_g)
+        return self._circuit  # without L_2 and R_2 the grid has no say in v_pcc
+
+
+def _whole(value: float, unit: float, what: str, of: str) -> int:
+    count = round(value / unit) if value > 0.0 and math.isfinite(value) else 0
+    if count < 1 or abs(value / unit - count) > 1e-6:
+        raise InfeasibleStudyError(
+            f"online schedule: {what} = {value:.6g} s is no whole multiple of {of}, {unit:.6g} s. "
+            "Choose one that is, or another carrier frequency (f_sw, samples_per_carrier)."
+        )
+    return count
