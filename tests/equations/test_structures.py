@@ -5,11 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 
-from vsgdesign.equations.closed_form import power_loop_gains
+from vsgdesign.equations.closed_form import closed_form_poles
 from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point, power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless, power_loops
-from vsgdesign.equations.structures import angle_damped_gains, decoupled_gains, decoupling
+from vsgdesign.equations.structures import (
+    NormalisedGains,
+    angle_damped_gains,
+    decoupled_gains,
+    decoupling,
+    structure_gains,
+)
 
 OMEGA_0, V_N = 314.0, 110.0
 K_1, D_1, K_2 = 15.8, 6.6, 4.0
@@ -80,7 +87,8 @@ def test_decoupling_places_the_poles_without_P_f_droop_of_its_own(
 
 
 def test_the_published_structure_is_the_law_with_four_gains() -> None:
-    gains = PowerLoopGains(*power_loop_gains(8348.0, 68.7, 1.0, 1.0, 0.01))
+    normalised = NormalisedGains(*closed_form_poles(1.0, 1.0), 0.01, 0.0, 0.0)
+    gains = structure_gains(8348.0, 91.9, -4840.0, 68.7, normalised, 0.0, 0.0, 5e3, OMEGA_0, False, False)
     refs = References(3e3, 1e3, OMEGA_0, V_N)
     omega, domega, dV = power_loops(313.5, 112.0, 2.8e3, 650.0, refs, gains)
     assert omega == 313.5
@@ -106,3 +114,42 @@ def test_rescheduling_leaves_the_frequency_where_it_is() -> None:
     moved = bumpless(omega_i, 112.0, 2.8e3, 650.0, old, new)
     assert abs(moved - omega_i) > 1e-3
     assert power_loops(moved, 112.0, 2.8e3, 650.0, refs, new)[0] == pytest.approx(before, rel=1e-14)
+
+
+INERTIA = NormalisedGains(2.5, 0.7, 4.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("share_P", "share_Q"), [(0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.6, 0.3)])
+@pytest.mark.parametrize("grid", random_grids(3, seed=3))
+def test_a_frequency_ramp_asks_for_the_power_of_the_inertia_constant(
+    grid: tuple[float, float, float, float], share_P: float, share_Q: float
+) -> None:
+    """2HS/ω_0 per rad/s², from the nonlinear equations on a slow ramp, run until it is settled."""
+    P, Q, R, X = grid
+    V_0, delta_0 = (float(value) for value in operating_point(P, Q, V_N, R, X))
+    J = jacobian_from_powers(P, Q, V_0, R, X)
+    S, slope, D_q = 5e3, 0.02, 50.0
+    normalised = INERTIA._replace(share_P=share_P, share_Q=share_Q)
+    gains = structure_gains(*J, normalised, 0.0, D_q, S, OMEGA_0, True, True)
+    omega_i = OMEGA_0 + gains.k_P * P + gains.k_Q * (Q + D_q * V_0)
+    refs = References(P, Q - D_q * (V_N - V_0), OMEGA_0, V_N)
+
+    def rates(t: float, x: NDArray[np.float64]) -> list[float]:
+        omega, domega, dV = power_loops(x[1], x[2], *power_flow(x[0], x[2], V_N, R, X), refs, gains)
+        return [omega - OMEGA_0 - slope * t, domega, dV]
+
+    slowest = -closed_loop(P, Q, R, X, gains).real.max()
+    assert slowest > 0.3  # these grids are stable also without decoupling
+    end = solve_ivp(rates, (0.0, 20.0 / slowest), [delta_0, omega_i, V_0], method="Radau", rtol=1e-10, atol=1e-10)
+    fallen = P - power_flow(end.y[0, -1], end.y[2, -1], V_N, R, X)[0]
+    # The ramp takes 2 % of rating: the Jacobian changes by a few tenths of a percent on the way.
+    assert fallen == pytest.approx(2.0 * 2.5 * S / OMEGA_0 * slope, rel=5e-3)
+
+
+def test_the_inertia_law_has_the_damping_ratio_it_says() -> None:
+    J = (8348.0, 91.9, -4840.0, 68.7)
+    gains = structure_gains(*J, INERTIA, 0.0, 0.0, 5e3, OMEGA_0, False, True)
+    # δ alone: s² + K_ip D_p s + K_ip A.
+    omega_n = np.sqrt(gains.K_ip * J[0])
+    assert gains.K_ip * gains.D_p / (2.0 * omega_n) == pytest.approx(0.7, rel=1e-12)
+    assert gains.K_ip == pytest.approx(OMEGA_0 / (2.0 * 2.5 * 5e3), rel=1e-12)

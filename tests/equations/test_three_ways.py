@@ -32,6 +32,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "K_pv": (0.01, 0.1), "K_iv": (5.0, 30.0), "K_pc": (5.0, 20.0), "K_ic": (1e3, 4e4), "K_ff": (0.0, 1.0),
     "K_pq": (-1e-2, 1e-2), "K_qp": (-0.5, 0.5), "k_P": (0.0, 1e-3), "k_Q": (-1e-3, 1e-3), "B": (50.0, 500.0),
     "k_1": (5.0, 30.0), "d_1": (3.0, 9.0), "k_2": (2.0, 8.0), "share_P": (0.0, 1.0), "share_Q": (0.0, 1.0),
+    "k_1_or_H": (2.0, 30.0), "d_1_or_zeta": (0.5, 9.0), "q": (0.0, 0.05), "H": (1.0, 10.0), "zeta": (0.4, 1.2),
     "K_ip": (1e-3, 1e-2), "D_p": (500.0, 3000.0), "K_iq": (0.05, 0.5), "D_q": (0.1, 3.0),
     "S_rated": (1e3, 1e6), "dc_voltage": (300.0, 900.0), "zero_sequence": (0.0, 1.0),
 }  # fmt: skip
@@ -40,7 +41,7 @@ BY_PREFIX: tuple[tuple[str, tuple[float, float]], ...] = (
     ("L_", (1e-4, 1e-2)), ("R_", (0.01, 3.0)), ("P", (-4e3, 4e3)), ("Q", (-2e3, 2e3)),
 )  # fmt: skip
 ONE_LETTER = {"a": (-200.0, 200.0), "R": (0.1, 2.0), "X": (0.1, 2.0)}
-FLAGS = ("zero_sequence",)
+FLAGS = ("zero_sequence", "angle_damped", "by_inertia")
 """Arguments that choose between formulas and are never symbols."""
 
 

@@ -105,8 +105,8 @@ def test_the_grid_side_inductor_is_part_of_the_path() -> None:
 def test_built_from_a_study() -> None:
     study = study_from_text(STUDY)
     built = closed_form_schedule(study, study.controllers[0].target)
-    # The droops belong to the other structures: the published one does not look at them.
-    assert replace(built, D_p=0.0, D_q=0.0) == schedule()
+    # The droops belong to the other structures, the rating to the other law: this one does not look at them.
+    assert replace(built, D_p=0.0, D_q=0.0, S_rated=1.0) == schedule()
     assert built.gains(study.grid.R_g, study.grid.L_g) == schedule().gains(3.63, 3.63 / OMEGA)
 
 

@@ -1,7 +1,21 @@
 """What stages hand over as files, and how they are written: whole, or not at all."""
 
 from vsgdesign.artifacts.files import staged_folder, write_json
+from vsgdesign.artifacts.gain_table import GainTable, TableBase, ValidityBox
+from vsgdesign.artifacts.gain_table_file import read_table_file, write_table_file
 from vsgdesign.artifacts.provenance import provenance
 from vsgdesign.artifacts.time_series import read_npz, write_csv, write_npz
 
-__all__ = ["provenance", "read_npz", "staged_folder", "write_csv", "write_json", "write_npz"]
+__all__ = [
+    "GainTable",
+    "TableBase",
+    "ValidityBox",
+    "provenance",
+    "read_npz",
+    "read_table_file",
+    "staged_folder",
+    "write_csv",
+    "write_json",
+    "write_npz",
+    "write_table_file",
+]

@@ -68,12 +68,16 @@ def _replace(staging: Path, target: Path) -> None:
 
 
 def write_json(path: str | Path, document: Any) -> None:
-    """JSON with sorted structure as given; NaN and infinity become null; written to a neighbour, then renamed."""
+    """JSON with sorted structure as given; NaN and infinity become null; whole or not at all."""
+    write_text(path, json.dumps(plain(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """UTF-8 text, written to a neighbour, then renamed: the file appears whole or not at all."""
     path = Path(path)
-    text = json.dumps(plain(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
             stream.write(text)
         os.chmod(name, 0o644)
         os.replace(name, path)
@@ -83,7 +87,9 @@ def write_json(path: str | Path, document: Any) -> None:
 
 
 def plain(value: Any) -> Any:
-    """The value in JSON's types: tuples to lists, NumPy scalars to numbers, what is not finite to null."""
+    """The value in JSON's types: tuples and arrays to lists, NumPy scalars to numbers, what is not finite to null."""
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

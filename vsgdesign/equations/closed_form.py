@@ -24,13 +24,12 @@ def voltage_loop_gains(response_time: Any, damping_ratio: Any, C: Any) -> Any:
     return 2.0 * damping_ratio * omega_v * C, omega_v * omega_v * C
 
 
-def power_loop_gains(A: Any, D: Any, settling_time: Any, damping_ratio: Any, droop_ratio: Any) -> Any:
-    """K_ip, D_p, K_iq, D_q of the published loops (:eq:`closed-form-gains`).
+def closed_form_poles(settling_time: Any, damping_ratio: Any) -> Any:
+    """k_1 (1/s²), d_1 and k_2 (1/s) of the published loops (:eq:`closed-form-gains`).
 
-    ω_n = 4/(ξ T_s); K_ip = ω_n²/A, D_p = 2ξA/ω_n, D_q = q·D, K_iq = 4/(T_s (D + D_q)). ξ = 1 and T_s = 1 s
-    give the paper's A/2, 16/A, D/100 and 4/(D + D_q). T_s is the paper's 4/(ξω_n) rule, which a critically
-    damped loop does not meet: it settles (2 %) in 5.83/ω_n.
+    ω_n = 4/(ξ T_s); k_1 = ω_n², d_1 = 2ξω_n, k_2 = 4/T_s. With the published structure and q = 0.01, ξ = 1 and
+    T_s = 1 s give the paper's K_ip = 16/A, D_p = A/2, D_q = D/100 and K_iq = 4/(D + D_q). T_s is the paper's
+    4/(ξω_n) rule, which a critically damped loop does not meet: it settles (2 %) in 5.83/ω_n.
     """
     omega_n = 4.0 / (damping_ratio * settling_time)
-    D_q = droop_ratio * D
-    return omega_n * omega_n / A, 2.0 * damping_ratio * A / omega_n, 4.0 / (settling_time * (D + D_q)), D_q
+    return omega_n * omega_n, 2.0 * damping_ratio * omega_n, 4.0 / settling_time

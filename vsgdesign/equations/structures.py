@@ -2,9 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from vsgdesign.equations.power_loops import PowerLoopGains
+
+STRUCTURES = ("published", "decoupled", "angle_damped")
+"""Power-loop structures that a study or a table may name."""
+
+
+class NormalisedGains(NamedTuple):
+    """What a schedule says of a grid; the Jacobian makes gains of it (:eq:`structure-gains`).
+
+    Law ``poles``: k_1 (1/s²) and d_1 (1/s), δ by s² + d_1 s + k_1. Law ``inertia``: H (s) and ζ instead.
+    k_2 (1/s): V by s + k_2. q: droop D_q as a share of D, the published structure's. share_P, share_Q: how much
+    of the coupling is taken out.
+    """
+
+    k_1_or_H: Any
+    d_1_or_zeta: Any
+    k_2: Any
+    q: Any
+    share_P: Any
+    share_Q: Any
 
 
 def decoupling(A: Any, B: Any, C: Any, D: Any, D_q: Any, share_P: Any, share_Q: Any) -> Any:
@@ -15,7 +36,8 @@ def decoupling(A: Any, B: Any, C: Any, D: Any, D_q: Any, share_P: Any, share_Q: 
     """
     b, c, d = share_P * B, share_Q * C, D + D_q
     determinant = A * d - b * c
-    return d / determinant, -b / determinant, -c / determinant, A / determinant
+    # 0 − b, not −b: without a share the entry is 0, not −0.
+    return d / determinant, (0.0 - b) / determinant, (0.0 - c) / determinant, A / determinant
 
 
 def decoupled_gains(
@@ -23,10 +45,11 @@ def decoupled_gains(
 ) -> PowerLoopGains:
     """The decoupled structure (:eq:`decoupled-gains`): W on the errors, damping through the P–f droop.
 
-    Without coupling left, δ moves by s² + d_1 s + k_1 and V by s + k_2.
+    Without coupling left, δ moves by s² + d_1 s + k_1 and V by s + k_2. Without shares and with D_q = q·D it is
+    the published structure.
     """
     w11, w12, w21, w22 = decoupling(A, B, C, D, D_q, share_P, share_Q)
-    return PowerLoopGains(k_1 * w11, d_1 / (k_1 * w11), k_2 * w22, D_q, k_1 * w12, k_2 * w21)
+    return PowerLoopGains(k_1 * w11, d_1 / (k_1 * w11), k_2 * w22, D_q, k_1 * w12, k_2 * w21, 0.0, 0.0)
 
 
 def angle_damped_gains(
@@ -40,3 +63,33 @@ def angle_damped_gains(
     w11, w12, w21, w22 = decoupling(A, B, C, D, D_q, share_P, share_Q)
     k_d = d_1 - k_1 * w11 * D_p
     return PowerLoopGains(k_1 * w11, D_p, k_2 * w22, D_q, k_1 * w12, k_2 * w21, k_d * w11, k_d * w12)
+
+
+def poles_of_inertia(A: Any, H: Any, zeta: Any, S_rated: Any, omega_0: Any) -> Any:
+    """k_1 = Aω_0/(2HS) and d_1 = 2ζ√k_1 for an inertia constant H and a damping ratio ζ (:eq:`constant-inertia`).
+
+    A ramp of frequency then asks for the power of H whatever the shares (:eq:`effective-inertia`).
+    """
+    k_1 = A * omega_0 / (2.0 * H * S_rated)
+    return k_1, 2.0 * zeta * np.sqrt(k_1)
+
+
+def structure_gains(
+    A: Any, B: Any, C: Any, D: Any, normalised: NormalisedGains, D_p: Any, D_q: Any, S_rated: Any, omega_0: Any,
+    angle_damped: bool, by_inertia: bool,
+) -> PowerLoopGains:  # fmt: skip
+    """Gains of every structure under either law (:eq:`structure-gains`).
+
+    The published structure is the decoupled one with shares 0, D_q = 0 and q > 0; the other structures have
+    q = 0. D_p is used by the angle-damped structure alone. S_rated (VA) and omega_0 (rad/s) are used by law
+    ``inertia`` alone.
+    """
+    k_1, d_1 = normalised.k_1_or_H, normalised.d_1_or_zeta
+    if by_inertia:
+        k_1, d_1 = poles_of_inertia(A, k_1, d_1, S_rated, omega_0)
+    droop = D_q + normalised.q * D
+    if angle_damped:
+        return angle_damped_gains(
+            A, B, C, D, k_1, d_1, normalised.k_2, D_p, droop, normalised.share_P, normalised.share_Q
+        )
+    return decoupled_gains(A, B, C, D, k_1, d_1, normalised.k_2, droop, normalised.share_P, normalised.share_Q)

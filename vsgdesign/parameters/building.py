@@ -15,13 +15,13 @@ from vsgdesign.equations.closed_form import current_loop_gains, voltage_loop_gai
 from vsgdesign.equations.filters import FilterGrid, filter_grid_derivative
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import Fault
 from vsgdesign.frames import ll_to_phase, rms_to_peak
 from vsgdesign.parameters.reader import REQUIRED, TableReader
 from vsgdesign.parameters.scenario import read_events, read_grid, read_simulation
 from vsgdesign.parameters.stability import read_stability
 from vsgdesign.parameters.study import (
-    STRUCTURES,
     ClosedFormTarget,
     ControllerSpec,
     Converter,

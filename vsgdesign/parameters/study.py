@@ -18,9 +18,6 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.frames import base_impedance, linear_modulation_limit, rated_current_rms, rms_to_peak
 
-STRUCTURES = ("published", "decoupled", "angle_damped")
-"""Power-loop structures that a study may name."""
-
 UNLIMITED_PU = 1e6
 """A current limit so far out of reach that the limiter never acts (infinity would make NaN of 0·∞)."""
 

@@ -1,0 +1,226 @@
+"""The gain table: what a design hands to a runtime and to a reviewer, as data."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, field, fields
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vsgdesign.artifacts.files import plain
+from vsgdesign.equations.power_loops import PowerLoopGains
+
+Array = NDArray[np.float64]
+
+KIND = "vsgdesign gain table"
+SCHEMA = 1
+
+COLUMNS = {
+    "poles": ("k_1", "d_1", "k_2", "q", "share_P", "share_Q"),
+    "inertia": ("H", "zeta", "k_2", "q", "share_P", "share_Q"),
+}
+"""Normalised columns by law. q (D_q = q·D) is the published structure's alone, zero in the others."""
+
+RATES = {"k_1": 2, "d_1": 1, "k_2": 1}
+"""Power of the time scale that makes a column dimensionless; columns that are not here are stored as they are."""
+
+
+@dataclass(frozen=True)
+class TableBase:
+    """What the table is made for: the converter's rating and filter, the source, the basis of its SCR axis."""
+
+    S_rated: float
+    """VA."""
+    V_rated_rms: float
+    """Phase to neutral, V."""
+    omega_n: float
+    """Nominal angular frequency, rad/s."""
+    V_g_rms: float
+    """Grid source that the design point is solved with, V."""
+    R_2: float = 0.0
+    L_2: float = 0.0
+    """Grid-side inductor, part of the path between control point and source: Ω, H."""
+    scr_basis: str = "impedance"
+    """``impedance`` or ``reactance``."""
+
+    def __post_init__(self) -> None:
+        _to_floats(self)
+
+
+@dataclass(frozen=True)
+class ValidityBox:
+    """Where the table's promises hold, each as (least, largest): SCR on the table's basis, X/R, P (W), Q (var),
+    V (phase rms, V). ``error``: relative error of R̂ and of X̂, each anywhere within ± it."""
+
+    scr: tuple[float, float]
+    x_over_r: tuple[float, float]
+    P: tuple[float, float]
+    Q: tuple[float, float]
+    V_rms: tuple[float, float]
+    error: float = 0.0
+
+    def __post_init__(self) -> None:
+        _to_floats(self)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GainTable:
+    """Gains over SCR (n rows) × X/R (m columns). Two tables are equal where their ``sha256`` is.
+
+    Everything per cell is (n, m). Arrays may be given as nested lists; they become read-only. Nothing is judged
+    here: ``write_table_file`` and ``read_table_file`` of :mod:`vsgdesign.artifacts.gain_table_file` refuse what is
+    not a table.
+
+    A cell is ``met`` (every promise of the specification holds), ``relaxed`` (the best there is, some promise
+    given up) or ``outside`` (no operating point there, or outside the static limits). ``columns`` has a number in
+    every cell, also outside (:func:`fill_outside`), because cells beside a border are interpolated with their
+    neighbours. ``gains``, ``margins`` and ``price`` may be NaN outside; margins also where a cell is relaxed.
+    """
+
+    name: str
+    structure: str
+    """``published``, ``decoupled`` or ``angle_damped``."""
+    law: str
+    """``poles``: k_1, d_1 are columns. ``inertia``: H (s) and zeta are, k_1 and d_1 follow from them."""
+    study: str
+    """Name of the study it was designed for."""
+    study_hash: str
+    base: TableBase
+    D_p: float
+    """P–f droop, W·s/rad; the angle-damped structure's alone, 0 in the others."""
+    D_q: float
+    """Q–V droop, var/V (rms); 0 in the published structure, whose droop is q·D."""
+    P_design: float
+    Q_design: float
+    """Operating point of ``gains``, W and var."""
+    time_scale: float
+    """Seconds; the specification's settling time. 1 where there is none: then numbers are those in SI."""
+    scr: Array
+    """(n,), strictly increasing."""
+    x_over_r: Array
+    """(m,), strictly increasing."""
+    columns: dict[str, Array]
+    """Dimensionless normalised columns of the law, COLUMNS: k_1·T², d_1·T, k_2·T with T the time scale; H in s."""
+    gains: PowerLoopGains
+    """SI gains at the design point and the exact grid, eight arrays."""
+    status: NDArray[np.str_]
+    """``met``, ``relaxed`` or ``outside``."""
+    active: NDArray[np.str_]
+    """Which constraint stops the design from being better; empty where none or outside."""
+    price: Array
+    """What the active constraint costs, ≥ 0, in the objective's unit."""
+    margins: dict[str, Array] = field(default_factory=dict)
+    """Figures per cell. Names of docs/gain-table-file.md are understood (checked, drawn); others are carried."""
+    specification: dict[str, Any] = field(default_factory=dict)
+    validity: ValidityBox
+    certificate: dict[str, Any] | None = None
+    provenance: dict[str, str] = field(default_factory=dict)
+    """Versions of what made it."""
+    inputs: dict[str, str] = field(default_factory=dict)
+    """Hashes of what it was made from, by name."""
+
+    def __post_init__(self) -> None:
+        for name, kind in (("scr", float), ("x_over_r", float), ("price", float), ("status", str), ("active", str)):
+            object.__setattr__(self, name, _fixed(getattr(self, name), kind))
+        order = COLUMNS.get(self.law, ())
+        columns = sorted(self.columns.items(), key=lambda item: order.index(item[0]) if item[0] in order else 99)
+        object.__setattr__(self, "columns", {name: _fixed(values) for name, values in columns})
+        object.__setattr__(self, "margins", {name: _fixed(self.margins[name]) for name in sorted(self.margins)})
+        object.__setattr__(self, "gains", PowerLoopGains(*(_fixed(value) for value in self.gains)))
+        for name in ("specification", "certificate", "provenance", "inputs"):
+            object.__setattr__(self, name, _sorted(plain(getattr(self, name))))
+        _to_floats(self)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Lengths of the SCR and X/R axes."""
+        return len(self.scr), len(self.x_over_r)
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """(n, m), which cells are a design: not outside."""
+        return self.status != "outside"
+
+    @property
+    def parameters(self) -> dict[str, Array]:
+        """The columns in SI: k_1 in 1/s², d_1 and k_2 in 1/s, H in s."""
+        return from_dimensionless(self.columns, self.time_scale)
+
+    @property
+    def sha256(self) -> str:
+        """Over the canonical JSON of everything in the file but itself."""
+        return content_hash(table_document(self))
+
+
+def to_dimensionless(parameters: dict[str, Array], time_scale: float) -> dict[str, Array]:
+    """Columns for :class:`GainTable` from normalised parameters in SI (k_1 in 1/s², d_1 and k_2 in 1/s)."""
+    return {name: np.asarray(values) * time_scale ** RATES.get(name, 0) for name, values in parameters.items()}
+
+
+def from_dimensionless(columns: dict[str, Array], time_scale: float) -> dict[str, Array]:
+    """The inverse of :func:`to_dimensionless`."""
+    return {name: np.asarray(values) / time_scale ** RATES.get(name, 0) for name, values in columns.items()}
+
+
+def fill_outside(values: ArrayLike, valid: ArrayLike) -> Array:
+    """(n, m) values with every cell that is not valid taking those of the nearest valid one.
+
+    Nearest in steps along the axes; of equally near ones the stronger grid (larger SCR, then larger X/R), since
+    a schedule made for a stronger grid is the safe side. Raises ValueError where no cell is valid.
+    """
+    values, mask = np.array(values, dtype=float), np.asarray(valid, dtype=bool)
+    known = np.argwhere(mask)
+    if len(known) == 0:
+        raise ValueError("no cell is valid: there is nothing to fill the others with")
+    for i, j in np.argwhere(~mask):
+        distance = np.abs(known - (i, j)).sum(axis=1)
+        nearest = np.lexsort((-known[:, 1], -known[:, 0], distance))[0]
+        values[i, j] = values[tuple(known[nearest])]
+    return values
+
+
+def table_document(table: GainTable) -> dict[str, Any]:
+    """The table in JSON's types, as its file has it, without the sha256."""
+    plainly = {f.name: getattr(table, f.name) for f in fields(GainTable)}
+    plainly |= {name: vars(plainly[name]) for name in ("base", "validity")}
+    plainly["gains"] = plainly["gains"]._asdict()
+    for name in ("columns", "gains", "margins"):
+        plainly[name] = {key: values.tolist() for key, values in plainly[name].items()}
+    for name in ("scr", "x_over_r", "status", "active", "price"):
+        plainly[name] = plainly[name].tolist()
+    return plain({"kind": KIND, "schema": SCHEMA} | plainly)
+
+
+def content_hash(document: dict[str, Any]) -> str:
+    """sha256 of a document's canonical JSON: sorted keys, no blanks, shortest round-trip numbers."""
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _to_floats(instance: Any) -> None:
+    """Integers and NumPy scalars in a frozen instance's fields, also in pairs, become floats: equal is equal."""
+    for name, value in vars(instance).items():
+        if isinstance(value, tuple) and not hasattr(value, "_fields"):
+            object.__setattr__(instance, name, tuple(_number(item) for item in value))
+        else:
+            object.__setattr__(instance, name, _number(value))
+
+
+def _number(value: Any) -> Any:
+    return float(value) if isinstance(value, Real) and not isinstance(value, bool) else value
+
+
+def _sorted(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _sorted(value[key]) for key in sorted(value)}
+    return [_sorted(item) for item in value] if isinstance(value, list) else value
+
+
+def _fixed(values: ArrayLike, kind: type = float) -> NDArray[Any]:
+    array = np.array(values, dtype=kind)
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,203 @@
+"""A gain table as a JSON file that guards itself."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.files import write_text
+from vsgdesign.artifacts.gain_table import (
+    COLUMNS,
+    KIND,
+    SCHEMA,
+    GainTable,
+    TableBase,
+    ValidityBox,
+    content_hash,
+    table_document,
+)
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import STRUCTURES
+from vsgdesign.errors import ArtifactError
+
+STATUSES = ("met", "relaxed", "outside")
+SCR_BASES = ("impedance", "reactance")
+_TINY = 5e-324
+_ROW = re.compile(r"\[\n\s*([^\[\]{}]*?)\n\s*\]")
+_BREAK = re.compile(r",\n *")
+
+
+def write_table_file(table: GainTable, path: str | Path) -> None:
+    """The table as JSON: equal tables give equal bytes. The file appears whole or not at all.
+
+    Raises ArtifactError with every fault where it is no table.
+    """
+    faults = table_faults(table)
+    if faults:
+        raise ArtifactError(f"gain table {table.name}: not written.\n" + "\n".join(f"  - {fault}" for fault in faults))
+    try:
+        write_text(path, _render(table_document(table)))
+    except OSError as error:
+        raise ArtifactError(f'cannot write "{path}": {error.strerror}. Give a file in a folder that exists.') from error
+
+
+def read_table_file(path: str | Path) -> GainTable:
+    """A table from its file.
+
+    Raises ArtifactError with what to do where the file is missing, cut short, not JSON, of another kind or a
+    newer schema, changed since it was written, or holds what is no table.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise ArtifactError(f'cannot read "{path}": {error.strerror}. Give the file of a gain table.') from error
+    try:
+        return _parse(data)
+    except ArtifactError as error:
+        raise ArtifactError(f"{path}: {error}") from None
+
+
+def _parse(data: bytes) -> GainTable:
+    document = _json(data)
+    if not isinstance(document, dict) or document.get("kind") != KIND:
+        raise ArtifactError('it is not a gain table; give a file written by "vsgdesign table build".')
+    schema = document.get("schema")
+    if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
+        raise ArtifactError(f"schema = {schema!r} is no schema number; build the table again.")
+    if schema > SCHEMA:
+        raise ArtifactError(f"it has schema {schema}, this version reads up to {SCHEMA}; update vsgdesign.")
+    said = document.pop("sha256", None)
+    if said != content_hash(document):
+        raise ArtifactError("its content is not what its sha256 says; fetch the original or build the table again.")
+    if data != _render(document).encode():
+        raise ArtifactError("its text was re-formatted since it was written; fetch the original file.")
+    try:
+        table = _from_document(document)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ArtifactError(f"it is no whole table ({_reason(error)}); build the table again.") from error
+    faults = table_faults(table)
+    if faults:
+        raise ArtifactError("no usable table; build it again.\n" + "\n".join(f"  - {fault}" for fault in faults))
+    if table_document(table) != document:
+        raise ArtifactError("it has text or an integer where a number must be, or the reverse; build it again.")
+    return table
+
+
+def _json(data: bytes) -> Any:
+    def refuse(name: str) -> float:
+        raise ArtifactError(f"it holds {name} where a number must be; build the table again.")
+
+    try:
+        return json.loads(data.decode("utf-8"), parse_constant=refuse)
+    except UnicodeDecodeError as error:
+        raise ArtifactError("it is not text; give the JSON file of a gain table.") from error
+    except json.JSONDecodeError as error:
+        if data.lstrip()[:1] == b"{" and not data.endswith(b"}\n"):
+            raise ArtifactError("it is cut short; fetch it again or build the table again.") from error
+        raise ArtifactError(f"it is not JSON ({error}); give the file of a gain table.") from error
+    except RecursionError as error:
+        raise ArtifactError("it is nested too deeply to be a gain table; give another file.") from error
+
+
+def table_faults(table: GainTable) -> list[str]:
+    """What makes a table unusable, one sentence each; empty where nothing does."""
+    n, m = table.shape if table.scr.ndim == table.x_over_r.ndim == 1 else (0, 0)
+    faults = [f"{name}: {problem}" for name, problem in _scalar_faults(table)]
+    for name in ("scr", "x_over_r"):
+        axis = getattr(table, name)
+        if axis.ndim != 1 or len(axis) == 0 or not np.all(np.isfinite(axis)) or np.any(axis <= 0.0):
+            faults.append(f"{name}: must be a list of positive numbers")
+        elif np.any(np.diff(axis) <= 0.0):
+            faults.append(f"{name}: must increase strictly")
+    if faults:
+        return faults
+    wanted = COLUMNS[table.law]
+    if set(table.columns) != set(wanted):
+        faults.append(f"columns: has {', '.join(table.columns)}; law {table.law} has {', '.join(wanted)}")
+    shaped = table.status.shape == (n, m)
+    outside = ~table.valid if shaped else np.zeros((n, m), dtype=bool)
+    unmet = outside | (table.status == "relaxed") if shaped else outside
+    per_cell: list[tuple[str, NDArray[Any], Any]] = [("status", table.status, None), ("active", table.active, None)]
+    per_cell += [(f"columns.{name}", values, False) for name, values in table.columns.items()]
+    per_cell += [(f"gains.{name}", values, outside) for name, values in table.gains._asdict().items()]
+    per_cell += [(f"margins.{name}", values, unmet) for name, values in table.margins.items()]
+    per_cell.append(("price", table.price, outside))
+    for name, values, may_be_missing in per_cell:
+        if values.shape != (n, m):
+            faults.append(f"{name}: has shape {values.shape}, the axes have {(n, m)}")
+        elif may_be_missing is not None and np.any(np.isinf(values) | (np.isnan(values) & ~np.asarray(may_be_missing))):
+            faults.append(f"{name}: not a number in a cell that must have one")
+    if unknown := sorted(set(table.status.ravel().tolist()) - set(STATUSES)):
+        faults.append(f"status: {', '.join(unknown)}; must be one of {', '.join(STATUSES)}")
+    elif not table.valid.any():
+        faults.append("status: every cell is outside")
+    for name in set(wanted) & {"k_1", "d_1", "k_2", "H", "zeta"} & set(table.columns):
+        if np.any(table.columns[name] <= 0.0):
+            faults.append(f"columns.{name}: must be positive")
+    return faults
+
+
+def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
+    for name, choices in (("structure", STRUCTURES), ("law", tuple(COLUMNS))):
+        if getattr(table, name) not in choices:
+            yield name, f"{getattr(table, name)!r} is unknown; must be one of {', '.join(choices)}"
+    if table.base.scr_basis not in SCR_BASES:
+        yield "base.scr_basis", f"{table.base.scr_basis!r} is unknown; must be one of {', '.join(SCR_BASES)}"
+    least: dict[str, float] = dict.fromkeys(
+        ("base.S_rated", "base.V_rated_rms", "base.omega_n", "base.V_g_rms", "time_scale"), _TINY
+    )
+    least |= dict.fromkeys(("base.R_2", "base.L_2", "D_p", "D_q", "validity.error"), 0.0)
+    for name in (*least, "P_design", "Q_design"):
+        value = attrgetter(name)(table)
+        if not _is_number(value):
+            yield name, "must be a number"
+        elif value < least.get(name, -math.inf):
+            yield name, f"{value:g} must be {'positive' if least[name] > 0.0 else 'at least 0'}"
+    for name in ("scr", "x_over_r", "P", "Q", "V_rms"):
+        pair = getattr(table.validity, name)
+        if not (isinstance(pair, tuple) and len(pair) == 2 and all(map(_is_number, pair)) and pair[0] <= pair[1]):
+            yield f"validity.{name}", "must be two numbers, the smaller first"
+    for name in ("name", "study", "study_hash"):
+        if not isinstance(getattr(table, name), str):
+            yield name, "must be text"
+    for name in ("specification", "provenance", "inputs"):
+        if not isinstance(getattr(table, name), dict):
+            yield name, "must be a table of names and values"
+    if not isinstance(table.certificate, dict | None):
+        yield "certificate", "must be a table of names and values, or null"
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, float | int) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _from_document(document: dict[str, Any]) -> GainTable:
+    unknown = document.keys() - {f.name for f in fields(GainTable)} - {"kind", "schema"}
+    if unknown:
+        raise ValueError(f"unknown: {', '.join(sorted(unknown))}")
+    values = {f.name: document[f.name] for f in fields(GainTable)}
+    values["base"] = TableBase(**values["base"])
+    box: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values["validity"].items()}
+    values["validity"] = ValidityBox(**box)
+    values["gains"] = PowerLoopGains(**values["gains"])
+    return GainTable(**values)
+
+
+def _render(document: dict[str, Any]) -> str:
+    whole = document | {"sha256": content_hash(document)}
+    text = json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    # One line a row: innermost lists are joined. JSON's strings have no line breaks, so none of them is touched.
+    return _ROW.sub(lambda row: "[" + _BREAK.sub(", ", row[1]) + "]", text)
+
+
+def _reason(error: Exception) -> str:
+    return f"{error.args[0]} is missing" if isinstance(error, KeyError) and error.args else str(error)

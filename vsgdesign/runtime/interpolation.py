@@ -1,0 +1,68 @@
+"""Bilinear interpolation on non-uniform axes, written so that C with the same order of operations gives the same bits.
+
+One prelookup and four weights serve every column of a table. In C: linear or binary search for the interval, one
+division per axis, then per column four products and three sums; compile without contraction to fused operations.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Interval(NamedTuple):
+    """Where a value lies on an axis: between nodes ``low`` and ``high``, at ``fraction`` of the way, 0 to 1.
+
+    ``clipped``: −1 below the axis, 1 above it, 0 on it.
+    """
+
+    low: Any
+    high: Any
+    fraction: Any
+    clipped: Any
+
+
+class Weights(NamedTuple):
+    """Weights of an interval's four corners, row low/high then column low/high."""
+
+    low_low: Any
+    low_high: Any
+    high_low: Any
+    high_high: Any
+
+
+def locate(axis: Array, value: Any) -> Interval:
+    """The interval of a strictly increasing axis that holds a value (scalar or array); ends are held beyond.
+
+    low is the last node that is not above the value, at most the one before the last; the fraction is
+    (value − axis[low])/(axis[low + 1] − axis[low]), clipped to 0 and 1. An axis of one node holds it everywhere.
+    NaN gives a fraction of NaN.
+    """
+    value = np.asarray(value, dtype=float)
+    clipped = np.where(value > axis[-1], 1, np.where(value < axis[0], -1, 0))
+    low = np.clip(np.searchsorted(axis, value, side="right") - 1, 0, max(len(axis) - 2, 0))
+    high = np.minimum(low + 1, len(axis) - 1)
+    width = np.where(high > low, axis[high] - axis[low], 1.0)
+    inside = np.minimum(np.maximum(value, axis[0]), axis[-1])
+    return Interval(low, high, (inside - axis[low]) / width, clipped)
+
+
+def corner_weights(row: Any, column: Any) -> Weights:
+    """From the fractions along rows and columns: (1 − r)(1 − c), (1 − r)c, r(1 − c), rc (:eq:`bilinear`)."""
+    r, c = 1.0 - row, 1.0 - column
+    return Weights(r * c, r * column, row * c, row * column)
+
+
+def interpolate(values: Array, row: Interval, column: Interval, weights: Weights) -> Any:
+    """A column (n, m) at a place: ((w00 v00 + w01 v01) + w10 v10) + w11 v11 (:eq:`bilinear`).
+
+    At a node one weight is 1 and three are 0, so the node's value comes out exactly.
+    """
+    return (
+        (weights.low_low * values[row.low, column.low] + weights.low_high * values[row.low, column.high])
+        + weights.high_low * values[row.high, column.low]
+    ) + weights.high_high * values[row.high, column.high]

@@ -1,0 +1,93 @@
+"""What every gain schedule does: normalised parameters of the grid, times the Jacobian, are the gains."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vsgdesign.equations.power_flow import jacobian_from_powers, largest_scale, operating_point
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import NormalisedGains, structure_gains
+from vsgdesign.errors import NoOperatingPointError
+
+
+class Schedule:
+    """A gain schedule of any structure and law. A schedule of a kind adds :meth:`normalised`.
+
+    The Jacobian is taken from the estimated R_g and L_g plus the known grid-side inductor, at the design point
+    (P, Q) or at measured powers and voltage.
+    """
+
+    P: float
+    Q: float
+    V_g_rms: float
+    omega: float
+    R_2: float
+    L_2: float
+    structure: str
+    law: str
+    S_rated: float
+    D_p: float
+    D_q: float
+
+    def normalised(self, R_g: Any, L_g: Any) -> NormalisedGains:
+        """Normalised parameters for an estimated grid, scalars or arrays."""
+        raise NotImplementedError
+
+    def gains(self, R_g: float, L_g: float) -> PowerLoopGains:
+        """Gains for a grid of R_g (Ω) and L_g (H) at the design point.
+
+        Raises NoOperatingPointError where this grid cannot carry (P, Q), or where A or D is not positive there
+        so that no positive gain closes the loop.
+        """
+        A, B, C, D = self.plant_gains(R_g, L_g)
+        if not (A > 0.0 and D > 0.0):
+            what, advice = f"makes A = {A:.4g} W/rad, D = {D:.4g} var/V", "Design for another power"
+            shortfall_w = float("nan")
+            if np.isnan(A):
+                share = float(largest_scale(self.P, self.Q, self.V_g_rms, *self._path(R_g, L_g)))
+                what, advice = "has no operating point", f"Design for {100.0 * share:.3g} % of that power"
+                shortfall_w = (1.0 - share) * abs(self.P)
+            raise NoOperatingPointError(
+                f"no gains: P = {self.P / 1e3:.4g} kW, Q = {self.Q / 1e3:.4g} kvar {what} at "
+                f"R_g = {R_g:.4g} Ω, L_g = {L_g * 1e3:.4g} mH. {advice} (P_design, Q_design), or leave this grid out.",
+                shortfall_w=shortfall_w,
+            )
+        return PowerLoopGains(*(float(value) for value in self._from_plant(self.normalised(R_g, L_g), A, B, C, D)))
+
+    def gains_over(self, R_g: Any, L_g: Any) -> PowerLoopGains:
+        """Gains at the design point for arrays of grids; NaN where :meth:`gains` would raise."""
+        return self.gains_with(self.normalised(R_g, L_g), R_g, L_g)
+
+    def gains_with(self, normalised: NormalisedGains, R_g: Any, L_g: Any) -> PowerLoopGains:
+        """:meth:`gains_over` with other normalised parameters."""
+        A, B, C, D = self.plant_gains(R_g, L_g)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            good = np.where((A > 0.0) & (D > 0.0), 1.0, np.nan)
+            return PowerLoopGains(*(value * good for value in self._from_plant(normalised, A, B, C, D)))
+
+    def gains_measured(self, R_g: Any, L_g: Any, P: Any, Q: Any, V_rms: Any) -> PowerLoopGains:
+        """Gains from an estimated grid and the measured P, Q, V at the control point, for arrays or scalars.
+
+        The Jacobian needs no operating point to be solved for (:eq:`jacobian-from-powers`), so an error of the
+        estimate does not also move V.
+        """
+        return self._from_plant(self.normalised(R_g, L_g), *jacobian_from_powers(P, Q, V_rms, *self._path(R_g, L_g)))
+
+    def plant_gains(self, R_g: Any, L_g: Any) -> tuple[Any, Any, Any, Any]:
+        """A, B, C, D at the design point on a grid; NaN where it has no operating point."""
+        R, X = self._path(R_g, L_g)
+        with np.errstate(invalid="ignore"):
+            V_rms, _ = operating_point(self.P, self.Q, self.V_g_rms, R, X)
+        return jacobian_from_powers(self.P, self.Q, V_rms, R, X)
+
+    def _path(self, R_g: Any, L_g: Any) -> tuple[Any, Any]:
+        return R_g + self.R_2, self.omega * (L_g + self.L_2)
+
+    def _from_plant(self, normalised: NormalisedGains, A: Any, B: Any, C: Any, D: Any) -> PowerLoopGains:
+        D_q = 0.0 if self.structure == "published" else self.D_q
+        return structure_gains(
+            A, B, C, D, normalised, self.D_p, D_q, self.S_rated, self.omega,
+            self.structure == "angle_damped", self.law == "inertia",
+        )  # fmt: skip

@@ -1,0 +1,142 @@
+"""Scheduled gains from a gain table: interpolated normalised parameters times the Jacobian."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.grid import grid_from_scr_impedance, grid_from_scr_reactance, scr_impedance, scr_reactance
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.frames import base_impedance
+from vsgdesign.runtime.interpolation import Interval, corner_weights, interpolate, locate
+from vsgdesign.runtime.schedule import Schedule
+
+if TYPE_CHECKING:  # a controller may have its table as constants
+    from vsgdesign.artifacts.gain_table import GainTable
+
+Array = NDArray[np.float64]
+
+
+class Place(NamedTuple):
+    """Where an estimated grid lies in a table, scalars or arrays.
+
+    ``clipped_scr``, ``clipped_x_over_r``: −1 below the axis, 1 above, 0 on it. ``designed``: all nodes that have a
+    say are designs, none is outside.
+    """
+
+    scr: Any
+    x_over_r: Any
+    clipped_scr: Any
+    clipped_x_over_r: Any
+    designed: Any
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TableSchedule(Schedule):
+    """A gain schedule that interpolates a table over SCR and R/X (:eq:`bilinear`).
+
+    SCR and X/R come from the estimated R_g and L_g on the table's basis; beyond the axes the edge holds, and
+    :meth:`place` says so. R_g may be negative, as an estimate of a small one may be: that is the largest X/R.
+    An estimate that is not finite, or without inductance (L_g ≤ 0), gives NaN: keep the gains that are.
+    """
+
+    P: float
+    Q: float
+    V_g_rms: float
+    omega: float
+    R_2: float
+    L_2: float
+    structure: str
+    law: str
+    S_rated: float
+    D_p: float
+    D_q: float
+    Z_base: float
+    scr_basis: str
+    scr: Array
+    """(n,), strictly increasing."""
+    r_over_x: Array
+    """(m,), strictly increasing: the reciprocals of the table's X/R axis, reversed."""
+    columns: NormalisedGains
+    """Six arrays (n, m) in SI, over scr and r_over_x."""
+    valid: NDArray[np.bool_]
+    """(n, m), over scr and r_over_x."""
+
+    def normalised(self, R_g: Any, L_g: Any) -> NormalisedGains:
+        """Normalised parameters for an estimated grid, scalars or arrays."""
+        row, column = self._intervals(R_g, L_g)
+        weights = corner_weights(row.fraction, column.fraction)
+        return NormalisedGains(*(interpolate(values, row, column, weights) for values in self.columns))
+
+    def place(self, R_g: Any, L_g: Any) -> Place:
+        """Where the estimate lies, what is clipped, and whether only designed nodes have a say."""
+        scr, r_over_x = self._coordinates(R_g, L_g)
+        row, column = self._intervals(R_g, L_g)
+        weights = corner_weights(row.fraction, column.fraction)
+        corners = ((row.low, column.low), (row.low, column.high), (row.high, column.low), (row.high, column.high))
+        designed = np.all([self.valid[at] | (w == 0.0) for at, w in zip(corners, weights, strict=True)], axis=0)
+        with np.errstate(divide="ignore"):
+            return Place(scr, 1.0 / r_over_x, row.clipped, -column.clipped, designed)
+
+    def _coordinates(self, R_g: Any, L_g: Any) -> tuple[Any, Any]:
+        R_g, L_g = np.asarray(R_g, dtype=float), np.asarray(L_g, dtype=float)
+        usable = np.where(np.isfinite(R_g) & np.isfinite(L_g) & (L_g > 0.0), 1.0, np.nan)
+        L_g = L_g * usable
+        ratio = scr_impedance if self.scr_basis == "impedance" else scr_reactance
+        with np.errstate(invalid="ignore"):
+            return ratio(R_g, L_g, self.Z_base, self.omega), R_g / (self.omega * L_g)
+
+    def _intervals(self, R_g: Any, L_g: Any) -> tuple[Interval, Interval]:
+        scr, r_over_x = self._coordinates(R_g, L_g)
+        return locate(self.scr, scr), locate(self.r_over_x, r_over_x)
+
+
+def table_schedule(table: GainTable) -> TableSchedule:
+    """The schedule that a controller with this table has."""
+    base = table.base
+    return TableSchedule(
+        P=table.P_design,
+        Q=table.Q_design,
+        V_g_rms=base.V_g_rms,
+        omega=base.omega_n,
+        R_2=base.R_2,
+        L_2=base.L_2,
+        structure=table.structure,
+        law=table.law,
+        S_rated=base.S_rated,
+        D_p=table.D_p,
+        D_q=table.D_q,
+        Z_base=base_impedance(base.S_rated, base.V_rated_rms),
+        scr_basis=base.scr_basis,
+        scr=table.scr,
+        r_over_x=1.0 / table.x_over_r[::-1],
+        columns=NormalisedGains(*(values[:, ::-1] for values in table.parameters.values())),
+        valid=table.valid[:, ::-1],
+    )
+
+
+def table_grids(table: GainTable) -> tuple[Array, Array]:
+    """R_g (Ω) and L_g (H) of the table's nodes, (n, m)."""
+    base = table.base
+    build = grid_from_scr_impedance if base.scr_basis == "impedance" else grid_from_scr_reactance
+    Z_base = base_impedance(base.S_rated, base.V_rated_rms)
+    R_g, L_g = build(table.scr[:, None], table.x_over_r[None, :], Z_base, base.omega_n)
+    return R_g + 0.0 * L_g, L_g + 0.0 * R_g
+
+
+def node_gains(table: GainTable) -> PowerLoopGains:
+    """SI gains (n, m) at the table's nodes and design point, from the columns; NaN in cells that are outside."""
+    keep = np.where(table.valid, 1.0, np.nan)
+    schedule = table_schedule(table)
+    R_g, L_g = table_grids(table)
+    parameters = NormalisedGains(*table.parameters.values())
+    return PowerLoopGains(*(value * keep for value in schedule.gains_with(parameters, R_g, L_g)))
+
+
+def with_node_gains(table: GainTable) -> GainTable:
+    """The table with ``gains`` worked out from its columns: the last step of building one."""
+    return replace(table, gains=node_gains(table))
