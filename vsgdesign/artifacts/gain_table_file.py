@@ -76,7 +76,11 @@ def _parse(data: bytes) -> GainTable:
     if schema > SCHEMA:
         raise ArtifactError(f"it has schema {schema}, this version reads up to {SCHEMA}; update vsgdesign.")
     said = document.pop("sha256", None)
-    if said != content_hash(document):
+    try:
+        is_what_it_says = said == content_hash(document)
+    except UnicodeEncodeError:  # half of a surrogate pair: nothing of ours
+        is_what_it_says = False
+    if not is_what_it_says:
         raise ArtifactError("its content is not what its sha256 says; fetch the original or build the table again.")
     if data != _render(document).encode():
         raise ArtifactError("its text was re-formatted since it was written; fetch the original file.")
@@ -93,17 +97,22 @@ def _parse(data: bytes) -> GainTable:
 
 
 def _json(data: bytes) -> Any:
-    def refuse(name: str) -> float:
-        raise ArtifactError(f"it holds {name} where a number must be; build the table again.")
+    def number(text: str) -> float:
+        value = float(text)
+        if not math.isfinite(value):
+            raise ArtifactError(f"it holds {text} where a number must be; build the table again.")
+        return value
 
     try:
-        return json.loads(data.decode("utf-8"), parse_constant=refuse)
+        return json.loads(data.decode("utf-8"), parse_float=number, parse_constant=number)
     except UnicodeDecodeError as error:
         raise ArtifactError("it is not text; give the JSON file of a gain table.") from error
     except json.JSONDecodeError as error:
         if data.lstrip()[:1] == b"{" and not data.endswith(b"}\n"):
             raise ArtifactError("it is cut short; fetch it again or build the table again.") from error
         raise ArtifactError(f"it is not JSON ({error}); give the file of a gain table.") from error
+    except ValueError as error:  # an integer of thousands of digits
+        raise ArtifactError(f"it is not JSON of ours ({error}); give the file of a gain table.") from error
     except RecursionError as error:
         raise ArtifactError("it is nested too deeply to be a gain table; give another file.") from error
 
