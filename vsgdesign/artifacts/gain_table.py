@@ -6,13 +6,16 @@ import hashlib
 import json
 from dataclasses import dataclass, field, fields
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.equations.power_loops import PowerLoopGains
+
+if TYPE_CHECKING:  # reading a table reads no study files
+    from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]
 
@@ -46,6 +49,9 @@ class TableBase:
     """Grid-side inductor, part of the path between control point and source: Ω, H."""
     scr_basis: str = "impedance"
     """``impedance`` or ``reactance``."""
+    tau_P: float = 0.0
+    tau_Q: float = 0.0
+    """Time constants of the power filters that the margins are taken with, s."""
 
     def __post_init__(self) -> None:
         _to_floats(self)
@@ -154,6 +160,15 @@ class GainTable:
     def sha256(self) -> str:
         """Over the canonical JSON of everything in the file but itself."""
         return content_hash(table_document(self))
+
+
+def base_of(study: Study, scr_basis: str | None = None) -> TableBase:
+    """The base of a table for a study's converter; ``scr_basis``: of the table's axis, if not the study's."""
+    c, f = study.converter, study.filter
+    return TableBase(
+        c.S_rated, c.V_rated_rms, c.omega_n, study.grid_source.V_g_rms, f.R_2, f.L_2, scr_basis or study.scr_basis,
+        study.tau_P, study.tau_Q,
+    )  # fmt: skip
 
 
 def to_dimensionless(parameters: dict[str, Array], time_scale: float) -> dict[str, Array]:
