@@ -43,40 +43,60 @@ class CoupledModel:
     J: Array
 
 
+PLANT = ("delta", "V", "V_g", "R", "X")
+MATRICES = ("A", "B", "C", "D", "A_K", "B_K", "C_K", "J")
+
+
 @functools.cache
-def _power_flow_jacobian() -> ca.Function:
-    delta, V, V_g, R, X = (ca.SX.sym(n) for n in ("delta", "V", "V_g", "R", "X"))
+def coupled_function(filter_P: bool, filter_Q: bool, coupling: bool = True) -> ca.Function:
+    """(PLANT, PowerLoopGains, tau_P, tau_Q) → MATRICES of one cell, dense, for numbers or symbols.
+
+    ``filter_P``, ``filter_Q``: whether that power filter is a state; its time constant is unused where it is not.
+    """
+    delta, V, V_g, R, X = plant = [ca.SX.sym(name) for name in PLANT]
+    gains = PowerLoopGains(*(ca.SX.sym(name) for name in PowerLoopGains._fields))
+    taus = [ca.SX.sym("tau_P"), ca.SX.sym("tau_Q")]
+    omega_i, P, Q = ca.SX.sym("omega_i"), ca.SX.sym("P"), ca.SX.sym("Q")
+    refs = References(*(ca.SX.sym(name) for name in References._fields))
     with numpy_on_symbols():
         powers = ca.vertcat(*power_flow(delta, V, V_g, R, X))
-    return ca.Function(
-        "J", [delta, V, V_g, R, X], [ca.jacobian(powers, ca.vertcat(delta, V)), ca.jacobian(powers, V_g)]
-    )
+        rates = ca.vertcat(*power_loops(omega_i, V, P, Q, refs, gains))
+    J, of_V_g = ca.jacobian(powers, ca.vertcat(delta, V)), ca.jacobian(powers, V_g)
+    if not coupling:
+        J = J * ca.SX(np.eye(2))
+    of_states = ca.jacobian(rates, ca.vertcat(omega_i, V))
+    of_powers = ca.jacobian(rates, ca.vertcat(P, Q))
+    of_refs = ca.jacobian(rates, ca.vertcat(refs.P_ref, refs.Q_ref))
 
+    # The controller, open at the measurement: δ̇ = ω − ω_g, then dω_i/dt and dV/dt, then the filters.
+    filters = [k for k, present in enumerate((filter_P, filter_Q)) if present]
+    n = 3 + len(filters)
+    A_K, B_K, C_K = ca.SX.zeros(n, n), ca.SX.zeros(n, 2), ca.SX.zeros(2, n)
+    A_K[:3, 1:3] = of_states
+    B_K[:3, :] = of_powers
+    for k, column in enumerate(filters, start=3):
+        A_K[:3, k] = B_K[:3, column]
+        B_K[:3, column] = 0.0
+        A_K[k, k] = -1.0 / taus[column]
+        B_K[k, column] = 1.0 / taus[column]
+    C_K[0, 0] = C_K[1, 2] = 1.0
 
-@functools.cache
-def _power_loop_jacobian() -> ca.Function:
-    """Derivatives of (ω, dω_i/dt, dV/dt) with respect to (ω_i, V), (P, Q), (P_ref, Q_ref)."""
-    omega_i, V, P, Q, P_ref, Q_ref, omega_0, V_n = (
-        ca.SX.sym(n) for n in ("omega_i", "V", "P", "Q", "P_ref", "Q_ref", "omega_0", "V_n")
-    )
-    gains = [ca.SX.sym(n) for n in PowerLoopGains._fields]
-    with numpy_on_symbols():
-        rates = power_loops(omega_i, V, P, Q, References(P_ref, Q_ref, omega_0, V_n), PowerLoopGains(*gains))
-    groups = (ca.vertcat(omega_i, V), ca.vertcat(P, Q), ca.vertcat(P_ref, Q_ref))
-    derivatives = [ca.jacobian(ca.vertcat(*rates), group) for group in groups]
-    return ca.Function("loops", [*groups, omega_0, V_n, *gains], derivatives)
-
-
-def _batched(function: ca.Function, columns: list[Array], shapes: list[tuple[int, int]]) -> list[Array]:
-    """Evaluate a CasADi function for N cells at once; matrix outputs as (N, rows, columns)."""
-    count = columns[0].shape[-1]
-    if count == 0:
-        return [np.empty((0, *shape)) for shape in shapes]
-    outputs = function.map(count)(*columns)
-    return [
-        np.array(out).reshape(rows, count, cols).transpose(1, 0, 2)
-        for out, (rows, cols) in zip(outputs, shapes, strict=True)
-    ]
+    closed = B_K @ J
+    A = A_K + closed @ C_K
+    B = ca.SX.zeros(n, 4)
+    B[:3, :2] = of_refs
+    B[0, 2] = -1.0
+    B[:, 3] = B_K @ of_V_g
+    C, D = ca.SX.zeros(4, n), ca.SX.zeros(4, 4)
+    C[:2, :] = J @ C_K
+    D[:2, 3] = of_V_g
+    # ω is the first row of the controller, before ω_g is taken off.
+    C[2, :] = A[0, :]
+    D[2, :2] = of_refs[0, :]
+    D[2, 3] = (B_K @ of_V_g)[0]
+    C[3, 2] = 1.0
+    outputs = [ca.densify(matrix) for matrix in (A, B, C, D, A_K, B_K, C_K, J)]
+    return ca.Function("coupled", [*plant, *gains, *taus], outputs)
 
 
 def coupled_model(
@@ -89,43 +109,36 @@ def coupled_model(
     B and C: the paper's two decoupled loops.
     """
     columns = [np.atleast_1d(np.asarray(value, dtype=float)) for value in (delta, V_rms, V_g_rms, R, X, *gains)]
-    columns = [np.ascontiguousarray(column) for column in np.broadcast_arrays(*columns)]
-    count = columns[0].shape[0]
-    J, of_V_g = _batched(_power_flow_jacobian(), [c[None] for c in columns[:5]], [(2, 2), (2, 1)])
-    if not coupling:
-        J = J * np.eye(2)
-    zero = np.zeros((2, count))
-    of_states, of_powers, of_refs = _batched(
-        _power_loop_jacobian(), [zero, zero, zero, zero[:1], zero[:1], *(c[None] for c in columns[5:])], [(3, 2)] * 3
-    )
-    filters = [("P_f", 0, tau_P), ("Q_f", 1, tau_Q)]
-    filters = [entry for entry in filters if entry[2] > 0.0]
-    states = ("delta", "omega_i", "V", *(name for name, _, _ in filters))
-    n = len(states)
+    columns = [*columns, np.array([tau_P]), np.array([tau_Q])]
+    inputs = np.stack(np.broadcast_arrays(*columns), axis=1)
+    count = len(inputs)
+    function = coupled_function(tau_P > 0.0, tau_Q > 0.0, coupling)
+    names = ("P_f",) * (tau_P > 0.0) + ("Q_f",) * (tau_Q > 0.0)
+    packed, shapes = _packed(function)
+    values = _evaluate(packed, inputs)
+    matrices, start = [], 0
+    for rows, cols in shapes:
+        part = values[:, start : start + rows * cols]
+        matrices.append(np.ascontiguousarray(part).reshape(count, rows, cols))
+        start += rows * cols
+    return CoupledModel(("delta", "omega_i", "V", *names), *matrices)
 
-    # The controller, open at the measurement: δ̇ = ω − ω_g, then dω_i/dt and dV/dt, then the filters.
-    A_K, B_K = np.zeros((count, n, n)), np.zeros((count, n, 2))
-    A_K[:, :3, 1:3] = of_states
-    B_K[:, :3, :] = of_powers
-    for k, (_, column, tau) in enumerate(filters, start=3):
-        A_K[:, :3, k] = B_K[:, :3, column]
-        B_K[:, :3, column] = 0.0
-        A_K[:, k, k] = -1.0 / tau
-        B_K[:, k, column] = 1.0 / tau
-    C_K = np.zeros((count, 2, n))
-    C_K[:, 0, 0] = C_K[:, 1, 2] = 1.0
 
-    A = A_K + B_K @ J @ C_K
-    B = np.zeros((count, n, 4))
-    B[:, :3, :2] = of_refs
-    B[:, 0, 2] = -1.0
-    B[:, :, 3:] = B_K @ of_V_g
-    C, D = np.zeros((count, 4, n)), np.zeros((count, 4, 4))
-    C[:, :2] = J @ C_K
-    D[:, :2, 3:] = of_V_g
-    # ω is the first row of the controller, before ω_g is taken off.
-    C[:, 2] = A_K[:, 0] + (B_K[:, :1] @ J @ C_K)[:, 0]
-    D[:, 2, :2] = of_refs[:, 0]
-    D[:, 2, 3] = (B_K[:, :1] @ of_V_g)[:, 0, 0]
-    C[:, 3, 2] = 1.0
-    return CoupledModel(states, A, B, C, D, A_K, B_K, C_K, J)
+@functools.cache
+def _packed(function: ca.Function) -> tuple[ca.Function, list[tuple[int, int]]]:
+    """The function with one column in and one out (matrices row by row), and the matrices' shapes."""
+    column = ca.SX.sym("column", function.n_in())
+    outputs = function.call(ca.vertsplit(column))
+    shapes = [out.shape for out in outputs]
+    return ca.Function("packed", [column], [ca.vertcat(*(ca.vec(out.T) for out in outputs))]), shapes
+
+
+def _evaluate(function: ca.Function, inputs: Array) -> Array:
+    """One row of results for each row of inputs, through buffers: CasADi's own matrices are copied by way of lists."""
+    results = np.empty((len(inputs), function.size1_out(0)))
+    if len(inputs):
+        buffer, run = function.map(len(inputs)).buffer()
+        buffer.set_arg(0, memoryview(inputs))
+        buffer.set_res(0, memoryview(results))
+        run()
+    return results
