@@ -2,51 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import wraps
-from typing import TYPE_CHECKING, Any
 
 import click
 
 from vsgdesign import __version__
-from vsgdesign.errors import VsgDesignError
-
-if TYPE_CHECKING:
-    from vsgdesign.parameters import Study
-
-EXIT_IMPOSSIBLE = 1
-EXIT_WRONG_INPUT = 2
-EXIT_INTERRUPTED = 130
-
-_STUDY = click.argument("study_file", metavar="STUDY.toml", type=click.Path())
-_JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on standard output.")
-_BRIDGE = click.option("--bridge", type=click.Choice(["averaged", "pwm"]), help="Override the study's bridge model.")
-
-
-def _exit_code(error: VsgDesignError) -> int:
-    from vsgdesign.errors import ArtifactError, StudyError
-
-    return EXIT_WRONG_INPUT if isinstance(error, StudyError | ArtifactError) else EXIT_IMPOSSIBLE
-
-
-def _verb(function: Callable[..., None]) -> Callable[..., None]:
-    """Turns the project's errors into one message on standard error and the documented exit code."""
-
-    @wraps(function)
-    def wrapped(*args: Any, **kwargs: Any) -> None:
-        try:
-            function(*args, **kwargs)
-        except VsgDesignError as error:
-            click.echo(f"error: {error}", err=True)
-            sys.exit(_exit_code(error))
-        except KeyboardInterrupt:
-            click.echo("interrupted: nothing was written", err=True)
-            sys.exit(EXIT_INTERRUPTED)
-
-    return wrapped
+from vsgdesign.cli_common import BRIDGE as _BRIDGE
+from vsgdesign.cli_common import EXIT_IMPOSSIBLE, EXIT_WRONG_INPUT
+from vsgdesign.cli_common import JSON as _JSON
+from vsgdesign.cli_common import STUDY as _STUDY
+from vsgdesign.cli_common import load as _load
+from vsgdesign.cli_common import print_json as _print_json
+from vsgdesign.cli_common import progress as _progress
+from vsgdesign.cli_common import verb as _verb
+from vsgdesign.cli_table import table
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -209,12 +178,6 @@ def validate(study_file: str, as_json: bool) -> None:
         click.echo(f"{study_file}: valid ({shown})")
 
 
-def _load(study_file: str) -> Study:
-    from vsgdesign.parameters import load_study
-
-    return load_study(study_file)
-
-
 def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, report: bool) -> None:
     from pathlib import Path
 
@@ -233,23 +196,7 @@ def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, re
     click.echo(f"results: {folder / ('report.html' if report else 'results.json')}")
 
 
-def _print_json(document: Any) -> None:
-    from vsgdesign.artifacts.files import plain
-
-    click.echo(json.dumps(plain(document), indent=1, ensure_ascii=False))
-
-
-@contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
-    """A progress bar per stage on standard error where that is a terminal."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from vsgdesign.console import progress_bars
-
-    with progress_bars() as report:
-        yield report
-
+main.add_command(table)
 
 if __name__ == "__main__":
     main()

@@ -39,13 +39,13 @@ def progress_bars() -> Iterator[Callable[[str, float], None]]:
         yield report
 
 
-def _console() -> Console:
+def new_console() -> Console:
     """The terminal at its own width; where there is none (a pipe, a log), wide enough for every table."""
     console = Console()
     return console if console.is_terminal else Console(width=160)
 
 
-def _table(title: str, headings: Sequence[str], left: Sequence[str] = ()) -> Table:
+def new_table(title: str, headings: Sequence[str], left: Sequence[str] = ()) -> Table:
     table = Table(title=escape(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in headings:
         table.add_column(escape(heading), justify="left" if heading in left else "right", overflow="fold")
@@ -55,7 +55,7 @@ def _table(title: str, headings: Sequence[str], left: Sequence[str] = ()) -> Tab
 def results_tables(results: dict[str, Any]) -> None:
     """The figures of every reference step and disturbance of a run, on the raw signal."""
     headings = ("controller", "at", "event", "signal", "overshoot", "settles 2 %", "rise", "peak current")
-    table = _table(results["study"]["title"], headings, left=("controller", "event", "signal"))
+    table = new_table(results["study"]["title"], headings, left=("controller", "event", "signal"))
     for name, controller in results["controllers"].items():
         for event in controller["events"]:
             if event["kind"] == "disturbance" and event["settling_time_s"] == 0.0:
@@ -70,18 +70,18 @@ def results_tables(results: dict[str, Any]) -> None:
                 _cell(event["rise_time_s"], ".3f", " s"),
                 _cell(event["peak_current_pu"], ".2f", " pu"),
             )
-    _console().print(table)
+    new_console().print(table)
 
 
 def design_tables(study: Study, designs: Sequence[ClosedFormDesign]) -> None:
     """Operating points and margins, then gains."""
     omega, basis = study.converter.omega_n, study.scr_basis
-    points = _table(
+    points = new_table(
         f"{study.title}: design points (SCR on the {basis} basis)",
         ("controller", "SCR", "X/R", "V [pu]", "delta [deg]", "A [W/rad]", "D [var/V]", "PM of P", "PM of Q"),
         left=("controller",),
     )
-    gains = _table(
+    gains = new_table(
         "gains",
         ("controller", "SCR", "X/R", "K_ip [rad/(s²W)]", "D_p [W·s/rad]", "K_iq [V/(s·var)]", "D_q [var/V]"),
         left=("controller",),
@@ -99,7 +99,7 @@ def design_tables(study: Study, designs: Sequence[ClosedFormDesign]) -> None:
             _cell(d.margins_Q.phase_margin_deg, ".1f", "°"),
         )
         gains.add_row(*row, *(f"{gain:.6g}" for gain in d.gains))
-    console = _console()
+    console = new_console()
     console.print(points)
     if not all(d.point.V_within_limits for d in designs):
         low, high = study.converter.V_min_pu, study.converter.V_max_pu
@@ -109,13 +109,13 @@ def design_tables(study: Study, designs: Sequence[ClosedFormDesign]) -> None:
 
 def stability_tables(document: dict[str, Any]) -> None:
     """Worst cases over the maps and the close looks of every controller."""
-    console = _console()
-    worst = _table(
+    console = new_console()
+    worst = new_table(
         f"{document['study']['title']}: worst cells over the maps (SCR on the {document['scr_basis']} basis)",
         ("controller", "model", "quantity", "value", "misses gate", "where"),
         left=("controller", "model", "quantity", "where"),
     )
-    close = _table(
+    close = new_table(
         "at the study's grids, full order",
         ("controller", "grid", "least stable mode", "damping", "disk margin", "GM P", "PM P", "GM Q", "PM Q", "M_s"),
         left=("controller", "grid"),

@@ -143,8 +143,12 @@ def table_faults(table: GainTable) -> list[str]:
     for name, values, may_be_missing in per_cell:
         if values.shape != (n, m):
             faults.append(f"{name}: has shape {values.shape}, the axes have {(n, m)}")
-        elif may_be_missing is not None and np.any(np.isinf(values) | (np.isnan(values) & ~np.asarray(may_be_missing))):
-            faults.append(f"{name}: not a number in a cell that must have one")
+        elif may_be_missing is not None:
+            bad = np.isinf(values) | (np.isnan(values) & ~np.asarray(may_be_missing))
+            if bad.any():
+                i, j = np.argwhere(bad)[0]
+                at = f"SCR {table.scr[i]:g}, X/R {table.x_over_r[j]:g}"
+                faults.append(f"{name}: not a number in a cell that must have one (first at {at})")
     if unknown := sorted(set(table.status.ravel().tolist()) - set(STATUSES)):
         faults.append(f"status: {', '.join(unknown)}; must be one of {', '.join(STATUSES)}")
     elif not table.valid.any():

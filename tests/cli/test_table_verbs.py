@@ -1,0 +1,122 @@
+"""table show, check and compare: what they print, as JSON too, exit codes, and wrong files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.cli.small_studies import as_json, call, study_file
+from tests.gain_tables import table
+from vsgdesign.artifacts import GainTable, read_table_file, write_table_file
+from vsgdesign.artifacts.gain_table import base_of
+from vsgdesign.parameters import load_study
+from vsgdesign.stability.gain_table import nominal_margins
+
+AXES = {"scr": (2.0, 8.0), "x_over_r": (0.5, 3.0)}
+
+
+def whole(**changes: object) -> GainTable:
+    made = table(**AXES, **changes)
+    return replace(made, margins=nominal_margins(made) | {"worst_settling_P_s": np.full((2, 2), 1.25)})
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("tables") / "mine.json"
+    active = [["settling", ""], ["", "overshoot"]]
+    write_table_file(whole(active=active, certificate={"decay": 2.1, "proof": "gridded", "P": [[1.0]]}), path)
+    return path
+
+
+def test_show(written: Path) -> None:
+    result = call("table", "show", written)
+    assert result.exit_code == 0
+    for part in (
+        "angle_damped, law poles", "2 SCR (impedance basis) × 2 X/R: 4 met, 0 relaxed, 0 outside", "5 kVA, 110 V",
+        "the same in every cell: k_1 = 15.8 1/s², d_1 = 6.6 1/s, k_2 = 4 1/s, q = 0, share_P = 1, share_Q = 1",
+        "R and X known to ±20 %", "settling_time = 1.5", "certificate: decay = 2.1, proof = gridded",
+        "Overshoot of P [%]", "2 % settling of P, worst of the box [s]", "met: overshoot",
+        read_table_file(written).sha256,
+    ):  # fmt: skip
+        assert part in result.stdout, part
+
+
+def test_show_prints_columns_that_vary(tmp_path: Path) -> None:
+    write_table_file(table(**AXES, parameters={"k_1": np.array([[10.0, 11.0], [12.0, 13.5]])}), tmp_path / "t.json")
+    shown = call("table", "show", tmp_path / "t.json").stdout
+    assert "k_1 [1/s²]" in shown
+    assert "13.5" in shown
+    assert "certificate: none" in shown
+
+
+def test_show_as_json_is_the_file(written: Path) -> None:
+    assert as_json("table", "show", written) == json.loads(written.read_text())
+
+
+def test_check(written: Path) -> None:
+    result = call("table", "check", written)
+    assert result.exit_code == 0
+    assert "good. closed form, 4 cells analysed anew" in result.stdout
+    assert "carried, not recomputed: worst_settling_P_s" in result.stdout
+    document = as_json("table", "check", written)
+    assert document["good"] is True
+    assert document["largest"]["disk_margin"] < 1e-9
+
+
+def test_check_finds_and_says_so(tmp_path: Path) -> None:
+    made = whole()
+    write_table_file(replace(made, margins=made.margins | {"disk_margin": np.full((2, 2), 1.9)}), tmp_path / "t.json")
+    result = call("table", "check", tmp_path / "t.json")
+    assert result.exit_code == 1
+    assert "margins.disk_margin is not what the reduced model gives, at SCR 2, X/R 0.5" in result.stdout
+    result = call("table", "check", tmp_path / "t.json", "--json")
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["good"] is False
+
+
+def test_check_against_a_study(tmp_path: Path) -> None:
+    study = load_study(study_file(tmp_path))
+    made = table(**AXES, base=base_of(study, "impedance"), study_hash=study.hash)
+    write_table_file(made, tmp_path / "t.json")
+    assert call("table", "check", tmp_path / "t.json", "--study", tmp_path / "small.toml").exit_code == 0
+    write_table_file(replace(made, study_hash="e" * 64), tmp_path / "t.json")
+    result = call("table", "check", tmp_path / "t.json", "--study", tmp_path / "small.toml")
+    assert result.exit_code == 1
+    assert "the table was made for eeeeeeeeeeee" in result.stdout
+
+
+def test_compare(written: Path, tmp_path: Path) -> None:
+    write_table_file(table("published", **AXES, name="published"), tmp_path / "p.json")
+    result = call("table", "compare", written, tmp_path / "p.json")
+    assert result.exit_code == 0
+    assert "worst over the 4 grids" in result.stdout
+    assert "largest differences" in result.stdout
+    document = as_json("table", "compare", written, tmp_path / "p.json")
+    first, second = document["tables"]
+    assert first["differences"] == []
+    assert second["worst"]["overshoot_P_pct"] > 40.0
+    by_name = {row["figure"]: row for row in second["differences"]}
+    assert by_name["overshoot_P_pct"]["x_over_r"] == 0.5
+    assert by_name["K_ip"]["difference"] != 0.0
+
+
+def test_wrong_files_are_wrong_input(written: Path, tmp_path: Path) -> None:
+    changed = tmp_path / "changed.json"
+    changed.write_bytes(written.read_bytes().replace(b'"D_p": 318.3', b'"D_p": 318.4'))
+    other = tmp_path / "other.json"
+    write_table_file(table(base=replace(whole().base, L_2=1e-3), name="other"), other)
+    for arguments, problem in (
+        (("show", changed), "not what its sha256 says"),
+        (("check", tmp_path / "no.json"), "No such file"),
+        (("compare", written), "at least two tables"),
+        (("compare", written, other), "different systems"),
+        (("check", written, "--study", tmp_path / "no.toml"), "no.toml"),
+    ):
+        result = call("table", *arguments)
+        assert result.exit_code == 2, arguments
+        assert problem in result.stderr
+        assert "Traceback" not in result.stderr

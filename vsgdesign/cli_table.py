@@ -1,0 +1,76 @@
+"""Verbs of gain tables: show, check, compare."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from vsgdesign.cli_common import EXIT_IMPOSSIBLE, JSON, load, print_json, verb
+
+_FILE = click.argument("table_file", metavar="TABLE.json", type=click.Path())
+
+
+@click.group()
+def table() -> None:
+    """Gain tables: gains over SCR and X/R with what they promise, in one guarded file."""
+
+
+@table.command()
+@_FILE
+@JSON
+@verb
+def show(table_file: str, as_json: bool) -> None:
+    """What a table is for, its gains, its margins and its certificate, cell by cell."""
+    from vsgdesign.artifacts.gain_table import table_document
+    from vsgdesign.artifacts.gain_table_file import read_table_file
+
+    found = read_table_file(table_file)
+    if as_json:
+        print_json(table_document(found) | {"sha256": found.sha256})
+        return
+    from vsgdesign.console_table import table_overview
+
+    table_overview(found)
+
+
+@table.command()
+@_FILE
+@click.option("--study", "study_file", default=None, metavar="STUDY.toml", help="Also hold it against its study.")
+@JSON
+@verb
+def check(table_file: str, study_file: str | None, as_json: bool) -> None:
+    """Read a table and analyse every node anew. Exit code 1 where something is not as it says."""
+    from vsgdesign.artifacts.gain_table_file import read_table_file
+    from vsgdesign.stability.gain_table import check_table
+
+    found = read_table_file(table_file)
+    outcome = check_table(found, None if study_file is None else load(study_file))
+    if as_json:
+        print_json({"good": outcome.good, "table": found.name, "sha256": found.sha256} | vars(outcome))
+    else:
+        from vsgdesign.console_table import check_text
+
+        click.echo(check_text(table_file, found, outcome))
+    if not outcome.good:
+        sys.exit(EXIT_IMPOSSIBLE)
+
+
+@table.command()
+@click.argument("table_files", metavar="TABLE.json...", nargs=-1, required=True, type=click.Path())
+@JSON
+@verb
+def compare(table_files: tuple[str, ...], as_json: bool) -> None:
+    """Two or more tables on the grids of the first: margins they give there, gains, differences."""
+    from vsgdesign.artifacts.gain_table_file import read_table_file
+    from vsgdesign.stability.gain_table import compare_tables
+
+    if len(table_files) < 2:
+        raise click.UsageError("give at least two tables to compare")
+    compared = compare_tables([read_table_file(path) for path in table_files])
+    from vsgdesign.console_table import comparison_document, comparison_tables
+
+    if as_json:
+        print_json(comparison_document(compared, table_files))
+    else:
+        comparison_tables(compared, table_files)
