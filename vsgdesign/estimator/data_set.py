@@ -1,0 +1,184 @@
+"""Windows with what they were measured on, their splits, and their file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.errors import ArtifactError, Fault, StudyError
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+SCHEMA = 1
+SHARES = (0.70, 0.15, 0.15)
+"""Of training, validation and test, as in the paper."""
+SPLITS = ("by_scenario", "published_split")
+
+_NUMBERS = ("R_g", "L_g", "P", "Q", "V_rms", "V_g_rms", "omega_g", "source_phase", "t_s")
+_ARRAYS = ("windows", "scenario", "after_change", *_NUMBERS)
+
+
+@dataclass(frozen=True)
+class Split:
+    """Rows of a data set for training, validation and test, each in increasing order."""
+
+    training: Index
+    validation: Index
+    test: Index
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """N windows, SI. Every array has N rows."""
+
+    windows: Array
+    """(N, 2·C·n): n samples of each of C voltage components (V), then of C current components (A), as measured.
+    ``phase_a``: v_a(1…n), i_a(1…n). Two components: v_α, v_β, i_α, i_β, or d and q."""
+    scenario: Index
+    """Which run a window is of: windows of one run are alike."""
+    after_change: NDArray[np.bool_]
+    """Whether the run's change (of references or grid) came before the window."""
+    R_g: Array
+    L_g: Array
+    """The grid during the window, Ω and H: what is to be estimated."""
+    P: Array
+    Q: Array
+    V_rms: Array
+    """The power loops' quantities at the end of the window: W, var, phase rms V."""
+    V_g_rms: Array
+    omega_g: Array
+    source_phase: Array
+    """Angle of the grid source's space vector at the first sample, rad; −π/2 where synchronised as published."""
+    t_s: Array
+    """End of the window in its run, s."""
+    header: Mapping[str, Any]
+    """Recipe (all fields), seed, hash of the converter, channels, sampling and ratings, in JSON's types."""
+
+    def __len__(self) -> int:
+        return len(self.windows)
+
+    @property
+    def targets(self) -> Array:
+        """(N, 2): L_g in mH, R_g in Ω, the published network's outputs in their order."""
+        return np.column_stack([self.L_g * 1e3, self.R_g])
+
+    @property
+    def channels(self) -> str:
+        """``phase_a``, ``alpha_beta`` or ``dq``."""
+        return str(self.header["recipe"]["channels"])
+
+    @property
+    def sample_interval(self) -> float:
+        """Spacing of the samples, s."""
+        return float(self.header["recipe"]["sample_interval"])
+
+    @property
+    def samples(self) -> int:
+        """Samples of a window, n."""
+        return int(self.header["recipe"]["samples"])
+
+    @property
+    def synchronised(self) -> bool:
+        """Whether windows are synchronised with the grid's phase, which no converter knows."""
+        return bool(self.header["synchronised"])
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of header and every array."""
+        return content_hash(self.header, arrays_of(self))
+
+    def split(self, kind: str = "by_scenario", seed: int = 0) -> Split:
+        """70/15/15 at random. ``by_scenario`` keeps every run in one part; ``published_split`` draws windows.
+
+        Raises StudyError for another kind, or where too few scenarios leave a part empty.
+        """
+        if kind not in SPLITS:
+            raise StudyError("split", [Fault("split", f'"{kind}"', "must be one of " + ", ".join(SPLITS))])
+        units = self.scenario if kind == "by_scenario" else np.arange(len(self))
+        names = np.random.default_rng(seed).permutation(np.unique(units))
+        ends = np.round(np.cumsum(SHARES) * len(names)).astype(int)
+        parts = np.split(names, ends[:2])
+        if min(len(part) for part in parts) == 0:
+            advice = "Make a data set of more scenarios."
+            raise StudyError("split", [Fault("scenarios", str(len(names)), "too few for 70/15/15 by scenario", advice)])
+        return Split(*(np.flatnonzero(np.isin(units, part)) for part in parts))
+
+
+def arrays_of(data: DataSet) -> dict[str, NDArray[Any]]:
+    """The arrays by name, in the file's order."""
+    return {name: getattr(data, name) for name in _ARRAYS}
+
+
+def content_hash(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> str:
+    """SHA-256 of a header and of the names, types, shapes and bytes of arrays."""
+    digest = hashlib.sha256(_header_text(header).encode())
+    for name, values in arrays.items():
+        digest.update(f"{name} {values.dtype.str} {values.shape}".encode())
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
+
+
+def write_data_set(path: str | Path, data: DataSet) -> None:
+    """As npz with header and hash; whole or not at all. Raises ArtifactError where it cannot be written."""
+    write_arrays(path, data.header, arrays_of(data))
+
+
+def read_data_set(path: str | Path) -> DataSet:
+    """Back from its file. Raises ArtifactError for a file that is none, is of another schema or was changed."""
+    header, arrays = read_arrays(path)
+    missing = [name for name in _ARRAYS if name not in arrays]
+    rows = {len(values) for values in arrays.values()}
+    if missing or len(rows) != 1 or arrays["windows"].ndim != 2:
+        raise ArtifactError(f'"{path}" is not a data set of windows: {", ".join(missing) or "array shapes"}.')
+    return DataSet(**{name: arrays[name] for name in _ARRAYS}, header=header)
+
+
+def write_arrays(path: str | Path, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Arrays, a header and the hash of both as one npz, written to a neighbour, then renamed."""
+    path = Path(path)
+    text = _header_text({"schema": SCHEMA, "hash": content_hash(header, arrays), "header": header})
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                np.savez(stream, allow_pickle=False, header=np.frombuffer(text.encode(), dtype=np.uint8), **arrays)
+            os.chmod(name, 0o644)
+            os.replace(name, path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise ArtifactError(f'cannot write "{path}": {error.strerror}.') from error
+
+
+def read_arrays(path: str | Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Header and arrays of :func:`write_arrays`. Raises ArtifactError, also where a byte of the content changed."""
+    try:
+        # Opened here: NumPy leaves a file that turns out to be no archive open.
+        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as data:
+            arrays = {name: data[name] for name in data.files}
+        document = json.loads(arrays.pop("header").tobytes().decode())
+        schema, said, header = document["schema"], document["hash"], document["header"]
+    except (OSError, ValueError, KeyError, TypeError, NotImplementedError, zipfile.BadZipFile, EOFError) as error:
+        raise ArtifactError(f'"{path}" is not a readable data set: {error}') from error
+    if schema != SCHEMA:
+        raise ArtifactError(f'"{path}" has schema {schema}; this version reads {SCHEMA}. Generate it again.')
+    if said != content_hash(header, arrays):
+        raise ArtifactError(f'"{path}" was changed since it was written (its hash does not fit). Generate it again.')
+    return header, arrays
+
+
+def _header_text(header: Mapping[str, Any]) -> str:
+    return json.dumps(header, sort_keys=True, separators=(",", ":"), allow_nan=False)

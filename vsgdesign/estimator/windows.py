@@ -1,0 +1,270 @@
+"""Data sets of windows, straight from EMT: each scenario one run that begins at rest.
+
+A window is what an online scheduler is given in the loop, cut by the same code, so a network is trained on
+what it will see.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import shutil
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import ArtifactError, Fault, InfeasibleStudyError, NoOperatingPointError, StudyError
+from vsgdesign.estimator.data_set import DataSet, content_hash, read_arrays, write_arrays, write_data_set
+from vsgdesign.estimator.recipes import WindowRecipe, check_recipe
+from vsgdesign.estimator.sensing import background, measured_channels
+from vsgdesign.operating_point import solve_operating_point
+from vsgdesign.parameters.study import Event, Grid, GridSource, Study, grid_from_scr
+from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.simulation import MeasuredWindow, Recorder, simulate
+from vsgdesign.simulation.compiling import source_stamp
+
+BLOCK = 20
+"""Scenarios that are made, kept and handed between processes together."""
+
+ATTEMPTS = 100
+"""Draws of a scenario before a recipe is given up as impossible."""
+
+Arrays = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One run: where it begins, what changes, and with which gains."""
+
+    index: int
+    grids: tuple[Grid, Grid]
+    gains: tuple[PowerLoopGains, PowerLoopGains]
+    references: tuple[tuple[float, float], tuple[float, float]]
+    """(P_ref, Q_ref) before and after the change."""
+    source: GridSource
+    phase: float
+    noise: tuple[float, float]
+    harmonics: dict[int, complex]
+    """Background phasors by order (−5: negative sequence), relative to the fundamental."""
+    seed: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class _TwoGains:
+    """Gains of the first grid, then of the second from the first update that has seen it."""
+
+    gains: tuple[PowerLoopGains, PowerLoopGains]
+    change_s: float
+    update_period: float
+    sample_interval: float
+
+    def first_gains(self) -> PowerLoopGains:
+        return self.gains[0]
+
+    def update(self, window: MeasuredWindow) -> PowerLoopGains:
+        return self.gains[int(window.t_s > self.change_s + 0.5 * window.sample_interval)]
+
+
+def generate_windows(
+    study: Study, recipe: WindowRecipe, seed: int, *, out: str | Path | None = None, workers: int = 1,
+    executor: Executor | None = None, progress: Progress | None = None,
+) -> DataSet:  # fmt: skip
+    """The windows of a recipe on a study's converter, and their file if ``out`` is given.
+
+    The study gives converter, filter, inner loops and the target of the gains; grid, source, set points and
+    bridge come from the recipe. The result depends on study, recipe and seed alone, not on ``workers``
+    (processes; an ``executor`` replaces them). With ``out``, finished blocks are kept beside it until the file
+    is whole, so that the same call takes up an interrupted one. Raises StudyError for a faulty recipe or seed,
+    InfeasibleStudyError where no scenario can be found, ArtifactError where the file cannot be written.
+    """
+    check_recipe(recipe)
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise StudyError("windows", [Fault("seed", str(seed), "must be a whole number, zero or more")])
+    if not isinstance(workers, int) or workers < 1:
+        raise StudyError("windows", [Fault("workers", str(workers), "must be a whole number, one or more")])
+    if out is not None and Path(out).is_dir():
+        raise ArtifactError(f'"{out}" is a folder; give a file for the windows.')
+    header = _header(study, recipe, seed)
+    parts = _Parts(out, header)
+    blocks = [range(first, min(first + BLOCK, recipe.scenarios)) for first in range(0, recipe.scenarios, BLOCK)]
+    tell = progress or silent
+    done: dict[int, Arrays] = {k: found for k in range(len(blocks)) if (found := parts.read(k)) is not None}
+    tell("windows", len(done) / len(blocks))
+    missing = [k for k in range(len(blocks)) if k not in done]
+    with _block_maker(executor, min(workers, len(missing))) as submit:
+        waiting = [(k, submit(study, recipe, seed, blocks[k])) for k in missing]
+        for k, result in waiting:
+            done[k] = result()
+            parts.write(k, done[k])
+            tell("windows", len(done) / len(blocks))
+    arrays = {name: np.concatenate([done[k][name] for k in range(len(blocks))]) for name in done[0]}
+    data = DataSet(**arrays, header=header)
+    if out is not None:
+        write_data_set(out, data)
+        parts.remove()
+    return data
+
+
+def _header(study: Study, recipe: WindowRecipe, seed: int) -> dict[str, Any]:
+    c = study.converter
+    used = (c, study.filter, study.inner_gains, study.target, study.tau_P, study.tau_Q, study.grid_source.V_g_rms)
+    return {
+        "recipe": recipe.document(), "seed": seed, "synchronised": recipe.synchronised,
+        "study": study.name, "converter_hash": hashlib.sha256(repr(used).encode()).hexdigest(),
+        "S_rated": c.S_rated, "V_rated_rms": c.V_rated_rms, "omega_n": c.omega_n, "T_s": c.T_s,
+    }  # fmt: skip
+
+
+class _Parts:
+    """Finished blocks in a folder beside the file, of this recipe, seed, converter and code only."""
+
+    def __init__(self, out: str | Path | None, header: dict[str, Any]) -> None:
+        self._header = header | {"source_stamp": source_stamp(), "block": BLOCK}
+        self._folder = None
+        if out is not None:
+            name = content_hash(self._header, {})[:16]
+            self._folder = Path(out).with_name(f".{Path(out).name}.{name}.parts")
+
+    def read(self, k: int) -> Arrays | None:
+        if self._folder is None or not (self._folder / f"{k}.npz").is_file():
+            return None
+        try:
+            header, arrays = read_arrays(self._folder / f"{k}.npz")
+        except ArtifactError:
+            return None  # half a block is no block
+        return arrays if header == self._header else None
+
+    def write(self, k: int, arrays: Arrays) -> None:
+        if self._folder is not None:
+            write_arrays(self._folder / f"{k}.npz", self._header, arrays)
+
+    def remove(self) -> None:
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+
+@contextmanager
+def _block_maker(executor: Executor | None, workers: int) -> Iterator[Callable[..., Callable[[], Arrays]]]:
+    """How to have a block made: here and now, or by other processes."""
+    if executor is None and workers <= 1:
+        yield lambda *arguments: lambda: make_block(*arguments)
+        return
+    if executor is not None:
+        yield lambda *arguments: executor.submit(make_block, *arguments).result
+        return
+    # Fresh processes: a forked copy of threads and their locks may hang. Ctrl-C is for the one that waits.
+    own = ProcessPoolExecutor(workers, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    try:
+        yield lambda *arguments: own.submit(make_block, *arguments).result
+    finally:
+        own.shutdown(cancel_futures=True)
+
+
+def make_block(study: Study, recipe: WindowRecipe, seed: int, indices: range) -> Arrays:
+    """Arrays of a :class:`DataSet` for some scenarios."""
+    rows: list[Arrays] = [run_windows(study, recipe, draw_scenario(study, recipe, seed, k)) for k in indices]
+    return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+
+
+def draw_scenario(study: Study, recipe: WindowRecipe, seed: int, index: int) -> Scenario:
+    """One scenario of a recipe: the first of its draws that the grids can carry. Raises InfeasibleStudyError."""
+    reason = ""
+    for attempt in range(ATTEMPTS):
+        key = (seed, index, attempt)
+        try:
+            return _draw(study, recipe, index, key)
+        except NoOperatingPointError as error:
+            reason = str(error)
+    raise InfeasibleStudyError(
+        f"recipe {recipe.name}: none of {ATTEMPTS} draws of scenario {index} has an operating point; the last: {reason}"
+    )
+
+
+def _draw(study: Study, recipe: WindowRecipe, index: int, key: tuple[int, ...]) -> Scenario:
+    rng, c = np.random.default_rng(key), study.converter
+    V_g_rms = recipe.V_g_pu.draw(rng, index) * c.V_rated_rms
+    omega_g = recipe.f_g_pu.draw(rng, index) * c.omega_n
+
+    def grid(number: int) -> Grid:
+        scr, x_over_r = recipe.scr.draw(rng, number), recipe.x_over_r.draw(rng, number)
+        return grid_from_scr(scr, x_over_r, recipe.scr_basis, c)
+
+    first = grid(index)
+    P, Q = (spread.draw(rng, index) * c.S_rated for spread in (recipe.P_pu, recipe.Q_pu))
+    steps = tuple(spread.draw(rng, index) * c.S_rated for spread in (recipe.P_step_pu, recipe.Q_step_pu))
+    other = grid(index + 1 + int(rng.integers(max(recipe.scenarios - 1, 1))))
+    second = other if rng.random() < recipe.grid_step_share else first
+    gains, refs = [], []
+    for k, held in enumerate((first, second)):
+        # Gains as a schedule would have them there, and references that put P and Q where they were drawn.
+        P_k, Q_k = P + k * steps[0], Q + k * steps[1]
+        gains.append(closed_form_schedule(study, study.target, P_k, Q_k).gains(held.R_g, held.L_g))
+        point = solve_operating_point(P_k, Q_k, V_g_rms, *study.path_to_grid(held, omega_g))
+        droop_P = gains[k].D_p * (c.omega_n - omega_g)
+        refs.append((P_k - droop_P, Q_k - gains[k].D_q * (c.V_rated_rms - point.V_rms)))
+    noise = (recipe.noise_v.draw(rng, index), recipe.noise_i.draw(rng, index))
+    harmonics = {}
+    for order, spread in ((-5, recipe.harmonic_5), (7, recipe.harmonic_7)):
+        amplitude, angle = spread.draw(rng, index), rng.uniform(0.0, 2.0 * math.pi)
+        if amplitude > 0.0:
+            harmonics[order] = amplitude * complex(math.cos(angle), math.sin(angle))
+    phase = recipe.phase.draw(rng, index)
+    return Scenario(
+        index, (first, second), (gains[0], gains[1]), (refs[0], refs[1]), GridSource(V_g_rms, omega_g), phase,
+        noise, harmonics, key,
+    )  # fmt: skip
+
+
+def run_windows(study: Study, recipe: WindowRecipe, scenario: Scenario) -> Arrays:
+    """Simulate one scenario and take its windows: the arrays of a :class:`DataSet`."""
+    period = recipe.update_period
+    begins = recipe.settle + recipe.before
+    kept = list(range(recipe.settle, begins))
+    kept += range(begins + recipe.skip, begins + recipe.skip + recipe.after * recipe.every, recipe.every)
+    change_s = begins * period
+    (P_ref, Q_ref), (P_new, Q_new) = scenario.references
+    events = [Event(0.0, "phase", phase_jump=scenario.phase)] if scenario.phase else []
+    if recipe.after:
+        events.append(Event(change_s, "change", grid=scenario.grids[1], P_ref=P_new, Q_ref=Q_new))
+    spec = replace(
+        study.simulation, duration=(kept[-1] + 1) * period, bridge=recipe.bridge, start="steady_state",
+        log_interval=recipe.sample_interval, P_ref=P_ref, Q_ref=Q_ref,
+    )  # fmt: skip
+    case = replace(
+        study, grid=scenario.grids[0], grid_source=scenario.source, simulation=spec, events=tuple(events)
+    )  # fmt: skip
+    recorder = Recorder(_TwoGains(scenario.gains, change_s, period, recipe.sample_interval))
+    simulate(case, recorder)
+    windows = [recorder.windows[k] for k in kept]
+    after = np.array([k >= begins for k in kept])
+    grids = [scenario.grids[int(later)] for later in after]
+    vectors = np.array([(w.v_pcc.T, w.i_pcc.T) for w in windows])
+    if scenario.harmonics:
+        vectors = vectors + background(case, recipe, scenario, windows, after)
+    rng = np.random.default_rng((*scenario.seed, 1))
+    x = measured_channels(study.converter, recipe, vectors, np.array([w.theta for w in windows]), scenario.noise, rng)
+    count = len(windows)
+    return {
+        "windows": x,
+        "scenario": np.full(count, scenario.index, dtype=np.int64),
+        "after_change": after,
+        "R_g": np.array([grid.R_g for grid in grids]),
+        "L_g": np.array([grid.L_g for grid in grids]),
+        "P": np.array([w.P for w in windows]),
+        "Q": np.array([w.Q for w in windows]),
+        "V_rms": np.array([w.V_rms for w in windows]),
+        "V_g_rms": np.full(count, scenario.source.V_g_rms),
+        "omega_g": np.full(count, scenario.source.omega_g),
+        "source_phase": np.array([w.source_phase for w in windows]),
+        "t_s": np.array([w.t_s for w in windows]),
+    }
