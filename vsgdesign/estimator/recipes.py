@@ -85,6 +85,8 @@ class WindowRecipe:
     """Windows left out right after the change, where the inner loops still move."""
     grid_step_share: float = 0.0
     """Share of the scenarios whose change is a change of grid, drawn anew from the same ranges."""
+    grid_step_ratio: float = 5.0
+    """Largest ratio of the two grids' SCR."""
     scr_basis: str = "reactance"
     V_g_pu: Spread = _NOMINAL
     f_g_pu: Spread = _NOMINAL
@@ -140,8 +142,8 @@ PUBLISHED = WindowRecipe(
 )
 """Five grids as in the paper, synchronised with the grid; operating points about those of its scenario."""
 
-CONTINUOUS = replace(PUBLISHED, name="continuous", scr=log_uniform(1.5, 25.0))
-"""The same with every grid of a range."""
+CONTINUOUS = replace(PUBLISHED, name="continuous", scr=log_uniform(1.5, 25.0), grid_step_share=0.5)
+"""Every grid of a range, and the second after a change of grid, when the power is far from its reference."""
 
 RECIPES = {recipe.name: recipe for recipe in (PUBLISHED, CONTINUOUS)}
 
@@ -149,7 +151,8 @@ _POSITIVE = ("scr", "x_over_r", "V_g_pu", "f_g_pu")
 _SHARES = {"noise_v": 1.0, "noise_i": 1.0, "harmonic_5": 0.5, "harmonic_7": 0.5}
 _COUNTS = {"scenarios": (1, 10**6), "before": (0, 1000), "after": (0, 1000), "every": (1, 1000), "settle": (0, 1000),
            "skip": (0, 1000), "adc_bits": (0, 32), "samples": (4, 10**4)}  # fmt: skip
-_LIMITS = {"grid_step_share": (0.0, 1.0), "adc_range_pu": (0.1, 100.0), "sample_interval": (1e-6, 0.1)}
+_LIMITS = {"grid_step_share": (0.0, 1.0), "grid_step_ratio": (1.0, 1000.0), "adc_range_pu": (0.1, 100.0),
+           "sample_interval": (1e-6, 0.1)}  # fmt: skip
 _WORDS = {"bridge": ("averaged", "pwm"), "channels": tuple(CHANNELS), "scr_basis": ("impedance", "reactance")}
 _DIMENSIONS = {"phase": "rad", "sample_interval": "s"}
 

@@ -195,15 +195,11 @@ def _draw(study: Study, recipe: WindowRecipe, index: int, key: tuple[int, ...]) 
     V_g_rms = recipe.V_g_pu.draw(rng, index) * c.V_rated_rms
     omega_g = recipe.f_g_pu.draw(rng, index) * c.omega_n
 
-    def grid(number: int) -> Grid:
-        scr, x_over_r = recipe.scr.draw(rng, number), recipe.x_over_r.draw(rng, number)
-        return grid_from_scr(scr, x_over_r, recipe.scr_basis, c)
-
-    first = grid(index)
+    scr, x_over_r = recipe.scr.draw(rng, index), recipe.x_over_r.draw(rng, index)
+    first = grid_from_scr(scr, x_over_r, recipe.scr_basis, c)
     P, Q = (spread.draw(rng, index) * c.S_rated for spread in (recipe.P_pu, recipe.Q_pu))
     steps = tuple(spread.draw(rng, index) * c.S_rated for spread in (recipe.P_step_pu, recipe.Q_step_pu))
-    other = grid(index + 1 + int(rng.integers(max(recipe.scenarios - 1, 1))))
-    second = other if rng.random() < recipe.grid_step_share else first
+    second = _other_grid(study, recipe, rng, scr) if rng.random() < recipe.grid_step_share else first
     gains, refs = [], []
     for k, held in enumerate((first, second)):
         # Gains as a schedule would have them there, and references that put P and Q where they were drawn.
@@ -223,6 +219,18 @@ def _draw(study: Study, recipe: WindowRecipe, index: int, key: tuple[int, ...]) 
         index, (first, second), (gains[0], gains[1]), (refs[0], refs[1]), GridSource(V_g_rms, omega_g), phase,
         noise, harmonics, key,
     )  # fmt: skip
+
+
+def _other_grid(study: Study, recipe: WindowRecipe, rng: np.random.Generator, scr: float) -> Grid:
+    for _ in range(ATTEMPTS):
+        number = int(rng.integers(1 << 16))
+        other, x_over_r = recipe.scr.draw(rng, number), recipe.x_over_r.draw(rng, number)
+        if other != scr and max(other / scr, scr / other) <= recipe.grid_step_ratio:
+            return grid_from_scr(other, x_over_r, recipe.scr_basis, study.converter)
+    raise InfeasibleStudyError(
+        f"recipe {recipe.name}: no second grid within a ratio of {recipe.grid_step_ratio:g} of SCR {scr:g}. "
+        "Raise grid_step_ratio, set grid_step_share to 0, or give scr more values."
+    )
 
 
 def run_windows(study: Study, recipe: WindowRecipe, scenario: Scenario) -> Arrays:
