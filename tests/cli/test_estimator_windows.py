@@ -1,0 +1,63 @@
+"""``vsgdesign estimator windows``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.cli.small_studies import as_json, call, failure, study_file
+from vsgdesign.estimator import windows
+from vsgdesign.estimator.data_set import read_data_set
+
+RECIPE = 'base = "continuous"\nscenarios = 4\nbefore = 1\nafter = 1\nbridge = "averaged"\n'
+VERB = ("estimator", "windows")
+
+
+def recipe_file(folder: Path, text: str = RECIPE) -> Path:
+    path = folder / "few.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_windows_and_their_file(tmp_path: Path) -> None:
+    arguments = (study_file(tmp_path), "--recipe", recipe_file(tmp_path), "--seed", "3", "--out", tmp_path / "w.npz")
+    result = call(*VERB, *arguments)
+    assert result.exit_code == 0
+    assert "w.npz: 8 windows of 200 values from 4 scenarios, sha256 " in result.stdout
+    assert "synchronised with the grid's phase" in result.stdout
+    document = as_json(*VERB, *arguments)
+    data = read_data_set(tmp_path / "w.npz")
+    assert document["sha256"] == data.hash
+    assert document["header"]["recipe"]["name"] == "few"
+    assert document["header"]["seed"] == 3
+    assert data.hash[:12] in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("recipe", "problem"),
+    [
+        ("publishd", 'recipe = "publishd": unknown. Did you mean published?'),
+        (
+            RECIPE + "scr = { uniform = [20, 2] }",
+            "scr = uniform [20.0, 2.0]: needs [low, high] with low not above high.",
+        ),
+        (RECIPE + 'P_pu = "2 kW"', "P_pu = 2 kW: expected"),
+        (RECIPE + "noise_v = nan", "noise_v = nan: "),
+    ],
+)
+def test_a_faulty_recipe_is_wrong_input(tmp_path: Path, recipe: str, problem: str) -> None:
+    given = recipe if "=" not in recipe else recipe_file(tmp_path, recipe)
+    out = tmp_path / "w.npz"
+    assert problem in failure(2, *VERB, study_file(tmp_path), "--recipe", given, "--out", out)
+    assert not out.exists()
+
+
+def test_an_interruption_says_how_to_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(windows, "make_block", interrupted)
+    result = call(*VERB, study_file(tmp_path), "--recipe", recipe_file(tmp_path), "--out", tmp_path / "w.npz")
+    assert result.exit_code == 130
+    assert "the same command goes on" in result.stderr
