@@ -1,4 +1,4 @@
-"""Verbs of gain tables: show, check, compare."""
+"""Verbs of gain tables: show, check, compare, report."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 
 import click
 
-from vsgdesign.cli_common import EXIT_IMPOSSIBLE, JSON, load, print_json, verb
+from vsgdesign.cli_common import EXIT_IMPOSSIBLE, JSON, load, print_json, progress, verb
 
 _FILE = click.argument("table_file", metavar="TABLE.json", type=click.Path())
 
@@ -74,3 +74,25 @@ def compare(table_files: tuple[str, ...], as_json: bool) -> None:
         print_json(comparison_document(compared, table_files))
     else:
         comparison_tables(compared, table_files)
+
+
+@table.command()
+@_FILE
+@click.option("--out", default=None, metavar="DIR", help="Folder for the report.  [default: out/NAME-table]")
+@JSON
+@verb
+def report(table_file: str, out: str | None, as_json: bool) -> None:
+    """Figures and one page: gain surfaces, margin maps, active constraints, certificate, stale schedules."""
+    from pathlib import Path
+
+    from vsgdesign.artifacts.gain_table_file import read_table_file
+    from vsgdesign.pipeline.table import report_table
+
+    found = read_table_file(table_file)
+    folder = Path("out") / f"{Path(table_file).stem}-table" if out is None else Path(out)
+    with progress(quiet=as_json) as tell:
+        document = report_table(found, folder, progress=tell)
+    if as_json:
+        print_json(document)
+    else:
+        click.echo(f"report: {folder / 'report.html'}")

@@ -120,3 +120,12 @@ def test_wrong_files_are_wrong_input(written: Path, tmp_path: Path) -> None:
         assert result.exit_code == 2, arguments
         assert problem in result.stderr
         assert "Traceback" not in result.stderr
+
+
+def test_report(written: Path, tmp_path: Path) -> None:
+    result = call("table", "report", written, "--out", tmp_path / "out")
+    assert result.exit_code == 0
+    assert result.stdout == f"report: {tmp_path / 'out' / 'report.html'}\n"
+    assert (tmp_path / "out" / "table.json").read_bytes() == written.read_bytes()
+    again = as_json("table", "report", written, "--out", tmp_path / "out")
+    assert again["cells"] == {"met": 4, "relaxed": 0, "outside": 0}

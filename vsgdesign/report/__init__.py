@@ -1,4 +1,4 @@
-"""Figures and pages from results: of a scenario, of a stability assessment. Importing it loads no matplotlib."""
+"""Figures and pages: of a scenario, a stability assessment, a gain table. Importing it loads no matplotlib."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.printing import require_pdf, write_pdf
 
 if TYPE_CHECKING:
+    from vsgdesign.artifacts.gain_table import GainTable
     from vsgdesign.simulation import ScenarioResult
     from vsgdesign.simulation.stability_result import StabilityResult
 
@@ -21,6 +22,8 @@ __all__ = [
     "write_report",
     "write_stability_figures",
     "write_stability_report",
+    "write_table_figures",
+    "write_table_report",
 ]
 
 
@@ -57,3 +60,19 @@ def write_stability_report(result: StabilityResult, figures: Sequence[WrittenFig
     from vsgdesign.report.stability_page import write_stability_page
 
     return write_stability_page(result, figures, Path(out_path))
+
+
+def write_table_figures(table: GainTable, folder: str | Path) -> list[WrittenFigure]:
+    """Draw every figure of a gain table into ``folder`` (made if missing), as SVG and as PNG (200 dpi)."""
+    from vsgdesign.report.table_figures import write_all
+
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return write_all(table, folder)
+
+
+def write_table_report(table: GainTable, figures: Sequence[WrittenFigure], out_path: str | Path) -> Path:
+    """Write the page of a gain table: one HTML file with text, tables and the given figures, in seven parts."""
+    from vsgdesign.report.table_page import write_table_page
+
+    return write_table_page(table, figures, Path(out_path))

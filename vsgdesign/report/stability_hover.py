@@ -98,7 +98,7 @@ def _g(value: float) -> str:
 
 def _gain_texts(field: MarginMap) -> list[str]:
     found = field.cells.gains
-    gains = {name: np.reshape(getattr(found, name), field.shape)[:, :, 0].ravel() for name in used_gains(field)}
+    gains = {name: np.reshape(getattr(found, name), field.shape)[:, :, 0].ravel() for name in used_gains(found)}
     count = len(next(iter(gains.values())))
     return [
         ", ".join(f"{name} {value[k]:.4g}" for name, value in gains.items())

@@ -232,4 +232,6 @@ def _gain_figures(result: StabilityResult, index: int, a: ControllerAssessment) 
 
 def _fixed_gains(a: ControllerAssessment) -> str:
     gains = a.reduced.cells.gains._asdict()
-    return ", ".join(f"{name} = {plain(float(gains[name][0]), 3)} {GAIN_UNITS[name]}" for name in used_gains(a.reduced))
+    return ", ".join(
+        f"{name} = {plain(float(gains[name][0]), 3)} {GAIN_UNITS[name]}" for name in used_gains(a.reduced.cells.gains)
+    )

@@ -1,0 +1,209 @@
+"""A gain table's figures and page: which there are, that they are readable, and that they say what the table says."""
+
+from __future__ import annotations
+
+import functools
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.gain_tables import table
+from vsgdesign.artifacts import GainTable, read_table_file
+from vsgdesign.pipeline.table import report_table
+from vsgdesign.report import write_table_figures, write_table_report
+from vsgdesign.report.figure_types import NamedFigure
+from vsgdesign.report.style import look
+from vsgdesign.report.surfaces import surface_scale
+from vsgdesign.report.table_figures import table_figures
+from vsgdesign.report.table_maps import limit_of, varies
+from vsgdesign.report.table_page import margins_table, verdict_of
+from vsgdesign.stability.gain_table import nominal_margins
+
+UNIT = re.compile(r"\[[^\]]+\]$")
+SPECIFICATION = {"aim": "settling", "settling_time": 1.05, "overshoot": 0.01, "disk_margin": 1.2, "damping_ratio": 0.5}
+
+
+@functools.cache
+def rich() -> GainTable:
+    """Everything that a table may have: all statuses, constraints, worst margins, a certificate."""
+    made = table(
+        scr=(0.4, 2.0, 8.0), x_over_r=(0.3, 1.0, 20.0), specification=SPECIFICATION,
+        parameters={"k_1": np.linspace(14.0, 17.0, 9).reshape(3, 3)},
+        certificate={
+            "proof": "gap-free", "decay": 2.1, "region": {"scr": [2.0, 8.0], "x_over_r": [0.5, 20.0]}, "P": [[1.0]],
+        },
+        provenance={"vsgdesign": "0.1.0"},
+    )  # fmt: skip
+    assert not made.valid.all()
+    margins = nominal_margins(made)
+    margins["worst_overshoot_P_pct"] = 1.3 * margins["overshoot_P_pct"]
+    margins["mine"] = np.where(made.valid, 3.0, np.nan)
+    status, active = made.status.copy(), made.active.astype("U20")
+    status[1, 1], active[1, 1], active[2, 0] = "relaxed", "overshoot", "disk margin"
+    price = np.where(made.valid, np.arange(9.0).reshape(3, 3), np.nan)
+    return replace(made, margins=margins, status=status, active=active, price=price)
+
+
+@functools.cache
+def bare() -> GainTable:
+    """The least that a table can be, unstable at X/R 0.3."""
+    made = table("published", scr=(2.0, 8.0), x_over_r=(0.3, 1.0))
+    return replace(made, margins={name: nominal_margins(made)[name] for name in ("least_damping", "decay_1_s")})
+
+
+@functools.cache
+def drawn(name: str) -> dict[str, NamedFigure]:
+    return {figure.name: figure for figure in table_figures({"rich": rich, "bare": bare}[name]())}
+
+
+def test_which_figures_there_are() -> None:
+    always = {"table_active", "table_stale_damping", "table_stale_disk_margin"}
+    assert set(drawn("rich")) == always | {
+        "table_overshoot_P_pct", "table_settling_P_s", "table_overshoot_Q_pct", "table_settling_Q_s", "table_mine",
+        "table_disk_margin", "table_least_damping", "table_decay_1_s", "table_H_s",
+        "table_parameters", "table_gains_1", "table_gains_2", "table_price", "table_certificate",
+    }  # fmt: skip
+    assert set(drawn("bare")) == always | {"table_least_damping", "table_decay_1_s", "table_gains"}
+
+
+@pytest.mark.parametrize("name", ["rich", "bare"])
+def test_every_axis_has_a_unit_and_nothing_overlaps(name: str) -> None:
+    for named in drawn(name).values():
+        figure = named.figure
+        with look():
+            renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+            figure.draw(renderer)
+        labels = [label for axes in figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
+        assert labels
+        assert all(UNIT.search(label) for label in labels), (named.name, labels)
+        boxes = [axes.get_tightbbox(renderer) for axes in figure.axes]
+        boxes += [legend.get_window_extent(renderer) for legend in figure.legends]
+        for index, box in enumerate(boxes):
+            assert box.x0 > -1.5, (named.name, index, box)
+            assert box.x1 < figure.bbox.width + 1.5, (named.name, index, box)
+            assert box.y0 > -1.5, (named.name, index, box)
+            assert box.y1 < figure.bbox.height + 1.5, (named.name, index, box)
+            for other in boxes[index + 1 :]:
+                assert not box.overlaps(other), (named.name, box, other)
+
+
+def legend_of(name: str, figure: str) -> list[str]:
+    (legend,) = drawn(name)[figure].figure.legends
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def test_the_constraint_map_counts_its_cells() -> None:
+    valid, outside = int(rich().valid.sum()), int((~rich().valid).sum())
+    assert legend_of("rich", "table_active") == [
+        "disk margin (1)", "overshoot (1)", f"no constraint active ({valid - 2})",
+        "hatched: a promise was relaxed (1)", f"outside ({outside})",
+    ]  # fmt: skip
+    assert legend_of("bare", "table_active") == ["no constraint active (4)"]
+
+
+def test_the_certified_region_is_drawn_where_it_is() -> None:
+    axes = drawn("rich")["table_certificate"].figure.axes[0]
+    region = axes.patches[0].get_bbox()
+    assert (region.x0, region.x1, region.y0, region.y1) == pytest.approx((2.0, 8.0, 0.5, 20.0))
+    assert "certified: decay ≥ 2.1 1/s" in legend_of("rich", "table_certificate")
+
+
+def test_what_is_constant_is_said_not_drawn() -> None:
+    assert "d_1 = 6.6, k_2 = 4, q = 0" in drawn("rich")["table_parameters"].caption
+    assert "D_p = 318.3" in drawn("rich")["table_gains_1"].caption
+    assert not varies(np.array([[1.0, np.nan], [1.0, 1.0 + 1e-12]]))
+    assert varies(np.array([[1.0, 2.0]]))
+    assert not varies(np.array([[np.nan]]))
+
+
+def test_limits_come_from_the_specification() -> None:
+    assert limit_of(rich(), "overshoot_P_pct") == 1.0
+    assert limit_of(rich(), "settling_Q_s") == 1.05
+    assert limit_of(rich(), "H_s") is None
+    assert limit_of(bare(), "disk_margin") is None
+    inertia = table(law="inertia", specification=SPECIFICATION)
+    assert limit_of(inertia, "settling_P_s") is None
+    assert limit_of(inertia, "least_damping") == 0.5
+    asked = {row[0]: row[1] for row in margins_table(rich()).rows}
+    assert asked["Overshoot of P [%]"] == "≤ 1"
+    assert asked["Disk margin [1]"] == "≥ 1.2"
+
+
+def test_a_scale_without_a_gate_spans_the_values() -> None:
+    scale = surface_scale(np.array([1e-4, 1e-2, np.nan]))
+    assert (scale.low, scale.high, scale.log) == (1e-4, 1e-2, True)
+    assert surface_scale(np.array([-1.0, 3.0])).log is False
+    same = surface_scale(np.array([2.0, 2.0]))
+    assert same.low < 2.0 < same.high
+
+
+def test_files_are_well_formed_and_the_same_twice(tmp_path: Path) -> None:
+    once, twice = (write_table_figures(bare(), tmp_path / k) for k in "ab")
+    for a, b in zip(once, twice, strict=True):
+        assert a.svg.read_bytes() == b.svg.read_bytes(), a.name
+        assert a.png.read_bytes() == b.png.read_bytes(), a.name
+        assert ET.fromstring(a.svg.read_text(encoding="utf-8").encode()).tag.endswith("svg")
+
+
+class Page(HTMLParser):
+    """Ids, headings' order and anything that would be fetched."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.fetched: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:  # noqa: ARG002
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value or "")
+            if name in ("src", "href", "xlink:href") and not (value or "").startswith(("#", "data:")):
+                self.fetched.append(value or "")
+
+
+@pytest.mark.parametrize("name", ["rich", "bare"])
+def test_the_page_has_everything_and_fetches_nothing(tmp_path: Path, name: str) -> None:
+    made = {"rich": rich, "bare": bare}[name]()
+    figures = write_table_figures(made, tmp_path)
+    text = write_table_report(made, figures, tmp_path / "report.html").read_text(encoding="utf-8")
+    page = Page(text)
+    assert page.fetched == []
+    assert len(page.ids) == len(set(page.ids))
+    assert [i for i in page.ids if i.startswith("part-")] == [f"part-{k}" for k in range(1, 8)]
+    assert [f"figure-{figure.name}" in page.ids for figure in figures] == [True] * len(figures)
+    assert made.sha256 in text
+    assert ("gap-free" in text) == (name == "rich")
+    assert "nan" not in re.sub(r"<svg.*?</svg>", "", text, flags=re.DOTALL).lower().split()
+
+
+def test_the_verdict_counts() -> None:
+    assert verdict_of(bare()) == "4 of 4 cells keep every promise of the specification. There is no certificate."
+    text = verdict_of(rich())
+    assert f"{int((rich().status == 'met').sum())} of 9 cells" in text
+    assert "In 1 a promise is relaxed" in text
+    assert "A certificate is attached" in text
+
+
+def test_names_are_escaped(tmp_path: Path) -> None:
+    made = replace(bare(), name="<b>&", margins={})
+    text = write_table_report(made, [], tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<h1>&lt;b&gt;&amp;: gain table</h1>" in text
+    assert "The table has no margins." in text
+
+
+def test_a_folder_with_all_of_it(tmp_path: Path) -> None:
+    told: list[str] = []
+    document = report_table(bare(), tmp_path / "out", progress=lambda what, _share: told.append(what))
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "report.html", "results.json", "table.json", "figures",
+    }  # fmt: skip
+    assert read_table_file(tmp_path / "out" / "table.json").sha256 == bare().sha256
+    assert document["cells"] == {"met": 4, "relaxed": 0, "outside": 0}
+    assert document["check"]["good"] is False  # unstable at X/R 0.3, and says so
+    assert "draw figures" in told

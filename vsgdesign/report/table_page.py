@@ -1,0 +1,147 @@
+"""The page of a gain table: one HTML file, nothing fetched."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsgdesign import __version__
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.page import environment, inline_svg
+from vsgdesign.report.quantities import DASH, number, plain, plain_quantity
+from vsgdesign.report.table_maps import in_order, limit_of
+from vsgdesign.report.tables import Table
+from vsgdesign.stability.gain_table import WORST, figure_of
+
+LAWS = {
+    "poles": "poles: k_1, d_1 and k_2 are scheduled",
+    "inertia": "inertia: H and ζ are scheduled, k_1 and d_1 follow from A",
+}
+
+
+def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
+    """Write the page, with the figures' SVG text as it lies on disk."""
+    numbered: dict[int, list[tuple[int, WrittenFigure, str]]] = {part: [] for part in range(8)}
+    for k, figure in enumerate(sorted(figures, key=lambda f: f.part)):
+        svg = inline_svg(figure.svg.read_text(encoding="utf-8"), figure.name, figure.title)
+        numbered[figure.part].append((k + 1, figure, svg))
+    text = (
+        environment()
+        .get_template("gain_table.html.j2")
+        .render(
+            table=table,
+            version=__version__,
+            verdict=verdict_of(table),
+            figures=numbered,
+            identity=identity_table(table),
+            margins=margins_table(table),
+            specification=open_table("Specification", table.specification),
+            certificate=None if table.certificate is None else open_table("Certificate", table.certificate),
+            made=open_table("Made with", table.provenance | table.inputs),
+        )
+    )
+    out_path.write_text(text, encoding="utf-8", newline="\n")
+    return out_path
+
+
+def verdict_of(table: GainTable) -> str:
+    """Counts of cells, and whether there is a proof, in one paragraph."""
+    met, relaxed, outside = (int((table.status == status).sum()) for status in ("met", "relaxed", "outside"))
+    total = table.status.size
+    first = f"{met} of {total} cells keep every promise of the specification."
+    if relaxed:
+        first += f" In {relaxed} a promise is relaxed; which one, and its price, is in part 4."
+    if outside:
+        first += (
+            f" {outside} {'is' if outside == 1 else 'are'} outside: no operating point, or beyond the static limits."
+        )
+    proof = "There is no certificate." if table.certificate is None else "A certificate is attached, see part 5."
+    return f"{first} {proof}"
+
+
+def identity_table(table: GainTable) -> Table:
+    """Structure, law, base and validity."""
+    b, v = table.base, table.validity
+    droops = f"D_q = {number(table.D_q, 4)} var/V"
+    if table.structure == "angle_damped":
+        droops = f"D_p = {number(table.D_p, 4)} W·s/rad, {droops}"
+    if table.structure == "published":
+        droops = "D_p and D_q belong to the schedule"
+    rows = (
+        ("Structure", table.structure.replace("_", "-")),
+        ("Law", LAWS[table.law]),
+        ("Study", f"{table.study}, SHA-256 {table.study_hash[:16]}…"),
+        ("Converter", f"{plain_quantity(b.S_rated, 'VA')}, {plain_quantity(b.V_rated_rms, 'V')} phase rms, "
+                      f"{plain(b.omega_n / (2.0 * math.pi))} Hz"),
+        ("Grid-side inductor", "none" if b.L_2 == b.R_2 == 0.0 else
+         f"{plain_quantity(b.L_2, 'H')}, {plain_quantity(b.R_2, 'Ω')}"),
+        ("Power filters", f"P {_filter(b.tau_P)}, Q {_filter(b.tau_Q)}"),
+        ("Droop", droops),
+        ("Axes", f"{len(table.scr)} SCR ({b.scr_basis} basis) × {len(table.x_over_r)} X/R"),
+        ("Design point", f"{plain_quantity(table.P_design, 'W')}, {plain_quantity(table.Q_design, 'var')}"),
+        ("Valid for", f"SCR {_range(v.scr)}, X/R {_range(v.x_over_r)}"),
+        ("", f"P {_range(v.P, 1e3)} kW, Q {_range(v.Q, 1e3)} kvar, V {_range(v.V_rms)} V"),
+        ("", f"R̂ and X̂ within ±{plain(100.0 * v.error)} %"),
+    )  # fmt: skip
+    return Table("What it is for", ("Quantity", "Value"), rows, texts=2)
+
+
+def margins_table(table: GainTable) -> Table:
+    """The range of every margin over the cells, at the design point and at the worst of the box."""
+    rows = []
+    for name in in_order(table):
+        figure, limit = figure_of(name), limit_of(table, name)
+        asked = (
+            DASH if limit is None else f"{'≤' if name.startswith(('overshoot', 'settling')) else '≥'} {plain(limit)}"
+        )
+        ranges = [_limits(table, key) for key in (name, WORST + name)]
+        rows.append((f"{figure.title} [{figure.unit}]", asked, *ranges[0], *ranges[1]))
+    head = ("Margin", "Asked for", "least", "median", "largest", "least", "median", "largest")
+    groups = (("", 2), ("design point", 3), ("worst of the box", 3))
+    return Table("Margins over the cells", head, tuple(rows), groups=groups)
+
+
+def open_table(title: str, content: dict[str, Any]) -> Table:
+    """Names and values of an open dictionary, one row each; nested ones with a dot."""
+    return Table(title, ("Name", "Value"), tuple(_flat("", content)), texts=2)
+
+
+def _flat(prefix: str, content: dict[str, Any]) -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    for key, value in content.items():
+        if isinstance(value, dict):
+            rows += _flat(f"{prefix}{key}.", value)
+        elif isinstance(value, list) and any(isinstance(item, list) for item in value):
+            rows.append((prefix + key, "matrix, in the file"))
+        elif isinstance(value, list):
+            rows.append((prefix + key, ", ".join(_text(item) for item in value)))
+        else:
+            rows.append((prefix + key, _text(value)))
+    return rows
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool) or value is None:
+        return {True: "yes", False: "no", None: DASH}[value]
+    return plain(float(value), 5) if isinstance(value, int | float) else str(value)
+
+
+def _limits(table: GainTable, name: str) -> tuple[str, str, str]:
+    values = table.margins.get(name, np.full(1, np.nan))
+    known = values[np.isfinite(values)]
+    if len(known) == 0:
+        return DASH, DASH, DASH
+    return number(float(known.min())), number(float(np.median(known))), number(float(known.max()))
+
+
+def _range(pair: tuple[float, float], factor: float = 1.0) -> str:
+    return f"{plain(pair[0] / factor)} to {plain(pair[1] / factor)}"
+
+
+def _filter(tau: float) -> str:
+    return "unfiltered" if tau == 0.0 else plain_quantity(tau, "s")
