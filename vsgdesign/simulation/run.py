@@ -16,9 +16,9 @@ from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.frames import rms_to_peak
-from vsgdesign.operating_point.plant import PlantStep, plant_step
+from vsgdesign.operating_point.plant import plant_step
 from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state
-from vsgdesign.parameters.study import GridSource, Study
+from vsgdesign.parameters.study import Grid, GridSource, Study
 from vsgdesign.simulation.compiling import compile_function, source_stamp
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.interrupts import interrupts_deferred
@@ -113,7 +113,7 @@ def simulate(
         int(pwm), c.V_dc, int(c.zero_sequence), c.samples_per_carrier, c.delay_samples, study.filter.R_c
     )
     loop = compiled_loop()
-    plants = functools.lru_cache(maxsize=64)(lambda grid, h, omega: plant_step(study.circuit(grid), h, omega))
+    plants = functools.lru_cache(maxsize=64)(functools.partial(_stacked_plants, study))
     loop_seconds = 0.0
     no_rows = np.empty((0, controller_log.shape[1]))
     gains = feed.first()
@@ -204,30 +204,35 @@ def _stretches(study: Study, timeline: Timeline, gain_cuts: set[int], samples: i
 
 
 def _pieces(
-    timeline: Timeline, plants: Callable[..., PlantStep], first: int, T_s: float
-) -> tuple[NDArray[np.float64], tuple, NDArray[np.float64]]:
+    timeline: Timeline, plants: Callable[..., tuple[NDArray, ...]], first: int, T_s: float
+) -> tuple[NDArray[np.float64], tuple[NDArray, ...], NDArray[np.float64]]:
     """Lengths, stacked plant matrices and sources of the pieces of the interval after a sample."""
     start, end = first * T_s, (first + 1) * T_s
     inside = [t for t in timeline.plant_changes() if start < t < end and _on_sample(t, T_s) is None]
     instants = [start, *inside]
     lengths = np.diff([*instants, end]) if inside else np.array([T_s])
-    steps, sources = [], []
+    circuits, sources = [], []
     for k, h in enumerate(lengths):
         t_s = instants[k] + 1e-6 * T_s if k == 0 else instants[k]
         source = timeline.source_at(t_s).at(instants[k])
-        steps.append(plants(timeline.grid_at(t_s), float(h), source.omega))
+        circuits.append((timeline.grid_at(t_s), float(h), source.omega))
         sources.append(_source_row(source))
+    return np.asarray(lengths, dtype=float), plants(tuple(circuits)), np.array(sources)
+
+
+def _stacked_plants(study: Study, circuits: tuple[tuple[Grid, float, float], ...]) -> tuple[NDArray, ...]:
+    """Transitions, bridge and edge responses and source responses of some pieces, stacked over them."""
+    steps = [plant_step(study.circuit(grid), h, omega) for grid, h, omega in circuits]
     degree = max(step.edge.shape[0] for step in steps)
     edges = np.zeros((len(steps), degree, 3))
     for k, step in enumerate(steps):
         edges[k, : step.edge.shape[0]] = step.edge
-    stacked = (
+    return (
         np.array([step.transition for step in steps]),
         np.array([step.bridge for step in steps]),
         edges,
         np.array([step.source for step in steps]),
     )
-    return np.asarray(lengths, dtype=float), stacked, np.array(sources)
 
 
 def _source_row(source: SourceSegment) -> list[float]:
