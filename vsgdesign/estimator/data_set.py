@@ -40,7 +40,7 @@ class Split:
 
 @dataclass(frozen=True)
 class DataSet:
-    """N windows, SI. Every array has N rows."""
+    """N windows, SI. Every array has N rows. At rest a window obeys :eq:`window-phasors`."""
 
     windows: Array
     """(N, 2·C·n): n samples of each of C voltage components (V), then of C current components (A), as measured.

@@ -53,7 +53,7 @@ def harmonic_phasors(
     """Per order, what a unit harmonic of the grid's voltage makes of v_pcc and i_pcc in the frame of the source.
 
     Two dq phasors (2,) each, at (|order ∓ 1|)·ω_g. The converter answers with the admittance of its sampled
-    full-order model (:eq:`admittance`): v = (1 + Z_g Y)⁻¹ v_g and i = −Y v. Linear: exact for small harmonics.
+    full-order model (:eq:`background-harmonics`). Linear: exact for small harmonics.
     """
     omega_g = study.grid_source.omega_g
     model = linearise_full_order(study, [Cell(grid, gains, *references)])
