@@ -74,7 +74,7 @@ def environment() -> jinja2.Environment:
 
 
 _SUBSCRIPT = re.compile(
-    r"(?<![A-Za-z])(K|D|M|P|Q|V|R|L|T|Y|Z|f|k|ω)_(ref|pcc|ip|iq|pq|qp|pv|iv|pc|ic|ff|dq|p|q|P|Q|g|n|s|op|1|2|c)\b"
+    r"(?<![A-Za-z])(K|D|M|P|Q|V|R|L|T|Y|Z|d|f|k|ω)_(ref|pcc|ip|iq|pq|qp|pv|iv|pc|ic|ff|dq|p|q|P|Q|g|n|s|op|1|2|c)\b"
 )
 
 

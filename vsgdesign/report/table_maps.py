@@ -107,7 +107,7 @@ def _margin_scale(known: Array, limit: float | None, smaller_is_better: bool, na
         low = min(float(known.min()), 0.5 * limit)
     decades = range(int(np.floor(np.log10(limit))) - 1, int(np.floor(np.log10(limit))) + 3)
     ticks = [m * 10.0**d for d in decades for m in (1.0, 2.0, 5.0, 1.5, 3.0, 7.0, 1.2, 0.8, 4.0, 6.0)]
-    return gate_scale(low, max(high, 1.2 * limit), limit, (low, 0.0, *ticks), larger_is_better=not smaller_is_better)
+    return gate_scale(low, max(high, 1.2 * limit), limit, (0.0, *ticks), larger_is_better=not smaller_is_better)
 
 
 def gain_surfaces(table: GainTable) -> Iterator[NamedFigure]:
