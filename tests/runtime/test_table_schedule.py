@@ -126,6 +126,7 @@ def test_no_resistance_or_an_estimate_below_zero_is_the_largest_x_over_r() -> No
 )
 def test_no_usable_estimate_gives_no_number(R_g: float, L_g: float) -> None:
     assert np.isnan(SCHEDULE.normalised(R_g, L_g)).all()
+    assert not SCHEDULE.place(R_g, L_g).designed
     gains = SCHEDULE.gains_measured(R_g, L_g, 3e3, 1e3, 112.0)
     assert np.isnan([gains.K_ip, gains.K_iq, gains.k_P]).all()
 
@@ -190,6 +191,39 @@ def test_r_over_x_is_the_better_coordinate() -> None:
     )
     in_x = RegularGridInterpolator((SCR, RATIO), nodes)(points)
     assert np.abs(in_r - true).max() < 0.5 * np.abs(in_x - true).max()
+
+
+def as_the_format_says(made: GainTable, R_g: float, L_g: float) -> list[float]:
+    """The steps of docs/gain-table-file.md on floats, one operation at a time: what C would do."""
+    base, omega = made.base, made.base.omega_n
+    X = omega * L_g
+    scr = Z_BASE / (float(np.hypot(R_g, X)) if base.scr_basis == "impedance" else X)
+    axes = made.scr.tolist(), [1.0 / x for x in reversed(made.x_over_r.tolist())]
+    places = []
+    for axis, value in zip(axes, (scr, R_g / X), strict=True):
+        inside = min(max(value, axis[0]), axis[-1])
+        low = 0
+        while low < len(axis) - 2 and axis[low + 1] <= inside:
+            low += 1
+        places.append((low, (inside - axis[low]) / (axis[low + 1] - axis[low])))
+    (i, r), (j, c) = places
+    w00, w01, w10, w11 = (1.0 - r) * (1.0 - c), (1.0 - r) * c, r * (1.0 - c), r * c
+    found = []
+    for name, stored in made.columns.items():
+        scale = {"k_1": made.time_scale**2, "d_1": made.time_scale, "k_2": made.time_scale}.get(name, 1.0)
+        v = [[value / scale for value in reversed(row)] for row in stored.tolist()]
+        found.append(((w00 * v[i][j] + w01 * v[i][j + 1]) + w10 * v[i + 1][j]) + w11 * v[i + 1][j + 1])
+    return found
+
+
+@pytest.mark.parametrize("basis", ["impedance", "reactance"])
+def test_another_implementation_gets_the_same_bits(basis: str) -> None:
+    made = random_table(5, base=replace(PUBLISHED_BASE, scr_basis=basis))
+    schedule = table_schedule(made)
+    assert schedule.Z_base == Z_BASE
+    rng = np.random.default_rng(6)
+    for R_g, L_g in np.stack([rng.uniform(-0.2, 5.0, 300), rng.uniform(1e-4, 2e-2, 300)], axis=1).tolist():
+        assert [float(value) for value in schedule.normalised(R_g, L_g)] == as_the_format_says(made, R_g, L_g)
 
 
 def test_reading_and_using_a_table_stays_light(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ class Place(NamedTuple):
     """Where an estimated grid lies in a table, scalars or arrays.
 
     ``clipped_scr``, ``clipped_x_over_r``: −1 below the axis, 1 above, 0 on it. ``designed``: all nodes that have a
-    say are designs, none is outside.
+    say are designs, none is outside; False for an estimate that is no number.
     """
 
     scr: Any
@@ -78,7 +78,10 @@ class TableSchedule(Schedule):
         row, column = self._intervals(R_g, L_g)
         weights = corner_weights(row.fraction, column.fraction)
         corners = ((row.low, column.low), (row.low, column.high), (row.high, column.low), (row.high, column.high))
-        designed = np.all([self.valid[at] | (w == 0.0) for at, w in zip(corners, weights, strict=True)], axis=0)
+        # A weight that is no number is neither zero nor positive: an unusable estimate is nowhere.
+        designed = np.all(
+            [(w == 0.0) | (self.valid[at] & (w > 0.0)) for at, w in zip(corners, weights, strict=True)], axis=0
+        )
         with np.errstate(divide="ignore"):
             return Place(scr, 1.0 / r_over_x, row.clipped, -column.clipped, designed)
 
