@@ -68,7 +68,8 @@ def margin_figures(table: GainTable) -> Iterator[NamedFigure]:
     for name in in_order(table):
         kinds = [(name, "design point"), (WORST + name, "worst of the box")]
         shown = [(key, kind) for key, kind in kinds if key in table.margins]
-        known = np.concatenate([table.margins[key][np.isfinite(table.margins[key])] for key, _ in shown])
+        cells = [table_cells(table, table.margins[key]) for key, _ in shown]
+        known = np.concatenate([c.values[np.isfinite(c.values) & ~c.unstable] for c in cells])
         if len(known) == 0:
             continue
         figure, limit = figure_of(name), limit_of(table, name)
@@ -78,7 +79,7 @@ def margin_figures(table: GainTable) -> Iterator[NamedFigure]:
         if limit is not None:
             unit = "" if figure.unit == "1" else f" {figure.unit}"
             asked = f"asked for: {'at most' if smaller_is_better else 'at least'} {plain(limit)}{unit}"
-        panels = [Panel(kind, table_cells(table, table.margins[key])) for key, kind in shown]
+        panels = [Panel(kind, c) for (_, kind), c in zip(shown, cells, strict=True)]
         sides = " Blue cells keep what the specification asks for, orange ones do not." if asked else ""
         caption = (
             "How to read: each cell is a node of the table, its colour what is stored for it."
