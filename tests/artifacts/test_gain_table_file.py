@@ -160,7 +160,7 @@ def setter(*keys: Any, to: Any) -> Callable[[dict[str, Any]], None]:
         (setter("columns", "k_1", to=[[1.0, 2.0]]), "shape (1, 2), the axes have (3, 2)"),
         (setter("columns", "k_9", to=[[1.0, 2.0]]), "law poles has"),
         (setter("gains", "K_ip", 0, 0, to=None), "gains.K_ip: not a number"),
-        (setter("margins", "disk_margin", 0, 0, to=None), "margins.disk_margin: not a number"),
+        (setter("margins", "disk_margin", 0, 0, to="1"), "text"),
         (setter("status", 0, 0, to="good"), "status: good"),
         (setter("status", to=[["outside"] * 2] * 3), "every cell is outside"),
         (setter("validity", "P", to=[1.0, -1.0]), "validity.P: must be two numbers"),

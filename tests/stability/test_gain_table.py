@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.gain_tables import PUBLISHED_BASE, table
+from vsgdesign.artifacts import read_table_file, write_table_file
 from vsgdesign.artifacts.gain_table import GainTable, base_of
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError
@@ -149,3 +151,16 @@ def test_no_cell_that_can_be_analysed() -> None:
     made = table(scr=(2.0, 5.0), x_over_r=(0.5, 3.0))
     nothing = replace(made, gains=PowerLoopGains(*[np.full((2, 2), np.nan)] * 8))
     assert all(np.isnan(values).all() for values in nominal_margins(nothing, FAST).values())
+
+
+def test_a_design_for_other_powers_where_the_design_point_does_not_exist(tmp_path: Path) -> None:
+    """The file takes it without gains there, the check does not mistake it for a fault, but finds a gain forgotten."""
+    weak = table(scr=(0.3, 2.0), x_over_r=(1.0, 20.0))
+    assert weak.valid.tolist() == [[True, False], [True, True]]
+    designed = replace(weak, status=np.full((2, 2), "met"), price=np.zeros((2, 2)))
+    designed = replace(designed, margins=nominal_margins(designed))
+    write_table_file(designed, tmp_path / "t.json")
+    assert check_table(read_table_file(tmp_path / "t.json")).good
+    K_ip = np.where(np.arange(4).reshape(2, 2) == 2, np.nan, designed.gains.K_ip)
+    (fault,) = check_table(replace(designed, gains=designed.gains._replace(K_ip=K_ip), margins={})).faults
+    assert fault == "gains.K_ip is not what the columns give, at SCR 2, X/R 1"

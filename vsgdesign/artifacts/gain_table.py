@@ -84,7 +84,8 @@ class GainTable:
     A cell is ``met`` (every promise of the specification holds), ``relaxed`` (the best there is, some promise
     given up) or ``outside`` (no operating point there, or outside the static limits). ``columns`` has a number in
     every cell, also outside (:func:`fill_outside`), because cells beside a border are interpolated with their
-    neighbours. ``gains``, ``margins`` and ``price`` may be NaN outside; margins also where a cell is relaxed.
+    neighbours. ``gains`` (all eight) are NaN where the design point has no operating point, ``price`` may be NaN
+    outside, and a margin wherever it is not known.
     """
 
     name: str

@@ -132,13 +132,14 @@ def table_faults(table: GainTable) -> list[str]:
     wanted = COLUMNS[table.law]
     if set(table.columns) != set(wanted):
         faults.append(f"columns: has {', '.join(table.columns)}; law {table.law} has {', '.join(wanted)}")
-    shaped = table.status.shape == (n, m)
-    outside = ~table.valid if shaped else np.zeros((n, m), dtype=bool)
-    unmet = outside | (table.status == "relaxed") if shaped else outside
+    outside = ~table.valid if table.status.shape == (n, m) else np.zeros((n, m), dtype=bool)
+    # A design for other powers may exist where the design point has no operating point: then all eight are missing.
+    shaped = all(values.shape == (n, m) for values in table.gains)
+    without = outside | np.all([np.isnan(values) for values in table.gains], axis=0) if shaped else outside
     per_cell: list[tuple[str, NDArray[Any], Any]] = [("status", table.status, None), ("active", table.active, None)]
     per_cell += [(f"columns.{name}", values, False) for name, values in table.columns.items()]
-    per_cell += [(f"gains.{name}", values, outside) for name, values in table.gains._asdict().items()]
-    per_cell += [(f"margins.{name}", values, unmet) for name, values in table.margins.items()]
+    per_cell += [(f"gains.{name}", values, without) for name, values in table.gains._asdict().items()]
+    per_cell += [(f"margins.{name}", values, True) for name, values in table.margins.items()]
     per_cell.append(("price", table.price, outside))
     for name, values, may_be_missing in per_cell:
         if values.shape != (n, m):

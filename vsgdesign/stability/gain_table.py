@@ -154,11 +154,12 @@ def check_table(table: GainTable, study: Study | None = None) -> TableCheck:
     valid = table.valid
     for name, made in node_gains(table)._asdict().items():
         stored = getattr(table.gains, name)
-        bad = valid & ~(np.abs(stored - made) <= _GAIN_TOLERANCE * np.maximum(np.abs(made), 1e-12))
+        fits = np.abs(stored - made) <= _GAIN_TOLERANCE * np.maximum(np.abs(made), 1e-12)
+        bad = valid & ~(fits | (np.isnan(stored) & np.isnan(made)))
         if bad.any():
             faults.append(f"gains.{name} is not what the columns give, {_where(table, bad)}")
     found = nominal_margins(table)
-    unstable = (table.status == "met") & ~(found["decay_1_s"] > 0.0)
+    unstable = (table.status == "met") & (found["decay_1_s"] <= 0.0)
     if unstable.any():
         faults.append(f"met, but unstable in the reduced model, {_where(table, unstable)}")
     largest: dict[str, float] = {}
