@@ -1,0 +1,142 @@
+"""A network of one tanh layer and a linear output, as a Levenberg–Marquardt problem with an analytic Jacobian."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vsgdesign.estimator.levenberg_marquardt import Linearised, damped_cholesky
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """n–h–m: inputs, hidden units, outputs."""
+
+    inputs: int
+    hidden: int
+    outputs: int
+
+    @property
+    def parameters(self) -> int:
+        """Weights and biases together."""
+        return self.hidden * (self.inputs + 1) + self.outputs * (self.hidden + 1)
+
+    def layers(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Parameters as (h, n + 1) and (m, h + 1), biases last; views."""
+        first = self.hidden * (self.inputs + 1)
+        return x[:first].view(self.hidden, self.inputs + 1), x[first:].view(self.outputs, self.hidden + 1)
+
+
+def with_ones(values: Tensor) -> Tensor:
+    """The columns and one of ones, which the bias multiplies."""
+    return torch.cat([values, torch.ones(len(values), 1, dtype=values.dtype)], dim=1)
+
+
+def initial_parameters(shape: Shape, seed: int, start: int = 0) -> Tensor:
+    """Nguyen–Widrow: the hidden units' slopes spread over the inputs, a small output layer.
+
+    Every unit's weight vector has the length 0.4·h^(1/n), and the biases lay the units' centres evenly along it.
+    The rule's 0.7 is for inputs even over [−1, 1]; 0.4 is the same for inputs of unit deviation.
+    """
+    rng = np.random.default_rng([seed, start])
+    n, h, m = shape.inputs, shape.hidden, shape.outputs
+    direction = rng.uniform(-1.0, 1.0, (h, n))
+    length = 0.4 * h ** (1.0 / n)
+    weights = length * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    bias = length * np.linspace(-1.0, 1.0, h) * np.sign(direction[:, 0])
+    first = np.column_stack([weights, bias])
+    second = rng.uniform(-1.0, 1.0, (m, h + 1)) / math.sqrt(h)
+    return torch.from_numpy(np.concatenate([first.ravel(), second.ravel()]))
+
+
+def outputs(shape: Shape, x: Tensor, inputs: Tensor) -> Tensor:
+    """The network's outputs (N, m) for inputs with their column of ones (N, n + 1) (:eq:`network`)."""
+    first, second = shape.layers(x)
+    return with_ones(torch.tanh(inputs @ first.T)) @ second.T
+
+
+def mean_squared_error(shape: Shape, x: Tensor, inputs: Tensor, targets: Tensor) -> float:
+    """Mean over samples and outputs; NaN without samples."""
+    if len(inputs) == 0:
+        return math.nan
+    return float(torch.mean((outputs(shape, x, inputs) - targets) ** 2))
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkProblem:
+    """The mean squared error of a network, regularised by the mean square of its parameters (:eq:`network-cost`).
+
+    ``inputs`` (N, n + 1) with ones last, ``targets`` (N, m), both float64; ``regularisation`` is its share γ.
+    """
+
+    shape: Shape
+    inputs: Tensor
+    targets: Tensor
+    regularisation: float = 0.0
+
+    def cost(self, x: Tensor) -> float:
+        """(1 − γ)·mse + γ·mean(x²)."""
+        return self._regularised(mean_squared_error(self.shape, x, self.inputs, self.targets), x)
+
+    def linearise(self, x: Tensor) -> Linearised:
+        """Gauss–Newton matrix and gradient, without the Jacobian ever being formed (:eq:`network-normal`).
+
+        The rows of the Jacobian's first-layer part are W_2[k, j]·s_j·(input, 1): but for a number the same for
+        every output. So one product of N rows serves all outputs.
+        """
+        shape, (_, second) = self.shape, self.shape.layers(x)
+        N, m, h = len(self.inputs), shape.outputs, shape.hidden
+        first_size = h * (shape.inputs + 1)
+        weights = second[:, :h]
+        hidden = torch.tanh(self.inputs @ self.shape.layers(x)[0].T)
+        slope = 1.0 - hidden * hidden
+        extended = with_ones(hidden)
+        error = extended @ second.T - self.targets
+        slopes_inputs = (slope[:, :, None] * self.inputs[:, None, :]).view(N, first_size)
+
+        hessian = torch.zeros(len(x), len(x), dtype=x.dtype)
+        block = hessian[:first_size, :first_size]
+        torch.mm(slopes_inputs.T, slopes_inputs, out=block)
+        block.view(h, shape.inputs + 1, h, shape.inputs + 1).mul_((weights.T @ weights)[:, None, :, None])
+        mixed = (slopes_inputs.T @ extended).view(h, shape.inputs + 1, h + 1)
+        own = extended.T @ extended
+        for k in range(m):
+            here = slice(first_size + k * (h + 1), first_size + (k + 1) * (h + 1))
+            hessian[:first_size, here] = (weights[k][:, None, None] * mixed).view(first_size, h + 1)
+            hessian[here, :first_size] = hessian[:first_size, here].T
+            hessian[here, here] = own
+        gradient = torch.cat([((slope * (error @ weights)).T @ self.inputs).ravel(), (error.T @ extended).ravel()])
+
+        share = (1.0 - self.regularisation) / (N * m)
+        hessian *= share
+        hessian.diagonal().add_(self.regularisation / len(x))
+        gradient = share * gradient + (self.regularisation / len(x)) * x
+        return _Normal(self._regularised(float(torch.mean(error**2)), x), hessian, gradient)
+
+    def _regularised(self, mse: float, x: Tensor) -> float:
+        if self.regularisation == 0.0:
+            return mse
+        return (1.0 - self.regularisation) * mse + self.regularisation * float(torch.mean(x * x))
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """Half the Gauss–Newton Hessian and half the gradient of the cost."""
+
+    cost: float
+    hessian: Tensor
+    half_gradient: Tensor
+
+    @property
+    def gradient_norm(self) -> float:
+        return 2.0 * float(torch.linalg.vector_norm(self.half_gradient))
+
+    def step(self, mu: float) -> Tensor | None:
+        return damped_cholesky(self.hessian, self.half_gradient, mu)

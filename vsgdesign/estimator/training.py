@@ -1,0 +1,264 @@
+"""From windows to a trained network: scaling, projection, training with restarts, folding, metrics."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.files import write_json
+from vsgdesign.artifacts.network_weights import Network, fit_scaling
+from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.errors import ArtifactError, Fault, StudyError
+from vsgdesign.estimator.data_set import Split
+from vsgdesign.estimator.levenberg_marquardt import Damping, Epoch, Fit, State, minimise
+from vsgdesign.estimator.network import NetworkProblem, Shape, initial_parameters, mean_squared_error, with_ones
+from vsgdesign.estimator.projection import Projection, principal_components
+
+Array = NDArray[np.float64]
+
+FORMS = ("components", "full")
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """What is trained, and how. The defaults are the published network's.
+
+    ``form``: ``components`` trains on the inputs' principal components (``components`` of them, 0: those that stand
+    out of the noise), ``full`` on all inputs; both give a network on all inputs. ``regularisation`` is the share γ
+    of the parameters in the cost. A start that does not reach the goal is followed by another, up to ``starts``;
+    the best by validation is taken.
+    """
+
+    hidden: int = 8
+    form: str = "components"
+    components: int = 0
+    regularisation: float = 0.0
+    starts: int = 4
+    damping: Damping = field(default_factory=Damping)
+
+
+@dataclass(frozen=True)
+class SplitMetrics:
+    """Of one part: windows, mean squared error of the scaled targets, and per output correlation and rms error (SI)."""
+
+    windows: int
+    mse: float
+    correlation: tuple[float, ...]
+    rms_error: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """Where a training stands: which start, its state, and the best of the starts before."""
+
+    fingerprint: str
+    start: int
+    state: State
+    best: Fit | None
+
+
+@dataclass(frozen=True, eq=False)
+class Training:
+    """A trained network, how it got there, and how good it is.
+
+    ``history`` and ``stop`` are those of the start that was taken, ``epochs`` counts all starts. ``components`` is
+    the number of inputs that were trained on. ``checkpoint`` is where an interrupted training goes on from.
+    """
+
+    network: Network
+    stop: str
+    best_epoch: int
+    history: tuple[Epoch, ...]
+    epochs: int
+    components: int
+    metrics: dict[str, SplitMetrics]
+    checkpoint: Checkpoint
+
+
+def train_network(
+    inputs: Array, targets: Array, split: Split, settings: TrainingSettings | None = None, seed: int = 0,
+    progress: Progress = silent, resume: Checkpoint | None = None,
+) -> Training:  # fmt: skip
+    """Train on windows (N, n) and their R_g, L_g (N, 2), Ω and H, of which ``split`` says what is for what.
+
+    The same seed gives the same network. KeyboardInterrupt, from outside or from ``progress``, gives the best by
+    then with stop ``interrupted``; with its checkpoint as ``resume`` the training goes on as if undisturbed. Raises
+    StudyError with every fault of the data and settings, ArtifactError where a checkpoint is of other ones.
+    """
+    settings = TrainingSettings() if settings is None else settings
+    _check(inputs, targets, split, settings, seed)
+    fingerprint = _fingerprint(inputs, targets, split, settings, seed)
+    if resume is not None and resume.fingerprint != fingerprint:
+        raise ArtifactError("the checkpoint is of other data, settings or another seed: start anew.")
+    scaling_in, scaling_out = fit_scaling(inputs[split.training]), fit_scaling(targets[split.training])
+    scaled, wanted = scaling_in.apply(inputs), scaling_out.apply(targets)
+    projection = _projection(scaled[split.training], settings)
+    x = with_ones(torch.from_numpy(projection.project(scaled)))
+    y = torch.from_numpy(wanted)
+    shape = Shape(x.shape[1] - 1, settings.hidden, y.shape[1])
+    problem = NetworkProblem(shape, x[split.training], y[split.training], settings.regularisation)
+    kept = [(x[rows], y[rows]) for rows in (split.validation, split.test)]
+
+    def scores(parameters: torch.Tensor) -> tuple[float, float]:
+        validation, test = (mean_squared_error(shape, parameters, *part) for part in kept)
+        return validation, test
+
+    fit, checkpoint = _search(problem, settings, seed, fingerprint, resume, scores, progress)
+    first, second = (layer.numpy() for layer in shape.layers(fit.x))
+    W_1, b_1 = projection.fold(first[:, :-1], first[:, -1])
+    network = Network(W_1, b_1, second[:, :-1], second[:, -1], scaling_in, scaling_out)
+    metrics = {part: split_metrics(network, inputs[rows], targets[rows]) for part, rows in vars(split).items()}
+    epochs = fit.history[-1].epoch if fit.history else 0
+    return Training(network, fit.stop, fit.epoch, fit.history, epochs, shape.inputs, metrics, checkpoint)
+
+
+def _search(
+    problem: NetworkProblem, settings: TrainingSettings, seed: int, fingerprint: str, resume: Checkpoint | None,
+    scores: Any, progress: Progress,
+) -> tuple[Fit, Checkpoint]:  # fmt: skip
+    """The best fit of the starts, and where to go on."""
+    at, state, best = (0, None, None) if resume is None else (resume.start, resume.state, resume.best)
+    while True:
+        if state is None:
+            state = State(initial_parameters(problem.shape, seed, at), settings.damping.mu)
+        fit = minimise(problem, state, settings.damping, scores, progress)
+        checkpoint = Checkpoint(fingerprint, at, fit.state, best)
+        if best is None or fit.score < best.score:
+            best = replace(fit, state=checkpoint.state)
+        if fit.stop == "interrupted":
+            return replace(best, stop=fit.stop), checkpoint
+        if fit.stop == "goal" or at + 1 >= settings.starts:
+            return best, checkpoint
+        at, state = at + 1, None
+
+
+def _projection(scaled: Array, settings: TrainingSettings) -> Projection:
+    if settings.form == "full":
+        n = scaled.shape[1]
+        return Projection(np.zeros(n), np.eye(n))
+    return principal_components(scaled, settings.components or None)
+
+
+def split_metrics(network: Network, inputs: Array, targets: Array) -> SplitMetrics:
+    """How good a network is on some windows; NaN where there are too few."""
+    if len(inputs) == 0:
+        nothing = (math.nan,) * targets.shape[1]
+        return SplitMetrics(0, math.nan, nothing, nothing)
+    estimated = network.evaluate(inputs)
+    mse = float(np.mean((network.outputs.apply(estimated) - network.outputs.apply(targets)) ** 2))
+    rms = np.sqrt(np.mean((estimated - targets) ** 2, axis=0))
+    return SplitMetrics(len(inputs), mse, _correlation(estimated, targets), tuple(rms.tolist()))
+
+
+def _correlation(a: Array, b: Array) -> tuple[float, ...]:
+    """R of each column; NaN where one does not vary."""
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    size = np.sqrt(np.sum(a * a, axis=0) * np.sum(b * b, axis=0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return tuple(np.where(size > 0.0, np.sum(a * b, axis=0) / size, np.nan).tolist())
+
+
+def _check(inputs: Array, targets: Array, split: Split, settings: TrainingSettings, seed: int) -> None:
+    faults: list[Fault] = []
+
+    def fault(name: str, value: object, problem: str, advice: str = "") -> None:
+        faults.append(Fault(name, str(value), problem, advice))
+
+    if inputs.ndim != 2 or targets.ndim != 2 or len(inputs) != len(targets) or targets.shape[-1] != 2:
+        fault("targets", targets.shape, f"must be (N, 2) for inputs of {inputs.shape}")
+    else:
+        for name, values in (("inputs", inputs), ("targets", targets)):
+            bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+            if len(bad):
+                fault(name, f"{len(bad)} rows", f"not finite, first in row {bad[0]}", "Leave these windows out.")
+        if len(split.training) < 2 * settings.hidden:
+            fault("split.training", len(split.training), f"too few for {settings.hidden} hidden units")
+        rows = np.concatenate([split.training, split.validation, split.test])
+        if len(rows) and (rows.min() < 0 or rows.max() >= len(inputs)):
+            fault("split", f"{rows.min()} to {rows.max()}", f"has rows that {len(inputs)} windows have not")
+        elif len(np.unique(rows)) != len(rows):
+            fault("split", len(rows), "has a window twice", "A window is for one purpose only.")
+    if settings.form not in FORMS:
+        fault("form", settings.form, f"must be one of {', '.join(FORMS)}")
+    for name, least in (("hidden", 1), ("components", 0), ("starts", 1)):
+        if getattr(settings, name) < least:
+            fault(name, getattr(settings, name), f"must be at least {least}")
+    if not 0.0 <= settings.regularisation < 1.0:
+        fault("regularisation", settings.regularisation, "must be from 0 to below 1")
+    damping = settings.damping
+    if not (0.0 < damping.mu <= damping.mu_max and damping.increase > 1.0 and 0.0 < damping.decrease < 1.0):
+        fault("damping", damping, "needs 0 < mu ≤ mu_max, increase above 1, decrease between 0 and 1")
+    if damping.epochs < 0 or damping.checks < 1:
+        fault("damping", damping, "needs epochs of at least 0 and checks of at least 1")
+    if seed < 0:
+        fault("seed", seed, "must be a whole number, zero or more")
+    if faults:
+        raise StudyError("training", faults)
+
+
+def _fingerprint(inputs: Array, targets: Array, split: Split, settings: TrainingSettings, seed: int) -> str:
+    digest = hashlib.sha256(json.dumps([asdict(settings), seed, inputs.shape], sort_keys=True).encode())
+    for values in (inputs, targets, split.training, split.validation, split.test):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
+
+
+def write_checkpoint(path: str | Path, checkpoint: Checkpoint) -> None:
+    """The checkpoint as JSON, whole or not at all. Every number comes back to the last bit."""
+    write_json(path, {"kind": "vsgdesign training", "schema": 1} | _document(checkpoint))
+
+
+def read_checkpoint(path: str | Path) -> Checkpoint:
+    """A checkpoint from its file. Raises ArtifactError where it is none."""
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        if document["kind"] != "vsgdesign training" or document["schema"] != 1:
+            raise ValueError("another kind of file or a newer schema")
+        best = document["best"]
+        if best is not None:
+            state, history = _state(best["state"]), _history(best["history"])
+            best = Fit(_tensor(best["x"]), best["stop"], best["epoch"], _number(best["score"]), history, state)
+        return Checkpoint(document["fingerprint"], document["start"], _state(document["state"]), best)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ArtifactError(f'"{path}" is no checkpoint of a training ({error}): start anew.') from error
+
+
+def _document(value: Any) -> Any:
+    if isinstance(value, torch.Tensor):
+        return value.tolist()
+    if isinstance(value, Checkpoint | State | Fit | Epoch):
+        return {name: _document(item) for name, item in vars(value).items()}
+    return [_document(item) for item in value] if isinstance(value, tuple) else value
+
+
+def _tensor(values: Sequence[float]) -> torch.Tensor:
+    return torch.tensor(values, dtype=torch.float64)
+
+
+def _number(value: float | None, missing: float = math.inf) -> float:
+    return missing if value is None else float(value)
+
+
+def _history(lines: Sequence[dict[str, Any]]) -> tuple[Epoch, ...]:
+    read: list[dict[str, Any]] = [{k: math.nan if v is None else v for k, v in line.items()} for line in lines]
+    return tuple(Epoch(**line) for line in read)
+
+
+def _state(document: dict[str, Any]) -> State:
+    best_x = document["best_x"]
+    known: dict[str, Any] = {
+        "x": _tensor(document["x"]),
+        "best_x": None if best_x is None else _tensor(best_x),
+        "best_score": _number(document["best_score"]),
+        "history": _history(document["history"]),
+    }
+    return State(**(document | known))
