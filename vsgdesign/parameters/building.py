@@ -20,6 +20,7 @@ from vsgdesign.errors import Fault
 from vsgdesign.frames import ll_to_phase, rms_to_peak
 from vsgdesign.parameters.reader import REQUIRED, TableReader
 from vsgdesign.parameters.scenario import read_events, read_grid, read_simulation
+from vsgdesign.parameters.specification import read_specification
 from vsgdesign.parameters.stability import read_stability
 from vsgdesign.parameters.study import (
     ClosedFormTarget,
@@ -55,10 +56,12 @@ def build_study(document: dict[str, Any], default_name: str, content_hash: str, 
     _check_resonance(filter_, converter, [grid, *(event.grid for event in events if event.grid)], faults)
     controllers = _read_controllers(root, target, grid, basis, converter, simulation)
     stability = read_stability(root.child("stability"), converter, target)
+    specification = read_specification(root.child("specification"), converter, source_, target, basis)
     root.finish()
     return Study(
         name, title, source, converter, filter_, inner_gains, grid, source_, basis, target,
         tau_P, tau_Q, controllers, simulation, events, stability, content_hash,
+        specification,
     )  # fmt: skip
 
 

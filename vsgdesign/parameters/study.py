@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from vsgdesign.equations.grid import (
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.frames import base_impedance, linear_modulation_limit, rated_current_rms, rms_to_peak
+
+if TYPE_CHECKING:
+    from vsgdesign.parameters.specification import Specification
 
 UNLIMITED_PU = 1e6
 """A current limit so far out of reach that the limiter never acts (infinity would make NaN of 0·∞)."""
@@ -234,6 +238,8 @@ class Study:
     stability: StabilitySpec
     hash: str
     """SHA-256 of the resolved study document."""
+    specification: Specification | None = None
+    """What a designed gain table has to keep; None where the study has no [specification]."""
 
     def circuit(self, grid: Grid | None = None) -> FilterGrid:
         """The circuit from the bridge to the grid source."""

@@ -1,0 +1,124 @@
+"""Between the nodes of a table, and with the lookup at the estimate instead of the truth: does it keep its promises?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.design.box import Scenarios, scenarios_of_truth
+from vsgdesign.design.cell import Figures, shortfalls, worst
+from vsgdesign.design.evaluation import Evaluation, LawOfStudy, evaluate_pairs
+from vsgdesign.parameters.specification import Specification
+from vsgdesign.parameters.study import Study
+from vsgdesign.runtime.table import TableSchedule, table_schedule
+
+Array = NDArray[np.float64]
+
+POINTS = 2000
+"""Random grids of the final check."""
+
+
+@dataclass(frozen=True)
+class PointCheck:
+    """One grid between nodes: its worst figures, and the promises broken there."""
+
+    scr: float
+    x_over_r: float
+    figures: Figures
+    missed: dict[str, float]
+    promised: bool
+    """All nodes around, also those that a wrong estimate leads to, keep every promise."""
+
+
+@dataclass(frozen=True)
+class BetweenCheck:
+    """The check at random grids. ``outside``: grids without a scenario within the static limits."""
+
+    points: tuple[PointCheck, ...]
+    outside: int
+    seed: int
+
+    @property
+    def promised(self) -> int:
+        """Grids at which the table promises something."""
+        return sum(point.promised for point in self.points)
+
+    @property
+    def broken(self) -> tuple[PointCheck, ...]:
+        """Those at which it does not keep it."""
+        return tuple(point for point in self.points if point.promised and point.missed)
+
+
+def check_between(
+    study: Study, law: LawOfStudy, spec: Specification, table: GainTable, *, count: int = POINTS, seed: int = 0
+) -> BetweenCheck:
+    """The table at random grids, uniform in the logarithms of SCR and X/R, over all scenarios of the box."""
+    rng = np.random.default_rng(seed)
+    low = np.log([table.scr[0], table.x_over_r[0]])
+    high = np.log([table.scr[-1], table.x_over_r[-1]])
+    points = check_points(study, law, spec, table, np.exp(rng.uniform(low, high, (count, 2))))
+    return BetweenCheck(points, count - len(points), seed)
+
+
+def check_points(
+    study: Study, law: LawOfStudy, spec: Specification, table: GainTable, grids: Array
+) -> tuple[PointCheck, ...]:
+    """The table at given grids, rows (SCR, X/R); those without any scenario are left out."""
+    schedule = table_schedule(table)
+    boxes = [scenarios_of_truth(study, spec, float(s), float(x), table.P_design, table.Q_design) for s, x in grids]
+    kept = [k for k, box in enumerate(boxes) if len(box)]
+    if not kept:
+        return ()
+    joined = Scenarios(*(np.concatenate([getattr(boxes[k], f.name) for k in kept]) for f in fields(Scenarios)))
+    R_hat, L_hat = joined.R_hat - schedule.R_2, joined.X_hat / schedule.omega - schedule.L_2
+    found = evaluate_pairs(law, schedule.normalised(R_hat, L_hat), joined, spec.settling_time)
+    certain = _promising(schedule, table, R_hat, L_hat)
+    points, start = [], 0
+    for k in kept:
+        stop = start + len(boxes[k])
+        part = Evaluation(
+            {name: values[None, start:stop] for name, values in found.figures.items()},
+            found.damping_ratio[None, start:stop], found.abscissa[None, start:stop],
+        )  # fmt: skip
+        figures = worst(part)
+        missed = shortfalls(spec, figures, np.inf if spec.settles else float(spec.H or 0.0))
+        missed.pop("H_max", None)
+        promised = bool(certain[start:stop].all())
+        points.append(PointCheck(float(grids[k, 0]), float(grids[k, 1]), figures, missed, promised))
+        start = stop
+    return tuple(points)
+
+
+def failing_intervals(
+    study: Study, law: LawOfStudy, spec: Specification, table: GainTable, *, count: int = POINTS, seed: int = 0
+) -> list[tuple[str, float]]:
+    """Nodes to add, (axis, value): the middles of intervals in which a promise is broken between nodes.
+
+    Looked at: the middle of every edge and rectangle, and random grids. Where a promise is broken the rectangle is
+    cut across the axis on which it is longer.
+    """
+    scr, ratio = np.log(table.scr), np.log(table.x_over_r)
+    halves = [np.sort(np.concatenate([axis, 0.5 * (axis[1:] + axis[:-1])])) for axis in (scr, ratio)]
+    probes = np.stack([axis.ravel() for axis in np.meshgrid(*halves, indexing="ij")], axis=1)
+    rng = np.random.default_rng(seed)
+    probes = np.vstack([probes, rng.uniform([scr[0], ratio[0]], [scr[-1], ratio[-1]], (count, 2))])
+    cuts: set[tuple[str, float]] = set()
+    for point in check_points(study, law, spec, table, np.exp(probes)):
+        if not (point.promised and point.missed):
+            continue
+        i, j = (
+            int(np.clip(np.searchsorted(axis, np.log(value)) - 1, 0, len(axis) - 2))
+            for axis, value in ((scr, point.scr), (ratio, point.x_over_r))
+        )
+        axis, k, name = (scr, i, "scr") if scr[i + 1] - scr[i] >= ratio[j + 1] - ratio[j] else (ratio, j, "x_over_r")
+        cuts.add((name, float(f"{np.exp(0.5 * (axis[k] + axis[k + 1])):.6g}")))
+    return sorted(cuts)
+
+
+def _promising(schedule: TableSchedule, table: GainTable, R_hat: Array, L_hat: Array) -> NDArray[np.bool_]:
+    """Where every node that has a say in a lookup keeps its promises."""
+    kept = replace(schedule, valid=(table.status == "met")[:, ::-1])
+    return np.asarray(kept.place(R_hat, L_hat).designed)

@@ -1,0 +1,156 @@
+"""The scenarios of one cell: every combination of power, estimate error, grid frequency and voltage to survive."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.power_flow import operating_point
+from vsgdesign.frames import rated_current_rms, rms_to_peak
+from vsgdesign.parameters.specification import POWER_MARGIN, Specification
+from vsgdesign.parameters.study import Grid, Study, grid_from_scr
+
+Array = NDArray[np.float64]
+
+_BISECTIONS = 24
+
+_BRIDGE_SHARE = 0.995
+"""Of the bridge's voltage limit: the rest is for the sampled bridge, which makes its fundamental in steps."""
+
+NOMINAL = 0
+"""The scenario without error, at the design point or as much of it as the limits allow, comes first."""
+
+
+@dataclass(frozen=True)
+class Scenarios:
+    """S scenarios, arrays of shape (S,) (or one, as symbols). R, X: the true path from the control point to the
+    source at the true frequency; R_hat, X_hat: what the schedule takes for it; P, Q, V_rms, delta: where it runs."""
+
+    R: Any
+    X: Any
+    R_hat: Any
+    X_hat: Any
+    V_g_rms: Any
+    omega_g: Any
+    P: Any
+    Q: Any
+    V_rms: Any
+    delta: Any
+
+    def __len__(self) -> int:
+        return len(self.R)
+
+    def take(self, index: NDArray[np.intp]) -> Scenarios:
+        """Some of the scenarios, in the given order."""
+        return Scenarios(*(getattr(self, f.name)[index] for f in fields(self)))
+
+
+def scenarios_of_truth(study: Study, spec: Specification, scr: float, x_over_r: float, P: float, Q: float) -> Scenarios:
+    """All scenarios of a true grid, wherever its estimate lies; none where not even zero power is within the limits.
+
+    P and Q (the design point) come first without error, at nominal frequency and voltage; then all combinations
+    of the box's limits, with its middle where powers of both signs are asked for. Limits (:func:`within_limits`)
+    cut the box: a power beyond them is drawn in towards zero until it lies on them, so what is asked of a grid
+    changes smoothly with it.
+    """
+    grid = grid_from_scr(scr, x_over_r, spec.scr_basis, study.converter)
+    return _scenarios(study, spec, _around_truth(grid, spec), P, Q)
+
+
+def scenarios_of_estimate(
+    study: Study, spec: Specification, scr: float, x_over_r: float, P: float, Q: float
+) -> Scenarios:
+    """All scenarios in which a schedule looks up this grid: the true ones that may lie behind the estimate.
+
+    A true grid outside the table is moved onto its edge, beyond which nothing is promised. At the table's edge the
+    scenarios of the truth are there too: an estimate beyond the edge is looked up on it.
+    """
+    grid = grid_from_scr(scr, x_over_r, spec.scr_basis, study.converter)
+    pairs = [(grid, grid)]
+    for e_R, e_X in _errors(spec):
+        truth = Grid(grid.R_g / (1.0 + e_R), grid.L_g / (1.0 + e_X))
+        pairs.append((_within_table(study, spec, truth), grid))
+    if scr in (spec.scr[0], spec.scr[-1]) or x_over_r in (spec.x_over_r[0], spec.x_over_r[-1]):
+        pairs += _around_truth(grid, spec)[1:]
+    return _scenarios(study, spec, list(dict.fromkeys(pairs)), P, Q)
+
+
+def _around_truth(grid: Grid, spec: Specification) -> list[tuple[Grid, Grid]]:
+    """(truth, estimate): without error first."""
+    estimates = [Grid(grid.R_g * (1.0 + e_R), grid.L_g * (1.0 + e_X)) for e_R, e_X in _errors(spec)]
+    return list(dict.fromkeys([(grid, grid), *((grid, estimate) for estimate in estimates)]))
+
+
+def _errors(spec: Specification) -> list[tuple[float, float]]:
+    return list(itertools.product(_signs(spec.box.error_R), _signs(spec.box.error_X)))
+
+
+def _within_table(study: Study, spec: Specification, grid: Grid) -> Grid:
+    scr = min(max(grid.scr(study.converter, spec.scr_basis), spec.scr[0]), spec.scr[-1])
+    ratio = min(max(grid.x_over_r(study.converter.omega_n), spec.x_over_r[0]), spec.x_over_r[-1])
+    return grid_from_scr(scr, ratio, spec.scr_basis, study.converter)
+
+
+def _scenarios(study: Study, spec: Specification, grids: Sequence[tuple[Grid, Grid]], P: float, Q: float) -> Scenarios:
+    """Every (truth, estimate) with every power, frequency and voltage; the design point with the first first."""
+    box, f, omega_n = spec.box, study.filter, study.converter.omega_n
+    powers = [(p, q) for p in _with_middle(box.P) for q in _with_middle(box.Q)]
+    rows = [(0, P, Q, study.grid_source.omega_g, study.grid_source.V_g_rms)]
+    with_error = range(1 if len(grids) > 1 else 0, len(grids))
+    rows += [(k, *pq, w, v) for k, pq, w, v in itertools.product(with_error, powers, box.omega_g, box.V_g_rms)]
+    which, powers_P, powers_Q, omega_g, V_g = np.array(rows).T
+    truth, estimate = (
+        np.array([(pair[side].R_g, pair[side].L_g) for pair in grids])[which.astype(int)].T for side in (0, 1)
+    )
+    R, X = f.R_2 + truth[0], omega_g * (f.L_2 + truth[1])
+    R_hat, X_hat = f.R_2 + estimate[0], omega_n * (f.L_2 + estimate[1])
+
+    def scaled(share: Array) -> Scenarios:
+        p, q = share * powers_P, share * powers_Q
+        with np.errstate(invalid="ignore"):
+            V_rms, delta = operating_point(p, q, V_g, R, X)
+        return Scenarios(R, X, R_hat, X_hat, V_g, omega_g, p, q, V_rms, delta)
+
+    low, high = np.zeros(len(rows)), np.ones(len(rows))
+    whole = within_limits(study, scaled(high))
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        inside = within_limits(study, scaled(middle))
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    found = scaled(np.where(whole, 1.0, low))
+    return found.take(np.flatnonzero(within_limits(study, found)))
+
+
+def within_limits(study: Study, s: Scenarios) -> NDArray[np.bool_]:
+    """(S,), which scenarios the converter and the grid can carry with room to spare.
+
+    There is an operating point, V is within the converter's limits, 3V²/|Z| is at least POWER_MARGIN·|S|, the
+    current is within the converter's limit, and the bridge can make the voltage behind its filter.
+    """
+    c, f = study.converter, study.filter
+    low, high = c.V_limits_rms
+    apparent = np.hypot(s.P, s.Q)
+    V_pu = s.V_rms / c.V_rated_rms
+    carried = c.S_rated * V_pu * V_pu * c.Z_base / np.hypot(s.R, s.X)
+    limit_pu = np.inf if c.current_limit_pu is None else c.current_limit_pu
+    with np.errstate(invalid="ignore"):
+        inside = (s.V_rms >= low) & (s.V_rms <= high) & (carried >= POWER_MARGIN * apparent)
+        inside &= apparent <= limit_pu * c.S_rated * V_pu
+        current = rated_current_rms(s.P - 1j * s.Q, s.V_rms)
+        shunt = 1j * s.omega_g * f.C / (1.0 + 1j * s.omega_g * f.C * f.R_c)
+        bridge = s.V_rms + (f.R_1 + 1j * s.omega_g * f.L_1) * (current + shunt * s.V_rms)
+        return inside & (rms_to_peak(np.abs(bridge)) <= _BRIDGE_SHARE * c.v_max_pk)
+
+
+def _signs(error: float) -> tuple[float, ...]:
+    return (-error, error) if error > 0.0 else (0.0,)
+
+
+def _with_middle(limits: tuple[float, ...]) -> tuple[float, ...]:
+    """The limits, and zero where it lies strictly between them."""
+    return tuple(sorted({*limits, 0.0})) if limits[0] < 0.0 < limits[-1] else limits

@@ -1,0 +1,105 @@
+"""Figures of many designs in all scenarios of a cell, from the coupled model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.design.box import Scenarios
+from vsgdesign.design.kernels import FIGURES, figures
+from vsgdesign.equations.power_flow import jacobian_from_powers
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import NormalisedGains, structure_gains
+from vsgdesign.metrics.modes import damping_ratio
+from vsgdesign.model.coupled import coupled_model
+from vsgdesign.parameters.study import ClosedFormTarget, Study
+
+Array = NDArray[np.float64]
+
+_FREQUENCIES = np.geomspace(0.5, 400.0, 28)
+"""Where the disk margin is looked at while searching, over the settling time's inverse."""
+
+
+@dataclass(frozen=True)
+class LawOfStudy:
+    """What makes gains of normalised parameters: the structure, its law, the droops and the ratings."""
+
+    structure: str
+    law: str
+    """``poles`` or ``inertia``."""
+    D_p: float
+    D_q: float
+    S_rated: float
+    omega_n: float
+    tau_P: float
+    tau_Q: float
+
+    def gains(self, normalised: NormalisedGains, s: Scenarios) -> PowerLoopGains:
+        """The gains that the runtime has in each scenario: estimated grid, measured P, Q, V. Arrays broadcast."""
+        A, B, C, D = jacobian_from_powers(s.P, s.Q, s.V_rms, s.R_hat, s.X_hat)
+        return structure_gains(
+            A, B, C, D, normalised, self.D_p, self.D_q, self.S_rated, self.omega_n,
+            self.structure == "angle_damped", self.law == "inertia",
+        )  # fmt: skip
+
+
+def law_of(study: Study, target: ClosedFormTarget, aim: str) -> LawOfStudy:
+    """The law of a controller's target under a specification's aim."""
+    c = study.converter
+    D_p = c.S_rated / (target.P_droop * c.omega_n) if target.P_droop > 0.0 else 0.0
+    D_q = c.S_rated / (target.Q_droop * c.V_rated_rms) if target.Q_droop > 0.0 else 0.0
+    published, damped = target.structure == "published", target.structure == "angle_damped"
+    return LawOfStudy(
+        target.structure, "inertia" if aim == "inertia" else "poles",
+        D_p if damped else 0.0, 0.0 if published else D_q, c.S_rated, c.omega_n, study.tau_P, study.tau_Q,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """FIGURES by name and figures of the modes: of M designs in S scenarios, (M, S) each, or of S pairs, (S,)."""
+
+    figures: dict[str, Array]
+    damping_ratio: Array
+    """Least over the modes."""
+    abscissa: Array
+    """Largest real part, 1/s."""
+
+    def __getitem__(self, name: str) -> Array:
+        return self.damping_ratio if name == "damping_ratio" else self.figures[name]
+
+
+def final_Q(J: Array, D_q: Array) -> Array:
+    """ΔQ after a unit step of Q_ref: with P held, V and Q move along the grid's line, and droop keeps its share."""
+    stiffness = J[:, 1, 1] - J[:, 1, 0] * J[:, 0, 1] / J[:, 0, 0]
+    return stiffness / (stiffness + D_q)
+
+
+def evaluate(law: LawOfStudy, designs: NormalisedGains, s: Scenarios, settling_time: float) -> Evaluation:
+    """Figures (M, S) of M designs (arrays of shape (M,), or scalars for one) in S scenarios each."""
+    over = NormalisedGains(*(np.asarray(value, dtype=float).reshape(-1, 1) for value in designs))
+    shape = (len(over.k_2), len(s))
+    every = NormalisedGains(*(np.broadcast_to(value, shape).ravel() for value in over))
+    repeated = Scenarios(*(np.broadcast_to(getattr(s, f.name), shape).ravel() for f in fields(Scenarios)))
+    found = evaluate_pairs(law, every, repeated, settling_time)
+    return Evaluation(
+        {name: values.reshape(shape) for name, values in found.figures.items()},
+        found.damping_ratio.reshape(shape), found.abscissa.reshape(shape),
+    )  # fmt: skip
+
+
+def evaluate_pairs(law: LawOfStudy, normalised: NormalisedGains, s: Scenarios, settling_time: float) -> Evaluation:
+    """Figures (S,) of one design per scenario: ``normalised`` holds arrays (S,)."""
+    gains = PowerLoopGains(*(np.broadcast_to(np.asarray(v, dtype=float), s.P.shape) for v in law.gains(normalised, s)))
+    model = coupled_model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, gains, tau_P=law.tau_P, tau_Q=law.tau_Q)
+    eigenvalues: Any = np.linalg.eigvals(model.A).astype(complex)
+    abscissa = eigenvalues.real.max(axis=1)
+    table = figures(
+        model.A, np.ascontiguousarray(model.B[:, :, :2]), np.ascontiguousarray(model.C[:, :2]), model.A_K, model.B_K,
+        model.C_K, model.J, final_Q(model.J, gains.D_q), abscissa < 0.0, settling_time, _FREQUENCIES / settling_time,
+    )  # fmt: skip
+    named = {name: table[:, k] for k, name in enumerate(FIGURES)}
+    return Evaluation(named, damping_ratio(eigenvalues).min(axis=1), abscissa)

@@ -1,0 +1,274 @@
+"""The robust design of one cell as a smooth program for IPOPT, built once for a law and used for every cell.
+
+Constraints hold in a few scenarios at a time; :mod:`vsgdesign.design.cell` adds the worst one until none is
+violated. All are exact and smooth: responses by matrix exponential, disk margins without a singular value.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import io
+from dataclasses import dataclass, fields
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.design.box import Scenarios
+from vsgdesign.design.evaluation import LawOfStudy
+from vsgdesign.design.kernels import BAND
+from vsgdesign.design.variables import Variables, variables
+from vsgdesign.equations.power_flow import jacobian_from_powers
+from vsgdesign.equations.structures import structure_gains
+from vsgdesign.model.coupled import coupled_function
+from vsgdesign.model.tracing import numpy_on_symbols
+from vsgdesign.parameters.specification import Specification
+
+Array = NDArray[np.float64]
+
+SLOTS = 6
+"""Scenarios in the program at a time."""
+
+KINDS: tuple[str, ...] = ("overshoot", "settling_time", "disk_margin", "inertia")
+"""Promises that have a slack."""
+
+MARGIN_AIM = 1.15
+"""Above this multiple of the least disk margin, more margin is worth no inertia."""
+
+_GUARD, _GUARD_PEAK = 0.6, 0.9
+"""Shares of the 2 % band and of the overshoot that a design uses at a node: a response that just touches the band
+would leave it between nodes, and its settling time would jump."""
+
+_FINE, _FINE_STEPS, _COARSE_STEPS = 20, 24, 18
+"""Steps within a settling time, how many of those, and how many of twice the length after them."""
+_FREQUENCIES = np.geomspace(1.0, 130.0, 10)
+_TAYLOR = 6
+_WEIGHT_SLACK, _WEIGHT_MARGIN = 300.0, 10.0
+
+
+@dataclass(frozen=True)
+class Solution:
+    """One local solution: y, slacks by kind, and the constraint kind with the largest multiplier."""
+
+    y: Array
+    slacks: dict[str, float]
+    prices: dict[str, float]
+    """Change of the objective (natural logarithm of inertia, or of what replaces it) for 1 % of a promise."""
+    iterations: int
+
+
+@functools.lru_cache(maxsize=8)
+def robust_program(law: LawOfStudy, spec: Specification) -> RobustProgram:
+    """The program of a law and a specification, kept for the next cell."""
+    return RobustProgram(law, spec)
+
+
+class RobustProgram:
+    """IPOPT's view of a law and a specification."""
+
+    def __init__(self, law: LawOfStudy, spec: Specification) -> None:
+        self.variables: Variables = variables(law.structure, spec)
+        self._spec = spec
+        count = len(self.variables.names)
+        y, margin, slack = ca.MX.sym("y", count), ca.MX.sym("margin"), ca.MX.sym("slack", len(KINDS))
+        parameters = ca.MX.sym("p", len(fields(Scenarios)), SLOTS)
+        centre, stiffness, pull = ca.MX.sym("centre", count), ca.MX.sym("stiffness"), ca.MX.sym("pull")
+        slot = _slot_function(law, spec, self.variables)
+        rows = slot.map(SLOTS)(
+            ca.repmat(y, 1, SLOTS), ca.repmat(margin, 1, SLOTS), ca.repmat(slack, 1, SLOTS), parameters
+        )
+        # H = A ω_0/(2 S k_1) at the design point, in logarithms; stiffness = ln(A ω_0/(2 S)).
+        if spec.settles:
+            log_inertia = stiffness - y[0] - float(np.log(self.variables.scale[0]))
+            held = [log_inertia + slack[3] - float(np.log(max(spec.H_min, 1e-9))),
+                    float(np.log(spec.H_max)) - log_inertia + slack[3]]  # fmt: skip
+            price = -log_inertia
+        else:
+            held = [slack[3], slack[3]]
+            price = 0.2 * ca.sum1(y[:2])  # no more damping and bandwidth than needed
+        aim = MARGIN_AIM * spec.disk_margin
+        short = margin - spec.disk_margin * (1.0 - slack[2])
+        objective = (
+            price + _WEIGHT_SLACK * ca.sum1(slack) + _WEIGHT_MARGIN * (aim - margin)
+            + pull * ca.sum1(ca.DM(self.variables.pull) * (y - centre) ** 2)
+        )  # fmt: skip
+        g = ca.vertcat(ca.vec(rows), short, *held)
+        options = {
+            "print_time": False,
+            "show_eval_warnings": False,  # IPOPT steps back by itself from where a determinant vanishes
+            "ipopt": {
+                "print_level": 0, "sb": "yes", "max_iter": 80, "tol": 1e-5, "acceptable_tol": 1e-3,
+                "acceptable_iter": 5, "hessian_approximation": "limited-memory", "mu_strategy": "adaptive",
+            },
+        }  # fmt: skip
+        problem = {
+            "x": ca.vertcat(y, margin, slack),
+            "p": ca.vertcat(ca.vec(parameters), centre, stiffness, pull),
+            "f": objective,
+            "g": g,
+        }
+        self._solver = ca.nlpsol("cell", "ipopt", problem, options)
+        self._kinds = np.array([*(_row_kinds(spec) * SLOTS), "disk_margin", "inertia", "inertia"])
+        self._aim = aim
+
+    def solve(
+        self, start: Array, centre: Array, slots: Scenarios, stiffness: float, pull: float, ceiling: Array
+    ) -> Solution | None:
+        """A local solution from a start; None where IPOPT fails. ``slots`` holds at most SLOTS scenarios; ``pull``
+        is how much being near the centre counts, ``ceiling`` the upper bounds of y."""
+        v = self.variables
+        packed = np.array([getattr(slots, f.name) for f in fields(Scenarios)])
+        packed = packed[:, np.arange(SLOTS) % packed.shape[1]]
+        parameters = np.concatenate([packed.T.ravel(), centre, [stiffness, pull]])
+        begin = np.concatenate([start, [0.9 * self._spec.disk_margin], np.full(len(KINDS), 0.1)])
+        low = np.concatenate([v.low, [1e-2], np.zeros(len(KINDS))])
+        high = np.concatenate([ceiling, [max(self._aim, 0.011)], np.full(len(KINDS), 50.0)])
+        with contextlib.redirect_stderr(io.StringIO()):  # a start that fails is told by the result
+            found = self._solver(x0=begin, p=parameters, lbg=0.0, ubg=np.inf, lbx=low, ubx=high)
+        x, multipliers = found["x"].full().ravel(), -found["lam_g"].full().ravel()
+        if not np.isfinite(x).all():
+            return None
+        count = len(v.names)
+        prices = {kind: 0.01 * float(np.sum(np.maximum(multipliers[self._kinds == kind], 0.0))) for kind in KINDS}
+        slacks = dict(zip(KINDS, x[count + 1 :].tolist(), strict=True))
+        return Solution(np.clip(x[:count], v.low, ceiling), slacks, prices, int(self._solver.stats()["iter_count"]))
+
+
+def _row_kinds(spec: Specification) -> list[str]:
+    """The promise behind every row of a slot, in the order of :func:`_slot_function`."""
+    kinds: list[str] = []
+    if spec.settles:
+        peaks, tails = _times()
+        kinds += (["overshoot"] * len(peaks) + ["settling_time"] * (2 * len(tails))) * 2
+    return kinds + ["disk_margin"] * (2 * len(_FREQUENCIES))
+
+
+def _times() -> tuple[list[int], list[int]]:
+    """Sample numbers at which overshoot is held, and those from the settling time on at which the band is."""
+    coarse = range(_FINE_STEPS, _FINE_STEPS + _COARSE_STEPS)
+    return list(range(1, _FINE - 1, 2)), [*range(_FINE - 1, _FINE_STEPS), *coarse[:10], *coarse[11::2]]
+
+
+def _slot_function(law: LawOfStudy, spec: Specification, v: Variables) -> ca.Function:
+    """(y, margin, slacks, scenario) → rows that are ≥ 0 where a design keeps its promises in one scenario."""
+    y, margin, slack = ca.SX.sym("y", len(v.names)), ca.SX.sym("margin"), ca.SX.sym("slack", len(KINDS))
+    s = Scenarios(*(ca.SX.sym(f.name) for f in fields(Scenarios)))
+    with numpy_on_symbols():
+        A_hat, B_hat, C_hat, D_hat = jacobian_from_powers(s.P, s.Q, s.V_rms, s.R_hat, s.X_hat)
+        gains = structure_gains(
+            A_hat, B_hat, C_hat, D_hat, v.expression(y, ca.exp), law.D_p, law.D_q, law.S_rated, law.omega_n,
+            law.structure == "angle_damped", law.law == "inertia",
+        )  # fmt: skip
+    model = coupled_function(law.tau_P > 0.0, law.tau_Q > 0.0)
+    A, B, C, _, A_K, B_K, C_K, J = model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, *gains, law.tau_P, law.tau_Q)
+    rows: list[Any] = []
+    if spec.settles:
+        stiffness = J[1, 1] - J[1, 0] * J[0, 1] / J[0, 0]
+        finals = (1.0, stiffness / (stiffness + gains.D_q))
+        responses = _responses(A, B[:, :2], C[:2, :], spec.settling_time, min(law.tau_P or 1e9, law.tau_Q or 1e9))
+        peaks, tails = _times()
+        for own, final in zip(responses, finals, strict=True):
+            error = [value / final - 1.0 for value in own]
+            rows += [_GUARD_PEAK * spec.overshoot * (1.0 + slack[0]) - error[k] for k in peaks]
+            band = _GUARD * BAND * (1.0 + 5.0 * slack[1])
+            rows += [band - error[k] for k in tails] + [band + error[k] for k in tails]
+    rows += _margin_rows(A_K, B_K, C_K, J, margin, _FREQUENCIES / spec.settling_time)
+    scenario = ca.vertcat(*(getattr(s, f.name) for f in fields(Scenarios)))
+    return ca.Function("slot", [y, margin, slack, scenario], [ca.vertcat(*rows)])
+
+
+def _responses(A: Any, B: Any, C: Any, settling_time: float, tau: float) -> tuple[list[Any], list[Any]]:
+    """Own-channel unit step responses of P and Q at multiples of T/_FINE, then of twice that."""
+    n, h = A.shape[0], settling_time / _FINE
+    squarings = max(int(np.ceil(np.log2(h * (1.0 / tau + 20.0 / settling_time) / 0.4))), 0)
+    step = h / 2.0**squarings
+    identity = ca.SX.eye(n)
+    phi, psi, term = identity, identity * step, identity
+    for k in range(1, _TAYLOR + 1):
+        term = ca.mtimes(term, A) * (step / k)
+        phi, psi = phi + term, psi + term * (step / (k + 1))
+    for _ in range(squarings):
+        psi, phi = psi + ca.mtimes(phi, psi), ca.mtimes(phi, phi)
+    twice = (ca.mtimes(phi, phi), psi + ca.mtimes(phi, psi))
+    found = []
+    for channel in (0, 1):
+        x, values = ca.SX.zeros(n), []
+        for transition, drive, steps in ((phi, psi, _FINE_STEPS), (*twice, _COARSE_STEPS)):
+            into = ca.mtimes(drive, B[:, channel])
+            for _ in range(steps):
+                x = ca.mtimes(transition, x) + into
+                values.append(ca.mtimes(C[channel, :], x))
+        found.append(values)
+    return found[0], found[1]
+
+
+def _margin_rows(A_K: Any, B_K: Any, C_K: Any, J: Any, margin: Any, omegas: Array) -> list[Any]:
+    """With r = 1/α²: r² − t r + d ≥ 0 and r ≥ t/2 at each frequency (:eq:`margin-constraint`), both over r's size."""
+    r = 1.0 / margin**2
+    rows: list[Any] = []
+    for omega in omegas:
+        k = _solve_complex(A_K, B_K, float(omega))
+        loop = [[_sum(_times_real(k[i][c], C_K[row, i]) for i in range(len(k))) for c in (0, 1)] for row in (0, 1)]
+        L = [[_sum(_times_real(loop[i][c], J[row, i]) for i in (0, 1)) for c in (0, 1)] for row in (0, 1)]
+        one = (1.0, 0.0)
+        a11, a22 = _minus(one, L[0][0]), _minus(one, L[1][1])
+        a12, a21 = _minus((0.0, 0.0), L[0][1]), _minus((0.0, 0.0), L[1][0])
+        inverse = _reciprocal(_minus(_product(a11, a22), _product(a12, a21)))
+        m11, m22 = (_minus(_product(a, inverse), (0.5, 0.0)) for a in (a22, a11))
+        m12, m21 = _product(a12, inverse), _product(a21, inverse)
+        t = _norm(m11) + _norm(m22) + 2.0 * ca.sqrt(_norm(_product(m12, m21)) + 1e-18)
+        d = _norm(_minus(_product(m11, m22), _product(m12, m21)))
+        rows += [1.0 - t / r + d / r**2, 1.0 - 0.5 * t / r]
+    return rows
+
+
+def _solve_complex(A: Any, B: Any, omega: float) -> list[list[tuple[Any, Any]]]:
+    """(jω − A)⁻¹ B as pairs (re, im), by elimination from the last state up: the diagonal never vanishes at ω > 0."""
+    n = A.shape[0]
+    M = [[(-A[i, j] if A[i, j].nnz() else 0.0, omega if i == j else 0.0) for j in range(n)] for i in range(n)]
+    rhs = [[(B[i, c], 0.0) for c in (0, 1)] for i in range(n)]
+    order = range(n - 1, -1, -1)
+    for k in order:
+        inverse = _reciprocal(M[k][k])
+        for i in range(k):
+            factor = _product(M[i][k], inverse)
+            for j in range(k):
+                M[i][j] = _minus(M[i][j], _product(factor, M[k][j]))
+            rhs[i] = [_minus(rhs[i][c], _product(factor, rhs[k][c])) for c in (0, 1)]
+    x: list[list[tuple[Any, Any]]] = [[(0.0, 0.0)] * 2 for _ in range(n)]
+    for k in range(n):
+        inverse = _reciprocal(M[k][k])
+        for c in (0, 1):
+            value = rhs[k][c]
+            for j in range(k):
+                value = _minus(value, _product(M[k][j], x[j][c]))
+            x[k][c] = _product(value, inverse)
+    return x
+
+
+def _product(a: Any, b: Any) -> tuple[Any, Any]:
+    return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
+
+
+def _minus(a: Any, b: Any) -> tuple[Any, Any]:
+    return a[0] - b[0], a[1] - b[1]
+
+
+def _times_real(a: Any, k: Any) -> tuple[Any, Any]:
+    return a[0] * k, a[1] * k
+
+
+def _sum(terms: Any) -> tuple[Any, Any]:
+    re, im = zip(*terms, strict=True)
+    return sum(re), sum(im)
+
+
+def _norm(a: Any) -> Any:
+    return a[0] * a[0] + a[1] * a[1]
+
+
+def _reciprocal(a: Any) -> tuple[Any, Any]:
+    size = _norm(a)
+    return a[0] / size, -a[1] / size

@@ -1,0 +1,158 @@
+"""One finished cell as a small JSON file: what a sweep keeps, so that a kill at any moment loses no finished cell."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsgdesign.artifacts.files import write_json
+from vsgdesign.artifacts.provenance import provenance
+from vsgdesign.design.box import Scenarios, scenarios_of_estimate
+from vsgdesign.design.cell import CellDesign, Figures, design_cell, shortfalls
+from vsgdesign.design.evaluation import LawOfStudy, law_of
+from vsgdesign.design.variables import variables
+from vsgdesign.design.verification import full_order_figures
+from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.parameters.specification import Specification
+from vsgdesign.parameters.study import ClosedFormTarget, Study
+
+_SLOWER = (0.75, 0.55)
+"""Shares of the first design's bandwidth that are tried where the inner loops take its promises away."""
+
+
+@dataclass(frozen=True)
+class CellTask:
+    """One cell to design, complete in itself: it goes to another process or machine."""
+
+    study: Study
+    target: ClosedFormTarget
+    spec: Specification
+    scr: float
+    x_over_r: float
+    centre: tuple[float, ...]
+    """The common design that the cell stays near."""
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Hash of everything that decides the result."""
+        spec = replace(self.spec, scr=(), x_over_r=())  # of the other nodes only the region's limits have a say
+        parts = {
+            "study": self.study.hash, "target": asdict(self.target), "specification": asdict(spec),
+            "region": [self.spec.scr[0], self.spec.scr[-1], self.spec.x_over_r[0], self.spec.x_over_r[-1]],
+            "node": [self.scr, self.x_over_r], "centre": self.centre, "seed": self.seed, "versions": provenance(),
+        }  # fmt: skip
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class CellRecord:
+    """A designed cell. ``design`` None: outside, no scenario lies within the static limits. ``full_order``: the worst
+    figures with inner loops, filters and delay; ``inner_rad_s``: |s| of the unstable mode, where there is one."""
+
+    scr: float
+    x_over_r: float
+    design: CellDesign | None
+    full_order: Figures | None
+    inner_rad_s: float | None
+
+    @property
+    def missed(self) -> dict[str, float]:
+        """Promises that are not kept, by either model, with what would have to be allowed."""
+        if self.design is None or self.full_order is None:
+            return {}
+        return self.design.shortfalls
+
+
+def run_task(task: CellTask) -> CellRecord:
+    """Design one cell and look at it with the full-order model.
+
+    The optimizer's model has ideal inner loops. Where the real ones take away what was promised, the cell is
+    designed again with less bandwidth; the best of these by the full-order figures is kept.
+    """
+    study, spec = task.study, task.spec
+    law = law_of(study, task.target, spec.aim)
+    s = scenarios_of_estimate(study, spec, task.scr, task.x_over_r, task.target.P, task.target.Q)
+    if len(s) == 0:
+        return CellRecord(task.scr, task.x_over_r, None, None, None)
+    v = variables(law.structure, spec)
+    centre = np.array(task.centre)
+    records = []
+    for slower in (1.0, *_SLOWER):
+        ceiling = None if slower == 1.0 else v.slower(records[0].design.normalised, slower)
+        design = design_cell(law, spec, s, centre, task.seed, ceiling)
+        records.append(_with_full_order(task, law, s, design))
+        if design.shortfalls or not records[-1].design.shortfalls:
+            break  # kept by both models, or not even by the optimizer's: less bandwidth is no cure
+    return min(records, key=lambda record: _distance(spec, record.missed))
+
+
+def _distance(spec: Specification, missed: dict[str, float]) -> float:
+    """How far a design is from its promises: the sum of what is missed, each over its limit; instability is far."""
+    limits = {name: getattr(spec, name) for name in missed if name != "inner_loops"}
+    parts = [abs(missed[name] - limit) / max(limit, 1e-9) for name, limit in limits.items()]
+    return float(sum(min(part, 10.0) for part in parts)) + (100.0 if "inner_loops" in missed else 0.0)
+
+
+def _with_full_order(task: CellTask, law: LawOfStudy, s: Scenarios, design: CellDesign) -> CellRecord:
+    study, spec = task.study, task.spec
+    figures = full_order_figures(study, law.gains(design.normalised, s), s, spec.settling_time)
+    worst = figures.worst()
+    # The network's and the filter's modes are damped by the grid and the inner loops: no promise of the power loops.
+    seen = replace(worst, damping_ratio=max(worst.damping_ratio, design.figures.damping_ratio))
+    missed = design.shortfalls | shortfalls(spec, seen, design.inertia)
+    inner = None
+    if not worst.abscissa < 0.0:
+        inner = float(figures.fastest_rad_s[int(figures.abscissa.argmax())])
+        missed = {"inner_loops": inner}
+    active = design.active if not missed else next(iter(missed))
+    return CellRecord(task.scr, task.x_over_r, replace(design, shortfalls=missed, active=active), worst, inner)
+
+
+def write_record(folder: Path, key: str, record: CellRecord) -> None:
+    """Keep a finished cell; the file appears whole or not at all."""
+    write_json(folder / f"{key}.json", {"key": key, **record_document(record)})
+
+
+def read_record(folder: Path, key: str) -> CellRecord | None:
+    """A cell finished before, or None where there is none or it cannot be read."""
+    try:
+        document = json.loads((folder / f"{key}.json").read_text(encoding="utf-8"))
+        return record_of(document) if document["key"] == key else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def record_document(record: CellRecord) -> dict[str, Any]:
+    """A record in JSON's types. Infinite figures become null and come back infinite."""
+    document: dict[str, Any] = asdict(record)
+    if record.design is not None:
+        document["design"]["normalised"] = record.design.normalised._asdict()
+    return document
+
+
+def record_of(document: dict[str, Any]) -> CellRecord:
+    """The record of a document."""
+    design = document["design"]
+    if design is not None:
+        fields = dict(design)
+        fields["normalised"] = NormalisedGains(**fields["normalised"])
+        fields["figures"] = _figures(fields["figures"])
+        fields["shortfalls"] = {k: float("inf") if v is None else v for k, v in fields["shortfalls"].items()}
+        design = CellDesign(**fields)
+    full = document["full_order"]
+    return CellRecord(
+        document["scr"], document["x_over_r"], design, None if full is None else _figures(full), document["inner_rad_s"]
+    )
+
+
+def _figures(document: dict[str, Any]) -> Figures:
+    """Figures whose missing numbers were infinite: bad is large, except for margins and damping."""
+    low = ("disk_margin", "damping_ratio")
+    infinite = {name: float("-inf") if name in low else float("inf") for name in document}
+    return Figures(**{name: infinite[name] if value is None else value for name, value in document.items()})

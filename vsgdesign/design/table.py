@@ -1,0 +1,165 @@
+"""From a specification to a gain table: design the nodes, look between them, add nodes where a promise breaks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.gain_table import COLUMNS, GainTable, ValidityBox, base_of, fill_outside, to_dimensionless
+from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.artifacts.provenance import provenance
+from vsgdesign.design.between import BetweenCheck, check_between, failing_intervals
+from vsgdesign.design.box import scenarios_of_estimate
+from vsgdesign.design.cell import common_design
+from vsgdesign.design.evaluation import LawOfStudy, law_of
+from vsgdesign.design.record import CellRecord, CellTask
+from vsgdesign.design.sweep import sweep
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.parameters.specification import Specification
+from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.runtime.table import table_grids, with_node_gains
+from vsgdesign.stability.gain_table import margins_of
+
+Array = NDArray[np.float64]
+
+_LARGE = {
+    "overshoot_P_pct": ("overshoot_P", 100.0),
+    "settling_P_s": ("settling_P", 1.0),
+    "overshoot_Q_pct": ("overshoot_Q", 100.0),
+    "settling_Q_s": ("settling_Q", 1.0),
+    "cross_peak": ("cross_peak", 1.0),
+}
+"""Figures of which the largest is the worst: name in the table, name in Figures, scale."""
+
+REFINEMENTS = 2
+"""How often nodes are added."""
+
+CELLS_LIMIT = 3.0
+"""A table grows to at most so many times its first number of cells."""
+
+
+@dataclass(frozen=True)
+class BuiltTable:
+    """A table and how it came about."""
+
+    table: GainTable
+    records: tuple[CellRecord, ...]
+    added: tuple[tuple[str, float], ...]
+    """Nodes added between those of the specification: axis and value."""
+    between: BetweenCheck
+
+
+def build_table(
+    study: Study, controller: ControllerSpec, folder: Path, *, executor: Executor | None = None, seed: int = 0,
+    refinements: int = REFINEMENTS, progress: Progress | None = None,
+) -> BuiltTable:  # fmt: skip
+    """The gain table of a controller under the study's specification.
+
+    ``folder`` keeps finished cells: a build that was killed goes on from them and gives the same bytes. Raises
+    InfeasibleStudyError where the study has no specification, or where no cell has an operating point.
+    """
+    spec = study.specification
+    if spec is None:
+        raise InfeasibleStudyError("the study has no [specification]: say what the table has to keep, and over what")
+    tell = progress or silent
+    law = law_of(study, controller.target, spec.aim)
+    scr, ratio = list(spec.scr), list(spec.x_over_r)
+    added: list[tuple[str, float]] = []
+    rounds = 0
+    P, Q = controller.target.P, controller.target.Q
+    boxes = [scenarios_of_estimate(study, spec, s, x, P, Q) for s in scr for x in ratio]
+    centre = tuple(float(value) for value in common_design(law, spec, [box for box in boxes if len(box)]))
+    while True:
+        tasks = [CellTask(study, controller.target, spec, s, x, centre, seed) for s in scr for x in ratio]
+        records = sweep(tasks, folder, executor, tell)
+        if all(record.design is None for record in records):
+            raise InfeasibleStudyError(
+                "specification: no cell of the table has an operating point within the converter's limits. "
+                "Ask for less power (P, Q), stronger grids (scr), or wider voltage limits (V_min_pu, V_max_pu)."
+            )
+        table = assemble(study, controller, spec, law, np.array(scr), np.array(ratio), records)
+        rounds += 1
+        if rounds > refinements:
+            break
+        tell("look between nodes", 0.0)
+        more = failing_intervals(study, law, spec, table, seed=seed + rounds)
+        tell("look between nodes", 1.0)
+        limit = CELLS_LIMIT * len(spec.scr) * len(spec.x_over_r)
+        before = len(added)
+        for axis, value in more:
+            target, other = (scr, ratio) if axis == "scr" else (ratio, scr)
+            if (len(target) + 1) * len(other) <= limit and value not in target:
+                target.append(value)
+                target.sort()
+                added.append((axis, value))
+        if len(added) == before:
+            break
+    tell("look between nodes", 0.0)
+    checked = check_between(study, law, spec, table, seed=seed)
+    tell("look between nodes", 1.0)
+    return BuiltTable(table, tuple(records), tuple(added), checked)
+
+
+def assemble(
+    study: Study, controller: ControllerSpec, spec: Specification, law: LawOfStudy, scr: Array, x_over_r: Array,
+    records: Sequence[CellRecord],
+) -> GainTable:  # fmt: skip
+    """The table of designed cells, row by row over scr × x_over_r."""
+    shape = (len(scr), len(x_over_r))
+    designs = [record.design for record in records]
+    valid = np.array([d is not None for d in designs]).reshape(shape)
+
+    def cells(value: Any, outside: float = np.nan) -> Array:
+        return np.array([outside if d is None else value(d, r) for d, r in zip(designs, records, strict=True)],
+                        dtype=float).reshape(shape)  # fmt: skip
+
+    normalised = {
+        name: fill_outside(cells(lambda d, _, k=k: float(d.normalised[k]), 0.0), valid)
+        for k, name in enumerate(COLUMNS[law.law])
+    }
+    margins = {
+        f"worst_{name}": cells(lambda d, r, f=field, k=scale: k * max(getattr(d.figures, f), getattr(r.full_order, f)))
+        for name, (field, scale) in _LARGE.items()
+    }
+    margins |= {
+        "worst_disk_margin": cells(lambda d, r: min(d.figures.disk_margin, r.full_order.disk_margin)),
+        "worst_least_damping": cells(lambda d, _: d.figures.damping_ratio),
+        "full_order_decay_1_s": cells(lambda _, r: -r.full_order.abscissa),
+        "scenarios": cells(lambda d, _: d.scenarios),
+    }
+    margins = {name: np.where(np.isfinite(values), values, np.nan) for name, values in margins.items()}
+    status = np.array(["outside" if d is None else "met" if d.met else "relaxed" for d in designs]).reshape(shape)
+    active = np.array(["" if d is None else _active(d.active, d.shortfalls) for d in designs]).reshape(shape)
+    base = base_of(study, spec.scr_basis)
+    box = spec.box
+    validity = ValidityBox(
+        (float(scr[0]), float(scr[-1])), (float(x_over_r[0]), float(x_over_r[-1])), (min(box.P), max(box.P)),
+        (min(box.Q), max(box.Q)), study.converter.V_limits_rms, max(box.error_R, box.error_X),
+    )  # fmt: skip
+    table = GainTable(
+        name=controller.name, structure=law.structure, law=law.law, study=study.name, study_hash=study.hash,
+        base=base, D_p=law.D_p, D_q=law.D_q, P_design=controller.target.P, Q_design=controller.target.Q,
+        time_scale=spec.settling_time if spec.settles else 1.0, scr=scr, x_over_r=x_over_r,
+        columns=to_dimensionless(normalised, spec.settling_time if spec.settles else 1.0),
+        gains=PowerLoopGains(**dict.fromkeys(PowerLoopGains._fields, np.full(shape, np.nan))),
+        status=status, active=active,
+        price=cells(lambda d, _: d.price), margins=margins, specification=asdict(spec), validity=validity,
+        provenance=provenance(), inputs={"study": study.hash},
+    )  # fmt: skip
+    table = with_node_gains(table)
+    R_g, L_g = table_grids(table)
+    return replace(table, margins=margins | margins_of(base, R_g, L_g, table.P_design, table.Q_design, table.gains))
+
+
+def _active(active: str, missed: dict[str, float]) -> str:
+    """The active promise, or what would have to be allowed for the cell to be feasible."""
+    if not missed:
+        return active
+    return "; ".join(f"{name} → {value:.4g}" for name, value in missed.items())

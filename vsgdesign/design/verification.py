@@ -1,0 +1,131 @@
+"""What a design does with the inner loops, the filters and the delay: full-order figures in every scenario."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.design.box import Scenarios
+from vsgdesign.design.cell import Figures
+from vsgdesign.design.evaluation import final_Q
+from vsgdesign.design.kernels import BAND
+from vsgdesign.equations.power_flow import jacobian_from_powers
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.metrics.margins import disk_margin_per_frequency
+from vsgdesign.metrics.modes import damping_ratio, to_continuous
+from vsgdesign.model.full_order import INPUTS, OUTPUTS
+from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
+from vsgdesign.parameters.study import Grid, GridSource, Study
+from vsgdesign.stability.loops import FullOrderLoop
+
+Array = NDArray[np.float64]
+
+_HORIZON = 3.2
+_POINTS = 320
+"""How long responses are looked at, in settling times, and at how many instants."""
+_FREQUENCIES = 120
+_STEPS = ("overshoot_P", "settling_P", "overshoot_Q", "settling_Q")
+
+
+@dataclass(frozen=True)
+class FullOrderFigures:
+    """Figures (S,) of one design in every scenario; NaN margins where it is unstable or has no steady state."""
+
+    overshoot_P: Array
+    settling_P: Array
+    overshoot_Q: Array
+    settling_Q: Array
+    cross_peak: Array
+    disk_margin: Array
+    damping_ratio: Array
+    abscissa: Array
+    fastest_rad_s: Array
+    """|s| of the mode with the largest real part: far above the power loops' bandwidth where the inner loops fail."""
+
+    def worst(self) -> Figures:
+        """The worst over the scenarios."""
+        return Figures(
+            float(np.max(self.overshoot_P)), float(np.max(self.settling_P)), float(np.max(self.overshoot_Q)),
+            float(np.max(self.settling_Q)), float(np.max(self.cross_peak)), float(np.min(self.disk_margin)),
+            float(np.min(self.damping_ratio)), float(np.max(self.abscissa)),
+        )  # fmt: skip
+
+
+def full_order_figures(study: Study, gains: PowerLoopGains, s: Scenarios, settling_time: float) -> FullOrderFigures:
+    """Gains, arrays (S,), in S scenarios on the full-order model: averaged bridge, inner loops, delay, sampling."""
+    model = linearise_full_order(study, _cells(study, gains, s))
+    count, index = len(s), model.index
+    eigenvalues = to_continuous(np.linalg.eigvals(model.A), model.T_s)
+    rightmost = np.argmax(eigenvalues.real, axis=1)
+    rows = np.arange(len(index))
+    abscissa = eigenvalues.real.max(axis=1)
+    out = {name: np.full(count, np.inf) for name in (*_STEPS, "cross_peak", "abscissa")}
+    out |= {name: np.full(count, -np.inf) for name in ("disk_margin", "damping_ratio")}
+    out["fastest_rad_s"] = np.full(count, np.nan)
+    out["abscissa"][index] = abscissa
+    out["fastest_rad_s"][index] = np.abs(eigenvalues[rows, rightmost])
+    out["damping_ratio"][index] = damping_ratio(eigenvalues).min(axis=1)
+    stable = abscissa < 0.0
+    good = index[stable]
+    for name, values in _responses(model, stable, gains, s, settling_time).items():
+        out[name][good] = values
+    omega = np.geomspace(0.3 / settling_time, 0.9 * np.pi / model.T_s, _FREQUENCIES)
+    out["disk_margin"][good] = disk_margin_per_frequency(FullOrderLoop(model).on(omega)[stable]).min(axis=1)
+    return FullOrderFigures(**out)
+
+
+def _cells(study: Study, gains: PowerLoopGains, s: Scenarios) -> list[Cell]:
+    """Cells whose references put each scenario at its powers in spite of droop."""
+    c, f = study.converter, study.filter
+    gains = PowerLoopGains(*(np.broadcast_to(np.asarray(value, dtype=float), s.P.shape) for value in gains))
+    P_ref = s.P - gains.D_p * (c.omega_n - s.omega_g)
+    Q_ref = s.Q - gains.D_q * (c.V_rated_rms - s.V_rms)
+    return [
+        Cell(
+            Grid(float(s.R[k] - f.R_2), float(s.X[k] / s.omega_g[k] - f.L_2)),
+            PowerLoopGains(*(float(value[k]) for value in gains)),
+            float(P_ref[k]), float(Q_ref[k]),
+            GridSource(float(s.V_g_rms[k]), float(s.omega_g[k])),
+        )
+        for k in range(len(s))
+    ]  # fmt: skip
+
+
+def _responses(
+    model: FullOrderModel, stable: NDArray[np.bool_], gains: PowerLoopGains, s: Scenarios, settling_time: float
+) -> dict[str, Array]:
+    """Overshoot, settling and cross peak over both reference steps of the stable cells."""
+    every = max(round(_HORIZON * settling_time / _POINTS / model.T_s), 1)
+    k = every * np.arange(1, _POINTS + 1)
+    t_s = np.asarray(k * model.T_s, dtype=np.float64)
+    z, right = np.linalg.eig(model.A[stable])
+    powers = np.exp(np.log(np.where(z == 0.0, 1e-300, z).astype(complex))[:, None, :] * k[:, None]) - 1.0
+    at = model.index[stable]
+    J = np.array(jacobian_from_powers(s.P[at], s.Q[at], s.V_rms[at], s.R[at], s.X[at])).T.reshape(-1, 2, 2)
+    D_q = np.broadcast_to(np.asarray(gains.D_q, dtype=float), s.P.shape)[at]
+    finals = {"P": np.ones(len(at)), "Q": final_Q(J, D_q)}
+    found: dict[str, Array] = {"cross_peak": np.zeros(len(at))}
+    for own, other in (("P", "Q"), ("Q", "P")):
+        into = np.linalg.solve(right, model.B[stable][:, :, [INPUTS.index(f"{own}_ref")]].astype(complex))[..., 0]
+        weight = into / (z - 1.0)
+        seen = {name: (model.C[stable][:, [OUTPUTS.index(name)]] @ right)[:, 0] for name in (own, other)}
+        values = {name: np.einsum("ikn,in->ik", powers, row * weight).real for name, row in seen.items()}
+        progress = values[own] / finals[own][:, None]
+        found[f"overshoot_{own}"] = np.maximum(progress.max(axis=1) - 1.0, 0.0)
+        found[f"settling_{own}"] = _settling(t_s, np.abs(progress - 1.0))
+        found["cross_peak"] = np.maximum(found["cross_peak"], np.abs(values[other]).max(axis=1))
+    return found
+
+
+def _settling(t_s: Array, error: Array) -> Array:
+    """Last entry into the band per row, interpolated; infinite where the last instant is outside."""
+    count = error.shape[1]
+    last = count - 1 - np.argmax(error[:, ::-1] > BAND, axis=1)
+    never = ~(error > BAND).any(axis=1)
+    rows, after = np.arange(len(error)), np.minimum(last + 1, count - 1)
+    span = error[rows, last] - error[rows, after]
+    part = np.where(span > 0.0, (error[rows, last] - BAND) / np.where(span > 0.0, span, 1.0), 0.0)
+    found = t_s[last] + part * (t_s[after] - t_s[last])
+    return np.where(never, 0.0, np.where(last == count - 1, np.inf, found))
