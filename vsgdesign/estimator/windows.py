@@ -6,15 +6,19 @@ what it will see.
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import math
+import os
 import shutil
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
@@ -130,10 +134,11 @@ class _Parts:
 
     def __init__(self, out: str | Path | None, header: dict[str, Any]) -> None:
         self._header = header | {"source_stamp": source_stamp(), "block": BLOCK}
+        self._out = None if out is None else Path(out)
         self._folder = None
-        if out is not None:
+        if self._out is not None:
             name = content_hash(self._header, {})[:16]
-            self._folder = Path(out).with_name(f".{Path(out).name}.{name}.parts")
+            self._folder = self._out.with_name(f".{self._out.name}.{name}.parts")
 
     def read(self, k: int) -> Arrays | None:
         if self._folder is None or not (self._folder / f"{k}.npz").is_file():
@@ -149,8 +154,10 @@ class _Parts:
             write_arrays(self._folder / f"{k}.npz", self._header, arrays)
 
     def remove(self) -> None:
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
+        """These blocks, and those that an earlier recipe or version left beside the same file."""
+        if self._out is not None:
+            for folder in self._out.parent.glob(f".{glob.escape(self._out.name)}.*.parts"):
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager
@@ -162,12 +169,25 @@ def _block_maker(executor: Executor | None, workers: int) -> Iterator[Callable[.
     if executor is not None:
         yield lambda *arguments: executor.submit(make_block, *arguments).result
         return
-    # Fresh processes: a forked copy of threads and their locks may hang. Ctrl-C is for the one that waits.
-    own = ProcessPoolExecutor(workers, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    # Fresh processes: a forked copy of threads and their locks may hang.
+    own = ProcessPoolExecutor(workers, get_context("spawn"), _begin_worker)
     try:
         yield lambda *arguments: own.submit(make_block, *arguments).result
     finally:
         own.shutdown(cancel_futures=True)
+
+
+def _begin_worker() -> None:
+    """Ctrl-C is for the process that waits for this one; if that one is killed, this one ends too."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(1)
 
 
 def make_block(study: Study, recipe: WindowRecipe, seed: int, indices: range) -> Arrays:
