@@ -36,7 +36,7 @@ _RATIOS = (0.7, 0.85, 1.0, 1.2, 1.4, 1.7)
 """Common designs: k_1T²/15.8, d_1/(2√k_1), k_2/√k_1."""
 _CAP = 3.0
 
-_GUARD_STEP, _GUARD_MARGIN = 0.98, 1.02
+_GUARD_STEP, _GUARD_OVERSHOOT, _GUARD_MARGIN = 0.98, 0.8, 1.02
 """A design at a node keeps so much of the limits in hand, for what lies between nodes."""
 
 
@@ -260,7 +260,7 @@ def _scores(spec: Specification, v: Variables, y: Array, e: Evaluation, log_stif
         rest = float(np.sum(v.pull * (y[k] - centre) ** 2))
         if spec.settles:
             settling = min(f.settling_time / spec.settling_time, 10.0)
-            broken += max(min(f.overshoot / (_GUARD_STEP * spec.overshoot), 1e3) - 1.0, 0.0)
+            broken += max(min(f.overshoot / (_GUARD_OVERSHOOT * spec.overshoot), 1e3) - 1.0, 0.0)
             broken += max(settling / _GUARD_STEP - 1.0, 0.0)
             log_H = log_stiffness - y[k, 0] - float(np.log(v.scale[0]))
             low, high = float(np.log(max(spec.H_min, 1e-9))), float(np.log(spec.H_max))
@@ -268,7 +268,7 @@ def _scores(spec: Specification, v: Variables, y: Array, e: Evaluation, log_stif
             rest -= log_H
         else:
             rest += 0.2 * float(y[k, :2].sum())
-        scores[k] = 300.0 * broken + 10.0 * max(limit - f.disk_margin, 0.0) + rest
+        scores[k] = 300.0 * broken + 30.0 * max(limit - f.disk_margin, 0.0) + rest
         scores[k] += (5.0 if broken > 0.0 else 0.0) + (0.0 if f.abscissa < 0.0 else 1e4)
     return scores
 

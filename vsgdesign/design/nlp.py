@@ -37,7 +37,7 @@ KINDS: tuple[str, ...] = ("overshoot", "settling_time", "disk_margin", "inertia"
 MARGIN_AIM = 1.15
 """Above this multiple of the least disk margin, more margin is worth no inertia."""
 
-_GUARD, _GUARD_PEAK = 0.6, 0.9
+_GUARD, _GUARD_PEAK = 0.6, 0.7
 """Shares of the 2 % band and of the overshoot that a design uses at a node: a response that just touches the band
 would leave it between nodes, and its settling time would jump."""
 
@@ -45,7 +45,7 @@ _FINE, _FINE_STEPS, _COARSE_STEPS = 20, 24, 18
 """Steps within a settling time, how many of those, and how many of twice the length after them."""
 _FREQUENCIES = np.geomspace(1.0, 130.0, 10)
 _TAYLOR = 6
-_WEIGHT_SLACK, _WEIGHT_MARGIN = 300.0, 10.0
+_WEIGHT_SLACK, _WEIGHT_MARGIN = 300.0, 30.0
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def _row_kinds(spec: Specification) -> list[str]:
 def _times() -> tuple[list[int], list[int]]:
     """Sample numbers at which overshoot is held, and those from the settling time on at which the band is."""
     coarse = range(_FINE_STEPS, _FINE_STEPS + _COARSE_STEPS)
-    return list(range(1, _FINE - 1, 2)), [*range(_FINE - 1, _FINE_STEPS), *coarse[:10], *coarse[11::2]]
+    return list(range(1, _FINE - 1)), [*range(_FINE - 1, _FINE_STEPS), *coarse[:10], *coarse[11::2]]
 
 
 def _slot_function(law: LawOfStudy, spec: Specification, v: Variables) -> ca.Function:

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import json
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from vsgdesign.artifacts.files import write_json
-from vsgdesign.artifacts.provenance import provenance
+from vsgdesign.artifacts.provenance import package_hash, provenance
 from vsgdesign.design.box import Scenarios, scenarios_of_estimate
 from vsgdesign.design.cell import CellDesign, Figures, design_cell, shortfalls
 from vsgdesign.design.evaluation import LawOfStudy, law_of
 from vsgdesign.design.variables import variables
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.errors import ArtifactError
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import ClosedFormTarget, Study
 
@@ -46,6 +49,7 @@ class CellTask:
             "study": self.study.hash, "target": asdict(self.target), "specification": asdict(spec),
             "region": [self.spec.scr[0], self.spec.scr[-1], self.spec.x_over_r[0], self.spec.x_over_r[-1]],
             "node": [self.scr, self.x_over_r], "centre": self.centre, "seed": self.seed, "versions": provenance(),
+            "code": package_hash(),
         }  # fmt: skip
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
@@ -69,12 +73,23 @@ class CellRecord:
         return self.design.shortfalls
 
 
+def one_thread() -> AbstractContextManager[Any]:
+    """BLAS on one thread: its matrices here are tiny, other cells have the other cores, and how a sum is shared among
+    threads would decide its last digit. Libraries that are not loaded yet are not reached."""
+    return threadpool_limits(1)
+
+
 def run_task(task: CellTask) -> CellRecord:
     """Design one cell and look at it with the full-order model.
 
     The optimizer's model has ideal inner loops. Where the real ones take away what was promised, the cell is
     designed again with less bandwidth; the best of these by the full-order figures is kept.
     """
+    with one_thread():
+        return _run_task(task)
+
+
+def _run_task(task: CellTask) -> CellRecord:
     study, spec = task.study, task.spec
     law = law_of(study, task.target, spec.aim)
     s = scenarios_of_estimate(study, spec, task.scr, task.x_over_r, task.target.P, task.target.Q)
@@ -115,8 +130,12 @@ def _with_full_order(task: CellTask, law: LawOfStudy, s: Scenarios, design: Cell
 
 
 def write_record(folder: Path, key: str, record: CellRecord) -> None:
-    """Keep a finished cell; the file appears whole or not at all."""
-    write_json(folder / f"{key}.json", {"key": key, **record_document(record)})
+    """Keep a finished cell; the file appears whole or not at all. Raises ArtifactError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / f"{key}.json", {"key": key, **record_document(record)})
+    except OSError as error:
+        raise ArtifactError(f'cannot write to "{folder}", where finished cells are kept: {error.strerror}.') from error
 
 
 def read_record(folder: Path, key: str) -> CellRecord | None:

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import importlib
-import multiprocessing
+import logging
 import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+from vsgdesign.artifacts.processes import worker_processes
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.design.record import CellRecord, CellTask, read_record, run_task, write_record
-from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.errors import WorkerError
+
+_LOST = (
+    "a process that designed cells was lost (out of memory?). Finished cells are kept: run the same command again, "
+    "with fewer workers if it happens once more."
+)
 
 
 def sweep(
@@ -22,10 +28,10 @@ def sweep(
     """Records of all tasks, in order. Cells that ``folder`` has are not done again; new ones are kept there at once.
 
     ``executor``: any of the concurrent.futures kind; None does the work here. An interruption cancels what has not
-    begun and leaves what is finished.
+    begun and leaves what is finished. Raises WorkerError where a process is lost, ArtifactError where cells cannot
+    be kept.
     """
     tell = progress or silent
-    folder.mkdir(parents=True, exist_ok=True)
     keys = [task.key for task in tasks]
     found = {key: record for key in keys if (record := read_record(folder, key)) is not None}
     missing = [(key, task) for key, task in zip(keys, tasks, strict=True) if key not in found]
@@ -50,10 +56,11 @@ def _results(tasks: Sequence[tuple[str, CellTask]], executor: Executor | None) -
     try:
         for future in as_completed(futures):
             yield futures[future], future.result()
-    except BaseException:
+    except (BrokenExecutor, CancelledError) as error:
+        raise WorkerError(f"workers: {_LOST}") from error
+    finally:
         for future in futures:
             future.cancel()
-        raise
 
 
 @contextmanager
@@ -61,7 +68,7 @@ def executor_of(workers: int | None = None, cluster: str | None = None) -> Itera
     """Local processes (None: one per core; 1: no other process), or a Dask cluster.
 
     ``cluster``: ``local`` starts one here, anything else is the address of a scheduler. It needs the extra
-    ``cluster``. Raises InfeasibleStudyError where that is not installed or cannot be reached.
+    ``cluster``. Raises WorkerError where that is not installed or cannot be reached.
     """
     if cluster is not None:
         with _dask(cluster, workers) as executor:
@@ -71,13 +78,8 @@ def executor_of(workers: int | None = None, cluster: str | None = None) -> Itera
     if count == 1:
         yield None
         return
-    # Fresh processes: a forked copy of one with threads (a progress bar, BLAS) can hang.
-    with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as pool:
-        try:
-            yield pool
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with worker_processes(count) as pool:
+        yield pool
 
 
 @contextmanager
@@ -85,21 +87,24 @@ def _dask(cluster: str, workers: int | None) -> Iterator[Executor]:
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError as error:
-        raise InfeasibleStudyError(
+        raise WorkerError(
             'cluster: the package distributed is missing. Install it with: pip install "vsgdesign[cluster]"'
         ) from error
-    local = None
-    try:
+    with ExitStack() as stack:
+        address: Any = cluster
         if cluster == "local":
-            local = distributed.LocalCluster(
-                n_workers=workers or os.cpu_count() or 1, threads_per_worker=1, dashboard_address=None
+            count = (os.cpu_count() or 1) if workers is None else workers
+            address = distributed.LocalCluster(
+                n_workers=count, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
             )
-        client = distributed.Client(local or cluster, timeout="10s")
-    except OSError as error:
-        raise InfeasibleStudyError(f'cluster = "{cluster}": no scheduler answers there. Check the address.') from error
-    try:
-        yield client.get_executor(pure=False)
-    finally:
-        client.close()
-        if local is not None:
-            local.close()
+            stack.enter_context(address)
+        try:
+            client = stack.enter_context(distributed.Client(address, timeout="10s"))
+        except (OSError, ValueError) as error:
+            raise WorkerError(
+                f'cluster = "{cluster}": no scheduler answers there. Give an address such as tcp://host:8786, or "local".'
+            ) from error
+        try:
+            yield client.get_executor(pure=False)
+        except (distributed.KilledWorker, distributed.CommClosedError) as error:
+            raise WorkerError(f'cluster = "{cluster}": {_LOST}') from error

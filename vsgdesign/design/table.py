@@ -18,7 +18,7 @@ from vsgdesign.design.between import BetweenCheck, check_between, failing_interv
 from vsgdesign.design.box import scenarios_of_estimate
 from vsgdesign.design.cell import common_design
 from vsgdesign.design.evaluation import LawOfStudy, law_of
-from vsgdesign.design.record import CellRecord, CellTask
+from vsgdesign.design.record import CellRecord, CellTask, one_thread
 from vsgdesign.design.sweep import sweep
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
@@ -38,7 +38,7 @@ _LARGE = {
 }
 """Figures of which the largest is the worst: name in the table, name in Figures, scale."""
 
-REFINEMENTS = 2
+REFINEMENTS = 4
 """How often nodes are added."""
 
 CELLS_LIMIT = 3.0
@@ -68,6 +68,14 @@ def build_table(
     spec = study.specification
     if spec is None:
         raise InfeasibleStudyError("the study has no [specification]: say what the table has to keep, and over what")
+    with one_thread():
+        return _build(study, controller, spec, folder, executor, seed, refinements, progress)
+
+
+def _build(
+    study: Study, controller: ControllerSpec, spec: Specification, folder: Path, executor: Executor | None, seed: int,
+    refinements: int, progress: Progress | None,
+) -> BuiltTable:  # fmt: skip
     tell = progress or silent
     law = law_of(study, controller.target, spec.aim)
     scr, ratio = list(spec.scr), list(spec.x_over_r)
