@@ -1,4 +1,4 @@
-"""Verbs of gain tables: show, check, compare, report."""
+"""Verbs of gain tables: build, show, check, compare, report."""
 
 from __future__ import annotations
 
@@ -6,7 +6,16 @@ import sys
 
 import click
 
-from vsgdesign.cli_common import EXIT_IMPOSSIBLE, JSON, load, print_json, progress, verb
+from vsgdesign.cli_common import (
+    EXIT_IMPOSSIBLE,
+    EXIT_INTERRUPTED,
+    JSON,
+    STUDY,
+    load,
+    print_json,
+    progress,
+    verb,
+)
 
 _FILE = click.argument("table_file", metavar="TABLE.json", type=click.Path())
 
@@ -14,6 +23,54 @@ _FILE = click.argument("table_file", metavar="TABLE.json", type=click.Path())
 @click.group()
 def table() -> None:
     """Gain tables: gains over SCR and X/R with what they promise, in one guarded file."""
+
+
+@table.command()
+@STUDY
+@click.option("--controller", default=None, metavar="NAME", help="Whose table.  [default: the last one]")
+@click.option("--out", default=None, metavar="FILE.json", help="[default: out/STUDY-CONTROLLER.json]")
+@click.option(
+    "--workers", type=click.IntRange(1), default=None, metavar="N", help="Processes.  [default: one per core]"
+)
+@click.option("--cluster", default=None, metavar="local|ADDRESS", help='A Dask cluster (needs the extra "cluster").')
+@click.option("--fresh", is_flag=True, help="Do not go on from the cells of an interrupted build.")
+@JSON
+@verb
+def build(
+    study_file: str, controller: str | None, out: str | None, workers: int | None, cluster: str | None, fresh: bool,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Design a table under the study's [specification]: every node, then between the nodes.
+
+    An interrupted or killed build goes on from its finished cells and ends with the same file.
+    """
+    from pathlib import Path
+
+    from vsgdesign.pipeline.table import build_table_file, cells_folder
+
+    if cluster not in (None, "local") and workers is not None:
+        raise click.UsageError("--workers is for processes of this machine; a cluster at an address has its own")
+    study = load(study_file)
+    if out is None:
+        file = Path("out") / f"{study.name}-{controller or study.controllers[-1].name}.json"
+        file.parent.mkdir(exist_ok=True)
+    else:
+        file = Path(out)
+    try:
+        with progress(quiet=as_json) as tell:
+            document = build_table_file(
+                study, file, controller=controller, workers=workers, cluster=cluster, fresh=fresh, progress=tell
+            )
+    except KeyboardInterrupt:
+        kept = len(list(cells_folder(file).glob("*.json")))
+        click.echo(f"interrupted: {kept} finished cells are kept, the same command goes on from them", err=True)
+        sys.exit(EXIT_INTERRUPTED)
+    if as_json:
+        print_json(document)
+    else:
+        from vsgdesign.console_table import built_text
+
+        click.echo(built_text(document))
 
 
 @table.command()

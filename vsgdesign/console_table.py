@@ -76,6 +76,36 @@ def certificate_line(certificate: dict[str, Any] | None) -> str:
     return "certificate: " + ", ".join(f"{k} = {_short(v)}" for k, v in plainly.items())
 
 
+def built_text(document: dict[str, Any], shown: int = 8) -> str:
+    """What a build made: cells, nodes added, promises not kept and at what they would be, at nodes and between."""
+    table, cells, between = document["table"], document["cells"], document["between"]
+    counts = ", ".join(f"{count} {status}" for status, count in cells.items())
+    lines = [f"{document['file']}: {table['name']}, {len(table['scr'])} SCR × {len(table['x_over_r'])} X/R: {counts}"]
+    if added := document["added"]:
+        lines.append("nodes added between: " + ", ".join(f"{node['axis']} {node['value']:g}" for node in added))
+    lines += _first(document["relaxed"], "would_be_feasible_with", "not feasible as specified; it would be with", shown)
+    broken = between["broken"]
+    lines.append(
+        f"between nodes: {between['points']} random grids, {between['outside']} outside the static limits, "
+        f"{between['promised']} promised, {len(broken)} broken"
+    )
+    lines += _first(broken, "reached", "breaks its promise with", shown)
+    lines.append(f"sha256 {table['sha256']}")
+    return "\n".join(lines)
+
+
+def _first(places: Sequence[dict[str, Any]], key: str, says: str, shown: int) -> list[str]:
+    lines = []
+    for place in places[:shown]:
+        values = ", ".join(f"{name} {_limit(value)}" for name, value in place[key].items())
+        lines.append(f"  SCR {place['scr']:.4g}, X/R {place['x_over_r']:.4g}: {says} {values}")
+    return lines if len(places) <= shown else [*lines, f"  and {len(places) - shown} more (--json has all)"]
+
+
+def _limit(value: float | None) -> str:
+    return "∞" if value is None or math.isinf(value) else f"{value:.3g}"
+
+
 def check_text(path: str, table: GainTable, outcome: TableCheck) -> str:
     """What a check found, a line each."""
     shown = ", ".join(f"{name} {value:.2g}" for name, value in outcome.largest.items())

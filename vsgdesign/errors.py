@@ -54,3 +54,7 @@ class SimulationDivergedError(VsgDesignError):
 
 class ArtifactError(VsgDesignError):
     """A file handed between stages is damaged, foreign or of another schema."""
+
+
+class WorkerError(VsgDesignError):
+    """Another process or machine that was to do a part of the work is missing or was lost."""

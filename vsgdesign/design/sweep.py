@@ -102,7 +102,7 @@ def _dask(cluster: str, workers: int | None) -> Iterator[Executor]:
             client = stack.enter_context(distributed.Client(address, timeout="10s"))
         except (OSError, ValueError) as error:
             raise WorkerError(
-                f'cluster = "{cluster}": no scheduler answers there. Give an address such as tcp://host:8786, or "local".'
+                f'cluster = "{cluster}": no scheduler answers. Give "local" or an address such as tcp://host:8786.'
             ) from error
         try:
             yield client.get_executor(pure=False)

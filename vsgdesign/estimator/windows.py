@@ -9,22 +9,18 @@ from __future__ import annotations
 import glob
 import hashlib
 import math
-import os
 import shutil
-import signal
-import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from multiprocessing import get_context, parent_process
-from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.processes import worker_processes
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError, Fault, InfeasibleStudyError, NoOperatingPointError, StudyError
@@ -34,7 +30,7 @@ from vsgdesign.estimator.sensing import background, measured_channels
 from vsgdesign.operating_point import solve_operating_point
 from vsgdesign.parameters.study import Event, Grid, GridSource, Study, grid_from_scr
 from vsgdesign.runtime.closed_form import closed_form_schedule
-from vsgdesign.simulation import MeasuredWindow, Recorder, simulate
+from vsgdesign.simulation import MeasuredWindow, Probe, Recorder, simulate
 from vsgdesign.simulation.compiling import source_stamp
 
 BLOCK = 20
@@ -169,25 +165,8 @@ def _block_maker(executor: Executor | None, workers: int) -> Iterator[Callable[.
     if executor is not None:
         yield lambda *arguments: executor.submit(make_block, *arguments).result
         return
-    # Fresh processes: a forked copy of threads and their locks may hang.
-    own = ProcessPoolExecutor(workers, get_context("spawn"), _begin_worker)
-    try:
+    with worker_processes(workers) as own:
         yield lambda *arguments: own.submit(make_block, *arguments).result
-    finally:
-        own.shutdown(cancel_futures=True)
-
-
-def _begin_worker() -> None:
-    """Ctrl-C is for the process that waits for this one; if that one is killed, this one ends too."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-
-
-def _end_with(sentinel: int) -> None:
-    wait([sentinel])
-    os._exit(1)
 
 
 def make_block(study: Study, recipe: WindowRecipe, seed: int, indices: range) -> Arrays:
@@ -253,8 +232,13 @@ def _other_grid(study: Study, recipe: WindowRecipe, rng: np.random.Generator, sc
     )
 
 
-def run_windows(study: Study, recipe: WindowRecipe, scenario: Scenario) -> Arrays:
-    """Simulate one scenario and take its windows: the arrays of a :class:`DataSet`."""
+def record_windows(
+    study: Study, recipe: WindowRecipe, scenario: Scenario, probe: Probe | None = None
+) -> tuple[list[MeasuredWindow], NDArray[np.bool_], NDArray[np.float64]]:
+    """Simulate one scenario: its windows, which come after the change, and v_pcc and i_pcc before the sensors.
+
+    The last is (N, 2, 2, n): voltage and current, α and β, with the background's harmonics.
+    """
     period = recipe.update_period
     begins = recipe.settle + recipe.before
     kept = list(range(recipe.settle, begins))
@@ -272,13 +256,19 @@ def run_windows(study: Study, recipe: WindowRecipe, scenario: Scenario) -> Array
         study, grid=scenario.grids[0], grid_source=scenario.source, simulation=spec, events=tuple(events)
     )  # fmt: skip
     recorder = Recorder(_TwoGains(scenario.gains, change_s, period, recipe.sample_interval))
-    simulate(case, recorder)
+    simulate(case, recorder, probe=probe)
     windows = [recorder.windows[k] for k in kept]
     after = np.array([k >= begins for k in kept])
-    grids = [scenario.grids[int(later)] for later in after]
     vectors = np.array([(w.v_pcc.T, w.i_pcc.T) for w in windows])
     if scenario.harmonics:
         vectors = vectors + background(case, recipe, scenario, windows, after)
+    return windows, after, vectors
+
+
+def run_windows(study: Study, recipe: WindowRecipe, scenario: Scenario) -> Arrays:
+    """Simulate one scenario and take its windows: the arrays of a :class:`DataSet`."""
+    windows, after, vectors = record_windows(study, recipe, scenario)
+    grids = [scenario.grids[int(later)] for later in after]
     rng = np.random.default_rng((*scenario.seed, 1))
     x = measured_channels(study.converter, recipe, vectors, np.array([w.theta for w in windows]), scenario.noise, rng)
     count = len(windows)

@@ -1,13 +1,114 @@
-"""From a gain table to its figures and page."""
+"""From a study to a gain table, and from that to its figures and page."""
 
 from __future__ import annotations
 
+import os
+import shutil
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts import staged_folder, write_json, write_table_file
-from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.gain_table import KIND, GainTable, base_of
+from vsgdesign.artifacts.gain_table_file import read_table_file
 from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.errors import ArtifactError, Fault, StudyError
+from vsgdesign.parameters.study import ControllerSpec, Study
+
+if TYPE_CHECKING:  # the optimizer's libraries are loaded by who builds
+    from vsgdesign.design.table import BuiltTable
+
+STATUSES = ("met", "relaxed", "outside")
+
+
+def cells_folder(out: str | Path) -> Path:
+    """Where finished cells of a table wait until it is whole."""
+    out = Path(out)
+    return out.with_name(f".{out.name}.cells")
+
+
+def build_table_file(
+    study: Study, out: str | Path, *, controller: str | None = None, workers: int | None = None,
+    cluster: str | None = None, fresh: bool = False, progress: Progress | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Design the gain table of a controller (the last one, if none is named) and write it to ``out``.
+
+    Returns what was built, in JSON's types. Finished cells are kept beside ``out`` until the file is whole: the same
+    call goes on from them and writes the same bytes; ``fresh`` does not look at them. ``workers``, ``cluster``: see
+    :func:`vsgdesign.design.sweep.executor_of`. Raises StudyError, InfeasibleStudyError, WorkerError, and ArtifactError
+    where the file cannot be written or would replace something else than a gain table.
+    """
+    out = Path(out)
+    spec = _controller(study, controller)
+    if study.specification is None:
+        advice = "Add one: what the table has to keep, and over what."
+        raise StudyError(study.name, [Fault("specification", "", "missing table", advice)])
+    _check_target(out)
+    from vsgdesign.design.sweep import executor_of
+    from vsgdesign.design.table import build_table
+
+    folder = cells_folder(out)
+    if fresh:
+        shutil.rmtree(folder, ignore_errors=True)
+    with executor_of(workers, cluster) as executor:
+        built = build_table(study, spec, folder, executor=executor, progress=progress)
+    # Written among the cells, then moved: a kill in between leaves no half file beside the others.
+    write_table_file(built.table, folder / out.name)
+    os.replace(folder / out.name, out)
+    shutil.rmtree(folder, ignore_errors=True)
+    return _built_document(built, out)
+
+
+def _controller(study: Study, name: str | None) -> ControllerSpec:
+    if name is None:
+        return study.controllers[-1]
+    found = next((spec for spec in study.controllers if spec.name == name), None)
+    if found is None:
+        known = ", ".join(spec.name for spec in study.controllers)
+        raise StudyError(study.name, [Fault("controller", f'"{name}"', "unknown", f"The study has: {known}.")])
+    return found
+
+
+def _check_target(out: Path) -> None:
+    """Before the long work rather than after it."""
+    if not out.parent.is_dir():
+        raise ArtifactError(f'cannot write "{out}": there is no folder "{out.parent}". Make it, or give another file.')
+    if out.is_dir():
+        raise ArtifactError(f'cannot write "{out}": it is a folder. Give a file.')
+    try:
+        if out.exists() and KIND.encode() not in out.read_bytes()[:200]:
+            raise ArtifactError(f'"{out}" is no gain table and is left untouched. Give another file.')
+    except OSError as error:
+        raise ArtifactError(f'cannot write "{out}": {error.strerror}.') from error
+    if not os.access(out.parent, os.W_OK):
+        raise ArtifactError(f'cannot write "{out}": nobody may write to "{out.parent}". Give another file.')
+
+
+def _built_document(built: BuiltTable, out: Path) -> dict[str, Any]:
+    table, between = built.table, built.between
+    return {
+        "file": str(out),
+        "table": {
+            "name": table.name, "structure": table.structure, "law": table.law, "sha256": table.sha256,
+            "scr": table.scr.tolist(), "x_over_r": table.x_over_r.tolist(), "study": table.study,
+            "study_hash": table.study_hash,
+        },
+        "cells": {status: int((table.status == status).sum()) for status in STATUSES},
+        "added": [{"axis": axis, "value": value} for axis, value in built.added],
+        "relaxed": [
+            {"scr": record.scr, "x_over_r": record.x_over_r, "would_be_feasible_with": record.missed}
+            for record in built.records
+            if record.missed
+        ],
+        "between": {
+            "points": len(between.points) + between.outside, "seed": between.seed, "outside": between.outside,
+            "promised": between.promised,
+            "broken": [
+                {"scr": p.scr, "x_over_r": p.x_over_r, "reached": p.missed, "figures": asdict(p.figures)}
+                for p in between.broken
+            ],
+        },
+    }  # fmt: skip
 
 
 def report_table(table: GainTable, out: str | Path, *, progress: Progress | None = None) -> dict[str, Any]:
@@ -30,9 +131,41 @@ def report_table(table: GainTable, out: str | Path, *, progress: Progress | None
         write_table_report(table, figures, folder / "report.html")
         document = {
             "table": {"name": table.name, "sha256": table.sha256, "study": table.study, "study_hash": table.study_hash},
-            "cells": {status: int((table.status == status).sum()) for status in ("met", "relaxed", "outside")},
+            "cells": {status: int((table.status == status).sum()) for status in STATUSES},
             "check": {"good": outcome.good} | vars(outcome),
             "figures": [figure.name for figure in figures],
         }
         write_json(folder / "results.json", document)
     return document
+
+
+def with_tables(
+    study: Study, out: str | Path, *, workers: int | None = None, progress: Progress | None = None
+) -> Study:
+    """The study with the gain table of every controller that schedules from one: read where it names a file, else built.
+
+    Finished cells wait beside ``out`` while a table is being built. Raises ArtifactError for a file that is no table
+    or is not this converter's, and the errors of :func:`vsgdesign.design.table.build_table`.
+    """
+    controllers = []
+    for spec in study.controllers:
+        if spec.schedule != "table" or spec.table is not None:
+            controllers.append(spec)
+            continue
+        if spec.table_file is not None:
+            table = read_table_file(spec.table_file)
+            if table.base != base_of(study, table.base.scr_basis):
+                raise ArtifactError(
+                    f'controller {spec.name}: "{spec.table_file}" is a table of study {table.study}, made for another '
+                    "converter, filter or grid voltage. Build one for this study: vsgdesign table build."
+                )
+        else:
+            from vsgdesign.design.sweep import executor_of
+            from vsgdesign.design.table import build_table
+
+            cells = cells_folder(Path(out).absolute().with_name(f"{Path(out).name}.{spec.name}"))
+            with executor_of(workers) as executor:
+                table = build_table(study, spec, cells, executor=executor, progress=progress).table
+            shutil.rmtree(cells, ignore_errors=True)
+        controllers.append(replace(spec, table=table))
+    return replace(study, controllers=tuple(controllers))
