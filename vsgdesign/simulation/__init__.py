@@ -2,6 +2,7 @@
 
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.online import FixedGains, HeldBack, MeasuredWindow, OnlineScheduler, Recorder
+from vsgdesign.simulation.probing import Probe
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
@@ -14,6 +15,7 @@ __all__ = [
     "MeasuredWindow",
     "OnlineScheduler",
     "OperatingPointRow",
+    "Probe",
     "Recorder",
     "ScenarioResult",
     "Simulation",

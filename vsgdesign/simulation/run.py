@@ -24,6 +24,7 @@ from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.interrupts import interrupts_deferred
 from vsgdesign.simulation.kernel import LOG_COLUMNS, Bridge, run_stretch
 from vsgdesign.simulation.online import ListedGains, OnlineGains, OnlineScheduler
+from vsgdesign.simulation.probing import HeldProbe, Probe, add_offset
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
 
 _RAMP_STRETCH = 0.02
@@ -87,14 +88,16 @@ def simulate(
     *,
     bridge: str | None = None,
     log_states: int = 0,
+    probe: Probe | None = None,
     progress: Progress | None = None,
 ) -> Simulation:
     """Simulate a study with given gains over time (the first change at or before t = 0), or with a scheduler
     that is asked for them during the run.
 
     ``bridge`` overrides the study's ("averaged" or "pwm"); ``log_states`` keeps the controller's states at the
-    first so many samples. Raises InfeasibleStudyError where the start has no steady state or a scheduler's
-    period does not fit the sampling, and SimulationDivergedError where a state is no longer a number.
+    first so many samples; ``probe`` adds a voltage to the converter's own. Raises InfeasibleStudyError where the
+    start has no steady state or a scheduler's or probe's period does not fit the sampling, and
+    SimulationDivergedError where a state is no longer a number.
     """
     timeline = build_timeline(study)
     settings = study.controller_settings()
@@ -117,7 +120,9 @@ def simulate(
     loop_seconds = 0.0
     no_rows = np.empty((0, controller_log.shape[1]))
     gains = feed.first()
-    for first, count in _stretches(study, timeline, feed.cuts(samples), samples):
+    held = None if probe is None else HeldProbe(probe, study)
+    cuts = feed.cuts(samples) if held is None else feed.cuts(samples) | held.cuts(samples)
+    for first, count in _stretches(study, timeline, cuts, samples):
         lengths, plant, sources = _pieces(timeline, plants, first, T_s)
         if pwm and not np.isfinite(plant[2]).all():
             raise InfeasibleStudyError(
@@ -130,6 +135,10 @@ def simulate(
             omega_i = bumpless(state.omega_i, state.V, state.P_f, state.Q_f, before, gains)
             state = state._replace(omega_i=omega_i)
         states = controller_log[first:] if first < len(controller_log) else no_rows
+        added = None
+        if held is not None:
+            added = held.offset(first, state.V)
+            state = add_offset(state, *added)
         begin = time.perf_counter()
         with interrupts_deferred():
             state = ControllerState(*loop(
@@ -137,6 +146,8 @@ def simulate(
                 lengths, *plant, sources, log, log_every, states,
             ))  # fmt: skip
         loop_seconds += time.perf_counter() - begin
+        if added is not None:
+            state = add_offset(state, -added[0], -added[1])
         if not (np.isfinite(x).all() and np.isfinite(state).all()):
             raise SimulationDivergedError(
                 f"the simulation left the numbers between {first * T_s:.4f} s and {(first + count) * T_s:.4f} s. "
