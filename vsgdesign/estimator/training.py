@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -96,6 +97,26 @@ def train_network(
     """
     settings = TrainingSettings() if settings is None else settings
     _check(inputs, targets, split, settings, seed)
+    # Components are few: on a busy machine, threads that wait for each other cost a hundredfold of what they
+    # save. And on one thread the same seed gives the same bits on any number of cores.
+    with _threads(1 if settings.form == "components" else torch.get_num_threads()):
+        return _train(inputs, targets, split, settings, seed, progress, resume)
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def _train(
+    inputs: Array, targets: Array, split: Split, settings: TrainingSettings, seed: int, progress: Progress,
+    resume: Checkpoint | None,
+) -> Training:  # fmt: skip
     fingerprint = _fingerprint(inputs, targets, split, settings, seed)
     if resume is not None and resume.fingerprint != fingerprint:
         raise ArtifactError("the checkpoint is of other data, settings or another seed: start anew.")
