@@ -9,7 +9,7 @@ from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
-from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.stability.loops import coupled_loop
 
 
@@ -39,7 +39,7 @@ def design_closed_form(study: Study, spec: ControllerSpec, grid: Grid) -> Closed
 
     Raises InfeasibleStudyError where the design point does not exist on a grid.
     """
-    schedule = closed_form_schedule(study, spec.target)
+    schedule = schedule_of(study, spec)
     made_for = grid if spec.kind == "scheduled" else (spec.design_grid or study.grid)
     R, X = study.path_to_grid(grid)
     limits = study.converter.V_limits_rms

@@ -224,7 +224,7 @@ def _read_controllers(
             table.fault("name", name, "used twice", "Give every controller its own name.")
         kind = table.choice("kind", ("fixed", "scheduled"))
         own_target = _read_target(table, target, converter)
-        gains, design_grid, period = None, None, 0.02
+        gains, design_grid, period, schedule, table_file = None, None, 0.02, "closed_form", None
         if kind == "fixed":
             gains_table = table.child("gains")
             if gains_table is not None:
@@ -239,6 +239,16 @@ def _read_controllers(
             elif gains is None:
                 design_grid = grid
         else:
+            schedule = table.choice("schedule", ("closed_form", "table"), default="closed_form")
+            if table.has("table"):
+                table_file = table.text("table")
+                if schedule != "table":
+                    table.fault("table", table_file, "is used by schedule = \"table\" alone", 'Add schedule = "table".')
+            elif schedule == "table" and not root.has("specification"):
+                table.fault(
+                    "schedule", schedule, "there is neither a table nor a specification to design one to",
+                    'Add a [specification] section, or table = "FILE.json".',
+                )  # fmt: skip
             period = table.quantity("update_period", "s", converter.T_s, simulation.duration, default=0.02)
             steps = period / converter.T_s
             if not math.isnan(steps) and abs(steps - round(steps)) > 1e-6 * steps:
@@ -247,7 +257,7 @@ def _read_controllers(
                     f"not a whole number of sampling periods ({converter.T_s:.6g} s)",
                     f"Use {round(steps) * converter.T_s:.9g}.",
                 )  # fmt: skip
-        specs.append(ControllerSpec(name, kind, own_target, gains, design_grid, period))
+        specs.append(ControllerSpec(name, kind, own_target, gains, design_grid, period, schedule, table_file))
         table.finish()
     if not specs and not root.faults:
         root.fault(

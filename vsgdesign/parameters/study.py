@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -159,6 +159,12 @@ class ControllerSpec:
     """Given gains of a fixed controller; None: designed in closed form at ``design_grid``."""
     design_grid: Grid | None = None
     update_period: float = 0.02
+    schedule: str = "closed_form"
+    """Of a scheduled controller: ``closed_form``, or ``table`` (designed to the study's specification)."""
+    table_file: str | None = None
+    """Where its gain table is; None: it is built."""
+    table: Any = None
+    """Its gain table (artifacts.gain_table.GainTable) once read or built."""
 
 
 @dataclass(frozen=True)

@@ -7,18 +7,25 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from vsgdesign.artifacts import provenance, staged_folder, write_csv, write_json, write_npz
+import numpy as np
+
+from vsgdesign.artifacts import provenance, staged_folder, write_csv, write_json, write_npz, write_table_file
+from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.parameters import Study
+from vsgdesign.pipeline.table import with_tables
 from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
 
 
 def run_study(
-    study: Study, out: str | Path, *, bridge: str | None = None, report: bool = True, progress: Progress | None = None
-) -> dict[str, Any]:
+    study: Study, out: str | Path, *, bridge: str | None = None, report: bool = True, workers: int | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """Simulate every controller and leave time series, results, figures and a report in ``out``.
 
+    Gain tables that the study asks for are designed first, on ``workers`` processes (None: one per core), and lie
+    beside the rest.
     Returns the content of results.json. The folder appears when everything is done; an error or an
     interruption leaves what was there before. Raises the errors of :func:`vsgdesign.simulation.run_scenario`
     and ArtifactError.
@@ -27,6 +34,12 @@ def run_study(
     begin = time.perf_counter()
     timing: dict[str, float] = {}
     with staged_folder(out) as folder:
+        study = with_tables(study, out, workers=workers, progress=progress)
+        for spec in study.controllers:
+            if spec.table is not None:
+                write_table_file(spec.table, folder / f"{spec.name}.table.json")
+        timing["tables"] = time.perf_counter() - begin
+        begin = time.perf_counter()
         result = run_scenario(
             study, bridge=bridge, progress=lambda name, t_s: tell(f"simulate {name}", t_s / study.simulation.duration)
         )
@@ -79,11 +92,22 @@ def _controller(study: Study, controller: ControllerResult) -> dict[str, Any]:
         "kind": controller.spec.kind,
         "bridge": controller.bridge,
         "structure": controller.spec.target.structure,
+        "schedule": controller.spec.schedule if controller.spec.kind == "scheduled" else None,
+        "table": None if controller.spec.table is None else _table(controller.spec.table),
         "target": asdict(controller.spec.target),
         "gains": [{"t_s": change.t_s, **change.gains.named()} for change in controller.gain_changes],
         "events": [_event(event) for event in controller.events],
         "loop_s": controller.simulation.loop_seconds,
         "real_time_factor": study.simulation.duration / max(controller.simulation.loop_seconds, 1e-9),
+    }
+
+
+def _table(table: GainTable) -> dict[str, Any]:
+    statuses, counts = np.unique(table.status, return_counts=True)
+    return {
+        "sha256": table.sha256,
+        "nodes": list(table.shape),
+        "status": dict(zip(statuses.tolist(), counts.tolist(), strict=True)),
     }
 
 

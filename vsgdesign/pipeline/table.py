@@ -142,7 +142,7 @@ def report_table(table: GainTable, out: str | Path, *, progress: Progress | None
 def with_tables(
     study: Study, out: str | Path, *, workers: int | None = None, progress: Progress | None = None
 ) -> Study:
-    """The study with the gain table of every controller that schedules from one: read where it names a file, else built.
+    """The study with the gain table of every controller that asks for one: read where a file is named, else built.
 
     Finished cells wait beside ``out`` while a table is being built. Raises ArtifactError for a file that is no table
     or is not this converter's, and the errors of :func:`vsgdesign.design.table.build_table`.

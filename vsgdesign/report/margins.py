@@ -14,7 +14,7 @@ from vsgdesign.operating_point import solve_operating_point
 from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
 from vsgdesign.parameters import Grid, Study
 from vsgdesign.report.quantities import plain
-from vsgdesign.runtime import closed_form_schedule
+from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.simulation import ControllerResult, ScenarioResult
 from vsgdesign.stability.loops import coupled_loop
 
@@ -67,7 +67,7 @@ def grid_label(result: HasStudy, grid: Grid) -> str:
 def loops_on_grids(result: ScenarioResult, controller: ControllerResult) -> tuple[LoopOnGrid, ...]:
     """The loops on all grids that can carry the power of the controller's design."""
     study, target = result.study, controller.spec.target
-    schedule = closed_form_schedule(study, target)
+    schedule = schedule_of(study, controller.spec)
     loops = []
     for grid in distinct_grids(result):
         R, X = study.path_to_grid(grid)

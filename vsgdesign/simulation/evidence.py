@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.model.full_order import PARAMETERS
-from vsgdesign.parameters.study import Event, Grid, Study
-from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.run import simulate
+from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.steps import simulate_step
 from vsgdesign.stability.assessment import FocusCell
 from vsgdesign.stability.steps import full_order_step, reduced_step
 
@@ -20,7 +19,6 @@ Array = NDArray[np.float64]
 STEP_PU = 0.002
 """Size of the steps in per unit of rating: small enough to be linear, large enough to be measured."""
 
-_BEFORE = 0.02
 _INTERVAL = 1e-3
 """Spacing at which responses are compared, s, to the nearest whole number of samples."""
 
@@ -52,32 +50,10 @@ def step_evidence(study: Study, cell: FocusCell, duration: float = 3.0) -> tuple
     every = max(round(_INTERVAL / model.T_s), 1)
     found = []
     for signal in ("P", "Q"):
-        refs = (float(p["P_ref"]), float(p["Q_ref"]))
-        t_s, emt = _simulate_step(study, cell.grid, gains, *refs, signal, size, duration, every)
+        t_s, emt = simulate_step(study, cell.grid, gains, cell.P, cell.Q, signal, size, duration, every)
         full = full_order_step(model, f"{signal}_ref", signal, duration)[1][:, ::every]
         _, reduced = reduced_step(cell.reduced, f"{signal}_ref", signal, duration, every * model.T_s)
         count = min(len(emt), full.shape[1], reduced.shape[1])
         predictions = (size * full[0, :count], size * reduced[0, :count])
         found.append(StepEvidence(cell.label, signal, size, t_s[:count], emt[:count], *predictions))
     return found[0], found[1]
-
-
-def _simulate_step(
-    study: Study, grid: Grid, gains: PowerLoopGains, P_ref: float, Q_ref: float,
-    signal: str, size: float, duration: float, every: int,
-) -> tuple[Array, Array]:  # fmt: skip
-    interval = every * study.converter.T_s
-    start = round(_BEFORE / interval)
-    event = Event(
-        t_s=start * interval,
-        name="step",
-        P_ref=P_ref + size if signal == "P" else None,
-        Q_ref=Q_ref + size if signal == "Q" else None,
-    )
-    spec = replace(
-        study.simulation, duration=start * interval + duration, bridge="averaged", start="steady_state",
-        log_interval=interval, P_ref=P_ref, Q_ref=Q_ref,
-    )  # fmt: skip
-    run = simulate(replace(study, grid=grid, simulation=spec, events=(event,)), [GainChange(0.0, gains)])
-    values = run.column(signal)
-    return run.t_s[start:] - start * interval, values[start:] - values[start - 1]

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
-from vsgdesign.runtime.closed_form import ClosedFormSchedule, closed_form_schedule
+from vsgdesign.runtime.of_study import schedule_of
+from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.simulation.timeline import Timeline
 
 
@@ -26,7 +27,7 @@ def gain_changes(study: Study, spec: ControllerSpec, timeline: Timeline) -> tupl
     A scheduled controller updates at whole multiples of its period. What it knows then is the grid up to that
     instant: a change of grid that coincides with an update is seen by the next one.
     """
-    schedule = closed_form_schedule(study, spec.target)
+    schedule = schedule_of(study, spec)
     if spec.kind == "fixed":
         if spec.gains is not None:
             return (GainChange(0.0, spec.gains),)
@@ -39,7 +40,7 @@ def gain_changes(study: Study, spec: ControllerSpec, timeline: Timeline) -> tupl
     for t_event in sorted(instants):
         updates = 0 if t_event == 0.0 else math.floor(t_event / spec.update_period + 1e-9) + 1
         if spec.target.follow_references:
-            schedule = closed_form_schedule(study, spec.target, *timeline.references_at(t_event))
+            schedule = schedule_of(study, spec, *timeline.references_at(t_event))
         grid, where = timeline.grid_at(t_event), f"controller {spec.name}, grid from {t_event:g} s"
         change = GainChange(updates * spec.update_period, _gains(schedule, grid, where))
         # Two changes between two updates: only the last is ever seen.
@@ -47,7 +48,7 @@ def gain_changes(study: Study, spec: ControllerSpec, timeline: Timeline) -> tupl
     return tuple(changes)
 
 
-def _gains(schedule: ClosedFormSchedule, grid: Grid, where: str) -> PowerLoopGains:
+def _gains(schedule: Schedule, grid: Grid, where: str) -> PowerLoopGains:
     try:
         return schedule.gains(grid.R_g, grid.L_g)
     except NoOperatingPointError as error:

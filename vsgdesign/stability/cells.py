@@ -14,7 +14,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.model.coupled import CoupledModel, coupled_model
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study, grid_from_scr
-from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.runtime.of_study import schedule_of
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ GainLaw = Callable[[Array, Array], PowerLoopGains]
 
 def gain_law(study: Study, spec: ControllerSpec) -> GainLaw:
     """The gains that a controller of the study has when it knows the grid (scheduled), or always (fixed)."""
-    schedule = closed_form_schedule(study, spec.target)
+    schedule = schedule_of(study, spec)
     if spec.kind == "scheduled":
         return schedule.gains_over
     grid = spec.design_grid or study.grid
