@@ -38,7 +38,7 @@ def run_study(
         for spec in study.controllers:
             if spec.table is not None:
                 write_table_file(spec.table, folder / f"{spec.name}.table.json")
-        timing["tables"] = time.perf_counter() - begin
+                timing["tables"] = time.perf_counter() - begin
         begin = time.perf_counter()
         result = run_scenario(
             study, bridge=bridge, progress=lambda name, t_s: tell(f"simulate {name}", t_s / study.simulation.duration)
