@@ -103,9 +103,13 @@ class NetworkProblem:
 
         hessian = torch.zeros(len(x), len(x), dtype=x.dtype)
         block = hessian[:first_size, :first_size]
-        torch.mm(slopes_inputs.T, slopes_inputs, out=block)
-        block.view(h, shape.inputs + 1, h, shape.inputs + 1).mul_((weights.T @ weights)[:, None, :, None])
-        mixed = (slopes_inputs.T @ extended).view(h, shape.inputs + 1, h + 1)
+        width = shape.inputs + 1
+        for j in range(h):  # the upper half by blocks, the lower is its mirror
+            here, rest = slice(j * width, (j + 1) * width), slice((j + 1) * width, first_size)
+            torch.mm(slopes_inputs[:, here].T, slopes_inputs[:, j * width :], out=block[here, j * width :])
+            block[rest, here] = block[here, rest].T
+        block.view(h, width, h, width).mul_((weights.T @ weights)[:, None, :, None])
+        mixed = (slopes_inputs.T @ extended).view(h, width, h + 1)
         own = extended.T @ extended
         for k in range(m):
             here = slice(first_size + k * (h + 1), first_size + (k + 1) * (h + 1))
