@@ -57,12 +57,19 @@ def corner_weights(row: Any, column: Any) -> Weights:
     return Weights(r * c, r * column, row * c, row * column)
 
 
+def blend(weights: Weights, low_low: Any, low_high: Any, high_low: Any, high_high: Any) -> Any:
+    """((w00 v00 + w01 v01) + w10 v10) + w11 v11 (:eq:`bilinear`)."""
+    return (
+        (weights.low_low * low_low + weights.low_high * low_high) + weights.high_low * high_low
+    ) + weights.high_high * high_high
+
+
 def interpolate(values: Array, row: Interval, column: Interval, weights: Weights) -> Any:
-    """A column (n, m) at a place: ((w00 v00 + w01 v01) + w10 v10) + w11 v11 (:eq:`bilinear`).
+    """A column (n, m) at a place (:eq:`bilinear`).
 
     At a node one weight is 1 and three are 0, so the node's value comes out exactly.
     """
-    return (
-        (weights.low_low * values[row.low, column.low] + weights.low_high * values[row.low, column.high])
-        + weights.high_low * values[row.high, column.low]
-    ) + weights.high_high * values[row.high, column.high]
+    return blend(
+        weights, values[row.low, column.low], values[row.low, column.high], values[row.high, column.low],
+        values[row.high, column.high],
+    )  # fmt: skip

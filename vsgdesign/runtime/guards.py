@@ -1,0 +1,201 @@
+"""What stands between an estimate and the gains: limits, status bits, reasons (:doc:`docs/theory/runtime.md`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vsgdesign.errors import ArtifactError
+from vsgdesign.frames import rated_current_rms
+
+if TYPE_CHECKING:
+    from vsgdesign.artifacts.gain_table import GainTable
+
+FRESH, HELD, CLAMPED, LIMITED, FALLBACK, REFUSED = 1, 2, 4, 8, 16, 32
+STATUSES = {
+    FRESH: "fresh",
+    HELD: "held",
+    CLAMPED: "clamped",
+    LIMITED: "limited",
+    FALLBACK: "fallback",
+    REFUSED: "refused",
+}
+"""Bits of a status. Every answer is either fresh (an estimate was taken) or held (it was not)."""
+
+NO_REASON, TIME, NOT_FINITE, RANGE, SATURATED, NO_ESTIMATE, IMPLAUSIBLE, JUMP, UNDESIGNED, OVERLOADED = range(10)
+REASONS = (
+    "",
+    "time went backwards",
+    "a sample or a measurement is not a number",
+    "P, Q or V is beyond what can be measured",
+    "a sample is at its sensor's limit",
+    "there was no estimate",
+    "the estimate is outside what is plausible",
+    "the estimate jumped and waits to be confirmed",
+    "the table has no design at the place",
+    "the grid of the place cannot carry the measured power",
+)
+"""Why an estimate was not taken: the first guard that objected."""
+
+Pair = tuple[float, float]
+
+_TICKS_LIMIT = 2**31
+"""Differences of a 32-bit counter from here on are steps backwards."""
+
+
+def status_text(status: int) -> str:
+    """The names of a status's bits, for people."""
+    return " ".join(name for bit, name in STATUSES.items() if status & bit)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SchedulerSettings:
+    """Limits of a scheduler. :func:`settings_of` derives them from a table.
+
+    Numbers are rounded to what float32 holds, certified limits inwards, so that C in single precision decides
+    alike. Raises ArtifactError with every fault.
+    """
+
+    scr: Pair
+    """Certified box: SCR on the table's basis, R/X, P (W), Q (var), V (phase rms, V)."""
+    r_over_x: Pair
+    P: Pair
+    Q: Pair
+    V_rms: Pair
+    R_g: Pair
+    """Plausible estimates, Ω and H."""
+    L_g: Pair
+    power_range: float
+    """Largest \\|P\\| and \\|Q\\| that can be measured, VA."""
+    voltage_range: float
+    """Largest V that can be measured, V."""
+    safe_scr: float
+    """The place to go to without estimates; the strong side is the safe one."""
+    safe_r_over_x: float
+    rate: float = 10.0
+    """Largest \\|d ln SCR/dt\\| and \\|d ln(R/X)/dt\\| of the gains' place, 1/s."""
+    hysteresis: float = 0.02
+    """Relative change of SCR and R/X that is not followed."""
+    jump: float = 0.5
+    """Relative change that must be confirmed."""
+    confirm: int = 3
+    """Windows that must agree on a jump."""
+    ratio_floor: float = 0.1
+    """Changes of R/X are relative to this where it is smaller."""
+    tick: float = 1e-6
+    """Time of a tick of the caller's 32-bit counter, s."""
+    update_ticks: int = 20_000
+    """Nominal ticks between two updates."""
+    longest_ticks: int = 40_000
+    """Longest time that a single step may make up for."""
+    stale_ticks: int = 500_000
+    """Age of the last good estimate from which on the safe place is gone to."""
+
+    def __post_init__(self) -> None:
+        for name in ("scr", "r_over_x", "P", "Q", "V_rms"):
+            low, high = getattr(self, name)
+            object.__setattr__(self, name, (_single(low, np.inf), _single(high, -np.inf)))
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if isinstance(value, float):
+                object.__setattr__(self, f.name, _single(value, 0.0) if f.name == "rate" else float(np.float32(value)))
+            elif f.name in ("R_g", "L_g"):
+                object.__setattr__(self, f.name, tuple(float(np.float32(item)) for item in value))
+        faults = list(_faults(self))
+        if faults:
+            raise ArtifactError("scheduler settings:\n" + "\n".join(f"  - {fault}." for fault in faults))
+
+
+def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
+    """The settings that a table asks for; ``changes`` replaces single ones.
+
+    The box is what axes, validity and certificate have in common. The rate is the certificate's, at most 10 1/s.
+    The safe place is the largest SCR of the box at the geometric middle of its R/X.
+    """
+    certificate = table.certificate or {}
+    region = certificate.get("region") or {}
+    rate = region.get("rate", certificate.get("rate"))
+    box = {}
+    for name, axis in (("scr", table.scr), ("x_over_r", table.x_over_r), ("P", None), ("Q", None), ("V_rms", None)):
+        pairs = [getattr(table.validity, name)]
+        if axis is not None:
+            pairs.append((float(axis[0]), float(axis[-1])))
+        pair = region.get(name)
+        if isinstance(pair, list | tuple) and len(pair) == 2:
+            pairs.append((float(pair[0]), float(pair[1])))
+        box[name] = (max(low for low, _ in pairs), min(high for _, high in pairs))
+    x_low, x_high = box.pop("x_over_r")
+    return box_settings(
+        **box, r_over_x=(1.0 / x_high, 1.0 / x_low), S_rated=table.base.S_rated, V_rated_rms=table.base.V_rated_rms,
+        omega=table.base.omega_n, scr_basis=table.base.scr_basis, error=table.validity.error,
+        **({"rate": min(float(rate), 10.0)} if isinstance(rate, int | float) else {}), **changes,
+    )  # fmt: skip
+
+
+def box_settings(
+    *, scr: Pair, r_over_x: Pair, P: Pair, Q: Pair, V_rms: Pair, S_rated: float, V_rated_rms: float, omega: float,
+    scr_basis: str = "impedance", error: float = 0.0, **changes: Any,
+) -> SchedulerSettings:  # fmt: skip
+    """Settings for a box; what is plausible goes ``error`` and a factor of two beyond it."""
+    Z_base = V_rated_rms / rated_current_rms(S_rated, V_rated_rms)
+    Z_high = 2.0 * (1.0 + error) * Z_base / scr[0]
+    X_high = Z_high
+    R_high = Z_high * max(r_over_x[1], 1.0) if scr_basis == "reactance" else Z_high
+    angle = np.hypot(1.0, r_over_x[1]) if scr_basis == "impedance" else 1.0
+    X_low = 0.5 * (1.0 - min(error, 0.9)) * Z_base / scr[1] / angle
+    defaults: dict[str, Any] = {
+        "R_g": (-0.1 * R_high, R_high), "L_g": (X_low / omega, X_high / omega),
+        "power_range": 10.0 * S_rated, "voltage_range": 3.0 * V_rated_rms, "safe_scr": scr[1],
+        "safe_r_over_x": float(np.sqrt(r_over_x[0] * r_over_x[1])),
+    }  # fmt: skip
+    box = {"scr": scr, "r_over_x": r_over_x, "P": P, "Q": Q, "V_rms": V_rms}
+    changed = defaults | changes
+    changed["safe_scr"] = min(changed["safe_scr"], _single(scr[1], -np.inf))
+    return SchedulerSettings(**box, **changed)
+
+
+def near(scr: float, r_over_x: float, of_scr: float, of_r_over_x: float, share: float, floor: float) -> bool:
+    """Whether a place is within a share of another (:eq:`place-band`)."""
+    f = 1.0 + share
+    return (
+        scr <= of_scr * f and of_scr <= scr * f
+        and abs(r_over_x - of_r_over_x) <= share * max(abs(of_r_over_x), floor)
+    )  # fmt: skip
+
+
+def limited(goal: float, present: float, factor: float) -> float:
+    """The goal, at most a factor away from the present value (:eq:`place-rate`)."""
+    return min(max(goal, present / factor), present * factor)
+
+
+def _single(value: float, towards: float) -> float:
+    """The nearest number that float32 holds, from the value on towards a side."""
+    rounded = np.float32(value)
+    over = rounded < value if towards > value else rounded > value
+    return float(np.nextafter(rounded, np.float32(towards)) if over and rounded != value else rounded)
+
+
+def _faults(s: SchedulerSettings) -> Iterator[str]:
+    for name in ("scr", "r_over_x", "P", "Q", "V_rms", "R_g", "L_g"):
+        low, high = getattr(s, name)
+        if not (np.isfinite([low, high]).all() and low <= high):
+            yield f"{name} = {low:g} {high:g}: the box is empty; make table, validity and certificate overlap"
+        elif name in ("scr", "r_over_x", "V_rms", "L_g") and not low > 0.0:
+            yield f"{name} = {low:g}: must be positive"
+    for name in ("power_range", "voltage_range", "rate", "ratio_floor", "tick"):
+        value = getattr(s, name)
+        if not (np.isfinite(value) and value > 0.0):
+            yield f"{name} = {value:g}: must be positive"
+    if not 0.0 <= s.hysteresis <= s.jump < 1e3:
+        yield f"hysteresis = {s.hysteresis:g}, jump = {s.jump:g}: must be 0 or more, the jump at least the hysteresis"
+    if not (s.scr[0] <= s.safe_scr <= s.scr[1] and s.r_over_x[0] <= s.safe_r_over_x <= s.r_over_x[1]):
+        yield f"safe_scr = {s.safe_scr:g}, safe_r_over_x = {s.safe_r_over_x:g}: must lie in the box"
+    if not 1 <= s.confirm <= 1000:
+        yield f"confirm = {s.confirm}: must be 1 to 1000 windows"
+    for name in ("update_ticks", "longest_ticks", "stale_ticks"):
+        value = getattr(s, name)
+        if not (isinstance(value, int) and 1 <= value < _TICKS_LIMIT // 2):
+            yield f"{name} = {value}: must be a whole number from 1 to 2^30"

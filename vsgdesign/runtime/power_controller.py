@@ -1,0 +1,68 @@
+"""The power loops as they ship: one sample at a time, the same stage that the EMT compiles."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vsgdesign.equations.controller import ControllerSettings, ControllerState, power_stage
+from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless
+from vsgdesign.errors import ArtifactError
+
+
+class PowerController:
+    """Power filters and power loops of any structure (:eq:`controller-step`, :eq:`power-loop-law`).
+
+    T_s in s; ``smoothing_P`` and ``smoothing_Q``: 1 − exp(−T_s/τ) of the power filters, 1 without. Starts at the
+    references' ω_0 and V_n with P and Q at their set points, θ = 0.
+    """
+
+    def __init__(
+        self, gains: PowerLoopGains, refs: References, T_s: float, smoothing_P: float = 1.0, smoothing_Q: float = 1.0
+    ) -> None:
+        if not (T_s > 0.0 and 0.0 < smoothing_P <= 1.0 and 0.0 < smoothing_Q <= 1.0):
+            raise ArtifactError(
+                f"T_s = {T_s:g} s, smoothing_P = {smoothing_P:g}, smoothing_Q = {smoothing_Q:g}: the period must be "
+                "positive, the smoothing above 0 and at most 1."
+            )
+        self.gains, self.refs = gains, refs
+        self._settings = ControllerSettings(T_s, smoothing_P, smoothing_Q, *[0.0] * 6)
+        still = bumpless(
+            refs.omega_0, refs.V_n, refs.P_ref, refs.Q_ref, PowerLoopGains(0.0, 0.0, 0.0, gains.D_q), gains
+        )
+        self._state = ControllerState(0.0, still, refs.V_n, refs.P_ref, refs.Q_ref, 0.0, 0.0, 0.0, 0.0)
+
+    def step(self, P: float, Q: float) -> tuple[float, float, float]:
+        """One sample with the measured P (W) and Q (var): ω (rad/s), V (rms) and θ (rad) of this sample.
+
+        The integrators then advance by T_s, as in the simulation.
+        """
+        s = self._state
+        omega, theta, omega_i, V_rms, P_f, Q_f = power_stage(s, P, Q, self.refs, self.gains, self._settings)
+        # Once round at most, as the simulation does it: the angle stays small for ever.
+        theta -= _TURN if theta > _TURN else (-_TURN if theta < -_TURN else 0.0)
+        self._state = s._replace(theta=theta, omega_i=omega_i, V=V_rms, P_f=P_f, Q_f=Q_f)
+        return omega, s.V, s.theta
+
+    def retune(self, gains: PowerLoopGains) -> None:
+        """Other gains from the next sample on, without a jump of ω (:eq:`bumpless`)."""
+        s = self._state
+        omega_i = bumpless(s.omega_i, s.V, s.P_f, s.Q_f, self.gains, gains)
+        self._state, self.gains = s._replace(omega_i=omega_i), gains
+
+    def state(self) -> dict[str, Any]:
+        """θ, ω_i, V, P_f, Q_f and the gains, in JSON's types."""
+        named = {name: float(getattr(self._state, name)) for name in _STATES}
+        return named | {"gains": [float(value) for value in self.gains]}
+
+    def restore(self, document: dict[str, Any]) -> None:
+        """Go on from :meth:`state` to the same bits. Raises ArtifactError where it is none."""
+        try:
+            values = {name: float(document[name]) for name in _STATES}
+            gains = PowerLoopGains(*(float(value) for value in document["gains"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise ArtifactError(f"state of the power controller: {error}; start afresh.") from error
+        self._state, self.gains = self._state._replace(**values), gains
+
+
+_TURN = 6.283185307179586
+_STATES = ("theta", "omega_i", "V", "P_f", "Q_f")

@@ -1,0 +1,337 @@
+"""The gain scheduler as it ships: estimate in, guarded gains with a status out. C does the same, line by line."""
+
+from __future__ import annotations
+
+import hashlib
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import ArtifactError
+from vsgdesign.runtime.closed_form import ClosedFormSchedule
+from vsgdesign.runtime.guards import (
+    CLAMPED,
+    FALLBACK,
+    FRESH,
+    HELD,
+    IMPLAUSIBLE,
+    JUMP,
+    LIMITED,
+    NO_ESTIMATE,
+    NO_REASON,
+    NOT_FINITE,
+    OVERLOADED,
+    RANGE,
+    REASONS,
+    REFUSED,
+    SATURATED,
+    TIME,
+    UNDESIGNED,
+    SchedulerSettings,
+    limited,
+    near,
+    settings_of,
+)
+from vsgdesign.runtime.lookup import GainLookup, gain_lookup
+from vsgdesign.runtime.network import NeuralEstimator, load_neural_estimator
+from vsgdesign.runtime.state import SchedulerState, state_document, state_of
+from vsgdesign.runtime.table import table_schedule
+
+if TYPE_CHECKING:
+    from vsgdesign.artifacts.gain_table import GainTable
+
+_MASK = 0xFFFFFFFF
+_HALF = 0x80000000
+_OLDEST = 0x7FFFFFFF
+
+_SAID = {"ok": NO_REASON, "not finite": NOT_FINITE, "saturated": SATURATED}
+
+
+class Answer(NamedTuple):
+    """Gains from now on, and what they are worth: status bits and the reason of :mod:`vsgdesign.runtime.guards`."""
+
+    gains: PowerLoopGains
+    status: int
+    reason: int
+    scr: float
+    """The place that the gains are for."""
+    r_over_x: float
+
+    @property
+    def why(self) -> str:
+        """The reason in words; empty where nothing objected."""
+        return REASONS[self.reason]
+
+
+def first_state(lookup: GainLookup, settings: SchedulerSettings) -> SchedulerState:
+    """At the safe place, without load, with everything stale. Raises ArtifactError where that is no design."""
+    scr, r_over_x, V_rms = settings.safe_scr, settings.safe_r_over_x, lookup.V_n_rms
+    V_rms = min(max(V_rms, settings.V_rms[0]), settings.V_rms[1])
+    P = min(max(0.0, settings.P[0]), settings.P[1])
+    Q = min(max(0.0, settings.Q[0]), settings.Q[1])
+    normalised = lookup.normalised(scr, r_over_x)
+    gains = None if normalised is None else lookup.gains(normalised, scr, r_over_x, P, Q, V_rms)
+    if gains is None:
+        raise ArtifactError(
+            f"safe place SCR {scr:g}, R/X {r_over_x:g}: the table has no design there. Give another (safe_scr, "
+            "safe_r_over_x) on the strong side."
+        )
+    age = settings.stale_ticks + 1
+    return SchedulerState(0, 0, age, 0, scr, r_over_x, scr, r_over_x, scr, r_over_x, P, Q, V_rms, gains)
+
+
+def advance(
+    lookup: GainLookup, c: SchedulerSettings, s: SchedulerState, said: int, R_g: float, L_g: float, P: float, Q: float,
+    V_rms: float, ticks: int,
+) -> tuple[SchedulerState, Answer]:  # fmt: skip
+    """One update: the next state and the answer.
+
+    ``said`` is why there is no estimate, NO_REASON where R_g (Ω) and L_g (H) are one. P (W), Q (var) and V (phase rms,
+    V) are those of the power loops; ``ticks`` is the caller's 32-bit counter. Guards in order: time and inputs,
+    plausibility, jump (:eq:`place-band`), hysteresis, staleness, rate (:eq:`place-rate`), certified box, design
+    (:eq:`well-posed`). Whatever the inputs are, the gains are those of a place and powers within the box.
+    """
+    status, reason = 0, said
+    elapsed = (ticks - s.ticks) & _MASK if s.started else 0
+    step = min(elapsed, c.longest_ticks)
+    if elapsed >= _HALF:
+        elapsed, step, status, reason = c.update_ticks, 0, REFUSED, TIME
+    elif not (isfinite(P) and isfinite(Q) and isfinite(V_rms)):
+        status, reason = REFUSED, NOT_FINITE
+    elif not (abs(P) <= c.power_range and abs(Q) <= c.power_range and 0.0 <= V_rms <= c.voltage_range):
+        status, reason = REFUSED, RANGE
+    elif said in (NOT_FINITE, SATURATED):
+        status = REFUSED
+    elif said == NO_REASON and not (isfinite(R_g) and isfinite(L_g)):
+        status, reason = REFUSED, NOT_FINITE
+
+    if status:
+        P, Q, V_rms = s.P, s.Q, s.V_rms
+    else:
+        asked = P, Q, V_rms
+        P = min(max(P, c.P[0]), c.P[1])
+        Q = min(max(Q, c.Q[0]), c.Q[1])
+        V_rms = min(max(V_rms, c.V_rms[0]), c.V_rms[1])
+        status = 0 if (P, Q, V_rms) == asked else CLAMPED
+
+    goal_scr, goal_r, count = s.goal_scr, s.goal_r_over_x, 0
+    candidate_scr, candidate_r = s.candidate_scr, s.candidate_r_over_x
+    if reason == NO_REASON and not (c.R_g[0] <= R_g <= c.R_g[1] and c.L_g[0] <= L_g <= c.L_g[1]):
+        reason = IMPLAUSIBLE
+    if reason == NO_REASON:
+        scr, r_over_x = lookup.coordinates(R_g, L_g)
+        if not near(scr, r_over_x, goal_scr, goal_r, c.jump, c.ratio_floor):
+            agrees = s.agreed > 0 and near(scr, r_over_x, candidate_scr, candidate_r, c.jump, c.ratio_floor)
+            count = s.agreed + 1 if agrees else 1
+            candidate_scr, candidate_r = scr, r_over_x
+            if count < c.confirm:
+                reason = JUMP
+            else:
+                count = 0
+        if reason == NO_REASON and not near(scr, r_over_x, goal_scr, goal_r, c.hysteresis, c.ratio_floor):
+            goal_scr, goal_r = scr, r_over_x
+
+    age = min(s.age + elapsed, _OLDEST)
+    stale = reason != NO_REASON and age > c.stale_ticks
+    if stale:
+        goal_scr, goal_r = c.safe_scr, c.safe_r_over_x
+
+    factor = 1.0 + step * (c.rate * c.tick)
+    scr, r_over_x = limited(goal_scr, s.scr, factor), limited(goal_r, s.r_over_x, factor)
+    moving = LIMITED if scr != goal_scr or r_over_x != goal_r else 0
+    place_scr = min(max(scr, c.scr[0]), c.scr[1])
+    place_r = min(max(r_over_x, c.r_over_x[0]), c.r_over_x[1])
+    if place_scr != scr or place_r != r_over_x:
+        moving |= CLAMPED
+
+    normalised = lookup.normalised(place_scr, place_r)
+    gains = None if normalised is None else lookup.gains(normalised, place_scr, place_r, P, Q, V_rms)
+    refused = status & REFUSED
+    if gains is None:
+        if reason == NO_REASON:
+            reason = UNDESIGNED if normalised is None else OVERLOADED
+        gains, place_scr, place_r, P, Q, V_rms = s.gains, s.scr, s.r_over_x, s.P, s.Q, s.V_rms
+        status = refused
+    else:
+        status |= moving
+    status |= FALLBACK if stale else 0
+    if reason == NO_REASON:
+        status, age = status | FRESH, 0
+    else:
+        status |= HELD
+    following = SchedulerState(
+        1, ticks & _MASK, age, count, place_scr, place_r, goal_scr, goal_r, candidate_scr, candidate_r, P, Q, V_rms,
+        gains,
+    )  # fmt: skip
+    return following, Answer(gains, status, reason, place_scr, place_r)
+
+
+class Scheduler:
+    """A lookup, its settings, its state, and an estimator if there is one. Not for two threads at once."""
+
+    def __init__(
+        self, lookup: GainLookup, settings: SchedulerSettings, estimator: NeuralEstimator | None = None
+    ) -> None:
+        self.lookup, self.settings, self.estimator = lookup, settings, estimator
+        self._made_for = hashlib.sha256(repr((settings, lookup)).encode()).hexdigest()
+        self._state = first_state(lookup, settings)
+        length = 0 if estimator is None else estimator.components * estimator.samples
+        self._window = np.zeros((2, length))
+        self._filled = 0
+
+    @property
+    def gains(self) -> PowerLoopGains:
+        """The present gains; before any update those of the safe place."""
+        return self._state.gains
+
+    def update_estimate(
+        self, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int | None = None
+    ) -> Answer:
+        """Gains from an estimate in Ω and H and the measured P, Q, V, as :func:`advance`.
+
+        Without ``ticks`` one nominal period has passed. No exception is ever raised for what the numbers are.
+        """
+        return self._advance(NO_REASON, float(R_g), float(L_g), P, Q, V_rms, ticks)
+
+    def hold(self, P: float, Q: float, V_rms: float, ticks: int | None = None) -> Answer:
+        """An update without an estimate: the place goes on to where it was going."""
+        return self._advance(NO_ESTIMATE, 0.0, 0.0, P, Q, V_rms, ticks)
+
+    def update(self, v: Any, i: Any, P: float, Q: float, V_rms: float, ticks: int | None = None) -> Answer:
+        """Gains from a window of v (V) and i (A) as the estimator takes them. Raises ArtifactError without one."""
+        R_g, L_g, status = self._trained.estimate(np.asarray(v, dtype=float), np.asarray(i, dtype=float))
+        said = _SAID.get(status, IMPLAUSIBLE)
+        return self._advance(said, R_g, L_g, P, Q, V_rms, ticks)
+
+    def push(self, v: Any, i: Any) -> bool:
+        """One sample of v and i, or its components; whether the window is whole. Then samples are left out until
+        :meth:`update_pushed`."""
+        estimator = self._trained
+        k, n = self._filled, estimator.samples
+        if k < n:
+            self._window[0, k::n] = v
+            self._window[1, k::n] = i
+            self._filled = k + 1
+        return self._filled == n
+
+    def update_pushed(self, P: float, Q: float, V_rms: float, ticks: int | None = None) -> Answer:
+        """:meth:`update` with the samples pushed, :meth:`hold` while they make no whole window."""
+        if self._filled < self._trained.samples:
+            return self.hold(P, Q, V_rms, ticks)
+        self._filled = 0
+        return self.update(self._window[0], self._window[1], P, Q, V_rms, ticks)
+
+    def start(self, R_g: float, L_g: float) -> PowerLoopGains:
+        """Begin on a known grid instead of the safe place. Raises ArtifactError where it is not in the box."""
+        c = self.settings
+        scr, r_over_x = self.lookup.coordinates(R_g, L_g) if L_g > 0.0 and isfinite(R_g + L_g) else (0.0, 0.0)
+        first = first_state(self.lookup, c)
+        normalised = self.lookup.normalised(scr, r_over_x)
+        inside = c.scr[0] <= scr <= c.scr[1] and c.r_over_x[0] <= r_over_x <= c.r_over_x[1]
+        gains = None
+        if inside and normalised is not None:
+            gains = self.lookup.gains(normalised, scr, r_over_x, first.P, first.Q, first.V_rms)
+        if gains is None:
+            raise ArtifactError(
+                f"R_g = {R_g:g} Ω, L_g = {L_g * 1e3:g} mH: the grid is not in the schedule's box (SCR {c.scr[0]:g} to "
+                f"{c.scr[1]:g}, R/X {c.r_over_x[0]:g} to {c.r_over_x[1]:g}). Start without."
+            )
+        self._state = first._replace(
+            scr=scr, r_over_x=r_over_x, goal_scr=scr, goal_r_over_x=r_over_x, gains=gains, age=0
+        )
+        return gains
+
+    def state(self) -> dict[str, Any]:
+        """Everything remembered, in JSON's types: a restored scheduler goes on to the same bits."""
+        window = self._window[:, :] if self._filled else self._window[:, :0]
+        return state_document(self._state, self._made_for) | {"filled": self._filled, "window": window.tolist()}
+
+    def restore(self, document: dict[str, Any]) -> None:
+        """Go on from :meth:`state`. Raises ArtifactError where it is no state of this scheduler."""
+        state, c = state_of(document, self._made_for), self.settings
+        box = ((state.scr, c.scr), (state.r_over_x, c.r_over_x), (state.P, c.P), (state.Q, c.Q), (state.V_rms, c.V_rms))
+        if not all(low <= value <= high for value, (low, high) in box):
+            raise ArtifactError("state: its place or powers are outside the schedule's box; start afresh.")
+        filled, window = document.get("filled"), document.get("window")
+        n = 0 if self.estimator is None else self.estimator.samples
+        try:
+            samples = np.array(window, dtype=float)
+        except (TypeError, ValueError):
+            samples = np.empty(0)
+        whole = isinstance(filled, int) and 0 <= filled <= n
+        if not whole or samples.shape != (self._window.shape if filled else (2, 0)):
+            raise ArtifactError("state.window: is not what this scheduler's window is; start afresh.")
+        self._state, self._filled = state, int(filled)  # type: ignore[arg-type]
+        if filled:
+            self._window[:] = samples
+
+    @property
+    def _trained(self) -> NeuralEstimator:
+        if self.estimator is None:
+            raise ArtifactError("no network: load the scheduler with weights, or give estimates (update_estimate).")
+        return self.estimator
+
+    def _advance(
+        self, said: int, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int | None
+    ) -> Answer:
+        if ticks is None:
+            ticks = self._state.ticks + self.settings.update_ticks
+        self._state, answer = advance(
+            self.lookup, self.settings, self._state, said, R_g, L_g, float(P), float(Q), float(V_rms), ticks
+        )
+        return answer
+
+
+def scheduler_of(table: GainTable, estimator: NeuralEstimator | None = None, **changes: Any) -> Scheduler:
+    """The scheduler of a table; ``changes`` to its settings as in :func:`vsgdesign.runtime.guards.settings_of`."""
+    lookup = gain_lookup(table_schedule(table), V_n_rms=table.base.V_rated_rms)
+    settings = settings_of(table, **changes)
+    if estimator is not None:
+        _check_same_case(lookup, settings, estimator)
+    return Scheduler(lookup, settings, estimator)
+
+
+def closed_form_scheduler(
+    schedule: ClosedFormSchedule, settings: SchedulerSettings, *, V_n_rms: float, S_rated: float = 0.0,
+    scr_basis: str = "impedance", estimator: NeuralEstimator | None = None,
+) -> Scheduler:  # fmt: skip
+    """The scheduler of a closed form: the Jacobian from measured P, Q, V, no table.
+
+    V_n_rms: nominal voltage, V; S_rated (VA) and ``scr_basis``: what the settings' SCR is counted with.
+    """
+    return Scheduler(gain_lookup(schedule, V_n_rms=V_n_rms, S_rated=S_rated, scr_basis=scr_basis), settings, estimator)
+
+
+def load_scheduler(
+    table: str | Path, weights: str | Path | None = None, *, fit: dict[str, Any] | None = None,
+    study_hash: str | None = None, **changes: Any,
+) -> Scheduler:  # fmt: skip
+    """The scheduler of files. ``fit`` is what :func:`vsgdesign.runtime.network.neural_estimator` wants to know;
+    ``study_hash`` refuses a table of another study. Raises ArtifactError with one sentence."""
+    from vsgdesign.artifacts.gain_table_file import read_table_file
+
+    found = read_table_file(table)
+    if study_hash is not None and study_hash != found.study_hash:
+        raise ArtifactError(
+            f"{table}: was designed for study {found.study} with hash {found.study_hash[:12]}, this one has "
+            f"{study_hash[:12]}. Give the table of this study, or design one."
+        )
+    estimator = None if weights is None else load_neural_estimator(weights, **(fit or {}))
+    return scheduler_of(found, estimator, **changes)
+
+
+def _check_same_case(lookup: GainLookup, settings: SchedulerSettings, estimator: NeuralEstimator) -> None:
+    """A network trained for a converter of another size knows none of the table's grids."""
+    R_a, L_a = lookup.grid(settings.scr[0], settings.r_over_x[1])
+    R_b, L_b = lookup.grid(settings.scr[1], settings.r_over_x[0])
+    (R_low, L_low), (R_high, L_high) = estimator.least, estimator.largest
+    if R_low > R_a or R_high < R_b or L_low > max(L_a, L_b, lookup.grid(settings.scr[0], settings.r_over_x[0])[1]) or (
+        L_high < min(L_a, L_b, lookup.grid(settings.scr[1], settings.r_over_x[1])[1])
+    ):  # fmt: skip
+        raise ArtifactError(
+            f"the network was trained for R_g {R_low:g} to {R_high:g} Ω, L_g {L_low * 1e3:g} to {L_high * 1e3:g} mH. "
+            "The table has none of these grids: they are of different converters. Give those of one case."
+        )

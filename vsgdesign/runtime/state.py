@@ -1,0 +1,75 @@
+"""What a scheduler remembers from one update to the next, and how it is saved."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import ArtifactError
+
+SCHEMA = 1
+
+
+class SchedulerState(NamedTuple):
+    """Everything that the next answer depends on besides its inputs."""
+
+    started: int
+    """0 until the first update."""
+    ticks: int
+    """The caller's counter at the last update."""
+    age: int
+    """Ticks since the last estimate that was followed."""
+    agreed: int
+    """Windows that agree on a jump so far."""
+    scr: float
+    """The place that the gains are for."""
+    r_over_x: float
+    goal_scr: float
+    """The place that is gone to."""
+    goal_r_over_x: float
+    candidate_scr: float
+    """A jump that waits to be confirmed."""
+    candidate_r_over_x: float
+    P: float
+    """Last good measurement, within the box: W, var, V."""
+    Q: float
+    V_rms: float
+    gains: PowerLoopGains
+
+
+def state_document(state: SchedulerState, made_for: str) -> dict[str, Any]:
+    """A state in JSON's types; ``made_for`` is what it belongs to."""
+    return {"schema": SCHEMA, "made_for": made_for} | state._asdict() | {"gains": list(state.gains)}
+
+
+def state_of(document: dict[str, Any], made_for: str) -> SchedulerState:
+    """The state of a document: every number the same to the last bit.
+
+    Raises ArtifactError where it is no whole state, of a newer schema, or was saved with another table.
+    """
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if schema != SCHEMA:
+        raise ArtifactError(f"state: has schema {schema!r}, this version reads {SCHEMA}; start afresh.")
+    if document.get("made_for") != made_for:
+        raise ArtifactError("state: was saved with another table or other settings; start afresh.")
+    values: dict[str, Any] = {}
+    for name, kind in SchedulerState.__annotations__.items():
+        value = document.get(name)
+        if name == "gains":
+            if not (isinstance(value, list) and len(value) == len(PowerLoopGains._fields) and all(map(_finite, value))):
+                raise ArtifactError("state.gains: must be eight numbers; start afresh.")
+            values[name] = PowerLoopGains(*map(float, value))
+        elif kind == "int":
+            if not (isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**32):
+                raise ArtifactError(f"state.{name} = {value!r}: must be a whole number of 32 bits; start afresh.")
+            values[name] = value
+        else:
+            if not _finite(value):
+                raise ArtifactError(f"state.{name} = {value!r}: must be a number; start afresh.")
+            values[name] = float(value)  # type: ignore[arg-type]
+    return SchedulerState(**values)
+
+
+def _finite(value: object) -> bool:
+    return isinstance(value, float | int) and not isinstance(value, bool) and math.isfinite(value)
