@@ -1,0 +1,122 @@
+"""Scenarios of a cell: what the estimate may hide, and the static limits on the border."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.design.robust_studies import controller, robust_study, specification, with_specification
+from vsgdesign.design.box import Scenarios, scenarios_of_estimate, scenarios_of_truth, within_limits
+from vsgdesign.equations.power_flow import operating_point, power_flow
+from vsgdesign.parameters import Study
+from vsgdesign.parameters.study import grid_from_scr
+
+WIDE = with_specification(scr=(1.2, 20.0), x_over_r=(0.3, 20.0))
+TARGET = controller(WIDE).target
+GRIDS = st.tuples(st.floats(1.2, 20.0), st.floats(0.3, 20.0))
+
+
+def of_truth(study: Study, scr: float, x_over_r: float) -> Scenarios:
+    return scenarios_of_truth(study, specification(study), scr, x_over_r, TARGET.P, TARGET.Q)
+
+
+def of_estimate(study: Study, scr: float, x_over_r: float) -> Scenarios:
+    return scenarios_of_estimate(study, specification(study), scr, x_over_r, TARGET.P, TARGET.Q)
+
+
+@given(GRIDS)
+def test_every_scenario_is_an_operating_point_within_the_limits(grid: tuple[float, float]) -> None:
+    s = of_truth(WIDE, *grid)
+    if len(s) == 0:
+        return
+    P, Q = power_flow(s.delta, s.V_rms, s.V_g_rms, s.R, s.X)
+    np.testing.assert_allclose(P, s.P, atol=1e-6 * 5e3)
+    np.testing.assert_allclose(Q, s.Q, atol=1e-6 * 5e3)
+    low, high = WIDE.converter.V_limits_rms
+    assert ((s.V_rms >= low) & (s.V_rms <= high)).all()
+    assert (3.0 * s.V_rms**2 / np.hypot(s.R, s.X) >= 1.3 * np.hypot(s.P, s.Q) * (1.0 - 1e-12)).all()
+    assert np.abs(s.P).max() <= 4500.0
+    assert np.abs(s.Q).max() <= 2000.0
+
+
+@given(GRIDS)
+def test_a_power_beyond_the_limits_is_drawn_in_until_it_lies_on_them(grid: tuple[float, float]) -> None:
+    """24 halvings of the share: a part in 1e6 more is outside."""
+    s = of_truth(WIDE, *grid)
+    apparent = np.hypot(s.P, s.Q)
+    drawn_in = [
+        k for k in range(len(s))
+        if apparent[k] > 1.0 and not np.isclose(np.abs([s.P[k]]), [0.0, 4500.0]).any()
+    ]  # fmt: skip
+    for k in drawn_in:
+        more = {"P": s.P[k : k + 1] * (1.0 + 1e-6), "Q": s.Q[k : k + 1] * (1.0 + 1e-6)}
+        one = s.take(np.array([k]))
+        with np.errstate(invalid="ignore"):
+            V_rms, delta = operating_point(more["P"], more["Q"], one.V_g_rms, one.R, one.X)
+        beyond = Scenarios(
+            one.R, one.X, one.R_hat, one.X_hat, one.V_g_rms, one.omega_g, more["P"], more["Q"], V_rms, delta
+        )
+        assert not within_limits(WIDE, beyond)[0]
+
+
+def test_the_design_point_comes_first_and_without_error() -> None:
+    s = of_truth(WIDE, 5.0, 2.0)
+    assert (s.P[0], s.Q[0]) == (TARGET.P, TARGET.Q)
+    assert (s.R[0], s.X[0]) == (s.R_hat[0], s.X_hat[0])
+    grid = grid_from_scr(5.0, 2.0, "impedance", WIDE.converter)
+    assert s.R[0] == pytest.approx(grid.R_g)
+    assert s.X[0] == pytest.approx(grid.L_g * WIDE.converter.omega_n)
+
+
+@given(st.floats(3.0, 12.0), st.floats(0.7, 8.0), st.sampled_from([-0.2, 0.2]), st.sampled_from([-0.2, 0.2]))
+def test_what_an_estimate_is_designed_for_covers_the_truths_behind_it(
+    scr: float, x_over_r: float, e_R: float, e_X: float
+) -> None:
+    """A true grid inside the table is estimated with error (e_R, e_X): the cell at the estimate has that very pair."""
+    truth = grid_from_scr(scr, x_over_r, "impedance", WIDE.converter)
+    omega = WIDE.converter.omega_n
+    estimate = type(truth)(truth.R_g * (1.0 + e_R), truth.L_g * (1.0 + e_X))
+    s = of_estimate(WIDE, estimate.scr(WIDE.converter, "impedance"), estimate.x_over_r(omega))
+    there = np.isclose(s.R, truth.R_g) & np.isclose(s.X, omega * truth.L_g)
+    there &= np.isclose(s.R_hat, estimate.R_g) & np.isclose(s.X_hat, omega * estimate.L_g)
+    by_truth = of_truth(WIDE, scr, x_over_r)
+    same = np.isclose(by_truth.R_hat, estimate.R_g) & np.isclose(by_truth.X_hat, omega * estimate.L_g)
+    assert there.sum() == same.sum() > 0
+    for name in ("P", "Q", "V_rms", "omega_g"):
+        np.testing.assert_allclose(np.sort(getattr(s, name)[there]), np.sort(getattr(by_truth, name)[same]), rtol=1e-6)
+
+
+def test_at_the_edge_the_estimate_beyond_it_is_covered_too() -> None:
+    """A truth on the edge whose estimate lies beyond: the lookup is on the edge, with the estimated Jacobian."""
+    s = of_estimate(WIDE, 20.0, 2.0)
+    grid = grid_from_scr(20.0, 2.0, "impedance", WIDE.converter)
+    at = np.isclose(s.R, grid.R_g) & np.isclose(s.R_hat, 0.8 * grid.R_g) & np.isclose(s.X_hat / s.X, 0.8)
+    assert at.any()
+
+
+def test_without_error_there_is_one_pair() -> None:
+    exact = with_specification(error_R=0.0, error_X=0.0)
+    s = of_estimate(exact, 4.0, 2.0)
+    np.testing.assert_allclose(s.R, s.R_hat, rtol=1e-12)
+    np.testing.assert_allclose(s.X, s.X_hat, rtol=1e-12)
+    # The design point, and P × Q of the limits with zero between: 1 + 9.
+    assert len(s) <= 10
+
+
+def test_no_scenario_where_the_source_alone_is_beyond_the_voltage_limits() -> None:
+    """At no load V is the source's: 110 V · 1.5 is above 1.25 pu whatever the power."""
+    sagging = with_specification(V_g_rms=(165.0,))
+    s = of_truth(sagging, 10.0, 2.0)
+    assert np.isclose(s.V_g_rms, 110.0).sum() <= 1
+    assert len(s) <= 1
+
+
+def test_take_keeps_every_column_in_order() -> None:
+    s = of_truth(robust_study(), 4.0, 2.0)
+    part = s.take(np.array([3, 1]))
+    for f in fields(Scenarios):
+        assert getattr(part, f.name).tolist() == [getattr(s, f.name)[3], getattr(s, f.name)[1]]
