@@ -1,0 +1,38 @@
+"""The trained network, as it ships, on the published windows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsgdesign.artifacts.network_weights import NetworkWeights
+from vsgdesign.errors import ArtifactError
+from vsgdesign.estimator.baselines.record import Estimates, Record
+from vsgdesign.runtime.network import neural_estimator
+
+
+@dataclass(frozen=True, eq=False)
+class NeuralMethod:
+    """A network on phase A's windows. It is given the grid's phase, as published: the comparison is in its favour.
+
+    Answers beyond its trained range are clipped, as on the controller.
+    """
+
+    weights: NetworkWeights
+    name: str = "Neural, published"
+    probe: None = None
+    signals: str = "steady"
+
+    def estimate(self, record: Record) -> Estimates:
+        """One window, one estimate. Raises ArtifactError for weights of another kind of window."""
+        if self.weights.window.samples != record.samples:
+            raise ArtifactError(
+                f"the weights take {self.weights.window.samples} samples, the windows have {record.samples}."
+            )
+        estimator = neural_estimator(self.weights, sample_interval=record.sample_interval, grid_phase=True)
+        half = record.samples
+        found = np.array([
+            [estimator.estimate(window[:half], window[half:])[:2] for window in run] for run in record.phase_a
+        ])  # fmt: skip
+        return Estimates(found[:, :, 0], found[:, :, 1])
