@@ -75,6 +75,6 @@ def emt_step(
         return None
     tail = response[-max(len(response) // 10, 1) :]
     final = size if signal == "P" else float(tail.mean())
-    if np.ptp(tail) > 0.02 * size or abs(final) < 1e-6 * size:
+    if np.ptp(tail) > 0.02 * abs(size) or abs(final) < 1e-6 * abs(size):
         return None
     return step_response(t_s, response, 0.0, final)
