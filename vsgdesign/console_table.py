@@ -83,7 +83,7 @@ def built_text(document: dict[str, Any], shown: int = 8) -> str:
     lines = [f"{document['file']}: {table['name']}, {len(table['scr'])} SCR × {len(table['x_over_r'])} X/R: {counts}"]
     if added := document["added"]:
         lines.append("nodes added between: " + ", ".join(f"{node['axis']} {node['value']:g}" for node in added))
-    lines += _first(document["relaxed"], "would_be_feasible_with", "not feasible as specified; it would be with", shown)
+    lines += _first(document["relaxed"], "would_be_feasible_with", "not as specified, feasible with", shown)
     broken = between["broken"]
     lines.append(
         f"between nodes: {between['points']} random grids, {between['outside']} outside the static limits, "
@@ -97,8 +97,12 @@ def built_text(document: dict[str, Any], shown: int = 8) -> str:
 def _first(places: Sequence[dict[str, Any]], key: str, says: str, shown: int) -> list[str]:
     lines = []
     for place in places[:shown]:
+        where = f"  SCR {place['scr']:.4g}, X/R {place['x_over_r']:.4g}"
+        if (inner := place.get("inner_loops_rad_s")) is not None:
+            lines.append(f"{where}: the inner loops or the filter are unstable at {inner:.3g} rad/s")
+            continue
         values = ", ".join(f"{name} {_limit(value)}" for name, value in place[key].items())
-        lines.append(f"  SCR {place['scr']:.4g}, X/R {place['x_over_r']:.4g}: {says} {values}")
+        lines.append(f"{where}: {says} {values}")
     return lines if len(places) <= shown else [*lines, f"  and {len(places) - shown} more (--json has all)"]
 
 

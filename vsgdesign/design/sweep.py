@@ -16,6 +16,9 @@ from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.design.record import CellRecord, CellTask, read_record, run_task, write_record
 from vsgdesign.errors import WorkerError
 
+_CONNECT_S = 10.0
+"""How long a scheduler may take to answer."""
+
 _LOST = (
     "a process that designed cells was lost (out of memory?). Finished cells are kept: run the same command again, "
     "with fewer workers if it happens once more."
@@ -53,11 +56,19 @@ def _results(tasks: Sequence[tuple[str, CellTask]], executor: Executor | None) -
             yield key, run_task(task)
         return
     futures = {executor.submit(run_task, task): key for key, task in tasks}
+    waiting = set(futures)
     try:
         for future in as_completed(futures):
-            yield futures[future], future.result()
-    except (BrokenExecutor, CancelledError) as error:
-        raise WorkerError(f"workers: {_LOST}") from error
+            record = future.result()
+            waiting.discard(future)
+            yield futures[future], record
+    except (Exception, KeyboardInterrupt) as error:
+        for future in waiting:  # what else is finished is not lost with the one that failed
+            if future.done() and not future.cancelled() and future.exception() is None:
+                yield futures[future], future.result()
+        if isinstance(error, BrokenExecutor | CancelledError):
+            raise WorkerError(f"workers: {_LOST}") from error
+        raise
     finally:
         for future in futures:
             future.cancel()
@@ -99,7 +110,7 @@ def _dask(cluster: str, workers: int | None) -> Iterator[Executor]:
             )
             stack.enter_context(address)
         try:
-            client = stack.enter_context(distributed.Client(address, timeout="10s"))
+            client = stack.enter_context(distributed.Client(address, timeout=_CONNECT_S))
         except (OSError, ValueError) as error:
             raise WorkerError(
                 f'cluster = "{cluster}": no scheduler answers. Give "local" or an address such as tcp://host:8786.'

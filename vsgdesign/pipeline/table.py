@@ -96,7 +96,10 @@ def _built_document(built: BuiltTable, out: Path) -> dict[str, Any]:
         "cells": {status: int((table.status == status).sum()) for status in STATUSES},
         "added": [{"axis": axis, "value": value} for axis, value in built.added],
         "relaxed": [
-            {"scr": record.scr, "x_over_r": record.x_over_r, "would_be_feasible_with": record.missed}
+            {
+                "scr": record.scr, "x_over_r": record.x_over_r, "inner_loops_rad_s": record.inner_rad_s,
+                "would_be_feasible_with": {k: v for k, v in record.missed.items() if k != "inner_loops"},
+            }
             for record in built.records
             if record.missed
         ],

@@ -1,0 +1,208 @@
+"""Sweeps: equal digits on any executor, cells that survive a kill at any moment, files that are half there."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.design.robust_studies import ROOT, controller, robust_study, specification, textbook
+from vsgdesign.artifacts.files import plain
+from vsgdesign.design import sweep as sweeping
+from vsgdesign.design.cell import CellDesign, Figures
+from vsgdesign.design.record import CellRecord, CellTask, read_record, record_document, record_of, write_record
+from vsgdesign.design.sweep import executor_of, sweep
+from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.errors import ArtifactError, WorkerError
+
+STUDY = robust_study()
+SPEC = specification(STUDY)
+CENTRE = tuple(float(value) for value in textbook(STUDY))
+
+
+def task(scr: float, x_over_r: float, seed: int = 0) -> CellTask:
+    return CellTask(STUDY, controller(STUDY).target, SPEC, scr, x_over_r, CENTRE, seed)
+
+
+TASKS = [task(6.0, 3.0), task(6.0, 1.0)]
+
+any_float = st.floats(allow_nan=False, allow_infinity=False)
+upper = any_float | st.just(float("inf"))
+lower = any_float | st.just(float("-inf"))
+figures = st.builds(Figures, upper, upper, upper, upper, upper, lower, lower, upper)
+designs = st.builds(
+    CellDesign, st.builds(NormalisedGains, *[any_float] * 6), figures, any_float, st.sampled_from(["", "overshoot"]),
+    any_float, st.dictionaries(st.sampled_from(["overshoot", "settling_time"]), upper), st.integers(0, 99),
+    st.integers(0, 99),
+)  # fmt: skip
+records = st.builds(CellRecord, any_float, any_float, st.none() | designs, st.none() | figures, st.none() | any_float)
+
+
+@given(records)
+def test_records_come_back(record: CellRecord) -> None:
+    assert record_of(json.loads(json.dumps(plain(record_document(record)), allow_nan=False))) == record
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[CellRecord]]:
+    folder = tmp_path_factory.mktemp("alone")
+    return folder, sweep(TASKS, folder)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def test_finished_cells_are_not_done_again(
+    alone: tuple[Path, list[CellRecord]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sweeping, "run_task", lambda _: pytest.fail("designed again"))
+    told: list[float] = []
+    assert sweep(TASKS, alone[0], progress=lambda _, share: told.append(share)) == alone[1]
+    assert told == [1.0]
+
+
+@pytest.mark.parametrize("damage", [b"", b"{", b"[]", b"null", b'{"key": 3}', b"\xff\xfe"])
+def test_a_damaged_cell_is_designed_again(
+    alone: tuple[Path, list[CellRecord]], tmp_path: Path, damage: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, data in contents(alone[0]).items():
+        (tmp_path / name).write_bytes(data)
+    path = tmp_path / f"{TASKS[1].key}.json"
+    path.write_bytes(damage)
+    (tmp_path / f".{TASKS[1].key}.json.abc").write_bytes(b"half")
+    again: list[CellTask] = []
+
+    def redo(one: CellTask) -> CellRecord:
+        again.append(one)
+        return alone[1][1]
+
+    monkeypatch.setattr(sweeping, "run_task", redo)
+    assert sweep(TASKS, tmp_path) == alone[1]
+    assert again == [TASKS[1]]
+    assert path.read_bytes() == contents(alone[0])[path.name]
+
+
+def test_a_cell_of_another_question_is_not_taken(alone: tuple[Path, list[CellRecord]], tmp_path: Path) -> None:
+    other = replace(TASKS[0], seed=1)
+    keys = {
+        TASKS[0].key, other.key, replace(TASKS[0], scr=6.1).key, replace(TASKS[0], centre=CENTRE[::-1]).key,
+        replace(TASKS[0], spec=replace(SPEC, overshoot=0.1)).key,
+        replace(TASKS[0], target=replace(TASKS[0].target, Q_droop=0.1)).key,
+    }  # fmt: skip
+    assert len(keys) == 6
+    assert replace(TASKS[0], spec=replace(SPEC, scr=(3.0, 4.0, 6.0))).key == TASKS[0].key
+    write_record(tmp_path, other.key, alone[1][0])
+    (tmp_path / f"{other.key}.json").rename(tmp_path / f"{TASKS[0].key}.json")
+    assert read_record(tmp_path, TASKS[0].key) is None
+
+
+def test_two_processes_and_a_dask_cluster_give_the_same_bytes(
+    alone: tuple[Path, list[CellRecord]], tmp_path: Path
+) -> None:
+    for workers, cluster in ((2, None), (1, "local")):
+        folder = tmp_path / str(cluster)
+        with executor_of(workers, cluster) as executor:
+            assert executor is not None
+            assert sweep(TASKS, folder, executor) == alone[1]
+        assert contents(folder) == contents(alone[0])
+
+
+class OneWorks(ThreadPoolExecutor):
+    """The first call is done, the second has the fault."""
+
+    def __init__(self, done: CellRecord, fault: BaseException) -> None:
+        super().__init__(1)
+        self._made: list[Any] = [done, fault]
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:  # noqa: ARG002
+        future: Future[Any] = Future()
+        made = self._made.pop(0)
+        future.set_exception(made) if isinstance(made, BaseException) else future.set_result(made)
+        return future
+
+
+@pytest.mark.parametrize(
+    ("fault", "raised", "says"),
+    [
+        (BrokenProcessPool("gone"), WorkerError, r"was lost.*run the same command"),
+        (KeyboardInterrupt("now"), KeyboardInterrupt, "now"),
+        (ValueError("wrong"), ValueError, "wrong"),
+    ],
+)
+def test_what_is_finished_beside_a_fault_is_kept(
+    alone: tuple[Path, list[CellRecord]], tmp_path: Path, fault: BaseException, raised: type[BaseException], says: str
+) -> None:
+    with pytest.raises(raised, match=says), OneWorks(alone[1][0], fault) as executor:
+        sweep(TASKS, tmp_path, executor)
+    name = f"{TASKS[0].key}.json"
+    assert contents(tmp_path) == {name: contents(alone[0])[name]}
+
+
+def test_a_folder_that_cannot_be_is_named(tmp_path: Path, alone: tuple[Path, list[CellRecord]]) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ArtifactError, match=r"cannot write to.*finished cells"):
+        write_record(tmp_path / "file", "key", alone[1][0])
+
+
+@pytest.mark.parametrize("address", ["nonsense://x", "127.0.0.1:1"])
+def test_a_cluster_that_does_not_answer(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweeping, "_CONNECT_S", 0.3)
+    with pytest.raises(WorkerError, match="no scheduler answers"), executor_of(cluster=address):
+        pytest.fail("there is none")
+
+
+def test_a_cluster_without_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(WorkerError, match=r"pip install \"vsgdesign\[cluster\]\""), executor_of(cluster="local"):
+        pytest.fail("there is none")
+
+
+def test_one_worker_is_no_other_process() -> None:
+    with executor_of(1) as executor:
+        assert executor is None
+
+
+WAITS = """
+import os, sys, time
+from vsgdesign.artifacts.processes import worker_processes
+if __name__ == "__main__":
+    with worker_processes(2) as pool:
+        held = [pool.submit(time.sleep, 60.0) for _ in range(5)]
+        pool.submit(os.getpid)
+        print("begun", flush=True)
+        if sys.argv[1] == "kill":
+            os.kill(os.getpid(), 9)
+        raise KeyboardInterrupt
+"""
+
+
+@pytest.mark.parametrize(("how", "code"), [("kill", -9), ("interrupt", 1)])
+def test_processes_end_with_the_one_they_work_for(tmp_path: Path, how: str, code: int) -> None:
+    """They hold its standard output, which ends only when they have; 60 s of work is not waited for."""
+    script = tmp_path / "script.py"
+    script.write_text(WAITS, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-P", str(script), how], capture_output=True, text=True, timeout=50.0, cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode in (code, -2)  # an interruption nobody takes ends with the signal
+    assert done.stdout == "begun\n"
+    assert done.stderr.count("Traceback") == (0 if how == "kill" else 1)
+
+
+def test_executors_are_what_concurrent_futures_says() -> None:
+    with executor_of(2) as executor:
+        assert isinstance(executor, Executor)
+        assert len({executor.submit(os.getpid).result() for _ in range(4)} - {os.getpid()}) >= 1
