@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -80,21 +81,29 @@ def final_Q(J: Array, D_q: Array) -> Array:
 
 def evaluate(law: LawOfStudy, designs: NormalisedGains, s: Scenarios, settling_time: float) -> Evaluation:
     """Figures (M, S) of M designs (arrays of shape (M,), or scalars for one) in S scenarios each."""
-    over = NormalisedGains(*(np.asarray(value, dtype=float).reshape(-1, 1) for value in designs))
-    shape = (len(over.k_2), len(s))
-    every = NormalisedGains(*(np.broadcast_to(value, shape).ravel() for value in over))
-    repeated = Scenarios(*(np.broadcast_to(getattr(s, f.name), shape).ravel() for f in fields(Scenarios)))
-    found = evaluate_pairs(law, every, repeated, settling_time)
-    return Evaluation(
-        {name: values.reshape(shape) for name, values in found.figures.items()},
-        found.damping_ratio.reshape(shape), found.abscissa.reshape(shape),
-    )  # fmt: skip
+    every, repeated, shape = _crossed(designs, s)
+    return _shaped(evaluate_pairs(law, NormalisedGains(*every), repeated, settling_time), shape)
+
+
+def evaluate_fixed(
+    gains: PowerLoopGains, s: Scenarios, settling_time: float, tau_P: float, tau_Q: float
+) -> Evaluation:  # fmt: skip
+    """Figures (M, S) of M sets of gains (arrays of shape (M,), or scalars for one), each the same in S scenarios."""
+    every, repeated, shape = _crossed(gains, s)
+    return _shaped(evaluate_gains(PowerLoopGains(*every), repeated, settling_time, tau_P, tau_Q), shape)
 
 
 def evaluate_pairs(law: LawOfStudy, normalised: NormalisedGains, s: Scenarios, settling_time: float) -> Evaluation:
     """Figures (S,) of one design per scenario: ``normalised`` holds arrays (S,)."""
-    gains = PowerLoopGains(*(np.broadcast_to(np.asarray(v, dtype=float), s.P.shape) for v in law.gains(normalised, s)))
-    model = coupled_model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, gains, tau_P=law.tau_P, tau_Q=law.tau_Q)
+    return evaluate_gains(law.gains(normalised, s), s, settling_time, law.tau_P, law.tau_Q)
+
+
+def evaluate_gains(
+    gains: PowerLoopGains, s: Scenarios, settling_time: float, tau_P: float, tau_Q: float
+) -> Evaluation:  # fmt: skip
+    """Figures (S,) of one set of gains per scenario, arrays (S,) or scalars."""
+    gains = PowerLoopGains(*(np.broadcast_to(np.asarray(value, dtype=float), s.P.shape) for value in gains))
+    model = coupled_model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, gains, tau_P=tau_P, tau_Q=tau_Q)
     eigenvalues: Any = np.linalg.eigvals(model.A).astype(complex)
     abscissa = eigenvalues.real.max(axis=1)
     table = figures(
@@ -103,3 +112,18 @@ def evaluate_pairs(law: LawOfStudy, normalised: NormalisedGains, s: Scenarios, s
     )  # fmt: skip
     named = {name: table[:, k] for k, name in enumerate(FIGURES)}
     return Evaluation(named, damping_ratio(eigenvalues).min(axis=1), abscissa)
+
+
+def _crossed(designs: Iterable[Any], s: Scenarios) -> tuple[list[Array], Scenarios, tuple[int, int]]:
+    """Every design with every scenario, row by row: values (M·S,), scenarios (M·S,), and (M, S)."""
+    over = [np.asarray(value, dtype=float).reshape(-1, 1) for value in designs]
+    shape = (max(len(value) for value in over), len(s))
+    every = [np.broadcast_to(value, shape).ravel() for value in over]
+    return every, Scenarios(*(np.broadcast_to(getattr(s, f.name), shape).ravel() for f in fields(Scenarios))), shape
+
+
+def _shaped(found: Evaluation, shape: tuple[int, int]) -> Evaluation:
+    return Evaluation(
+        {name: values.reshape(shape) for name, values in found.figures.items()},
+        found.damping_ratio.reshape(shape), found.abscissa.reshape(shape),
+    )  # fmt: skip
