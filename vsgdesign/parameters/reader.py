@@ -83,7 +83,8 @@ class TableReader:
             return default
         items = TableReader({str(k): item for k, item in enumerate(raw)}, self.name(field), self.faults)
         values = tuple(items.quantity(str(k), dimension, low, high) for k in range(len(raw)))
-        if increasing and any(not b > a for a, b in itertools.pairwise(values)):
+        # A faulty item is NaN, which has had its own fault.
+        if increasing and any(b <= a for a, b in itertools.pairwise(values)):
             self.fault(field, raw, "must increase from each value to the next")
         return values
 

@@ -1,0 +1,113 @@
+"""The [specification] section: units, defaults, and every fault at once."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.parameters.documents import build, case_document, faults_of, the_fault
+from vsgdesign.metrics.margins import guaranteed_margins
+from vsgdesign.parameters.specification import DEFAULT_SCR, DEFAULT_X_OVER_R, Specification, margin_of
+
+
+def document(**section: Any) -> dict[str, Any]:
+    return case_document() | {"specification": section}
+
+
+def read(**section: Any) -> Specification:
+    found = build(document(**section)).specification
+    assert found is not None
+    return found
+
+
+def test_no_section_is_no_specification() -> None:
+    assert build(case_document()).specification is None
+
+
+def test_defaults() -> None:
+    study = build(document())
+    spec, target = study.specification, study.target
+    assert spec is not None
+    assert (spec.aim, spec.settling_time, spec.overshoot, spec.disk_margin) == (
+        "settling",
+        target.settling_time,
+        0.05,
+        1.0,
+    )
+    assert (spec.scr, spec.x_over_r, spec.scr_basis) == (DEFAULT_SCR, DEFAULT_X_OVER_R, study.scr_basis)
+    assert (spec.box.P, spec.box.Q) == ((target.P,), (target.Q,))
+    assert spec.box.omega_g == pytest.approx((study.grid_source.omega_g,), rel=1e-15)
+    assert spec.box.V_g_rms == pytest.approx((study.grid_source.V_g_rms,), rel=1e-15)
+    assert (spec.box.error_R, spec.box.error_X, spec.H, spec.H_min) == (0.0, 0.0, None, 0.0)
+    assert spec.settles
+
+
+def test_units() -> None:
+    spec = read(
+        settling_time="800 ms", overshoot="4 %", P=["-4 kW", "4 kW"], Q=["-1.5 kvar", 1000], error="20 %", error_X=0.1,
+        f_g=["49.5 Hz", "50.5 Hz"], V_g_pu=[0.95, 1.05], H_min="100 ms", scr=[2, 8], x_over_r=[0.5, 5],
+    )  # fmt: skip
+    assert (spec.settling_time, spec.overshoot) == (0.8, pytest.approx(0.04))
+    assert (spec.box.P, spec.box.Q) == ((-4000.0, 4000.0), (-1500.0, 1000.0))
+    assert (spec.box.error_R, spec.box.error_X) == (0.2, 0.1)
+    assert spec.box.omega_g == pytest.approx((2 * math.pi * 49.5, 2 * math.pi * 50.5))
+    assert spec.box.V_g_rms == pytest.approx((104.5, 115.5))
+    assert spec.H_min == pytest.approx(0.1)
+
+
+def test_constant_inertia() -> None:
+    spec = read(aim="inertia", H="4 s")
+    assert (spec.settles, spec.H) == (False, 4.0)
+    assert "missing" in the_fault(document(aim="inertia"), "specification.H").problem
+    assert 'aim = "inertia"' in the_fault(document(H="4 s"), "specification.H").problem
+
+
+@given(st.floats(0.01, 1.99))
+def test_gain_and_phase_margins_as_a_disk_margin(alpha: float) -> None:
+    """The inverse of what a disk margin guarantees."""
+    gain, phase = guaranteed_margins(alpha)  # type: ignore[arg-type]
+    phase_deg = float(phase)
+    assert margin_of(20.0 * math.log10(float(gain)), 0.0) == pytest.approx(alpha, rel=1e-9)
+    assert margin_of(0.0, phase_deg) == pytest.approx(alpha, rel=1e-9)
+
+
+def test_the_strictest_margin_counts() -> None:
+    assert read(disk_margin=0.4, gain_margin_db=6.0).disk_margin == pytest.approx(2 * (1.9953 - 1) / 2.9953, rel=1e-4)
+    assert read(disk_margin=0.4, phase_margin_deg=30.0).disk_margin == pytest.approx(2 * math.tan(math.radians(15)))
+    assert read(disk_margin=1.1, gain_margin_db=6.0, phase_margin_deg=30.0).disk_margin == 1.1
+
+
+def test_every_fault_at_once() -> None:
+    faults = faults_of(document(
+        aim="speed", settling_time="1 V", overshoot=float("nan"), scr=[5, 2], x_over_r=[1], P=[], error=-0.1,
+        H_min="3 s", H_max="2 s", disc_margin=1.0, f_g=["50 Hz", float("inf")],
+    ))  # fmt: skip
+    by_field = {fault.field: str(fault) for fault in faults}
+    assert set(by_field) == {
+        f"specification.{name}" for name in
+        ("aim", "settling_time", "overshoot", "scr", "x_over_r", "P", "error", "H_max", "disc_margin", "f_g.1")
+    }  # fmt: skip
+    for name, says in {
+        "aim": "settling", "scr": "must increase", "x_over_r": "at least two nodes", "P": "at least one value",
+        "H_max": "3 s", "disc_margin": "Did you mean disk_margin?",
+    }.items():  # fmt: skip
+        assert says in by_field[f"specification.{name}"], name
+
+
+@pytest.mark.parametrize(
+    ("field", "low", "high"),
+    [
+        ("settling_time", 1e-3, 1e3), ("overshoot", 0.001, 1.0), ("damping_ratio", 0.0, 1.0), ("disk_margin", 0.0, 1.9),
+        ("gain_margin_db", 0.0, 60.0), ("phase_margin_deg", 0.0, 89.0), ("error", 0.0, 0.9), ("error_R", 0.0, 0.9),
+        ("error_X", 0.0, 0.9), ("H_min", 0.0, 1e3), ("H_max", 0.0, 1e6), ("bandwidth_max", 1e-2, 1e5),
+    ],
+)  # fmt: skip
+def test_limits(field: str, low: float, high: float) -> None:
+    for inside in (low, high):
+        read(**{field: inside})
+    for outside in (math.nextafter(low, -math.inf), math.nextafter(high, math.inf)):
+        assert the_fault(document(**{field: outside}), f"specification.{field}")
