@@ -10,6 +10,8 @@ from vsgdesign.errors import ArtifactError
 
 SCHEMA = 1
 
+_WHOLE = ("started", "ticks", "age", "agreed")
+
 
 class SchedulerState(NamedTuple):
     """Everything that the next answer depends on besides its inputs."""
@@ -54,13 +56,13 @@ def state_of(document: dict[str, Any], made_for: str) -> SchedulerState:
     if document.get("made_for") != made_for:
         raise ArtifactError("state: was saved with another table or other settings; start afresh.")
     values: dict[str, Any] = {}
-    for name, kind in SchedulerState.__annotations__.items():
+    for name in SchedulerState._fields:
         value = document.get(name)
         if name == "gains":
             if not (isinstance(value, list) and len(value) == len(PowerLoopGains._fields) and all(map(_finite, value))):
                 raise ArtifactError("state.gains: must be eight numbers; start afresh.")
             values[name] = PowerLoopGains(*map(float, value))
-        elif kind == "int":
+        elif name in _WHOLE:
             if not (isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**32):
                 raise ArtifactError(f"state.{name} = {value!r}: must be a whole number of 32 bits; start afresh.")
             values[name] = value

@@ -1,0 +1,379 @@
+"""The scheduler: what it answers to good estimates, and each guard by itself."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.artifacts.networks import random_weights
+from tests.gain_tables import PUBLISHED_BASE, table
+from vsgdesign.artifacts import GainTable, ValidityBox
+from vsgdesign.errors import ArtifactError
+from vsgdesign.frames import base_impedance
+from vsgdesign.runtime import (
+    Answer,
+    ClosedFormSchedule,
+    Scheduler,
+    box_settings,
+    closed_form_scheduler,
+    gain_lookup,
+    neural_estimator,
+    scheduler_of,
+    settings_of,
+    status_text,
+    table_schedule,
+)
+from vsgdesign.runtime.guards import (
+    CLAMPED,
+    FALLBACK,
+    FRESH,
+    HELD,
+    IMPLAUSIBLE,
+    JUMP,
+    LIMITED,
+    NO_ESTIMATE,
+    NOT_FINITE,
+    OVERLOADED,
+    RANGE,
+    REASONS,
+    REFUSED,
+    SATURATED,
+    TIME,
+    UNDESIGNED,
+)
+from vsgdesign.runtime.interpolation import locate
+from vsgdesign.runtime.lookup import locate_one
+
+OMEGA = PUBLISHED_BASE.omega_n
+Z_BASE = base_impedance(5e3, 110.0)
+POWERS = (3e3, 500.0, 112.0)
+SHAPED = {"k_1": np.linspace(10.0, 20.0, 16).reshape(4, 4), "share_P": np.linspace(0.2, 1.0, 16).reshape(4, 4)}
+
+
+def grid(scr: float, x_over_r: float) -> tuple[float, float]:
+    R = Z_BASE / scr / np.hypot(1.0, x_over_r)
+    return R, R * x_over_r / OMEGA
+
+
+def made(structure: str = "angle_damped", law: str = "poles", **changes: Any) -> Scheduler:
+    shaped = SHAPED if law == "poles" else {"H": np.linspace(1.0, 3.0, 16).reshape(4, 4)}
+    return scheduler_of(table(structure, law, parameters=shaped), **changes)
+
+
+def settle(scheduler: Scheduler, scr: float, x_over_r: float, count: int = 40) -> Answer:
+    answers = [scheduler.update_estimate(*grid(scr, x_over_r), *POWERS) for _ in range(count)]
+    return answers[-1]
+
+
+@pytest.mark.parametrize(
+    ("structure", "law"),
+    [("published", "poles"), ("decoupled", "poles"), ("angle_damped", "poles"), ("angle_damped", "inertia")],
+)
+def test_a_settled_scheduler_has_the_gains_of_its_table(structure: str, law: str) -> None:
+    """The same as the schedule on arrays, to rounding: place to grid and back costs a few last bits."""
+    scheduler = made(structure, law)
+    shaped = SHAPED if law == "poles" else {"H": np.linspace(1.0, 3.0, 16).reshape(4, 4)}
+    schedule = table_schedule(table(structure, law, parameters=shaped))
+    for scr, x_over_r in ((3.0, 1.4), (7.7, 0.8), (15.0, 6.0)):
+        answer = settle(scheduler, scr, x_over_r)
+        assert (answer.status, answer.why) == (FRESH, "")
+        expected = schedule.gains_measured(*grid(scr, x_over_r), *POWERS)
+        np.testing.assert_allclose(answer.gains, expected, rtol=1e-12)
+        assert all(type(value) is float for value in answer.gains)
+
+
+def test_on_the_reactance_basis() -> None:
+    base = PUBLISHED_BASE.__class__(**vars(PUBLISHED_BASE) | {"scr_basis": "reactance", "L_2": 5e-4, "R_2": 0.02})
+    bare = table(base=base)
+    scheduler, L_g = scheduler_of(bare), Z_BASE / 3.0 / OMEGA
+    for _ in range(40):
+        answer = scheduler.update_estimate(OMEGA * L_g / 2.0, L_g, *POWERS)
+    expected = table_schedule(bare).gains_measured(OMEGA * L_g / 2.0, L_g, *POWERS)
+    np.testing.assert_allclose(answer.gains, expected, rtol=1e-12)
+    assert (answer.scr, answer.r_over_x) == pytest.approx((3.0, 0.5), rel=1e-12)
+
+
+def test_starts_at_the_safe_place_and_says_so() -> None:
+    scheduler = made()
+    answer = scheduler.hold(*POWERS)
+    assert answer.status == HELD | FALLBACK
+    assert answer.reason == NO_ESTIMATE
+    assert answer.scr == 20.0
+    assert answer.r_over_x == pytest.approx(1.0 / np.sqrt(0.3 * 10.0), rel=1e-7)
+
+
+@pytest.mark.parametrize("scr", [2.0, 19.0])
+def test_a_jump_waits_for_confirmation_then_goes_at_the_rate(scr: float) -> None:
+    scheduler = made()
+    settle(scheduler, 6.0, 1.0)
+    present = scheduler.hold(*POWERS)
+    for _ in range(2):
+        answer = scheduler.update_estimate(*grid(scr, 1.0), *POWERS)
+        assert (answer.status, answer.reason, answer.scr) == (HELD, JUMP, present.scr)
+    before = present.scr
+    for _ in range(100):
+        answer = scheduler.update_estimate(*grid(scr, 1.0), *POWERS)
+        assert answer.status in (FRESH, FRESH | LIMITED)
+        assert abs(np.log(answer.scr / before)) <= 10.0 * 0.02
+        before = answer.scr
+    assert answer.status == FRESH
+    assert answer.scr == pytest.approx(scr, rel=1e-12)
+
+
+def test_estimates_that_jump_about_are_never_followed() -> None:
+    scheduler = made()
+    present = settle(scheduler, 6.0, 1.0)
+    for k in range(24):  # less than the half second to staleness
+        answer = scheduler.update_estimate(*grid((2.0, 18.0)[k % 2], 1.0), *POWERS)
+        assert (answer.status, answer.reason, answer.scr) == (HELD, JUMP, present.scr)
+
+
+def test_hysteresis_leaves_the_goal() -> None:
+    scheduler = made()
+    present = settle(scheduler, 6.0, 1.0)
+    answer = settle(scheduler, 6.0 * 1.019, 1.0)
+    assert (answer.status, answer.scr) == (FRESH, present.scr)
+    assert settle(scheduler, 6.0 * 1.021, 1.0).scr == pytest.approx(6.0 * 1.021, rel=1e-12)
+
+
+def test_without_estimates_it_falls_back_in_time_and_comes_back() -> None:
+    scheduler = made()
+    settle(scheduler, 3.0, 1.0)
+    texts = [status_text(scheduler.hold(*POWERS).status) for _ in range(60)]
+    assert texts[:25] == ["held"] * 25
+    assert texts[25] == "held limited fallback"
+    assert texts[-1] == "held fallback"
+    assert scheduler.hold(*POWERS).scr == 20.0
+    assert settle(scheduler, 3.0, 1.0).status == FRESH
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ((*grid(3.0, 1.0), np.nan, 0.0, 112.0), NOT_FINITE),
+        ((*grid(3.0, 1.0), 1e3, -np.inf, 112.0), NOT_FINITE),
+        ((*grid(3.0, 1.0), 1e3, 0.0, np.nan), NOT_FINITE),
+        ((np.nan, 4e-3, 1e3, 0.0, 112.0), NOT_FINITE),
+        ((1.0, np.inf, 1e3, 0.0, 112.0), NOT_FINITE),
+        ((*grid(3.0, 1.0), 5.1e4, 0.0, 112.0), RANGE),
+        ((*grid(3.0, 1.0), 1e3, 0.0, -1.0), RANGE),
+        ((*grid(3.0, 1.0), 1e3, 0.0, 331.0), RANGE),
+    ],
+)
+def test_unusable_inputs_are_refused_and_change_nothing(arguments: tuple[float, ...], reason: int) -> None:
+    scheduler = made()
+    before = settle(scheduler, 3.0, 1.0)
+    answer = scheduler.update_estimate(*arguments)
+    assert answer == before._replace(status=HELD | REFUSED, reason=reason)
+
+
+def test_time_backwards_is_refused_once_and_ages() -> None:
+    scheduler = made()
+    settle(scheduler, 3.0, 1.0)
+    assert scheduler.update_estimate(*grid(3.0, 1.0), *POWERS, ticks=2**31 - 5).status == FRESH
+    answer = scheduler.update_estimate(*grid(3.0, 1.0), *POWERS, ticks=7)
+    assert (answer.status, answer.reason) == (HELD | REFUSED, TIME)
+    assert scheduler.state()["age"] == 20_000
+    assert scheduler.update_estimate(*grid(3.0, 1.0), *POWERS, ticks=20_007).status == FRESH
+    # The counter's own overflow is no step backwards.
+    scheduler.update_estimate(*grid(3.0, 1.0), *POWERS, ticks=2**31 - 1)
+    for ticks in (2**32 - 10, 10, 20_010):
+        assert scheduler.update_estimate(*grid(3.0, 1.0), *POWERS, ticks=ticks).status == FRESH
+
+
+@pytest.mark.parametrize(("R", "L"), [(-5.0, 4e-3), (50.0, 4e-3), (1.0, -1e-3), (1.0, 0.0), (1.0, 1.0)])
+def test_implausible_estimates_are_held(R: float, L: float) -> None:
+    scheduler = made()
+    before = settle(scheduler, 3.0, 1.0)
+    assert scheduler.update_estimate(R, L, *POWERS) == before._replace(status=HELD, reason=IMPLAUSIBLE)
+
+
+def test_the_place_stays_in_the_box_and_says_clamped() -> None:
+    scheduler = made()
+    answer = settle(scheduler, 25.0, 1.0)
+    assert answer.status == FRESH | LIMITED | CLAMPED
+    assert answer.scr == 20.0
+    answer = scheduler.update_estimate(*grid(19.9, 1.0), 4.6e3, 0.0, 112.0)
+    assert answer.status & CLAMPED
+    np.testing.assert_array_equal(
+        answer.gains, scheduler.update_estimate(*grid(19.9, 1.0), 4.5e3, 0.0, 112.0).gains
+    )  # P beyond the box: the gains of its edge
+
+
+def test_no_gains_where_nothing_is_designed() -> None:
+    status = np.full((4, 4), "met", dtype="<U8")
+    status[1, :] = "outside"
+    scheduler = scheduler_of(table(status=status))
+    answers = [scheduler.update_estimate(*grid(1.5, 1.0), *POWERS) for _ in range(40)]
+    assert all(answer.scr >= 5.0 for answer in answers)
+    assert answers[-1].reason == UNDESIGNED
+    assert answers[-1].status & HELD
+    with pytest.raises(ArtifactError, match="safe place SCR 2"):
+        scheduler_of(table(status=status), safe_scr=2.0)
+
+
+def test_no_gains_where_the_grid_cannot_carry_the_power() -> None:
+    scheduler = made()
+    before = settle(scheduler, 1.6, 1.0)
+    answer = scheduler.update_estimate(*grid(1.6, 1.0), 4.4e3, -2e3, 94.0)
+    assert answer == before._replace(status=HELD, reason=OVERLOADED)
+
+
+def test_the_certificate_narrows_box_and_rate() -> None:
+    region = {"scr": [2.0, 15.0], "x_over_r": [0.5, 20.0], "P": [-4e3, 4e3], "Q": [-2e3, 2e3], "rate": 2.0}
+    certified = settings_of(table(certificate={"region": region}))
+    assert certified.scr == (2.0, 15.0)
+    assert certified.r_over_x == pytest.approx((0.1, 2.0), rel=1e-7)
+    assert certified.r_over_x[0] >= 0.1
+    assert certified.P == (-4e3, 4e3)
+    assert certified.rate == 2.0
+    assert settings_of(table(certificate={"decay": 1.0})).scr == (1.5, 20.0)
+    assert settings_of(table(certificate={"region": {"rate": None}})).rate == 10.0
+
+
+def test_settings_that_make_no_sense_are_refused_all_at_once() -> None:
+    with pytest.raises(ArtifactError) as caught:
+        settings_of(table(), rate=-1.0, confirm=0, stale_ticks=0, jump=0.01, safe_r_over_x=99.0)
+    for name in ("rate", "confirm", "stale_ticks", "jump", "safe_r_over_x"):
+        assert name in str(caught.value)
+    with pytest.raises(ArtifactError, match="scr = 30 20: the box is empty"):
+        settings_of(table(certificate={"region": {"scr": [30.0, 40.0]}}))
+
+
+def test_known_grid_at_the_start() -> None:
+    scheduler = made()
+    gains = scheduler.start(*grid(3.0, 1.0))
+    assert gains == scheduler.gains
+    assert scheduler.update_estimate(*grid(3.0, 1.0), *POWERS).status == FRESH
+    for bad in ((grid(40.0, 1.0)), (np.nan, 1e-3), (1.0, -1.0)):
+        with pytest.raises(ArtifactError, match="not in the schedule's box"):
+            scheduler.start(*bad)
+
+
+def test_the_closed_form_needs_no_table() -> None:
+    schedule = ClosedFormSchedule(
+        P=4500.0, Q=1000.0, V_g_rms=110.0, omega=OMEGA, settling_time=1.0, damping_ratio=1.0, droop_ratio=0.01,
+        structure="angle_damped", D_p=318.3, D_q=90.9, S_rated=5e3,
+    )  # fmt: skip
+    limits = box_settings(
+        scr=(1.5, 20.0), r_over_x=(0.1, 3.0), P=(-4500.0, 4500.0), Q=(-2e3, 2e3), V_rms=(93.5, 137.5), S_rated=5e3,
+        V_rated_rms=110.0, omega=OMEGA,
+    )  # fmt: skip
+    scheduler = closed_form_scheduler(schedule, limits, V_n_rms=110.0)
+    answer = settle(scheduler, 4.0, 0.7)
+    assert answer.status == FRESH
+    np.testing.assert_allclose(answer.gains, schedule.gains_measured(*grid(4.0, 0.7), *POWERS), rtol=1e-12)
+
+
+def test_one_axis_value_is_located_to_the_same_bits() -> None:
+    rng = np.random.default_rng(4)
+    for n in (1, 2, 7):
+        axis = np.sort(rng.uniform(0.1, 9.0, n))
+        for value in [*rng.uniform(-1.0, 11.0, 50), *axis, -np.inf, np.inf]:
+            one, many = locate_one(tuple(axis.tolist()), float(value)), locate(axis, value)
+            assert all(np.array_equal(a, b) for a, b in zip(one, many, strict=True))
+
+
+NUMBERS = st.one_of(st.floats(allow_nan=True, allow_infinity=True), st.floats(-1e4, 1e4), st.floats(0.0, 20.0))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS, NUMBERS, NUMBERS, st.integers(0, 2**32 - 1)), max_size=25))
+def test_whatever_comes_the_gains_are_those_of_the_box(calls: list[Any]) -> None:
+    scheduler = made()
+    c, before = scheduler.settings, scheduler.hold(*POWERS, ticks=0)
+    for k, (R, L, P, Q, V, ticks) in enumerate(calls):
+        # Now and then good ones, so that it moves.
+        if k % 3:
+            answer = scheduler.update_estimate(R, L, P, Q, V, ticks)
+        else:
+            answer = scheduler.update_estimate(*grid(1.0 + abs(k), 1.0), *POWERS, ticks)
+        assert c.scr[0] <= answer.scr <= c.scr[1]
+        assert c.r_over_x[0] <= answer.r_over_x <= c.r_over_x[1]
+        assert abs(np.log(answer.scr / before.scr)) <= 10.0 * 0.04 + 1e-12
+        assert abs(np.log(answer.r_over_x / before.r_over_x)) <= 10.0 * 0.04 + 1e-12
+        assert np.isfinite(answer.gains).all()
+        assert (answer.status & (FRESH | HELD)) in (FRESH, HELD)
+        assert (answer.status & FRESH != 0) == (answer.reason == 0)
+        before = answer
+
+
+@pytest.mark.parametrize("windows", [False, True])
+def test_restored_is_bit_equal(windows: bool) -> None:
+    rng = np.random.default_rng(8)
+
+    def fresh() -> Scheduler:
+        estimator = neural_estimator(random_weights(), sample_interval=200e-6) if windows else None
+        return scheduler_of(table(parameters=SHAPED), estimator)
+
+    a, b = fresh(), fresh()
+    for k in range(40):
+        if windows:
+            assert a.push(*rng.normal(size=2)) is (k >= 99)
+        a.update_estimate(*grid(rng.uniform(1.2, 25.0), 1.0), *POWERS, ticks=k * 20_000)
+        if k % 10 == 7:
+            b.restore(json.loads(json.dumps(a.state())))
+            assert b.state() == a.state()
+            R, L = grid(rng.uniform(1.2, 25.0), 1.0)
+            assert a.update_estimate(R, L, *POWERS) == b.update_estimate(R, L, *POWERS)
+
+
+def test_states_of_something_else_are_refused() -> None:
+    scheduler = made()
+    good = scheduler.state()
+    for change, named in (
+        ({"schema": 2}, "schema 2"), ({"made_for": "x"}, "another table"), ({"age": -1}, "state.age"),
+        ({"gains": [1.0]}, "eight numbers"), ({"scr": None}, "state.scr"),
+        ({"scr": 50.0}, "outside the schedule's box"),
+        ({"filled": 3}, "state.window"), ({"window": "x"}, "state.window"),
+    ):  # fmt: skip
+        with pytest.raises(ArtifactError, match=named):
+            scheduler.restore(good | change)
+    with pytest.raises(ArtifactError, match="schema"):
+        scheduler.restore([])  # type: ignore[arg-type]
+    scheduler.restore(good)
+
+
+def larger() -> GainTable:
+    base = PUBLISHED_BASE.__class__(**vars(PUBLISHED_BASE) | {"V_g_rms": 1100.0, "V_rated_rms": 1100.0})
+    box = ValidityBox((1.5, 20.0), (0.3, 10.0), (-4500.0, 4500.0), (-2000.0, 2000.0), (935.0, 1375.0), 0.2)
+    return table(base=base, validity=box)
+
+
+def test_windows_and_samples_through_a_network() -> None:
+    rng = np.random.default_rng(3)
+    estimator = neural_estimator(random_weights(), sample_interval=200e-6, v_limit=900.0)
+    whole, pushed = scheduler_of(table(), estimator), scheduler_of(table(), estimator)
+    seen = set()
+    for k in range(30):
+        v, i = 200.0 * rng.standard_normal(100), 20.0 * rng.standard_normal(100)
+        v[7] = {5: np.nan, 9: 900.0}.get(k, v[7])
+        full = [pushed.push(*pair) for pair in zip(v, i, strict=True)]
+        assert full == [False] * 99 + [True]
+        assert pushed.push(1.0, 2.0)  # left out
+        answer = whole.update(v, i, *POWERS)
+        assert pushed.update_pushed(*POWERS) == answer
+        seen.add(answer.reason)
+        assert (answer.reason == NOT_FINITE) == (k == 5)
+        assert (answer.reason == SATURATED) == (k == 9)
+    assert IMPLAUSIBLE in seen or 0 in seen
+    assert whole.update_pushed(*POWERS).reason == NO_ESTIMATE
+    with pytest.raises(ArtifactError, match="no network"):
+        made().update(v, i, *POWERS)
+
+
+def test_a_network_of_another_converter_is_refused() -> None:
+    estimator = neural_estimator(random_weights(), sample_interval=200e-6)
+    with pytest.raises(ArtifactError, match="of different converters"):
+        scheduler_of(larger(), estimator)
+
+
+def test_the_closed_lookup_is_the_tables() -> None:
+    lookup = gain_lookup(table_schedule(table()), V_n_rms=110.0)
+    assert lookup.grid(*lookup.coordinates(1.3, 4e-3)) == pytest.approx((1.3, 4e-3), rel=1e-14)
+    assert len(REASONS) == 10
