@@ -33,12 +33,14 @@ def table() -> None:
     "--workers", type=click.IntRange(1), default=None, metavar="N", help="Processes.  [default: one per core]"
 )
 @click.option("--cluster", default=None, metavar="local|ADDRESS", help='A Dask cluster (needs the extra "cluster").')
+@click.option("--points", type=click.IntRange(1), default=None, metavar="N",
+              help="Random grids of each look between nodes.  [default: 2000]")  # fmt: skip
 @click.option("--fresh", is_flag=True, help="Do not go on from the cells of an interrupted build.")
 @JSON
 @verb
 def build(
-    study_file: str, controller: str | None, out: str | None, workers: int | None, cluster: str | None, fresh: bool,
-    as_json: bool,
+    study_file: str, controller: str | None, out: str | None, workers: int | None, cluster: str | None,
+    points: int | None, fresh: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Design a table under the study's [specification]: every node, then between the nodes.
 
@@ -59,8 +61,9 @@ def build(
     try:
         with progress(quiet=as_json) as tell:
             document = build_table_file(
-                study, file, controller=controller, workers=workers, cluster=cluster, fresh=fresh, progress=tell
-            )
+                study, file, controller=controller, workers=workers, cluster=cluster, fresh=fresh, points=points,
+                progress=tell,
+            )  # fmt: skip
     except KeyboardInterrupt:
         kept = len(list(cells_folder(file).glob("*.json")))
         click.echo(f"interrupted: {kept} finished cells are kept, the same command goes on from them", err=True)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.gain_table import COLUMNS, GainTable, ValidityBox, base_of, fill_outside, to_dimensionless
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.provenance import provenance
-from vsgdesign.design.between import BetweenCheck, check_between, failing_intervals
+from vsgdesign.design.between import POINTS, BetweenCheck, check_between, failing_intervals
 from vsgdesign.design.box import scenarios_of_estimate
 from vsgdesign.design.cell import common_design
 from vsgdesign.design.evaluation import LawOfStudy, law_of
@@ -58,23 +58,24 @@ class BuiltTable:
 
 def build_table(
     study: Study, controller: ControllerSpec, folder: Path, *, executor: Executor | None = None, seed: int = 0,
-    refinements: int = REFINEMENTS, progress: Progress | None = None,
+    refinements: int = REFINEMENTS, points: int = POINTS, progress: Progress | None = None,
 ) -> BuiltTable:  # fmt: skip
     """The gain table of a controller under the study's specification.
 
-    ``folder`` keeps finished cells: a build that was killed goes on from them and gives the same bytes. Raises
+    ``folder`` keeps finished cells: a build that was killed goes on from them and gives the same bytes.
+    ``points``: random grids of each look between the nodes. Raises
     InfeasibleStudyError where the study has no specification, or where no cell has an operating point.
     """
     spec = study.specification
     if spec is None:
         raise InfeasibleStudyError("the study has no [specification]: say what the table has to keep, and over what")
     with one_thread():
-        return _build(study, controller, spec, folder, executor, seed, refinements, progress)
+        return _build(study, controller, spec, folder, executor, seed, refinements, points, progress)
 
 
 def _build(
     study: Study, controller: ControllerSpec, spec: Specification, folder: Path, executor: Executor | None, seed: int,
-    refinements: int, progress: Progress | None,
+    refinements: int, points: int, progress: Progress | None,
 ) -> BuiltTable:  # fmt: skip
     tell = progress or silent
     law = law_of(study, controller.target, spec.aim)
@@ -97,7 +98,7 @@ def _build(
         if rounds > refinements:
             break
         tell("look between nodes", 0.0)
-        more = failing_intervals(study, law, spec, table, seed=seed + rounds)
+        more = failing_intervals(study, law, spec, table, count=points, seed=seed + rounds)
         tell("look between nodes", 1.0)
         limit = CELLS_LIMIT * len(spec.scr) * len(spec.x_over_r)
         before = len(added)
@@ -110,7 +111,7 @@ def _build(
         if len(added) == before:
             break
     tell("look between nodes", 0.0)
-    checked = check_between(study, law, spec, table, seed=seed)
+    checked = check_between(study, law, spec, table, count=points, seed=seed)
     tell("look between nodes", 1.0)
     return BuiltTable(table, tuple(records), tuple(added), checked)
 

@@ -29,14 +29,15 @@ def cells_folder(out: str | Path) -> Path:
 
 def build_table_file(
     study: Study, out: str | Path, *, controller: str | None = None, workers: int | None = None,
-    cluster: str | None = None, fresh: bool = False, progress: Progress | None = None,
+    cluster: str | None = None, fresh: bool = False, points: int | None = None, progress: Progress | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Design the gain table of a controller (the last one, if none is named) and write it to ``out``.
 
     Returns what was built, in JSON's types. Finished cells are kept beside ``out`` until the file is whole: the same
     call goes on from them and writes the same bytes; ``fresh`` does not look at them. ``workers``, ``cluster``: see
-    :func:`vsgdesign.design.sweep.executor_of`. Raises StudyError, InfeasibleStudyError, WorkerError, and ArtifactError
-    where the file cannot be written or would replace something else than a gain table.
+    :func:`vsgdesign.design.sweep.executor_of`; ``points``: random grids of each look between nodes (2000). Raises
+    StudyError, InfeasibleStudyError, WorkerError, and ArtifactError where the file cannot be written or would replace
+    something else than a gain table.
     """
     out = Path(out)
     spec = _controller(study, controller)
@@ -44,6 +45,7 @@ def build_table_file(
         advice = "Add one: what the table has to keep, and over what."
         raise StudyError(study.name, [Fault("specification", "", "missing table", advice)])
     _check_target(out)
+    from vsgdesign.design.between import POINTS
     from vsgdesign.design.sweep import executor_of
     from vsgdesign.design.table import build_table
 
@@ -51,7 +53,9 @@ def build_table_file(
     if fresh:
         shutil.rmtree(folder, ignore_errors=True)
     with executor_of(workers, cluster) as executor:
-        built = build_table(study, spec, folder, executor=executor, progress=progress)
+        built = build_table(
+            study, spec, folder, executor=executor, points=POINTS if points is None else points, progress=progress
+        )
     # Written among the cells, then moved: a kill in between leaves no half file beside the others.
     write_table_file(built.table, folder / out.name)
     os.replace(folder / out.name, out)

@@ -1,0 +1,179 @@
+"""table build: the file, what is said of it, faults, Ctrl-C, and kill -9 at any moment."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.cli.small_studies import SMALL, as_json, call, failure
+from tests.design.robust_studies import ROOT, TEXT
+from vsgdesign.artifacts import read_table_file
+from vsgdesign.design import table as building
+from vsgdesign.design.table import BuiltTable, build_table
+from vsgdesign.parameters import load_study
+from vsgdesign.pipeline.table import cells_folder
+from vsgdesign.stability.gain_table import check_table
+
+POINTS = "40"
+COMMAND = [sys.executable, "-m", "vsgdesign.cli", "table", "build"]
+
+
+@pytest.fixture(scope="module")
+def study_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("study") / "robust.toml"
+    path.write_text(TEXT.replace('"studies/', f'"{ROOT.as_posix()}/studies/'), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def built(study_file: Path) -> tuple[Path, BuiltTable]:
+    """The table of an undisturbed build in this process, as a file and as it was handed over."""
+    out, found = study_file.parent / "table.json", []
+
+    def watched(*args: Any, **kwargs: Any) -> BuiltTable:
+        found.append(build_table(*args, **kwargs))
+        return found[0]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(building, "build_table", watched)
+        shown = call("table", "build", study_file, "--out", out, "--workers", "1", "--points", POINTS)
+    assert shown.exit_code == 0, shown.output
+    assert "2 SCR × 2 X/R: 4 met, 0 relaxed, 0 outside" in shown.stdout
+    assert f"{POINTS} random grids, 0 outside the static limits, {POINTS} promised, 0 broken" in shown.stdout
+    assert sorted(path.name for path in study_file.parent.iterdir()) == ["robust.toml", "table.json"]
+    return out, found[0]
+
+
+@pytest.fixture
+def undisturbed(built: tuple[Path, BuiltTable]) -> Path:
+    return built[0]
+
+
+def test_the_table_is_what_it_says(undisturbed: Path, study_file: Path) -> None:
+    table = read_table_file(undisturbed)
+    assert (table.name, table.structure, table.law) == ("angle_damped", "angle_damped", "poles")
+    assert check_table(table, load_study(study_file)).good
+    assert table.specification["settling_time"] == 1.3
+    assert table.margins["worst_disk_margin"].min() >= 1.0
+    for own in "PQ":
+        assert table.margins[f"worst_overshoot_{own}_pct"].max() <= 5.0
+        assert table.margins[f"worst_settling_{own}_s"].max() <= 1.3
+    assert np.isfinite(table.gains.K_ip).all()
+
+
+def test_killed_at_random_moments_it_ends_with_the_same_bytes(
+    undisturbed: Path, study_file: Path, tmp_path: Path
+) -> None:
+    """kill -9 while it starts, designs and checks; then a last call. Workers hold the pipes: they end when killed."""
+    out, rng = tmp_path / "table.json", random.Random(4)
+    command = [*COMMAND, str(study_file), "--out", str(out), "--workers", "2", "--points", POINTS]
+    for _ in range(3):
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        time.sleep(rng.uniform(1.0, 4.0))
+        process.kill()
+        process.communicate(timeout=30.0)
+    half = cells_folder(out) / ".half.json.x"
+    if half.parent.is_dir():
+        half.write_bytes(b'{"half')
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120.0)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert out.read_bytes() == undisturbed.read_bytes()
+    assert [path.name for path in tmp_path.iterdir()] == ["table.json"]
+
+
+def test_interruption_keeps_finished_cells(study_file: Path, tmp_path: Path) -> None:
+    """Ctrl-C goes to the whole group, as from a terminal: one line, no worker's traceback."""
+    out = tmp_path / "table.json"
+    command = [*COMMAND, str(study_file), "--out", str(out), "--workers", "2", "--points", POINTS]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    end = time.monotonic() + 60.0
+    while not list(cells_folder(out).glob("*.json")) and process.poll() is None and time.monotonic() < end:
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGINT)
+    stdout, stderr = process.communicate(timeout=30.0)
+    kept = len(list(cells_folder(out).glob("*.json")))
+    assert (process.returncode, stdout) == (130, "")
+    assert stderr == f"interrupted: {kept} finished cells are kept, the same command goes on from them\n"
+    assert kept >= 1
+    assert not out.exists()
+
+
+def test_as_json_and_over_a_table_of_before(
+    built: tuple[Path, BuiltTable], study_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A node that is given up and a promise broken between nodes are said, with what would do."""
+    undisturbed, whole = built
+    first = whole.records[0]
+    assert first.design is not None
+    missed = replace(first.design, shortfalls={"overshoot": 0.07, "settling_time": float("inf")})
+    bad = replace(whole.between.points[0], promised=True, missed={"disk_margin": 0.9})
+    fake = replace(
+        whole,
+        added=(("scr", 4.24264),),
+        records=(replace(first, design=missed), replace(first, design=missed, inner_rad_s=320.0), *whole.records[2:]),
+        between=replace(whole.between, points=(bad, *whole.between.points[1:])),
+    )
+    monkeypatch.setattr(
+        building, "build_table", lambda *_, **__: (cells_folder(undisturbed).mkdir(exist_ok=True), fake)[1]
+    )
+    before = undisturbed.read_bytes()
+    document = as_json("table", "build", study_file, "--out", undisturbed, "--workers", "1")
+    assert undisturbed.read_bytes() == before
+    assert document["added"] == [{"axis": "scr", "value": 4.24264}]
+    assert document["relaxed"][0]["would_be_feasible_with"] == {"overshoot": 0.07, "settling_time": None}
+    assert document["between"]["broken"][0]["reached"] == {"disk_margin": 0.9}
+    shown = call("table", "build", study_file, "--out", undisturbed, "--workers", "1").stdout
+    for part in (
+        "nodes added between: scr 4.24264", "not as specified, feasible with overshoot 0.07, settling_time ∞",
+        "the inner loops or the filter are unstable at 320 rad/s", f"{POINTS} promised, 1 broken",
+        "breaks its promise with disk_margin 0.9",
+    ):  # fmt: skip
+        assert part in shown, part
+
+
+def test_fresh_does_not_look_at_old_cells(study_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "table.json"
+    cells_folder(out).mkdir()
+    (cells_folder(out) / "old.json").write_text("{}")
+
+    def look(_study: object, _controller: object, folder: Path, **_: object) -> None:
+        assert folder.exists() is not fresh
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(building, "build_table", look)
+    for fresh, kept in ((False, 1), (True, 0)):
+        assert f"{kept} finished cells" in failure(130, "table", "build", study_file, "--out", out,
+                                                   "--workers", "1", *["--fresh"] * fresh)  # fmt: skip
+
+
+def test_faults_are_told_before_the_work(study_file: Path, tmp_path: Path) -> None:
+    plain = tmp_path / "plain.toml"
+    plain.write_text(SMALL, encoding="utf-8")
+    foreign = tmp_path / "foreign.json"
+    foreign.write_text(json.dumps({"mine": 1}))
+    out = ("--out", tmp_path / "t.json")
+    for code, says, arguments in (
+        (2, "specification: missing table", (plain, *out)),
+        (2, 'controller = "nobody": unknown. The study has: published, decoupled, angle_damped',
+         (study_file, "--controller", "nobody", *out)),
+        (2, "there is no folder", (study_file, "--out", tmp_path / "no" / "t.json")),
+        (2, "it is a folder", (study_file, "--out", tmp_path)),
+        (2, "is no gain table and is left untouched", (study_file, "--out", foreign)),
+        (1, "no scheduler answers", (study_file, *out, "--cluster", "nonsense://x")),
+        (2, "a cluster at an address has its own", (study_file, *out, "--cluster", "x:1", "--workers", "2")),
+    ):  # fmt: skip
+        assert says in failure(code, "table", "build", *arguments), says
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["foreign.json", "plain.toml"]
