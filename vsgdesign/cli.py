@@ -127,31 +127,30 @@ def report(study_file: str, out: str | None, pdf: bool, as_json: bool) -> None:
 @click.option("--p-pu", type=(float, float), default=(-0.9, 0.9), show_default=True, metavar="LOW HIGH")
 @click.option("--q-pu", type=(float, float), default=(-0.4, 0.4), show_default=True, metavar="LOW HIGH")
 @click.option("--error", type=float, default=0.2, show_default=True, help="Relative error of R_g and of L_g.")
+@click.option(
+    "--rate", type=float, default=float("inf"), help="Largest |d ln SCR/dt| and |d ln(X/R)/dt|, 1/s.  [default: inf]"
+)
+@click.option("--boxes", type=click.IntRange(0), default=60_000, show_default=True, help="Most boxes to prove it on.")
 @_JSON
 @_verb
 def certify(
     study_file: str, controller: str | None, scr: tuple[float, float] | None, x_over_r: tuple[float, float] | None,
-    p_pu: tuple[float, float], q_pu: tuple[float, float], error: float, as_json: bool,
+    p_pu: tuple[float, float], q_pu: tuple[float, float], error: float, rate: float, boxes: int, as_json: bool,
 ) -> None:  # fmt: skip
     """One Lyapunov function for a whole region of grids, powers and estimate errors, or a counterexample."""
-    from dataclasses import asdict
-
     from vsgdesign.design.certificate import Certificate, certify, region_of
 
     study = _load(study_file)
-    spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error)
-    found = certify(study, spec, region)
-    holds = isinstance(found, Certificate)
+    spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate)
+    with _progress(quiet=as_json) as progress:
+        found = certify(study, spec, region, budget=boxes, progress=progress)
     if as_json:
-        document = {key: getattr(value, "tolist", lambda v=value: v)() for key, value in vars(found).items()}
-        if not holds:
-            document["eigenvalue"] = {"real": found.eigenvalue.real, "imag": found.eigenvalue.imag}
-        _print_json({"certified": holds, **document, "region": asdict(region)})
+        _print_json(found.as_document())
     else:
         from vsgdesign.console import certificate_text
 
         click.echo(certificate_text(found))
-    if not holds:
+    if not isinstance(found, Certificate):
         sys.exit(EXIT_IMPOSSIBLE)
 
 

@@ -166,12 +166,24 @@ def certificate_text(found: Certificate | Counterexample) -> str:
         f"R_g and L_g known to ±{100.0 * r.error:g} %"
     )
     if isinstance(found, Certificate):
+        if math.isinf(r.rate):
+            what, speed = "One quadratic Lyapunov function decays", "whatever the speed of change"
+        else:
+            what = "A quadratic Lyapunov function that follows the grid decays"
+            speed = f"while SCR and X/R change by no more than {100.0 * r.rate:.3g} % per second each"
+        verified = f"Verified at {found.checked} cells and {found.fresh} fresh random points"
+        if found.proof == "gap-free":
+            proof = f"Gap-free: proved in every point, on {found.boxes} boxes. {verified}"
+        else:
+            proof = (
+                f"Gridded, not gap-free: {100.0 * (1.0 - found.gap.share):.3g} % of the region is proved on boxes. "
+                f"{verified}, the slowest of which has {found.gap.decay:.2g} 1/s to spare"
+            )
         return (
             f"{found.controller}: certified over {where}, within the static limits.\n"
-            f"One quadratic Lyapunov function decays at {found.decay:.3g} 1/s or faster, whatever the speed of change "
+            f"{what} at {found.decay:.3g} 1/s or faster, {speed} "
             f"(power loops; ideal inner loops, no power filters).\n"
-            f"Gridded and refined, not gap-free: verified at {found.checked} cells and {found.fresh} fresh random "
-            f"points; {found.vertices} vertices decide."
+            f"{proof}; {found.vertices} vertices decide."
         )
     return (
         f"{found.controller}: not certified over {where}.\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 from click.testing import CliRunner
 
 from vsgdesign.cli import main
@@ -12,7 +13,7 @@ STUDY = "studies/structures/study.toml"
 
 
 def certify(*options: str) -> tuple[int, str]:
-    result = CliRunner().invoke(main, ["certify", STUDY, *options])
+    result = CliRunner().invoke(main, ["certify", STUDY, "--boxes", "500", *options])
     return result.exit_code, result.output
 
 
@@ -20,7 +21,7 @@ def test_a_region_that_can_be_certified() -> None:
     code, text = certify("--scr", "3", "20", "--x-over-r", "1", "20")
     assert code == 0
     assert "angle_damped: certified over SCR 3 to 20" in text
-    assert "not gap-free" in text
+    assert "Gridded, not gap-free" in text
 
 
 def test_a_counterexample_is_exit_code_1_and_names_the_cell() -> None:
@@ -35,7 +36,8 @@ def test_json() -> None:
     assert code == 0
     assert document["certified"] is True
     assert document["decay"] > 1.0
-    assert len(document["P"]) == 3
+    assert np.shape(document["P"]) == (1, 3, 3)
+    assert document["proof"] in ("gap-free", "gridded")
     assert document["region"]["error"] == 0.2
     code, text = certify("--controller", "published", "--x-over-r", "0.3", "20", "--json")
     assert code == 1
@@ -43,7 +45,7 @@ def test_json() -> None:
 
 
 def test_wrong_options_are_all_named_at_once() -> None:
-    code, text = certify("--controller", "x", "--error", "nan", "--scr", "5", "2")
+    code, text = certify("--controller", "x", "--error", "nan", "--scr", "5", "2", "--rate", "-1")
     assert code == 1
-    for part in ("no such scheduled controller", "error = nan", "scr = 5 2"):
+    for part in ("no such scheduled controller", "error = nan", "scr = 5 2", "rate = -1"):
         assert part in text

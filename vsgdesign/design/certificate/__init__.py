@@ -1,0 +1,17 @@
+"""A proof over a region of grids, operating points and estimate errors, or a counterexample."""
+
+from vsgdesign.design.certificate.certify import certify, largest_rate, region_of
+from vsgdesign.design.certificate.region import MeasuredSchedule, Region
+from vsgdesign.design.certificate.results import Certificate, Counterexample, Gap, Trajectory
+
+__all__ = [
+    "Certificate",
+    "Counterexample",
+    "Gap",
+    "MeasuredSchedule",
+    "Region",
+    "Trajectory",
+    "certify",
+    "largest_rate",
+    "region_of",
+]

@@ -1,0 +1,242 @@
+"""A proof over a region: a quadratic Lyapunov function for every grid, operating point and estimate error.
+
+One function for all where the grid may jump, one that depends on the grid where its speed is bounded. Found at points,
+by a cutting plane; verified at fresh points, by eigenvalues; proved between the points, on boxes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.design.certificate.enclosure import estimate_box
+from vsgdesign.design.certificate.lyapunov import Family, Fit, best_fit, residual
+from vsgdesign.design.certificate.proof import Boxes, Outcome, prove
+from vsgdesign.design.certificate.region import (
+    MeasuredSchedule,
+    Region,
+    System,
+    check_region,
+    nodes,
+    random_points,
+)
+from vsgdesign.design.certificate.results import GAP_FREE, GRIDDED, Certificate, Counterexample, Gap, growing_mode
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.runtime.closed_form import closed_form_schedule
+
+Array = NDArray[np.float64]
+
+_TOLERANCE = 0.005
+"""Of the largest decay that any cell allows: how finely the decay is looked for."""
+
+_ROOM = 0.985
+"""Share of the fitted decay that is claimed: what is left lets boxes of a size be proved."""
+
+_SHARES = (1.0, 0.97, 0.93, 0.88, 0.8, 0.7, 0.5)
+"""Of the decay that holds at the points: what is tried to be proved between them, one after another."""
+
+_BUDGET = 60_000
+"""Boxes that are looked at before the proof is called gridded: some ten seconds."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How P depends on the grid within a region (:eq:`certificate-coordinates`)."""
+
+    region: Region
+    moving: bool
+    """Whether P depends on the grid; False: one P for all."""
+
+    @property
+    def _middle(self) -> Array:
+        low, high = self._limits
+        return 0.5 * (low + high)
+
+    @property
+    def _radius(self) -> Array:
+        low, high = self._limits
+        return np.maximum(0.5 * (high - low), 1e-9)
+
+    @property
+    def _limits(self) -> tuple[Array, Array]:
+        (scr_low, scr_high), (ratio_low, ratio_high) = self.region.scr, self.region.x_over_r
+        return np.array([1.0 / scr_high, 1.0 / ratio_high]), np.array([1.0 / scr_low, 1.0 / ratio_low])
+
+    def weights(self, weakness: Any, r_over_x: Any) -> tuple[list[Any], list[list[Any]]]:
+        """1, ρ_1, ρ_2 from 1/SCR and R/X of points or boxes, and 0, dρ_1/dt, dρ_2/dt for the four ways of moving."""
+        if not self.moving:
+            return [1.0], [[0.0]]
+        raw = [weakness, r_over_x]
+        rho = [(raw[k] - self._middle[k]) * (1.0 / self._radius[k]) for k in range(2)]
+        speed = [raw[k] * (self.region.rate / self._radius[k]) for k in range(2)]
+        ways = [[0.0, speed[0] * one, speed[1] * other] for one in (-1.0, 1.0) for other in (-1.0, 1.0)]
+        return [1.0, *rho], ways
+
+    def family(self, points: Array) -> Family:
+        """The same for many points, for the solver."""
+        here, ways = self.weights(points[:, 0], 1.0 / np.tan(points[:, 1]))
+        count = len(points)
+
+        def column(values: list[Any]) -> Array:
+            return np.stack([np.broadcast_to(np.asarray(v, dtype=float), (count,)) for v in values], axis=-1)
+
+        corners = np.array([[1.0, a, b] for a in (-1.0, 1.0) for b in (-1.0, 1.0)]) if self.moving else np.ones((1, 1))
+        return Family(column(here), np.stack([column(way) for way in ways], axis=1), corners)
+
+
+def certify(
+    study: Study, spec: ControllerSpec, region: Region, *, schedule: MeasuredSchedule | None = None,
+    nodes_per_axis: int = 15, fresh: int = 20_000, seed: int = 0, budget: int = _BUDGET,
+    progress: Callable[[str, float], None] | None = None,
+) -> Certificate | Counterexample:  # fmt: skip
+    """The largest decay that one Lyapunov function proves over the region, or a counterexample.
+
+    ``schedule``: the gains to prove; None: those of the controller in closed form. An infinite ``region.rate`` asks
+    for one function for all (:eq:`certificate`), a finite one for P(ρ) (:eq:`affine-lyapunov`). Points outside the
+    static limits (:eq:`static-limits`) are not part of the region. A counterexample is returned where a cell is
+    unstable by itself. Raises InfeasibleStudyError where the region is wrong or empty, where the controller is not
+    scheduled, or where every cell is stable but no function of the kind exists.
+    """
+    system, motion = _prepared(study, spec, region, schedule)
+    rng = np.random.default_rng(seed)
+    points, A = system.matrices(np.concatenate([nodes(region, nodes_per_axis), random_points(region, fresh, rng)]))
+    found = _fitted(system, motion, spec.name, points, A)
+    if isinstance(found, Counterexample):
+        return found
+    # Verified where nothing was fitted: new points, and a decay that gives way until it holds there.
+    verify, A_fresh = system.matrices(random_points(region, fresh, rng))
+    decay = _ROOM * found.decay
+    every, matrices = np.concatenate([points, verify]), np.concatenate([A, A_fresh])
+    family = motion.family(every)
+    largest = float(residual(matrices, family, found.P, decay).max())
+    while largest >= 0.0 and decay > 1e-3:
+        decay *= 0.98
+        largest = float(residual(matrices, family, found.P, decay).max())
+    if largest >= 0.0:
+        raise InfeasibleStudyError(f"controller {spec.name}: what holds on the grid does not hold between its nodes")
+    outcome = _proved(system, motion, found.P, decay, region, budget, progress)
+    sampled, complete = decay, False
+    if outcome is not None and len(outcome.left) == 0:
+        decay, complete = outcome.decay, True
+        largest = float(residual(matrices, family, found.P, decay).max())
+    gap = Gap() if complete else _gap(outcome, largest)
+    return Certificate(
+        spec.name, region, decay, sampled, found.P, system.scale, GAP_FREE if complete else GRIDDED, gap, len(A),
+        len(A_fresh), outcome.proved if outcome else 0, len(found.active), largest,
+    )  # fmt: skip
+
+
+def largest_rate(
+    study: Study, spec: ControllerSpec, region: Region, decay: float, *, schedule: MeasuredSchedule | None = None,
+    highest: float = 1e3, **options: Any,
+) -> Certificate | Counterexample:  # fmt: skip
+    """The certificate of the largest rate (to 5 %) at which a decay still holds, up to ``highest`` (1/s).
+
+    Options are those of :func:`certify`. Raises InfeasibleStudyError where the decay does not hold even at rest.
+    """
+    low, high = 1e-3, highest
+    quick = {**options, "budget": 0}
+
+    def holds(rate: float) -> bool:
+        try:
+            found = certify(study, spec, replace(region, rate=rate), schedule=schedule, **quick)
+        except InfeasibleStudyError:
+            return False
+        return isinstance(found, Certificate) and found.decay >= decay
+
+    if not holds(low):
+        raise InfeasibleStudyError(
+            f"controller {spec.name}: decay = {decay:g} 1/s does not hold even on a grid at rest. Ask for less."
+        )
+    while high / low > 1.05:
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return certify(study, spec, replace(region, rate=low), schedule=schedule, **options)
+
+
+def region_of(
+    study: Study, controller: str | None, scr: tuple[float, float] | None, x_over_r: tuple[float, float] | None,
+    P_pu: tuple[float, float], Q_pu: tuple[float, float], error: float, rate: float = np.inf,
+) -> tuple[ControllerSpec, Region]:  # fmt: skip
+    """A controller by name (None: the last scheduled one) and a region, from limits in per unit of rating.
+
+    None for ``scr`` or ``x_over_r``: the limits of the study's stability axes. Raises InfeasibleStudyError with
+    every fault found.
+    """
+    scheduled = [spec for spec in study.controllers if spec.kind == "scheduled"]
+    chosen = [spec for spec in scheduled if controller in (None, spec.name)]
+    axes, S = study.stability, study.converter.S_rated
+    scr = (axes.scr[0], axes.scr[-1]) if scr is None else scr
+    x_over_r = (axes.x_over_r[0], axes.x_over_r[-1]) if x_over_r is None else x_over_r
+    region = Region(scr, x_over_r, (P_pu[0] * S, P_pu[1] * S), (Q_pu[0] * S, Q_pu[1] * S), error, rate)
+    faults = []
+    if not chosen:
+        names = ", ".join(spec.name for spec in scheduled) or "none"
+        faults.append(f"controller = {controller}: no such scheduled controller; there are: {names}")
+    try:
+        check_region(region)
+    except InfeasibleStudyError as error_:
+        faults.append(str(error_))
+    if faults:
+        raise InfeasibleStudyError("; ".join(faults))
+    return chosen[-1], region
+
+
+def _prepared(
+    study: Study, spec: ControllerSpec, region: Region, schedule: MeasuredSchedule | None
+) -> tuple[System, Motion]:
+    check_region(region)
+    if schedule is None:
+        if spec.gains is not None or spec.kind != "scheduled":
+            raise InfeasibleStudyError(f"controller {spec.name}: a certificate is made for a scheduled controller")
+        schedule = closed_form_schedule(study, spec.target)
+    return System(study, schedule), Motion(region, bool(np.isfinite(region.rate)))
+
+
+def _fitted(system: System, motion: Motion, name: str, points: Array, A: Array) -> Fit | Counterexample:
+    if len(A) == 0:
+        raise InfeasibleStudyError("the region has no cell within the static limits: widen it, or ask for less power")
+    least = np.linalg.eigvals(A).real.max(axis=1)
+    worst = int(np.argmax(least))
+    limit = -float(least[worst])
+    if limit <= 0.0:
+        value, trajectory = growing_mode(A[worst], system.scale)
+        weakness, angle, P, Q, e_R, e_L = (float(v) for v in points[worst])
+        scr, ratio = 1.0 / weakness, float(np.tan(angle))
+        return Counterexample(name, motion.region, scr, ratio, P, Q, e_R, e_L, value, trajectory)
+    best, _ = best_fit(A, motion.family(points), limit, _TOLERANCE)
+    if best is None:
+        kind = "function of this rate" if motion.moving else "common quadratic function"
+        raise InfeasibleStudyError(
+            f"controller {name}: every cell is stable (slowest {limit:.3g} 1/s), but no {kind} exists. "
+            "Shrink the region, the error or the rate."
+        )
+    return best
+
+
+def _proved(
+    system: System, motion: Motion, P: Array, decay: float, region: Region, budget: int,
+    progress: Callable[[str, float], None] | None,
+) -> Outcome | None:  # fmt: skip
+    """The proof on boxes; None where the schedule's gains cannot be enclosed."""
+    if not system.encloses:
+        return None
+    low, high = estimate_box(region, system)
+    decays = [share * decay for share in _SHARES]
+    return prove(system, region, motion.weights, P, decays, Boxes(low[None], high[None]), budget, progress)
+
+
+def _gap(outcome: Outcome | None, largest: float) -> Gap:
+    if outcome is None:
+        return Gap(1.0, (1.0,) * 6, -0.5 * largest)
+    low, high = outcome.whole.low[0], outcome.whole.high[0]
+    width = np.where(high > low, high - low, 1.0)
+    size = (outcome.left.high - outcome.left.low) / width
+    volume = np.where(high > low, size, 1.0).prod(axis=1)
+    k = int(np.argmax(volume))
+    return Gap(float(volume.sum()), tuple(float(v) for v in size[k]), -0.5 * largest)

@@ -1,0 +1,174 @@
+"""Quadratic Lyapunov functions for many cells at once: a cutting plane over small semidefinite programs.
+
+Thousands of cells, and a function of six or eighteen numbers: few cells decide. The program is handed to Clarabel as
+matrices; through a modelling layer most of the time would go into compiling it anew in every round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 60
+_STRICT = 1e-6
+"""How far below zero the inequality is asked of the solver, where the function's least eigenvalue is 1."""
+
+_WORST = 4
+"""Cells that join in a round."""
+
+_CONDITION_LIMIT = 1e8
+
+ROOT_2 = np.sqrt(2.0)
+
+
+@dataclass(frozen=True)
+class Family:
+    """Functions P(ρ) = P_0 + Σ_k ρ_k P_k that are looked for, at N cells with W ways of moving each
+    (:eq:`affine-lyapunov`).
+
+    ``weights`` (N, K): 1, then ρ of each cell. ``rates`` (N, W, K): 0, then dρ/dt. ``corners`` (C, K): the
+    weights between which all others lie: there P is kept positive.
+    """
+
+    weights: Array
+    rates: Array
+    corners: Array
+
+    def take(self, index: Any) -> Family:
+        """Some of the cells."""
+        return Family(self.weights[index], self.rates[index], self.corners)
+
+    @property
+    def size(self) -> int:
+        """How many matrices P_k."""
+        return self.weights.shape[1]
+
+
+def residual(A: Array, family: Family, P: Array, decay: float) -> Array:
+    """Largest eigenvalue of AᵀP(ρ) + P(ρ)A + dP/dt + 2·decay·P(ρ) of each cell, relative to P(ρ): twice the
+    shortfall of its decay in 1/s (:eq:`certificate`, :eq:`affine-lyapunov`). ``P`` (K, n, n)."""
+    here = np.tensordot(family.weights, P, 1)
+    half = np.linalg.inv(np.linalg.cholesky(here))
+    product = here @ A
+    still = np.swapaxes(product, 1, 2) + product + 2.0 * decay * here
+    worst = np.full(len(A), -np.inf)
+    for way in range(family.rates.shape[1]):
+        moving = still + np.tensordot(family.rates[:, way], P, 1)
+        worst = np.maximum(worst, np.linalg.eigvalsh(half @ moving @ np.swapaxes(half, 1, 2))[:, -1])
+    return worst
+
+
+@dataclass(frozen=True)
+class Fit:
+    """P (K, n, n) that holds at all cells at a decay, and the cells that decide."""
+
+    P: Array
+    decay: float
+    active: tuple[int, ...]
+
+
+def fit(A: Array, family: Family, decay: float, start: tuple[int, ...] = ()) -> tuple[Fit | None, tuple[int, ...]]:
+    """A function for all cells (N, n, n) at a decay, or None where there is none; and the cells that were in play.
+
+    ``start``: cells to begin with, from an earlier fit.
+    """
+    active = list(start) or [int(np.argmax(np.linalg.eigvals(A).real.max(axis=1)))]
+    for _ in range(_ROUNDS):
+        P = _solve(A[active], family.take(active), decay)
+        if P is None:
+            return None, tuple(active)
+        try:
+            worst = residual(A, family, P, decay)
+        except np.linalg.LinAlgError:
+            return None, tuple(active)
+        if worst.max() < 0.0:
+            return Fit(P, decay, tuple(active)), tuple(active)
+        added = [int(k) for k in np.argsort(-worst)[:_WORST] if worst[k] >= 0.0 and k not in active]
+        if not added:
+            return None, tuple(active)  # the solver's accuracy is spent
+        active += added
+    return None, tuple(active)
+
+
+def best_fit(A: Array, family: Family, limit: float, tolerance: float) -> tuple[Fit | None, tuple[int, ...]]:
+    """The fit of largest decay, by bisection up to ``limit`` (1/s) to ``tolerance``·limit; and the cells in play."""
+    low, high, best = 0.0, limit, None
+    active: tuple[int, ...] = ()
+    while high - low > tolerance * limit:
+        decay = 0.5 * (low + high)
+        found, active = fit(A, family, decay, active)
+        if found is None:
+            high = decay
+        else:
+            low, best = decay, found
+    return best, active
+
+
+def _solve(A: Array, family: Family, decay: float) -> Array | None:
+    """The best-conditioned P for a few cells; None where infeasible.
+
+    Variables: the triangles of P_0 … P_K and t. Least t with I ⪯ P(ρ) ⪯ t·I at the corners and the inequality,
+    by a little strict, at every cell and way of moving.
+    """
+    from importlib import import_module
+
+    from scipy import sparse
+
+    clarabel: Any = import_module("clarabel")  # compiled, without types
+
+    n = A.shape[1]
+    basis = _basis(n)
+    m = len(basis)
+    blocks, offsets = [], []
+    eye = _triangle(np.eye(n))
+    for corner in family.corners:
+        here = np.concatenate([w * _triangle(basis).T for w in corner], axis=1)
+        blocks += [np.column_stack([-here, 0.0 * eye]), np.column_stack([here, -eye])]
+        offsets += [-eye, 0.0 * eye]
+    for a, weights, rates in zip(A, family.weights, family.rates, strict=True):
+        still = _triangle(a.T @ basis + basis @ a + 2.0 * decay * basis).T
+        shape = _triangle(basis).T
+        size = np.linalg.norm(a)
+        for rate in rates:
+            rows = np.concatenate([w * still + r * shape for w, r in zip(weights, rate, strict=True)], axis=1)
+            blocks.append(np.column_stack([rows, 0.0 * eye]) / size)
+            offsets.append(-_STRICT * eye)
+    width = family.size * m + 1
+    cost = np.zeros(width)
+    cost[-1] = 1.0
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    solution = clarabel.DefaultSolver(
+        sparse.csc_matrix((width, width)), cost, sparse.csc_matrix(np.concatenate(blocks)), np.concatenate(offsets),
+        [clarabel.PSDTriangleConeT(n)] * len(blocks), settings,
+    ).solve()  # fmt: skip
+    if solution.status != clarabel.SolverStatus.Solved:
+        return None
+    x = np.array(solution.x)
+    if not 1.0 <= x[-1] + 1e-3 <= _CONDITION_LIMIT:
+        return None
+    return np.tensordot(x[:-1].reshape(family.size, m), basis, 1)
+
+
+def _basis(n: int) -> Array:
+    """The symmetric matrices with a one at (i, j), i ≤ j, and at (j, i)."""
+    found = []
+    for j in range(n):
+        for i in range(j + 1):
+            matrix = np.zeros((n, n))
+            matrix[i, j] = matrix[j, i] = 1.0
+            found.append(matrix)
+    return np.array(found)
+
+
+def _triangle(matrices: Array) -> Array:
+    """Upper triangles column by column, off-diagonal entries times √2: the solver's cone."""
+    n = matrices.shape[-1]
+    columns = [matrices[..., i, j] * (1.0 if i == j else ROOT_2) for j in range(n) for i in range(j + 1)]
+    return np.stack(columns, axis=-1)

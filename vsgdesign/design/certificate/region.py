@@ -1,0 +1,150 @@
+"""Where a certificate is asked for, and the power loops' state matrix there: for numbers and for Taylor forms alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point
+from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.frames import PHASES
+from vsgdesign.parameters.specification import POWER_MARGIN
+from vsgdesign.parameters.study import Study
+from vsgdesign.runtime.closed_form import ClosedFormSchedule
+
+Array = NDArray[np.float64]
+
+STATES = ("delta", "omega_i", "V")
+
+OMEGA_SCALE = 4.0
+"""rad/s that ω_i is divided by, so that all three states are of one size."""
+
+
+class MeasuredSchedule(Protocol):
+    """A gain schedule as the runtime has it: estimated R_g (Ω), L_g (H) and measured P, Q, V to gains, on arrays.
+
+    Any such schedule can be certified on points; a closed-form one (constant normalised parameters) without gaps.
+    """
+
+    def gains_measured(self, R_g: Any, L_g: Any, P: Any, Q: Any, V_rms: Any) -> PowerLoopGains:
+        """Gains from an estimated grid and the measured P, Q, V."""
+        ...
+
+
+@dataclass(frozen=True)
+class Region:
+    """Where a certificate is asked for. Limits of SCR (on the study's basis), X/R, P (W), Q (var); the error is
+    relative, of R_g and of L_g, each anywhere within ± it. ``rate``: largest |d ln SCR/dt| and |d ln(X/R)/dt| in
+    1/s; infinite: the grid may jump."""
+
+    scr: tuple[float, float]
+    x_over_r: tuple[float, float]
+    P: tuple[float, float]
+    Q: tuple[float, float]
+    error: float = 0.0
+    rate: float = np.inf
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """The region's box in the coordinates of :class:`System`, (6,) each."""
+        scr, error = (1.0 / self.scr[1], 1.0 / self.scr[0]), (-self.error, self.error)
+        rows = [scr, np.arctan(self.x_over_r), self.P, self.Q, error, error]
+        low, high = np.array(rows, dtype=float).T
+        return low, high
+
+
+def check_region(region: Region) -> None:
+    """Raises InfeasibleStudyError with every fault of a region."""
+    faults = []
+    for name, (low, high), least, most in (
+        ("scr", region.scr, 0.05, 1e3), ("x-over-r", region.x_over_r, 1e-2, 1e3),
+        ("P", region.P, -np.inf, np.inf), ("Q", region.Q, -np.inf, np.inf),
+    ):  # fmt: skip
+        if not (least <= low <= high <= most and np.isfinite([low, high]).all()):
+            within = f", from {least:g} to {most:g}" if np.isfinite(least) else ""
+            faults.append(f"{name} = {low:g} {high:g}: must be two numbers, the smaller first{within}")
+    if not 0.0 <= region.error < 0.9:
+        faults.append(f"error = {region.error:g}: must be from 0 to 0.9, a fraction of the value")
+    if not region.rate >= 0.0:
+        faults.append(f"rate = {region.rate:g}: must be zero or more, in 1/s (inf: the grid may jump)")
+    if faults:
+        raise InfeasibleStudyError("; ".join(faults))
+
+
+@dataclass(frozen=True)
+class System:
+    """A study's power loops under a schedule. A point is (1/SCR, atan(X/R) in rad, P, Q, relative error of R_g, of
+    L_g), the SCR on the study's basis."""
+
+    study: Study
+    schedule: MeasuredSchedule
+
+    @property
+    def scale(self) -> Array:
+        """What δ, ω_i and V are divided by: rad, 4 rad/s, rated voltage."""
+        return np.array([1.0, OMEGA_SCALE, self.study.converter.V_rated_rms])
+
+    @property
+    def encloses(self) -> bool:
+        """Whether the schedule's gains can be enclosed: constant normalised parameters and the Jacobian."""
+        return isinstance(self.schedule, ClosedFormSchedule)
+
+    def matrices(self, points: Array) -> tuple[Array, Array]:
+        """Points (N, 6) that lie within the static limits (:eq:`static-limits`), and their state matrices over
+        ``scale``, (M, 3, 3)."""
+        study = self.study
+        c, source, f = study.converter, study.grid_source, study.filter
+        weakness, angle, P, Q, _, _ = points.T
+        Z_g = weakness * c.Z_base / (np.sin(angle) if study.scr_basis == "reactance" else 1.0)
+        R_g, L_g = Z_g * np.cos(angle), Z_g * np.sin(angle) / c.omega_n
+        R, X = R_g + f.R_2, source.omega_g * (L_g + f.L_2)
+        with np.errstate(invalid="ignore"):
+            V_rms, _ = operating_point(P, Q, source.V_g_rms, R, X)
+            low, high = c.V_limits_rms
+            inside = (V_rms >= low) & (V_rms <= high)
+            inside &= PHASES * V_rms**2 >= POWER_MARGIN * np.hypot(R, X) * np.hypot(P, Q)
+        points, R_g, L_g, R, X, V_rms = (value[inside] for value in (points, R_g, L_g, R, X, V_rms))
+        _, _, P, Q, e_R, e_L = points.T
+        gains = self.schedule.gains_measured(R_g * (1.0 + e_R), L_g * (1.0 + e_L), P, Q, V_rms)
+        A, B, C, D = jacobian_from_powers(P, Q, V_rms, R, X)
+        none = References(0.0, 0.0, 0.0, 0.0)
+        # The law is linear: its answers to one unit of each state are the columns of the matrix.
+        columns = [
+            power_loops(0.0, 0.0, A, C, none, gains),
+            power_loops(1.0, 0.0, 0.0, 0.0, none, gains),
+            power_loops(0.0, 1.0, B, D, none, gains),
+        ]
+        found = np.empty((len(points), 3, 3))
+        for i in range(3):
+            for j in range(3):
+                found[:, i, j] = columns[j][i]
+        return points, found * (self.scale[None, None, :] / self.scale[None, :, None])
+
+
+def nodes(region: Region, count: int) -> Array:
+    """(N, 6) points: SCR and X/R log-spaced, P and Q at their limits and middle, errors at −, 0, +."""
+    low, high = region.limits
+    axes = [np.geomspace(*region.scr, count), np.geomspace(*region.x_over_r, count)]
+    axes += [np.linspace(low[k], high[k], 3) for k in range(2, 6)]
+    mesh = np.meshgrid(*(np.unique(axis) for axis in axes), indexing="ij")
+    return point_of(np.stack([axis.ravel() for axis in mesh], axis=1))
+
+
+def random_points(region: Region, count: int, rng: np.random.Generator) -> Array:
+    """(N, 6) points, log-uniform in SCR and X/R, uniform in the rest."""
+    low, high = region.limits
+    low[:2], high[:2] = np.log([[region.scr[0], region.x_over_r[0]], [region.scr[1], region.x_over_r[1]]])
+    points = rng.uniform(low, high, (count, 6))
+    points[:, :2] = np.exp(points[:, :2])
+    return point_of(points)
+
+
+def point_of(columns: Array) -> Array:
+    """Points (N, 6) from SCR, X/R, P, Q and both errors as columns."""
+    points = columns.copy()
+    points[:, 0], points[:, 1] = 1.0 / columns[:, 0], np.arctan(columns[:, 1])
+    return points
