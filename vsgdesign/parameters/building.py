@@ -18,6 +18,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import Fault
 from vsgdesign.frames import ll_to_phase, rms_to_peak
+from vsgdesign.parameters.estimator import read_estimator
 from vsgdesign.parameters.reader import REQUIRED, TableReader
 from vsgdesign.parameters.scenario import read_events, read_grid, read_simulation
 from vsgdesign.parameters.specification import read_specification
@@ -57,11 +58,12 @@ def build_study(document: dict[str, Any], default_name: str, content_hash: str, 
     controllers = _read_controllers(root, target, grid, basis, converter, simulation)
     stability = read_stability(root.child("stability"), converter, target)
     specification = read_specification(root.child("specification"), converter, source_, target, basis)
+    estimator = read_estimator(root.child("estimator"))
     root.finish()
     return Study(
         name, title, source, converter, filter_, inner_gains, grid, source_, basis, target,
         tau_P, tau_Q, controllers, simulation, events, stability, content_hash,
-        specification,
+        specification, estimator,
     )  # fmt: skip
 
 
@@ -225,6 +227,7 @@ def _read_controllers(
         kind = table.choice("kind", ("fixed", "scheduled"))
         own_target = _read_target(table, target, converter)
         gains, design_grid, period, schedule, table_file = None, None, 0.02, "closed_form", None
+        estimate = "truth"
         if kind == "fixed":
             gains_table = table.child("gains")
             if gains_table is not None:
@@ -243,12 +246,15 @@ def _read_controllers(
             if table.has("table"):
                 table_file = table.text("table")
                 if schedule != "table":
-                    table.fault("table", table_file, "is used by schedule = \"table\" alone", 'Add schedule = "table".')
+                    table.fault("table", table_file, 'is used by schedule = "table" alone', 'Add schedule = "table".')
             elif schedule == "table" and not root.has("specification"):
                 table.fault(
                     "schedule", schedule, "there is neither a table nor a specification to design one to",
                     'Add a [specification] section, or table = "FILE.json".',
                 )  # fmt: skip
+            estimate = table.choice("estimate", ("truth", "neural"), default="truth")
+            if estimate == "neural" and not root.has("estimator"):
+                table.fault("estimate", estimate, "there is no network to estimate with", "Add an [estimator] section.")
             period = table.quantity("update_period", "s", converter.T_s, simulation.duration, default=0.02)
             steps = period / converter.T_s
             if not math.isnan(steps) and abs(steps - round(steps)) > 1e-6 * steps:
@@ -257,7 +263,9 @@ def _read_controllers(
                     f"not a whole number of sampling periods ({converter.T_s:.6g} s)",
                     f"Use {round(steps) * converter.T_s:.9g}.",
                 )  # fmt: skip
-        specs.append(ControllerSpec(name, kind, own_target, gains, design_grid, period, schedule, table_file))
+        specs.append(
+            ControllerSpec(name, kind, own_target, gains, design_grid, period, schedule, table_file, estimate=estimate)
+        )
         table.finish()
     if not specs and not root.faults:
         root.fault(

@@ -108,6 +108,16 @@ class TableReader:
             return allowed[0]
         return raw
 
+    def flag(self, field: str, default: Any = REQUIRED) -> Any:
+        """Yes or no."""
+        raw = self._raw(field, default, "true or false")
+        if raw is _MISSING:
+            return False if default is REQUIRED else default
+        if not isinstance(raw, bool):
+            self.fault(field, raw, "must be true or false")
+            return False
+        return raw
+
     def text(self, field: str, default: Any = REQUIRED) -> Any:
         """A non-empty text."""
         raw = self._raw(field, default, "a text")

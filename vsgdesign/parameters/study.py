@@ -20,6 +20,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.frames import base_impedance, linear_modulation_limit, rated_current_rms, rms_to_peak
 
 if TYPE_CHECKING:
+    from vsgdesign.parameters.estimator import EstimatorSpec
     from vsgdesign.parameters.specification import Specification
 
 UNLIMITED_PU = 1e6
@@ -165,6 +166,8 @@ class ControllerSpec:
     """Where its gain table is; None: it is built."""
     table: Any = None
     """Its gain table (artifacts.gain_table.GainTable) once read or built."""
+    estimate: str = "truth"
+    """What a scheduled controller knows of the grid: the ``truth``, or what the study's ``neural`` network says."""
 
 
 @dataclass(frozen=True)
@@ -246,6 +249,8 @@ class Study:
     """SHA-256 of the resolved study document."""
     specification: Specification | None = None
     """What a designed gain table has to keep; None where the study has no [specification]."""
+    estimator: EstimatorSpec | None = None
+    """The network that estimates the grid's impedance; None where the study has no [estimator]."""
 
     def circuit(self, grid: Grid | None = None) -> FilterGrid:
         """The circuit from the bridge to the grid source."""

@@ -1,0 +1,63 @@
+"""Reads the [estimator] section: the network that estimates the grid's impedance, trained in the run or from a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from vsgdesign.parameters.reader import TableReader
+
+RECIPES = ("published", "continuous")
+"""The packaged recipes for windows, by name; another is a TOML file."""
+
+_TRAINED = ("recipe", "seed", "hidden", "components", "starts")
+"""Fields that only training uses."""
+
+
+@dataclass(frozen=True)
+class EstimatorSpec:
+    """One network for every controller with ``estimate = "neural"``."""
+
+    recipe: str = "published"
+    """What it is trained on: a packaged recipe by name, or a TOML file."""
+    seed: int = 0
+    """Of the windows, their split and the training."""
+    hidden: int = 8
+    components: int = 6
+    """Principal components that are trained on; 0: all that stand out of the sensors' noise."""
+    starts: int = 4
+    weights_file: str | None = None
+    """A trained network; None: it is trained in the run."""
+    grid_phase: bool = False
+    """Lend the network the simulator's own phase of the grid source. No converter in the field has that signal."""
+    v_limit_pu: float | None = None
+    i_limit_pu: float | None = None
+    """Where the sensors saturate, pu of the rated peaks; None: nowhere."""
+    weights: Any = None
+    """The network (artifacts.network_weights.NetworkWeights) once read or trained."""
+
+
+def read_estimator(table: TableReader | None) -> EstimatorSpec | None:
+    """The section; None where a study has none."""
+    if table is None:
+        return None
+    recipe = table.text("recipe", default="published")
+    if recipe not in RECIPES and not recipe.endswith(".toml"):
+        table.fault("recipe", recipe, "unknown", f"Known: {', '.join(RECIPES)}; or a .toml file.")
+    spec = EstimatorSpec(
+        recipe=recipe,
+        seed=table.integer("seed", 0, 2**31 - 1, default=0),
+        hidden=table.integer("hidden", 1, 64, default=8),
+        components=table.integer("components", 0, 1000, default=6),
+        starts=table.integer("starts", 1, 100, default=4),
+        weights_file=table.text("weights", default=None),
+        grid_phase=table.flag("grid_phase", default=False),
+        v_limit_pu=table.quantity("v_limit_pu", "1", 1.0, 100.0, default=None),
+        i_limit_pu=table.quantity("i_limit_pu", "1", 1.0, 100.0, default=None),
+    )
+    if spec.weights_file is not None:
+        for field in _TRAINED:
+            if table.has(field):
+                table.fault(field, table.table[field], "weights are given too", "Give either, or neither to train.")
+    table.finish()
+    return spec
