@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from vsgdesign.parameters import building, scenario, stability, study_from_text
+from vsgdesign.parameters import building, scenario, specification, stability, study_from_text
 from vsgdesign.parameters.reader import REQUIRED, TableReader
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -96,6 +96,9 @@ design_grid = { R_g = "20 mohm", L_g = "300 uH" }
 [[events]]
 time = 1
 grid = { R_g = "10 mohm", L_g = "200 uH" }
+[specification]
+aim = "inertia"
+H = "4 s"
 """
 
 
@@ -183,7 +186,7 @@ def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[As
     """A field in a branch that the studies above do not take would escape the test above."""
     reached = {field for _, field in asked}
     escaped = set()
-    for module in (building, scenario, stability):
+    for module in (building, scenario, specification, stability):
         for node in ast.walk(ast.parse(inspect.getsource(module))):
             if (
                 isinstance(node, ast.Call)

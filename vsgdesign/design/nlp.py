@@ -38,8 +38,8 @@ MARGIN_AIM = 1.15
 """Above this multiple of the least disk margin, more margin is worth no inertia."""
 
 _GUARD, _GUARD_PEAK = 0.6, 0.7
-"""Shares of the 2 % band and of the overshoot that a design uses at a node: a response that just touches the band
-would leave it between nodes, and its settling time would jump."""
+"""Shares of the 2 % band and of the overshoot that a design uses at a node (:eq:`settling-constraint`): a response that
+just touches the band would leave it between nodes, and its settling time would jump."""
 
 _FINE, _FINE_STEPS, _COARSE_STEPS = 20, 24, 18
 """Steps within a settling time, how many of those, and how many of twice the length after them."""
@@ -66,7 +66,7 @@ def robust_program(law: LawOfStudy, spec: Specification) -> RobustProgram:
 
 
 class RobustProgram:
-    """IPOPT's view of a law and a specification."""
+    """IPOPT's view of a law and a specification: minimises :eq:`cell-objective`."""
 
     def __init__(self, law: LawOfStudy, spec: Specification) -> None:
         self.variables: Variables = variables(law.structure, spec)
