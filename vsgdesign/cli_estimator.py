@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import click
 
@@ -46,3 +49,45 @@ def windows(study_file: str, recipe: str, out: str, seed: int, workers: int, as_
         click.echo(f"{out}: {shape}, sha256 {data.hash[:12]}")
         if data.synchronised:
             click.echo("synchronised with the grid's phase, as published: no converter in the field has that signal")
+
+
+_FOLDER = click.option("--out", required=True, metavar="FOLDER", help="Where to write results and report.")
+_WEIGHTS = click.option("--weights", "weights", multiple=True, metavar="FILE.json",
+                        help="Networks to compare.  [default: two are trained]")  # fmt: skip
+
+
+@estimator.command()
+@STUDY
+@_FOLDER
+@_WEIGHTS
+@JSON
+@verb
+def compare(study_file: str, out: str, weights: tuple[str, ...], as_json: bool) -> None:
+    """Classical methods and networks on the same windows: error beside its bound, disturbance, delay."""
+    from vsgdesign.pipeline.estimator import report_comparison
+
+    _report(report_comparison, study_file, out, weights, as_json)
+
+
+@estimator.command()
+@STUDY
+@_FOLDER
+@_WEIGHTS
+@JSON
+@verb
+def stress(study_file: str, out: str, weights: tuple[str, ...], as_json: bool) -> None:
+    """The same methods where frequency, phase, voltage, X/R, SCR, noise or harmonics are not as trained."""
+    from vsgdesign.pipeline.estimator import report_stress
+
+    _report(report_stress, study_file, out, weights, as_json)
+
+
+def _report(
+    make: Callable[..., dict[str, Any]], study_file: str, out: str, weights: tuple[str, ...], as_json: bool
+) -> None:
+    with progress(quiet=as_json) as tell:
+        document = make(load(study_file), out, weights=weights, progress=tell)
+    if as_json:
+        print_json(document)
+    else:
+        click.echo(f"report: {Path(out) / 'report.html'}")

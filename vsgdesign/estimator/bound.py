@@ -54,8 +54,10 @@ def fisher_information(
     variances E|n|² of a phasor of v and i (V², A²). ``nuisance`` (M, K), complex: how K unknown *complex* numbers
     enter the M equations; the grid's own phasor is a column with ones at the fundamental.
     """
-    i, omega = np.atleast_1d(np.asarray(i, dtype=complex)), np.broadcast_to(np.asarray(omega, dtype=float), np.shape(i))
-    weight = 2.0 / (v_variance + np.abs(R_g + 1j * omega * L_g) ** 2 * i_variance)
+    i = np.atleast_1d(np.asarray(i, dtype=complex))
+    omega = np.broadcast_to(np.asarray(omega, dtype=float), i.shape)
+    # Ideal sensors: as good as none, so that the information is large and not infinite.
+    weight = 2.0 / (1e-30 + v_variance + np.abs(R_g + 1j * omega * L_g) ** 2 * i_variance)
     rows = np.column_stack([i, 1j * omega * i])
     if nuisance is not None:
         # Unknown complex numbers: a complex projection takes them out.
@@ -92,16 +94,16 @@ def steady_window_bound(
 ) -> Bound:  # fmt: skip
     """One steady window (:eq:`bound-steady`). With the grid's phasor known it is the published set-up; without it
     there is nothing to know."""
-    variances = [phasor_variance(deviation, samples, channels) for deviation in (noise.v, noise.i)]
-    information = fisher_information(i, omega, *variances, R_g, L_g, None if known_phase else [[1.0]])
+    v_variance, i_variance = (phasor_variance(deviation, samples, channels) for deviation in (noise.v, noise.i))
+    information = fisher_information(i, omega, v_variance, i_variance, R_g, L_g, None if known_phase else [[1.0]])
     return bound_of_known_ratio(information, R_g, L_g) if known_ratio else bound_of(information, omega, R_g, L_g)
 
 
 def windows_bound(i: ArrayLike, omega: float, noise: SensorNoise, samples: int, R_g: float, L_g: float) -> Bound:
     """M steady windows of one grid whose phasor is unknown but holds still (:eq:`bound-two-windows`); ``i`` (M,)."""
     i = np.asarray(i, dtype=complex)
-    variances = [phasor_variance(deviation, samples) for deviation in (noise.v, noise.i)]
-    information = fisher_information(i, omega, *variances, R_g, L_g, np.ones((len(i), 1)))
+    v_variance, i_variance = (phasor_variance(deviation, samples) for deviation in (noise.v, noise.i))
+    information = fisher_information(i, omega, v_variance, i_variance, R_g, L_g, np.ones((len(i), 1)))
     return bound_of(information, omega, R_g, L_g)
 
 
@@ -110,8 +112,8 @@ def probe_bound(
 ) -> Bound:
     """A probe's answer in phasors beside the fundamental, (M,) at ``omega`` (M,) rad/s (:eq:`bound-probe`): one line
     of an injection, or the many of a binary sequence."""
-    variances = [phasor_variance(deviation, samples) for deviation in (noise.v, noise.i)]
-    return bound_of(fisher_information(i, omega, *variances, R_g, L_g), omega_g, R_g, L_g)
+    v_variance, i_variance = (phasor_variance(deviation, samples) for deviation in (noise.v, noise.i))
+    return bound_of(fisher_information(i, omega, v_variance, i_variance, R_g, L_g), omega_g, R_g, L_g)
 
 
 def sensor_noise(

@@ -33,7 +33,8 @@ class Injection:
         """The injected voltage in the converter's frame, where it turns at the difference of the two frequencies."""
         steps = round(self.cycles / self.nominal_hz / self.hold)
         turn = 2.0 * math.pi * (self.frequency_hz - self.nominal_hz) * self.hold
-        return Probe(self.amplitude * np.exp(1j * turn * np.arange(steps)), self.hold)
+        values = self.amplitude * np.exp(1j * turn * np.arange(steps))
+        return Probe(values.astype(complex), self.hold)
 
     def slip(self) -> float:
         """The injected frequency in the rotating frame, rad/s."""
@@ -51,5 +52,6 @@ class Injection:
     def estimate(self, record: Record) -> Estimates:
         """V/I at the injected frequency."""
         v, i = (self.phasors(x, record.windows, record.sample_interval) for x in record.rotating())
-        Z = v / i
+        with np.errstate(invalid="ignore"):  # before there are enough windows
+            Z = v / i
         return Estimates(Z.real, Z.imag / (record.omega[:, None] + self.slip()))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsgdesign.estimator.baselines.equation import block_equation
-from vsgdesign.estimator.baselines.record import Array, Estimates, Record
+from vsgdesign.estimator.baselines.record import Array, ComplexArray, Estimates, Record
 from vsgdesign.parameters.study import Grid
 
 
@@ -20,8 +20,8 @@ class ExtendedKalmanFilter:
     """
 
     guess: Grid
-    drift: float = 0.03
-    g_drift: float = 3e-4
+    drift: float = 0.01
+    g_drift: float = 1e-4
     omega_drift: float = 1e-3
     name: str = "Extended Kalman filter"
     probe: None = None
@@ -63,8 +63,9 @@ class ExtendedKalmanFilter:
 
 def turn_grid(x: Array, h: float) -> tuple[Array, Array]:
     """States (B, 5) after h s, in which the grid's phasor turns by its frequency's deviation, and their Jacobian."""
-    g = (x[:, 2] + 1j * x[:, 3]) * np.exp(1j * h * x[:, 4])
-    turn, by_omega = np.exp(1j * h * x[:, 4]), 1j * h * g
+    turn: ComplexArray = np.exp(1j * h * x[:, 4])
+    g: ComplexArray = (x[:, 2] + 1j * x[:, 3]) * turn
+    by_omega: ComplexArray = 1j * h * g
     moved = np.column_stack([x[:, :2], g.real, g.imag, x[:, 4]])
     F = np.tile(np.eye(5), (len(x), 1, 1))
     F[:, 2, 2] = F[:, 3, 3] = turn.real

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsgdesign.estimator.baselines.equation import block_equation
-from vsgdesign.estimator.baselines.record import Estimates, Record
+from vsgdesign.estimator.baselines.record import Array, ComplexArray, Estimates, Record
 from vsgdesign.parameters.study import Grid
 
 
@@ -54,6 +54,6 @@ class RecursiveLeastSquares:
         return Estimates(found[:, :, 0] * record.Z_base, found[:, :, 1] * record.Z_base / record.omega_n)
 
 
-def _real(x: np.ndarray) -> np.ndarray:
+def _real(x: ComplexArray) -> Array:
     """(B, K, …) complex as (B, K, 2, …) real."""
     return np.stack([x.real, x.imag], axis=2)

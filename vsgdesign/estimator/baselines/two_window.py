@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsgdesign.estimator.baselines.record import Estimates, Record, held
+from vsgdesign.estimator.baselines.record import ComplexArray, Estimates, Record, held
 
 
 @dataclass(frozen=True)
@@ -29,5 +29,5 @@ class TwoWindows:
         seen = np.maximum.accumulate(np.abs(i), axis=1)
         valid = np.abs(di) > self.gate * seen
         with np.errstate(divide="ignore", invalid="ignore"):
-            Z = np.where(valid, dv / di, np.nan)
+            Z: ComplexArray = np.where(valid, dv / di, np.nan)
         return Estimates(held(Z.real, valid), held(Z.imag / record.omega[:, None], valid))

@@ -1,0 +1,300 @@
+"""Every method on the same grids and steps: error beside its bound, disturbance, and delay after a change of grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
+from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.estimator.baselines import (
+    ConstantGuess,
+    Estimates,
+    ExtendedKalmanFilter,
+    Injection,
+    Method,
+    NeuralMethod,
+    PseudoRandomSequence,
+    Record,
+    RecursiveLeastSquares,
+    Run,
+    TwoWindows,
+    measure,
+    run_case,
+)
+from vsgdesign.estimator.bound import Bound, probe_bound, sensor_noise, steady_window_bound, windows_bound
+from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe, check_recipe, one_of
+from vsgdesign.parameters.study import Study, grid_from_scr
+from vsgdesign.simulation import Probe
+
+Array = NDArray[np.float64]
+
+BEFORE, AFTER = 10, 40
+"""Windows before and after the change; the last JUDGED of them are what a method is judged by."""
+JUDGED = 20
+
+WITHIN = 0.10
+"""Error of |Z| that counts as found again after a change of grid."""
+
+
+@dataclass(frozen=True)
+class ComparisonSettings:
+    """Grids and sensors of a comparison. Powers are per unit of the rating."""
+
+    scr: tuple[float, ...] = (2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
+    x_over_r: float = 1.0
+    grid_steps: tuple[tuple[float, float], ...] = ((2.0, 8.0), (8.0, 20.0))
+    guess_scr: float = 6.3
+    P_pu: float = 0.5
+    Q_pu: float = 0.2
+    P_step_pu: float = 0.1
+    noise: float = 1e-3
+    """White noise of every sample, relative to the rated peak."""
+    adc_bits: int = 12
+    draws: int = 4
+    """Of the sensors' noise, on every run."""
+    seed: int = 0
+
+    def recipe(self) -> WindowRecipe:
+        """Runs with a power step: at rest, then the only thing that a passive method can learn from."""
+        made = replace(
+            PUBLISHED, name="comparison", scr=one_of(*self.scr), x_over_r=one_of(self.x_over_r),
+            P_pu=one_of(self.P_pu), Q_pu=one_of(self.Q_pu), P_step_pu=one_of(self.P_step_pu), Q_step_pu=one_of(0.0),
+            before=BEFORE, after=AFTER, every=1, skip=0, noise_v=one_of(self.noise), noise_i=one_of(self.noise),
+            adc_bits=self.adc_bits, scenarios=len(self.scr),
+        )  # fmt: skip
+        return check_recipe(made, "comparison")
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """Of one method on each SCR: errors |Ẑ − Z|/|Z| over windows and draws, and the bound of its signals."""
+
+    method: str
+    signals: str
+    rms: Array
+    p95: Array
+    bound: Array
+    """(S,): NaN where nothing is measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbance:
+    """What a probe does at rest on each SCR: largest move of instantaneous P and Q, relative to the rating."""
+
+    method: str
+    P: Array
+    Q: Array
+
+
+@dataclass(frozen=True, eq=False)
+class GridStep:
+    """A change of grid seen by one method: (draws, W) estimates of |Z| (Ω) and their relative errors."""
+
+    method: str
+    scr: tuple[float, float]
+    t_s: Array
+    """(W,): end of each window after the change, s; negative before."""
+    Z: Array
+    Z_true: Array
+    """(W,): Ω."""
+    error: Array
+    delay: tuple[float, ...]
+    """Of each draw, s: from the change to the end of the first window from which on the error stays within
+    ``WITHIN`` to the end of the run; infinite if there is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """All of it."""
+
+    settings: ComparisonSettings
+    accuracy: tuple[Accuracy, ...]
+    disturbances: tuple[Disturbance, ...]
+    grid_steps: tuple[GridStep, ...]
+    weights: dict[str, str] = field(default_factory=dict)
+    """Hash of each network's weights by method."""
+
+
+def all_methods(study: Study, networks: dict[str, NetworkWeights], guess_scr: float = 6.3) -> tuple[Method, ...]:
+    """Every classical method with its defaults, then each network by name."""
+    guess = grid_from_scr(guess_scr, 1.0, "reactance", study.converter)
+    classical: tuple[Method, ...] = (
+        ConstantGuess(guess), TwoWindows(), RecursiveLeastSquares(guess), ExtendedKalmanFilter(guess),
+        Injection(), PseudoRandomSequence(),
+    )  # fmt: skip
+    return *classical, *(NeuralMethod(weights, name) for name, weights in networks.items())
+
+
+def with_sensors(recipe: WindowRecipe, settings: ComparisonSettings) -> WindowRecipe:
+    """A recipe through the sensors of a comparison, so that a network has seen their noise."""
+    return replace(
+        recipe, name=f"{recipe.name}_sensors", noise_v=one_of(settings.noise), noise_i=one_of(settings.noise),
+        adc_bits=settings.adc_bits,
+    )  # fmt: skip
+
+
+def train_networks(
+    study: Study, settings: ComparisonSettings | None = None, progress: Progress = silent
+) -> dict[str, NetworkWeights]:
+    """The published network, and one of continuous grids that has seen noise; made here and now, some seconds each."""
+    seen = with_sensors(CONTINUOUS, settings or ComparisonSettings())
+    return {
+        "Neural, published": train_weights(study, PUBLISHED, progress=progress),
+        "Neural, with noise": train_weights(study, seen, progress=progress),
+    }
+
+
+def train_weights(study: Study, recipe: WindowRecipe, seed: int = 0, progress: Progress = silent) -> NetworkWeights:
+    """Weights of a recipe's windows."""
+    from vsgdesign.estimator.training import train_network
+    from vsgdesign.estimator.windows import generate_windows
+
+    data = generate_windows(study, recipe, seed, progress=progress)
+    targets = np.column_stack([data.R_g, data.L_g])
+    training = train_network(data.windows, targets, data.split(seed=seed), seed=seed, progress=progress)
+    box = {name: (float(x.min()), float(x.max())) for name, x in zip(("R_g", "L_g"), targets.T, strict=True)}
+    window = WindowFormat(data.samples, data.sample_interval, data.channels, data.synchronised)
+    return NetworkWeights(
+        network=training.network, window=window, trained_on=box, data_hash=data.hash,
+        recipe=dict(data.header["recipe"]), seed=seed,
+    )  # fmt: skip
+
+
+def compare_methods(
+    study: Study, networks: dict[str, NetworkWeights], settings: ComparisonSettings | None = None,
+    progress: Progress = silent,
+) -> Comparison:  # fmt: skip
+    """Run, measure and judge. Raises StudyError for settings that make no recipe, InfeasibleStudyError for a grid
+    that cannot carry the power, ArtifactError for weights of other windows."""
+    settings = settings or ComparisonSettings()
+    methods = all_methods(study, networks, settings.guess_scr)
+    recipe = settings.recipe()
+    count = len(settings.scr)
+    by_probe = probed_runs(study, [(recipe, k) for k in range(count)], methods, settings.seed, progress)
+    records = {name: measure(runs, settings.draws) for name, runs in by_probe.items()}
+    accuracy = tuple(
+        _accuracy(method, by_probe[probe_name(method)], records[probe_name(method)], count) for method in methods
+    )
+    disturbances = tuple(
+        _disturbance(method.name, by_probe[""], by_probe[probe_name(method)])
+        for method in methods
+        if method.probe is not None
+    )
+    steps = tuple(
+        step for pair in settings.grid_steps for step in _grid_steps(study, recipe, pair, methods, settings, progress)
+    )
+    hashes = {name: weights.hash for name, weights in networks.items()}
+    return Comparison(settings, accuracy, disturbances, steps, hashes)
+
+
+def probe_name(method: Method) -> str:
+    """Which of the probed runs a method lives on; empty for those that add nothing."""
+    return "" if method.probe is None else method.name
+
+
+def probed_runs(
+    study: Study, cases: Sequence[tuple[WindowRecipe, int]], methods: Sequence[Method], seed: int, progress: Progress
+) -> dict[str, list[Run]]:
+    """Every case (recipe, index) without a probe and with each method's, by :func:`probe_name`."""
+    probes: dict[str, Probe | None] = {"": None} | {probe_name(m): m.probe for m in methods if m.probe is not None}
+    found: dict[str, list[Run]] = {}
+    total = len(probes) * len(cases)
+    for name, probe in probes.items():
+        found[name] = []
+        for recipe, index in cases:
+            found[name].append(run_case(study, recipe, index, seed, probe))
+            progress("runs", (len(found) - 1) * len(cases) / total + len(found[name]) / total)
+    return found
+
+
+def relative_errors(record: Record, found: Estimates) -> Array:
+    """(B, W): |Ẑ − Z|/|Z| at the grid's frequency; NaN where there is no estimate."""
+    omega = record.omega[:, None]
+    truth = record.R_g + 1j * omega * record.L_g
+    return np.abs(found.R_g + 1j * omega * found.L_g - truth) / np.abs(truth)
+
+
+def judged(errors: Array, groups: int) -> tuple[Array, Array]:
+    """Rms and 95th percentile (groups,) over draws and the last windows; a missing estimate counts as 100 %."""
+    last = np.nan_to_num(errors[:, -JUDGED:], nan=1.0).reshape(groups, -1)
+    return np.sqrt(np.mean(last**2, axis=1)), np.percentile(last, 95.0, axis=1)
+
+
+def _accuracy(method: Method, runs: Sequence[Run], record: Record, count: int) -> Accuracy:
+    rms, p95 = judged(relative_errors(record, method.estimate(record)), count)
+    bounds = [bound_of_run(method, run) for run in runs]
+    return Accuracy(method.name, method.signals, rms, p95, np.array([np.nan if b is None else b.Z for b in bounds]))
+
+
+def bound_of_run(method: Method, run: Run) -> Bound | None:
+    """The bound of what a method sees at the end of a run, from the true currents; None where it measures nothing."""
+    recipe, grid = run.recipe, run.grids[-1]
+    noise = sensor_noise(run.converter, run.noise, recipe.adc_bits, recipe.adc_range_pu)
+    n, h = recipe.samples, recipe.sample_interval
+    _, i = run.space_vectors
+    i = i * np.exp(-1j * run.omega * h * np.arange(len(i)))
+    windows = i.reshape(-1, n).mean(axis=1)
+    about = (noise, n, grid.R_g, grid.L_g)
+    if method.signals == "steady":
+        return steady_window_bound(complex(windows[-1]), run.omega, *about, known_ratio=True)
+    if isinstance(method, TwoWindows):
+        # The pair that is still answering: the last that the gate lets pass moves by the gate at least.
+        moved = np.abs(windows[method.apart :] - windows[: -method.apart])
+        last = int(np.flatnonzero(moved > method.gate * np.abs(windows).max())[-1]) if moved.any() else 0
+        return windows_bound(windows[[last, last + method.apart]], run.omega, *about)
+    if method.signals == "windows":
+        return windows_bound(windows, run.omega, *about)
+    if isinstance(method, Injection):
+        line = method.phasors(i[None, :], len(windows), h)[0, -1]
+        return probe_bound([line], [run.omega + method.slip()], run.omega, noise, n * method.cycles, *about[2:])
+    if isinstance(method, PseudoRandomSequence):
+        count = method.period(h)
+        lines, slip = method.lines(i[None, -2 * count :])
+        return probe_bound(lines[0], run.omega + slip, run.omega, noise, count, *about[2:])
+    return None
+
+
+def _disturbance(name: str, plain: Sequence[Run], probed: Sequence[Run]) -> Disturbance:
+    moves = []
+    for without, with_probe in zip(plain, probed, strict=True):
+        rest = slice(0, BEFORE * without.recipe.samples)
+        pairs = zip(without.powers, with_probe.powers, strict=True)
+        moves.append([np.abs(b[rest] - a[rest]).max() / without.converter.S_rated for a, b in pairs])
+    P, Q = np.array(moves).T
+    return Disturbance(name, P, Q)
+
+
+def _grid_steps(
+    study: Study, recipe: WindowRecipe, pair: tuple[float, float], methods: Sequence[Method],
+    settings: ComparisonSettings, progress: Progress,
+) -> list[GridStep]:  # fmt: skip
+    ratio = max(pair[0] / pair[1], pair[1] / pair[0])
+    changed = replace(
+        recipe, name="grid_step", scr=one_of(*pair), P_step_pu=one_of(0.0), grid_step_share=1.0,
+        grid_step_ratio=max(1.01 * ratio, recipe.grid_step_ratio),
+    )  # fmt: skip
+    by_probe = probed_runs(study, [(changed, 0)], methods, settings.seed, progress)
+    steps = []
+    for method in methods:
+        record = measure(by_probe[probe_name(method)], settings.draws)
+        found = method.estimate(record)
+        error = relative_errors(record, found)
+        omega = record.omega[:, None]
+        period = record.samples * record.sample_interval
+        t_s = np.asarray((np.arange(record.windows) + 1 - BEFORE) * period, dtype=np.float64)
+        delay = tuple(_delay(row[BEFORE:], t_s[BEFORE:]) for row in error)
+        truth = np.hypot(record.R_g, omega * record.L_g)[0]
+        Z = np.hypot(found.R_g, omega * found.L_g)
+        steps.append(GridStep(method.name, pair, t_s, Z, truth, error, delay))
+    return steps
+
+
+def _delay(error: Array, t_s: Array) -> float:
+    """The end of the first window from which on every error is within the limit."""
+    outside = np.flatnonzero(~(error <= WITHIN))
+    first = 0 if len(outside) == 0 else int(outside[-1]) + 1
+    return float(t_s[first]) if first < len(error) else float("inf")

@@ -1,0 +1,122 @@
+"""Where estimators break: one thing at a time taken from its nominal value, on the same runs for all methods."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.network_weights import NetworkWeights
+from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.estimator.baselines import measure
+from vsgdesign.estimator.comparison import (
+    ComparisonSettings,
+    all_methods,
+    judged,
+    probe_name,
+    probed_runs,
+    relative_errors,
+)
+from vsgdesign.estimator.recipes import WindowRecipe, one_of
+from vsgdesign.parameters.study import Study
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StressAxis:
+    """One quantity, its values and what a value does to the nominal recipe. ``converter`` gives what it depends on."""
+
+    name: str
+    title: str
+    unit: str
+    values: tuple[float, ...]
+    nominal: float
+    change: Callable[[WindowRecipe, float, float], WindowRecipe]
+    """(nominal recipe, value, ω_n in rad/s) to the recipe."""
+    logarithmic: bool = False
+
+
+def _shift(recipe: WindowRecipe, samples: float, omega_n: float) -> WindowRecipe:
+    return replace(recipe, phase=one_of(samples * omega_n * recipe.sample_interval))
+
+
+def _frequency(recipe: WindowRecipe, frequency_hz: float, omega_n: float) -> WindowRecipe:
+    return replace(recipe, f_g_pu=one_of(2.0 * math.pi * frequency_hz / omega_n))
+
+
+def _noise(recipe: WindowRecipe, noise_pct: float, _: float) -> WindowRecipe:
+    return replace(recipe, noise_v=one_of(0.01 * noise_pct), noise_i=one_of(0.01 * noise_pct))
+
+
+def _harmonics(recipe: WindowRecipe, share_pct: float, _: float) -> WindowRecipe:
+    return replace(recipe, harmonic_5=one_of(0.01 * share_pct), harmonic_7=one_of(0.01 * share_pct))
+
+
+AXES = (
+    StressAxis("frequency", "Grid frequency", "Hz", (49.9, 49.95, 49.99, 50.0, 50.01, 50.05, 50.1), 50.0, _frequency),
+    StressAxis("shift", "Window shifted by", "samples", (-2.0, -1.0, 0.0, 1.0, 2.0), 0.0, _shift),
+    StressAxis("V_g", "Grid voltage", "pu", (0.95, 0.99, 1.0, 1.01, 1.05), 1.0,
+               lambda recipe, value, _: replace(recipe, V_g_pu=one_of(value))),
+    StressAxis("x_over_r", "X/R", "1", (0.3, 0.5, 1.0, 2.0, 4.0, 8.0), 1.0,
+               lambda recipe, value, _: replace(recipe, x_over_r=one_of(value)), True),
+    StressAxis("scr", "SCR", "1", (2.0, 3.0, 5.0, 8.0, 12.0, 20.0), 8.0,
+               lambda recipe, value, _: replace(recipe, scr=one_of(value)), True),
+    StressAxis("noise", "Sensor noise", "%", (0.0, 0.01, 0.05, 0.1, 0.3, 1.0), 0.0, _noise),
+    StressAxis("harmonics", "5th and 7th harmonic, each", "%", (0.0, 0.5, 1.0, 2.0, 3.0), 0.0, _harmonics),
+)  # fmt: skip
+"""The questions of the stress page. Powers are held where they are by the references, whatever the droop."""
+
+
+@dataclass(frozen=True, eq=False)
+class AxisResult:
+    """Errors |Ẑ − Z|/|Z| of every method along one axis: rms and 95th percentile, (methods, values)."""
+
+    axis: StressAxis
+    rms: Array
+    p95: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Stress:
+    """All axes."""
+
+    settings: ComparisonSettings
+    methods: tuple[str, ...]
+    results: tuple[AxisResult, ...]
+    weights: dict[str, str] = field(default_factory=dict)
+
+    def at(self, method: str, axis: str, value: float) -> float:
+        """The rms error of one method at one value."""
+        result = next(result for result in self.results if result.axis.name == axis)
+        return float(result.rms[self.methods.index(method), result.axis.values.index(value)])
+
+
+def stress_methods(
+    study: Study, networks: dict[str, NetworkWeights], settings: ComparisonSettings | None = None,
+    axes: tuple[StressAxis, ...] = AXES, progress: Progress = silent,
+) -> Stress:  # fmt: skip
+    """Run every value of every axis; otherwise SCR 8, and ideal sensors as published. Raises as
+    :func:`vsgdesign.estimator.comparison.compare_methods`."""
+    settings = settings or ComparisonSettings(noise=0.0, adc_bits=0)
+    methods = all_methods(study, networks, settings.guess_scr)
+    nominal = replace(settings, scr=(8.0,)).recipe()
+    omega_n = study.converter.omega_n
+    cases = [(axis.change(nominal, value, omega_n), 0) for axis in axes for value in axis.values]
+    by_probe = probed_runs(study, cases, methods, settings.seed, progress)
+    rms, p95 = (np.empty((len(methods), len(cases))) for _ in range(2))
+    records = {name: measure(runs, settings.draws) for name, runs in by_probe.items()}
+    for k, method in enumerate(methods):
+        progress("estimates", k / len(methods))
+        record = records[probe_name(method)]
+        rms[k], p95[k] = judged(relative_errors(record, method.estimate(record)), len(cases))
+    ends = np.cumsum([len(axis.values) for axis in axes])[:-1]
+    results = tuple(
+        AxisResult(axis, *parts)
+        for axis, *parts in zip(axes, np.split(rms, ends, axis=1), np.split(p95, ends, axis=1), strict=True)
+    )
+    hashes = {name: weights.hash for name, weights in networks.items()}
+    return Stress(settings, tuple(method.name for method in methods), results, hashes)
