@@ -84,7 +84,9 @@ def _build(
     rounds = 0
     P, Q = controller.target.P, controller.target.Q
     boxes = [scenarios_of_estimate(study, spec, s, x, P, Q) for s in scr for x in ratio]
+    tell("look for a common design", 0.0)
     centre = tuple(float(value) for value in common_design(law, spec, [box for box in boxes if len(box)]))
+    tell("look for a common design", 1.0)
     while True:
         tasks = [CellTask(study, controller.target, spec, s, x, centre, seed) for s in scr for x in ratio]
         records = sweep(tasks, folder, executor, tell)
