@@ -64,7 +64,9 @@ def fisher_information(
         root = np.sqrt(weight)[:, None]
         basis, _ = np.linalg.qr(root * np.asarray(nuisance, dtype=complex))
         scaled = root * rows
-        rows = (scaled - basis @ (basis.conj().T @ scaled)) / root
+        left = scaled - basis @ (basis.conj().T @ scaled)
+        rounding = 1e-10 * np.linalg.norm(scaled, axis=0)
+        rows = np.where(np.linalg.norm(left, axis=0) > rounding, left, 0.0) / root
     return np.real(rows.conj().T @ (weight[:, None] * rows))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
+from vsgdesign.artifacts.network_weights import NetworkWeights
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.estimator.baselines import (
     ConstantGuess,
@@ -141,27 +141,13 @@ def train_networks(
     study: Study, settings: ComparisonSettings | None = None, progress: Progress = silent
 ) -> dict[str, NetworkWeights]:
     """The published network, and one of continuous grids that has seen noise; made here and now, some seconds each."""
+    from vsgdesign.estimator.trained import train_estimator
+
     seen = with_sensors(CONTINUOUS, settings or ComparisonSettings())
     return {
-        "Neural, published": train_weights(study, PUBLISHED, progress=progress),
-        "Neural, with noise": train_weights(study, seen, progress=progress),
+        "Neural, published": train_estimator(study, PUBLISHED, progress=progress).weights,
+        "Neural, continuous": train_estimator(study, seen, progress=progress).weights,
     }
-
-
-def train_weights(study: Study, recipe: WindowRecipe, seed: int = 0, progress: Progress = silent) -> NetworkWeights:
-    """Weights of a recipe's windows."""
-    from vsgdesign.estimator.training import train_network
-    from vsgdesign.estimator.windows import generate_windows
-
-    data = generate_windows(study, recipe, seed, progress=progress)
-    targets = np.column_stack([data.R_g, data.L_g])
-    training = train_network(data.windows, targets, data.split(seed=seed), seed=seed, progress=progress)
-    box = {name: (float(x.min()), float(x.max())) for name, x in zip(("R_g", "L_g"), targets.T, strict=True)}
-    window = WindowFormat(data.samples, data.sample_interval, data.channels, data.synchronised)
-    return NetworkWeights(
-        network=training.network, window=window, trained_on=box, data_hash=data.hash,
-        recipe=dict(data.header["recipe"]), seed=seed,
-    )  # fmt: skip
 
 
 def compare_methods(

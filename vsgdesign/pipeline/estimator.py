@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts import staged_folder, write_json
 from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.parameters.study import Study
 
+if TYPE_CHECKING:
+    from vsgdesign.estimator.comparison import ComparisonSettings
+
 
 def report_comparison(
-    study: Study, out: str | Path, *, weights: tuple[str, ...] = (), progress: Progress | None = None
-) -> dict[str, Any]:
+    study: Study, out: str | Path, *, weights: tuple[str, ...] = (), settings: ComparisonSettings | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """Leave results.json, figures and report.html in ``out``; returns the content of results.json.
 
     ``weights`` are files of networks to compare; without, the published network and one that has seen noise are
@@ -26,7 +30,7 @@ def report_comparison(
 
     tell = progress or silent
     with staged_folder(out) as folder:
-        found = compare_methods(study, _networks(study, weights, tell), progress=tell)
+        found = compare_methods(study, _networks(study, weights, tell), settings, progress=tell)
         (folder / "figures").mkdir()
         figures = write_all(comparison_figures(found), folder / "figures")
         write_comparison_page(study.title, found, figures, folder / "report.html")
@@ -48,8 +52,9 @@ def report_comparison(
 
 
 def report_stress(
-    study: Study, out: str | Path, *, weights: tuple[str, ...] = (), progress: Progress | None = None
-) -> dict[str, Any]:
+    study: Study, out: str | Path, *, weights: tuple[str, ...] = (), settings: ComparisonSettings | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """The same for the stress page."""
     from vsgdesign.estimator.stress import stress_methods
     from vsgdesign.report.estimator_figures import stress_figures, write_all
@@ -57,7 +62,7 @@ def report_stress(
 
     tell = progress or silent
     with staged_folder(out) as folder:
-        found = stress_methods(study, _networks(study, weights, tell), progress=tell)
+        found = stress_methods(study, _networks(study, weights, tell), settings, progress=tell)
         (folder / "figures").mkdir()
         figures = write_all(stress_figures(found), folder / "figures")
         write_stress_page(study.title, found, figures, folder / "report.html")

@@ -163,7 +163,8 @@ def _grid_step(steps: Sequence[GridStep]) -> NamedFigure:
         axes.set_xlim(t_ms[0], t_ms[-1])
         delay = 1e3 * float(np.median(step.delay))
         words = f"within 10 % after {delay:.0f} ms" if np.isfinite(delay) else "not within 10 %"
-        axes.text(0.96, 0.93, words, transform=axes.transAxes, ha="right", va="top", fontsize=6.5, color=NOTE_COLOUR)
+        axes.text(0.96, 0.93, words, transform=axes.transAxes, ha="right", va="top", fontsize=6.5, color=NOTE_COLOUR,
+                  bbox={"facecolor": "#FFFFFF", "edgecolor": "none", "alpha": 0.85, "pad": 1.0}, zorder=5)  # fmt: skip
         axes.set_title(step.method)
         if k >= len(steps) - columns:
             axes.set_xlabel("Time after the change [ms]")

@@ -1,0 +1,167 @@
+"""Comparison and stress on one grid each: errors, bounds, disturbances and delays that make sense, and their pages."""
+
+from __future__ import annotations
+
+import functools
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from tests.artifacts.networks import random_weights
+from tests.cli.small_studies import SMALL
+from vsgdesign.artifacts.network_weights import write_network_weights
+from vsgdesign.cli import main
+from vsgdesign.errors import ArtifactError
+from vsgdesign.estimator.baselines import Estimates, NeuralMethod, Run, measure, run_case
+from vsgdesign.estimator.comparison import (
+    BEFORE,
+    Comparison,
+    ComparisonSettings,
+    compare_methods,
+    judged,
+    relative_errors,
+)
+from vsgdesign.estimator.stress import AXES, Stress, stress_methods
+from vsgdesign.parameters import load_study
+from vsgdesign.pipeline.estimator import report_comparison
+from vsgdesign.report.estimator_figures import comparison_figures, stress_figures, write_all
+from vsgdesign.report.estimator_page import (
+    delay_table,
+    stress_conclusion,
+    write_comparison_page,
+    write_stress_page,
+)
+
+SETTINGS = ComparisonSettings(scr=(8.0,), grid_steps=((2.0, 8.0),), draws=3)
+NETWORKS = {"Untrained": random_weights(synchronised=True)}
+PROBED = ("75 Hz injection", "PRBS, least squares")
+
+
+@functools.cache
+def compared() -> Comparison:
+    return compare_methods(load_study("studies/published/study.toml"), NETWORKS, SETTINGS)
+
+
+@functools.cache
+def stressed() -> Stress:
+    few = tuple(axis for axis in AXES if axis.name in ("shift", "harmonics"))
+    return stress_methods(load_study("studies/published/study.toml"), NETWORKS, axes=few)
+
+
+@functools.cache
+def one_run() -> Run:
+    return run_case(load_study("studies/published/study.toml"), SETTINGS.recipe(), 0)
+
+
+def test_probes_come_close_to_their_bound() -> None:
+    """60 correlated windows: an rms within a factor of 1.6 of what it estimates, far from a factor of two."""
+    for one in compared().accuracy:
+        if one.method in PROBED:
+            assert 0.6 < float(one.rms[0] / one.bound[0]) < 1.6
+            assert one.p95[0] > one.rms[0]
+
+
+def test_nobody_who_measures_is_below_half_the_bound_and_the_guess_has_none() -> None:
+    for one in compared().accuracy:
+        if one.method == "Constant guess":
+            assert np.isnan(one.bound[0])
+            assert one.rms[0] == pytest.approx(8.0 / 6.3 - 1.0, rel=1e-6)
+        else:
+            assert one.rms[0] > 0.5 * one.bound[0]
+
+
+def test_a_probe_moves_power_as_its_current_says() -> None:
+    """0.5 % of V over |Z(75 Hz)| is a current; with V it is a power. The inner loops pass most of it."""
+    study = load_study("studies/published/study.toml")
+    Z = 0.9075 * abs(1.0 + 1.5j)
+    expected = 0.005 * study.converter.Z_base / Z
+    injection = next(one for one in compared().disturbances if one.method == PROBED[0])
+    assert 0.7 * expected < float(injection.P[0]) < 1.3 * expected
+
+
+def test_the_run_knows_the_grids_frequency() -> None:
+    assert one_run().omega == pytest.approx(100.0 * np.pi, abs=0.02)
+
+
+def test_both_channels_are_the_same_sensors() -> None:
+    """Without zero sequence phase A is α; three independent sensors have one, a third of the noise."""
+    record = measure([one_run()])
+    difference = record.phase_a[0, :, : record.samples].ravel() - record.v[0].real
+    sigma = record.noise[0].v
+    assert np.std(difference) == pytest.approx(sigma / np.sqrt(3.0), rel=0.1)
+
+
+def test_after_a_change_of_grid_the_sequence_finds_it_again() -> None:
+    steps = {step.method: step for step in compared().grid_steps}
+    step = steps["PRBS, least squares"]
+    assert max(step.delay) <= 0.2
+    assert step.t_s[BEFORE - 1] == pytest.approx(0.0, abs=1e-12)
+    assert step.Z_true[BEFORE - 1] / step.Z_true[BEFORE] == pytest.approx(4.0)
+    assert steps["Constant guess"].delay == (np.inf,) * 3
+
+
+def test_a_missing_estimate_counts_in_full() -> None:
+    rms, _ = judged(np.full((2, 40), np.nan), 1)
+    assert rms[0] == 1.0
+
+
+def test_errors_are_of_the_complex_impedance() -> None:
+    record = measure([one_run()])
+    found = Estimates(record.R_g, 2.0 * record.L_g)
+    assert relative_errors(record, found)[0, 0] == pytest.approx(1.0 / np.sqrt(2.0), rel=1e-4)  # X/R 1
+
+
+def test_weights_of_other_windows_are_refused() -> None:
+    with pytest.raises(ArtifactError, match="50 samples"):
+        NeuralMethod(random_weights(samples=50)).estimate(measure([one_run()]))
+
+
+def test_probes_do_not_care_for_phase_and_harmonics() -> None:
+    for name in PROBED:
+        for result in stressed().results:
+            assert result.rms[stressed().methods.index(name)].max() < 0.01
+
+
+def test_pages_and_figures(tmp_path: Path) -> None:
+    figures = write_all(comparison_figures(compared()), tmp_path)
+    page = write_comparison_page("A study", compared(), figures, tmp_path / "a.html").read_text()
+    assert {figure.name for figure in figures} == {
+        "estimator_accuracy", "estimator_disturbance", "estimator_grid_step_2_8",
+    }  # fmt: skip
+    for figure in figures:
+        assert f'id="figure-{figure.name}"' in page
+    assert "> T" in {row[0]: row for row in delay_table(compared()).rows}["Constant guess"]
+    figures = write_all(stress_figures(stressed()), tmp_path)
+    page = write_stress_page("A study", stressed(), figures, tmp_path / "b.html").read_text()
+    assert "What a field estimator needs" in page
+    assert any(sentence.startswith("PRBS, least squares: within 10 %") for sentence in stress_conclusion(stressed()))
+
+
+def test_the_folder_holds_what_was_found(tmp_path: Path) -> None:
+    write_network_weights(NETWORKS["Untrained"], tmp_path / "mine.json")
+    study = load_study("studies/published/study.toml")
+    quick = replace(SETTINGS, draws=1, grid_steps=((8.0, 20.0),))
+    report_comparison(study, tmp_path / "out", weights=(str(tmp_path / "mine.json"),), settings=quick)
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert results["weights"] == {"Neural, mine": NETWORKS["Untrained"].hash}
+    assert results["settings"]["scr"] == [8.0]
+    assert len(results["accuracy"]) == len(results["grid_steps"]) == 7
+    for name in results["figures"]:
+        assert (tmp_path / "out" / "figures" / f"{name}.svg").is_file()
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
+def test_verbs_refuse_bad_weights_and_leave_no_folder(tmp_path: Path) -> None:
+    study, weights = tmp_path / "s.toml", tmp_path / "w.json"
+    study.write_text(SMALL)
+    weights.write_text(json.dumps({}))
+    for verb in ("compare", "stress"):
+        arguments = ["estimator", verb, str(study), "--out", str(tmp_path / "out"), "--weights", str(weights)]
+        result = CliRunner().invoke(main, arguments)
+        assert result.exit_code == 2
+        assert "network weights" in result.output
+    assert not (tmp_path / "out").exists()
