@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -46,6 +48,15 @@ def gain_changes(study: Study, spec: ControllerSpec, timeline: Timeline) -> tupl
         # Two changes between two updates: only the last is ever seen.
         changes = [earlier for earlier in changes if earlier.t_s < change.t_s] + [change]
     return tuple(changes)
+
+
+def settled_changes(changes: Sequence[GainChange], instants: Sequence[float], end_s: float) -> tuple[GainChange, ...]:
+    """Few of many changes: the first, and whatever holds right before each instant and at the end, once each."""
+    starts = [change.t_s for change in changes]
+    held = {0}
+    for t_s in (*instants, end_s):
+        held.add(max(bisect_left(starts, t_s - 1e-9) - 1, 0))
+    return tuple(changes[k] for k in sorted(held))
 
 
 def _gains(schedule: Schedule, grid: Grid, where: str) -> PowerLoopGains:

@@ -15,6 +15,7 @@ from vsgdesign.frames import clarke, clarke_inverse, instantaneous_power
 from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
+from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.online import pcc_vectors
 from vsgdesign.simulation.run import Simulation, simulate
@@ -33,6 +34,8 @@ class ControllerResult:
     simulation: Simulation
     series: dict[str, Array]
     events: tuple[EventMetrics, ...]
+    estimates: EstimateLog | None = None
+    """Of a controller that estimates the grid: what it was told, window by window."""
 
 
 @dataclass(frozen=True)
@@ -60,18 +63,24 @@ def run_scenario(
     """Check every operating point, then simulate every controller.
 
     ``progress`` is called with the controller's name and the simulated time in s. Raises InfeasibleStudyError
-    naming the instant at which the scenario asks for what its grid cannot carry.
+    naming the instant at which the scenario asks for what its grid cannot carry, or a controller whose network is
+    not there; ArtifactError where the network does not fit.
     """
     timeline = build_timeline(study)
     points = operating_points(study, timeline)
-    changes = [gain_changes(study, spec, timeline) for spec in study.controllers]
+    feeds = [
+        EstimatedScheduler(study, spec) if spec.estimate == "neural" else gain_changes(study, spec, timeline)
+        for spec in study.controllers
+    ]
     results = []
-    for spec, gains in zip(study.controllers, changes, strict=True):
+    for spec, feed in zip(study.controllers, feeds, strict=True):
         report = None if progress is None else _reporter(progress, spec.name)
-        run = simulate(study, gains, bridge=bridge, progress=report)
+        run = simulate(study, feed, bridge=bridge, progress=report)
         series = derive_series(study, run)
         events = measure_events(study, series)
-        results.append(ControllerResult(spec, bridge or study.simulation.bridge, gains, run, series, events))
+        estimates = feed.log(timeline) if isinstance(feed, EstimatedScheduler) else None
+        used = bridge or study.simulation.bridge
+        results.append(ControllerResult(spec, used, run.gain_changes, run, series, events, estimates))
     return ScenarioResult(study, timeline, points, tuple(results))
 
 

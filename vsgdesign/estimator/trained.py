@@ -1,0 +1,123 @@
+"""From a study and a recipe to weights, with what a report shows of how they came about. Plain arrays: no PyTorch."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts import provenance
+from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
+from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.estimator.data_set import DataSet
+from vsgdesign.estimator.recipes import WindowRecipe
+from vsgdesign.estimator.windows import generate_windows
+from vsgdesign.parameters.study import Study
+
+Array = NDArray[np.float64]
+
+HISTORY = ("epoch", "cost", "validation", "test", "gradient", "mu", "checks")
+"""Columns of a training's history."""
+
+
+@dataclass(frozen=True, eq=False)
+class PartOfData:
+    """Windows of one purpose: true and estimated (R_g, L_g), (N, 2) in Ω and H, and what was made of them."""
+
+    truth: Array
+    estimate: Array
+    mse: float
+    """Of the targets scaled to −1 … 1."""
+    correlation: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedEstimator:
+    """Weights and how they came about."""
+
+    weights: NetworkWeights
+    parts: dict[str, PartOfData]
+    """``training``, ``validation`` and ``test``."""
+    history: dict[str, Array]
+    """An array over epochs for each of HISTORY, of the start that was taken."""
+    stop: str
+    best_epoch: int
+    epochs: int
+    """Over all starts."""
+    components: int
+    timing_s: dict[str, float]
+    """Wall time of ``windows`` and ``training``."""
+
+
+def train_estimator(
+    study: Study, recipe: WindowRecipe, *, seed: int = 0, hidden: int = 8, components: int = 6, starts: int = 4,
+    out: str | Path | None = None, workers: int = 1, progress: Progress = silent,
+) -> TrainedEstimator:  # fmt: skip
+    """Make the windows of a recipe, train a network on them and judge it.
+
+    The same arguments give the same weights. ``out`` keeps the windows, and finished blocks of an interrupted call.
+    An interrupted training raises KeyboardInterrupt: it takes seconds. Raises InfeasibleStudyError without PyTorch,
+    and the errors of :func:`vsgdesign.estimator.windows.generate_windows`.
+    """
+    require_torch()
+    begin = time.perf_counter()
+    data = generate_windows(study, recipe, seed, out=out, workers=workers, progress=progress)
+    timing = {"windows": time.perf_counter() - begin}
+    trained = train_on(study, data, seed=seed, hidden=hidden, components=components, starts=starts, progress=progress)
+    timing["training"] = time.perf_counter() - begin - timing["windows"]
+    trained.timing_s.update(timing)
+    return trained
+
+
+def require_torch() -> None:
+    """Raises InfeasibleStudyError where PyTorch is missing."""
+    if importlib.util.find_spec("torch") is None:
+        raise InfeasibleStudyError(
+            'training needs PyTorch, which is not installed: pip install "vsgdesign[train]" brings it, or give trained '
+            'weights (weights = "FILE.json" in [estimator]).'
+        )
+
+
+def train_on(
+    study: Study, data: DataSet, *, seed: int, hidden: int, components: int, starts: int, progress: Progress = silent
+) -> TrainedEstimator:
+    """Train on windows that are there already."""
+    require_torch()
+    from vsgdesign.estimator.training import TrainingSettings, train_network
+
+    settings = TrainingSettings(hidden=hidden, components=components, starts=starts)
+    targets, split = np.column_stack([data.R_g, data.L_g]), data.split(seed=seed)
+    training = train_network(data.windows, targets, split, settings, seed=seed, progress=progress)
+    if training.stop == "interrupted":
+        raise KeyboardInterrupt
+    parts = {}
+    for name, rows in vars(split).items():
+        metrics = training.metrics[name]
+        R, L = metrics.correlation
+        parts[name] = PartOfData(targets[rows], training.network.evaluate(data.windows[rows]), metrics.mse, (R, L))
+    box = {name: getattr(data, name)[split.training] for name in ("R_g", "L_g", "P", "Q")}
+    c = study.converter
+    weights = NetworkWeights(
+        network=training.network,
+        window=WindowFormat(data.samples, data.sample_interval, data.channels, data.synchronised),
+        trained_on={name: (float(values.min()), float(values.max())) for name, values in box.items()},
+        data_hash=data.hash,
+        recipe=dict(data.header["recipe"]),
+        seed=seed,
+        training={
+            "settings": asdict(settings), "stop": training.stop, "epochs": training.epochs,
+            "components": training.components,
+            "parts": {name: {"mse": part.mse, "correlation": part.correlation} for name, part in parts.items()},
+            "converter": {"S_rated": c.S_rated, "V_rated_rms": c.V_rated_rms},
+        },
+        provenance=dict(provenance()),
+    )  # fmt: skip
+    history = {name: np.array([getattr(line, name) for line in training.history], dtype=float) for name in HISTORY}
+    return TrainedEstimator(
+        weights, parts, history, training.stop, training.best_epoch, training.epochs, training.components, {}
+    )

@@ -1,0 +1,110 @@
+"""How good an estimate of the grid is: at rest, and how long it takes after a change."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+FOUND_PCT = 10.0
+"""An estimate within this of the truth, in R_g and in L_g, has found a new grid, per cent."""
+
+REST_S = 1.0
+"""Longest part of a stretch before an event that counts as rest, s; of a shorter stretch its last quarter."""
+
+
+@dataclass(frozen=True)
+class RestError:
+    """Relative errors in per cent over the rest before an event. NaN where there is no estimate."""
+
+    begin_s: float
+    end_s: float
+    R_g: float
+    L_g: float
+    """The true grid, Ω and H."""
+    R_mean_pct: float
+    L_mean_pct: float
+    R_worst_pct: float
+    L_worst_pct: float
+    """Largest magnitudes."""
+
+
+@dataclass(frozen=True)
+class ChangeSeen:
+    """A change of grid as an estimate follows it."""
+
+    t_s: float
+    found_windows: int | None
+    """Windows from the change to the end of the first whose estimate has found the new grid."""
+    kept_windows: int | None
+    """The same for the first from which on every estimate has, until the next event."""
+    worst_pct: float
+    """Largest error of R_g or L_g from the first whole window after the change to the next event."""
+
+
+def relative_errors_pct(truth: Array, estimate: Array) -> Array:
+    """100·(x̂/x − 1); infinite on what is truly zero."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return 100.0 * (estimate / truth - 1.0)
+
+
+def errors_at_rest(
+    t_s: Array, R_g: Array, L_g: Array, R_g_hat: Array, L_g_hat: Array, instants: Sequence[float], end_s: float
+) -> tuple[RestError, ...]:
+    """Before each of the instants (events) and the end. ``t_s`` (N,) are the windows' ends; R in Ω, L in H."""
+    edges = [0.0, *sorted({t for t in instants if 0.0 < t < end_s}), end_s]
+    errors_R, errors_L = relative_errors_pct(R_g, R_g_hat), relative_errors_pct(L_g, L_g_hat)
+    found = []
+    for begin, end in itertools.pairwise(edges):
+        rest = end - min(REST_S, 0.25 * (end - begin))
+        rows = (t_s > rest + 1e-9) & (t_s < end + 1e-9)
+        if not rows.any():
+            continue
+        last = int(np.flatnonzero(rows)[-1])
+        R, L = errors_R[rows], errors_L[rows]
+        found.append(
+            RestError(
+                rest,
+                end,
+                float(R_g[last]),
+                float(L_g[last]),
+                float(R.mean()),
+                float(L.mean()),
+                float(np.abs(R).max()),
+                float(np.abs(L).max()),
+            )
+        )
+    return tuple(found)
+
+
+def changes_seen(
+    t_s: Array, R_g: Array, L_g: Array, R_g_hat: Array, L_g_hat: Array, period: float, changes: Sequence[float],
+    instants: Sequence[float], end_s: float,
+) -> tuple[ChangeSeen, ...]:  # fmt: skip
+    """How each change of grid was followed, up to the next of the instants (events) or the end."""
+    worse = np.maximum(
+        np.abs(relative_errors_pct(R_g, R_g_hat)), np.abs(relative_errors_pct(L_g, L_g_hat))
+    )  # NaN stays NaN
+    seen = []
+    for change in changes:
+        until = min([t for t in instants if t > change + 1e-9] + [end_s])
+        rows = np.flatnonzero((t_s > change + 1e-9) & (t_s < until + 1e-9))
+        if len(rows) == 0:
+            continue
+        good = worse[rows] <= FOUND_PCT  # NaN is not good
+        windows = [math.ceil((t - change) / period - 1e-6) for t in t_s[rows]]
+        first = next((windows[k] for k in np.flatnonzero(good)), None)
+        bad = np.flatnonzero(~good)
+        from_there = 0 if len(bad) == 0 else int(bad[-1]) + 1
+        kept = windows[from_there] if from_there < len(windows) else None
+        # The window that holds the change belongs to two grids.
+        whole = worse[rows][np.array(t_s[rows]) > change + period - 1e-9]
+        worst = float(np.nanmax(whole)) if np.isfinite(whole).any() else math.nan
+        seen.append(ChangeSeen(change, first, kept, worst))
+    return tuple(seen)

@@ -1,0 +1,90 @@
+"""What an estimated grid is worth in a scenario: errors, delays, and the response beside that with the truth."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+from vsgdesign.metrics.estimation import ChangeSeen, RestError, changes_seen, errors_at_rest
+from vsgdesign.simulation.estimated import EstimateLog
+from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
+
+
+@dataclass(frozen=True)
+class StepAgainstTruth:
+    """One reference step of a controller with the estimate, and of the same controller with the truth.
+
+    On the instantaneous power with an averaged bridge, on its one-cycle mean with a switched one.
+    """
+
+    t_s: float
+    name: str
+    signal: str
+    settling_time_s: float | None
+    settling_time_truth_s: float | None
+    overshoot_pct: float | None
+    overshoot_truth_pct: float | None
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """One controller that estimates."""
+
+    name: str
+    log: EstimateLog
+    statuses: dict[str, int]
+    rest: tuple[RestError, ...]
+    changes: tuple[ChangeSeen, ...]
+    twin: str | None
+    """The controller that differs by knowing the truth alone, if the study has one."""
+    steps: tuple[StepAgainstTruth, ...]
+
+
+def judge_estimates(result: ScenarioResult) -> tuple[Judgement, ...]:
+    """Every controller of a scenario that estimates the grid, in order."""
+    study, timeline = result.study, result.timeline
+    instants = sorted({event.t_s for event in study.events})
+    changes = [t_s for t_s, _ in timeline.grids if t_s > 0.0]
+    end_s = study.simulation.duration
+    found = []
+    for controller in result.controllers:
+        log = controller.estimates
+        if log is None:
+            continue
+        rows = (log.t_s, log.R_g, log.L_g, log.R_g_hat, log.L_g_hat)
+        twin = next((other for other in result.controllers if _is_twin(controller, other)), None)
+        found.append(
+            Judgement(
+                controller.spec.name,
+                log,
+                dict(Counter(log.status)),
+                errors_at_rest(*rows, instants, end_s),
+                changes_seen(*rows, log.period, changes, instants, end_s),
+                None if twin is None else twin.spec.name,
+                () if twin is None else _against(controller, twin),
+            )
+        )
+    return tuple(found)
+
+
+def _is_twin(controller: ControllerResult, other: ControllerResult) -> bool:
+    return other.estimates is None and replace(controller.spec, name=other.spec.name, estimate="truth") == other.spec
+
+
+def _against(controller: ControllerResult, twin: ControllerResult) -> tuple[StepAgainstTruth, ...]:
+    steps = []
+    for ours, theirs in zip(controller.events, twin.events, strict=True):
+        if ours.kind == "step":
+            a, b = (e.raw if controller.bridge == "averaged" else e.one_cycle_mean for e in (ours, theirs))
+            steps.append(
+                StepAgainstTruth(
+                    ours.t_s,
+                    ours.name,
+                    ours.signal,
+                    a.settling_time_s,
+                    b.settling_time_s,
+                    a.overshoot_pct,
+                    b.overshoot_pct,
+                )
+            )
+    return tuple(steps)
