@@ -16,6 +16,7 @@ from vsgdesign.cli_common import print_json as _print_json
 from vsgdesign.cli_common import progress as _progress
 from vsgdesign.cli_common import verb as _verb
 from vsgdesign.cli_estimator import estimator
+from vsgdesign.cli_export import export
 from vsgdesign.cli_table import table
 
 
@@ -197,6 +198,7 @@ def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, re
 
 
 main.add_command(estimator)
+main.add_command(export)
 main.add_command(table)
 
 if __name__ == "__main__":

@@ -18,24 +18,24 @@ MARKER = "results.json"
 """A folder that holds this file is one of ours and may be replaced."""
 
 
-def _check_replaceable(target: Path) -> None:
+def _check_replaceable(target: Path, marker: str) -> None:
     if target.exists() and not target.is_dir():
         raise ArtifactError(f'"{target}" is a file; give a folder for the results.')
-    if target.is_dir() and any(target.iterdir()) and not (target / MARKER).is_file():
+    if target.is_dir() and any(target.iterdir()) and not (target / marker).is_file():
         raise ArtifactError(
-            f'"{target}" holds other files (no {MARKER} in it) and is left untouched; give a new or an empty folder.'
+            f'"{target}" holds other files (no {marker} in it) and is left untouched; give a new or an empty folder.'
         )
 
 
 @contextmanager
-def staged_folder(target: str | Path) -> Iterator[Path]:
+def staged_folder(target: str | Path, marker: str = MARKER) -> Iterator[Path]:
     """A fresh folder to write into, which takes the target's place when the block ends without an error.
 
-    A target from an earlier run (it holds results.json) is replaced; one with anything else in it is refused
+    A target from an earlier run (it holds the marker) is replaced; one with anything else in it is refused
     at once. After an error or an interruption the target is as it was before. Raises ArtifactError.
     """
     target = Path(target).absolute()
-    _check_replaceable(target)
+    _check_replaceable(target, marker)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         staging = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
@@ -44,7 +44,7 @@ def staged_folder(target: str | Path) -> Iterator[Path]:
     try:
         os.chmod(staging, 0o755)  # mkdtemp makes it private to the user
         yield staging
-        _check_replaceable(target)
+        _check_replaceable(target, marker)
         _replace(staging, target)
     finally:
         shutil.rmtree(staging, ignore_errors=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,6 +40,9 @@ REASONS = (
     "the grid of the place cannot carry the measured power",
 )
 """Why an estimate was not taken: the first guard that objected."""
+
+ARRIVED = 1e-5
+"""A place this near to its goal, relative to it, is there: rounding alone is no way to go."""
 
 Pair = tuple[float, float]
 
@@ -93,6 +97,13 @@ class SchedulerSettings:
     """Longest time that a single step may make up for."""
     stale_ticks: int = 500_000
     """Age of the last good estimate from which on the safe place is gone to."""
+
+    @cached_property
+    def rate_per_tick(self) -> float:
+        """Relative change per tick: the rate rounded down to a multiple of 2^−23, so that 1 + its product with ticks is
+        exact in single precision and many steps in a row drift apart by less. Slow rates are left as they are."""
+        units = np.floor(self.rate * self.tick * 2.0**23)
+        return float(units * 2.0**-23) if units >= 32.0 else float(np.float32(self.rate * self.tick))
 
     def __post_init__(self) -> None:
         for name in ("scr", "r_over_x", "P", "Q", "V_rms"):

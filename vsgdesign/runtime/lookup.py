@@ -42,7 +42,7 @@ class GainLookup:
     """Where the voltage is taken to be before any has been measured, V."""
     power_margin: float = 1.3
     """How far the grid's limit 3V²/|Z| must be above |S|."""
-    least_share: float = 0.1
+    least_share: float = 0.2
     """How much of b the Jacobian's A and D·V must be: nearer to the limit, gains grow without bound."""
 
     def coordinates(self, R_g: float, L_g: float) -> tuple[float, float]:

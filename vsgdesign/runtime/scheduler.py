@@ -13,6 +13,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError
 from vsgdesign.runtime.closed_form import ClosedFormSchedule
 from vsgdesign.runtime.guards import (
+    ARRIVED,
     CLAMPED,
     FALLBACK,
     FRESH,
@@ -47,7 +48,8 @@ _MASK = 0xFFFFFFFF
 _HALF = 0x80000000
 _OLDEST = 0x7FFFFFFF
 
-_SAID = {"ok": NO_REASON, "not finite": NOT_FINITE, "saturated": SATURATED}
+SAID = {"ok": NO_REASON, "not finite": NOT_FINITE, "saturated": SATURATED, "outside": IMPLAUSIBLE}
+"""The reason that an estimate's status is."""
 
 
 class Answer(NamedTuple):
@@ -139,13 +141,14 @@ def advance(
     if stale:
         goal_scr, goal_r = c.safe_scr, c.safe_r_over_x
 
-    factor = 1.0 + step * (c.rate * c.tick)
+    factor = 1.0 + step * c.rate_per_tick
     scr, r_over_x = limited(goal_scr, s.scr, factor), limited(goal_r, s.r_over_x, factor)
-    moving = LIMITED if scr != goal_scr or r_over_x != goal_r else 0
     place_scr = min(max(scr, c.scr[0]), c.scr[1])
     place_r = min(max(r_over_x, c.r_over_x[0]), c.r_over_x[1])
-    if place_scr != scr or place_r != r_over_x:
-        moving |= CLAMPED
+    aim_scr, aim_r = min(max(goal_scr, c.scr[0]), c.scr[1]), min(max(goal_r, c.r_over_x[0]), c.r_over_x[1])
+    moving = CLAMPED if aim_scr != goal_scr or aim_r != goal_r else 0
+    if abs(place_scr - aim_scr) > ARRIVED * aim_scr or abs(place_r - aim_r) > ARRIVED * aim_r:
+        moving |= LIMITED
 
     normalised = lookup.normalised(place_scr, place_r)
     gains = None if normalised is None else lookup.gains(normalised, place_scr, place_r, P, Q, V_rms)
@@ -203,7 +206,7 @@ class Scheduler:
     def update(self, v: Any, i: Any, P: float, Q: float, V_rms: float, ticks: int | None = None) -> Answer:
         """Gains from a window of v (V) and i (A) as the estimator takes them. Raises ArtifactError without one."""
         R_g, L_g, status = self._trained.estimate(np.asarray(v, dtype=float), np.asarray(i, dtype=float))
-        said = _SAID.get(status, IMPLAUSIBLE)
+        said = SAID.get(status, IMPLAUSIBLE)
         return self._advance(said, R_g, L_g, P, Q, V_rms, ticks)
 
     def push(self, v: Any, i: Any) -> bool:
@@ -311,16 +314,22 @@ def load_scheduler(
 ) -> Scheduler:  # fmt: skip
     """The scheduler of files. ``fit`` is what :func:`vsgdesign.runtime.network.neural_estimator` wants to know;
     ``study_hash`` refuses a table of another study. Raises ArtifactError with one sentence."""
-    from vsgdesign.artifacts.gain_table_file import read_table_file
-
-    found = read_table_file(table)
-    if study_hash is not None and study_hash != found.study_hash:
-        raise ArtifactError(
-            f"{table}: was designed for study {found.study} with hash {found.study_hash[:12]}, this one has "
-            f"{study_hash[:12]}. Give the table of this study, or design one."
-        )
+    found = read_table_of(table, study_hash)
     estimator = None if weights is None else load_neural_estimator(weights, **(fit or {}))
     return scheduler_of(found, estimator, **changes)
+
+
+def read_table_of(path: str | Path, study_hash: str | None = None) -> GainTable:
+    """The table of a file. Raises ArtifactError where it is damaged, newer, or of a study with another hash."""
+    from vsgdesign.artifacts.gain_table_file import read_table_file
+
+    table = read_table_file(path)
+    if study_hash is not None and study_hash != table.study_hash:
+        raise ArtifactError(
+            f"{path}: was designed for study {table.study} with hash {table.study_hash[:12]}, this one has "
+            f"{study_hash[:12]}. Give the table of this study, or design one."
+        )
+    return table
 
 
 def _check_same_case(lookup: GainLookup, settings: SchedulerSettings, estimator: NeuralEstimator) -> None:

@@ -1,0 +1,130 @@
+"""Random and edge inputs for Python and C, and how far apart their answers are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.artifacts.networks import random_weights
+from tests.gain_tables import table
+from vsgdesign.artifacts import write_table_file
+from vsgdesign.artifacts.network_weights import write_network_weights
+from vsgdesign.export import CompiledC, export_c_files
+from vsgdesign.export.known_answers import gain_sizes
+from vsgdesign.runtime import Scheduler
+from vsgdesign.runtime.guards import FRESH, NO_ESTIMATE, NO_REASON
+from vsgdesign.runtime.scheduler import Answer, advance, first_state
+from vsgdesign.runtime.state import SchedulerState
+
+KINDS = ("published", "poles"), ("decoupled", "poles"), ("angle_damped", "poles"), ("angle_damped", "inertia")
+
+
+def written(folder: Path, structure: str = "angle_damped", law: str = "poles", **changes: Any) -> tuple[Path, Path]:
+    """A table of 12 × 10 shaped cells and a network of 200–8–2, as files."""
+    scr, x_over_r = np.geomspace(1.5, 20.0, 12), np.geomspace(0.3, 20.0, 10)
+    bend = 1.0 + 0.2 * np.sin(np.arange(120.0)).reshape(12, 10)
+    shaped = {"H": 2.0 * bend, "zeta": 0.7 * bend} if law == "inertia" else {"k_1": 15.8 * bend, "d_1": 6.6 * bend}
+    shaped |= {"k_2": 4.0 * bend[::-1]} | ({} if structure == "published" else {"share_P": np.minimum(bend, 1.0)})
+    made = table(structure, law, scr=scr, x_over_r=x_over_r, parameters=shaped, **changes)
+    table_file, weights_file = folder / f"{structure}-{law}.json", folder / "weights.json"
+    write_table_file(made, table_file)
+    write_network_weights(random_weights(5), weights_file)
+    return table_file, weights_file
+
+
+def exported(folder: Path, structure: str = "angle_damped", law: str = "poles", **changes: Any) -> Path:
+    """The same as C."""
+    table_file, weights_file = written(folder, structure, law, **changes)
+    return export_c_files(table_file, folder / f"{structure}-{law}-c", weights=weights_file).folder
+
+
+@dataclass(frozen=True)
+class Calls:
+    """Inputs of updates. Numbers are what single precision holds, so that both precisions get the same."""
+
+    said: list[int]
+    values: np.ndarray
+    """(N, 5): R_g, L_g, P, Q, V."""
+    ticks: list[int]
+
+
+def random_calls(scheduler: Scheduler, count: int, seed: int) -> Calls:
+    """Walks through the box and beyond, with jumps, limits to the last bit, and what is no number."""
+    rng, c, lookup = np.random.default_rng(seed), scheduler.settings, scheduler.lookup
+    scr = np.exp(rng.uniform(np.log(0.7 * c.scr[0]), np.log(1.4 * c.scr[1]), count))
+    ratio = np.exp(rng.uniform(np.log(0.5 * c.r_over_x[0]), np.log(1.5 * c.r_over_x[1]), count))
+    stay = rng.random(count) < 0.9  # grids last for some windows, estimates of them scatter
+    last = np.maximum.accumulate(np.where(stay, 0, np.arange(count)))
+    grids = np.array([lookup.grid(scr[k], ratio[k]) for k in range(count)])[last]
+    grids *= np.exp(rng.choice([0.003, 0.03, 0.3], count)[:, None] * rng.normal(size=(count, 2)))
+    P, Q, V = (
+        rng.uniform(1.15 * low - 0.15 * high, 1.15 * high - 0.15 * low, count) for low, high in (c.P, c.Q, c.V_rms)
+    )
+    values = np.column_stack([grids, P, Q, V])
+    edges = [
+        *c.R_g, *c.L_g, *c.P, *c.Q, *c.V_rms, c.power_range, -c.power_range, c.voltage_range, 0.0, -0.0, np.nan,
+        np.inf, -np.inf, 1e-45, -1e-40, 3.4e38, -3.4e38,
+    ]  # fmt: skip
+    near = [float(np.nextafter(np.float32(edge), np.float32(side))) for edge in edges for side in (-np.inf, np.inf)]
+    hit = rng.random(values.shape) < 0.02
+    values = np.where(hit, rng.choice([*edges, *near], values.shape), values)
+    with np.errstate(over="ignore"):
+        values = values.astype(np.float32).astype(float)
+    steps = rng.choice([20_000, 19_999, 0, 1, 55_000, 600_000, -5, 2**31 - 1, 2**31], count,
+                       p=[0.9, 0.03, 0.01, 0.01, 0.02, 0.01, 0.01, 0.005, 0.005])  # fmt: skip
+    said = np.where(rng.random(count) < 0.03, NO_ESTIMATE, NO_REASON)
+    return Calls(said.tolist(), values, (np.cumsum(steps) % 2**32).tolist())
+
+
+@dataclass
+class Difference:
+    """The worst over all calls."""
+
+    calls: int = 0
+    statuses: int = 0
+    """Calls whose status or reason differs."""
+    fresh: int = 0
+    gains: float = 0.0
+    """Relative, as :func:`vsgdesign.export.known_answers.gain_sizes` says."""
+    place: float = 0.0
+
+    def add(self, a: Answer, b: Answer) -> None:
+        self.calls += 1
+        self.fresh += a.status & FRESH
+        self.statuses += (a.status, a.reason) != (b.status, b.reason)
+        for want, got, size in zip(a.gains, b.gains, gain_sizes(a.gains), strict=True):
+            if want != got:
+                self.gains = max(self.gains, abs(want - got) / size)
+        self.place = max(self.place, abs(b.scr / a.scr - 1.0), abs(b.r_over_x / a.r_over_x - 1.0))
+
+
+def compare(scheduler: Scheduler, compiled: CompiledC, calls: Calls, *, each_afresh: bool = False) -> Difference:
+    """C against Python, each on its own state, or C every time from Python's."""
+    lookup, c = scheduler.lookup, scheduler.settings
+    state, difference = first_state(lookup, c), Difference()
+    compiled.load_state(state)
+    for said, values, ticks in zip(calls.said, calls.values.tolist(), calls.ticks, strict=True):
+        if each_afresh:
+            state = rounded(state, scheduler)
+            compiled.load_state(state)
+        state, answer = advance(lookup, c, state, said, *values, ticks)
+        estimated = said == NO_REASON
+        got = compiled.update_estimate(*values, ticks) if estimated else compiled.hold(*values[2:], ticks)
+        difference.add(answer, got)
+    return difference
+
+
+def rounded(state: SchedulerState, scheduler: Scheduler) -> SchedulerState:
+    """The state as single precision holds it, within the box."""
+    c = scheduler.settings
+    numbers = {
+        name: float(np.float32(getattr(state, name)))
+        for name in SchedulerState._fields
+        if isinstance(getattr(state, name), float)
+    }
+    numbers["scr"] = min(max(numbers["scr"], c.scr[0]), c.scr[1])
+    numbers["r_over_x"] = min(max(numbers["r_over_x"], c.r_over_x[0]), c.r_over_x[1])
+    return state._replace(**numbers)

@@ -1,0 +1,49 @@
+"""Builds and runs the fuzzing program beside an exported folder, and judges what it wrote."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+
+from vsgdesign.artifacts import GainTable
+from vsgdesign.equations.grid import grid_from_scr_impedance
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.export.compiled import SOURCES, STRICT, run_compiler
+from vsgdesign.export.known_answers import gain_sizes
+from vsgdesign.runtime import table_schedule
+
+SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+
+
+def build_fuzz(folder: Path, build: Path, *, double: bool, compiler: str = "gcc") -> Path:
+    """The program, with sanitizers."""
+    program = build / "fuzz"
+    sources = [str(Path(__file__).with_name("fuzz.c")), *(str(folder / name) for name in SOURCES)]
+    precision = ["-DVSG_DOUBLE"] if double else []
+    run_compiler([compiler, *STRICT, *SANITIZERS, *precision, f"-I{folder}", *sources, "-o", str(program), "-lm"])
+    return program
+
+
+def run_fuzz(program: Path, calls: int, seed: int) -> tuple[int, str, np.ndarray]:
+    """Exit code, what it says, and (N, 13): place, P, Q, V and gains of every answer."""
+    answers = program.with_name("answers.bin")
+    done = subprocess.run(
+        [str(program), str(calls), str(seed), str(answers)], capture_output=True, text=True, check=False
+    )
+    return done.returncode, done.stdout + done.stderr, np.fromfile(answers).reshape(-1, 13)
+
+
+def distance_from_table(table: GainTable, answers: np.ndarray) -> float:
+    """The largest relative distance of the gains from those that the table's schedule has at their place and powers."""
+    schedule = table_schedule(table)
+    scr, r_over_x, P, Q, V = answers[:, :5].T
+    R_g, L_g = grid_from_scr_impedance(scr, 1.0 / r_over_x, schedule.Z_base, schedule.omega)
+    wanted = np.column_stack([np.broadcast_to(gain, scr.shape) for gain in schedule.gains_measured(R_g, L_g, P, Q, V)])
+    pairs = np.abs(wanted)
+    for a, b in ((0, 4), (2, 5), (6, 7)):
+        pairs[:, [a, b]] = np.maximum(pairs[:, [a]], pairs[:, [b]])
+    assert gain_sizes(PowerLoopGains(*wanted[0])) == tuple(pairs[0])
+    error = np.abs(answers[:, 5:] - wanted)
+    return float(np.max(np.where(error == 0.0, 0.0, error / np.where(pairs > 0.0, pairs, 1e-300))))

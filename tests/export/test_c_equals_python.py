@@ -1,0 +1,140 @@
+"""The compiled C against Python: gains, places and every status, in both precisions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.artifacts.networks import random_weights
+from tests.export.conftest import FIT, built
+from tests.export.exchange import KINDS, compare, exported, random_calls, written
+from tests.gain_tables import PUBLISHED_BASE
+from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.export import CompiledC
+from vsgdesign.export.known_answers import gain_sizes
+from vsgdesign.runtime import PowerController, Scheduler, load_scheduler, neural_estimator
+from vsgdesign.runtime.scheduler import SAID
+
+TOLERANCE = {True: 1e-12, False: 2e-6}
+
+
+@pytest.mark.parametrize(("structure", "law"), KINDS)
+@pytest.mark.parametrize("double", [True, False])
+def test_gains_places_and_statuses(structure: str, law: str, double: bool, tmp_path: Path) -> None:
+    """Each with its own state all the way. 100,000 calls of each kind: ``python -m bench --only runtime``."""
+    table_file, _ = written(tmp_path, structure, law)
+    compiled = built(exported(tmp_path, structure, law), double)
+    scheduler = load_scheduler(table_file)
+    calls = random_calls(scheduler, 3000, seed=11)
+    difference = compare(scheduler, compiled, calls)
+    assert difference.statuses == 0
+    assert difference.fresh > 1000
+    assert difference.gains <= TOLERANCE[double]
+    assert difference.place <= TOLERANCE[double]
+
+
+@pytest.mark.parametrize("double", [True, False])
+def test_other_basis_inductor_and_undesigned_cells(double: bool, tmp_path: Path) -> None:
+    base = PUBLISHED_BASE.__class__(**vars(PUBLISHED_BASE) | {"scr_basis": "reactance", "L_2": 5e-4, "R_2": 0.02})
+    status = np.full((12, 10), "met", dtype="<U8")
+    status[:3, :4] = status[4, 5] = "outside"
+    changes = {"base": base, "status": status}
+    table_file, _ = written(tmp_path, **changes)
+    compiled = built(exported(tmp_path, **changes), double)
+    scheduler = load_scheduler(table_file)
+    difference = compare(scheduler, compiled, random_calls(scheduler, 3000, seed=12))
+    assert difference.statuses == 0
+    assert difference.fresh > 1000
+    assert difference.gains <= TOLERANCE[double]
+
+
+def windows(count: int, seed: int) -> np.ndarray:
+    """(N, 2, 100) of sine waves with harmonics and noise, as single precision holds them."""
+    rng = np.random.default_rng(seed)
+    t = 200e-6 * np.arange(100) * 2.0 * np.pi * 50.0
+    phase = rng.uniform(0.0, 2.0 * np.pi, (count, 2, 1))
+    size = rng.uniform(0.7, 1.3, (count, 2, 1)) * np.array([155.0, 21.0])[:, None]
+    waves = size * (np.sin(t + phase) + 0.03 * np.sin(5.0 * t + 2.0 * phase))
+    return (waves + 0.01 * size * rng.normal(size=waves.shape)).astype(np.float32).astype(float)
+
+
+def test_the_network(compiled: CompiledC) -> None:
+    """Relative to the trained range: the sums of 200 products cancel, so nothing else would mean anything."""
+    estimator = neural_estimator(random_weights(5), **FIT)
+    size = np.subtract(estimator.largest, estimator.least)
+    seen = set()
+    for v, i in windows(400, 3):
+        R_g, L_g, status = estimator.estimate(v, i)
+        got = compiled.estimate(v, i)
+        assert got[2] == SAID[status]
+        assert np.all(np.abs(np.subtract(got[:2], (R_g, L_g))) <= TOLERANCE[compiled.double] * size)
+        seen.add(status)
+    assert "ok" in seen
+
+
+def test_windows_to_gains(compiled: CompiledC, scheduler: Scheduler) -> None:
+    for k, (v, i) in enumerate(windows(200, 4)):
+        if k == 50:
+            v[3] = np.nan
+        if k == 51:
+            i[99] = -np.inf
+        if k == 52:
+            i[0] = 1e9
+        answer = scheduler.update(v, i, 3e3, 500.0, 112.0, ticks=20_000 * k)
+        got = compiled.update(v, i, 3e3, 500.0, 112.0, 20_000 * k)
+        if k == 52:  # only the export has limits of the sensors
+            assert got.status & 32
+            continue
+        assert (got.status, got.reason) == (answer.status, answer.reason)
+        # The estimate's error of 2e-6 of its range is more, relative to a small L_g.
+        allowed = 10.0 * TOLERANCE[compiled.double]
+        for a, b, size in zip(answer.gains, got.gains, gain_sizes(answer.gains), strict=True):
+            assert abs(a - b) <= allowed * size
+
+
+REFS = References(2e3, 500.0, 100.0 * np.pi, 110.0)
+SOFT = PowerLoopGains(2e-3, 318.3, 0.05, 90.9, -4e-4, 6e-3, 8e-4, -3e-4)
+FIRM = PowerLoopGains(5e-3, 2087.0, 0.115, 0.687)
+
+
+def test_the_power_loops(compiled: CompiledC) -> None:
+    """Closed over a grid of A, B, C, D, with two retunings, for 2 s: rounding must not pile up in the integrators."""
+    A, B, C, D = 8000.0, 60.0, -4500.0, 70.0
+    loops = [made(FIRM, REFS, 1e-4, 0.02, 0.02) for made in (PowerController, compiled.power)]
+    delta = [0.0, 0.0]
+    worst = np.zeros(3)
+    for k in range(20_000):
+        got = []
+        for j, loop in enumerate(loops):
+            # Both see the Python loop's powers: what is compared is the loops, not a feedback of their rounding.
+            P = float(np.float32(2.3e3 + A * delta[0] + B * (V_now(k) - 110.0)))
+            Q = float(np.float32(400.0 + C * delta[0] + D * (V_now(k) - 110.0)))
+            got.append(loop.step(P, Q))
+            if k in (7000, 14_000):
+                loop.retune(SOFT if k == 7000 else FIRM)
+            if j == 0:
+                following = delta[0] + 1e-4 * (got[0][0] - REFS.omega_0)
+        delta[0] = following
+        turn = (got[0][2] - got[1][2] + np.pi) % (2.0 * np.pi) - np.pi
+        worst = np.maximum(worst, np.abs([(got[1][0] - got[0][0]) / 314.0, (got[1][1] - got[0][1]) / 110.0, turn]))
+    # The angle integrates the rounding of ω itself: 6e-8 of 628 rad in single precision.
+    limits = np.array([1.0, 1.0, 10.0 if compiled.double else 50.0]) * TOLERANCE[compiled.double]
+    assert np.all(worst <= limits), worst
+
+
+def V_now(k: int) -> float:
+    return 110.0 + 0.5 * np.sin(1e-3 * k)
+
+
+def test_starts_where_python_starts(compiled: CompiledC, scheduler: Scheduler) -> None:
+    for R, L, good in ((1.3, 4e-3, True), (0.01, 1e-5, False), (np.nan, 4e-3, False), (1.0, -1e-3, False)):
+        assert compiled.start(R, L) is good
+        if good:
+            gains = scheduler.start(R, L)
+            np.testing.assert_allclose(compiled.gains, gains, rtol=TOLERANCE[compiled.double])
+
+
+def test_known_answers_hold(compiled: CompiledC) -> None:
+    assert compiled.selftest() == 0

@@ -1,0 +1,63 @@
+"""The exported C under sanitizers with any input at all. A million calls: ``python -m bench --only runtime``."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.export.conftest import needs
+from tests.export.exchange import written
+from tests.export.fuzzing import build_fuzz, distance_from_table, run_fuzz
+from tests.gain_tables import table
+from vsgdesign.artifacts import read_table_file
+from vsgdesign.errors import ArtifactError
+from vsgdesign.export.compiled import run_compiler
+
+
+@pytest.fixture(autouse=True)
+def _sanitizers(tmp_path: Path) -> None:
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    try:
+        run_compiler(
+            ["gcc", "-fsanitize=address,undefined", "-x", "c", "-", "-o", str(tmp_path / "a")], "int main(void){}"
+        )
+    except ArtifactError:
+        pytest.skip("gcc has no sanitizers here")
+
+
+@needs("gcc")
+@pytest.mark.parametrize(("double", "tolerance"), [(True, 1e-12), (False, 2e-6)])
+def test_no_input_leads_out_of_the_box(double: bool, tolerance: float, folder: Path, tmp_path: Path) -> None:
+    """Place and powers are in the box, and the gains are the table's there, by the schedule on arrays."""
+    code, said, answers = run_fuzz(build_fuzz(folder, tmp_path, double=double), 20_000, seed=7)
+    assert code == 0, said
+    calls, fresh, moved = map(int, re.findall(r"\d+", said))
+    assert calls == len(answers) == 20_000
+    assert fresh > 2000
+    assert moved > 2000
+    designed = read_table_file(written(tmp_path)[0])
+    assert distance_from_table(designed, answers) <= tolerance
+    assert distance_from_table(table(), answers) > 0.01  # another table's gains are seen
+
+
+@pytest.mark.parametrize(
+    ("line", "instead", "seen"),
+    [
+        ("vsg_clip(s->goal_scr, s->scr / factor, s->scr * factor)", "s->goal_scr", "a step above the rate"),
+        ("vsg_clip(scr, VSG_SCR_LOW, VSG_SCR_HIGH)", "scr", "outside the certified box"),
+        ("P = vsg_clip(P_now, VSG_P_LOW, VSG_P_HIGH)", "P = P_now", "outside the certified box"),
+        ("status | VSG_FRESH", "status", "a status that cannot be"),
+    ],
+)
+def test_what_is_broken_is_seen(line: str, instead: str, seen: str, folder: Path, tmp_path: Path) -> None:
+    broken = tmp_path / "broken"
+    shutil.copytree(folder, broken)
+    code = (broken / "vsg.c").read_text(encoding="utf-8")
+    assert line in code
+    (broken / "vsg.c").write_text(code.replace(line, instead), encoding="utf-8")
+    failed, said, _ = run_fuzz(build_fuzz(broken, tmp_path, double=True), 20_000, seed=7)
+    assert (failed, seen in said) == (1, True), said

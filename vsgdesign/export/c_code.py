@@ -1,0 +1,304 @@
+"""A scheduler as C99: templates filled with the table's and the network's numbers, whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsgdesign import __version__
+from vsgdesign.artifacts.files import plain, staged_folder, write_json, write_text
+from vsgdesign.errors import ArtifactError
+from vsgdesign.export.known_answers import known_answers, known_windows
+from vsgdesign.frames import rated_current_rms, rms_to_peak
+from vsgdesign.runtime.guards import ARRIVED, REASONS
+from vsgdesign.runtime.network import NeuralEstimator, neural_estimator
+from vsgdesign.runtime.scheduler import Scheduler, read_table_of, scheduler_of
+
+KIND = "vsgdesign c export"
+SCHEMA = 1
+MANIFEST = "manifest.json"
+
+REASON_NAMES = (
+    "NONE", "TIME", "NOT_FINITE", "RANGE", "SATURATED", "NO_ESTIMATE", "IMPLAUSIBLE", "JUMP", "UNDESIGNED",
+    "OVERLOADED",
+)  # fmt: skip
+FILES = (
+    "vsg.h", "vsg.c", "vsg_data.h", "vsg_data.c", "vsg_power.c", "vsg_selftest.c", "Makefile", "CMakeLists.txt",
+    "INTEGRATION.md",
+)  # fmt: skip
+
+_BLOCK = 20
+"""Samples that are summed before they join the whole: single precision keeps a digit more."""
+
+
+@dataclass(frozen=True)
+class ExportedC:
+    """What was written, and from what."""
+
+    folder: Path
+    manifest: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Names and hashes of what a scheduler was made from."""
+
+    table: str
+    table_sha256: str
+    study: str
+    study_hash: str
+    weights_sha256: str | None = None
+    channels: str = ""
+    sample_interval: float = 0.0
+
+
+def export_c_files(
+    table: str | Path, out: str | Path, *, weights: str | Path | None = None, study_hash: str | None = None,
+    v_limit: float | None = None, i_limit: float | None = None, grid_phase: bool = False, **changes: Any,
+) -> ExportedC:  # fmt: skip
+    """C from a table's and a network's file into the folder ``out``.
+
+    ``v_limit`` (V) and ``i_limit`` (A) are the sensors' limits, four times the rated peaks where they are not given;
+    ``study_hash`` refuses a table of another study; ``changes`` to the settings as in
+    :func:`vsgdesign.runtime.guards.settings_of`. Raises ArtifactError with what to do: a file that is damaged, newer
+    or of another case, a folder with other files.
+    """
+    found = read_table_of(table, study_hash)
+    origin = Origin(found.name, found.sha256, found.study, found.study_hash)
+    estimator = None
+    if weights is not None:
+        from vsgdesign.artifacts.network_weights import read_network_weights
+
+        trained = read_network_weights(weights)
+        base, window = found.base, trained.window
+        peak_v = rms_to_peak(base.V_rated_rms)
+        peak_i = rms_to_peak(rated_current_rms(base.S_rated, base.V_rated_rms))
+        estimator = neural_estimator(
+            trained, sample_interval=window.sample_interval, channels=window.channels, grid_phase=grid_phase,
+            v_limit=float(np.float32(4.0 * peak_v if v_limit is None else v_limit)),
+            i_limit=float(np.float32(4.0 * peak_i if i_limit is None else i_limit)),
+        )  # fmt: skip
+        origin = Origin(
+            found.name, found.sha256, found.study, found.study_hash, trained.hash, window.channels,
+            window.sample_interval,
+        )  # fmt: skip
+    return export_c(scheduler_of(found, estimator, **changes), origin, out)
+
+
+def export_c(scheduler: Scheduler, origin: Origin, out: str | Path) -> ExportedC:
+    """C of a scheduler into the folder ``out``, which appears when everything is written.
+
+    A folder from an earlier export is replaced as long as its files are as they were written. Raises ArtifactError.
+    """
+    out = Path(out)
+    check_target(out)
+    texts = render(scheduler, origin)
+    estimator = scheduler.estimator
+    manifest = plain({
+        "kind": KIND, "schema": SCHEMA,
+        "table": {"name": origin.table, "sha256": origin.table_sha256},
+        "study": {"name": origin.study, "hash": origin.study_hash},
+        "weights": None if estimator is None else {"sha256": origin.weights_sha256},
+        "generator": {"vsgdesign": __version__, "sha256": generator_hash()},
+        "settings": asdict(scheduler.settings),
+        "network": None if estimator is None else {
+            "shape": [2 * estimator.samples * estimator.components, len(estimator.b_1), 2],
+            "v_limit": estimator.v_limit, "i_limit": estimator.i_limit,
+        },
+        "files": {name: _sha256(text.encode()) for name, text in texts.items()},
+    })  # fmt: skip
+    with staged_folder(out, marker=MANIFEST) as folder:
+        for name, text in texts.items():
+            write_text(folder / name, text)
+        write_json(folder / MANIFEST, manifest)
+    return ExportedC(out, manifest)
+
+
+def check_target(out: Path) -> None:
+    """Raises ArtifactError where the folder holds anything that an export did not write, or that was changed since."""
+    if not out.is_dir() or not any(out.iterdir()):
+        return
+    advice = "is left untouched; give a new or an empty folder."
+    try:
+        manifest = json.loads((out / MANIFEST).read_text(encoding="utf-8"))
+        files = dict(manifest["files"]) if manifest["kind"] == KIND else {}
+    except (OSError, ValueError, KeyError, TypeError):
+        files = {}
+    if not files:
+        raise ArtifactError(f'"{out}" holds other files (no {MANIFEST} of an export in it) and {advice}')
+    for path in sorted(out.iterdir()):
+        if path.name != MANIFEST and path.name not in files:
+            raise ArtifactError(f'"{out}" holds {path.name}, which no export wrote, and {advice}')
+        if path.name != MANIFEST and (not path.is_file() or _sha256(path.read_bytes()) != files[path.name]):
+            raise ArtifactError(f'"{out}": {path.name} was changed since it was exported; the folder {advice}')
+
+
+def render(scheduler: Scheduler, origin: Origin) -> dict[str, str]:
+    """Every file's text by name."""
+    import jinja2
+
+    def read(name: str) -> str:
+        return (resources.files("vsgdesign.export") / "templates" / name).read_text(encoding="utf-8")
+
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(read), trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True, autoescape=False,
+    )  # fmt: skip
+    content = _content(scheduler, origin)
+    return {name: environment.get_template(f"{name}.j2").render(content) for name in FILES}
+
+
+def generator_hash() -> str:
+    """SHA-256 of the templates and of the modules that fill them."""
+    digest = hashlib.sha256()
+    room = resources.files("vsgdesign.export")
+    for name in sorted(f"{name}.j2" for name in FILES):
+        digest.update((room / "templates" / name).read_bytes())
+    for name in ("c_code.py", "known_answers.py"):
+        digest.update((room / name).read_bytes())
+    return digest.hexdigest()
+
+
+def literal(value: float) -> str:
+    """A number as an argument of VSG_C: the shortest decimal that brings back the same double."""
+    if not math.isfinite(value):
+        raise ArtifactError(f"{value} cannot be written as a constant of C; give finite limits.")
+    return repr(float(value))
+
+
+def _content(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
+    lookup, c, estimator = scheduler.lookup, scheduler.settings, scheduler.estimator
+    designed = [[node is not None for node in row] for row in lookup.nodes]
+    known = known_answers(scheduler)
+    content: dict[str, Any] = {
+        "headline": _comment(
+            f"Table {origin.table} of study {origin.study}, sha256 {origin.table_sha256[:12]}: {lookup.structure}, law "
+            f"{lookup.law}."
+        ),
+        "version": __version__,
+        "reasons": REASONS, "reason_names": REASON_NAMES,
+        "tick_text": f"{c.tick * 1e6:.6g} us a tick", "update_text": f"{c.update_ticks * c.tick * 1e3:.6g} ms",
+        "table_sha256": origin.table_sha256, "weights_sha256": origin.weights_sha256,
+        "impedance": lookup.scr_basis == "impedance", "by_inertia": lookup.law == "inertia",
+        "angle_damped": lookup.structure == "angle_damped", "some_undesigned": not all(map(all, designed)),
+        "constants": list(_constants(scheduler)),
+        "scr": braces(lookup.scr), "r_over_x": braces(lookup.r_over_x),
+        "nodes": braces([[node or (0.0,) * 6 for node in row] for row in lookup.nodes]),
+        "designed": braces([[f"{int(good)}U" for good in row] for row in designed]),
+        "known": [
+            {
+                "ticks": one.ticks, "hold": int(one.hold), "status": one.status, "reason": one.reason,
+                "given": braces(one.given), "answer": braces(one.answer), "size": braces(one.size),
+            }
+            for one in known
+        ],
+        "figures": list(_figures(scheduler, origin).items()), "network": None,
+    }  # fmt: skip
+    if estimator is not None:
+        content |= _network(estimator, origin)
+    return content
+
+
+def _constants(scheduler: Scheduler) -> Iterable[tuple[str, str]]:
+    lookup, c, estimator = scheduler.lookup, scheduler.settings, scheduler.estimator
+    yield "ROWS", f"{len(lookup.scr)}U"
+    yield "COLUMNS", f"{len(lookup.r_over_x)}U"
+    for name, value in (
+        ("Z_BASE", lookup.Z_base), ("OMEGA", lookup.omega), ("R_2", lookup.R_2), ("L_2", lookup.L_2),
+        ("S_RATED", lookup.S_rated), ("D_P", lookup.D_p), ("D_Q", lookup.D_q), ("V_N", lookup.V_n_rms),
+        ("LEAST_SHARE", lookup.least_share), ("POWER_MARGIN_SQ", lookup.power_margin * lookup.power_margin),
+        ("SCR_LOW", c.scr[0]), ("SCR_HIGH", c.scr[1]), ("R_OVER_X_LOW", c.r_over_x[0]),
+        ("R_OVER_X_HIGH", c.r_over_x[1]), ("P_LOW", c.P[0]), ("P_HIGH", c.P[1]), ("Q_LOW", c.Q[0]),
+        ("Q_HIGH", c.Q[1]), ("V_LOW", c.V_rms[0]), ("V_HIGH", c.V_rms[1]), ("R_G_LOW", c.R_g[0]),
+        ("R_G_HIGH", c.R_g[1]), ("L_G_LOW", c.L_g[0]), ("L_G_HIGH", c.L_g[1]), ("POWER_RANGE", c.power_range),
+        ("VOLTAGE_RANGE", c.voltage_range), ("SAFE_SCR", c.safe_scr), ("SAFE_R_OVER_X", c.safe_r_over_x),
+        ("RATE_PER_TICK", c.rate_per_tick), ("HYSTERESIS", c.hysteresis), ("JUMP", c.jump),
+        ("RATIO_FLOOR", c.ratio_floor), ("ARRIVED", ARRIVED),
+    ):  # fmt: skip
+        yield name, f"VSG_C({literal(value)})"
+    yield "CONFIRM", f"((uint16_t){c.confirm}U)"
+    for name in ("update_ticks", "longest_ticks", "stale_ticks"):
+        yield name.upper(), f"((uint32_t){getattr(c, name)}UL)"
+    if estimator is not None:
+        yield "HIDDEN", f"{len(estimator.b_1)}U"
+        yield "BLOCK", f"{_BLOCK}U"
+        (R_low, L_low), (R_high, L_high) = estimator.least, estimator.largest
+        for name, value in (
+            ("TRAINED_R_LOW", R_low), ("TRAINED_R_HIGH", R_high), ("TRAINED_L_LOW", L_low),
+            ("TRAINED_L_HIGH", L_high), ("V_LIMIT", estimator.v_limit), ("I_LIMIT", estimator.i_limit),
+        ):  # fmt: skip
+            yield name, f"VSG_C({literal(value)})"
+
+
+def _network(estimator: NeuralEstimator, origin: Origin) -> dict[str, Any]:
+    half = estimator.components * estimator.samples
+    steps, windows = known_windows(estimator)
+    (R_low, L_low), (R_high, L_high) = estimator.least, estimator.largest
+    components = {"phase_a": "phase A", "alpha_beta": "alpha, then beta", "dq": "d, then q"}
+    return {
+        "network": {
+            "samples": estimator.samples, "components": estimator.components,
+            "channels": components.get(origin.channels, origin.channels),
+            "interval_text": f"{origin.sample_interval * 1e6:.6g} us",
+            "w1_v": braces(estimator.W_1[:, :half].T.tolist()), "w1_i": braces(estimator.W_1[:, half:].T.tolist()),
+            "b1": braces(estimator.b_1.tolist()), "w2": braces(estimator.W_2.tolist()),
+            "b2": braces(estimator.b_2.tolist()),
+        },
+        "v_step": literal(steps[0]), "i_step": literal(steps[1]), "windows": windows,
+        "windows_text": braces([[R, L] for R, L, _ in windows]),
+        "window_reasons": braces([f"{reason}U" for _, _, reason in windows]),
+        "R_size": literal(R_high - R_low), "L_size": literal(L_high - L_low),
+    }  # fmt: skip
+
+
+def _figures(scheduler: Scheduler, origin: Origin) -> Mapping[str, str]:
+    lookup, c, estimator = scheduler.lookup, scheduler.settings, scheduler.estimator
+    x_low, x_high = 1.0 / c.r_over_x[1], 1.0 / c.r_over_x[0]
+    figures = {
+        "rated power, nominal voltage": f"{lookup.S_rated:g} VA, {lookup.V_n_rms:g} V phase rms",
+        "nominal frequency": f"{lookup.omega / (2.0 * np.pi):g} Hz",
+        "grid-side inductor of the filter": f"{lookup.L_2 * 1e3:g} mH, {lookup.R_2:g} Ohm",
+        "certified SCR, X/R": f"{c.scr[0]:.4g} to {c.scr[1]:.4g} ({lookup.scr_basis}), {x_low:.4g} to {x_high:.4g}",
+        "certified P, Q, V": f"{c.P[0]:g} to {c.P[1]:g} W, {c.Q[0]:g} to {c.Q[1]:g} var, {c.V_rms[0]:.4g} to "
+        f"{c.V_rms[1]:.4g} V",
+        "plausible R_g, L_g": f"{c.R_g[0]:.4g} to {c.R_g[1]:.4g} Ohm, {c.L_g[0] * 1e3:.4g} to {c.L_g[1] * 1e3:.4g} mH",
+        "rate of SCR and R/X": f"{c.rate:g} 1/s",
+        "update period, stale after": f"{c.update_ticks * c.tick * 1e3:.4g} ms, {c.stale_ticks * c.tick * 1e3:.4g} ms",
+        "safe place": f"SCR {c.safe_scr:.4g}, R/X {c.safe_r_over_x:.4g}",
+        "confirmed jump, hysteresis": f"{c.jump:.3g} for {c.confirm} windows, {c.hysteresis:.3g}",
+    }
+    if estimator is not None:
+        (R_low, L_low), (R_high, L_high) = estimator.least, estimator.largest
+        figures |= {
+            "network believed for": f"R_g {R_low:.4g} to {R_high:.4g} Ohm, L_g {L_low * 1e3:.4g} to "
+            f"{L_high * 1e3:.4g} mH",
+            "sensors' limits": f"{estimator.v_limit:.4g} V, {estimator.i_limit:.4g} A",
+            "window": f"{estimator.samples} samples of {origin.channels}, {origin.sample_interval * 1e6:g} us apart",
+        }
+    return figures
+
+
+def braces(values: Any) -> str:
+    """Nested lists of numbers as an initialiser."""
+    if isinstance(values, list | tuple):
+        joined = ", ".join(braces(value) for value in values)
+        deep = bool(values) and isinstance(values[0], list | tuple)
+        return "{\n" + joined.replace("}, {", "},\n{") + "\n}" if deep else "{" + joined + "}"
+    return values if isinstance(values, str) else f"VSG_C({literal(values)})"
+
+
+def _comment(text: str) -> str:
+    """A text that cannot end a comment, or be anything but one line of ASCII."""
+    return " ".join(text.replace("*/", "* /").replace("/*", "/ *").encode("ascii", "replace").decode().split())
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

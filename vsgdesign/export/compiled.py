@@ -1,0 +1,176 @@
+"""Exported C, compiled here and called from Python: software in the loop. Needs a C compiler and the package cffi."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.errors import ArtifactError
+from vsgdesign.runtime.scheduler import Answer
+from vsgdesign.runtime.state import SchedulerState
+
+SOURCES = ("vsg.c", "vsg_data.c", "vsg_power.c", "vsg_selftest.c")
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror")
+
+
+def compile_c(
+    folder: str | Path, *, double: bool = False, compiler: str = "cc", flags: Sequence[str] = ("-O2",)
+) -> CompiledC:
+    """An exported folder as a library of this process, built in a temporary folder.
+
+    Raises ArtifactError where there is no compiler, no cffi, or the C does not compile.
+    """
+    folder = Path(folder)
+    if shutil.which(compiler) is None:
+        raise ArtifactError(f'compiler "{compiler}": is not installed. Install one (gcc, clang), or name another.')
+    try:
+        import cffi
+    except ImportError as error:
+        raise ArtifactError('the package cffi is not installed. Install vsgdesign with the extra "dev".') from error
+    precision = ["-DVSG_DOUBLE"] if double else []
+    ffi = cffi.FFI()
+    ffi.cdef(_declarations(folder, compiler, precision))
+    with tempfile.TemporaryDirectory(prefix="vsg") as build:
+        library = Path(build) / "libvsg.so"
+        sources = [str(folder / name) for name in SOURCES]
+        run_compiler([compiler, *STRICT, *flags, *precision, "-shared", "-fPIC", *sources, "-o", str(library), "-lm"])
+        loaded = ffi.dlopen(str(library))  # stays mapped when the file goes
+    return CompiledC(ffi, loaded, double)
+
+
+def run_compiler(command: Sequence[str], text: str | None = None) -> str:
+    """What a compiler prints. Raises ArtifactError with its complaint."""
+    done = subprocess.run(command, input=text, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise ArtifactError(f"{command[0]} failed with {done.returncode}:\n{done.stderr.strip()[:2000]}")
+    return done.stdout
+
+
+def _declarations(folder: Path, compiler: str, precision: Sequence[str]) -> str:
+    """The public header as cffi takes it: the integer types are known to it, so nothing is included."""
+    try:
+        lines = (folder / "vsg.h").read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise ArtifactError(f'cannot read "{folder / "vsg.h"}": {error.strerror}. Give an exported folder.') from error
+    text = "\n".join(line for line in lines if not line.startswith("#include"))
+    expanded = run_compiler([compiler, "-E", "-P", *precision, "-x", "c", "-"], text)
+    # cffi knows no arithmetic in the length of an array.
+    return _evaluated(expanded)
+
+
+def _evaluated(text: str) -> str:
+    import re
+
+    def product(match: re.Match[str]) -> str:
+        value = 1
+        for factor in re.findall(r"\d+", match[1]):
+            value *= int(factor)
+        return f"[{value}]"
+
+    return re.sub(r"\[([\d\sU*()]+)\]", product, text)
+
+
+class CompiledC:
+    """One scheduler of the compiled C, with the methods of :class:`vsgdesign.runtime.Scheduler`."""
+
+    def __init__(self, ffi: Any, library: Any, double: bool) -> None:
+        self.ffi, self.library, self.double = ffi, library, double
+        self.real = "double" if double else "float"
+        self._scheduler = ffi.new("vsg_scheduler_t *")
+        self._answer = ffi.new("vsg_answer_t *")
+        library.vsg_init(self._scheduler)
+
+    @property
+    def gains(self) -> PowerLoopGains:
+        """The present gains."""
+        return _gains(self._scheduler.gains)
+
+    def selftest(self) -> int:
+        """0, or the number of the first known answer that is wrong."""
+        return int(self.library.vsg_selftest())
+
+    def update_estimate(self, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int) -> Answer:
+        """Gains from an estimate."""
+        self.library.vsg_update_estimate(self._scheduler, R_g, L_g, P, Q, V_rms, ticks & 0xFFFFFFFF, self._answer)
+        return self._read()
+
+    def hold(self, P: float, Q: float, V_rms: float, ticks: int) -> Answer:
+        """An update without an estimate."""
+        self.library.vsg_hold(self._scheduler, P, Q, V_rms, ticks & 0xFFFFFFFF, self._answer)
+        return self._read()
+
+    def update(self, v: Any, i: Any, P: float, Q: float, V_rms: float, ticks: int) -> Answer:
+        """Gains from a window."""
+        samples = [self._array(values) for values in (v, i)]
+        self.library.vsg_update(self._scheduler, *samples, P, Q, V_rms, ticks & 0xFFFFFFFF, self._answer)
+        return self._read()
+
+    def estimate(self, v: Any, i: Any) -> tuple[float, float, int]:
+        """R_g, L_g and the reason of a window."""
+        R_g, L_g = self.ffi.new("vsg_real_t *"), self.ffi.new("vsg_real_t *")
+        reason = self.library.vsg_estimate(self._array(v), self._array(i), R_g, L_g)
+        return float(R_g[0]), float(L_g[0]), int(reason)
+
+    def start(self, R_g: float, L_g: float) -> bool:
+        """Begin on a known grid; whether it is in the box."""
+        return bool(self.library.vsg_start(self._scheduler, R_g, L_g))
+
+    def load_state(self, state: SchedulerState) -> None:
+        """Go on from a state of the Python scheduler, as this precision holds it."""
+        for name, value in state._asdict().items():
+            if name == "gains":
+                for gain, number in value._asdict().items():
+                    setattr(self._scheduler.gains, gain, number)
+            else:
+                setattr(self._scheduler, name, value)
+
+    def power(
+        self, gains: PowerLoopGains, refs: References, T_s: float, smoothing_P: float = 1.0, smoothing_Q: float = 1.0
+    ) -> CompiledPower:
+        """Power loops of the compiled C."""
+        return CompiledPower(self, gains, refs, T_s, smoothing_P, smoothing_Q)
+
+    def _array(self, values: Any) -> Any:
+        array = np.ascontiguousarray(values, dtype=np.float64 if self.double else np.float32).ravel()
+        return self.ffi.from_buffer("vsg_real_t[]", array)
+
+    def _read(self) -> Answer:
+        a = self._answer
+        return Answer(_gains(a.gains), int(a.status), int(a.reason), float(a.scr), float(a.r_over_x))
+
+
+class CompiledPower:
+    """The power loops of the compiled C, with the methods of :class:`vsgdesign.runtime.PowerController`."""
+
+    def __init__(
+        self, made: CompiledC, gains: PowerLoopGains, refs: References, T_s: float, smoothing_P: float,
+        smoothing_Q: float,
+    ) -> None:  # fmt: skip
+        self._ffi, self._library = made.ffi, made.library
+        self._power, self._voltage = made.ffi.new("vsg_power_t *"), made.ffi.new("vsg_voltage_t *")
+        self._library.vsg_power_init(
+            self._power, self._of(gains), made.ffi.new("vsg_references_t *", list(refs)), T_s, smoothing_P, smoothing_Q
+        )
+
+    def step(self, P: float, Q: float) -> tuple[float, float, float]:
+        """ω (rad/s), V (rms) and θ (rad) of this sample."""
+        self._library.vsg_power_step(self._power, P, Q, self._voltage)
+        return float(self._voltage.omega), float(self._voltage.V_rms), float(self._voltage.theta)
+
+    def retune(self, gains: PowerLoopGains) -> None:
+        """Other gains from the next sample on."""
+        self._library.vsg_power_retune(self._power, self._of(gains))
+
+    def _of(self, gains: PowerLoopGains) -> Any:
+        return self._ffi.new("vsg_gains_t *", [float(value) for value in gains])
+
+
+def _gains(values: Any) -> PowerLoopGains:
+    return PowerLoopGains(*(float(getattr(values, name)) for name in PowerLoopGains._fields))
