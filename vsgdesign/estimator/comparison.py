@@ -35,6 +35,8 @@ Array = NDArray[np.float64]
 BEFORE, AFTER = 10, 40
 """Windows before and after the change; the last JUDGED of them are what a method is judged by."""
 JUDGED = 20
+SETTLE = 60
+"""Windows before all: until then a switched bridge makes the power creep, and the converter's frequency with it."""
 
 WITHIN = 0.10
 """Error of |Z| that counts as found again after a change of grid."""
@@ -63,7 +65,8 @@ class ComparisonSettings:
         made = replace(
             PUBLISHED, name="comparison", scr=one_of(*self.scr), x_over_r=one_of(self.x_over_r),
             P_pu=one_of(self.P_pu), Q_pu=one_of(self.Q_pu), P_step_pu=one_of(self.P_step_pu), Q_step_pu=one_of(0.0),
-            before=BEFORE, after=AFTER, every=1, skip=0, noise_v=one_of(self.noise), noise_i=one_of(self.noise),
+            settle=SETTLE, before=BEFORE, after=AFTER, every=1, skip=0,
+            noise_v=one_of(self.noise), noise_i=one_of(self.noise),
             adc_bits=self.adc_bits, scenarios=len(self.scr),
         )  # fmt: skip
         return check_recipe(made, "comparison")

@@ -37,7 +37,8 @@ class StressAxis:
     nominal: float
     change: Callable[[WindowRecipe, float, float], WindowRecipe]
     """(nominal recipe, value, ω_n in rad/s) to the recipe."""
-    logarithmic: bool = False
+    frequency_error: float = 0.0
+    """By how much a unit of the value makes the converter's idea of the grid's frequency wrong, rad/s."""
 
 
 def _shift(recipe: WindowRecipe, samples: float, omega_n: float) -> WindowRecipe:
@@ -62,10 +63,12 @@ AXES = (
     StressAxis("V_g", "Grid voltage", "pu", (0.95, 0.99, 1.0, 1.01, 1.05), 1.0,
                lambda recipe, value, _: replace(recipe, V_g_pu=one_of(value))),
     StressAxis("x_over_r", "X/R", "1", (0.3, 0.5, 1.0, 2.0, 4.0, 8.0), 1.0,
-               lambda recipe, value, _: replace(recipe, x_over_r=one_of(value)), True),
+               lambda recipe, value, _: replace(recipe, x_over_r=one_of(value))),
     StressAxis("scr", "SCR", "1", (2.0, 3.0, 5.0, 8.0, 12.0, 20.0), 8.0,
-               lambda recipe, value, _: replace(recipe, scr=one_of(value)), True),
+               lambda recipe, value, _: replace(recipe, scr=one_of(value))),
     StressAxis("noise", "Sensor noise", "%", (0.0, 0.01, 0.05, 0.1, 0.3, 1.0), 0.0, _noise),
+    StressAxis("frequency_error", "Frequency known within", "mHz", (0.0, 0.1, 0.3, 1.0, 3.0, 10.0), 0.0,
+               lambda recipe, _value, _: recipe, 2e-3 * math.pi),
     StressAxis("harmonics", "5th and 7th harmonic, each", "%", (0.0, 0.5, 1.0, 2.0, 3.0), 0.0, _harmonics),
 )  # fmt: skip
 """The questions of the stress page. Powers are held where they are by the references, whatever the droop."""
@@ -108,7 +111,11 @@ def stress_methods(
     cases = [(axis.change(nominal, value, omega_n), 0) for axis in axes for value in axis.values]
     by_probe = probed_runs(study, cases, methods, settings.seed, progress)
     rms, p95 = (np.empty((len(methods), len(cases))) for _ in range(2))
-    records = {name: measure(runs, settings.draws) for name, runs in by_probe.items()}
+    wrong = np.repeat([axis.frequency_error * value for axis in axes for value in axis.values], settings.draws)
+    records = {}
+    for name, runs in by_probe.items():
+        record = measure(runs, settings.draws)
+        records[name] = replace(record, omega=record.omega + wrong)
     for k, method in enumerate(methods):
         progress("estimates", k / len(methods))
         record = records[probe_name(method)]

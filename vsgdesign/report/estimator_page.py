@@ -79,8 +79,7 @@ def accuracy_table(found: Comparison) -> Table:
     head = ("Method", "Signals", *(f"SCR {plain(scr)}" for scr in found.settings.scr))
     notes = (
         "Rms error of Z in %, in brackets the Cramér–Rao bound of the signals. The bound of the windows about a power "
-        "step takes the grid's phasor for constant and samples for unbiased; the sampled ripple of a switched bridge "
-        "is not, and is what the passive methods are left with.",
+        "step takes the grid's phasor for constant: an error of its frequency is not in it, nor a bias of the samples.",
     )
     return Table("Rms error and bound [%]", head, tuple(rows), texts=2, notes=notes)
 
@@ -159,12 +158,14 @@ def needs() -> tuple[str, ...]:
         "A signal that makes the grid visible. One steady window with unknown grid phase says nothing of R_g and L_g, "
         "however good the estimator: the information is singular. The converter must move its own voltage, and "
         "know that it was itself who moved.",
+        "No passive measurement. It asks for the grid's frequency to a tenth of a millihertz over the second that a "
+        "power step takes; no grid is that steady.",
         "No trust in the grid's phase, frequency or voltage. A network that was trained on synchronised windows takes "
         "them for constants: a shift of one sample or a hundredth of a hertz is read as another grid.",
         "Lines beside the harmonics. A probe whose lines share no frequency with the fundamental and its harmonics "
         "is blind to them. A network that never saw them is not.",
-        "Few components, or training on the sensors that it will have. On ideal samples a network may lean on differences "
-        "that noise covers: with 11 principal components 0.01 % of noise costs it 13 %, with 6 it does not matter.",
+        "Few components, or training on the sensors that it will have. On ideal samples a network may lean on "
+        "differences that noise covers: with 11 principal components 0.01 % of noise costs it 13 %, with 6 it does not matter.",
         "Both R_g and L_g. With X/R fixed in training the two outputs are one number.",
         "A covariance with every estimate, and silence where the bound says that nothing can be known.",
     )
