@@ -93,7 +93,7 @@ def test_every_row_of_every_table_is_on_the_page(made):
     expected = [
         tables.converter_table(result), tables.filter_table(result), tables.controllers_table(result),
         tables.operating_points_table(result), tables.margins_table(result),
-        *(tables.gains_table(controller) for controller in result.controllers),
+        *(tables.gains_table(result, controller) for controller in result.controllers),
         *(tables.metrics_table(result, controller) for controller in result.controllers if controller.events),
     ]  # fmt: skip
     expected += [tables.targets_table(outcomes)] if outcomes else []

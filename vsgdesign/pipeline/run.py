@@ -11,11 +11,15 @@ import numpy as np
 
 from vsgdesign.artifacts import provenance, staged_folder, write_csv, write_json, write_npz, write_table_file
 from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.parameters import Study
 from vsgdesign.pipeline.table import with_tables
+from vsgdesign.pipeline.training import judgement_document, network_document, training_document, with_estimator
 from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
+from vsgdesign.simulation.gains import GainChange, settled_changes
+from vsgdesign.simulation.judging import judge_estimates
 
 
 def run_study(
@@ -24,8 +28,8 @@ def run_study(
 ) -> dict[str, Any]:  # fmt: skip
     """Simulate every controller and leave time series, results, figures and a report in ``out``.
 
-    Gain tables that the study asks for are designed first, on ``workers`` processes (None: one per core), and lie
-    beside the rest.
+    Gain tables that the study asks for are designed first, on ``workers`` processes (None: one per core), then its
+    network is trained; they lie beside the rest.
     Returns the content of results.json. The folder appears when everything is done; an error or an
     interruption leaves what was there before. Raises the errors of :func:`vsgdesign.simulation.run_scenario`
     and ArtifactError.
@@ -40,6 +44,12 @@ def run_study(
                 write_table_file(spec.table, folder / f"{spec.name}.table.json")
                 timing["tables"] = time.perf_counter() - begin
         begin = time.perf_counter()
+        study, trained = with_estimator(study, bridge=bridge, progress=progress)
+        network = None if study.estimator is None else study.estimator.weights
+        if network is not None:
+            write_network_weights(network, folder / "estimator.weights.json")
+            timing["estimator"] = time.perf_counter() - begin
+        begin = time.perf_counter()
         result = run_scenario(
             study, bridge=bridge, progress=lambda name, t_s: tell(f"simulate {name}", t_s / study.simulation.duration)
         )
@@ -49,6 +59,8 @@ def run_study(
             tell("write time series", done / len(result.controllers))
             write_npz(folder / f"{controller.spec.name}.npz", controller.series)
             write_csv(folder / f"{controller.spec.name}.csv", controller.series, study.simulation.csv_interval)
+            if controller.estimates is not None:
+                write_csv(folder / f"{controller.spec.name}.estimates.csv", controller.estimates.series(), 0.0)
         tell("write time series", 1.0)
         timing["write"] = time.perf_counter() - begin
         if report:
@@ -56,11 +68,15 @@ def run_study(
 
             begin = time.perf_counter()
             tell("draw figures", 0.0)
-            figures = write_figures(result, folder / "figures")
+            figures = write_figures(result, folder / "figures", trained)
             tell("draw figures", 1.0)
-            write_report(result, figures, folder / "report.html")
+            write_report(result, figures, folder / "report.html", trained)
             timing["report"] = time.perf_counter() - begin
         document = results_document(result, timing)
+        if network is not None:
+            document["estimator"] = network_document(network)
+            if trained is not None:
+                document["estimator"]["training"] = training_document(trained)
         write_json(folder / "results.json", document)
     return document
 
@@ -68,6 +84,7 @@ def run_study(
 def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict[str, Any]:
     """results.json: what scripts and tests read. Later stages add keys and rename none."""
     study = result.study
+    judged = {one.name: judgement_document(one) for one in judge_estimates(result)}
     return {
         "schema": 1,
         "study": {"name": study.name, "title": study.title, "source": study.source, "hash": study.hash},
@@ -76,9 +93,9 @@ def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict
         "gains": [
             {"controller": c.spec.name, "t_s": change.t_s, **change.gains.named()}
             for c in result.controllers
-            for change in c.gain_changes
+            for change in _changes(study, c)
         ],
-        "controllers": {c.spec.name: _controller(study, c) for c in result.controllers},
+        "controllers": {c.spec.name: _controller(study, c, judged.get(c.spec.name)) for c in result.controllers},
         "timing_s": timing_s,
     }
 
@@ -87,7 +104,15 @@ def _operating_point(row: OperatingPointRow) -> dict[str, Any]:
     return {"t_s": row.t_s, "R_g": row.grid.R_g, "L_g": row.grid.L_g, **asdict(row.point)}
 
 
-def _controller(study: Study, controller: ControllerResult) -> dict[str, Any]:
+def _changes(study: Study, controller: ControllerResult) -> tuple[GainChange, ...]:
+    """Every change of gains; with an estimate, which never stands still, those that hold before an event."""
+    if controller.estimates is None:
+        return controller.gain_changes
+    instants = [event.t_s for event in study.events]
+    return settled_changes(controller.gain_changes, instants, study.simulation.duration)
+
+
+def _controller(study: Study, controller: ControllerResult, judged: dict[str, Any] | None) -> dict[str, Any]:
     return {
         "kind": controller.spec.kind,
         "bridge": controller.bridge,
@@ -95,7 +120,9 @@ def _controller(study: Study, controller: ControllerResult) -> dict[str, Any]:
         "schedule": controller.spec.schedule if controller.spec.kind == "scheduled" else None,
         "table": None if controller.spec.table is None else _table(controller.spec.table),
         "target": asdict(controller.spec.target),
-        "gains": [{"t_s": change.t_s, **change.gains.named()} for change in controller.gain_changes],
+        "gains": [{"t_s": change.t_s, **change.gains.named()} for change in _changes(study, controller)],
+        "gain_changes": len(controller.gain_changes),
+        "estimate": judged,
         "events": [_event(event) for event in controller.events],
         "loop_s": controller.simulation.loop_seconds,
         "real_time_factor": study.simulation.duration / max(controller.simulation.loop_seconds, 1e-9),

@@ -11,6 +11,7 @@ from vsgdesign.report.printing import require_pdf, write_pdf
 
 if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable
+    from vsgdesign.estimator.trained import TrainedEstimator
     from vsgdesign.simulation import ScenarioResult
     from vsgdesign.simulation.stability_result import StabilityResult
 
@@ -27,20 +28,28 @@ __all__ = [
 ]
 
 
-def write_figures(result: ScenarioResult, folder: str | Path) -> list[WrittenFigure]:
-    """Draw every figure of a scenario into ``folder`` (made if missing), each as SVG and as PNG (200 dpi)."""
+def write_figures(
+    result: ScenarioResult, folder: str | Path, trained: TrainedEstimator | None = None
+) -> list[WrittenFigure]:
+    """Draw every figure of a scenario into ``folder`` (made if missing), each as SVG and as PNG (200 dpi).
+
+    ``trained`` is the network that was trained in the run, for the figures of its training.
+    """
     from vsgdesign.report.files import write_all
 
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    return write_all(result, folder)
+    return write_all(result, folder, trained)
 
 
-def write_report(result: ScenarioResult, figures: Sequence[WrittenFigure], out_path: str | Path) -> Path:
+def write_report(
+    result: ScenarioResult, figures: Sequence[WrittenFigure], out_path: str | Path,
+    trained: TrainedEstimator | None = None,
+) -> Path:  # fmt: skip
     """Write the report of a scenario: one HTML file that holds the text, the tables and the given figures."""
     from vsgdesign.report.page import write_page
 
-    return write_page(result, figures, Path(out_path))
+    return write_page(result, figures, Path(out_path), trained)
 
 
 def write_stability_figures(result: StabilityResult, folder: str | Path) -> list[WrittenFigure]:

@@ -25,7 +25,8 @@ def bode_figures(result: ScenarioResult) -> Iterator[NamedFigure]:
     columns = []
     for kind in ("fixed", "scheduled"):
         for controller in result.controllers:
-            if controller.spec.kind == kind:
+            # With an estimate the loop is that with the truth, as far as the estimate is right.
+            if controller.spec.kind == kind and controller.estimates is None:
                 loops = loops_on_grids(result, controller)
                 if loops:
                     columns.append((controller.spec.name, kind, loops))

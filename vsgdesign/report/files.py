@@ -7,12 +7,17 @@ import re
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vsgdesign.report.bode_figures import bode_figures
+from vsgdesign.report.estimate_figures import estimate_figures
 from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.scenario_figures import scenario_figures
 from vsgdesign.report.style import look
 from vsgdesign.simulation import ScenarioResult
+
+if TYPE_CHECKING:
+    from vsgdesign.estimator.trained import TrainedEstimator
 
 _PATH = re.compile(r'(?<= d=")[^"]*')
 _LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
@@ -21,15 +26,20 @@ _IMAGE_ID = re.compile(r' id="image[0-9a-f]+"')
 _FAMILY = re.compile("'DejaVu Sans'(, sans-serif)?")
 
 
-def all_figures(result: ScenarioResult) -> Iterator[NamedFigure]:
-    """Every figure of a scenario, one at a time."""
+def all_figures(result: ScenarioResult, trained: TrainedEstimator | None = None) -> Iterator[NamedFigure]:
+    """Every figure of a scenario, and of the training of its network, one at a time."""
     yield from scenario_figures(result)
+    yield from estimate_figures(result)
+    if trained is not None:
+        from vsgdesign.report.training_figures import training_figures
+
+        yield from training_figures(trained)
     yield from bode_figures(result)
 
 
-def write_all(result: ScenarioResult, folder: Path) -> list[WrittenFigure]:
+def write_all(result: ScenarioResult, folder: Path, trained: TrainedEstimator | None = None) -> list[WrittenFigure]:
     """Write every figure of a scenario into an existing folder."""
-    return [write_figure(figure, folder) for figure in all_figures(result)]
+    return [write_figure(figure, folder) for figure in all_figures(result, trained)]
 
 
 def write_figure(named: NamedFigure, folder: Path) -> WrittenFigure:

@@ -6,20 +6,25 @@ import re
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vsgdesign import __version__
-from vsgdesign.report import tables
+from vsgdesign.report import estimate_tables, tables
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.quantities import plain, plain_quantity
 from vsgdesign.report.verdict import explanation, step_outcomes, verdict
 from vsgdesign.simulation import ScenarioResult
+from vsgdesign.simulation.judging import judge_estimates
 
 if TYPE_CHECKING:
     import jinja2
 
+    from vsgdesign.estimator.trained import TrainedEstimator
 
-def write_page(result: ScenarioResult, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
+
+def write_page(
+    result: ScenarioResult, figures: Sequence[WrittenFigure], out_path: Path, trained: TrainedEstimator | None = None
+) -> Path:
     """Write the page of a scenario, with the figures' SVG text as it lies on disk."""
     outcomes = step_outcomes(result)
     study = result.study
@@ -38,7 +43,8 @@ def write_page(result: ScenarioResult, figures: Sequence[WrittenFigure], out_pat
             controllers=tables.controllers_table(result),
             events=tables.events_table(result) if with_events else None,
             operating_points=tables.operating_points_table(result),
-            gains=[tables.gains_table(controller) for controller in result.controllers],
+            estimate=_estimate(result, trained),
+            gains=[tables.gains_table(result, controller) for controller in result.controllers],
             margins=tables.margins_table(result),
             metrics=[
                 tables.metrics_table(result, controller) for controller in result.controllers if controller.events
@@ -85,6 +91,24 @@ def with_subscripts(text: str) -> str:
     return Markup(_SUBSCRIPT.sub(r"<i>\1</i><sub>\2</sub>", str(escape(text))))
 
 
+def _estimate(result: ScenarioResult, trained: TrainedEstimator | None) -> dict[str, Any] | None:
+    """What the page says of estimates, None where there are none."""
+    judgements = judge_estimates(result)
+    if not judgements:
+        return None
+    about = [estimate_tables.network_table(result, trained)]
+    if trained is not None:
+        about.append(estimate_tables.training_table(trained))
+    found = []
+    for judged in judgements:
+        found.append(estimate_tables.rest_table(result, judged))
+        if judged.changes:
+            found.append(estimate_tables.changes_table(judged))
+        if judged.steps:
+            found.append(estimate_tables.truth_table(judged))
+    return {"text": estimate_tables.estimate_text(result, judgements), "network": about, "tables": found}
+
+
 def _scenario(result: ScenarioResult) -> str:
     study = result.study
     names = ", ".join(controller.spec.name for controller in result.controllers)
@@ -122,11 +146,25 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
         "Inductors do not saturate, capacitors and measurements are ideal; "
         f"the controller is sampled every {plain_quantity(study.converter.T_s, 's')}.",
     ]
-    if any(controller.spec.kind == "scheduled" for controller in result.controllers):
+    knowing = [c.spec.name for c in result.controllers if c.spec.kind == "scheduled" and c.estimates is None]
+    if knowing:
         items.append(
-            "Scheduled gains come from the true grid impedance, as it was up to each update; "
+            f"Gains of {', '.join(knowing)} come from the true grid impedance, as it was up to each update; "
             "the error of an impedance estimator is not included."
         )
+    estimating = [c for c in result.controllers if c.estimates is not None]
+    if estimating:
+        items.append(
+            f"{', '.join(c.spec.name for c in estimating)} measures v_pcc and i_pcc without noise or quantisation and "
+            "begins with the gains of the true grid at the start."
+        )
+        weights = None if study.estimator is None else study.estimator.weights
+        trained_with = None if weights is None else weights.recipe.get("bridge")
+        if any(c.bridge == "pwm" for c in estimating) and trained_with == "averaged":
+            items.append(
+                "The network was trained with an averaged bridge: samples of a switched one are biased, and so is "
+                "its estimate."
+            )
     if study.converter.current_limit_pu is None:
         items.append("No current limit acts: currents beyond the rating are simulated as if the converter bore them.")
     items.append(

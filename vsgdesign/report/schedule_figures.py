@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from vsgdesign.report.decimation import extreme_indices
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.quantities import prefix_for
 from vsgdesign.report.style import COLOURS, COLUMN_IN, PAGE_IN, add_axes, line_style, look, new_figure, text_width
@@ -23,6 +24,9 @@ from vsgdesign.simulation import ScenarioResult
 
 _LOG_FROM = 4.0
 """A ratio of largest to smallest from which a logarithmic axis reads better."""
+
+_COLUMNS = 300
+"""Columns that a curve of many steps is thinned to."""
 
 GAIN_AXES = (
     ("K_ip", "$K_{ip}$", "rad/(s²·W)"),
@@ -86,9 +90,12 @@ def _gains_figure(result: ScenarioResult) -> NamedFigure:
         axes = add_axes(figure, left + column * (width + between), bottom + (1 - row) * (height + gap), width, height)
         ends = []
         for curve, controller in enumerate(result.controllers):
-            times = [change.t_s for change in controller.gain_changes]
+            times = np.array([change.t_s for change in controller.gain_changes])
             values = np.array([getattr(change.gains, field) for change in controller.gain_changes])
             ends += [float(np.min(values)), float(np.max(values))]
+            # An estimate never stands still: thousands of steps, of which the eye sees the extremes.
+            picks = extreme_indices(values, _COLUMNS)
+            times, values = times[picks].tolist(), values[picks]
             _step_line(axes, times, values, duration, unit.seconds, line_style(curve))
         _gain_scale(axes, min(ends), max(ends))
         mark_events(axes, [event.t_s for event in grid_events], unit)
@@ -102,6 +109,8 @@ def _gains_figure(result: ScenarioResult) -> NamedFigure:
         lines, names, ncols=columns, loc="upper left", bbox_to_anchor=(left / PAGE_IN, 1.0 - 0.04 / figure_height)
     )
     caption = "Power-loop gains of each controller: fixed, or rescheduled from the grid impedance."
+    if any(controller.estimates is not None for controller in result.controllers):
+        caption += " Those from an estimate change with every window; the curve keeps their extremes."
     if labels.numbered:
         caption += " Numbers above the axes: changes of the grid in order of time."
     return NamedFigure("gains", "Gains", caption, figure)

@@ -13,6 +13,7 @@ from vsgdesign.report.margins import HasStudy, distinct_grids, grid_label, loops
 from vsgdesign.report.quantities import DASH, number, percent, plain, plain_quantity, prefix_for, quantity
 from vsgdesign.report.verdict import RULE, StepOutcome, coupling
 from vsgdesign.simulation import ControllerResult, ScenarioResult
+from vsgdesign.simulation.gains import settled_changes
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,9 @@ def specs_table(result: HasStudy, specs: Sequence[ControllerSpec]) -> Table:
     rows = []
     for spec in specs:
         if spec.kind == "scheduled":
-            how = f"rescheduled every {plain_quantity(spec.update_period, 's')} from the true grid impedance"
+            how = f"rescheduled every {plain_quantity(spec.update_period, 's')} from " + (
+                "the true grid impedance" if spec.estimate == "truth" else "the network's estimate of the grid"
+            )
         elif spec.gains is not None:
             how = "given in the study"
         else:
@@ -156,15 +159,22 @@ GAIN_UNITS = {
 """Units of the power loops' gains by name."""
 
 
-def gains_table(controller: ControllerResult) -> Table:
-    """A controller's gains over time."""
-    used = [name for name in GAIN_UNITS if any(name in change.gains.named() for change in controller.gain_changes)]
+def gains_table(result: ScenarioResult, controller: ControllerResult) -> Table:
+    """A controller's gains over time; with an estimate, which never stands still, those that hold before an event."""
+    changes, notes = controller.gain_changes, ()
+    if controller.estimates is not None:
+        instants = [event.t_s for event in result.study.events]
+        changes = settled_changes(changes, instants, result.study.simulation.duration)
+        notes = (
+            f"{len(changes)} of {len(controller.gain_changes)} changes: the first, and those that hold when an event "
+            "comes and at the end.",
+        )
+    used = [name for name in GAIN_UNITS if any(name in change.gains.named() for change in changes)]
     rows = tuple(
-        (plain(change.t_s, 6), *(number(getattr(change.gains, name), 4) for name in used))
-        for change in controller.gain_changes
+        (plain(change.t_s, 6), *(number(getattr(change.gains, name), 4) for name in used)) for change in changes
     )
     head = ("From [s]", *(f"{name} [{GAIN_UNITS[name]}]" for name in used))
-    return Table(f"Gains of {controller.spec.name}", head, rows)
+    return Table(f"Gains of {controller.spec.name}", head, rows, notes=notes)
 
 
 def margins_table(result: ScenarioResult) -> Table:
@@ -172,6 +182,8 @@ def margins_table(result: ScenarioResult) -> Table:
     rows = []
     grids = [grid_label(result, grid) for grid in distinct_grids(result)]
     for controller in result.controllers:
+        if controller.estimates is not None:
+            continue  # as with the truth, as far as the estimate is right
         loops = {loop.label: loop for loop in loops_on_grids(result, controller)}
         for label in grids:
             loop = loops.get(label)

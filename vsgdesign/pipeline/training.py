@@ -1,0 +1,133 @@
+"""The network of a study: read where a file is named, else trained in the run; and its verb."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights, write_network_weights
+from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.errors import ArtifactError, Fault, StudyError
+from vsgdesign.parameters.estimator import EstimatorSpec
+from vsgdesign.parameters.study import Study
+
+if TYPE_CHECKING:  # the estimator's room is loaded by who trains
+    from vsgdesign.estimator.recipes import WindowRecipe
+    from vsgdesign.estimator.trained import TrainedEstimator
+    from vsgdesign.simulation.judging import Judgement
+
+
+def with_estimator(
+    study: Study, *, bridge: str | None = None, progress: Progress | None = None
+) -> tuple[Study, TrainedEstimator | None]:
+    """The study with its network where a controller asks for one, and how it was trained if it was.
+
+    Windows to train on are taken with the bridge of the run: a switched bridge biases samples of v_pcc, and the
+    network has to have seen that. Raises StudyError where recipe and study do not fit, ArtifactError for a file that
+    is no network, and the errors of :func:`vsgdesign.estimator.trained.train_estimator`.
+    """
+    spec = study.estimator
+    if spec is None or spec.weights is not None or all(c.estimate != "neural" for c in study.controllers):
+        return study, None
+    if spec.weights_file is not None:
+        return replace(study, estimator=replace(spec, weights=read_network_weights(spec.weights_file))), None
+    from vsgdesign.estimator.recipes import load_recipe
+    from vsgdesign.estimator.trained import train_estimator
+
+    recipe = replace(load_recipe(spec.recipe), bridge=bridge or study.simulation.bridge)
+    check_fit(study, spec, recipe)
+    trained = train_estimator(
+        study, recipe, seed=spec.seed, hidden=spec.hidden, components=spec.components, starts=spec.starts,
+        progress=progress or silent,
+    )  # fmt: skip
+    return replace(study, estimator=replace(spec, weights=trained.weights)), trained
+
+
+def check_fit(study: Study, spec: EstimatorSpec, recipe: WindowRecipe) -> None:
+    """Before the work rather than after it. Raises StudyError with every fault."""
+    faults = []
+    if recipe.synchronised and not spec.grid_phase:
+        faults.append(Fault(
+            "estimator.grid_phase", "false",
+            f"recipe {recipe.name} trains on windows synchronised with the grid's own voltage, which no converter in "
+            "the field can measure",
+            "Give a recipe with a range of phase, or set grid_phase = true to be lent the simulator's own phase.",
+        ))  # fmt: skip
+    for controller in study.controllers:
+        period = controller.update_period
+        if controller.estimate == "neural" and abs(period - recipe.update_period) > 1e-9 * period:
+            faults.append(Fault(
+                f"controller {controller.name}.update_period", f"{period:g} s",
+                f"recipe {recipe.name} has windows of {recipe.samples} × {recipe.sample_interval:g} s = "
+                f"{recipe.update_period:g} s",
+                f"Set update_period = {recipe.update_period:g}, or change the recipe.",
+            ))  # fmt: skip
+    if faults:
+        raise StudyError(study.name, faults)
+
+
+def train_weights_file(
+    study: Study, out: str | Path, *, recipe: str, seed: int, hidden: int, components: int, starts: int,
+    windows: str | Path | None = None, workers: int = 1, progress: Progress | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Train a network and write its weights; returns what :func:`training_document` says and the file.
+
+    ``windows`` keeps the windows as well. Raises as :func:`with_estimator`.
+    """
+    from vsgdesign.estimator.recipes import load_recipe
+    from vsgdesign.estimator.trained import train_estimator
+
+    out = Path(out)
+    if out.is_dir() or not out.parent.is_dir():
+        raise ArtifactError(f'cannot write "{out}": give a file in a folder that exists.')
+    trained = train_estimator(
+        study, load_recipe(recipe), seed=seed, hidden=hidden, components=components, starts=starts, out=windows,
+        workers=workers, progress=progress or silent,
+    )  # fmt: skip
+    write_network_weights(trained.weights, out)
+    return {"file": str(out)} | network_document(trained.weights) | training_document(trained)
+
+
+def network_document(weights: NetworkWeights) -> dict[str, Any]:
+    """What a network is, in JSON's types."""
+    return {
+        "weights_sha256": weights.hash,
+        "data_sha256": weights.data_hash,
+        "recipe": weights.recipe.get("name"),
+        "bridge": weights.recipe.get("bridge"),
+        "seed": weights.seed,
+        "synchronised": weights.window.synchronised,
+        "channels": weights.window.channels,
+        "trained_on": weights.trained_on,
+    }
+
+
+def training_document(trained: TrainedEstimator) -> dict[str, Any]:
+    """How a training went, in JSON's types."""
+    return {
+        "stop": trained.stop,
+        "epochs": trained.epochs,
+        "components": trained.components,
+        "parts": {
+            name: {
+                "windows": len(part.truth),
+                "mse": part.mse,
+                "correlation": dict(zip(("R_g", "L_g"), part.correlation, strict=True)),
+            }
+            for name, part in trained.parts.items()
+        },
+        "timing_s": trained.timing_s,
+    }
+
+
+def judgement_document(judged: Judgement) -> dict[str, Any]:
+    """What an estimate was worth, in JSON's types."""
+    return {
+        "windows": len(judged.log.status),
+        "statuses": judged.statuses,
+        "rest": [asdict(one) for one in judged.rest],
+        "grid_changes": [asdict(one) for one in judged.changes],
+        "with_the_truth": judged.twin,
+        "steps": [asdict(one) for one in judged.steps],
+    }
