@@ -1,0 +1,191 @@
+"""The exported folder: what is in it, that it compiles everywhere, and what is refused."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.artifacts.networks import random_weights
+from tests.cli.small_studies import as_json, call
+from tests.export.conftest import needs
+from tests.export.exchange import KINDS, exported, written
+from vsgdesign.artifacts import read_table_file
+from vsgdesign.artifacts.network_weights import write_network_weights
+from vsgdesign.errors import ArtifactError
+from vsgdesign.export import compile_c, export_c_files
+from vsgdesign.export.c_code import FILES, MANIFEST, REASON_NAMES
+from vsgdesign.export.compiled import STRICT, run_compiler
+from vsgdesign.export.footprint import COMPILER, measure_footprint
+from vsgdesign.runtime.guards import REASONS
+
+
+def test_the_manifest_says_what_it_was_made_from(folder: Path, tmp_path: Path) -> None:
+    manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    table_file, weights_file = written(tmp_path)
+    assert manifest["kind"] == "vsgdesign c export"
+    assert manifest["table"]["sha256"] == read_table_file(table_file).sha256
+    assert manifest["weights"]["sha256"] == json.loads(weights_file.read_text(encoding="utf-8"))["sha256"]
+    assert sorted(path.name for path in folder.iterdir()) == sorted([*FILES, MANIFEST])
+    for name, digest in manifest["files"].items():
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
+    assert manifest["table"]["sha256"] in (folder / "vsg_data.c").read_text(encoding="utf-8")
+    assert len(REASON_NAMES) == len(REASONS)
+
+
+def test_the_same_inputs_give_the_same_bytes(folder: Path, tmp_path: Path) -> None:
+    again = exported(tmp_path)
+    for path in folder.iterdir():
+        assert path.read_bytes() == (again / path.name).read_bytes(), path.name
+
+
+def test_for_processors_without_bytes_and_without_a_heap(folder: Path) -> None:
+    text = "".join((folder / name).read_text(encoding="utf-8") for name in FILES if name.endswith((".c", ".h")))
+    assert text.isascii()
+    code = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+    assert not re.search(
+        r"\b(u?int8_t|malloc|calloc|free|static\s+(?!const|vsg|uint16_t\s+vsg|void)\w+\s+\w+\s*[;=])", code
+    )
+    for name in re.findall(r"^(?:const )?\w+\s+\**(\w+)\(", code, re.MULTILINE):
+        assert name.startswith("vsg_"), name
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("flags", [[], ["-DVSG_DOUBLE"]], ids=["float", "double"])
+@pytest.mark.parametrize(("structure", "law"), KINDS)
+def test_compiles_without_a_warning(compiler: str, flags: list[str], structure: str, law: str, tmp_path: Path) -> None:
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed")
+    folder = exported(tmp_path, structure, law)
+    sources = [str(path) for path in folder.glob("*.c")]
+    run_compiler([compiler, *STRICT, "-pedantic", "-O2", *flags, "-fsyntax-only", *sources])
+
+
+@needs("arm-none-eabi-gcc")
+def test_fits_a_small_controller(folder: Path) -> None:
+    """200–8–2 and 12 × 10 cells: 16 kB of flash, 1.5 kB of RAM beside the window."""
+    assert COMPILER == "arm-none-eabi-gcc"
+    footprint = measure_footprint(folder)
+    assert 4000 < footprint.flash <= 16 * 1024
+    assert 100 < footprint.ram + footprint.stack <= 1536
+    assert footprint.window == 2 * 100 * 4 + 4
+
+
+@needs("make")
+@needs("cc")
+@pytest.mark.parametrize("real", ["float", "double"])
+def test_its_own_makefile_runs_the_self_test(real: str, folder: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    command = ["make", "-C", str(copy), f"REAL={real}", "test"]
+    done = subprocess.run(
+        ["make", "-C", str(copy), f"REAL={real}", "test"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    # A wrong constant is found: the first node's first parameter.
+    data = (copy / "vsg_data.c").read_text(encoding="utf-8")
+    bent = re.sub(r"(vsg_axis_scr\[VSG_ROWS\] = \{.*)VSG_C\(20\.0\)", r"\1VSG_C(20.1)", data)
+    assert bent != data
+    (copy / "vsg_data.c").write_text(bent, encoding="utf-8")
+    done = subprocess.run(
+        ["make", "-C", str(copy), f"REAL={real}", "test"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode != 0
+    assert "Error" in done.stderr
+
+
+@needs("cmake")
+@needs("cc")
+def test_cmake_builds_it(folder: Path, tmp_path: Path) -> None:
+    for command in (["cmake", "-S", str(folder), "-B", str(tmp_path)], ["cmake", "--build", str(tmp_path)]):
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+    assert list(tmp_path.glob("*vsg.*"))
+
+
+def test_without_a_network_there_is_none(tmp_path: Path) -> None:
+    table_file, _ = written(tmp_path)
+    made = export_c_files(table_file, tmp_path / "c")
+    assert made.manifest["weights"] is None
+    assert "vsg_push" not in (tmp_path / "c" / "vsg.h").read_text(encoding="utf-8")
+    if shutil.which("cc"):
+        pytest.importorskip("cffi")
+        assert compile_c(tmp_path / "c").selftest() == 0
+
+
+def test_folders_with_other_files_are_left_alone(tmp_path: Path) -> None:
+    table_file, _ = written(tmp_path)
+    out = tmp_path / "c"
+    export_c_files(table_file, out)
+    export_c_files(table_file, out)  # its own, unchanged: replaced
+    (out / "main.c").write_text("int main(void);", encoding="utf-8")
+    with pytest.raises(ArtifactError, match=r"holds main\.c, which no export wrote"):
+        export_c_files(table_file, out)
+    (out / "main.c").unlink()
+    (out / "vsg.c").write_text("/* tuned by hand */", encoding="utf-8")
+    with pytest.raises(ArtifactError, match=r"vsg\.c was changed since it was exported"):
+        export_c_files(table_file, out)
+    assert (out / "vsg.c").read_text(encoding="utf-8") == "/* tuned by hand */"
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / MANIFEST).write_text('{"kind": "something else", "files": {"a": "b"}}', encoding="utf-8")
+    with pytest.raises(ArtifactError, match="holds other files"):
+        export_c_files(table_file, other)
+
+
+def test_damaged_newer_and_foreign_files_are_refused(tmp_path: Path) -> None:
+    table_file, weights_file = written(tmp_path)
+    text = table_file.read_text(encoding="utf-8")
+    out = tmp_path / "c"
+    for bad, named in (
+        (text[: len(text) // 2], "cut short"),
+        (text.replace("15.8", "15.9", 1), "sha256"),
+        (text.replace('"schema": 1', '"schema": 2'), "schema 2"),
+    ):
+        (tmp_path / "bad.json").write_text(bad, encoding="utf-8")
+        with pytest.raises(ArtifactError, match=named):
+            export_c_files(tmp_path / "bad.json", out)
+    with pytest.raises(ArtifactError, match="not a gain table"):
+        export_c_files(weights_file, out)
+    with pytest.raises(ArtifactError, match="of this study"):
+        export_c_files(table_file, out, study_hash="1" * 64)
+    (tmp_path / "cut.json").write_text(weights_file.read_text(encoding="utf-8")[:500], encoding="utf-8")
+    with pytest.raises(ArtifactError):
+        export_c_files(table_file, out, weights=tmp_path / "cut.json")
+    synchronised = tmp_path / "synchronised.json"
+    write_network_weights(random_weights(synchronised=True), synchronised)
+    with pytest.raises(ArtifactError, match="grid_phase"):
+        export_c_files(table_file, out, weights=synchronised)
+    assert not out.exists()
+
+
+def test_names_cannot_end_a_comment(tmp_path: Path) -> None:
+    table_file, _ = written(tmp_path, name="*/ int évil; /*\n#error")
+    export_c_files(table_file, tmp_path / "c")
+    if shutil.which("gcc"):
+        run_compiler(["gcc", *STRICT, "-fsyntax-only", *(str(path) for path in (tmp_path / "c").glob("*.c"))])
+
+
+def test_the_verb(tmp_path: Path) -> None:
+    table_file, weights_file = written(tmp_path)
+    out = tmp_path / "c"
+    document = as_json("export", "c", table_file, "--weights", weights_file, "--out", out, "--rate", "2")
+    assert document["settings"]["rate"] == 2.0
+    assert document["network"]["shape"] == [200, 8, 2]
+    shown = call("export", "c", table_file, "--out", out)
+    assert shown.exit_code == 0
+    assert "9 files" in shown.stdout
+    (out / "mine.txt").write_text("x", encoding="utf-8")
+    refused = call("export", "c", table_file, "--out", out)
+    assert refused.exit_code == 2
+    assert "left untouched" in refused.stderr
+
+
+def test_no_compiler_is_said(folder: Path) -> None:
+    with pytest.raises(ArtifactError, match="is not installed"):
+        compile_c(folder, compiler="no-such-compiler")

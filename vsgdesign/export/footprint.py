@@ -1,0 +1,81 @@
+"""What exported C takes on a Cortex-M4F: flash, RAM and stack, measured with arm-none-eabi-gcc."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from vsgdesign.export.compiled import STRICT, run_compiler
+
+COMPILER = "arm-none-eabi-gcc"
+TARGET = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-Os", "-ffunction-sections",
+          "-fdata-sections")  # fmt: skip
+LINK = ("--specs=nano.specs", "--specs=nosys.specs", "-nostartfiles", "-Wl,--gc-sections", "-Wl,-e,main")
+
+_MAIN = """#include "vsg.h"
+static vsg_scheduler_t s;
+static vsg_power_t p;
+{window}
+vsg_answer_t a;
+vsg_voltage_t u;
+volatile vsg_real_t x[8];
+int main(void)
+{{
+    const vsg_references_t refs = {{x[0], x[1], x[2], x[3]}};
+    vsg_init(&s);
+    vsg_power_init(&p, &s.gains, &refs, x[4], x[5], x[5]);
+    for (;;) {{
+        vsg_power_step(&p, x[6], x[7], &u);
+        vsg_update_estimate(&s, x[0], x[1], p.P_f, p.Q_f, p.V_rms, (uint32_t)x[2], &a);
+{pushed}
+        vsg_power_retune(&p, &a.gains);
+    }}
+}}
+"""
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """Bytes. ``flash``: code and constants, with what they take of the C library. ``ram``: one scheduler and one set of
+    power loops; ``window`` the samples; ``stack`` of the deepest call, without interrupts."""
+
+    flash: int
+    ram: int
+    window: int
+    stack: int
+
+
+def measure_footprint(folder: str | Path) -> Footprint:
+    """Of an exported folder in single precision. Raises ArtifactError without the compiler."""
+    folder = Path(folder)
+    network = "vsg_window_t" in (folder / "vsg.h").read_text(encoding="utf-8")
+    text = _MAIN.format(
+        window="static vsg_window_t w;" if network else "",
+        pushed="        (void)vsg_push(&w, (const vsg_real_t *)&x[0], (const vsg_real_t *)&x[1]);\n"
+        "        vsg_update_pushed(&s, &w, p.P_f, p.Q_f, p.V_rms, (uint32_t)x[2], &a);" if network else "",
+    )  # fmt: skip
+    with tempfile.TemporaryDirectory(prefix="vsg") as name:
+        build = Path(name)
+        (build / "main.c").write_text(text, encoding="utf-8")
+        objects, stacks = [], {}
+        for source in ("vsg.c", "vsg_data.c", "vsg_power.c"):
+            made = build / f"{source}.o"
+            run_compiler([COMPILER, *STRICT, *TARGET, "-fstack-usage", "-c", str(folder / source), "-o", str(made)])
+            objects.append(str(made))
+            usage = made.with_suffix(".su")
+            if usage.is_file():
+                found = re.findall(r":(\w+)\t(\d+)\t", usage.read_text(encoding="utf-8"))
+                stacks |= {function: int(size) for function, size in found}
+        program = build / "program"
+        run_compiler(
+            [COMPILER, *TARGET, f"-I{folder}", str(build / "main.c"), *objects, *LINK, "-lm", "-o", str(program)]
+        )
+        sizes = run_compiler(["arm-none-eabi-nm", "-S", "-t", "d", str(program)])
+        text_bytes, data, _ = map(int, run_compiler(["arm-none-eabi-size", str(program)]).split("\n")[1].split()[:3])
+    held = {m[2]: int(m[1]) for m in re.finditer(r"^\d+ (\d+) \w (\w+)$", sizes, re.MULTILINE)}
+    deepest = ("vsg_update_pushed", "vsg_update", "vsg_estimate", "vsg_layer")
+    advance = ("vsg_update_pushed", "vsg_update", "vsg_advance", "vsg_gains_at")
+    stack = max(sum(stacks.get(name, 0) for name in chain) for chain in (deepest, advance))
+    return Footprint(text_bytes + data - held["main"], held["s"] + held["p"], held.get("w", 0), stack)

@@ -1,0 +1,91 @@
+"""The scheduler that ships, in the loop of a run: the Python one, or its compiled C."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.runtime.scheduler import Answer
+from vsgdesign.simulation.estimated import window_channels
+from vsgdesign.simulation.online import MeasuredWindow
+from vsgdesign.simulation.timeline import Timeline
+
+GridEstimate = Callable[[MeasuredWindow], tuple[float, float] | None]
+"""R_g (Ω) and L_g (H) of a window, or None where it cannot say."""
+
+
+class Runtime(Protocol):
+    """What :class:`vsgdesign.runtime.Scheduler` and :class:`vsgdesign.export.CompiledC` have in common."""
+
+    @property
+    def gains(self) -> PowerLoopGains:
+        """The present gains."""
+        ...
+
+    def update_estimate(self, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int) -> Answer:
+        """Gains from an estimate."""
+        ...
+
+    def hold(self, P: float, Q: float, V_rms: float, ticks: int) -> Answer:
+        """An update without an estimate."""
+        ...
+
+    def update(self, v: Any, i: Any, P: float, Q: float, V_rms: float, ticks: int) -> Answer:
+        """Gains from a window."""
+        ...
+
+
+class ShippedScheduler:
+    """An online scheduler (:class:`vsgdesign.simulation.online.OnlineScheduler`) that asks a runtime.
+
+    ``estimate`` says what grid a window shows; without it the runtime's own network is asked, with windows of
+    ``channels``, ``synchronised`` with the grid's phase or not. ``tick`` is that of the runtime's settings, s. For one
+    run: the runtime remembers. ``answers`` has what it said, in order.
+    """
+
+    def __init__(
+        self, runtime: Runtime, *, estimate: GridEstimate | None = None, channels: str = "phase_a",
+        synchronised: bool = False, update_period: float = 20e-3, sample_interval: float = 200e-6, tick: float = 1e-6,
+    ) -> None:  # fmt: skip
+        self._runtime, self._estimate = runtime, estimate
+        self._channels, self._synchronised = channels, synchronised
+        self._period, self._interval, self._tick = update_period, sample_interval, tick
+        self.answers: list[Answer] = []
+
+    @property
+    def update_period(self) -> float:
+        """Time between two updates, s."""
+        return self._period
+
+    @property
+    def sample_interval(self) -> float:
+        """Spacing of a window's samples, s."""
+        return self._interval
+
+    def first_gains(self) -> PowerLoopGains:
+        """The runtime's present gains."""
+        self.answers.clear()
+        return self._runtime.gains
+
+    def update(self, window: MeasuredWindow) -> PowerLoopGains:
+        """What the runtime says."""
+        measured = (window.P, window.Q, window.V_rms, round(window.t_s / self._tick))
+        if self._estimate is None:
+            v, i = window_channels(window, self._channels, self._synchronised)
+            answer = self._runtime.update(v, i, *measured)
+        else:
+            grid = self._estimate(window)
+            answer = self._runtime.hold(*measured) if grid is None else self._runtime.update_estimate(*grid, *measured)
+        self.answers.append(answer)
+        return answer.gains
+
+
+def true_grid(timeline: Timeline) -> GridEstimate:
+    """The grid as it was during the window: an estimator without error, one window late."""
+
+    def estimate(window: MeasuredWindow) -> tuple[float, float]:
+        grid = timeline.grid_at(window.t_s - 0.5 * window.sample_interval)
+        return grid.R_g, grid.L_g
+
+    return estimate
