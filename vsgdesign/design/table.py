@@ -15,8 +15,9 @@ from vsgdesign.artifacts.gain_table import COLUMNS, GainTable, ValidityBox, base
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.provenance import provenance
 from vsgdesign.design.between import POINTS, BetweenCheck, check_between, failing_intervals
-from vsgdesign.design.box import scenarios_of_estimate
+from vsgdesign.design.box import Scenarios, scenarios_of_estimate
 from vsgdesign.design.cell import common_design
+from vsgdesign.design.certificate import Region, certify
 from vsgdesign.design.evaluation import LawOfStudy, law_of
 from vsgdesign.design.record import CellRecord, CellTask, one_thread
 from vsgdesign.design.sweep import sweep
@@ -24,7 +25,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.runtime.table import table_grids, with_node_gains
+from vsgdesign.runtime.table import table_grids, table_schedule, with_node_gains
 from vsgdesign.stability.gain_table import margins_of
 
 Array = NDArray[np.float64]
@@ -38,11 +39,18 @@ _LARGE = {
 }
 """Figures of which the largest is the worst: name in the table, name in Figures, scale."""
 
-REFINEMENTS = 4
+REFINEMENTS = 2
 """How often nodes are added."""
 
-CELLS_LIMIT = 3.0
+CELLS_LIMIT = 1.5
 """A table grows to at most so many times its first number of cells."""
+
+_COMMON_CELLS = 30
+_LOOKS = 3
+"""How often nodes lose their promise, each time after a look at new random grids."""
+
+_SLOW_RATE = 0.05
+"""Relative change of SCR and X/R per second that a certificate is asked for where no common function exists."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +93,7 @@ def _build(
     P, Q = controller.target.P, controller.target.Q
     boxes = [scenarios_of_estimate(study, spec, s, x, P, Q) for s in scr for x in ratio]
     tell("look for a common design", 0.0)
-    centre = tuple(float(value) for value in common_design(law, spec, [box for box in boxes if len(box)]))
+    centre = tuple(float(value) for value in common_design(law, spec, _some([box for box in boxes if len(box)])))
     tell("look for a common design", 1.0)
     while True:
         tasks = [CellTask(study, controller.target, spec, s, x, centre, seed) for s in scr for x in ratio]
@@ -112,10 +120,59 @@ def _build(
                 added.append((axis, value))
         if len(added) == before:
             break
-    tell("look between nodes", 0.0)
-    checked = check_between(study, law, spec, table, count=points, seed=seed)
+    for look in range(_LOOKS):
+        tell("look between nodes", look / _LOOKS)
+        checked = check_between(study, law, spec, table, count=points, seed=seed + rounds + 1 + look)
+        if not checked.broken:
+            break
+        table = demote(table, checked)
+    else:
+        checked = check_between(study, law, spec, table, count=points, seed=seed)
     tell("look between nodes", 1.0)
+    tell("certify", 0.0)
+    table = replace(table, certificate=table_certificate(study, controller, table))
+    tell("certify", 1.0)
     return BuiltTable(table, tuple(records), tuple(added), checked)
+
+
+def demote(table: GainTable, checked: BetweenCheck) -> GainTable:
+    """The table without a promise where one was broken between nodes: the nodes around become ``relaxed``.
+
+    What is not kept at a grid between them is said as their active constraint.
+    """
+    status, active = table.status.astype("<U8"), table.active.astype(object)
+    for point in checked.broken:
+        i = int(np.clip(np.searchsorted(table.scr, point.scr) - 1, 0, len(table.scr) - 2))
+        j = int(np.clip(np.searchsorted(table.x_over_r, point.x_over_r) - 1, 0, len(table.x_over_r) - 2))
+        for at in ((i, j), (i, j + 1), (i + 1, j), (i + 1, j + 1)):
+            if status[at] == "met":
+                status[at], active[at] = "relaxed", "between nodes: " + _active("", point.missed)
+    return replace(table, status=status, active=active.astype(str))
+
+
+def table_certificate(study: Study, controller: ControllerSpec, table: GainTable) -> dict[str, Any]:
+    """What a common Lyapunov function proves over the table's whole box with its interpolated gains, or why not.
+
+    Any speed of change; where no common function exists, a slow grid (_SLOW_RATE). Points, not boxes: gridded.
+    """
+    spec = study.specification
+    box, error = table.validity, table.validity.error
+    study = study if spec is None else replace(study, scr_basis=spec.scr_basis)
+    reason = ""
+    for rate in (np.inf, _SLOW_RATE):
+        region = Region(box.scr, box.x_over_r, box.P, box.Q, error, rate)
+        try:
+            found = certify(study, controller, region, schedule=table_schedule(table), budget=0)
+        except InfeasibleStudyError as fault:
+            reason = str(fault)
+            continue
+        return found.as_document()
+    return {"certified": False, "reason": reason}
+
+
+def _some(boxes: list[Scenarios]) -> list[Scenarios]:
+    """At most _COMMON_CELLS of the cells, evenly: enough to choose what they have in common."""
+    return boxes[:: max(-(-len(boxes) // _COMMON_CELLS), 1)]
 
 
 def assemble(
