@@ -15,6 +15,7 @@ from vsgdesign.cli_common import load as _load
 from vsgdesign.cli_common import print_json as _print_json
 from vsgdesign.cli_common import progress as _progress
 from vsgdesign.cli_common import verb as _verb
+from vsgdesign.cli_compare import compare
 from vsgdesign.cli_estimator import estimator
 from vsgdesign.cli_export import export
 from vsgdesign.cli_table import table
@@ -197,6 +198,7 @@ def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, re
     click.echo(f"results: {folder / ('report.html' if report else 'results.json')}")
 
 
+main.add_command(compare)
 main.add_command(estimator)
 main.add_command(export)
 main.add_command(table)

@@ -1,4 +1,4 @@
-"""Figures and pages: of a scenario, a stability assessment, a gain table. Importing it loads no matplotlib."""
+"""Figures and pages: of a scenario, a stability assessment, a gain table, a comparison. Loads no matplotlib."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from vsgdesign.report.printing import require_pdf, write_pdf
 
 if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable
+    from vsgdesign.design.comparison import Comparison
     from vsgdesign.estimator.trained import TrainedEstimator
     from vsgdesign.simulation import ScenarioResult
     from vsgdesign.simulation.stability_result import StabilityResult
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 __all__ = [
     "WrittenFigure",
     "require_pdf",
+    "write_comparison_figures",
+    "write_comparison_report",
     "write_figures",
     "write_pdf",
     "write_report",
@@ -85,3 +88,19 @@ def write_table_report(table: GainTable, figures: Sequence[WrittenFigure], out_p
     from vsgdesign.report.table_page import write_table_page
 
     return write_table_page(table, figures, Path(out_path))
+
+
+def write_comparison_figures(comparison: Comparison, folder: str | Path) -> list[WrittenFigure]:
+    """Draw the figure of a comparison into ``folder`` (made if missing), as SVG and as PNG (200 dpi)."""
+    from vsgdesign.report.comparison_figures import write_all
+
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return write_all(comparison, folder)
+
+
+def write_comparison_report(comparison: Comparison, figures: Sequence[WrittenFigure], out_path: str | Path) -> Path:
+    """Write the page of a comparison: one HTML file with text, tables and the given figures."""
+    from vsgdesign.report.comparison_page import write_comparison_page
+
+    return write_comparison_page(comparison, figures, Path(out_path))

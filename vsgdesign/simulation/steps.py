@@ -75,6 +75,7 @@ def emt_step(
         return None
     tail = response[-max(len(response) // 10, 1) :]
     final = size if signal == "P" else float(tail.mean())
-    if np.ptp(tail) > 0.02 * abs(size) or abs(final) < 1e-6 * abs(size):
+    # What ends within the band around zero is no answer to the step, and nothing to take shares of.
+    if np.ptp(tail) > 0.02 * abs(size) or abs(final) < 0.02 * abs(size):
         return None
     return step_response(t_s, response, 0.0, final)

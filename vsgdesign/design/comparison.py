@@ -1,0 +1,264 @@
+"""Fixed, closed-form and table gains side by side, on the same grids under the same specification."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.design.box import NOMINAL, Scenarios, scenarios_of_truth
+from vsgdesign.design.cell import Figures, shortfalls, worst
+from vsgdesign.design.evaluation import Evaluation, evaluate_gains
+from vsgdesign.design.single import FixedTuning
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.metrics.step_response import ResponseMetrics
+from vsgdesign.parameters.specification import Specification
+from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.runtime.of_study import schedule_of
+from vsgdesign.runtime.schedule import Schedule
+
+Array = NDArray[np.float64]
+
+STATES = ("kept", "kept_exact", "broken", "unstable")
+"""Of a grid: every promise is kept with the estimate wrong as specified; with an exact estimate only; not even so,
+but every loop is stable; unstable somewhere in the box, or without gains."""
+
+BEST_FIXED, GIVEN, CLOSED_FORM, TABLE = "best fixed", "fixed", "closed form", "table"
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One way to have gains: the same on every grid (``gains``), or by a schedule."""
+
+    name: str
+    structure: str
+    origin: str
+    """``best fixed``, ``fixed``, ``closed form`` or ``table``."""
+    droop: float
+    """P–f droop that its structure is asked for, W·s/rad; 0: none is asked."""
+    gains: PowerLoopGains | None = None
+    schedule: Schedule | None = None
+    at_design_point: bool = False
+    """The schedule takes the Jacobian at its design point, not at the measured powers."""
+
+    def gains_in(self, s: Scenarios) -> PowerLoopGains:
+        """The gains that it has in each scenario, arrays (S,); NaN where its schedule has none."""
+        if self.schedule is None:
+            chosen: Any = self.gains
+        else:
+            R_hat, L_hat = s.R_hat - self.schedule.R_2, s.X_hat / self.schedule.omega - self.schedule.L_2
+            if self.at_design_point:
+                chosen = self.schedule.gains_over(R_hat, L_hat)
+            else:
+                chosen = self.schedule.gains_measured(R_hat, L_hat, s.P, s.Q, s.V_rms)
+        return PowerLoopGains(*(np.broadcast_to(np.asarray(value, dtype=float), s.P.shape) for value in chosen))
+
+
+@dataclass(frozen=True)
+class GridFigures:
+    """A contender on one grid. ``exact``, ``wrong``: the worst over the powers with an exact estimate and over the
+    estimate's error too; None without gains. ``missed_*``: the promises that are not kept, with what is reached."""
+
+    scr: float
+    x_over_r: float
+    exact: Figures | None
+    wrong: Figures | None
+    missed_exact: dict[str, float]
+    missed_wrong: dict[str, float]
+    D_p: float
+    """P–f droop, W·s/rad, at the design point."""
+    inertia: float
+    """H in s there (:eq:`effective-inertia`)."""
+
+    @property
+    def state(self) -> str:
+        """One of STATES."""
+        if any(f is None or not f.abscissa < 0.0 for f in (self.exact, self.wrong)):
+            return "unstable"
+        if not self.missed_exact and not self.missed_wrong:
+            return "kept"
+        return "broken" if self.missed_exact else "kept_exact"
+
+
+@dataclass(frozen=True)
+class EmtStep:
+    """A step in EMT with the real inner loops; ``response`` None: unstable, or not settled in time."""
+
+    scr: float
+    x_over_r: float
+    signal: str
+    response: ResponseMetrics | None
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A contender with everything that was found of it."""
+
+    contender: Contender
+    grids: tuple[GridFigures, ...]
+    emt: tuple[EmtStep, ...] = ()
+    tuning: FixedTuning | None = None
+
+    def share(self, *states: str) -> float:
+        """Share of the grids in any of the given states."""
+        return sum(grid.state in states for grid in self.grids) / max(len(self.grids), 1)
+
+    def worst(self, name: str, wrong: bool) -> float:
+        """The worst of a figure over all grids; infinite (0 for margins) where a grid is unstable or has no gains."""
+        large = name not in ("disk_margin", "damping_ratio")
+        values = []
+        for grid in self.grids:
+            f = grid.wrong if wrong else grid.exact
+            bad = f is None or not f.abscissa < 0.0
+            values.append((np.inf if large else 0.0) if bad else getattr(f, name))
+        return float(max(values) if large else min(values))
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All contenders on the same grids. ``outside``: grids on which nothing is asked, (SCR, X/R)."""
+
+    study: Study
+    specification: Specification
+    scr: tuple[float, ...]
+    x_over_r: tuple[float, ...]
+    contenders: tuple[Compared, ...]
+    outside: tuple[tuple[float, float], ...]
+    seed: int
+
+
+def comparison_axes(spec: Specification) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """SCR and X/R to compare on: the specification's nodes and the geometric means of neighbours."""
+
+    def refined(axis: tuple[float, ...]) -> tuple[float, ...]:
+        middles = [float(f"{np.sqrt(a * b):.4g}") for a, b in itertools.pairwise(axis)]
+        return tuple(sorted({*axis, *middles}))
+
+    return refined(spec.scr), refined(spec.x_over_r)
+
+
+def contender_of(study: Study, spec: ControllerSpec) -> Contender:
+    """A controller of the study as a contender. Raises InfeasibleStudyError for gains that cannot be had."""
+    target = spec.target
+    droop = 0.0
+    if target.structure == "angle_damped" and target.P_droop > 0.0:
+        droop = study.converter.S_rated / (target.P_droop * study.converter.omega_n)
+    schedule = schedule_of(study, spec)
+    if spec.kind == "fixed":
+        grid = spec.design_grid or study.grid
+        gains = spec.gains or schedule.gains(grid.R_g, grid.L_g)
+        return Contender(spec.name, target.structure, GIVEN, droop, gains=gains)
+    origin = TABLE if spec.schedule == "table" else CLOSED_FORM
+    return Contender(
+        spec.name, target.structure, origin, droop, schedule=schedule, at_design_point=not target.follow_references
+    )
+
+
+def compare_on_grids(
+    study: Study, spec: Specification, contender: Contender, grids: Sequence[tuple[float, float]]
+) -> tuple[GridFigures, ...]:
+    """A contender's figures from the coupled model on every grid (SCR, X/R) that the specification asks about."""
+    found = [_sides(study, spec, scr, x_over_r) for scr, x_over_r in grids]
+    kept = [(grid, sides) for grid, sides in zip(grids, found, strict=True) if sides is not None]
+    if not kept:
+        return ()
+    boxes = [box for _, sides in kept for box in sides]
+    joined = Scenarios(*(np.concatenate([getattr(box, f.name) for box in boxes]) for f in fields(Scenarios)))
+    gains = contender.gains_in(joined)
+    usable = np.flatnonzero(np.all([np.isfinite(value) for value in gains], axis=0))
+    part = evaluate_gains(
+        PowerLoopGains(*(value[usable] for value in gains)), joined.take(usable), spec.settling_time, study.tau_P,
+        study.tau_Q,
+    )  # fmt: skip
+    row_of = np.full(len(joined), -1)
+    row_of[usable] = np.arange(len(usable))
+    rows, start = [], 0
+    c = study.converter
+    for (scr, x_over_r), sides in kept:
+        first = PowerLoopGains(*(float(value[start + NOMINAL]) for value in gains))
+        inertia = c.omega_n / (2.0 * c.S_rated * (first.K_ip - first.K_pq * first.K_qp / first.K_iq))
+        figures: list[Figures | None] = []
+        missed: list[dict[str, float]] = []
+        for box in sides:
+            index = row_of[start : start + len(box)]
+            start += len(box)
+            whole = None if (index < 0).any() else worst(_part(part, index))
+            figures.append(whole)
+            missed.append({} if whole is None else shortfalls(spec, whole, inertia))
+        rows.append(GridFigures(scr, x_over_r, figures[0], figures[1], missed[0], missed[1], first.D_p, inertia))
+    return tuple(rows)
+
+
+def _sides(study: Study, spec: Specification, scr: float, x_over_r: float) -> tuple[Scenarios, Scenarios] | None:
+    """Scenarios of a grid without and with the estimate's error; None where nothing is asked of it."""
+    P, Q = study.target.P, study.target.Q
+    exact = replace(spec, box=replace(spec.box, error_R=0.0, error_X=0.0))
+    sides = tuple(scenarios_of_truth(study, side, scr, x_over_r, P, Q) for side in (exact, spec))
+    return None if len(sides[0]) == 0 else (sides[0], sides[1])
+
+
+def nominal_powers(study: Study, spec: Specification, scr: float, x_over_r: float) -> tuple[float, float] | None:
+    """The design point (P, Q) as far as a grid's limits allow it; None where it has none."""
+    s = scenarios_of_truth(study, spec, scr, x_over_r, study.target.P, study.target.Q)
+    return None if len(s) == 0 else (float(s.P[NOMINAL]), float(s.Q[NOMINAL]))
+
+
+def gains_at(
+    study: Study, spec: Specification, contender: Contender, scr: float, x_over_r: float, P: float, Q: float
+) -> PowerLoopGains | None:
+    """The gains that a contender has on a known grid at (P, Q), as numbers; None where it has none."""
+    exact = replace(spec, box=replace(spec.box, P=(P,), Q=(Q,), error_R=0.0, error_X=0.0))
+    s = scenarios_of_truth(study, exact, scr, x_over_r, P, Q)
+    if len(s) == 0:
+        return None
+    gains = PowerLoopGains(*(float(value[NOMINAL]) for value in contender.gains_in(s)))
+    return gains if np.isfinite(gains).all() else None
+
+
+def summary_of(compared: Compared) -> dict[str, Any]:
+    """One row of the comparison: shares of grids, the worst of every figure, droop, inertia, EMT."""
+    c, grids = compared.contender, compared.grids
+    droop = [per_hz(grid.D_p) for grid in grids if np.isfinite(grid.D_p)]
+    inertia = [grid.inertia for grid in grids if np.isfinite(grid.inertia)]
+    responses = [step.response for step in compared.emt]
+    settled = [r for r in responses if r is not None and r.settling_time_s is not None]
+    figures = ("overshoot", "settling_time", "disk_margin", "damping_ratio")
+    return {
+        "name": c.name,
+        "structure": c.structure,
+        "origin": c.origin,
+        "shares": {state: compared.share(state) for state in STATES},
+        "kept_exact": compared.share("kept", "kept_exact"),
+        "kept_wrong": compared.share("kept"),
+        "worst_exact": {name: compared.worst(name, False) for name in figures},
+        "worst_wrong": {name: compared.worst(name, True) for name in figures},
+        "droop_W_per_Hz": _range(droop),
+        "droop_asked_W_per_Hz": per_hz(c.droop) if c.droop > 0.0 else None,
+        "inertia_s": _range(inertia),
+        "emt": {
+            "steps": len(responses),
+            "not_settled": len(responses) - len(settled),
+            "overshoot": max((r.overshoot_pct or 0.0 for r in settled), default=float("nan")) / 100.0,
+            "settling_time": max((r.settling_time_s or 0.0 for r in settled), default=float("nan")),
+        },
+    }
+
+
+def per_hz(D_p: float) -> float:
+    """W per Hz of a droop in W·s/rad."""
+    return float(2.0 * np.pi * D_p)
+
+
+def _range(values: Sequence[float]) -> tuple[float, float] | None:
+    return (min(values), max(values)) if values else None
+
+
+def _part(e: Evaluation, index: NDArray[Any]) -> Evaluation:
+    return Evaluation(
+        {name: values[None, index] for name, values in e.figures.items()}, e.damping_ratio[None, index],
+        e.abscissa[None, index],
+    )  # fmt: skip

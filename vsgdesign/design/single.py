@@ -1,0 +1,219 @@
+"""The best single fixed tuning of a structure over a whole box of grids: what a gain schedule has to beat."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.design.box import Scenarios, scenarios_of_truth
+from vsgdesign.design.cell import Figures, worst
+from vsgdesign.design.evaluation import Evaluation, LawOfStudy, evaluate_fixed, law_of
+from vsgdesign.design.variables import variables
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.parameters.specification import Specification
+from vsgdesign.parameters.study import ClosedFormTarget, Study
+
+Array = NDArray[np.float64]
+
+POPULATION = 32
+GENERATIONS = 40
+ROUNDS = 3
+_HARD = 24
+"""Scenarios of the first round; the worst of every round's winner join."""
+_JOINING = 8
+
+_FREE = {
+    "published": ("K_ip", "D_p", "K_iq", "D_q"),
+    "decoupled": ("K_ip", "D_p", "K_iq", "K_pq", "K_qp"),
+    "angle_damped": ("K_ip", "K_iq", "K_pq", "K_qp", "k_P", "k_Q"),
+}
+_OVER = {"K_pq": "K_ip", "K_qp": "K_iq", "k_Q": "k_P"}
+"""Gains that are searched for as a share of another, of either sign: W against var, no unit."""
+_SHARE = 4.0
+_DECADES = 1.5
+"""How far beyond the closed forms of all grids the logarithm of a gain is searched."""
+
+_PACES = (0.3, 0.6, 1.0, 1.6, 3.0)
+"""Bandwidths of the closed forms that the search begins with, over the settling time's inverse."""
+
+_CAP = 5.0
+_UNSTABLE = 10.0
+_MEAN = 0.1
+"""Weight of the mean violation: it says where to go while the worst scenario is hopeless."""
+
+
+@dataclass(frozen=True)
+class FixedTuning:
+    """One set of gains for every grid. ``figures``: the worst over the grids' scenarios; ``violation``: of the promise
+    that is broken most, relative to its limit (0: all kept; from 10 on: unstable somewhere)."""
+
+    structure: str
+    gains: PowerLoopGains
+    figures: Figures
+    violation: float
+    scenarios: int
+    designs: int
+    """How many tunings were looked at."""
+
+
+def best_fixed(
+    study: Study, target: ClosedFormTarget, grids: Sequence[tuple[float, float]], *, seed: int = 0,
+    population: int = POPULATION, generations: int = GENERATIONS, progress: Progress | None = None,
+) -> FixedTuning:  # fmt: skip
+    """The gains of a structure that are least bad at the worst of all grids (SCR, X/R) and powers of the specification.
+
+    Differential evolution over the structure's own gains in SI (droops that the structure leaves free are the
+    target's), begun with the closed forms of every grid. It looks at the hardest scenarios only, and the worst of each
+    round's winner join them. There is no schedule, so the estimate's error has no say. Seeded: equal calls give equal
+    digits. Raises InfeasibleStudyError without a specification with the aim ``settling``, or where no grid has an
+    operating point.
+    """
+    from scipy.optimize import differential_evolution
+
+    spec = study.specification
+    if spec is None or not spec.settles:
+        raise InfeasibleStudyError(
+            'a fixed tuning is sought under a [specification] with aim = "settling"; this study has none. Add one.'
+        )
+    tell = progress or silent
+    law = law_of(study, target, spec.aim)
+    s = exact_scenarios(study, spec, grids, target.P, target.Q)
+    if len(s) == 0:
+        raise InfeasibleStudyError(
+            "specification: no grid has an operating point within the converter's limits. "
+            "Ask for less power (P, Q), or stronger grids (scr)."
+        )
+    seeds = _encoded(law, _closed_forms(law, spec, s))
+    low, high = _bounds(law, spec, s, seeds)
+    decode = _decoder(law)
+
+    def costs(y: Array, few: Scenarios) -> Array:
+        return _costs(spec, evaluate_fixed(decode(y), few, spec.settling_time, law.tau_P, law.tau_Q))
+
+    few = s.take(_spread(len(s), _HARD))
+    seeds = np.clip(seeds, low, high)
+    begin = costs(seeds, few)
+    ranked = np.argsort(begin, kind="stable")[:population]
+    rng = np.random.default_rng(seed)
+    start = seeds[ranked[np.arange(population) % len(ranked)]]
+    start = np.clip(start + np.where(np.arange(population)[:, None] < len(ranked) // 2, 0.0, 0.3)
+                    * rng.standard_normal(start.shape), low, high)  # fmt: skip
+    starts: Any = start
+    designs, active = len(seeds), _spread(len(s), _HARD)
+    winners = [seeds[ranked[0]]]
+    for k in range(ROUNDS):
+        tell(f"best fixed tuning, {law.structure}", k / ROUNDS)
+        few = s.take(active)
+        found = differential_evolution(
+            lambda x, few=few: costs(x.T, few), list(zip(low, high, strict=True)), init=starts, maxiter=generations,
+            rng=np.random.default_rng(rng.integers(2**63)), polish=False, updating="deferred", vectorized=True, tol=0.0,
+        )  # fmt: skip
+        designs += int(found.nfev)
+        starts = np.clip(found.population, low, high)
+        winners.append(starts[0])
+        violation = violations(spec, evaluate_fixed(decode(starts[:1]), s, spec.settling_time, law.tau_P, law.tau_Q))[0]
+        active = np.array(list(dict.fromkeys([*active, *np.argsort(-violation, kind="stable")[:_JOINING].tolist()])))
+    tell(f"best fixed tuning, {law.structure}", 1.0)
+    y = np.array(winners)
+    whole = evaluate_fixed(decode(y), s, spec.settling_time, law.tau_P, law.tau_Q)
+    best = int(np.argmin(_costs(spec, whole)))
+    gains = PowerLoopGains(*(float(value[0]) for value in decode(y[best : best + 1])))
+    return FixedTuning(
+        law.structure, gains, worst(whole, best), max(float(violations(spec, whole)[best].max()), 0.0), len(s), designs
+    )
+
+
+def exact_scenarios(
+    study: Study, spec: Specification, grids: Sequence[tuple[float, float]], P: float, Q: float
+) -> Scenarios:
+    """The scenarios of all grids (SCR, X/R), joined, without error of the estimate."""
+    exact = replace(spec, box=replace(spec.box, error_R=0.0, error_X=0.0))
+    boxes = [scenarios_of_truth(study, exact, scr, x_over_r, P, Q) for scr, x_over_r in grids]
+    return Scenarios(*(np.concatenate([getattr(box, f.name) for box in boxes]) for f in fields(Scenarios)))
+
+
+def violations(spec: Specification, e: Evaluation) -> Array:
+    """(M, S), by how much the promise that is broken most is broken, over its limit; at most 0 where all are kept.
+
+    At most 5 where the loops are stable, from 10 on where they are not.
+    """
+    overshoot = np.maximum(e["overshoot_P"], e["overshoot_Q"]) / spec.overshoot - 1.0
+    settling = np.maximum(e["settling_P"], e["settling_Q"]) / spec.settling_time - 1.0
+    margin = 1.0 - e["disk_margin"] / max(spec.disk_margin, 1e-9)
+    damping = 1.0 - e.damping_ratio / max(spec.damping_ratio, 1e-9)
+    stable = np.minimum(np.maximum.reduce([overshoot, settling, margin, damping]), _CAP)
+    growth = np.clip(e.abscissa * spec.settling_time, 0.0, 50.0)
+    return np.where(e.abscissa < 0.0, stable, _UNSTABLE + growth)
+
+
+def _costs(spec: Specification, e: Evaluation) -> Array:
+    found = violations(spec, e)
+    return found.max(axis=1) + _MEAN * np.maximum(found, 0.0).mean(axis=1)
+
+
+def _closed_forms(law: LawOfStudy, spec: Specification, s: Scenarios) -> PowerLoopGains:
+    """Gains of the closed form for every scenario's own Jacobian at every pace, arrays (paces·S,)."""
+    share, q = (0.0, 0.01) if law.structure == "published" else (1.0, 0.0)
+    parts = []
+    for pace in _PACES:
+        T = spec.settling_time / pace
+        normalised = NormalisedGains(15.8 / T**2, 6.6 / T, 4.0 / T, q, share, share)
+        parts.append([np.broadcast_to(value, s.P.shape) for value in law.gains(normalised, s)])
+    return PowerLoopGains(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+
+
+def _encoded(law: LawOfStudy, gains: PowerLoopGains) -> Array:
+    """Rows of search variables: logarithms of gains, shares of those that may be negative."""
+    columns = []
+    for name in _FREE[law.structure]:
+        value = getattr(gains, name)
+        over = _OVER.get(name)
+        columns.append(np.log(np.maximum(value, 1e-30)) if over is None else value / getattr(gains, over))
+    return np.stack(columns, axis=1)
+
+
+def _bounds(law: LawOfStudy, spec: Specification, s: Scenarios, seeds: Array) -> tuple[Array, Array]:
+    """Limits of the search. A rate that a table may not exceed is not exceeded on any grid here either: the model's
+    inner loops are ideal, and a search without that limit lives on them."""
+    v = variables(law.structure, spec)
+    most = dict(zip(v.names, np.exp(v.high) * v.scale, strict=True))
+    unit = law.gains(NormalisedGains(1.0, 2.0, 1.0, 0.0, 0.0, 0.0), s)
+    rates = {
+        "K_ip": most["k_1_or_H"] * unit.K_ip,
+        "K_iq": most["k_2"] * unit.K_iq,
+        "k_P": most["d_1_or_zeta"] * unit.K_ip,
+    }
+    beyond = _DECADES * np.log(10.0)
+    low, high = seeds.min(axis=0) - beyond, seeds.max(axis=0) + beyond
+    for k, name in enumerate(_FREE[law.structure]):
+        if name in _OVER:
+            low[k], high[k] = -_SHARE, _SHARE
+        elif name in rates:
+            high[k] = np.log(rates[name][rates[name] > 0.0].min())
+    return low, high
+
+
+def _decoder(law: LawOfStudy) -> Callable[[Array], PowerLoopGains]:
+    """Search variables (M, k) → gains, arrays (M,)."""
+    names = _FREE[law.structure]
+
+    def decode(y: Array) -> PowerLoopGains:
+        values: dict[str, Any] = dict.fromkeys(PowerLoopGains._fields, np.zeros(len(y)))
+        values |= {"D_p": np.full(len(y), law.D_p), "D_q": np.full(len(y), law.D_q)}
+        for k, name in enumerate(names):  # a share comes after what it is a share of
+            over = _OVER.get(name)
+            values[name] = np.exp(y[:, k]) if over is None else y[:, k] * values[over]
+        return PowerLoopGains(**values)
+
+    return decode
+
+
+def _spread(count: int, wanted: int) -> NDArray[np.intp]:
+    return np.unique(np.linspace(0, count - 1, min(wanted, count)).round().astype(int))

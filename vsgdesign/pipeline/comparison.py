@@ -1,0 +1,193 @@
+"""What scheduling has to beat: every controller of a study and the best fixed tunings, side by side."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vsgdesign.artifacts import provenance, staged_folder, write_json
+from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.artifacts.tables import write_table
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.parameters.specification import Specification
+from vsgdesign.parameters.study import Study, grid_from_scr
+from vsgdesign.pipeline.table import with_tables
+
+if TYPE_CHECKING:  # the optimizer's libraries are loaded by who compares
+    from vsgdesign.design.comparison import Compared, Comparison, Contender, EmtStep
+
+EMT_SCR, EMT_X_OVER_R = 3, 4
+"""EMT grids: so many of each axis, evenly spaced in the logarithm from end to end."""
+
+EMT_SHARE = 0.5
+"""EMT steps begin at so much of the design point: the step is a small one around what the converter mostly does."""
+
+SETTLINGS = 4.0
+"""How long a step is looked at in EMT, in settling times."""
+
+
+def report_comparison(
+    study: Study, out: str | Path, *, emt: bool = True, seed: int = 0, workers: int | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Compare and leave results.json, comparison.csv, figures and report.html in ``out``; returns results.json.
+
+    Gain tables that the study asks for and that no file has are built first. The folder appears when everything is
+    done. Raises the errors of :func:`compare_study` and ArtifactError.
+    """
+    from vsgdesign.report import write_comparison_figures, write_comparison_report
+
+    tell = progress or silent
+    with staged_folder(out) as folder:
+        study = with_tables(study, out, workers=workers, progress=progress)
+        comparison = compare_study(study, emt=emt, seed=seed, progress=progress)
+        tell("draw figures", 0.0)
+        figures = write_comparison_figures(comparison, folder / "figures")
+        tell("draw figures", 1.0)
+        write_comparison_report(comparison, figures, folder / "report.html")
+        write_table(folder / "comparison.csv", CSV_HEADER, csv_rows(comparison))
+        document = comparison_document(comparison)
+        write_json(folder / "results.json", document)
+    return document
+
+
+def compare_study(study: Study, *, emt: bool = True, seed: int = 0, progress: Progress | None = None) -> Comparison:
+    """The controllers of a study and the best fixed tuning of each of their structures, under its specification.
+
+    On the specification's nodes and between them, from the coupled model; steps in averaged EMT on a few grids.
+    Tables must be there (:func:`vsgdesign.pipeline.table.with_tables`). Raises InfeasibleStudyError without a
+    specification with the aim ``settling``.
+    """
+    from vsgdesign.design.comparison import (
+        BEST_FIXED,
+        Compared,
+        Comparison,
+        Contender,
+        compare_on_grids,
+        comparison_axes,
+        contender_of,
+    )
+    from vsgdesign.design.record import one_thread
+    from vsgdesign.design.single import best_fixed
+
+    tell = progress or silent
+    spec = study.specification
+    if spec is None or not spec.settles:
+        raise InfeasibleStudyError(
+            'a comparison needs a [specification] with aim = "settling": it says what to keep, and over what. Add one.'
+        )
+    axes = comparison_axes(spec)
+    grids = list(itertools.product(*axes))
+    nodes = list(itertools.product(spec.scr, spec.x_over_r))
+    with one_thread():
+        contenders: list[tuple[Contender, Any]] = []
+        for controller in study.controllers:
+            structure = controller.target.structure
+            if structure in {other.structure for other, _ in contenders}:
+                continue
+            found = best_fixed(study, controller.target, nodes, seed=seed, progress=progress)
+            like = contender_of(study, controller)
+            contenders.append((Contender(f"best_{structure}", structure, BEST_FIXED, like.droop, found.gains), found))
+        contenders += [(contender_of(study, controller), None) for controller in study.controllers]
+        contenders = _by_structure(contenders)
+        compared: list[Compared] = []
+        for k, (contender, tuning) in enumerate(contenders):
+            tell("compare", k / len(contenders))
+            linear = compare_on_grids(study, spec, contender, grids)
+            steps = emt_steps(study, spec, contender) if emt else ()
+            compared.append(Compared(contender, linear, steps, tuning))
+        tell("compare", 1.0)
+    seen = {(grid.scr, grid.x_over_r) for grid in compared[0].grids}
+    outside = tuple(grid for grid in grids if grid not in seen)
+    return Comparison(study, spec, *axes, tuple(compared), outside, seed)
+
+
+def _by_structure(contenders: Sequence[tuple[Contender, Any]]) -> list[tuple[Contender, Any]]:
+    """Structures in order of appearance, in each the best fixed tuning first."""
+    order = list(dict.fromkeys(contender.structure for contender, _ in contenders))
+    return sorted(contenders, key=lambda pair: order.index(pair[0].structure))
+
+
+def emt_grids(spec: Specification) -> list[tuple[float, float]]:
+    """Grids of the EMT steps, (SCR, X/R)."""
+    scr, ratio = (
+        [float(f"{value:.3g}") for value in np.geomspace(axis[0], axis[-1], count)]
+        for axis, count in ((spec.scr, EMT_SCR), (spec.x_over_r, EMT_X_OVER_R))
+    )
+    return list(itertools.product(scr, ratio))
+
+
+def emt_steps(study: Study, spec: Specification, contender: Contender) -> tuple[EmtStep, ...]:
+    """A step of each reference on every grid of :func:`emt_grids` that carries power, known exactly."""
+    from vsgdesign.design.comparison import EmtStep, gains_at, nominal_powers
+    from vsgdesign.simulation.steps import emt_step
+
+    steps = []
+    for scr, x_over_r in emt_grids(spec):
+        powers = nominal_powers(study, spec, scr, x_over_r)
+        if powers is None:
+            continue
+        P, Q = EMT_SHARE * powers[0], EMT_SHARE * powers[1]
+        gains = gains_at(study, spec, contender, scr, x_over_r, P, Q)
+        grid = grid_from_scr(scr, x_over_r, spec.scr_basis, study.converter)
+        for signal in "PQ":
+            response = None
+            if gains is not None:
+                response = emt_step(study, grid, gains, P, Q, signal, duration=SETTLINGS * spec.settling_time)
+            steps.append(EmtStep(scr, x_over_r, signal, response))
+    return tuple(steps)
+
+
+def comparison_document(comparison: Comparison) -> dict[str, Any]:
+    """results.json of a comparison."""
+    from vsgdesign.design.comparison import summary_of
+
+    study, spec = comparison.study, comparison.specification
+    return {
+        "schema": 1,
+        "study": {"name": study.name, "title": study.title, "source": study.source, "hash": study.hash},
+        "provenance": provenance(),
+        "seed": comparison.seed,
+        "specification": asdict(spec),
+        "scr": comparison.scr,
+        "x_over_r": comparison.x_over_r,
+        "outside": comparison.outside,
+        "contenders": [summary_of(compared) | _details(compared) for compared in comparison.contenders],
+    }
+
+
+def _details(compared: Compared) -> dict[str, Any]:
+    tuning = compared.tuning
+    return {
+        "tuning": None if tuning is None else asdict(tuning) | {"gains": tuning.gains.named()},
+        "grids": [asdict(grid) | {"state": grid.state} for grid in compared.grids],
+        "emt_steps": [asdict(step) for step in compared.emt],
+    }
+
+
+_FIGURES = ("overshoot", "settling_time", "cross_peak", "disk_margin", "damping_ratio")
+
+CSV_HEADER = (
+    "contender", "structure", "origin", "scr", "x_over_r", "state",
+    *(f"{name} {side}" for side in ("exact", "wrong") for name in _FIGURES),
+    "missed exact", "missed wrong", "droop [W/Hz]", "H [s]",
+)  # fmt: skip
+
+
+def csv_rows(comparison: Comparison) -> Iterator[list[object]]:
+    """One row a contender and grid."""
+    from vsgdesign.design.comparison import per_hz
+
+    for compared in comparison.contenders:
+        c = compared.contender
+        for grid in compared.grids:
+            row: list[object] = [c.name, c.structure, c.origin, grid.scr, grid.x_over_r, grid.state]
+            for figures in (grid.exact, grid.wrong):
+                row += [None if figures is None else getattr(figures, name) for name in _FIGURES]
+            missed = [" ".join(names) for names in (grid.missed_exact, grid.missed_wrong)]
+            yield [*row, *missed, per_hz(grid.D_p), grid.inertia]
