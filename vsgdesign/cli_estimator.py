@@ -51,6 +51,48 @@ def windows(study_file: str, recipe: str, out: str, seed: int, workers: int, as_
             click.echo("synchronised with the grid's phase, as published: no converter in the field has that signal")
 
 
+@estimator.command()
+@STUDY
+@click.option("--out", required=True, metavar="FILE.json", help="Where to write the weights.")
+@click.option("--recipe", default=None, metavar="NAME|FILE.toml", help="[default: of the study, else published]")
+@click.option("--seed", type=click.IntRange(0), default=None, help="[default: of the study, else 0]")
+@click.option(
+    "--hidden", type=click.IntRange(1, 64), default=None, help="Hidden units.  [default: of the study, else 8]"
+)
+@click.option("--components", type=click.IntRange(0, 1000), default=None,
+              help="Principal components; 0: all above the noise.  [default: of the study, else 6]")  # fmt: skip
+@click.option("--windows", default=None, metavar="FILE.npz", help="Keep the windows too.")
+@click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Processes.")
+@JSON
+@verb
+def train(
+    study_file: str, out: str, recipe: str | None, seed: int | None, hidden: int | None, components: int | None,
+    windows: str | None, workers: int, as_json: bool,
+) -> None:  # fmt: skip
+    """Make windows, train a network on them and write its weights."""
+    from dataclasses import replace
+
+    from vsgdesign.parameters.estimator import EstimatorSpec
+    from vsgdesign.pipeline.training import train_weights_file
+
+    study = load(study_file)
+    given = {"recipe": recipe, "seed": seed, "hidden": hidden, "components": components}
+    changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    spec = replace(study.estimator or EstimatorSpec(), **changes)
+    with progress(quiet=as_json) as tell:
+        document = train_weights_file(study, spec, out, windows=windows, workers=workers, progress=tell)
+    if as_json:
+        print_json(document)
+        return
+    test = document["parts"]["test"]["correlation"]
+    click.echo(
+        f"{out}: recipe {document['recipe']}, {document['epochs']} epochs, {document['stop']}; on the windows for test "
+        f"R = {test['R_g']:.6f} (R_g), {test['L_g']:.6f} (L_g)"
+    )
+    if document["synchronised"]:
+        click.echo("synchronised with the grid's phase, as published: no converter in the field has that signal")
+
+
 _FOLDER = click.option("--out", required=True, metavar="FOLDER", help="Where to write results and report.")
 _WEIGHTS = click.option("--weights", "weights", multiple=True, metavar="FILE.json",
                         help="Networks to compare.  [default: two are trained]")  # fmt: skip

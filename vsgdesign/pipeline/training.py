@@ -68,12 +68,12 @@ def check_fit(study: Study, spec: EstimatorSpec, recipe: WindowRecipe) -> None:
 
 
 def train_weights_file(
-    study: Study, out: str | Path, *, recipe: str, seed: int, hidden: int, components: int, starts: int,
-    windows: str | Path | None = None, workers: int = 1, progress: Progress | None = None,
+    study: Study, spec: EstimatorSpec, out: str | Path, *, windows: str | Path | None = None, workers: int = 1,
+    progress: Progress | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Train a network and write its weights; returns what :func:`training_document` says and the file.
+    """Train a network as ``spec`` says and write its weights; returns file, network and training in JSON's types.
 
-    ``windows`` keeps the windows as well. Raises as :func:`with_estimator`.
+    ``windows`` keeps the windows as well, with the bridge of the recipe. Raises as :func:`with_estimator`.
     """
     from vsgdesign.estimator.recipes import load_recipe
     from vsgdesign.estimator.trained import train_estimator
@@ -82,8 +82,8 @@ def train_weights_file(
     if out.is_dir() or not out.parent.is_dir():
         raise ArtifactError(f'cannot write "{out}": give a file in a folder that exists.')
     trained = train_estimator(
-        study, load_recipe(recipe), seed=seed, hidden=hidden, components=components, starts=starts, out=windows,
-        workers=workers, progress=progress or silent,
+        study, load_recipe(spec.recipe), seed=spec.seed, hidden=spec.hidden, components=spec.components,
+        starts=spec.starts, out=windows, workers=workers, progress=progress or silent,
     )  # fmt: skip
     write_network_weights(trained.weights, out)
     return {"file": str(out)} | network_document(trained.weights) | training_document(trained)
