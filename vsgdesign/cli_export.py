@@ -20,9 +20,7 @@ def export() -> None:
 @click.option("--v-limit", type=float, default=None, metavar="V", help="Sensor's limit.  [default: 4 rated peaks]")
 @click.option("--i-limit", type=float, default=None, metavar="A", help="Sensor's limit.  [default: 4 rated peaks]")
 @click.option("--grid-phase", is_flag=True, help="Windows will start at the grid phase that was trained with.")
-@click.option(
-    "--rate", type=float, default=None, metavar="1/s", help="Rate of SCR and R/X.  [default: certified]"
-)
+@click.option("--rate", type=float, default=None, metavar="1/s", help="Rate of SCR and R/X.  [default: certified]")
 @JSON
 @verb
 def c(
@@ -42,3 +40,16 @@ def c(
         return
     click.echo(f"{made.folder}: {len(made.manifest['files'])} files of table {made.manifest['table']['name']}")
     click.echo(f"next: make -C {made.folder} test")
+
+
+@export.command()
+@click.argument("weights_file", metavar="W.json", type=click.Path())
+@click.option("--out", required=True, metavar="FILE.onnx", help="Where to write.")
+@click.option("--double", is_flag=True, help="Double instead of single precision.")
+@verb
+def onnx(weights_file: str, out: str, double: bool) -> None:
+    """ONNX of the impedance estimator with its scaling inside: V and A in, ohm and henry out."""
+    from vsgdesign.export.onnx_model import export_onnx
+
+    digest = export_onnx(weights_file, out, double=double)
+    click.echo(f"{out}: of weights {digest[:12]}")

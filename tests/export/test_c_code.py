@@ -83,18 +83,14 @@ def test_its_own_makefile_runs_the_self_test(real: str, folder: Path, tmp_path: 
     copy = tmp_path / "copy"
     shutil.copytree(folder, copy)
     command = ["make", "-C", str(copy), f"REAL={real}", "test"]
-    done = subprocess.run(
-        ["make", "-C", str(copy), f"REAL={real}", "test"], capture_output=True, text=True, check=False
-    )
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     # A wrong constant is found: the first node's first parameter.
     data = (copy / "vsg_data.c").read_text(encoding="utf-8")
     bent = re.sub(r"(vsg_axis_scr\[VSG_ROWS\] = \{.*)VSG_C\(20\.0\)", r"\1VSG_C(20.1)", data)
     assert bent != data
     (copy / "vsg_data.c").write_text(bent, encoding="utf-8")
-    done = subprocess.run(
-        ["make", "-C", str(copy), f"REAL={real}", "test"], capture_output=True, text=True, check=False
-    )
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode != 0
     assert "Error" in done.stderr
 
