@@ -59,9 +59,8 @@ def corner_weights(row: Any, column: Any) -> Weights:
 
 def blend(weights: Weights, low_low: Any, low_high: Any, high_low: Any, high_high: Any) -> Any:
     """((w00 v00 + w01 v01) + w10 v10) + w11 v11 (:eq:`bilinear`)."""
-    return (
-        (weights.low_low * low_low + weights.low_high * low_high) + weights.high_low * high_low
-    ) + weights.high_high * high_high
+    w00, w01, w10, w11 = weights
+    return ((w00 * low_low + w01 * low_high) + w10 * high_low) + w11 * high_high
 
 
 def interpolate(values: Array, row: Interval, column: Interval, weights: Weights) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -65,8 +66,8 @@ class GainLookup:
         if None in corners and any(c is None and w != 0.0 for c, w in zip(corners, weights, strict=True)):
             return None
         # An undesigned corner without weight: any number does.
-        known = [corner or _ZEROS for corner in corners]
-        return NormalisedGains(*[blend(weights, *values) for values in zip(*known, strict=True)])
+        v00, v01, v10, v11 = (corner or _ZEROS for corner in corners)
+        return NormalisedGains(*map(blend, repeat(weights), v00, v01, v10, v11))
 
     def gains(self, normalised: NormalisedGains, scr: float, r_over_x: float, P: float, Q: float, V_rms: float) -> Any:
         """Gains on the grid of a place at measured powers and voltage (:eq:`structure-gains`).

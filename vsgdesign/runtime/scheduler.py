@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
+from functools import cached_property
 from math import isfinite
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -42,6 +41,8 @@ from vsgdesign.runtime.state import SchedulerState, state_document, state_of
 from vsgdesign.runtime.table import table_schedule
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from vsgdesign.artifacts.gain_table import GainTable
 
 _MASK = 0xFFFFFFFF
@@ -179,7 +180,6 @@ class Scheduler:
         self, lookup: GainLookup, settings: SchedulerSettings, estimator: NeuralEstimator | None = None
     ) -> None:
         self.lookup, self.settings, self.estimator = lookup, settings, estimator
-        self._made_for = hashlib.sha256(repr((settings, lookup)).encode()).hexdigest()
         self._state = first_state(lookup, settings)
         length = 0 if estimator is None else estimator.components * estimator.samples
         self._window = np.zeros((2, length))
@@ -270,6 +270,13 @@ class Scheduler:
         self._state, self._filled = state, int(filled)  # type: ignore[arg-type]
         if filled:
             self._window[:] = samples
+
+    @cached_property
+    def _made_for(self) -> str:
+        """What a saved state belongs to."""
+        import hashlib  # a third of what all else costs to import, and needed by who saves states alone
+
+        return hashlib.sha256(repr((self.settings, self.lookup)).encode()).hexdigest()
 
     @property
     def _trained(self) -> NeuralEstimator:
