@@ -36,7 +36,7 @@ def in_python(scheduler: Scheduler) -> list[Row]:
     table = repeat(lambda: [scheduler.update_estimate(1.3, 4e-3, 3e3, 500.0, 112.0) for _ in range(1000)], 15)
     load = [float(run_python(["-c", IMPORT]).output) for _ in range(7)]
     return [
-        Row("runtime", "import beyond NumPy", scaled(figure(load), 1e3), "CPU-ms", target=30.0, limit="reading modules"),
+        Row("runtime", "import beyond NumPy", scaled(figure(load), 1e3), "CPU-ms", target=30.0, limit="modules"),
         Row("runtime", "one step in Python: guards and table", scaled(figure(table), 1e3), "us",
             limit="Python's own overhead a call"),
         Row("runtime", "one step in Python: network, guards, table", scaled(figure(network), 1e3), "us", 13.0,
