@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.frames import SQRT_2
+
 Array = NDArray[np.float64]
 
 _ROUNDS = 60
@@ -23,7 +25,6 @@ _WORST = 4
 
 _CONDITION_LIMIT = 1e8
 
-ROOT_2 = np.sqrt(2.0)
 
 
 @dataclass(frozen=True)
@@ -170,5 +171,5 @@ def _basis(n: int) -> Array:
 def _triangle(matrices: Array) -> Array:
     """Upper triangles column by column, off-diagonal entries times √2: the solver's cone."""
     n = matrices.shape[-1]
-    columns = [matrices[..., i, j] * (1.0 if i == j else ROOT_2) for j in range(n) for i in range(j + 1)]
+    columns = [matrices[..., i, j] * (1.0 if i == j else SQRT_2) for j in range(n) for i in range(j + 1)]
     return np.stack(columns, axis=-1)
