@@ -56,6 +56,11 @@ design_grid = { scr = 4, x_over_r = 2 }
 [[controllers]]
 name = "c"
 kind = "scheduled"
+[[controllers]]
+name = "d"
+kind = "scheduled"
+schedule = "table"
+table = "gains.json"
 [[events]]
 time = 1
 grid = { scr = 8 }

@@ -26,7 +26,6 @@ _WORST = 4
 _CONDITION_LIMIT = 1e8
 
 
-
 @dataclass(frozen=True)
 class Family:
     """Functions P(ρ) = P_0 + Σ_k ρ_k P_k that are looked for, at N cells with W ways of moving each
