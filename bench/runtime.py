@@ -14,10 +14,14 @@ from bench.timing import Figure, Row, figure, repeat, run_python, scaled
 from tests.export.exchange import KINDS, compare, exported, random_calls, written
 from tests.export.fuzzing import build_fuzz, distance_from_table, run_fuzz
 from vsgdesign.artifacts import read_table_file
+from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.export import compile_c
 from vsgdesign.export.compiled import run_compiler
 from vsgdesign.export.footprint import COMPILER, measure_footprint
+from vsgdesign.parameters import load_study
 from vsgdesign.runtime import Scheduler, load_scheduler
+from vsgdesign.simulation import build_timeline, simulate
+from vsgdesign.simulation.shipped import ShippedScheduler, true_grid
 
 CALLS, FUZZED = 100_000, 1_000_000
 FIT = {"sample_interval": 200e-6}
@@ -105,6 +109,30 @@ def against_python() -> list[Row]:
     ]  # fmt: skip
 
 
+def in_the_loop() -> list[Row]:
+    """The published 60 s scenario with C in the loop against Python in the loop, every logged sample."""
+    study = load_study(Path(__file__).resolve().parents[1] / "studies" / "published_averaged" / "study.toml")
+    truth, rows = true_grid(build_timeline(study)), []
+    base = base_of(study, "reactance")
+    with tempfile.TemporaryDirectory() as name:
+        table_file, _ = written(Path(name), base=base)
+        folder = exported(Path(name), base=base)
+        scheduler = load_scheduler(table_file)
+        scheduler.start(study.grid.R_g, study.grid.L_g)
+        python = ShippedScheduler(scheduler, estimate=truth)
+        wanted = simulate(study, python).log
+        for double in (True, False):
+            compiled = compile_c(folder, double=double)
+            compiled.start(study.grid.R_g, study.grid.L_g)
+            c = ShippedScheduler(compiled, estimate=truth)
+            error = np.abs(simulate(study, c).log - wanted) / np.abs(wanted).max(axis=0)
+            same = sum(a[1:3] == b[1:3] for a, b in zip(python.answers, c.answers, strict=True))
+            what = f"60 s published, C {'double' if double else 'single'} in the loop: worst sample over peak"
+            rows.append(Row("runtime", what, figure([float(error.max())]), "rel.", target=1e-12 if double else 2e-6,
+                            limit=f"{same} of {len(c.answers)} statuses alike"))  # fmt: skip
+    return rows
+
+
 def fuzzed(folder: Path, table_file: Path) -> list[Row]:
     """FUZZED calls with sanitizers in each precision."""
     rows = []
@@ -128,7 +156,7 @@ def runtime() -> list[Row]:
         if shutil.which("gcc") is None:
             return rows
         folder = exported(Path(name))
-        return rows + in_c(folder) + size(folder) + against_python() + fuzzed(folder, tables[0])
+        return rows + in_c(folder) + size(folder) + against_python() + in_the_loop() + fuzzed(folder, tables[0])
 
 
 BENCHMARKS: dict[str, Callable[[], list[Row]]] = {"runtime": runtime}

@@ -233,6 +233,8 @@ def test_the_certificate_narrows_box_and_rate() -> None:
     assert certified.P == (-4e3, 4e3)
     assert certified.rate == 2.0
     assert settings_of(table(certificate={"decay": 1.0})).scr == (1.5, 20.0)
+    refuted = settings_of(table(certificate={"certified": False, "region": region}))
+    assert (refuted.scr, refuted.rate) == ((1.5, 20.0), 10.0)
     assert settings_of(table(certificate={"region": {"rate": None}})).rate == 10.0
 
 

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,8 @@ class Origin:
     table_sha256: str
     study: str
     study_hash: str
+    certificate: str = "none: the box is the table's own"
+    """What is proved of the box, in a few words."""
     weights_sha256: str | None = None
     channels: str = ""
     sample_interval: float = 0.0
@@ -72,7 +74,7 @@ def export_c_files(
     or of another case, a folder with other files.
     """
     found = read_table_of(table, study_hash)
-    origin = Origin(found.name, found.sha256, found.study, found.study_hash)
+    origin = Origin(found.name, found.sha256, found.study, found.study_hash, certificate_text(found.certificate))
     estimator = None
     if weights is not None:
         from vsgdesign.artifacts.network_weights import read_network_weights
@@ -86,10 +88,9 @@ def export_c_files(
             v_limit=float(np.float32(4.0 * peak_v if v_limit is None else v_limit)),
             i_limit=float(np.float32(4.0 * peak_i if i_limit is None else i_limit)),
         )  # fmt: skip
-        origin = Origin(
-            found.name, found.sha256, found.study, found.study_hash, trained.hash, window.channels,
-            window.sample_interval,
-        )  # fmt: skip
+        origin = replace(
+            origin, weights_sha256=trained.hash, channels=window.channels, sample_interval=window.sample_interval
+        )
     return export_c(scheduler_of(found, estimator, **changes), origin, out)
 
 
@@ -104,7 +105,7 @@ def export_c(scheduler: Scheduler, origin: Origin, out: str | Path) -> ExportedC
     estimator = scheduler.estimator
     manifest = plain({
         "kind": KIND, "schema": SCHEMA,
-        "table": {"name": origin.table, "sha256": origin.table_sha256},
+        "table": {"name": origin.table, "sha256": origin.table_sha256, "certificate": origin.certificate},
         "study": {"name": origin.study, "hash": origin.study_hash},
         "weights": None if estimator is None else {"sha256": origin.weights_sha256},
         "generator": {"vsgdesign": __version__, "sha256": generator_hash()},
@@ -154,6 +155,17 @@ def render(scheduler: Scheduler, origin: Origin) -> dict[str, str]:
     )  # fmt: skip
     content = _content(scheduler, origin)
     return {name: environment.get_template(f"{name}.j2").render(content) for name in FILES}
+
+
+def certificate_text(certificate: Mapping[str, Any] | None) -> str:
+    """What a table's certificate says, in a few words."""
+    if certificate is None:
+        return Origin.certificate
+    if certificate.get("certified") is False:
+        return "none: a counterexample or no common function was found; the box is the table's own"
+    decay = certificate.get("decay")
+    rate = f"decay {decay:.3g} 1/s" if isinstance(decay, int | float) else "decay not said"
+    return f"{certificate.get('proof', 'proof not said')}, {rate}"
 
 
 def generator_hash() -> str:
@@ -266,8 +278,9 @@ def _figures(scheduler: Scheduler, origin: Origin) -> Mapping[str, str]:
         "rated power, nominal voltage": f"{lookup.S_rated:g} VA, {lookup.V_n_rms:g} V phase rms",
         "nominal frequency": f"{lookup.omega / (2.0 * np.pi):g} Hz",
         "grid-side inductor of the filter": f"{lookup.L_2 * 1e3:g} mH, {lookup.R_2:g} Ohm",
-        "certified SCR, X/R": f"{c.scr[0]:.4g} to {c.scr[1]:.4g} ({lookup.scr_basis}), {x_low:.4g} to {x_high:.4g}",
-        "certified P, Q, V": f"{c.P[0]:g} to {c.P[1]:g} W, {c.Q[0]:g} to {c.Q[1]:g} var, {c.V_rms[0]:.4g} to "
+        "certificate": _comment(origin.certificate),
+        "box of SCR, X/R": f"{c.scr[0]:.4g} to {c.scr[1]:.4g} ({lookup.scr_basis}), {x_low:.4g} to {x_high:.4g}",
+        "box of P, Q, V": f"{c.P[0]:g} to {c.P[1]:g} W, {c.Q[0]:g} to {c.Q[1]:g} var, {c.V_rms[0]:.4g} to "
         f"{c.V_rms[1]:.4g} V",
         "plausible R_g, L_g": f"{c.R_g[0]:.4g} to {c.R_g[1]:.4g} Ohm, {c.L_g[0] * 1e3:.4g} to {c.L_g[1] * 1e3:.4g} mH",
         "rate of SCR and R/X": f"{c.rate:g} 1/s",

@@ -123,10 +123,13 @@ class SchedulerSettings:
 def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
     """The settings that a table asks for; ``changes`` replaces single ones.
 
-    The box is what axes, validity and certificate have in common. The rate is the certificate's, at most 10 1/s.
+    The box is what axes, validity and certificate have in common. The rate is the certificate's, at most 10 1/s, which
+    it also is without one or where the grid may jump.
     The safe place is the largest SCR of the box at the geometric middle of its R/X.
     """
     certificate = table.certificate or {}
+    if certificate.get("certified") is False:  # a counterexample has a region, too
+        certificate = {}
     region = certificate.get("region") or {}
     rate = region.get("rate", certificate.get("rate"))
     box = {}
