@@ -243,8 +243,8 @@ def _read_controllers(
                 design_grid = grid
         else:
             schedule = table.choice("schedule", ("closed_form", "table"), default="closed_form")
-            if table.has("table"):
-                table_file = table.text("table")
+            table_file = table.text("table", default=None)
+            if table_file is not None:
                 if schedule != "table":
                     table.fault("table", table_file, 'is used by schedule = "table" alone', 'Add schedule = "table".')
             elif schedule == "table" and not root.has("specification"):
