@@ -12,9 +12,18 @@ from tests.export.conftest import FIT, built
 from tests.export.exchange import KINDS, compare, exported, random_calls, written
 from tests.gain_tables import PUBLISHED_BASE
 from vsgdesign.equations.power_loops import PowerLoopGains, References
-from vsgdesign.export import CompiledC
+from vsgdesign.export import CompiledC, export_c
+from vsgdesign.export.c_code import Origin
 from vsgdesign.export.known_answers import gain_sizes
-from vsgdesign.runtime import PowerController, Scheduler, load_scheduler, neural_estimator
+from vsgdesign.runtime import (
+    ClosedFormSchedule,
+    PowerController,
+    Scheduler,
+    box_settings,
+    closed_form_scheduler,
+    load_scheduler,
+    neural_estimator,
+)
 from vsgdesign.runtime.scheduler import SAID
 
 TOLERANCE = {True: 1e-12, False: 2e-6}
@@ -138,3 +147,24 @@ def test_starts_where_python_starts(compiled: CompiledC, scheduler: Scheduler) -
 
 def test_known_answers_hold(compiled: CompiledC) -> None:
     assert compiled.selftest() == 0
+
+
+@pytest.mark.parametrize("double", [True, False])
+def test_the_closed_form_without_a_table(double: bool, tmp_path: Path) -> None:
+    """A table of one node."""
+    schedule = ClosedFormSchedule(
+        P=4500.0, Q=1000.0, V_g_rms=110.0, omega=PUBLISHED_BASE.omega_n, settling_time=1.0, damping_ratio=1.0,
+        droop_ratio=0.01,
+    )  # fmt: skip
+    limits = box_settings(
+        scr=(1.5, 20.0), r_over_x=(0.1, 2.0), P=(-4500.0, 4500.0), Q=(-2e3, 2e3), V_rms=(93.5, 137.5), S_rated=5e3,
+        V_rated_rms=110.0, omega=PUBLISHED_BASE.omega_n,
+    )  # fmt: skip
+    scheduler = closed_form_scheduler(schedule, limits, V_n_rms=110.0, S_rated=5e3)
+    made = export_c(scheduler, Origin("closed form", "0" * 64, "published", "0" * 64), tmp_path / "c")
+    compiled = built(made.folder, double)
+    assert compiled.selftest() == 0
+    difference = compare(scheduler, compiled, random_calls(scheduler, 2000, seed=13))
+    assert difference.statuses == 0
+    assert difference.fresh > 500
+    assert difference.gains <= TOLERANCE[double]

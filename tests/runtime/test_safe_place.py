@@ -1,0 +1,56 @@
+"""Which single place may be waited at: the strongest SCR at the geometric middle of X/R, on the coupled power loops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.gain_tables import table
+from vsgdesign.equations.grid import grid_from_scr_impedance
+from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point
+from vsgdesign.equations.power_loops import References, power_loops
+from vsgdesign.runtime import scheduler_of, table_schedule
+
+NONE = References(0.0, 0.0, 0.0, 0.0)
+
+
+def least_stable(structure: str, scr: float, x_over_r: float) -> float:
+    """The largest real part (1/s) on every grid and power within the static limits, with the gains of one place."""
+    schedule = table_schedule(table(structure))
+    assumed = grid_from_scr_impedance(scr, x_over_r, schedule.Z_base, schedule.omega)
+    worst = -np.inf
+    for true_scr in (1.5, 2.0, 5.0, 10.0, 20.0):
+        for ratio in (0.3, 0.5, 1.0, 3.0, 10.0):
+            R, L = grid_from_scr_impedance(true_scr, ratio, schedule.Z_base, schedule.omega)
+            X = schedule.omega * L
+            for P in (-4500.0, 0.0, 4500.0):
+                for Q in (-2000.0, 0.0, 2000.0):
+                    with np.errstate(invalid="ignore"):
+                        V, _ = operating_point(P, Q, 110.0, R, X)
+                    if not 93.5 <= V <= 137.5 or 1.3 * np.hypot(R, X) * np.hypot(P, Q) > 3.0 * V * V:
+                        continue
+                    gains = schedule.gains_measured(*assumed, P, Q, V)
+                    A, B, C, D = jacobian_from_powers(P, Q, V, R, X)
+                    columns = [
+                        power_loops(0.0, 0.0, A, C, NONE, gains),
+                        power_loops(1.0, 0.0, 0.0, 0.0, NONE, gains),
+                        power_loops(0.0, 1.0, B, D, NONE, gains),
+                    ]
+                    worst = max(worst, np.linalg.eigvals(np.array(columns, dtype=float).T).real.max())
+    return worst
+
+
+@pytest.mark.parametrize("structure", ["published", "decoupled", "angle_damped"])
+def test_the_safe_place_is_stable_on_every_grid(structure: str) -> None:
+    settings = scheduler_of(table(structure)).settings
+    assert settings.safe_scr == 20.0
+    assert least_stable(structure, settings.safe_scr, 1.0 / settings.safe_r_over_x) < 0.0
+
+
+@pytest.mark.parametrize(("scr", "x_over_r"), [(20.0, 0.3), (20.0, 10.0)])
+def test_other_places_are_not(scr: float, x_over_r: float) -> None:
+    assert least_stable("angle_damped", scr, x_over_r) > 0.0
+
+
+def test_nor_is_a_weaker_one_with_the_published_loops() -> None:
+    assert least_stable("published", 5.0, 2.0) > 0.5
