@@ -27,6 +27,9 @@ EMT_SCR, EMT_X_OVER_R = 3, 4
 EMT_SHARE = 0.5
 """EMT steps begin at so much of the design point: the step is a small one around what the converter mostly does."""
 
+LOST = 5.0
+"""A response beyond so many times its step has lost synchronism, wherever it comes to rest afterwards."""
+
 SETTLINGS = 4.0
 """How long a step is looked at in EMT, in settling times."""
 
@@ -125,7 +128,7 @@ def emt_grids(spec: Specification) -> list[tuple[float, float]]:
 def emt_steps(study: Study, spec: Specification, contender: Contender) -> tuple[EmtStep, ...]:
     """A step of each reference on every grid of :func:`emt_grids` that carries power, known exactly."""
     from vsgdesign.design.comparison import EmtStep, gains_at, nominal_powers
-    from vsgdesign.simulation.steps import emt_step
+    from vsgdesign.simulation.steps import STEP_PU, emt_step
 
     steps = []
     for scr, x_over_r in emt_grids(spec):
@@ -139,6 +142,8 @@ def emt_steps(study: Study, spec: Specification, contender: Contender) -> tuple[
             response = None
             if gains is not None:
                 response = emt_step(study, grid, gains, P, Q, signal, duration=SETTLINGS * spec.settling_time)
+            if response is not None and response.peak_deviation > LOST * STEP_PU * study.converter.S_rated:
+                response = None
             steps.append(EmtStep(scr, x_over_r, signal, response))
     return tuple(steps)
 
