@@ -16,7 +16,7 @@ from vsgdesign.parameters import Study, load_study, study_from_text
 from vsgdesign.simulation import build_timeline, gain_changes, run_scenario, simulate
 from vsgdesign.simulation.compiling import compile_function
 
-PUBLISHED = Path(__file__).resolve().parents[1] / "studies" / "published" / "study.toml"
+PUBLISHED = Path(__file__).resolve().parents[1] / "studies" / "published_averaged" / "study.toml"
 
 LCL = """
 base = "case:lab_12kva_lcl"

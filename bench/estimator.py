@@ -24,7 +24,7 @@ from vsgdesign.parameters import load_study
 from vsgdesign.runtime.network import neural_estimator
 
 ROOT = Path(__file__).resolve().parents[1]
-PUBLISHED = ROOT / "studies" / "published_pwm" / "study.toml"
+PUBLISHED = ROOT / "studies" / "published" / "study.toml"
 WINDOWS = 3500
 SEEDS = 10
 LIBRARY = "torch-levenberg-marquardt 1.2.3"

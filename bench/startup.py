@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bench.timing import Row, figure, run_python
 
-PUBLISHED = str(Path(__file__).resolve().parents[1] / "studies" / "published" / "study.toml")
+PUBLISHED = str(Path(__file__).resolve().parents[1] / "studies" / "published_averaged" / "study.toml")
 
 COMPILE = """
 import time

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -55,8 +56,8 @@ def test_scenario(study: Study) -> None:
     assert study.events[4].Q_ref == 1500.0
     assert study.simulation.duration == 60.0
     assert study.simulation.P_ref == 2000.0
-    assert (study.simulation.bridge, study.simulation.start) == ("averaged", "steady_state")
-    fixed, scheduled = study.controllers
+    assert (study.simulation.bridge, study.simulation.start) == ("pwm", "steady_state")
+    fixed, scheduled, estimated = study.controllers
     assert (fixed.name, fixed.kind, fixed.target.settling_time) == ("CVSG", "fixed", 0.5)
     assert fixed.design_grid is not None
     assert (fixed.design_grid.R_g, fixed.design_grid.L_g) == (3.64097929, 0.0116)
@@ -64,6 +65,10 @@ def test_scenario(study: Study) -> None:
     for spec in study.controllers:
         assert (spec.target.P, spec.target.Q, spec.target.droop_ratio) == (4500.0, 1000.0, 0.01)
     assert scheduled.target.settling_time == 1.0
+    assert replace(estimated, name="AVSG", estimate="truth") == scheduled
+    assert estimated.estimate == "neural"
+    assert study.estimator is not None
+    assert (study.estimator.recipe, study.estimator.hidden, study.estimator.grid_phase) == ("published", 8, True)
 
 
 def test_the_case_names_where_it_comes_from(study: Study) -> None:

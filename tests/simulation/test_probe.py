@@ -21,7 +21,7 @@ from vsgdesign.simulation import (
     simulate,
 )
 
-PUBLISHED = "studies/published/study.toml"
+PUBLISHED = "studies/published_averaged/study.toml"
 
 
 def short(duration: float = 0.2) -> tuple[Study, GainChange]:

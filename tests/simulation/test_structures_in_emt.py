@@ -22,7 +22,7 @@ TAU = 5e-3
 
 @pytest.fixture(scope="module")
 def published() -> Study:
-    study = load_study("studies/published/study.toml")
+    study = load_study("studies/published_averaged/study.toml")
     return replace(study, scr_basis="impedance", tau_P=TAU, tau_Q=TAU)
 
 

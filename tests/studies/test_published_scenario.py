@@ -14,7 +14,7 @@ from vsgdesign.metrics import EventMetrics
 from vsgdesign.parameters import load_study
 from vsgdesign.simulation import ScenarioResult, run_scenario
 
-STUDY = Path(__file__).resolve().parents[2] / "studies" / "published" / "study.toml"
+STUDY = Path(__file__).resolve().parents[2] / "studies" / "published_averaged" / "study.toml"
 
 
 @pytest.fixture(scope="module")

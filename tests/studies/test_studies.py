@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from vsgdesign.artifacts.network_weights import NetworkWeights
 from vsgdesign.design.table import build_table
+from vsgdesign.estimator.recipes import named_recipe
+from vsgdesign.estimator.trained import train_estimator
 from vsgdesign.parameters import Study, load_study
 from vsgdesign.simulation import run_scenario
 
@@ -22,7 +24,7 @@ def name(path: Path) -> str:
 
 
 def test_there_are_studies() -> None:
-    assert {"published", "published_pwm", "laboratory", "utility"} <= {name(path) for path in FILES}
+    assert {"published", "published_averaged", "continuous", "laboratory", "utility"} <= {name(path) for path in FILES}
 
 
 @pytest.mark.parametrize("path", FILES, ids=name)
@@ -65,10 +67,20 @@ def with_small_tables(study: Study, folder: Path) -> Study:
     return replace(study, controllers=controllers)
 
 
+@pytest.fixture(scope="module")
+def network() -> NetworkWeights:
+    """A network from few windows: good enough to run, not to promise anything."""
+    study = load_study(STUDIES / "continuous" / "study.toml")
+    recipe = replace(named_recipe("continuous"), scenarios=40, bridge="averaged")
+    return train_estimator(study, recipe, starts=1).weights
+
+
 @pytest.mark.parametrize("path", FILES, ids=name)
-def test_every_controller_goes_through_every_event(path: Path, tmp_path: Path) -> None:
+def test_every_controller_goes_through_every_event(path: Path, tmp_path: Path, network: NetworkWeights) -> None:
     """Two seconds of it: nothing diverges, the current stays within what the converter could carry."""
     study = with_small_tables(shortened(load_study(path), 2.0), tmp_path)
+    if study.estimator is not None:
+        study = replace(study, estimator=replace(study.estimator, weights=network))
     result = run_scenario(study)
     assert len(result.controllers) == len(study.controllers)
     for controller in result.controllers:
@@ -78,9 +90,16 @@ def test_every_controller_goes_through_every_event(path: Path, tmp_path: Path) -
         assert max(event.peak_current_pu for event in controller.events) < 5.0
 
 
-def test_the_switched_study_is_the_published_one_but_for_the_bridge() -> None:
-    averaged, switched = (load_study(STUDIES / name / "study.toml") for name in ("published", "published_pwm"))
-    assert switched.simulation == replace(averaged.simulation, bridge="pwm")
-    assert (switched.controllers, switched.events) == (averaged.controllers, averaged.events)
-    own = tomllib.loads((STUDIES / "published_pwm" / "study.toml").read_text(encoding="utf-8"))
-    assert set(own) == {"base", "study", "simulation"}
+def test_the_averaged_study_is_the_published_one_but_for_bridge_and_estimate() -> None:
+    switched, averaged = (load_study(STUDIES / name / "study.toml") for name in ("published", "published_averaged"))
+    assert averaged.simulation == replace(switched.simulation, bridge="averaged")
+    assert averaged.controllers == tuple(c for c in switched.controllers if c.estimate == "truth")
+    assert averaged.events == switched.events
+
+
+def test_the_continuous_study_is_the_published_one_but_for_the_recipe() -> None:
+    published, continuous = (load_study(STUDIES / name / "study.toml") for name in ("published", "continuous"))
+    assert published.estimator is not None
+    assert continuous.estimator == replace(published.estimator, recipe="continuous")
+    assert (continuous.controllers, continuous.events) == (published.controllers, published.events)
+    assert continuous.simulation == published.simulation

@@ -1,0 +1,99 @@
+"""The paper's 60 s scenario with the network's estimate: errors at rest, delays, and the response beside the truth's.
+
+Switched bridge, synchronised windows, seed 0. Errors are those that the scheme promises to keep, several times what
+it measured on six seeds, but for the published recipe beyond the grids that it knows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vsgdesign.parameters import Study, load_study
+from vsgdesign.parameters.study import grid_from_scr
+from vsgdesign.pipeline.training import with_estimator
+from vsgdesign.simulation import run_scenario
+from vsgdesign.simulation.judging import Judgement, judge_estimates
+
+STUDIES = Path(__file__).resolve().parents[2] / "studies"
+
+
+@pytest.fixture(scope="module")
+def continuous() -> Study:
+    study, trained = with_estimator(load_study(STUDIES / "continuous" / "study.toml"))
+    assert trained is not None
+    assert trained.stop == "goal"
+    for part in trained.parts.values():
+        assert min(part.correlation) > 0.9999
+    return study
+
+
+def on_grids(study: Study, *scr: float) -> Study:
+    """The scenario with other short-circuit ratios; the last ten seconds, a step of Q, as they are."""
+    grids = [grid_from_scr(ratio, 1.0, study.scr_basis, study.converter) for ratio in scr]
+    later = iter(grids[1:])
+    events = tuple(event if event.grid is None else replace(event, grid=next(later)) for event in study.events)
+    return replace(study, grid=grids[0], events=events)
+
+
+def judged(study: Study) -> Judgement:
+    """AVSG-ANN beside AVSG."""
+    (one,) = judge_estimates(run_scenario(replace(study, controllers=study.controllers[1:])))
+    return one
+
+
+def worst_at_rest(one: Judgement, study: Study) -> dict[float, float]:
+    """Largest error of R_g or L_g at rest, per cent, by SCR."""
+    found: dict[float, float] = {}
+    for rest in one.rest:
+        scr = round(study.converter.Z_base / (study.converter.omega_n * rest.L_g), 3)
+        found[scr] = max(found.get(scr, 0.0), rest.R_worst_pct, rest.L_worst_pct)
+    return found
+
+
+def as_with_the_truth(one: Judgement) -> None:
+    """The second swing of Q at SCR 20 ends at the very edge of the band: its settling time jumps by 0.4 s with the
+    last digits of the network, so only its overshoot is held."""
+    for step in one.steps:
+        assert step.overshoot_pct == pytest.approx(step.overshoot_truth_pct, abs=1.0)
+        if step.signal == "P_pcc":
+            assert step.settling_time_s == pytest.approx(step.settling_time_truth_s, abs=0.05)
+
+
+def test_trained_on_every_grid(continuous: Study) -> None:
+    one = judged(continuous)
+    errors = worst_at_rest(one, continuous)
+    assert set(errors) == {2.0, 8.0, 20.0}
+    assert errors[2.0] <= 0.5
+    assert errors[8.0] <= 1.0
+    assert errors[20.0] <= 3.0
+    assert [change.t_s for change in one.changes] == [20.0, 40.0]
+    for change in one.changes:
+        assert change.kept_windows is not None
+        assert change.kept_windows <= 2
+    assert one.statuses == {"ok": 3000}
+    assert one.twin == "AVSG"
+    assert [step.t_s for step in one.steps] == [10.0, 30.0, 50.0]
+    as_with_the_truth(one)
+
+
+def test_trained_on_every_grid_on_grids_it_never_saw(continuous: Study) -> None:
+    study = on_grids(continuous, 3.0, 5.0, 12.0)
+    errors = worst_at_rest(judged(study), study)
+    assert set(errors) == {3.0, 5.0, 12.0}
+    assert max(errors.values()) <= 1.0
+
+
+def test_trained_on_five_grids() -> None:
+    study, _ = with_estimator(load_study(STUDIES / "published" / "study.toml"))
+    one = judged(study)
+    errors = worst_at_rest(one, study)
+    assert errors[2.0] <= 0.5
+    assert errors[8.0] <= 1.0
+    # Never seen, as in the paper, whose own network is 4.6 % off there.
+    assert 1.0 < errors[20.0] < 10.0
+    as_with_the_truth(one)
+    assert np.isfinite(one.log.R_g_hat).all()
