@@ -164,7 +164,7 @@ def test_the_figures_of_the_walk_through_can_be_drawn(tmp_path: Path) -> None:
 
 def test_every_block_says_what_it_is() -> None:
     """A block without a kind would be skipped by accident."""
-    known = {*RUN_KINDS, "text", "bibtex", "bash", "zsh", "fish"}
+    known = {*RUN_KINDS, "text", "bibtex", "bash", "zsh", "fish", "c"}
     unknown = [f"{page.name}:{b.line}: ```{b.kind}" for page in PAGES for b in blocks(page) if b.kind not in known]
     assert not unknown, unknown
 
