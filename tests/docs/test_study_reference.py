@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from vsgdesign.parameters import building, scenario, specification, stability, study_from_text
+from vsgdesign.parameters import building, estimator, scenario, specification, stability, study_from_text
 from vsgdesign.parameters.reader import REQUIRED, TableReader
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -101,6 +101,7 @@ design_grid = { R_g = "20 mohm", L_g = "300 uH" }
 [[events]]
 time = 1
 grid = { R_g = "10 mohm", L_g = "200 uH" }
+[estimator]
 [specification]
 aim = "inertia"
 H = "4 s"
@@ -173,6 +174,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], list[Asked]]
     )
     spy("integer", lambda a: Asked("whole number", a["low"], a["high"], (), a["default"]))
     spy("choice", lambda a: Asked("word", words=a["allowed"], default=a["default"]))
+    spy("flag", lambda a: Asked("true or false", default=a["default"]))
     spy("text", lambda a: Asked("text", default=a["default"]))
     spy("child", lambda _: Asked("table"))
     spy("children", lambda _: Asked("list of tables"))
@@ -191,13 +193,24 @@ def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[As
     """A field in a branch that the studies above do not take would escape the test above."""
     reached = {field for _, field in asked}
     escaped = set()
-    for module in (building, scenario, specification, stability):
+    for module in (building, estimator, scenario, specification, stability):
         for node in ast.walk(ast.parse(inspect.getsource(module))):
             if (
                 isinstance(node, ast.Call)
                 and isinstance(node.func, ast.Attribute)
                 and node.func.attr
-                in ("quantity", "quantities", "integer", "identifier", "choice", "text", "child", "children", "section")
+                in (
+                    "quantity",
+                    "quantities",
+                    "integer",
+                    "identifier",
+                    "choice",
+                    "flag",
+                    "text",
+                    "child",
+                    "children",
+                    "section",
+                )
                 and node.args
                 and isinstance(node.args[0], ast.Constant)
             ):

@@ -57,7 +57,7 @@ def test_scenario(study: Study) -> None:
     assert study.simulation.duration == 60.0
     assert study.simulation.P_ref == 2000.0
     assert (study.simulation.bridge, study.simulation.start) == ("pwm", "steady_state")
-    fixed, scheduled, estimated = study.controllers
+    fixed, scheduled, estimated = study.controllers[:3]
     assert (fixed.name, fixed.kind, fixed.target.settling_time) == ("CVSG", "fixed", 0.5)
     assert fixed.design_grid is not None
     assert (fixed.design_grid.R_g, fixed.design_grid.L_g) == (3.64097929, 0.0116)

@@ -41,7 +41,8 @@ def on_grids(study: Study, *scr: float) -> Study:
 
 def judged(study: Study) -> Judgement:
     """AVSG-ANN beside AVSG."""
-    (one,) = judge_estimates(run_scenario(replace(study, controllers=study.controllers[1:])))
+    pair = tuple(spec for spec in study.controllers if spec.name in ("AVSG", "AVSG-ANN"))
+    (one,) = judge_estimates(run_scenario(replace(study, controllers=pair)))
     return one
 
 
