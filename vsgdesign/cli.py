@@ -63,7 +63,8 @@ def design(study_file: str, as_json: bool) -> None:
     from vsgdesign.design import design_closed_form, distinct_grids
 
     study = _load(study_file)
-    designs = [design_closed_form(study, spec, grid) for spec in study.controllers for grid in distinct_grids(study)]
+    closed_form = [spec for spec in study.controllers if spec.schedule == "closed_form" and spec.estimate == "truth"]
+    designs = [design_closed_form(study, spec, grid) for spec in closed_form for grid in distinct_grids(study)]
     if as_json:
         _print_json({
             "study": study.name,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from vsgdesign.artifacts.tables import write_table
 from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.study import ControllerSpec
+from vsgdesign.pipeline.table import with_tables
 from vsgdesign.simulation.evidence import StepEvidence, step_evidence
 from vsgdesign.simulation.stability_result import StabilityResult, frequency_file, map_file, maps_of, step_file
 from vsgdesign.stability.assessment import ControllerAssessment, FocusCell, assess
@@ -23,8 +25,13 @@ from vsgdesign.stability.verdict import clause_matrix, worst_cases
 
 
 def assess_study(study: Study, *, evidence: bool = True, progress: Progress | None = None) -> StabilityResult:
-    """Assess every controller of a study; with ``evidence``, also small EMT steps at each of its stable grids."""
+    """Assess every controller of a study; with ``evidence``, also small EMT steps at each of its stable grids.
+
+    Gain tables that the study asks for are read or designed first.
+    """
     tell = progress or silent
+    with tempfile.TemporaryDirectory() as folder:
+        study = with_tables(study, Path(folder) / study.name, progress=progress)
     begin = time.perf_counter()
     assessments = tuple(
         assess(study, spec, lambda what, share: tell(f"assess {what}", share))

@@ -49,6 +49,7 @@ def run_study(
         if network is not None:
             write_network_weights(network, folder / "estimator.weights.json")
             timing["estimator"] = time.perf_counter() - begin
+        _export(study, folder)
         begin = time.perf_counter()
         result = run_scenario(
             study, bridge=bridge, progress=lambda name, t_s: tell(f"simulate {name}", t_s / study.simulation.duration)
@@ -79,6 +80,22 @@ def run_study(
                 document["estimator"]["training"] = training_document(trained)
         write_json(folder / "results.json", document)
     return document
+
+
+def _export(study: Study, folder: Path) -> None:
+    """C of every gain table, with the network where the study has one: ready to compile, beside what it was made of."""
+    from vsgdesign.export import export_c_files
+
+    estimator = study.estimator
+    for spec in study.controllers:
+        if spec.table is None:
+            continue
+        network = None if spec.estimate == "truth" else estimator
+        export_c_files(
+            folder / f"{spec.name}.table.json", folder / f"{spec.name}.c",
+            weights=None if network is None else folder / "estimator.weights.json",
+            grid_phase=network is not None and network.grid_phase,
+        )  # fmt: skip
 
 
 def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict[str, Any]:
