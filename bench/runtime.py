@@ -11,19 +11,20 @@ from pathlib import Path
 import numpy as np
 
 from bench.timing import Figure, Row, figure, repeat, run_python, scaled
-from tests.export.exchange import KINDS, compare, exported, random_calls, written
+from tests.export.exchange import KINDS, compare, exported, random_calls, windows, written
 from tests.export.fuzzing import build_fuzz, distance_from_table, run_fuzz
 from vsgdesign.artifacts import read_table_file
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.export import compile_c
 from vsgdesign.export.compiled import run_compiler
 from vsgdesign.export.footprint import COMPILER, measure_footprint
+from vsgdesign.export.known_answers import gain_sizes
 from vsgdesign.parameters import load_study
 from vsgdesign.runtime import Scheduler, load_scheduler
 from vsgdesign.simulation import build_timeline, simulate
 from vsgdesign.simulation.shipped import ShippedScheduler, true_grid
 
-CALLS, FUZZED = 100_000, 1_000_000
+CALLS, WINDOWS, FUZZED = 100_000, 20_000, 1_000_000
 FIT = {"sample_interval": 200e-6}
 IMPORT = """
 import time, numpy
@@ -109,6 +110,21 @@ def against_python() -> list[Row]:
     ]  # fmt: skip
 
 
+def through_the_network(folder: Path, scheduler: Scheduler) -> list[Row]:
+    """Windows to gains, single precision."""
+    compiled, worst, statuses = compile_c(folder), 0.0, 0
+    for k, (v, i) in enumerate(windows(WINDOWS, seed=9)):
+        wanted = scheduler.update(v, i, 3e3, 500.0, 112.0, 20_000 * k)
+        got = compiled.update(v, i, 3e3, 500.0, 112.0, 20_000 * k)
+        statuses += wanted[1:3] != got[1:3]
+        sizes = gain_sizes(wanted.gains)
+        worst = max(worst, *(abs(a - b) / s for a, b, s in zip(wanted.gains, got.gains, sizes, strict=True) if s))
+    return [
+        Row("runtime", f"C single against Python, {WINDOWS:,} windows through the network", figure([worst]), "rel.",
+            target=2e-6, limit=f"{statuses} statuses differ"),
+    ]  # fmt: skip
+
+
 def in_the_loop() -> list[Row]:
     """The published 60 s scenario with C in the loop against Python in the loop, every logged sample."""
     study = load_study(Path(__file__).resolve().parents[1] / "studies" / "published_averaged" / "study.toml")
@@ -152,11 +168,19 @@ def runtime() -> list[Row]:
     """All of it; what needs a compiler that is not installed is left out."""
     with tempfile.TemporaryDirectory() as name:
         tables = written(Path(name))
-        rows = in_python(load_scheduler(*tables, fit=FIT))
+        rows, scheduler = in_python(load_scheduler(*tables, fit=FIT)), load_scheduler(*tables, fit=FIT)
         if shutil.which("gcc") is None:
             return rows
         folder = exported(Path(name))
-        return rows + in_c(folder) + size(folder) + against_python() + in_the_loop() + fuzzed(folder, tables[0])
+        return (
+            rows
+            + in_c(folder)
+            + size(folder)
+            + against_python()
+            + through_the_network(folder, scheduler)
+            + in_the_loop()
+            + fuzzed(folder, tables[0])
+        )
 
 
 BENCHMARKS: dict[str, Callable[[], list[Row]]] = {"runtime": runtime}

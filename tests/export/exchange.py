@@ -128,3 +128,13 @@ def rounded(state: SchedulerState, scheduler: Scheduler) -> SchedulerState:
     numbers["scr"] = min(max(numbers["scr"], c.scr[0]), c.scr[1])
     numbers["r_over_x"] = min(max(numbers["r_over_x"], c.r_over_x[0]), c.r_over_x[1])
     return state._replace(**numbers)
+
+
+def windows(count: int, seed: int) -> np.ndarray:
+    """(N, 2, 100) of sine waves with harmonics and noise, as single precision holds them."""
+    rng = np.random.default_rng(seed)
+    t = 200e-6 * np.arange(100) * 2.0 * np.pi * 50.0
+    phase = rng.uniform(0.0, 2.0 * np.pi, (count, 2, 1))
+    size = rng.uniform(0.7, 1.3, (count, 2, 1)) * np.array([155.0, 21.0])[:, None]
+    waves = size * (np.sin(t + phase) + 0.03 * np.sin(5.0 * t + 2.0 * phase))
+    return (waves + 0.01 * size * rng.normal(size=waves.shape)).astype(np.float32).astype(float)

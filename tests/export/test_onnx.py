@@ -9,7 +9,7 @@ import pytest
 
 from tests.artifacts.networks import random_weights
 from tests.cli.small_studies import call
-from tests.export.test_c_equals_python import windows
+from tests.export.exchange import windows
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.onnx_model import export_onnx, onnx_bytes

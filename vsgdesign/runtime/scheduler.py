@@ -249,7 +249,7 @@ class Scheduler:
 
     def state(self) -> dict[str, Any]:
         """Everything remembered, in JSON's types: a restored scheduler goes on to the same bits."""
-        window = self._window[:, :] if self._filled else self._window[:, :0]
+        window = self._window if self._filled else self._window[:, :0]
         return state_document(self._state, self._made_for) | {"filled": self._filled, "window": window.tolist()}
 
     def restore(self, document: dict[str, Any]) -> None:
@@ -341,12 +341,10 @@ def read_table_of(path: str | Path, study_hash: str | None = None) -> GainTable:
 
 def _check_same_case(lookup: GainLookup, settings: SchedulerSettings, estimator: NeuralEstimator) -> None:
     """A network trained for a converter of another size knows none of the table's grids."""
-    R_a, L_a = lookup.grid(settings.scr[0], settings.r_over_x[1])
-    R_b, L_b = lookup.grid(settings.scr[1], settings.r_over_x[0])
+    corners = [lookup.grid(scr, r_over_x) for scr in settings.scr for r_over_x in settings.r_over_x]
     (R_low, L_low), (R_high, L_high) = estimator.least, estimator.largest
-    if R_low > R_a or R_high < R_b or L_low > max(L_a, L_b, lookup.grid(settings.scr[0], settings.r_over_x[0])[1]) or (
-        L_high < min(L_a, L_b, lookup.grid(settings.scr[1], settings.r_over_x[1])[1])
-    ):  # fmt: skip
+    R_all, L_all = zip(*corners, strict=True)
+    if R_low > max(R_all) or R_high < min(R_all) or L_low > max(L_all) or L_high < min(L_all):
         raise ArtifactError(
             f"the network was trained for R_g {R_low:g} to {R_high:g} Ω, L_g {L_low * 1e3:g} to {L_high * 1e3:g} mH. "
             "The table has none of these grids: they are of different converters. Give those of one case."
