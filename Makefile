@@ -6,7 +6,7 @@ OUT ?= out
 
 .PHONY: paper test lint bench docs clean
 
-paper: $(VENV)/.installed
+paper: $(VENV)/.train
 	$(BIN)/vsgdesign run studies/published/study.toml --out $(OUT)/published
 
 test: $(VENV)/.dev
@@ -30,6 +30,10 @@ $(VENV)/bin/python:
 
 $(VENV)/.installed: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e .
+	touch $@
+
+$(VENV)/.train: $(VENV)/.installed
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e ".[train]"
 	touch $@
 
 $(VENV)/.dev: $(VENV)/.installed
