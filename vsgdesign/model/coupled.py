@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -133,11 +134,12 @@ def _packed(function: ca.Function) -> tuple[ca.Function, list[tuple[int, int]]]:
     return ca.Function("packed", [column], [ca.vertcat(*(ca.vec(out.T) for out in outputs))]), shapes
 
 
-def _evaluate(function: ca.Function, inputs: Array) -> Array:
+def _evaluate(function: ca.Function, inputs: Any) -> Array:
     """One row of results for each row of inputs, through buffers: CasADi's own matrices are copied by way of lists."""
-    results = np.empty((len(inputs), function.size1_out(0)))
+    results: Any = np.empty((len(inputs), function.size1_out(0)))
     if len(inputs):
-        buffer, run = function.map(len(inputs)).buffer()
+        mapped: Any = function.map(len(inputs))
+        buffer, run = mapped.buffer()
         buffer.set_arg(0, memoryview(inputs))
         buffer.set_res(0, memoryview(results))
         run()
