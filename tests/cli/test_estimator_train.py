@@ -1,0 +1,151 @@
+"""``vsgdesign estimator train``, and a study whose schedule is driven by what it trains."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.small_studies import SMALL, as_json, call, failure, study_file
+from vsgdesign.artifacts.network_weights import read_network_weights
+from vsgdesign.estimator import trained
+
+RECIPE = 'base = "continuous"\nscenarios = 40\nbridge = "averaged"\n'
+NETWORK = """
+[[controllers]]
+name = "network"
+kind = "scheduled"
+estimate = "neural"
+[estimator]
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With a recipe and the weights of it."""
+    folder = tmp_path_factory.mktemp("network")
+    (folder / "few.toml").write_text(RECIPE, encoding="utf-8")
+    arguments = (study_file(folder), "--recipe", folder / "few.toml", "--seed", "2", "--hidden", "5")
+    result = call("estimator", "train", *arguments, "--out", folder / "w.json", "--windows", folder / "w.npz")
+    assert result.exit_code == 0, result.output
+    assert "w.json: recipe few" in result.stdout
+    assert "no converter in the field has that signal" in result.stdout
+    return folder
+
+
+def with_network(folder: Path, **lines: object) -> Path:
+    text = "".join(f"{name} = {json.dumps(str(value) if isinstance(value, Path) else value)}\n"
+                   for name, value in lines.items())  # fmt: skip
+    return study_file(folder, SMALL + NETWORK + text)
+
+
+def test_weights_say_what_they_are(folder: Path) -> None:
+    weights = read_network_weights(folder / "w.json")
+    assert (weights.seed, weights.recipe["name"], len(weights.network.b_1)) == (2, "few", 5)
+    assert weights.window.synchronised
+    assert weights.training["converter"] == {"S_rated": 5000.0, "V_rated_rms": 110.0}
+    arguments = (folder / "small.toml", "--recipe", folder / "few.toml", "--seed", "2", "--hidden", "5")
+    study_file(folder)
+    document = as_json("estimator", "train", *arguments, "--out", folder / "again.json")
+    assert document["weights_sha256"] == weights.hash
+    assert set(document["parts"]) == {"training", "validation", "test"}
+
+
+def test_a_run_trains_reports_and_leaves_its_weights(folder: Path, tmp_path: Path) -> None:
+    study = with_network(tmp_path, recipe=folder / "few.toml", grid_phase=True)
+    result = call("run", study, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    out = tmp_path / "out"
+    assert {"network.estimates.csv", "estimator.weights.json"} <= {path.name for path in out.iterdir()}
+    figures = {path.stem for path in (out / "figures").iterdir()}
+    assert {
+        "estimate_resistance", "estimate_inductance", "estimate_error", "error_histogram", "regression",
+        "training_progress",
+    } <= figures  # fmt: skip
+    results = json.loads((out / "results.json").read_text(encoding="utf-8"))
+    assert results["controllers"]["fixed"]["estimate"] is None
+    estimate = results["controllers"]["network"]["estimate"]
+    assert (estimate["windows"], estimate["with_the_truth"]) == (15, "scheduled")
+    assert [step["t_s"] for step in estimate["steps"]] == [0.1]
+    # Two events and the end: no more rows than that and the first.
+    assert len(results["controllers"]["network"]["gains"]) <= 4
+    assert results["controllers"]["network"]["gain_changes"] >= len(results["controllers"]["network"]["gains"])
+    assert results["estimator"]["weights_sha256"] == read_network_weights(out / "estimator.weights.json").hash
+    assert results["estimator"]["bridge"] == "averaged"
+    with (out / "network.estimates.csv").open(encoding="utf-8") as stream:
+        rows = list(csv.reader(stream))
+    assert rows[0] == ["t_s [s]", "R_g [ohm]", "L_g [H]", "R_g_hat [ohm]", "L_g_hat [H]", "status [1]"]
+    assert len(rows) == 16
+    page = (out / "report.html").read_text(encoding="utf-8")
+    for shown in ("The estimated grid", "The network on its windows", "network beside scheduled", "at its best"):
+        assert shown in page
+
+
+def test_a_run_with_weights_from_a_file_trains_nothing(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trained, "train_on", None)
+    study = with_network(tmp_path, weights=folder / "w.json", grid_phase=True)
+    result = call("run", study, "--out", tmp_path / "out", "--bridge", "pwm")
+    assert result.exit_code == 0, result.output
+    figures = {path.stem for path in (tmp_path / "out" / "figures").iterdir()}
+    assert "estimate_error" in figures
+    assert "regression" not in figures
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "trained with an averaged bridge" in page
+    assert "The network on its windows" not in page
+
+
+def test_windows_to_train_on_are_those_of_the_runs_bridge(folder: Path, tmp_path: Path) -> None:
+    study = with_network(tmp_path, recipe=folder / "few.toml", grid_phase=True)
+    results = as_json("simulate", study, "--out", tmp_path / "out", "--bridge", "pwm")
+    assert results["estimator"]["bridge"] == "pwm"
+
+
+@pytest.mark.parametrize(
+    ("lines", "problem"),
+    [
+        ({"recipe": "few"}, 'estimator.recipe = "few": unknown. Known: published, continuous'),
+        ({"weights": "w.json", "seed": 3}, "estimator.seed = 3: weights are given too"),
+        ({"grid_phase": "yes"}, 'estimator.grid_phase = "yes": must be true or false'),
+        ({"recipe": "published"}, "estimator.grid_phase = false: recipe published trains on windows synchronised"),
+        ({"weights": "missing.json"}, 'cannot read "missing.json"'),
+        ({"recipe": "missing.toml", "grid_phase": True}, "cannot be read"),
+    ],
+)
+def test_what_does_not_fit_is_wrong_input(tmp_path: Path, lines: dict[str, object], problem: str) -> None:
+    assert problem in failure(2, "simulate", with_network(tmp_path, **lines), "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_weights_that_need_the_grids_phase_are_refused_without(folder: Path, tmp_path: Path) -> None:
+    study = with_network(tmp_path, weights=folder / "w.json")
+    text = failure(2, "simulate", study, "--out", tmp_path / "out")
+    assert "controller network, [estimator]: these weights do not fit" in text
+    assert "grid_phase = false" in text
+
+
+def test_windows_of_another_length_are_refused_before_the_training(tmp_path: Path) -> None:
+    text = (SMALL + NETWORK).replace('estimate = "neural"', 'estimate = "neural"\nupdate_period = "10 ms"')
+    study = study_file(tmp_path, text + "grid_phase = true\n")
+    text = failure(2, "simulate", study, "--out", tmp_path / "out")
+    assert "controller network.update_period = 0.01 s: recipe published has windows of 100 × 0.0002 s" in text
+
+
+def test_an_estimate_needs_an_estimator(tmp_path: Path) -> None:
+    study = study_file(tmp_path, (SMALL + NETWORK).replace("[estimator]\n", ""))
+    assert "there is no network to estimate with. Add an [estimator] section." in failure(2, "validate", study)
+
+
+def test_without_pytorch_one_sentence_names_the_extra(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trained.importlib.util, "find_spec", lambda _: None)
+    text = failure(1, "estimator", "train", study_file(tmp_path), "--out", tmp_path / "w.json")
+    assert text.count("\n") == 1
+    assert 'pip install "vsgdesign[train]"' in text
+    # Weights from a file need none.
+    study = with_network(tmp_path, weights=folder / "w.json", grid_phase=True)
+    assert call("simulate", study, "--out", tmp_path / "out").exit_code == 0

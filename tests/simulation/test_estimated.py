@@ -1,0 +1,187 @@
+"""Gains from an estimate: a network that always says the same, spoiled windows, refusals, the grid's phase."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.artifacts.networks import random_weights
+from tests.gain_tables import table
+from tests.simulation.studies import GAINS
+from vsgdesign.artifacts.network_weights import Network, NetworkWeights
+from vsgdesign.equations.power_loops import References
+from vsgdesign.errors import ArtifactError, InfeasibleStudyError
+from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.parameters.study import Grid
+from vsgdesign.runtime.of_study import schedule_of
+from vsgdesign.simulation import MeasuredWindow, run_scenario
+from vsgdesign.simulation.estimated import NO_DESIGN, TRAINED_PHASE, EstimatedScheduler, window_channels
+from vsgdesign.simulation.gains import GainChange, settled_changes
+from vsgdesign.simulation.judging import judge_estimates
+
+TEXT = """
+base = "case:hoang2025_5kva"
+simulation = { duration = "0.2 s", P_ref = "2 kW", Q_ref = "1 kvar" }
+controllers = [
+    { name = "truth", kind = "scheduled" },
+    { name = "network", kind = "scheduled", estimate = "neural" },
+]
+events = [{ time = "0.1 s", grid = { scr = 8 } }]
+[estimator]
+"""
+
+
+def always(R_g: float, L_g: float, **changes: Any) -> NetworkWeights:
+    """A network that has one answer."""
+    weights = random_weights(**changes)
+    network, (R, L) = weights.network, (weights.network.outputs.apply(np.array([R_g, L_g])))
+    constant = Network(
+        network.W_1, network.b_1, np.zeros_like(network.W_2), np.array([R, L]), network.inputs, network.outputs
+    )
+    return replace(weights, network=constant)
+
+
+def study_with(weights: NetworkWeights, lines: str = "", text: str = TEXT) -> Study:
+    study = study_from_text(text + lines)
+    assert study.estimator is not None
+    return replace(study, estimator=replace(study.estimator, weights=weights))
+
+
+def network_of(study: Study):
+    result = run_scenario(study)
+    return next(c for c in result.controllers if c.spec.name == "network"), result
+
+
+def test_the_answer_acts_where_its_window_ends_and_goes_through_the_schedule() -> None:
+    study = study_with(always(0.9, 2.9e-3))
+    run, result = network_of(study)
+    first, then = run.gain_changes
+    truth = schedule_of(study, study.controllers[0])
+    assert (first.t_s, first.gains) == (0.0, truth.gains(study.grid.R_g, study.grid.L_g))
+    assert then.t_s == pytest.approx(0.02)
+    np.testing.assert_allclose(then.gains, truth.gains(0.9, 2.9e-3), rtol=1e-9)
+    log = run.estimates
+    assert log is not None
+    np.testing.assert_allclose(log.t_s, 0.02 * np.arange(1, 11))
+    np.testing.assert_allclose(log.R_g_hat, 0.9)
+    # A change that coincides with the end of a window is seen by the next one.
+    later = study.events[0].grid
+    assert later is not None
+    np.testing.assert_allclose(log.L_g, [study.grid.L_g] * 5 + [later.L_g] * 5)
+    (judged,) = judge_estimates(result)
+    assert (judged.name, judged.twin, judged.statuses) == ("network", "truth", {"ok": 10})
+    assert len(judged.rest) == 2
+
+
+def test_the_truth_as_an_estimate_is_the_truth() -> None:
+    """The same run as with the true impedance; only its gains are rounded by the network's scaling."""
+    study = replace(study_with(always(3.0, 9e-3)), events=(), grid=Grid(3.0, 9e-3))
+    run, result = network_of(study)
+    truth = result.controllers[0]
+    np.testing.assert_allclose(run.series["P_pcc"], truth.series["P_pcc"], rtol=1e-9)
+    np.testing.assert_allclose(run.series["K_ip"], truth.series["K_ip"], rtol=1e-9)
+
+
+def test_a_window_without_an_estimate_holds_the_gains() -> None:
+    run, _ = network_of(study_with(always(0.9, 2.9e-3), "v_limit_pu = 1.0"))
+    log = run.estimates
+    assert log is not None
+    assert set(log.status) == {"saturated"}
+    assert len(run.gain_changes) == 1
+    assert np.isnan(log.R_g_hat).all()
+    assert np.isfinite(log.series()["status"]).all()
+
+
+def test_an_estimate_that_has_no_gains_holds_them() -> None:
+    """A short grid delivers the 4.5 kW that the design absorbs, 4 Ω and 11 mH do not."""
+    text = TEXT.replace('kind = "scheduled"', 'kind = "scheduled", P_design = "-4.5 kW"')
+    study = study_with(always(4.0, 11e-3), "[grid]\nscr = 8\nx_over_r = 1", text)
+    run, _ = network_of(study)
+    log = run.estimates
+    assert log is not None
+    assert set(log.status) == {NO_DESIGN}
+    np.testing.assert_allclose(log.R_g_hat, 4.0)
+    assert len(run.gain_changes) == 1
+
+
+def test_a_table_takes_estimates_too() -> None:
+    """And the present references, where the schedule follows them."""
+    text = TEXT.replace('estimate = "neural"', 'estimate = "neural", structure = "angle_damped", P_design = "2 kW"')
+    study = study_with(always(0.9, 2.9e-3), text=text)
+    made = replace(study.controllers[1], schedule="table", table=table())
+    study = replace(study, controllers=(made,), tau_P=5e-3, tau_Q=5e-3)
+    run, result = network_of(study)
+    expected = schedule_of(study, made, 2e3, 1e3).gains(0.9, 2.9e-3)
+    np.testing.assert_allclose(run.gain_changes[-1].gains, expected, rtol=1e-9)
+    assert judge_estimates(result)[0].twin is None
+
+
+def test_everything_that_does_not_fit_is_refused_at_once() -> None:
+    weights = random_weights(synchronised=True)
+    weights = replace(
+        weights, window=replace(weights.window, sample_interval=170e-6), training={"converter": {"S_rated": 1e6}}
+    )
+    with pytest.raises(ArtifactError) as caught:
+        run_scenario(study_with(weights))
+    for words in (
+        "controller network", "update_period = 20 ms", "100 × 170 µs = 17 ms", "sample_interval = 170 µs",
+        "sampling period, 50 µs", "S_rated = 5000 VA", "1e+06 VA", "grid_phase = false", "no converter in the field",
+    ):  # fmt: skip
+        assert words in str(caught.value)
+
+
+def test_a_network_that_is_not_there_is_asked_for() -> None:
+    with pytest.raises(InfeasibleStudyError, match=r"controller network: .* estimator train"):
+        run_scenario(study_from_text(TEXT))
+
+
+def window(v: np.ndarray, i: np.ndarray, theta: np.ndarray, source_phase: float) -> MeasuredWindow:
+    return MeasuredWindow(
+        0, 0.02, 200e-6, v, i, theta, 0.0, 0.0, 110.0, 314.0, References(0.0, 0.0, 314.0, 110.0), GAINS, source_phase
+    )
+
+
+def vectors(length: float, angle: np.ndarray) -> np.ndarray:
+    return length * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+@pytest.mark.parametrize("off", [0.0, 0.4, -2.0])
+def test_synchronised_windows_are_turned_to_the_trained_phase(off: float) -> None:
+    turning = 2.0 * math.pi * np.arange(100) / 100
+    source = TRAINED_PHASE + off
+    seen = window(vectors(150.0, source + turning + 0.3), vectors(20.0, source + turning), turning, source)
+    v, i = window_channels(seen, "phase_a", True)
+    np.testing.assert_allclose(v, 150.0 * np.cos(TRAINED_PHASE + turning + 0.3), atol=1e-10)
+    np.testing.assert_allclose(i, 20.0 * np.sin(turning), atol=1e-11)  # phase A of the grid: zero at the begin
+    v, _ = window_channels(seen, "phase_a", False)
+    np.testing.assert_allclose(v, seen.v_pcc[:, 0])
+    v, i = window_channels(seen, "alpha_beta", False)
+    np.testing.assert_allclose(np.stack([v.T, i.T]), [seen.v_pcc, seen.i_pcc])
+
+
+def test_dq_is_seen_from_the_converter() -> None:
+    turning = 2.0 * math.pi * np.arange(100) / 100
+    v, i = window_channels(window(vectors(150.0, turning + 0.3), vectors(20.0, turning), turning, 0.0), "dq", False)
+    np.testing.assert_allclose(v, np.tile([[150.0 * math.cos(0.3)], [150.0 * math.sin(0.3)]], 100), atol=1e-10)
+    np.testing.assert_allclose(i, np.tile([[20.0], [0.0]], 100), atol=1e-11)
+
+
+def test_the_scheduler_forgets_its_last_run() -> None:
+    study = study_with(always(0.9, 2.9e-3))
+    scheduler = EstimatedScheduler(study, study.controllers[1])
+    angle = 2.0 * math.pi * np.arange(100) / 100
+    for _ in range(2):
+        scheduler.first_gains()
+        scheduler.update(window(vectors(150.0, angle), vectors(20.0, angle), angle, 0.0))
+    assert len(scheduler._rows) == 1
+
+
+def test_the_changes_that_hold_before_an_event() -> None:
+    changes = [GainChange(0.02 * k, GAINS._replace(D_p=float(k))) for k in range(100)]
+    kept = settled_changes(changes, [0.5, 1.0], 2.0)
+    assert [round(change.t_s, 9) for change in kept] == [0.0, 0.48, 0.98, 1.98]
+    assert settled_changes(changes[:1], [0.5], 2.0) == (changes[0],)
