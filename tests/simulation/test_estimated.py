@@ -109,14 +109,17 @@ def test_an_estimate_that_has_no_gains_holds_them() -> None:
 
 
 def test_a_table_takes_estimates_too() -> None:
-    """And the present references, where the schedule follows them."""
+    """Through the scheduler that ships: gains at the measured powers, as soon as its rate limit lets them."""
     text = TEXT.replace('estimate = "neural"', 'estimate = "neural", structure = "angle_damped", P_design = "2 kW"')
+    text = text.replace('duration = "0.2 s"', 'duration = "2 s"')
     study = study_with(always(0.9, 2.9e-3), text=text)
     made = replace(study.controllers[1], schedule="table", table=table())
     study = replace(study, controllers=(made,), tau_P=5e-3, tau_Q=5e-3)
     run, result = network_of(study)
-    expected = schedule_of(study, made, 2e3, 1e3).gains(0.9, 2.9e-3)
-    np.testing.assert_allclose(run.gain_changes[-1].gains, expected, rtol=1e-9)
+    P, Q, V_rms = (float(run.simulation.column(name)[-1]) for name in ("P", "Q", "V_rms"))
+    expected = schedule_of(study, made).gains_measured(0.9, 2.9e-3, P, Q, V_rms)
+    np.testing.assert_allclose(run.gain_changes[-1].gains, expected, rtol=2e-3)
+    assert len({change.gains for change in run.gain_changes}) > 3  # in steps, not in one
     assert judge_estimates(result)[0].twin is None
 
 

@@ -17,6 +17,7 @@ from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.network import STATUSES, NeuralEstimator, neural_estimator
 from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.runtime.schedule import Schedule
+from vsgdesign.runtime.scheduler import Scheduler, scheduler_of
 from vsgdesign.simulation.online import MeasuredWindow
 from vsgdesign.simulation.timeline import Timeline
 
@@ -63,7 +64,8 @@ class EstimatedScheduler:
     With the published timing: windows do not overlap, the first begins at t = 0, and an answer acts where its
     window ends, so that it is one cycle old. Without an estimate, or where the schedule has no gains for it, the
     gains go on as they were. Until the first answer they are those of the study's grid at the start: what the
-    converter was commissioned on. For one run at a time: it remembers.
+    converter was commissioned on. A controller with a gain table is run by the scheduler that ships, guards and all.
+    For one run at a time: it remembers.
     """
 
     def __init__(self, study: Study, spec: ControllerSpec) -> None:
@@ -72,6 +74,7 @@ class EstimatedScheduler:
         self._window = weights.window
         self._study, self._spec = study, spec
         self._schedule = functools.lru_cache(maxsize=16)(self._schedule_at)
+        self._runtime = None if spec.table is None else scheduler_of(spec.table, self._estimator)
         self._rows: list[tuple[float, float, float, str]] = []
 
     @property
@@ -85,9 +88,17 @@ class EstimatedScheduler:
         return self._window.sample_interval
 
     def first_gains(self) -> PowerLoopGains:
-        """Gains of the study's grid at the start. Raises InfeasibleStudyError where there are none."""
+        """Gains of the study's grid at the start; a table's safe gains where that is outside its box.
+
+        Raises InfeasibleStudyError where a closed form has none.
+        """
         self._rows.clear()
         start, grid = self._study.simulation, self._study.grid
+        if self._runtime is not None:
+            try:
+                return self._runtime.start(grid.R_g, grid.L_g)
+            except ArtifactError:  # not in the table's box: from the safe place, as in the field
+                return self._runtime.gains
         try:
             return self._at(start.P_ref, start.Q_ref).gains(grid.R_g, grid.L_g)
         except NoOperatingPointError as error:
@@ -98,7 +109,9 @@ class EstimatedScheduler:
         v, i = window_channels(window, self._window.channels, self._window.synchronised)
         R_g, L_g, status = self._estimator.estimate(v, i)
         gains = None
-        if math.isfinite(R_g):
+        if self._runtime is not None:
+            gains = self._guarded(self._runtime, window, R_g, L_g)
+        elif math.isfinite(R_g):
             gains = self._gains(window.refs, R_g, L_g)
             status = NO_DESIGN if gains is None else status
         self._rows.append((window.t_s, R_g, L_g, status))
@@ -113,6 +126,11 @@ class EstimatedScheduler:
             t_s, np.array([grid.R_g for grid in grids]), np.array([grid.L_g for grid in grids]), R_g_hat, L_g_hat,
             tuple(row[3] for row in self._rows), self.update_period,
         )  # fmt: skip
+
+    def _guarded(self, runtime: Scheduler, window: MeasuredWindow, R_g: float, L_g: float) -> PowerLoopGains:
+        measured = (window.P, window.Q, window.V_rms, round(window.t_s / runtime.settings.tick))
+        answer = runtime.update_estimate(R_g, L_g, *measured) if math.isfinite(R_g) else runtime.hold(*measured)
+        return answer.gains
 
     def _gains(self, refs: References, R_g: float, L_g: float) -> PowerLoopGains | None:
         try:
