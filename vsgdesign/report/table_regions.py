@@ -50,6 +50,11 @@ def active_figure(table: GainTable) -> NamedFigure:
         return _draw_active(table)
 
 
+def _kind(active: str) -> str:
+    """What limits a cell, without the value that would have to be allowed: cells are coloured by kind."""
+    return active.split(" → ")[0].split(":")[0].replace("_", " ") or _NONE
+
+
 def _draw_active(table: GainTable) -> NamedFigure:
     from matplotlib.collections import PolyCollection
     from matplotlib.patches import Patch
@@ -58,7 +63,7 @@ def _draw_active(table: GainTable) -> NamedFigure:
     figure = new_figure(PAGE_IN, _BOTTOM + height + _TOP)
     axes = _plane(figure, table, height)
     x, y = edges(table.scr), edges(table.x_over_r)
-    words = np.where(table.active == "", _NONE, table.active)
+    words = np.vectorize(_kind, otypes=[object])(table.active).astype(str)
     kinds = sorted(set(words[table.valid].tolist()), key=lambda word: (word == _NONE, word))
     colours = {word: _FREE if word == _NONE else _lighter(COLOURS[k % len(COLOURS)]) for k, word in enumerate(kinds)}
     entries: list[tuple[Any, str]] = []
