@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -157,6 +158,10 @@ def test_damaged_newer_and_foreign_files_are_refused(tmp_path: Path) -> None:
     write_network_weights(random_weights(synchronised=True), synchronised)
     with pytest.raises(ArtifactError, match="grid_phase"):
         export_c_files(table_file, out, weights=synchronised)
+    foreign = tmp_path / "foreign.json"
+    write_network_weights(replace(random_weights(), training={"converter": {"S_rated": 1e6}}), foreign)
+    with pytest.raises(ArtifactError, match=r"S_rated = 1e\+06 VA, the table is for 5000 VA"):
+        export_c_files(table_file, out, weights=foreign)
     assert not out.exists()
 
 

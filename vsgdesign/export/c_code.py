@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,10 @@ from vsgdesign.frames import rated_current_rms, rms_to_peak
 from vsgdesign.runtime.guards import ARRIVED, REASONS
 from vsgdesign.runtime.network import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.scheduler import Scheduler, read_table_of, scheduler_of
+
+if TYPE_CHECKING:
+    from vsgdesign.artifacts.gain_table import TableBase
+    from vsgdesign.artifacts.network_weights import NetworkWeights
 
 KIND = "vsgdesign c export"
 SCHEMA = 1
@@ -81,6 +85,7 @@ def export_c_files(
 
         trained = read_network_weights(weights)
         base, window = found.base, trained.window
+        _check_same_converter(trained, base)
         peak_v = rms_to_peak(base.V_rated_rms)
         peak_i = rms_to_peak(rated_current_rms(base.S_rated, base.V_rated_rms))
         estimator = neural_estimator(
@@ -92,6 +97,18 @@ def export_c_files(
             origin, weights_sha256=trained.hash, channels=window.channels, sample_interval=window.sample_interval
         )
     return export_c(scheduler_of(found, estimator, **changes), origin, out)
+
+
+def _check_same_converter(trained: NetworkWeights, base: TableBase) -> None:
+    """Weights say what converter they are scaled for, where they were trained from a study."""
+    for name, unit in (("S_rated", "VA"), ("V_rated_rms", "V")):
+        ours = float(getattr(base, name))
+        theirs = trained.training.get("converter", {}).get(name, ours)
+        if abs(theirs - ours) > 1e-6 * ours:
+            raise ArtifactError(
+                f"weights: they were trained for a converter of {name} = {theirs:g} {unit}, the table is for "
+                f"{ours:g} {unit}. Train on the table's study."
+            )
 
 
 def export_c(scheduler: Scheduler, origin: Origin, out: str | Path) -> ExportedC:
