@@ -141,12 +141,18 @@ def certify(
     p_pu: tuple[float, float], q_pu: tuple[float, float], error: float, rate: float, boxes: int, as_json: bool,
 ) -> None:  # fmt: skip
     """One Lyapunov function for a whole region of grids, powers and estimate errors, or a counterexample."""
+    import tempfile
+    from dataclasses import replace
+    from pathlib import Path
+
     from vsgdesign.design.certificate import Certificate, certify, region_of
+    from vsgdesign.pipeline.table import with_tables
 
     study = _load(study_file)
     spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate)
-    with _progress(quiet=as_json) as progress:
-        found = certify(study, spec, region, budget=boxes, progress=progress)
+    with _progress(quiet=as_json) as progress, tempfile.TemporaryDirectory() as folder:
+        ready = with_tables(replace(study, controllers=(spec,)), Path(folder) / study.name, progress=progress)
+        found = certify(study, ready.controllers[0], region, budget=boxes, progress=progress)
     if as_json:
         _print_json(found.as_document())
     else:

@@ -157,3 +157,10 @@ def test_what_cannot_be_asked(study: Study) -> None:
         region_of(study, "nobody", (5.0, 2.0), None, (-1.0, 1.0), (-0.4, 0.4), float("nan"), -1.0)
     for part in ("no such scheduled controller", "scr = 5 2", "error = nan", "rate = -1"):
         assert part in str(caught.value)
+
+
+def test_a_controller_with_a_table_is_certified_with_its_table(study: Study) -> None:
+    """Not with the closed form that the same structure would have: without its table there is nothing to certify."""
+    spec = replace(study.controllers[-1], schedule="table")
+    with pytest.raises(InfeasibleStudyError, match="its gain table is not there"):
+        certify(study, spec, Region((3.0, 20.0), (1.0, 20.0), (0.0, 4500.0), (0.0, 2000.0)), budget=0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from vsgdesign.equations.structures import NormalisedGains, structure_gains
 from vsgdesign.errors import NoOperatingPointError
 
 
-class Schedule:
+class Schedule(ABC):
     """A gain schedule of any structure and law. A schedule of a kind adds :meth:`normalised`.
 
     The Jacobian is taken from the estimated R_g and L_g plus the known grid-side inductor, at the design point
@@ -31,9 +32,9 @@ class Schedule:
     D_p: float
     D_q: float
 
+    @abstractmethod
     def normalised(self, R_g: Any, L_g: Any) -> NormalisedGains:
         """Normalised parameters for an estimated grid, scalars or arrays."""
-        raise NotImplementedError
 
     def gains(self, R_g: float, L_g: float) -> PowerLoopGains:
         """Gains for a grid of R_g (Ω) and L_g (H) at the design point.

@@ -27,7 +27,7 @@ from vsgdesign.design.certificate.region import (
 from vsgdesign.design.certificate.results import GAP_FREE, GRIDDED, Certificate, Counterexample, Gap, growing_mode
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.runtime.of_study import schedule_of
 
 Array = NDArray[np.float64]
 
@@ -96,8 +96,9 @@ def certify(
 ) -> Certificate | Counterexample:  # fmt: skip
     """The largest decay that one Lyapunov function proves over the region, or a counterexample.
 
-    ``schedule``: the gains to prove; None: those of the controller in closed form. An infinite ``region.rate`` asks
-    for one function for all (:eq:`certificate`), a finite one for P(ρ) (:eq:`affine-lyapunov`). Points outside the
+    ``schedule``: the gains to prove; None: those of the controller, from its table where it has one. An infinite
+    ``region.rate`` asks for one function for all (:eq:`certificate`), a finite one for P(ρ)
+    (:eq:`affine-lyapunov`). Points outside the
     static limits (:eq:`static-limits`) are not part of the region. A counterexample is returned where a cell is
     unstable by itself. Raises InfeasibleStudyError where the region is wrong or empty, where the controller is not
     scheduled, or where every cell is stable but no function of the kind exists.
@@ -194,7 +195,7 @@ def _prepared(
     if schedule is None:
         if spec.gains is not None or spec.kind != "scheduled":
             raise InfeasibleStudyError(f"controller {spec.name}: a certificate is made for a scheduled controller")
-        schedule = closed_form_schedule(study, spec.target)
+        schedule = schedule_of(study, spec)
     return System(study, schedule), Motion(region, bool(np.isfinite(region.rate)))
 
 
