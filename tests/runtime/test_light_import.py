@@ -30,7 +30,10 @@ def test_light(module: str) -> None:
 
 def test_light_in_use() -> None:
     """Not only imported: asked for gains, it stays light."""
-    call = "ClosedFormSchedule(4500.0, 1000.0, 110.0, 314.16, 1.0, 1.0, 0.01).gains(3.63, 0.01155)"
+    call = (
+        "ClosedFormSchedule(P=4500.0, Q=1000.0, V_g_rms=110.0, omega=314.16, settling_time=1.0, damping_ratio=1.0, "
+        "droop_ratio=0.01).gains(3.63, 0.01155)"
+    )
     names = imported(f"from vsgdesign.runtime import ClosedFormSchedule; {call}")
     assert "vsgdesign" in names
     assert names.isdisjoint(HEAVY)

@@ -13,38 +13,25 @@ if TYPE_CHECKING:  # reading study files is no part of what ships
     from vsgdesign.parameters.study import ClosedFormTarget, Study
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ClosedFormSchedule(Schedule):
     """A gain schedule for any structure, target, operating point and filter.
 
     ``published`` uses ``settling_time``, ``damping_ratio`` and ``droop_ratio`` (:eq:`closed-form-gains`); the
     other structures the pole placement k_1, d_1, k_2, the droops and the shares of decoupling
-    (:eq:`decoupled-gains`, :eq:`angle-damped-gains`).
+    (:eq:`decoupled-gains`, :eq:`angle-damped-gains`); law ``inertia`` H (s) and zeta.
     """
 
-    P: float
-    Q: float
-    V_g_rms: float
-    omega: float
     settling_time: float
     damping_ratio: float
     droop_ratio: float
-    R_2: float = 0.0
-    L_2: float = 0.0
-    structure: str = "published"
     k_1: float = 15.8
     d_1: float = 6.6
     k_2: float = 4.0
-    D_p: float = 0.0
-    D_q: float = 0.0
     share_P: float = 1.0
     share_Q: float = 1.0
-    law: str = "poles"
-    """``inertia``: H (s) and zeta instead of the first two poles (:eq:`constant-inertia`)."""
     H: float = 5.0
     zeta: float = 0.7
-    S_rated: float = 1.0
-    """VA; used by law ``inertia`` alone."""
 
     def normalised(self, R_g: Any, L_g: Any) -> NormalisedGains:  # noqa: ARG002 - the same on every grid
         """Constant, whatever the grid."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,24 +14,29 @@ from vsgdesign.equations.structures import NormalisedGains, structure_gains
 from vsgdesign.errors import NoOperatingPointError
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Schedule(ABC):
-    """A gain schedule of any structure and law. A schedule of a kind adds :meth:`normalised`.
+    """A gain schedule of any structure and law. A schedule of a kind adds :meth:`normalised` and what that needs.
 
     The Jacobian is taken from the estimated R_g and L_g plus the known grid-side inductor, at the design point
     (P, Q) or at measured powers and voltage.
     """
 
     P: float
+    """Design point, W."""
     Q: float
+    """Design point, var."""
     V_g_rms: float
     omega: float
-    R_2: float
-    L_2: float
-    structure: str
-    law: str
-    S_rated: float
-    D_p: float
-    D_q: float
+    R_2: float = 0.0
+    L_2: float = 0.0
+    structure: str = "published"
+    law: str = "poles"
+    """``inertia``: H (s) and zeta instead of the first two poles (:eq:`constant-inertia`)."""
+    S_rated: float = 1.0
+    """VA; used by law ``inertia`` alone."""
+    D_p: float = 0.0
+    D_q: float = 0.0
 
     @abstractmethod
     def normalised(self, R_g: Any, L_g: Any) -> NormalisedGains:

@@ -44,17 +44,6 @@ class TableSchedule(Schedule):
     An estimate that is not finite, or without inductance (L_g ≤ 0), gives NaN: keep the gains that are.
     """
 
-    P: float
-    Q: float
-    V_g_rms: float
-    omega: float
-    R_2: float
-    L_2: float
-    structure: str
-    law: str
-    S_rated: float
-    D_p: float
-    D_q: float
     Z_base: float
     scr_basis: str
     scr: Array
