@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.gain_tables import table
-from vsgdesign.artifacts import GainTable, gain_table_file, read_table_file, write_table_file
+from vsgdesign.artifacts import GainTable, read_table_file, write_table_file
 from vsgdesign.artifacts.gain_table import (
     COLUMNS,
     fill_outside,
@@ -23,6 +23,7 @@ from vsgdesign.artifacts.gain_table import (
     table_document,
     to_dimensionless,
 )
+from vsgdesign.artifacts.gain_table_file import TABLE_FILE
 from vsgdesign.errors import ArtifactError
 
 
@@ -118,7 +119,7 @@ def refusal(path: Path, change: Callable[[dict[str, Any]], Any], sign: bool = Tr
     """What the loader says of a document that was changed; ``sign``: and given the hash and layout that fit."""
     document = json.loads(WHOLE)
     change(document)
-    text = gain_table_file._render(document) if sign else json.dumps(document | {"sha256": "0" * 64})
+    text = TABLE_FILE.render(document) if sign else json.dumps(document | {"sha256": "0" * 64})
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ArtifactError) as refused:
         read_table_file(path)
@@ -150,13 +151,14 @@ def setter(*keys: Any, to: Any) -> Callable[[dict[str, Any]], None]:
         (setter("base", "colour", to=1.0), "colour"),
         (setter("D_p", to=-1.0), "at least 0"),
         (setter("D_p", to="1.0"), "must be a number"),
+        (setter("D_p", to=1), "an integer where a number must be"),
         (setter("scr", 1, to=0.5), "scr: must increase strictly"),
         (setter("x_over_r", 0, to=None), "x_over_r: must be a list of positive numbers"),
         (setter("scr", to=[]), "scr: must be a list"),
         (setter("columns", "k_1", 0, 1, to=None), "columns.k_1: not a number"),
         (setter("columns", "k_1", 0, 1, to=-1.0), "columns.k_1: must be positive"),
         (setter("columns", "k_1", 0, 1, to="15.8"), "text"),
-        (setter("columns", "k_1", 0, to=[1.0]), "no whole table"),
+        (setter("columns", "k_1", 0, to=[1.0]), "no whole gain table"),
         (setter("columns", "k_1", to=[[1.0, 2.0]]), "shape (1, 2), the axes have (3, 2)"),
         (setter("columns", "k_9", to=[[1.0, 2.0]]), "law poles has"),
         (setter("gains", "K_ip", 0, 0, to=None), "gains.K_ip: not a number"),
@@ -217,9 +219,9 @@ def test_a_missing_file_and_a_folder_that_is_not_there(tmp_path: Path) -> None:
 
 def test_what_cannot_be_read_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(ArtifactError) as refused:
-        write_table_file(table(parameters={"k_1": np.nan, "d_1": -1.0}, name="mine"), tmp_path / "t.json")
+        write_table_file(table(parameters={"k_1": np.nan, "d_1": -1.0}), tmp_path / "t.json")
     # Both faults at once, and no file.
-    assert "mine" in str(refused.value)
+    assert "t.json" in str(refused.value)
     assert "columns.k_1: not a number" in str(refused.value)
     assert "columns.d_1: must be positive" in str(refused.value)
     assert list(tmp_path.iterdir()) == []

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.artifacts.networks import random_weights
-from vsgdesign.artifacts.gain_table import content_hash
+from vsgdesign.artifacts.guarded_file import content_hash
 from vsgdesign.artifacts.network_weights import (
     NetworkWeights,
     fit_scaling,
@@ -91,12 +91,12 @@ def rewritten(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
     [
         (lambda d: d.update(schema=2), "schema 2.*update vsgdesign"),
         (lambda d: d.update(schema=True), "no schema number"),
-        (lambda d: d.update(kind="vsgdesign gain table"), "does not hold network weights"),
+        (lambda d: d.update(kind="vsgdesign gain table"), "not a trained network"),
         (lambda d: d.update(outputs=["L_g", "R_g"]), "outputs"),
         (lambda d: d.pop("window"), "window"),
         (lambda d: d["network"].pop("b_2"), "b_2"),
         (lambda d: d["network"]["b_1"].pop(), "W_1: has shape"),
-        (lambda d: d["network"]["W_1"][0].pop(), "no whole network"),
+        (lambda d: d["network"]["W_1"][0].pop(), "no whole trained network"),
         (lambda d: d["network"]["b_2"].__setitem__(0, None), "b_2: holds what is not a number"),
         (lambda d: d["network"]["inputs"]["deviation"].__setitem__(0, 0.0), "deviation: must be positive"),
         (lambda d: d["network"]["outputs"]["low"].__setitem__(0, 99.0), "below high"),
@@ -129,7 +129,7 @@ def test_nan_is_neither_written_nor_read(file: Path, tmp_path: Path) -> None:
         write_network_weights(replace(weights, network=replace(weights.network, b_1=b_1)), tmp_path / "new.json")
     assert not (tmp_path / "new.json").exists()
     file.write_text(file.read_text().replace('"samples": 4', '"samples": NaN'))
-    with pytest.raises(ArtifactError, match="not a number"):
+    with pytest.raises(ArtifactError, match="holds NaN"):
         read_network_weights(file)
 
 

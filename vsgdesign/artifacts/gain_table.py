@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from dataclasses import dataclass, field, fields
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -12,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.guarded_file import content_hash
 from vsgdesign.equations.power_loops import PowerLoopGains
 
 if TYPE_CHECKING:  # reading a table reads no study files
@@ -209,12 +208,6 @@ def table_document(table: GainTable) -> dict[str, Any]:
     for name in ("scr", "x_over_r", "status", "active", "price"):
         plainly[name] = plainly[name].tolist()
     return plain({"kind": KIND, "schema": SCHEMA} | plainly)
-
-
-def content_hash(document: dict[str, Any]) -> str:
-    """sha256 of a document's canonical JSON: sorted keys, no blanks, shortest round-trip numbers."""
-    text = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _to_floats(instance: Any) -> None:

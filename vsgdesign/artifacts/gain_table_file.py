@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Iterator
@@ -14,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.files import write_text
 from vsgdesign.artifacts.gain_table import (
     COLUMNS,
     KIND,
@@ -22,12 +20,11 @@ from vsgdesign.artifacts.gain_table import (
     GainTable,
     TableBase,
     ValidityBox,
-    content_hash,
     table_document,
 )
+from vsgdesign.artifacts.guarded_file import GuardedFile, is_number
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
-from vsgdesign.errors import ArtifactError
 
 STATUSES = ("met", "relaxed", "outside")
 SCR_BASES = ("impedance", "reactance")
@@ -41,13 +38,7 @@ def write_table_file(table: GainTable, path: str | Path) -> None:
 
     Raises ArtifactError with every fault where it is no table.
     """
-    faults = table_faults(table)
-    if faults:
-        raise ArtifactError(f"gain table {table.name}: not written.\n" + "\n".join(f"  - {fault}" for fault in faults))
-    try:
-        write_text(path, _render(table_document(table)))
-    except OSError as error:
-        raise ArtifactError(f'cannot write "{path}": {error.strerror}. Give a file in a folder that exists.') from error
+    TABLE_FILE.write(table, path)
 
 
 def read_table_file(path: str | Path) -> GainTable:
@@ -56,65 +47,7 @@ def read_table_file(path: str | Path) -> GainTable:
     Raises ArtifactError with what to do where the file is missing, cut short, not JSON, of another kind or a
     newer schema, changed since it was written, or holds what is no table.
     """
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise ArtifactError(f'cannot read "{path}": {error.strerror}. Give the file of a gain table.') from error
-    try:
-        return _parse(data)
-    except ArtifactError as error:
-        raise ArtifactError(f"{path}: {error}") from None
-
-
-def _parse(data: bytes) -> GainTable:
-    document = _json(data)
-    if not isinstance(document, dict) or document.get("kind") != KIND:
-        raise ArtifactError('it is not a gain table; give a file written by "vsgdesign table build".')
-    schema = document.get("schema")
-    if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
-        raise ArtifactError(f"schema = {schema!r} is no schema number; build the table again.")
-    if schema > SCHEMA:
-        raise ArtifactError(f"it has schema {schema}, this version reads up to {SCHEMA}; update vsgdesign.")
-    said = document.pop("sha256", None)
-    try:
-        is_what_it_says = said == content_hash(document)
-    except UnicodeEncodeError:  # half of a surrogate pair: nothing of ours
-        is_what_it_says = False
-    if not is_what_it_says:
-        raise ArtifactError("its content is not what its sha256 says; fetch the original or build the table again.")
-    if data != _render(document).encode():
-        raise ArtifactError("its text was re-formatted since it was written; fetch the original file.")
-    try:
-        table = _from_document(document)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ArtifactError(f"it is no whole table ({_reason(error)}); build the table again.") from error
-    faults = table_faults(table)
-    if faults:
-        raise ArtifactError("no usable table; build it again.\n" + "\n".join(f"  - {fault}" for fault in faults))
-    if table_document(table) != document:
-        raise ArtifactError("it has text or an integer where a number must be, or the reverse; build it again.")
-    return table
-
-
-def _json(data: bytes) -> Any:
-    def number(text: str) -> float:
-        value = float(text)
-        if not math.isfinite(value):
-            raise ArtifactError(f"it holds {text} where a number must be; build the table again.")
-        return value
-
-    try:
-        return json.loads(data.decode("utf-8"), parse_float=number, parse_constant=number)
-    except UnicodeDecodeError as error:
-        raise ArtifactError("it is not text; give the JSON file of a gain table.") from error
-    except json.JSONDecodeError as error:
-        if data.lstrip()[:1] == b"{" and not data.endswith(b"}\n"):
-            raise ArtifactError("it is cut short; fetch it again or build the table again.") from error
-        raise ArtifactError(f"it is not JSON ({error}); give the file of a gain table.") from error
-    except ValueError as error:  # an integer of thousands of digits
-        raise ArtifactError(f"it is not JSON of ours ({error}); give the file of a gain table.") from error
-    except RecursionError as error:
-        raise ArtifactError("it is nested too deeply to be a gain table; give another file.") from error
+    return TABLE_FILE.read(path)
 
 
 def table_faults(table: GainTable) -> list[str]:
@@ -172,13 +105,13 @@ def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
     least |= dict.fromkeys(("base.R_2", "base.L_2", "base.tau_P", "base.tau_Q", "D_p", "D_q", "validity.error"), 0.0)
     for name in (*least, "P_design", "Q_design"):
         value = attrgetter(name)(table)
-        if not _is_number(value):
+        if not is_number(value):
             yield name, "must be a number"
         elif value < least.get(name, -math.inf):
             yield name, f"{value:g} must be {'positive' if least[name] > 0.0 else 'at least 0'}"
     for name in ("scr", "x_over_r", "P", "Q", "V_rms"):
         pair = getattr(table.validity, name)
-        if not (isinstance(pair, tuple) and len(pair) == 2 and all(map(_is_number, pair)) and pair[0] <= pair[1]):
+        if not (isinstance(pair, tuple) and len(pair) == 2 and all(map(is_number, pair)) and pair[0] <= pair[1]):
             yield f"validity.{name}", "must be two numbers, the smaller first"
     for name in ("name", "study", "study_hash"):
         if not isinstance(getattr(table, name), str):
@@ -188,10 +121,6 @@ def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
             yield name, "must be a table of names and values"
     if not isinstance(table.certificate, dict | None):
         yield "certificate", "must be a table of names and values, or null"
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, float | int) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _from_document(document: dict[str, Any]) -> GainTable:
@@ -206,12 +135,12 @@ def _from_document(document: dict[str, Any]) -> GainTable:
     return GainTable(**values)
 
 
-def _render(document: dict[str, Any]) -> str:
-    whole = document | {"sha256": content_hash(document)}
-    text = json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    # One line a row: innermost lists are joined. JSON's strings have no line breaks, so none of them is touched.
+def _rows_on_a_line(text: str) -> str:
+    """Innermost lists joined. JSON's strings have no line breaks, so none of them is touched."""
     return _ROW.sub(lambda row: "[" + _BREAK.sub(", ", row[1]) + "]", text)
 
 
-def _reason(error: Exception) -> str:
-    return f"{error.args[0]} is missing" if isinstance(error, KeyError) and error.args else str(error)
+TABLE_FILE = GuardedFile(
+    KIND, SCHEMA, "a gain table", 'written by "vsgdesign table build"', "build the table again",
+    table_document, _from_document, table_faults, _rows_on_a_line,
+)  # fmt: skip

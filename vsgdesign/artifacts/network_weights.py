@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, fields
@@ -12,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsgdesign.artifacts.files import plain, write_text
-from vsgdesign.artifacts.gain_table import content_hash
-from vsgdesign.errors import ArtifactError
+from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.guarded_file import GuardedFile, content_hash, is_number
 
 Array = NDArray[np.float64]
 
@@ -136,11 +134,7 @@ def write_network_weights(weights: NetworkWeights, path: str | Path) -> None:
 
     Raises ArtifactError with every fault where they are no weights.
     """
-    _check(weights)
-    try:
-        write_text(path, _render(weights_document(weights)))
-    except OSError as error:
-        raise ArtifactError(f'cannot write "{path}": {error.strerror}. Give a file in a folder that exists.') from error
+    WEIGHTS_FILE.write(weights, path)
 
 
 def read_network_weights(path: str | Path) -> NetworkWeights:
@@ -149,41 +143,7 @@ def read_network_weights(path: str | Path) -> NetworkWeights:
     Raises ArtifactError with what to do where the file is missing, cut short, of another kind or a newer schema,
     changed since it was written, or holds what is no network.
     """
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise ArtifactError(f'cannot read "{path}": {error.strerror}. Give the file of network weights.') from error
-    try:
-        return _parse(data)
-    except ArtifactError as error:
-        raise ArtifactError(f"{path}: {error}") from None
-
-
-def _parse(data: bytes) -> NetworkWeights:
-    try:
-        document = json.loads(data.decode("utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise ArtifactError(f"it is not JSON or cut short ({error}); fetch it again or train again.") from error
-    if not isinstance(document, dict) or document.get("kind") != KIND:
-        raise ArtifactError("it does not hold network weights; give a file written by a training.")
-    schema = document.get("schema")
-    if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
-        raise ArtifactError(f"schema = {schema!r} is no schema number; train again.")
-    if schema > SCHEMA:
-        raise ArtifactError(f"it has schema {schema}, this version reads up to {SCHEMA}; update vsgdesign.")
-    said = document.pop("sha256", None)
-    try:
-        whole = said == content_hash(document) and data == _render(document).encode()
-    except ValueError as error:  # NaN, or half of a surrogate pair
-        raise ArtifactError("it holds what is not a number or no text; train again.") from error
-    if not whole:
-        raise ArtifactError("its content is not what its sha256 says; fetch the original or train again.")
-    try:
-        weights = _from_document(document)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ArtifactError(f"it is no whole network ({error}); train again.") from error
-    _check(weights)
-    return weights
+    return WEIGHTS_FILE.read(path)
 
 
 def _from_document(document: dict[str, Any]) -> NetworkWeights:
@@ -196,12 +156,6 @@ def _from_document(document: dict[str, Any]) -> NetworkWeights:
     values["window"] = WindowFormat(**values["window"])
     values["trained_on"] = {name: tuple(pair) for name, pair in values["trained_on"].items()}
     return NetworkWeights(**values)
-
-
-def _check(weights: NetworkWeights) -> None:
-    faults = list(_faults(weights))
-    if faults:
-        raise ArtifactError("no usable network; train again.\n" + "\n".join(f"  - {fault}" for fault in faults))
 
 
 def _faults(weights: NetworkWeights) -> Iterator[str]:
@@ -236,17 +190,8 @@ def _faults(weights: NetworkWeights) -> Iterator[str]:
         if name not in weights.trained_on:
             yield f"trained_on.{name}: is missing"
     for name, pair in weights.trained_on.items():
-        if len(pair) != 2 or not all(map(_is_number, pair)) or pair[0] > pair[1]:
+        if len(pair) != 2 or not all(map(is_number, pair)) or pair[0] > pair[1]:
             yield f"trained_on.{name}: must be two numbers, the smaller first"
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, float | int) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _render(document: dict[str, Any]) -> str:
-    whole = document | {"sha256": content_hash(document)}
-    return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _lists(value: Any) -> Any:
@@ -261,3 +206,9 @@ def _fix(instance: Any) -> None:
             array = np.array(value, dtype=np.float64)
             array.flags.writeable = False
             object.__setattr__(instance, f.name, array)
+
+
+WEIGHTS_FILE = GuardedFile(
+    KIND, SCHEMA, "a trained network", 'written by "vsgdesign estimator train"', "train again",
+    weights_document, _from_document, lambda weights: list(_faults(weights)),
+)  # fmt: skip

@@ -1,0 +1,140 @@
+"""JSON files that guard themselves: they name kind and schema, and carry the sha256 of their content."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from vsgdesign.artifacts.files import write_text
+from vsgdesign.errors import ArtifactError
+
+T = TypeVar("T")
+
+
+def content_hash(document: dict[str, Any]) -> str:
+    """sha256 of a document's canonical JSON: sorted keys, no blanks, shortest round-trip numbers."""
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def is_number(value: object) -> bool:
+    """A finite int or float; a bool is none."""
+    return isinstance(value, float | int) and not isinstance(value, bool) and math.isfinite(value)
+
+
+@dataclass(frozen=True)
+class GuardedFile(Generic[T]):
+    """How a thing is kept as such a file. Equal things give equal bytes.
+
+    ``what``, ``origin`` and ``again`` go into the errors: "a gain table", 'written by "vsgdesign table build"', "build
+    the table again". ``document`` gives the content in JSON's types, ``build`` the thing of a content,
+    ``faults`` what makes it unusable, one sentence each. ``layout`` may move the line breaks of the text.
+    """
+
+    kind: str
+    schema: int
+    what: str
+    origin: str
+    again: str
+    document: Callable[[T], dict[str, Any]]
+    build: Callable[[dict[str, Any]], T]
+    faults: Callable[[T], Sequence[str]]
+    layout: Callable[[str], str] = str
+
+    def render(self, document: dict[str, Any]) -> str:
+        """The text of a content, with its hash."""
+        whole = document | {"sha256": content_hash(document)}
+        return self.layout(json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+    def write(self, value: T, path: str | Path) -> None:
+        """The file appears whole or not at all. Raises ArtifactError with every fault where it would be unusable."""
+        faults = self.faults(value)
+        if faults:
+            raise ArtifactError(f'"{path}" is not written, it would be no usable {self._noun}.{_listed(faults)}')
+        try:
+            write_text(path, self.render(self.document(value)))
+        except OSError as error:
+            raise ArtifactError(
+                f'cannot write "{path}": {error.strerror}. Give a file in a folder that exists and may be written to.'
+            ) from error
+
+    def read(self, path: str | Path) -> T:
+        """What the file holds.
+
+        Raises ArtifactError with what to do where the file is missing, cut short, not JSON, of another kind or a
+        newer schema, changed since it was written, or holds what is unusable.
+        """
+        try:
+            data = Path(path).read_bytes()
+        except OSError as error:
+            raise ArtifactError(f'cannot read "{path}": {error.strerror}. Give the file of {self.what}.') from error
+        try:
+            return self._parse(data)
+        except ArtifactError as error:
+            raise ArtifactError(f"{path}: {error}") from None
+
+    @property
+    def _noun(self) -> str:
+        return self.what.removeprefix("a ")
+
+    def _parse(self, data: bytes) -> T:
+        document = self._json(data)
+        if not isinstance(document, dict) or document.get("kind") != self.kind:
+            raise ArtifactError(f"it is not {self.what}; give a file {self.origin}.")
+        schema = document.get("schema")
+        if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
+            raise ArtifactError(f"schema = {schema!r} is no schema number; {self.again}.")
+        if schema > self.schema:
+            raise ArtifactError(f"it has schema {schema}, this version reads up to {self.schema}; update vsgdesign.")
+        said = document.pop("sha256", None)
+        try:
+            is_what_it_says = said == content_hash(document)
+        except UnicodeEncodeError:  # half of a surrogate pair: nothing of ours
+            is_what_it_says = False
+        if not is_what_it_says:
+            raise ArtifactError(f"its content is not what its sha256 says; fetch the original or {self.again}.")
+        if data != self.render(document).encode():
+            raise ArtifactError("its text was re-formatted since it was written; fetch the original file.")
+        try:
+            value = self.build(document)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise ArtifactError(f"it is no whole {self._noun} ({_reason(error)}); {self.again}.") from error
+        faults = self.faults(value)
+        if faults:
+            raise ArtifactError(f"no usable {self._noun}; {self.again}.{_listed(faults)}")
+        if content_hash(self.document(value)) != said:
+            raise ArtifactError(f"it has text or an integer where a number must be, or the reverse; {self.again}.")
+        return value
+
+    def _json(self, data: bytes) -> Any:
+        def number(text: str) -> float:
+            value = float(text)
+            if not math.isfinite(value):
+                raise ArtifactError(f"it holds {text} where a number must be; {self.again}.")
+            return value
+
+        try:
+            return json.loads(data.decode("utf-8"), parse_float=number, parse_constant=number)
+        except UnicodeDecodeError as error:
+            raise ArtifactError(f"it is not text; give the JSON file of {self.what}.") from error
+        except json.JSONDecodeError as error:
+            if data.lstrip()[:1] == b"{" and not data.endswith(b"}\n"):
+                raise ArtifactError(f"it is cut short; fetch it again or {self.again}.") from error
+            raise ArtifactError(f"it is not JSON ({error}); give the file of {self.what}.") from error
+        except ValueError as error:  # an integer of thousands of digits
+            raise ArtifactError(f"it is not JSON of ours ({error}); give the file of {self.what}.") from error
+        except RecursionError as error:
+            raise ArtifactError(f"it is nested too deeply to be {self.what}; give another file.") from error
+
+
+def _listed(faults: Sequence[str]) -> str:
+    return "".join(f"\n  - {fault}" for fault in faults)
+
+
+def _reason(error: Exception) -> str:
+    return f"{error.args[0]} is missing" if isinstance(error, KeyError) and error.args else str(error)
