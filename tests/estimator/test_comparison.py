@@ -163,5 +163,5 @@ def test_verbs_refuse_bad_weights_and_leave_no_folder(tmp_path: Path) -> None:
         arguments = ["estimator", verb, str(study), "--out", str(tmp_path / "out"), "--weights", str(weights)]
         result = CliRunner().invoke(main, arguments)
         assert result.exit_code == 2
-        assert "network weights" in result.output
+        assert "not a trained network" in result.output
     assert not (tmp_path / "out").exists()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from vsgdesign.artifacts import staged_folder, write_json
 from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
@@ -11,7 +12,10 @@ from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.parameters.study import Study
 
 if TYPE_CHECKING:
-    from vsgdesign.estimator.comparison import ComparisonSettings
+    from vsgdesign.estimator.comparison import Comparison, ComparisonSettings
+    from vsgdesign.estimator.stress import Stress
+
+T = TypeVar("T")
 
 
 def report_comparison(
@@ -25,30 +29,21 @@ def report_comparison(
     :func:`vsgdesign.estimator.comparison.compare_methods`, and ArtifactError.
     """
     from vsgdesign.estimator.comparison import compare_methods
-    from vsgdesign.report.estimator_figures import comparison_figures, write_all
+    from vsgdesign.report.estimator_figures import comparison_figures
     from vsgdesign.report.estimator_page import write_comparison_page
 
-    tell = progress or silent
-    with staged_folder(out) as folder:
-        found = compare_methods(study, _networks(study, weights, tell), settings, progress=tell)
-        (folder / "figures").mkdir()
-        figures = write_all(comparison_figures(found), folder / "figures")
-        write_comparison_page(study.title, found, figures, folder / "report.html")
-        document = {
-            "study": study.name,
-            "study_hash": study.hash,
-            "weights": found.weights,
-            "settings": vars(found.settings),
+    def document(found: Comparison) -> dict[str, Any]:
+        return {
             "accuracy": [vars(one) for one in found.accuracy],
             "disturbances": [vars(one) for one in found.disturbances],
             "grid_steps": [
                 {"method": step.method, "scr": step.scr, "delay_s": step.delay, "error": step.error, "t_s": step.t_s}
                 for step in found.grid_steps
             ],
-            "figures": [figure.name for figure in figures],
         }
-        write_json(folder / "results.json", document)
-    return document
+
+    make = (compare_methods, document, comparison_figures, write_comparison_page)
+    return _report(study, out, weights, settings, progress, *make)
 
 
 def report_stress(
@@ -57,20 +52,11 @@ def report_stress(
 ) -> dict[str, Any]:  # fmt: skip
     """The same for the stress page."""
     from vsgdesign.estimator.stress import stress_methods
-    from vsgdesign.report.estimator_figures import stress_figures, write_all
+    from vsgdesign.report.estimator_figures import stress_figures
     from vsgdesign.report.estimator_page import write_stress_page
 
-    tell = progress or silent
-    with staged_folder(out) as folder:
-        found = stress_methods(study, _networks(study, weights, tell), settings, progress=tell)
-        (folder / "figures").mkdir()
-        figures = write_all(stress_figures(found), folder / "figures")
-        write_stress_page(study.title, found, figures, folder / "report.html")
-        document = {
-            "study": study.name,
-            "study_hash": study.hash,
-            "weights": found.weights,
-            "settings": vars(found.settings),
+    def document(found: Stress) -> dict[str, Any]:
+        return {
             "methods": found.methods,
             "axes": [
                 {
@@ -82,10 +68,29 @@ def report_stress(
                 }
                 for one in found.results
             ],
-            "figures": [figure.name for figure in figures],
         }
-        write_json(folder / "results.json", document)
-    return document
+
+    return _report(study, out, weights, settings, progress, stress_methods, document, stress_figures, write_stress_page)
+
+
+def _report(
+    study: Study, out: str | Path, weights: tuple[str, ...], settings: ComparisonSettings | None,
+    progress: Progress | None, find: Callable[..., T], document: Callable[[T], dict[str, Any]],
+    figures_of: Callable[[T], Any], write_page: Callable[..., Any],
+) -> dict[str, Any]:  # fmt: skip
+    from vsgdesign.report.estimator_figures import write_all
+
+    tell = progress or silent
+    with staged_folder(out) as folder:
+        found: Any = find(study, _networks(study, weights, tell), settings, progress=tell)
+        (folder / "figures").mkdir()
+        figures = write_all(figures_of(found), folder / "figures")
+        write_page(study.title, found, figures, folder / "report.html")
+        whole = {"study": study.name, "study_hash": study.hash, "weights": found.weights}
+        whole |= {"settings": vars(found.settings)} | document(found)
+        whole["figures"] = [figure.name for figure in figures]
+        write_json(folder / "results.json", whole)
+    return whole
 
 
 def _networks(study: Study, files: tuple[str, ...], progress: Progress) -> dict[str, NetworkWeights]:
