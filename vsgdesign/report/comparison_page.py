@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from vsgdesign import __version__
 from vsgdesign.design.comparison import Comparison
 from vsgdesign.report.comparison_tables import (
     promises_table,
@@ -15,24 +14,19 @@ from vsgdesign.report.comparison_tables import (
     verdicts,
 )
 from vsgdesign.report.figure_types import WrittenFigure
-from vsgdesign.report.page import environment, inline_svg
+from vsgdesign.report.html import write_html
 
 
 def write_comparison_page(comparison: Comparison, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
     """Write the page, with the figures' SVG text as it lies on disk."""
-    text = (
-        environment()
-        .get_template("comparison.html.j2")
-        .render(
-            study=comparison.study,
-            version=__version__,
-            verdicts=verdicts(comparison),
-            specification=specification_table(comparison),
-            promises=promises_table(comparison),
-            services=services_table(comparison),
-            tunings=tunings_table(comparison),
-            figures=[(f, inline_svg(f.svg.read_text(encoding="utf-8"), f.name, f.title)) for f in figures],
-        )
+    return write_html(
+        out_path,
+        "comparison.html.j2",
+        figures,
+        study=comparison.study,
+        verdicts=verdicts(comparison),
+        specification=specification_table(comparison),
+        promises=promises_table(comparison),
+        services=services_table(comparison),
+        tunings=tunings_table(comparison),
     )
-    out_path.write_text(text, encoding="utf-8", newline="\n")
-    return out_path

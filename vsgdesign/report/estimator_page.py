@@ -5,66 +5,42 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from vsgdesign import __version__
 from vsgdesign.estimator.baselines.record import SIGNAL_SETS
 from vsgdesign.estimator.comparison import WITHIN, Comparison
 from vsgdesign.estimator.stress import Stress
 from vsgdesign.report.figure_types import WrittenFigure
-from vsgdesign.report.page import environment, inline_svg
+from vsgdesign.report.html import write_html
 from vsgdesign.report.quantities import DASH, number, plain
 from vsgdesign.report.tables import Table
 
 
 def write_comparison_page(study: str, found: Comparison, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
     """Error beside bound, disturbance, delay."""
-    parts = (
-        ("Error and bound", [accuracy_table(found)], _of_part(figures, 1)),
-        ("Disturbance", [], _of_part(figures, 2)),
-        ("After a change of grid", [delay_table(found)], _of_part(figures, 3)),
+    parts = (  # heading, tables, part of the figures (0: none), words
+        ("Error and bound", [accuracy_table(found)], 1, ()),
+        ("Disturbance", [], 2, ()),
+        ("After a change of grid", [delay_table(found)], 3, ()),
     )
-    return _write("Impedance estimators compared", study, comparison_conclusion(found), parts, found.weights, out_path)
+    return write_html(
+        out_path, "estimator.html.j2", figures, title="Impedance estimators compared", study=study,
+        conclusion=comparison_conclusion(found), parts=parts, weights=found.weights,
+    )  # fmt: skip
 
 
 def write_stress_page(study: str, found: Stress, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
     """Error against everything that a field does to an estimator."""
     parts = (
-        ("What a field estimator needs", [], [], needs()),
-        ("Where each method breaks", [], _of_part(figures, 1)),
-        ("Errors", [stress_table(found, k) for k in range(len(found.results))], []),
+        ("What a field estimator needs", [], 0, needs()),
+        ("Where each method breaks", [], 1, ()),
+        ("Errors", [stress_table(found, k) for k in range(len(found.results))], 0, ()),
     )
-    return _write("Impedance estimators under stress", study, stress_conclusion(found), parts, found.weights, out_path)
-
-
-def _write(
-    title: str, study: str, conclusion: Sequence[str], parts: Sequence[tuple[Any, ...]], weights: dict[str, str],
-    out_path: Path,
-) -> Path:  # fmt: skip
-    text = (
-        environment()
-        .get_template("estimator.html.j2")
-        .render(
-            title=title,
-            study=study,
-            conclusion=conclusion,
-            parts=[(*part, ())[:4] for part in parts],
-            weights=weights,
-            version=__version__,
-        )
-    )
-    out_path.write_text(text, encoding="utf-8", newline="\n")
-    return out_path
-
-
-def _of_part(figures: Sequence[WrittenFigure], part: int) -> list[tuple[WrittenFigure, str]]:
-    return [
-        (figure, inline_svg(figure.svg.read_text(encoding="utf-8"), figure.name, figure.title))
-        for figure in figures
-        if figure.part == part
-    ]
+    return write_html(
+        out_path, "estimator.html.j2", figures, title="Impedance estimators under stress", study=study,
+        conclusion=stress_conclusion(found), parts=parts, weights=found.weights,
+    )  # fmt: skip
 
 
 def accuracy_table(found: Comparison) -> Table:

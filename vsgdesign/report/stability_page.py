@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import quote
 
-from vsgdesign import __version__
 from vsgdesign.report import stability_tables as made
 from vsgdesign.report.figure_types import WrittenFigure
-from vsgdesign.report.page import environment, inline_svg
+from vsgdesign.report.html import write_html
 from vsgdesign.report.quantities import plain_quantity
 from vsgdesign.report.stability_hover import hover_json
 from vsgdesign.report.stability_verdict import verdict_text
@@ -38,44 +37,35 @@ def write_stability_page(result: StabilityResult, figures: Sequence[WrittenFigur
     from markupsafe import Markup
 
     study = result.study
-    numbered: dict[int, list[tuple[int, WrittenFigure, str]]] = {part: [] for part in range(9)}
-    for k, figure in enumerate(sorted(figures, key=lambda f: f.part)):
-        svg = inline_svg(figure.svg.read_text(encoding="utf-8"), figure.name, figure.title)
-        numbered[figure.part].append((k + 1, figure, svg))
-    text = (
-        environment()
-        .get_template("stability.html.j2")
-        .render(
-            study=study,
-            version=__version__,
-            verdict=verdict_text(result),
-            verdicts=[(row, _MINUS.sub("−", row.value), link_of(result, row.evidence)) for row in result.verdicts],
-            figures=numbered,
-            identity=made.identity_table(result),
-            setting=(converter_table(result), filter_table(result)),
-            controllers=specs_table(result, [a.spec for a in result.assessments]),
-            errors=made.error_table(result),
-            limits=limits_of_validity(result),
-            worst=[made.worst_table(result, a) for a in result.assessments],
-            faults=made.faults_table(result),
-            has_schedule=any(a.spec.kind == "scheduled" for a in result.assessments),
-            focus=[a for a in result.assessments if a.focus],
-            focus_tables=[
-                (made.focus_table(a), made.participation_table(a), made.sensitivity_table(a))
-                for a in result.assessments
-                if a.focus
-            ],
-            between=made.between_table(result.assessments),
-            x_over_r_limit=made.limit_table(result.assessments) if any(a.focus for a in result.assessments) else None,
-            steps=made.steps_table(result),
-            unsimulated=unsimulated(result),
-            files=csv_files(result),
-            quote=quote,
-            hover=Markup(hover_json(result)),
-        )
+    return write_html(
+        out_path,
+        "stability.html.j2",
+        figures,
+        study=study,
+        verdict=verdict_text(result),
+        verdicts=[(row, _MINUS.sub("−", row.value), link_of(result, row.evidence)) for row in result.verdicts],
+        identity=made.identity_table(result),
+        setting=(converter_table(result), filter_table(result)),
+        controllers=specs_table(result, [a.spec for a in result.assessments]),
+        errors=made.error_table(result),
+        limits=limits_of_validity(result),
+        worst=[made.worst_table(result, a) for a in result.assessments],
+        faults=made.faults_table(result),
+        has_schedule=any(a.spec.kind == "scheduled" for a in result.assessments),
+        focus=[a for a in result.assessments if a.focus],
+        focus_tables=[
+            (made.focus_table(a), made.participation_table(a), made.sensitivity_table(a))
+            for a in result.assessments
+            if a.focus
+        ],
+        between=made.between_table(result.assessments),
+        x_over_r_limit=made.limit_table(result.assessments) if any(a.focus for a in result.assessments) else None,
+        steps=made.steps_table(result),
+        unsimulated=unsimulated(result),
+        files=csv_files(result),
+        quote=quote,
+        hover=Markup(hover_json(result)),
     )
-    out_path.write_text(text, encoding="utf-8", newline="\n")
-    return out_path
 
 
 def link_of(result: StabilityResult, evidence: str) -> str | None:

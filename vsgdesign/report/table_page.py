@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from vsgdesign import __version__
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.report.figure_types import WrittenFigure
-from vsgdesign.report.page import environment, inline_svg
+from vsgdesign.report.html import write_html
 from vsgdesign.report.quantities import DASH, number, plain, plain_quantity
 from vsgdesign.report.table_maps import in_order, limit_of
 from vsgdesign.report.tables import Table
@@ -26,27 +25,18 @@ LAWS = {
 
 def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
     """Write the page, with the figures' SVG text as it lies on disk."""
-    numbered: dict[int, list[tuple[int, WrittenFigure, str]]] = {part: [] for part in range(8)}
-    for k, figure in enumerate(sorted(figures, key=lambda f: f.part)):
-        svg = inline_svg(figure.svg.read_text(encoding="utf-8"), figure.name, figure.title)
-        numbered[figure.part].append((k + 1, figure, svg))
-    text = (
-        environment()
-        .get_template("gain_table.html.j2")
-        .render(
-            table=table,
-            version=__version__,
-            verdict=verdict_of(table),
-            figures=numbered,
-            identity=identity_table(table),
-            margins=margins_table(table),
-            specification=open_table("Specification", table.specification),
-            certificate=None if table.certificate is None else open_table("Certificate", table.certificate),
-            made=open_table("Made with", table.provenance | table.inputs),
-        )
+    return write_html(
+        out_path,
+        "gain_table.html.j2",
+        figures,
+        gain_table=table,
+        verdict=verdict_of(table),
+        identity=identity_table(table),
+        margins=margins_table(table),
+        specification=open_table("Specification", table.specification),
+        certificate=None if table.certificate is None else open_table("Certificate", table.certificate),
+        made=open_table("Made with", table.provenance | table.inputs),
     )
-    out_path.write_text(text, encoding="utf-8", newline="\n")
-    return out_path
 
 
 def verdict_of(table: GainTable) -> str:

@@ -1,0 +1,89 @@
+"""How every page is made: one skeleton, figures inlined and numbered, nothing fetched."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign import __version__
+from vsgdesign.report.figure_types import WrittenFigure
+
+if TYPE_CHECKING:
+    import jinja2
+
+
+def write_html(out_path: Path, template: str, figures: Sequence[WrittenFigure], **values: Any) -> Path:
+    """Write a page: a template of this room with these values, and with the figures' SVG text as it lies on disk.
+
+    The template sees ``figures`` as (number, figure, svg), numbered from 1 in the order of their parts.
+    """
+    placed = [
+        (k + 1, figure, inline_svg(figure.svg.read_text(encoding="utf-8"), figure.name, figure.title))
+        for k, figure in enumerate(sorted(figures, key=lambda figure: figure.part))
+    ]
+    text = environment().get_template(template).render(figures=placed, version=__version__, **values)
+    out_path.write_text(text, encoding="utf-8", newline="\n")
+    return out_path
+
+
+def environment() -> jinja2.Environment:
+    """Templates of this room, with the filter ``sub``; every text is escaped, a missing one is an error."""
+    import jinja2
+
+    def read(name: str) -> str:
+        return (resources.files("vsgdesign.report") / "templates" / name).read_text(encoding="utf-8")
+
+    found = jinja2.Environment(
+        loader=jinja2.FunctionLoader(read),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    found.filters["sub"] = with_subscripts
+    return found
+
+
+_SUBSCRIPT = re.compile(
+    r"(?<![A-Za-z])(K|D|M|P|Q|V|R|L|T|Y|Z|d|f|k|ω)_(ref|pcc|ip|iq|pq|qp|pv|iv|pc|ic|ff|dq|p|q|P|Q|g|n|s|op|1|2|c)\b"
+)
+
+
+def with_subscripts(text: str) -> str:
+    """A plain text with its symbols (K_ip, P_ref) set with subscripts, everything else escaped."""
+    from markupsafe import Markup, escape
+
+    return Markup(_SUBSCRIPT.sub(r"<i>\1</i><sub>\2</sub>", str(escape(text))))
+
+
+_PROLOGUE = re.compile(r"^.*?(?=<svg\b)", re.DOTALL)
+_METADATA = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
+_STYLE = re.compile(r"\s*<defs>\s*<style[^>]*>.*?</style>\s*</defs>", re.DOTALL)
+_SVG_TAG = re.compile(r"<svg\b[^>]*>")
+_VIEW_BOX = re.compile(r'viewBox="0 0 ([\d.]+) ([\d.]+)"')
+_ID = re.compile(r'\bid="([^"]+)"')
+_REFERENCE = re.compile(r'(?:xlink:)?href="#([^"]+)"')
+_URL = re.compile(r"url\(#([^)]+)\)")
+
+
+def inline_svg(svg: str, name: str, title: str) -> str:
+    """An SVG file as a part of an HTML page: no namespaces or prologue, ids of its own, width from its box."""
+    from markupsafe import Markup, escape
+
+    svg = _STYLE.sub("", _METADATA.sub("", _PROLOGUE.sub("", svg)))
+    box = _VIEW_BOX.search(svg)
+    if box is None:
+        raise ValueError(f"the SVG of figure {name} has no viewBox")
+    width, height = (float(size) for size in box.groups())
+    tag = Markup('<svg role="img" aria-label="{}" viewBox="0 0 {:g} {:g}" style="--width: {:.0f}pt">').format(
+        title, width, height, width
+    )
+    svg = _SVG_TAG.sub(lambda _: str(tag), svg, count=1)
+    # Ids repeat from figure to figure; within one page each figure gets its own.
+    prefix = str(escape(name))
+    svg = _ID.sub(rf'id="{prefix}-\1"', svg)
+    svg = _REFERENCE.sub(rf'href="#{prefix}-\1"', svg)
+    return Markup(_URL.sub(rf"url(#{prefix}-\1)", svg).strip())
