@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,38 @@ def to_continuous(z: NDArray[Any], T_s: float) -> Complex:
     with np.errstate(divide="ignore"):
         rate = np.log(np.abs(z)) / T_s
     return np.asarray(rate + 1j * (np.angle(z) / T_s), dtype=complex)  # a complex quotient makes NaN of −∞
+
+
+@dataclass(frozen=True)
+class PartialFractions:
+    """C (zI − A)⁻¹ B of N sampled models as a sum over modes Σ R/(z − p).
+
+    ``poles`` (N, n), ``residues`` (N, n, outputs, inputs). Modes of a (nearly) defective matrix have (nearly) parallel
+    eigenvectors: huge terms cancel, or there is no such sum. ``usable`` (N,) says where it keeps at least ten of its
+    sixteen digits.
+    """
+
+    poles: Complex
+    residues: Complex
+    usable: NDArray[np.bool_]
+
+
+_DIGITS_LOST = 1e6
+
+
+def partial_fractions(A: Array, B: Array, C: Array) -> PartialFractions:
+    """The sum over modes of A (N, n, n), B (N, n, inputs), C (N, outputs, n) with |z| near one."""
+    poles, right = (np.asarray(found, dtype=np.complex128) for found in np.linalg.eig(A))
+    regular = np.linalg.cond(right) < 1.0 / np.finfo(float).eps
+    right = np.where(regular[:, None, None], right, np.eye(A.shape[-1], dtype=complex))
+    seen, driven = np.swapaxes(C @ right, -1, -2), np.linalg.solve(right, B.astype(complex))
+    residues = np.asarray(seen[..., :, None] * driven[..., None, :], dtype=np.complex128)
+    # Terms against their sum, on the unit circle beside every pole, where each is largest; never on a pole.
+    z = np.exp(1j * np.minimum(1.001 * np.hypot(np.angle(poles), 1.0 - np.abs(poles)) + 1e-9, 3.14))
+    factors = 1.0 / (z[:, :, None] - poles[:, None, :])
+    flat = residues.reshape(*poles.shape, C.shape[-2] * B.shape[-1])
+    terms, sums = (np.abs(f).max(axis=1) for f in (np.abs(factors) @ np.abs(flat), factors @ flat))
+    return PartialFractions(poles, residues, regular & np.all(terms <= _DIGITS_LOST * sums, axis=-1))
 
 
 def participation_factors(A: Array) -> tuple[Complex, Array]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.metrics.modes import partial_fractions
 from vsgdesign.metrics.transfer import TransferMatrix
 from vsgdesign.model.coupled import CoupledModel, coupled_model
 from vsgdesign.model.full_order import INPUTS, OUTPUTS
@@ -75,7 +76,10 @@ def _row_times(left: NDArray, row: int, right: NDArray) -> tuple[NDArray, NDArra
 
 
 class FullOrderLoop:
-    """The loop of a FullOrderModel: S(z) = I + C (zI − A)⁻¹ B between the loop-breaking ports, as a sum over modes."""
+    """The loop of a FullOrderModel: S(z) = I + C (zI − A)⁻¹ B between the loop-breaking ports.
+
+    A sum over modes; a cell with (nearly) defective modes is solved at every frequency instead.
+    """
 
     def __init__(self, model: FullOrderModel, broken_at: str = "output") -> None:
         _check(broken_at)
@@ -83,26 +87,31 @@ class FullOrderLoop:
         columns = [INPUTS.index(name) for name in ports[:2]]
         rows = [OUTPUTS.index(name) for name in ports[2:]]
         self._T_s = model.T_s
-        self._poles, right = np.linalg.eig(model.A)
-        into = np.linalg.solve(right, model.B[:, :, columns].astype(complex))
-        self._residues = (model.C[:, rows, :] @ right)[:, :, :, None] * into[:, None, :, :]
+        self._direct = TransferMatrix(model.A, model.B[:, :, columns], model.C[:, rows])
+        self._sum = partial_fractions(self._direct.A, self._direct.B, self._direct.C)
 
     def on(self, omega: Array) -> Complex:
         """S (N, F, 2, 2) on a frequency grid in rad/s, below the Nyquist frequency."""
         z = np.exp(1j * omega * self._T_s)
-        S = np.empty((len(self._poles), len(omega), 2, 2), dtype=complex)
+        poles, residues = self._sum.poles, self._sum.residues.reshape(*self._sum.poles.shape, 4)
+        S = np.empty((len(poles), len(omega), 2, 2), dtype=complex)
         for start in range(0, len(S), _CHUNK):
             part = slice(start, start + _CHUNK)
-            factors = 1.0 / (z[None, :, None] - self._poles[part, None, :])
-            residues = self._residues[part].transpose(0, 2, 1, 3).reshape(factors.shape[0], factors.shape[2], 4)
-            S[part] = (factors @ residues).reshape(-1, len(omega), 2, 2)
+            factors = 1.0 / (z[None, :, None] - poles[part, None, :])
+            S[part] = (factors @ residues[part]).reshape(-1, len(omega), 2, 2)
+        for cell in np.flatnonzero(~self._sum.usable):
+            S[cell] = self._direct.at(np.full(len(z), cell), z)
         S += np.eye(2)
         return S
 
     def at(self, cells: NDArray[np.intp], omega: Array) -> Complex:
         """S (k, 2, 2) of cells at frequencies, both (k,)."""
-        factors = 1.0 / (np.exp(1j * omega * self._T_s)[:, None] - self._poles[cells])
-        return np.einsum("kn,kinj->kij", factors, self._residues[cells]) + np.eye(2, dtype=complex)
+        z = np.exp(1j * omega * self._T_s)
+        S = np.einsum("kn,knij->kij", 1.0 / (z[:, None] - self._sum.poles[cells]), self._sum.residues[cells])
+        solved = ~self._sum.usable[cells]
+        if solved.any():
+            S[solved] = self._direct.at(cells[solved], z[solved])
+        return S + np.eye(2)
 
 
 def coupled_loop(

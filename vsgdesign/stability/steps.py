@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from vsgdesign.metrics.modes import partial_fractions
 from vsgdesign.metrics.step_response import ResponseMetrics, step_response
 from vsgdesign.model.coupled import INPUTS, OUTPUTS, CoupledModel
 from vsgdesign.model.full_order import INPUTS as FULL_INPUTS
@@ -29,18 +30,22 @@ def reduced_step(model: CoupledModel, input_: str, output: str, t_end: float, dt
 def full_order_step(model: FullOrderModel, input_: str, output: str, t_end: float) -> tuple[Array, Array]:
     """Unit step responses (N, K) of the sampled model at every sample (K,), summed over the modes.
 
-    A mode z adds r (zᵏ − 1)/(z − 1) to sample k.
+    A mode z adds r (zᵏ − 1)/(z − 1) to sample k. A cell with (nearly) defective modes is stepped instead.
     """
     column, row = FULL_INPUTS.index(input_), FULL_OUTPUTS.index(output)
     k = np.arange(round(t_end / model.T_s) + 1, dtype=np.float64)
+    b, c, d = model.B[:, :, column], model.C[:, row], model.D[:, row, column]
+    modes = partial_fractions(model.A, b[:, :, None], c[:, None, :])
     y = np.empty((len(model.A), len(k)))
-    for cell, A in enumerate(model.A):
-        z, right = np.linalg.eig(A.astype(complex))
-        residues = (model.C[cell, row] @ right) * np.linalg.solve(right, model.B[cell, :, column].astype(complex))
+    for cell, z in enumerate(modes.poles):
+        if not modes.usable[cell]:
+            one = slice(cell, cell + 1)
+            y[one] = _recurse(model.A[one], b[one], c[one], d[one], len(k) - 1, model.T_s)[1]
+            continue
         with np.errstate(divide="ignore"):
             powers = np.exp(np.outer(k, np.log(z)))
         powers[0] = 1.0  # also where z = 0
-        y[cell] = ((powers - 1.0) @ (residues / (z - 1.0))).real + model.D[cell, row, column]
+        y[cell] = ((powers - 1.0) @ (modes.residues[cell, :, 0, 0] / (z - 1.0))).real + d[cell]
     return k * model.T_s, y
 
 
