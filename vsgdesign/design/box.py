@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.power_flow import operating_point
+from vsgdesign.equations.power_flow import POWER_MARGIN, operating_point
 from vsgdesign.frames import rated_current_rms, rms_to_peak
-from vsgdesign.parameters.specification import POWER_MARGIN, Specification
+from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import Grid, Study, grid_from_scr
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.kernels import FIGURES, figures
-from vsgdesign.equations.power_flow import jacobian_from_powers
+from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import NormalisedGains, structure_gains
 from vsgdesign.metrics.modes import damping_ratio
@@ -40,7 +40,7 @@ class LawOfStudy:
 
     def gains(self, normalised: NormalisedGains, s: Scenarios) -> PowerLoopGains:
         """The gains that the runtime has in each scenario: estimated grid, measured P, Q, V. Arrays broadcast."""
-        A, B, C, D = jacobian_from_powers(s.P, s.Q, s.V_rms, s.R_hat, s.X_hat)
+        A, B, C, D = scheduled_jacobian(s.P, s.Q, s.V_rms, s.R_hat, s.X_hat)
         return structure_gains(
             A, B, C, D, normalised, self.D_p, self.D_q, self.S_rated, self.omega_n,
             self.structure == "angle_damped", self.law == "inertia",

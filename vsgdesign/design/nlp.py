@@ -20,7 +20,7 @@ from vsgdesign.design.box import Scenarios
 from vsgdesign.design.evaluation import LawOfStudy
 from vsgdesign.design.kernels import BAND
 from vsgdesign.design.variables import Variables, variables
-from vsgdesign.equations.power_flow import jacobian_from_powers
+from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.equations.structures import structure_gains
 from vsgdesign.model.coupled import coupled_function
 from vsgdesign.model.tracing import numpy_on_symbols
@@ -156,7 +156,7 @@ def _slot_function(law: LawOfStudy, spec: Specification, v: Variables) -> ca.Fun
     y, margin, slack = ca.SX.sym("y", len(v.names)), ca.SX.sym("margin"), ca.SX.sym("slack", len(KINDS))
     s = Scenarios(*(ca.SX.sym(f.name) for f in fields(Scenarios)))
     with numpy_on_symbols():
-        A_hat, B_hat, C_hat, D_hat = jacobian_from_powers(s.P, s.Q, s.V_rms, s.R_hat, s.X_hat)
+        A_hat, B_hat, C_hat, D_hat = scheduled_jacobian(s.P, s.Q, s.V_rms, s.R_hat, s.X_hat)
         gains = structure_gains(
             A_hat, B_hat, C_hat, D_hat, v.expression(y, ca.exp), law.D_p, law.D_q, law.S_rated, law.omega_n,
             law.structure == "angle_damped", law.law == "inertia",

@@ -12,6 +12,12 @@ import numpy as np
 
 from vsgdesign.frames import PHASES
 
+POWER_MARGIN = 1.3
+"""How far the grid's limit 3V²/|Z| must be above |S| (:eq:`static-limits`)."""
+
+LEAST_SHARE = 0.2
+"""How much of b the A and D·V that gains are made of must be (:eq:`well-posed`)."""
+
 
 def power_flow(delta: Any, V_rms: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
     """P and Q that leave the control point (:eq:`power-flow`, the paper's eqs. 1 and 2)."""
@@ -61,6 +67,22 @@ def jacobian_from_powers(P: Any, Q: Any, V_rms: Any, R: Any, X: Any) -> Any:
     b = scale * X
     g = scale * R
     return b - Q, (P + g) / V_rms, P - g, (b + Q) / V_rms
+
+
+def scheduled_jacobian(P: Any, Q: Any, V_rms: Any, R: Any, X: Any) -> Any:
+    """A, B, C, D that gains are made of: :func:`jacobian_from_powers` on an impedance that may be wrong, X > 0.
+
+    An operating point with POWER_MARGIN shows that a larger impedance is wrong, so R and X are drawn in along their
+    angle to where they carry P and Q with it (:eq:`drawn-in`); and Q is taken as no more than the share of b that
+    leaves A and D·V at least LEAST_SHARE of it (:eq:`well-posed`). Without either, gains grow without bound near
+    the limit of what a grid carries.
+    """
+    limit = PHASES * V_rms * V_rms
+    wanted_sq = POWER_MARGIN * POWER_MARGIN * (P * P + Q * Q) * (R * R + X * X)
+    share = limit / np.sqrt(np.maximum(wanted_sq, limit * limit))
+    R, X = share * R, share * X
+    most = (1.0 - LEAST_SHARE) * (limit / (R * R + X * X) * X)
+    return jacobian_from_powers(P, np.minimum(np.maximum(Q, -most), most), V_rms, R, X)
 
 
 def dQ_dV_as_published(delta: Any, V_rms: Any, V_g_rms: Any, R: Any, X: Any) -> Any:

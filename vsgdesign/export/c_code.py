@@ -15,6 +15,7 @@ import numpy as np
 
 from vsgdesign import __version__
 from vsgdesign.artifacts.files import plain, staged_folder, write_json, write_text
+from vsgdesign.equations.power_flow import LEAST_SHARE, POWER_MARGIN
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.known_answers import known_answers, known_windows
 from vsgdesign.frames import rated_current_rms, rms_to_peak
@@ -32,7 +33,6 @@ MANIFEST = "manifest.json"
 
 REASON_NAMES = (
     "NONE", "TIME", "NOT_FINITE", "RANGE", "SATURATED", "NO_ESTIMATE", "IMPLAUSIBLE", "JUMP", "UNDESIGNED",
-    "OVERLOADED",
 )  # fmt: skip
 FILES = (
     "vsg.h", "vsg.c", "vsg_data.h", "vsg_data.c", "vsg_power.c", "vsg_selftest.c", "Makefile", "CMakeLists.txt",
@@ -243,7 +243,7 @@ def _constants(scheduler: Scheduler) -> Iterable[tuple[str, str]]:
     for name, value in (
         ("Z_BASE", lookup.Z_base), ("OMEGA", lookup.omega), ("R_2", lookup.R_2), ("L_2", lookup.L_2),
         ("S_RATED", lookup.S_rated), ("D_P", lookup.D_p), ("D_Q", lookup.D_q), ("V_N", lookup.V_n_rms),
-        ("LEAST_SHARE", lookup.least_share), ("POWER_MARGIN_SQ", lookup.power_margin * lookup.power_margin),
+        ("MOST_SHARE", 1.0 - LEAST_SHARE), ("POWER_MARGIN_SQ", POWER_MARGIN * POWER_MARGIN),
         ("SCR_LOW", c.scr[0]), ("SCR_HIGH", c.scr[1]), ("R_OVER_X_LOW", c.r_over_x[0]),
         ("R_OVER_X_HIGH", c.r_over_x[1]), ("P_LOW", c.P[0]), ("P_HIGH", c.P[1]), ("Q_LOW", c.Q[0]),
         ("Q_HIGH", c.Q[1]), ("V_LOW", c.V_rms[0]), ("V_HIGH", c.V_rms[1]), ("R_G_LOW", c.R_g[0]),

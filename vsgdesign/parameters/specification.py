@@ -13,9 +13,6 @@ AIMS = ("settling", "inertia")
 DEFAULT_SCR = (1.5, 2.0, 3.0, 5.0, 10.0, 20.0)
 DEFAULT_X_OVER_R = (0.5, 1.0, 2.0, 5.0, 20.0)
 
-POWER_MARGIN = 1.3
-"""Static limit of every box: 3V²/|Z| over |S|."""
-
 
 @dataclass(frozen=True)
 class DesignBox:

@@ -26,7 +26,7 @@ STATUSES = {
 }
 """Bits of a status. Every answer is either fresh (an estimate was taken) or held (it was not)."""
 
-NO_REASON, TIME, NOT_FINITE, RANGE, SATURATED, NO_ESTIMATE, IMPLAUSIBLE, JUMP, UNDESIGNED, OVERLOADED = range(10)
+NO_REASON, TIME, NOT_FINITE, RANGE, SATURATED, NO_ESTIMATE, IMPLAUSIBLE, JUMP, UNDESIGNED = range(9)
 REASONS = (
     "",
     "time went backwards",
@@ -37,7 +37,6 @@ REASONS = (
     "the estimate is outside what is plausible",
     "the estimate jumped and waits to be confirmed",
     "the table has no design at the place",
-    "the grid of the place cannot carry the measured power",
 )
 """Why an estimate was not taken: the first guard that objected."""
 

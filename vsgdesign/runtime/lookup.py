@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import repeat
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.equations.grid import grid_from_scr_impedance, grid_from_scr_reactance, scr_impedance, scr_reactance
-from vsgdesign.equations.power_flow import jacobian_from_powers
+from vsgdesign.equations.power_flow import LEAST_SHARE, POWER_MARGIN, jacobian_from_powers
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import NormalisedGains, structure_gains
 from vsgdesign.frames import PHASES, base_impedance
@@ -41,10 +42,6 @@ class GainLookup:
     D_q: float
     V_n_rms: float
     """Where the voltage is taken to be before any has been measured, V."""
-    power_margin: float = 1.3
-    """How far the grid's limit 3V²/|Z| must be above |S|."""
-    least_share: float = 0.2
-    """How much of b the Jacobian's A and D·V must be: nearer to the limit, gains grow without bound."""
 
     def coordinates(self, R_g: float, L_g: float) -> tuple[float, float]:
         """SCR on the table's basis, and R/X, of R_g (Ω) and L_g > 0 (H) (:eq:`scr`)."""
@@ -70,19 +67,17 @@ class GainLookup:
         return NormalisedGains(*map(blend, repeat(weights), v00, v01, v10, v11))
 
     def gains(self, normalised: NormalisedGains, scr: float, r_over_x: float, P: float, Q: float, V_rms: float) -> Any:
-        """Gains on the grid of a place at measured powers and voltage (:eq:`structure-gains`).
-
-        None where the Jacobian is not well posed there (:eq:`well-posed`).
-        """
+        """Gains on the grid of a place at measured powers and voltage (:eq:`structure-gains`), of
+        :func:`~vsgdesign.equations.power_flow.scheduled_jacobian` to the same bits."""
         R_g, L_g = self.grid(scr, r_over_x)
         R, X = R_g + self.R_2, self.omega * (L_g + self.L_2)
-        A, B, C, D = jacobian_from_powers(P, Q, V_rms, R, X)
-        Z_sq = R * R + X * X
         limit = PHASES * V_rms * V_rms
-        least = self.least_share * (limit / Z_sq * X)
-        margin = self.power_margin * self.power_margin * (P * P + Q * Q) * Z_sq
-        if not (least <= A and D * V_rms >= least and limit * limit >= margin):
-            return None
+        wanted_sq = POWER_MARGIN * POWER_MARGIN * (P * P + Q * Q) * (R * R + X * X)
+        if wanted_sq > limit * limit:
+            share = limit / math.sqrt(wanted_sq)
+            R, X = share * R, share * X
+        most = (1.0 - LEAST_SHARE) * (limit / (R * R + X * X) * X)
+        A, B, C, D = jacobian_from_powers(P, min(max(Q, -most), most), V_rms, R, X)
         gains = structure_gains(
             A, B, C, D, normalised, self.D_p, self.D_q, self.S_rated, self.omega,
             self.structure == "angle_damped", self.law == "inertia",

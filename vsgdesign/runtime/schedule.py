@@ -8,7 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from vsgdesign.equations.power_flow import jacobian_from_powers, largest_scale, operating_point
+from vsgdesign.equations.power_flow import (
+    jacobian_from_powers,
+    largest_scale,
+    operating_point,
+    scheduled_jacobian,
+)
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import NormalisedGains, structure_gains
 from vsgdesign.errors import NoOperatingPointError
@@ -78,9 +83,12 @@ class Schedule(ABC):
         """Gains from an estimated grid and the measured P, Q, V at the control point, for arrays or scalars.
 
         The Jacobian needs no operating point to be solved for (:eq:`jacobian-from-powers`), so an error of the
-        estimate does not also move V.
+        estimate does not also move V. It is kept away from where it has no inverse (:eq:`drawn-in`,
+        :eq:`well-posed`).
         """
-        return self._from_plant(self.normalised(R_g, L_g), *jacobian_from_powers(P, Q, V_rms, *self._path(R_g, L_g)))
+        with np.errstate(invalid="ignore"):  # an estimate that is not finite gives NaN
+            J = scheduled_jacobian(P, Q, V_rms, *self._path(R_g, L_g))
+            return self._from_plant(self.normalised(R_g, L_g), *J)
 
     def plant_gains(self, R_g: Any, L_g: Any) -> tuple[Any, Any, Any, Any]:
         """A, B, C, D at the design point on a grid; NaN where it has no operating point."""

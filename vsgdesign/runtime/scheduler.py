@@ -23,7 +23,6 @@ from vsgdesign.runtime.guards import (
     NO_ESTIMATE,
     NO_REASON,
     NOT_FINITE,
-    OVERLOADED,
     RANGE,
     REASONS,
     REFUSED,
@@ -76,12 +75,12 @@ def first_state(lookup: GainLookup, settings: SchedulerSettings) -> SchedulerSta
     P = min(max(0.0, settings.P[0]), settings.P[1])
     Q = min(max(0.0, settings.Q[0]), settings.Q[1])
     normalised = lookup.normalised(scr, r_over_x)
-    gains = None if normalised is None else lookup.gains(normalised, scr, r_over_x, P, Q, V_rms)
-    if gains is None:
+    if normalised is None:
         raise ArtifactError(
             f"safe place SCR {scr:g}, R/X {r_over_x:g}: the table has no design there. Give another (safe_scr, "
             "safe_r_over_x) on the strong side."
         )
+    gains = lookup.gains(normalised, scr, r_over_x, P, Q, V_rms)
     age = settings.stale_ticks + 1
     return SchedulerState(0, 0, age, 0, scr, r_over_x, scr, r_over_x, scr, r_over_x, P, Q, V_rms, gains)
 
@@ -94,8 +93,8 @@ def advance(
 
     ``said`` is why there is no estimate, NO_REASON where R_g (Ω) and L_g (H) are one. P (W), Q (var) and V (phase rms,
     V) are those of the power loops; ``ticks`` is the caller's 32-bit counter. Guards in order: time and inputs,
-    plausibility, jump (:eq:`place-band`), hysteresis, staleness, rate (:eq:`place-rate`), certified box, design
-    (:eq:`well-posed`). Whatever the inputs are, the gains are those of a place and powers within the box.
+    plausibility, jump (:eq:`place-band`), hysteresis, staleness, rate (:eq:`place-rate`), certified box, design.
+    Whatever the inputs are, the gains are those of a place and powers within the box.
     """
     status, reason = 0, said
     elapsed = (ticks - s.ticks) & _MASK if s.started else 0
@@ -152,14 +151,13 @@ def advance(
         moving |= LIMITED
 
     normalised = lookup.normalised(place_scr, place_r)
-    gains = None if normalised is None else lookup.gains(normalised, place_scr, place_r, P, Q, V_rms)
     refused = status & REFUSED
-    if gains is None:
-        if reason == NO_REASON:
-            reason = UNDESIGNED if normalised is None else OVERLOADED
+    if normalised is None:
+        reason = UNDESIGNED if reason == NO_REASON else reason
         gains, place_scr, place_r, P, Q, V_rms = s.gains, s.scr, s.r_over_x, s.P, s.Q, s.V_rms
         status = refused
     else:
+        gains = lookup.gains(normalised, place_scr, place_r, P, Q, V_rms)
         status |= moving
     status |= FALLBACK if stale else 0
     if reason == NO_REASON:
@@ -234,14 +232,12 @@ class Scheduler:
         first = first_state(self.lookup, c)
         normalised = self.lookup.normalised(scr, r_over_x)
         inside = c.scr[0] <= scr <= c.scr[1] and c.r_over_x[0] <= r_over_x <= c.r_over_x[1]
-        gains = None
-        if inside and normalised is not None:
-            gains = self.lookup.gains(normalised, scr, r_over_x, first.P, first.Q, first.V_rms)
-        if gains is None:
+        if not inside or normalised is None:
             raise ArtifactError(
                 f"R_g = {R_g:g} Ω, L_g = {L_g * 1e3:g} mH: the grid is not in the schedule's box (SCR {c.scr[0]:g} to "
                 f"{c.scr[1]:g}, R/X {c.r_over_x[0]:g} to {c.r_over_x[1]:g}). Start without."
             )
+        gains = self.lookup.gains(normalised, scr, r_over_x, first.P, first.Q, first.V_rms)
         self._state = first._replace(
             scr=scr, r_over_x=r_over_x, goal_scr=scr, goal_r_over_x=r_over_x, gains=gains, age=0
         )
