@@ -8,11 +8,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point
+from vsgdesign.equations.power_flow import POWER_MARGIN, jacobian_from_powers, operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.frames import PHASES
-from vsgdesign.parameters.specification import POWER_MARGIN
 from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.closed_form import ClosedFormSchedule
 
