@@ -116,6 +116,17 @@ def test_the_network_mode_is_damped_where_it_was_unstable(published: Study) -> N
     assert least_damping(damped, grid, gains) > 0.3
 
 
+@pytest.mark.parametrize("sensor", [0.98, 1.02])
+def test_a_sensor_that_is_two_percent_off_is_no_danger(published: Study, sensor: float) -> None:
+    """The feed-forward takes its error to K_ff; without the resistance 1 % too much is unstable here."""
+    grid = grid_from_scr(20.0, 20.0, "impedance", published.converter)
+    gains = angle_damped(published, grid)
+    off_by = replace(published, inner_gains=published.inner_gains._replace(K_ff=sensor))
+    assert least_damping(with_resistance(off_by, ADVISED_PU), grid, gains) > 0.2
+    high = replace(published, inner_gains=published.inner_gains._replace(K_ff=1.01))
+    assert least_damping(high, grid, gains) < -0.2
+
+
 @pytest.mark.parametrize(("scr", "x_over_r"), [(3.0, 20.0), (6.0, 20.0), (20.0, 0.3), (20.0, 3.0)])
 def test_the_advised_value_damps_every_strong_grid(published: Study, scr: float, x_over_r: float) -> None:
     grid = grid_from_scr(scr, x_over_r, "impedance", published.converter)
