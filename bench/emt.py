@@ -121,7 +121,7 @@ def controller() -> list[Row]:
     gains = gain_changes(study, study.controllers[-1], build_timeline(study))[0].gains
     c = study.converter
     refs = References(2000.0, 1000.0, c.omega_n, c.V_rated_rms)
-    state = ControllerState(0.0, c.omega_n, c.V_rated_rms, 2000.0, 1000.0, 0.0, 0.0, 0.0, 0.0)
+    state = ControllerState(0.0, c.omega_n, c.V_rated_rms, 2000.0, 1000.0, *[0.0] * 6)
     loop = compile_function(_controller_loop)  # type: ignore[arg-type]
     count = 1_000_000
     arguments = (count, state, refs, gains, study.inner_gains, study.controller_settings())
@@ -153,7 +153,7 @@ def _controller_loop(count, state, refs, power_gains, inner_gains, settings):
         v_beta = 1e-9 * output.v_b_beta
         state = ControllerState(
             following.theta, state.omega_i, state.V, state.P_f, state.Q_f, 0.5 * following.xi_vd, 0.5 * following.xi_vq,
-            0.5 * following.xi_id, 0.5 * following.xi_iq,
+            0.5 * following.xi_id, 0.5 * following.xi_iq, following.i_f_d, following.i_f_q,
         )  # fmt: skip
     return v_alpha + state.xi_vd + state.xi_id
 

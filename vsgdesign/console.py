@@ -70,7 +70,14 @@ def results_tables(results: dict[str, Any]) -> None:
                 _cell(event["rise_time_s"], ".3f", " s"),
                 _cell(event["peak_current_pu"], ".2f", " pu"),
             )
-    new_console().print(table)
+    console = new_console()
+    console.print(table if table.row_count else f"{escape(results['study']['title'])}: no event to measure")
+    for name, controller in results["controllers"].items():
+        limit = (controller["estimate"] or {}).get("rate_limit")
+        if limit and limit["held_s"]:
+            from vsgdesign.report.estimate_tables import rate_limit_text
+
+            console.print(escape(rate_limit_text(name, *limit.values())))
 
 
 def design_tables(study: Study, designs: Sequence[ClosedFormDesign]) -> None:

@@ -17,7 +17,13 @@ from vsgdesign.equations.grid import (
     scr_impedance,
     scr_reactance,
 )
-from vsgdesign.equations.inner_loops import InnerLoopGains, current_loop, limit_length, voltage_loop
+from vsgdesign.equations.inner_loops import (
+    InnerLoopGains,
+    current_loop,
+    limit_length,
+    transient_resistance,
+    voltage_loop,
+)
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 
 COMPONENT = st.floats(-1e3, 1e3)
@@ -54,10 +60,11 @@ def test_inner_loops_in_complex_numbers(
     a: float, b: float, c: float, d: float, e: float, f: float, limit: float, v_ref: float
 ) -> None:
     first, second, xi = complex(a, b), complex(c, d), complex(e, f)
-    error = v_ref - first
+    drop = complex(0.3 * d, -0.2 * a)
+    error = v_ref - drop - first
     wanted = GAINS.K_pv * error + xi + GAINS.K_ff * second + 1j * 0.0063 * first
     out, xi_next = pi_step(wanted, error, xi, limit, GAINS.K_pv, GAINS.K_iv)
-    result = voltage_loop(v_ref, a, b, c, d, e, f, GAINS, 0.0063, limit, T_S)
+    result = voltage_loop(v_ref, drop.real, drop.imag, a, b, c, d, e, f, GAINS, 0.0063, limit, T_S)
     # The sums have terms of up to 5e4 (K_p·error), so 1e-10 is a few roundings of the largest.
     assert result == pytest.approx((out.real, out.imag, xi_next.real, xi_next.imag), abs=1e-10)
 
@@ -73,7 +80,9 @@ def test_anti_windup_brings_the_integrator_to_the_limit_and_no_further() -> None
     """A constant unreachable reference: the limited output settles on the limit, the integrator stays bounded."""
     xi_d = xi_q = 0.0
     for _ in range(20000):
-        out_d, out_q, xi_d, xi_q = voltage_loop(300.0, 100.0, 0.0, 0.0, 0.0, xi_d, xi_q, GAINS, 0.0, 20.0, T_S)
+        out_d, out_q, xi_d, xi_q = voltage_loop(
+            300.0, 0.0, 0.0, 100.0, 0.0, 0.0, 0.0, xi_d, xi_q, GAINS, 0.0, 20.0, T_S
+        )
     assert math.hypot(out_d, out_q) == pytest.approx(20.0, rel=1e-12)
     # At rest the unwinding equals the error: wanted = limit + K_pv·error, so xi = the limit itself.
     assert xi_d == pytest.approx(20.0, rel=1e-9)
@@ -142,8 +151,24 @@ def test_short_circuit_ratio_is_a_ratio_of_currents(scr: float, x_over_r: float)
 def test_rotating_the_frame_rotates_the_loops() -> None:
     """Nothing in the loops prefers an axis: a turned input gives a turned output (v_ref apart)."""
     turn = cmath.exp(0.9j)
-    v, i_g, xi = 20.0 - 5.0j, 3.0 + 4.0j, 1.0 + 0.5j
-    plain = complex(*voltage_loop(0.0, v.real, v.imag, i_g.real, i_g.imag, xi.real, xi.imag, GAINS, 0.1, 2.0, T_S)[:2])
-    v, i_g, xi = v * turn, i_g * turn, xi * turn
-    turned = complex(*voltage_loop(0.0, v.real, v.imag, i_g.real, i_g.imag, xi.real, xi.imag, GAINS, 0.1, 2.0, T_S)[:2])
-    assert turned == pytest.approx(plain * turn, rel=1e-14)
+    v, i_g, xi, drop = 20.0 - 5.0j, 3.0 + 4.0j, 1.0 + 0.5j, 2.0 - 1.0j
+
+    def loop(v: complex, i_g: complex, xi: complex, drop: complex) -> complex:
+        parts = (part for x in (drop, v, i_g, xi) for part in (x.real, x.imag))
+        return complex(*voltage_loop(0.0, *parts, GAINS, 0.1, 2.0, T_S)[:2])
+
+    turned = loop(v * turn, i_g * turn, xi * turn, drop * turn)
+    assert turned == pytest.approx(loop(v, i_g, xi, drop) * turn, rel=1e-14)
+
+
+def test_the_transient_resistance_forgets_a_constant_current() -> None:
+    """A step of current meets R_t at once, R_t/e after the low-pass's time constant, and nothing in the end."""
+    R_t, tau, i_g = 0.5, 40 * T_S, 8.0 - 6.0j
+    i_f, drops = 0j, []
+    for _ in range(2001):
+        *drop, d, q = transient_resistance(i_g.real, i_g.imag, i_f.real, i_f.imag, R_t, -math.expm1(-T_S / tau))
+        i_f = complex(d, q)
+        drops.append(complex(*drop))
+    assert drops[0] == R_t * i_g
+    assert drops[40] == pytest.approx(R_t * i_g / math.e, rel=1e-12)
+    assert abs(drops[2000]) < 1e-12

@@ -74,6 +74,11 @@ class OnePeriod:
         frame = cmath.exp(-1j * theta)
         v_dq, i_s, i_g = v * frame, x[0] * frame, x[2] * frame
         error = math.sqrt(2.0) * V - v_dq
+        if inner.R_t > 0.0:
+            change = i_g - complex(z["i_f_d"], z["i_f_q"])
+            error -= inner.R_t * change
+            used_to = complex(z["i_f_d"], z["i_f_q"]) + (1.0 - math.exp(-study.omega_t * T)) * change
+            following["i_f_d"], following["i_f_q"] = used_to.real, used_to.imag
         xi_v, xi_i = complex(z["xi_vd"], z["xi_vq"]), complex(z["xi_id"], z["xi_iq"])
         wanted = inner.K_pv * error + xi_v + inner.K_ff * i_g + 1j * c.omega_n * f.C * v_dq
         i_ref = self.shorten(wanted, self.i_max)

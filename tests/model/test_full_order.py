@@ -22,6 +22,7 @@ from tests.stability.studies import (
     designed,
     random_situations,
     rated,
+    situation,
 )
 from vsgdesign.model.full_order import INPUTS, OUTPUTS, PARAMETERS, full_order_map
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order, parameter_values
@@ -41,18 +42,19 @@ def turning_states(study: Study, run: Simulation, gains, refs: tuple[float, floa
     source = run.column("v_g_alpha") + 1j * run.column("v_g_beta")
     turn = np.conj(source / np.abs(source))
     complex_ = {n: (run.column(f"{n}_alpha") + 1j * run.column(f"{n}_beta")) for n in ("i_s", "v_c", "i_g")}
-    theta, omega, V, P_f, Q_f, xi_vd, xi_vq, xi_id, xi_iq = run.controller_log.T
+    theta, omega, V, P_f, Q_f, xi_vd, xi_vq, xi_id, xi_iq, i_f_d, i_f_q = run.controller_log.T
     controller, waiting = SampledController(study), np.zeros(len(theta), complex)
     for k in range(len(theta) - 1):
         state = State(
-            theta[k], omega[k], V[k], complex(P_f[k], Q_f[k]), complex(xi_vd[k], xi_vq[k]), complex(xi_id[k], xi_iq[k])
-        )
+            theta[k], omega[k], V[k], complex(P_f[k], Q_f[k]), complex(xi_vd[k], xi_vq[k]),
+            complex(xi_id[k], xi_iq[k]), complex(i_f_d[k], i_f_q[k]),
+        )  # fmt: skip
         i_s, v_c, i_g = (complex(complex_[n][k]) for n in ("i_s", "v_c", "i_g"))
         v = v_c + study.filter.R_c * (i_s - i_g)
         _, waiting[k + 1], _ = controller.step(state, v, i_s, i_g, refs, gains)
     values = {
         "delta": np.angle(np.exp(1j * theta) * turn), "omega_i": omega, "V": V, "P_f": P_f, "Q_f": Q_f,
-        "xi_vd": xi_vd, "xi_vq": xi_vq, "xi_id": xi_id, "xi_iq": xi_iq,
+        "xi_vd": xi_vd, "xi_vq": xi_vq, "xi_id": xi_id, "xi_iq": xi_iq, "i_f_d": i_f_d, "i_f_q": i_f_q,
         "pending_d": (waiting * turn).real, "pending_q": (waiting * turn).imag,
     }  # fmt: skip
     for n, x in complex_.items():
@@ -60,15 +62,16 @@ def turning_states(study: Study, run: Simulation, gains, refs: tuple[float, floa
     return np.stack([values[n] for n in names], axis=1)[1:]
 
 
-@pytest.mark.parametrize("delay", [0, 1])
+@pytest.mark.parametrize(("delay", "R_t_pu"), [(0, 0.0), (1, 0.0), (0, 0.1), (1, 0.2)])
 @pytest.mark.parametrize("case", CASES)
-def test_a_period_of_the_emt_is_a_step_of_the_map(case: str, delay: int) -> None:
+def test_a_period_of_the_emt_is_a_step_of_the_map(case: str, delay: int, R_t_pu: float) -> None:
     """A cold start, off nominal frequency, with filters: 600 states far from rest, limits included.
 
     Each is taken from the run, stepped once by the map and compared with the run's next. Measured: 3e-14 of rated.
     """
     study = case_study(case, tau_P=0.004, tau_Q=0.002, delay=delay)
     c = study.converter
+    study = replace(study, inner_gains=study.inner_gains._replace(R_t=R_t_pu * c.Z_base))
     grid = grid_from_scr(4.0, 2.0, study.scr_basis, c)
     source = GridSource(0.97 * c.V_rated_rms, 1.004 * c.omega_n)
     gains = designed(study, grid, 0.3)
@@ -77,7 +80,7 @@ def test_a_period_of_the_emt_is_a_step_of_the_map(case: str, delay: int) -> None
     run = simulate(
         replace(study, grid=grid, grid_source=source, simulation=spec), [GainChange(0.0, gains)], log_states=600
     )
-    functions = full_order_map(delay, True, True, 8)
+    functions = full_order_map(delay, True, True, R_t_pu > 0.0, 8)
     z = turning_states(study, run, gains, (cell.P_ref, cell.Q_ref), functions.states)
     p = np.array([*parameter_values(study, cell), *study.controller_settings()])
     following = np.array(functions.step.map(len(z) - 1)(z[:-1].T, np.tile(p[:, None], len(z) - 1))[0]).T
@@ -95,7 +98,17 @@ def test_a_period_of_the_emt_is_a_step_of_the_map(case: str, delay: int) -> None
 
 @pytest.fixture(scope="module")
 def situations() -> list[Situation]:
-    return random_situations(8, seed=5)
+    """Eight random ones, and the first four again with a transient resistance."""
+    plain = random_situations(8, seed=5)
+    damped = [
+        replace(
+            s.study,
+            omega_t=40.0 * (k + 1),
+            inner_gains=s.study.inner_gains._replace(R_t=0.1 * s.study.converter.Z_base),
+        )
+        for k, s in enumerate(plain[:4])
+    ]
+    return [*plain, *(situation(study, s.cell) for study, s in zip(damped, plain, strict=False))]
 
 
 def oracle(s: Situation) -> OnePeriod:
@@ -185,9 +198,12 @@ def test_the_exponential_inside(case: str, scr: float, ratio: float) -> None:
 
 def test_names() -> None:
     """What structure has which states, and that names are not repeated."""
-    for delay, filter_P, filter_Q in ((0, False, False), (0, True, False), (1, False, True), (1, True, True)):
-        names = full_order_map(delay, filter_P, filter_Q, 6).states
-        assert len(set(names)) == len(names) == 13 + 2 * delay + filter_P + filter_Q
+    for delay, filter_P, filter_Q, transient in (
+        (0, False, False, False), (0, True, False, True), (1, False, True, False), (1, True, True, True),
+    ):  # fmt: skip
+        names = full_order_map(delay, filter_P, filter_Q, transient, 6).states
+        assert len(set(names)) == len(names) == 13 + 2 * delay + filter_P + filter_Q + 2 * transient
+        assert ("i_f_d" in names) == ("i_f_q" in names) == transient
         assert ("pending_d" in names, "P_f" in names, "Q_f" in names) == (bool(delay), filter_P, filter_Q)
     assert len(set(PARAMETERS)) == len(PARAMETERS)
 

@@ -32,7 +32,8 @@ _COINCIDENT = 1e-6
 
 @dataclass
 class State:
-    """Controller memory: angle, frequency, rms voltage, filtered powers, PI integrators in the dq frame."""
+    """Controller memory: angle, frequency, rms voltage, filtered powers; in the dq frame the PI integrators and the
+    grid current that the transient resistance is used to."""
 
     theta: float
     omega: float
@@ -40,6 +41,7 @@ class State:
     S_f: complex
     xi_v: complex
     xi_i: complex
+    i_f: complex = 0j
 
 
 @dataclass
@@ -64,6 +66,7 @@ class Trace:
     S_f: NDArray[np.complex128]
     xi_v: NDArray[np.complex128]
     xi_i: NDArray[np.complex128]
+    i_f: NDArray[np.complex128]
     edges: int = 0
     current_limited: int = 0
     voltage_limited: int = 0
@@ -157,6 +160,7 @@ class SampledController:
         self.omega_0, self.V_n = c.omega_n, c.V_rated_rms
         self.current_pi, self.voltage_pi = (gains.K_pc, gains.K_ic), (gains.K_pv, gains.K_iv)
         self.feedforward = gains.K_ff
+        self.resistance, self.used_to = gains.R_t, 1.0 - math.exp(-study.omega_t * self.T)
         self.Y, self.X = 1j * c.omega_n * f.C, 1j * c.omega_n * f.L_1
         rated_peak = math.sqrt(2.0) * c.S_rated / (3.0 * c.V_rated_rms)
         self.i_max = math.inf if c.current_limit_pu is None else c.current_limit_pu * rated_peak
@@ -179,7 +183,7 @@ class SampledController:
 
         frame = cmath.exp(-1j * s.theta)
         v, i_s, i_g = v * frame, i_s * frame, i_g * frame
-        error = math.sqrt(2.0) * s.V - v
+        error = math.sqrt(2.0) * s.V - self.resistance * (i_g - s.i_f) - v
         wanted = self.voltage_pi[0] * error + s.xi_v + self.feedforward * i_g + self.Y * v
         i_ref = self._shorten(wanted, self.i_max, "current")
         xi_v = s.xi_v + self.T * self.voltage_pi[1] * (error + (i_ref - wanted) / self.voltage_pi[0])
@@ -188,7 +192,8 @@ class SampledController:
         v_b = self._shorten(wanted, self.v_max, "voltage")
         xi_i = s.xi_i + self.T * self.current_pi[1] * (error + (v_b - wanted) / self.current_pi[0])
         following = State(
-            s.theta + self.T * s.omega, s.omega + self.T * acceleration, s.V + self.T * rise, S_f, xi_v, xi_i
+            s.theta + self.T * s.omega, s.omega + self.T * acceleration, s.V + self.T * rise, S_f, xi_v, xi_i,
+            s.i_f + self.used_to * (i_g - s.i_f),
         )  # fmt: skip
         return following, v_b * self.lead / frame, S
 
@@ -274,14 +279,14 @@ def run_reference(study: Study, gain_changes: Sequence[Any], pwm: bool, start: S
     x, state, waiting = start.plant.astype(complex), start.controller, start.waiting
     trace = Trace(
         np.empty((samples, 3), complex), *(np.empty(samples, complex) for _ in range(2)),
-        *(np.empty(samples) for _ in range(3)), *(np.empty(samples, complex) for _ in range(3)),
+        *(np.empty(samples) for _ in range(3)), *(np.empty(samples, complex) for _ in range(4)),
     )  # fmt: skip
     for k in range(samples):
         now = (k + _COINCIDENT) * T
         trace.plant[k] = x
         peak, _, phase, _, _ = source.held(now, k * T)
         trace.source[k] = peak * cmath.exp(1j * phase)
-        for name in ("theta", "omega", "V", "S_f", "xi_v", "xi_i"):
+        for name in ("theta", "omega", "V", "S_f", "xi_v", "xi_i", "i_f"):
             getattr(trace, name)[k] = getattr(state, name)
         refs = _references(study, events, now)
         gains = [change.gains for change in gain_changes if change.t_s <= now][-1]

@@ -29,6 +29,9 @@ LCL = document_with(
     ("filter.kind", "LCL"), ("filter.L_2", "0.5 mH"), ("filter.R_2", "20 mohm"), ("filter.R_c", "2 ohm")
 )  # fmt: skip
 GIVEN_GAINS = document_with(("inner_loops", {"K_pc": 12.6, "K_ic": 3.9e4, "K_pv": 0.0628, "K_iv": 19.7}))
+TRANSIENT = document_with(
+    ("inner_loops.transient_resistance_pu", 0.08), ("inner_loops.transient_corner", "25 Hz")
+)  # fmt: skip
 OHMS = document_with(("grid", {"R_g": 3.6, "L_g": 0.0116}))
 FIXED_GAINS = document_with(
     ("controllers.0", {"name": "a", "kind": "fixed", "gains": GAINS}),
@@ -56,9 +59,10 @@ LIMITS: list[tuple[str, dict[str, Any], str, float, float]] = [
         ("K_pv", 1e6), ("K_iv", 1e9), ("K_pc", 1e6), ("K_ic", 1e9),
     ]),
     *(("inner times", PLAIN, f"inner_loops.{field}", low, high) for field, low, high in [
-        ("damping_ratio", 0.1, 10.0), ("current_feedforward", 0.0, 1.0),
+        ("damping_ratio", 0.1, 10.0), ("current_feedforward", 0.0, 1.0), ("transient_resistance_pu", 0.0, 1.0),
         ("current_response_time", 1e-5, 1.0), ("voltage_response_time", 1e-5, 1.0),
     ]),
+    ("transient", TRANSIENT, "inner_loops.transient_corner", 0.5, 500.0),
     *(("grid", PLAIN, f"grid.{field}", low, high) for field, low, high in [
         ("scr", 0.05, 1e4), ("x_over_r", 1e-3, 1e4), ("V_g_pu", 0.1, 2.0), ("f_g", 40.0, 60.0),
     ]),
@@ -161,6 +165,7 @@ RULES = [
     ("grid.R_g", 1.0, "grid", "not both"),
     ("converter.V_rated_ll_rms", 190.0, "converter", "not both"),
     ("inner_loops.K_pc", 1.0, "inner_loops", "not both"),
+    ("inner_loops.transient_corner", "25 Hz", "inner_loops.transient_corner", "there is no transient resistance"),
     ("grid.scr", MISSING, "grid.scr", "missing"),
     ("converter.S_rated", MISSING, "converter.S_rated", "missing"),
     ("filter", MISSING, "filter", "missing table"),

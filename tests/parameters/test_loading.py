@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 
@@ -89,6 +90,18 @@ def test_gains_replace_response_times_and_back(tmp_path: Path) -> None:
     times = '[inner_loops]\ncurrent_response_time = "1 ms"\nvoltage_response_time = "10 ms"\n'
     back = study_from_text('base = "gains.toml"\n' + times + REST, folder=tmp_path)
     assert back.inner_gains == study_from_text(ON_CASE + REST).inner_gains
+
+
+def test_the_transient_resistance_is_in_ohms_and_its_corner_half_of_nominal() -> None:
+    """0.08 of 3·110²/5000 Ω; off by default; an upper file may turn it off and leave the corner where it is."""
+    study = study_from_text(ON_CASE + "[inner_loops]\ntransient_resistance_pu = 0.08\n" + REST)
+    assert study.inner_gains.R_t == pytest.approx(0.08 * 7.26, rel=1e-14)
+    assert study.omega_t == pytest.approx(2.0 * math.pi * 25.0, rel=1e-14)
+    smoothing = study.controller_settings().smoothing_t
+    assert smoothing == pytest.approx(1.0 - math.exp(-2.0 * math.pi * 25.0 * 50e-6), rel=1e-12)
+    assert study_from_text(ON_CASE + REST).inner_gains.R_t == 0.0
+    off = '[inner_loops]\ntransient_resistance_pu = 0\ntransient_corner = "10 Hz"\n'
+    assert study_from_text(ON_CASE + off + REST).inner_gains.R_t == 0.0
 
 
 def test_line_to_line_replaces_phase_voltage() -> None:

@@ -38,6 +38,7 @@ R_2 = "20 mohm"
 current_response_time = "1 ms"
 voltage_response_time = "10 ms"
 current_feedforward = 1.0
+transient_resistance_pu = 0.0
 [grid]
 scr = 3
 x_over_r = 2

@@ -69,7 +69,8 @@ def library_start(study: Study, gains: Sequence[GainChange]) -> Start:
     start = steady_state(study, study.grid, study.grid_source, spec.P_ref, spec.Q_ref, gains[0].gains, phase)
     x, s, pending = start.plant, start.controller, start.pending
     state = State(
-        s.theta, s.omega_i, s.V, complex(s.P_f, s.Q_f), complex(s.xi_vd, s.xi_vq), complex(s.xi_id, s.xi_iq)
+        s.theta, s.omega_i, s.V, complex(s.P_f, s.Q_f), complex(s.xi_vd, s.xi_vq), complex(s.xi_id, s.xi_iq),
+        complex(s.i_f_d, s.i_f_q),
     )  # fmt: skip
     return Start(x[0::2] + 1j * x[1::2], state, complex(*pending))
 
@@ -94,6 +95,7 @@ def errors_pu(study: Study, run: Simulation, reference: Trace) -> dict[str, floa
         "S_f": (states[:, 3] + 1j * states[:, 4] - reference.S_f) / c.S_rated,
         "xi_v": (states[:, 5] + 1j * states[:, 6] - reference.xi_v) / I_pk,
         "xi_i": (states[:, 7] + 1j * states[:, 8] - reference.xi_i) / V_pk,
+        "i_f": (states[:, 9] + 1j * states[:, 10] - reference.i_f) / I_pk,
         "final": final / np.array([I_pk, V_pk, I_pk]),
     }
     return {name: float(np.max(np.abs(difference))) for name, difference in differences.items()}
@@ -157,6 +159,19 @@ def test_both_limits_active(bridge: str) -> None:
     reference = compare(lc_study("30 ms", SAG, sections), [GainChange(0.0, GAINS)], bridge)
     assert reference.current_limited > 50
     assert reference.voltage_limited > 0
+
+
+@pytest.mark.parametrize("bridge", ["averaged", "pwm"])
+def test_transient_resistance(bridge: str) -> None:
+    """Against a sag, a phase jump and a harder grid, with the current limit in reach."""
+    sections = "[converter]\ncurrent_limit_pu = 1.2\n[grid]\nscr = 8\nx_over_r = 5\n"
+    sections += '[inner_loops]\ntransient_resistance_pu = 0.15\ntransient_corner = "20 Hz"\n'
+    jump = '[[events]]\ntime = "8.0123 ms"\nphase_jump = "20 deg"\n[[events]]\ntime = "20 ms"\ngrid = { scr = 4 }\n'
+    reference = compare(lc_study("30 ms", jump + SAG, sections), [GainChange(0.0, GAINS)], bridge)
+    assert reference.current_limited > 0
+    # The resistance has something to do: what it is used to lags the current by a good part of rated.
+    frame = np.exp(-1j * reference.theta)
+    assert np.max(np.abs(reference.plant[:, 2] * frame - reference.i_f)) > 10.0
 
 
 @pytest.mark.parametrize(("case", "P_ref", "log"), [
@@ -230,5 +245,6 @@ f_g = {draw(49.5, 50.5)}
         current_feedforward=repr(draw(0.0, 1.0)),
         delay_samples=str(rng.integers(0, 2)), modulation=str(rng.choice(['"min_max"', '"sine_triangle"'])),
         V_dc=repr(draw(420.0, 800.0)), R_c=repr(draw(0.0, 6.0)), L_2=repr(draw(1e-4, 2e-3)),
+        transient_resistance_pu=repr(draw(0.0, 0.2)),
     )  # fmt: skip
     compare(study, [GainChange(0.0, GAINS), GainChange(5.003e-3, FAST_GAINS)], "pwm")

@@ -17,6 +17,7 @@ from vsgdesign.equations.power_loops import References
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.study import Grid
+from vsgdesign.report.estimate_tables import estimate_text
 from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.simulation import MeasuredWindow, run_scenario
 from vsgdesign.simulation.estimated import NO_DESIGN, TRAINED_PHASE, EstimatedScheduler, window_channels
@@ -120,7 +121,31 @@ def test_a_table_takes_estimates_too() -> None:
     expected = schedule_of(study, made).gains_measured(0.9, 2.9e-3, P, Q, V_rms)
     np.testing.assert_allclose(run.gain_changes[-1].gains, expected, rtol=2e-3)
     assert len({change.gains for change in run.gain_changes}) > 3  # in steps, not in one
-    assert judge_estimates(result)[0].twin is None
+    judged = judge_estimates(result)[0]
+    assert judged.twin is None
+    # SCR 1.41 is not in the box, so it begins at the safe SCR 20 and goes to 7.26 Ω/|Z| = 5.67, by 1.2 a window:
+    # ln(20/5.67)/ln 1.2 = 6.9, the seventh window arrives.
+    assert judged.rate_limit is not None
+    assert judged.rate_limit[0] == 10.0
+    assert judged.rate_limit[1] == pytest.approx(6 * 0.02)
+    assert "held the gains behind the estimate" in estimate_text(result, [judged])[0]
+    assert "certificate" not in estimate_text(result, [judged])[0]
+
+
+def test_the_rate_of_a_certificate_that_holds_gains_back_is_said() -> None:
+    text = TEXT.replace('estimate = "neural"', 'estimate = "neural", structure = "angle_damped", P_design = "2 kW"')
+    study = study_with(always(0.9, 2.9e-3), text=text)
+    slow = table(certificate={"region": {"rate": 0.05}, "decay": 1.0})
+    study = replace(study, controllers=(replace(study.controllers[1], schedule="table", table=slow),))
+    _, result = network_of(replace(study, tau_P=5e-3, tau_Q=5e-3))
+    (judged,) = judge_estimates(result)
+    assert judged.rate_limit is not None
+    assert judged.rate_limit[0] == pytest.approx(0.05, rel=1e-6)
+    assert judged.rate_limit[1:] == pytest.approx((0.16, 0.2))  # all windows but the two that wait to be confirmed
+    assert (
+        "5 % per second. That is the rate that the table's certificate is good for"
+        in estimate_text(result, [judged])[0]
+    )
 
 
 def test_everything_that_does_not_fit_is_refused_at_once() -> None:

@@ -12,6 +12,7 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.operating_point.sampled import cold_start, steady_state
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.simulation import GainChange, gain_changes, simulate
+from vsgdesign.simulation.scenario import derive_series, measure_events
 from vsgdesign.simulation.timeline import build_timeline
 
 GRIDS = {
@@ -100,6 +101,15 @@ def test_an_event_at_zero_is_where_the_run_starts() -> None:
     study = lc_study("20 ms", '[[events]]\ntime = 0\ngrid = { scr = 6 }\nP_ref = "1 kW"\n')
     assert drift_pu(study, [GainChange(0.0, GAINS)]) < 1e-9
     assert simulate(study, [GainChange(0.0, GAINS)]).column("P")[0] == pytest.approx(1000.0, rel=1e-10)
+
+
+def test_an_event_at_zero_has_figures_after_a_cold_start_alone() -> None:
+    events = '[[events]]\ntime = 0\nP_ref = "1 kW"\n[[events]]\ntime = "10 ms"\nP_ref = "1.1 kW"\n'
+    study = lc_study("20 ms", events)
+    cold = replace(study, simulation=replace(study.simulation, start="cold"))
+    for run, expected in ((study, [0.01, 0.01]), (cold, [0.0, 0.0, 0.01, 0.01])):
+        series = derive_series(run, simulate(run, [GainChange(0.0, GAINS)]))
+        assert [event.t_s for event in measure_events(run, series)] == pytest.approx(expected)
 
 
 def test_cold_start_is_at_rest() -> None:

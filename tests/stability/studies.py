@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 PUBLISHED, LABORATORY, UTILITY = "hoang2025_5kva", "lab_12kva_lcl", "utility_1mva_60hz"
 CASES = (PUBLISHED, LABORATORY, UTILITY)
 
+_INNER = ("K_pv", "K_iv", "K_pc", "K_ic", "K_ff")
+
 _TEXT = """
 base = "case:{case}"
 [simulation]
@@ -112,8 +114,8 @@ def random_situations(count: int, seed: int) -> list[Situation]:
     while len(found) < count:
         tau_P, tau_Q = (float(rng.choice([0.0, 10.0 ** rng.uniform(-3.0, -1.5)])) for _ in "PQ")
         study = case_study(str(rng.choice(CASES)), tau_P=tau_P, tau_Q=tau_Q, delay=int(rng.integers(2)))
-        inner = type(study.inner_gains)(*(float(g * 10.0 ** rng.uniform(-0.15, 0.15)) for g in study.inner_gains))
-        study = replace(study, inner_gains=inner)
+        moved = {n: getattr(study.inner_gains, n) * 10.0 ** rng.uniform(-0.15, 0.15) for n in _INNER}
+        study = replace(study, inner_gains=study.inner_gains._replace(**moved))
         scr, ratio = 10.0 ** rng.uniform(0.2, 1.4), 10.0 ** rng.uniform(-0.5, 1.2)
         grid = grid_from_scr(float(scr), float(ratio), study.scr_basis, study.converter)
         S = study.converter.S_rated

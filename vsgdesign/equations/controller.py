@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.inner_loops import InnerLoopGains, current_loop, voltage_loop
+from vsgdesign.equations.inner_loops import InnerLoopGains, current_loop, transient_resistance, voltage_loop
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.frames import instantaneous_power, rms_to_peak, rotate, rotate_back
 
@@ -33,6 +33,9 @@ class ControllerState(NamedTuple):
     xi_id: Any
     xi_iq: Any
     """Current-loop integrators, V peak."""
+    i_f_d: Any = 0.0
+    i_f_q: Any = 0.0
+    """Grid current behind the low-pass of the transient resistance, A peak."""
 
 
 class Measurement(NamedTuple):
@@ -63,6 +66,8 @@ class ControllerSettings(NamedTuple):
     advance_cos: Any
     advance_sin: Any
     """cos and sin of the angle ω₀(d + ½)T_s by which the output leads, d samples of delay."""
+    smoothing_t: Any = 0.0
+    """1 − exp(−ω_t T_s) of the transient resistance's low-pass."""
 
 
 class ControllerOutput(NamedTuple):
@@ -93,14 +98,17 @@ def voltage_stage(
     theta: Any, V_rms: Any, state: ControllerState, measured: Measurement, gains: InnerLoopGains,
     settings: ControllerSettings,
 ) -> Any:  # fmt: skip
-    """Inner loops of one sample for the voltage V∠θ: v_b_alpha, v_b_beta, then the next four integrators."""
+    """Inner loops of one sample for the voltage V∠θ: v_b_alpha, v_b_beta, then the next (ξ_v, ξ_i, i_f), each d, q."""
     cosine = np.cos(theta)
     sine = np.sin(theta)
     v_d, v_q = rotate_back(measured.v_alpha, measured.v_beta, cosine, sine)
     i_s_d, i_s_q = rotate_back(measured.i_s_alpha, measured.i_s_beta, cosine, sine)
     i_g_d, i_g_q = rotate_back(measured.i_g_alpha, measured.i_g_beta, cosine, sine)
+    drop_d, drop_q, i_f_d, i_f_q = transient_resistance(
+        i_g_d, i_g_q, state.i_f_d, state.i_f_q, gains.R_t, settings.smoothing_t
+    )
     i_ref_d, i_ref_q, xi_vd, xi_vq = voltage_loop(
-        rms_to_peak(V_rms), v_d, v_q, i_g_d, i_g_q, state.xi_vd, state.xi_vq,
+        rms_to_peak(V_rms), drop_d, drop_q, v_d, v_q, i_g_d, i_g_q, state.xi_vd, state.xi_vq,
         gains, settings.omega_C, settings.i_max_pk, settings.T_s,
     )  # fmt: skip
     v_b_d, v_b_q, xi_id, xi_iq = current_loop(
@@ -109,7 +117,7 @@ def voltage_stage(
     )  # fmt: skip
     lead_d, lead_q = rotate(v_b_d, v_b_q, settings.advance_cos, settings.advance_sin)
     v_b_alpha, v_b_beta = rotate(lead_d, lead_q, cosine, sine)
-    return v_b_alpha, v_b_beta, xi_vd, xi_vq, xi_id, xi_iq
+    return v_b_alpha, v_b_beta, xi_vd, xi_vq, xi_id, xi_iq, i_f_d, i_f_q
 
 
 def controller_step(
@@ -123,8 +131,8 @@ def controller_step(
     """One sample of the controller (:eq:`controller-step`): the next state, and the output of this one."""
     P, Q = instantaneous_power(measured.v_alpha, measured.v_beta, measured.i_g_alpha, measured.i_g_beta)
     omega, theta, omega_i, V, P_f, Q_f = power_stage(state, P, Q, refs, power_gains, settings)
-    v_b_alpha, v_b_beta, xi_vd, xi_vq, xi_id, xi_iq = voltage_stage(
+    v_b_alpha, v_b_beta, xi_vd, xi_vq, xi_id, xi_iq, i_f_d, i_f_q = voltage_stage(
         state.theta, state.V, state, measured, inner_gains, settings
     )
-    following = ControllerState(theta, omega_i, V, P_f, Q_f, xi_vd, xi_vq, xi_id, xi_iq)
+    following = ControllerState(theta, omega_i, V, P_f, Q_f, xi_vd, xi_vq, xi_id, xi_iq, i_f_d, i_f_q)
     return following, ControllerOutput(v_b_alpha, v_b_beta, omega, P, Q)

@@ -11,10 +11,11 @@ import numpy as np
 
 
 class InnerLoopGains(NamedTuple):
-    """PI gains of the voltage loop (A/V, A/(V·s)) and the current loop (V/A, V/(A·s)), and K_ff.
+    """PI gains of the voltage loop (A/V, A/(V·s)) and the current loop (V/A, V/(A·s)), K_ff, and R_t (Ω).
 
     K_ff is the share of the grid current that is fed forward: 1 as published. With a computation delay a little
-    less damps the network better; much less leaves the voltage loop without strength on a strong grid.
+    less damps the network better; much less leaves the voltage loop without strength on a strong grid. R_t is the
+    transient resistance: 0 as published.
     """
 
     K_pv: Any
@@ -22,6 +23,7 @@ class InnerLoopGains(NamedTuple):
     K_pc: Any
     K_ic: Any
     K_ff: Any = 1.0
+    R_t: Any = 0.0
 
 
 def limit_length(x: Any, y: Any, limit: Any) -> Any:
@@ -31,8 +33,18 @@ def limit_length(x: Any, y: Any, limit: Any) -> Any:
     return x * scale, y * scale
 
 
+def transient_resistance(i_g_d: Any, i_g_q: Any, i_f_d: Any, i_f_q: Any, R_t: Any, smoothing: Any) -> Any:
+    """Voltage that a change of the grid current takes off the reference (:eq:`transient-resistance`).
+
+    i_f is the grid current behind its low-pass. Returns (drop_d, drop_q, i_f_d, i_f_q): V, and the new i_f in A.
+    """
+    h_d = i_g_d - i_f_d
+    h_q = i_g_q - i_f_q
+    return R_t * h_d, R_t * h_q, i_f_d + smoothing * h_d, i_f_q + smoothing * h_q
+
+
 def voltage_loop(
-    v_ref: Any, v_d: Any, v_q: Any, i_g_d: Any, i_g_q: Any, xi_d: Any, xi_q: Any,
+    v_ref: Any, drop_d: Any, drop_q: Any, v_d: Any, v_q: Any, i_g_d: Any, i_g_q: Any, xi_d: Any, xi_q: Any,
     gains: InnerLoopGains, omega_C: Any, i_max_pk: Any, T_s: Any,
 ) -> Any:  # fmt: skip
     """Converter-current reference from the voltage error (:eq:`voltage-loop`).
@@ -40,8 +52,9 @@ def voltage_loop(
     PI per axis, grid-current feed-forward, ωC cross-coupling, circular current limit; what the limit takes
     away is fed back into the integrators. Returns (i_ref_d, i_ref_q, xi_d, xi_q) with the new integrators.
     """
-    e_d = v_ref - v_d
-    e_q = -v_q
+    # The drop comes last: with R_t = 0 it then changes no rounding, and published figures stay to the bit.
+    e_d = v_ref - v_d - drop_d
+    e_q = -v_q - drop_q
     want_d = gains.K_pv * e_d + xi_d + gains.K_ff * i_g_d - omega_C * v_q
     want_q = gains.K_pv * e_q + xi_q + gains.K_ff * i_g_q + omega_C * v_d
     i_ref_d, i_ref_q = limit_length(want_d, want_q, i_max_pk)

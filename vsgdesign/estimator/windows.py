@@ -117,7 +117,8 @@ def generate_windows(
 
 def _header(study: Study, recipe: WindowRecipe, seed: int) -> dict[str, Any]:
     c = study.converter
-    used = (c, study.filter, study.inner_gains, study.target, study.tau_P, study.tau_Q, study.grid_source.V_g_rms)
+    loops = (study.inner_gains, study.omega_t, study.target, study.tau_P, study.tau_Q)
+    used = (c, study.filter, *loops, study.grid_source.V_g_rms)
     return {
         "recipe": recipe.document(), "seed": seed, "synchronised": recipe.synchronised,
         "study": study.name, "converter_hash": hashlib.sha256(repr(used).encode()).hexdigest(),

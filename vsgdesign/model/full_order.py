@@ -37,11 +37,12 @@ OUTPUTS = ("P", "Q", "omega", "V", "delta", "v_b_d", "v_b_q")
 applied from this sample on (peak, in the source's frame)."""
 
 _TAYLOR_ORDER = 13
+_INTEGRATORS = ("xi_vd", "xi_vq", "xi_id", "xi_iq")
 
 
 @dataclass(frozen=True)
 class FullOrderMap:
-    """The CasADi functions of one structure (delay, power filters), for any parameters.
+    """The CasADi functions of one structure (delay, power filters, transient resistance), for any parameters.
 
     ``states`` names z. ``step(z, p)`` gives the next z; ``linear(z, p)`` gives A, B, C, D for INPUTS and
     OUTPUTS; ``directional(z, p, dz, dp)`` gives dA along a direction; ``of_parameters(z, p)`` gives ∂step/∂p.
@@ -56,12 +57,12 @@ class FullOrderMap:
 
 
 @functools.cache
-def full_order_map(delay: int, filter_P: bool, filter_Q: bool, squarings: int) -> FullOrderMap:
-    """Build the map for 0 or 1 samples of delay, with or without power filters.
+def full_order_map(delay: int, filter_P: bool, filter_Q: bool, transient: bool, squarings: int) -> FullOrderMap:
+    """Build the map for 0 or 1 samples of delay, with or without power filters and transient resistance.
 
     ``squarings`` k: matrix exponentials by Taylor series of (A T_s)/2^k, squared k times.
     """
-    names = _state_names(delay, filter_P, filter_Q)
+    names = _state_names(delay, filter_P, filter_Q, transient)
     z = ca.SX.sym("z", len(names))
     p = ca.SX.sym("p", len(PARAMETERS) + len(SETTINGS))
     u = ca.SX.sym("u", len(INPUTS))
@@ -86,11 +87,12 @@ def full_order_map(delay: int, filter_P: bool, filter_Q: bool, squarings: int) -
     )
 
 
-def _state_names(delay: int, filter_P: bool, filter_Q: bool) -> tuple[str, ...]:
+def _state_names(delay: int, filter_P: bool, filter_Q: bool, transient: bool) -> tuple[str, ...]:
     plant = ("i_s_d", "i_s_q", "v_c_d", "v_c_q", "i_g_d", "i_g_q")
     pending = ("pending_d", "pending_q") if delay else ()
     filters = (*(("P_f",) if filter_P else ()), *(("Q_f",) if filter_Q else ()))
-    return (*plant, *pending, "delta", "omega_i", "V", *filters, "xi_vd", "xi_vq", "xi_id", "xi_iq")
+    low_pass = ("i_f_d", "i_f_q") if transient else ()
+    return (*plant, *pending, "delta", "omega_i", "V", *filters, *_INTEGRATORS, *low_pass)
 
 
 def _one_period(names: tuple[str, ...], z: ca.SX, p: ca.SX, u: ca.SX, squarings: int) -> tuple[ca.SX, ca.SX]:
@@ -110,15 +112,18 @@ def _one_period(names: tuple[str, ...], z: ca.SX, p: ca.SX, u: ca.SX, squarings:
     v_d, v_q = (capacitor_node_voltage(state[f"i_s_{a}"], state[f"v_c_{a}"], state[f"i_g_{a}"], circuit) for a in "dq")
     measured = Measurement(v_d, v_q, state["i_s_d"], state["i_s_q"], state["i_g_d"], state["i_g_q"])
     P, Q = instantaneous_power(v_d, v_q, measured.i_g_alpha, measured.i_g_beta)
-    # Without a filter the remembered power is of no consequence: any value serves.
+    # Without a filter the remembered power is of no consequence: any value serves. Without a transient resistance the
+    # remembered current is the present one, in which the resistance sees no change.
+    i_g = rotate_back(state["i_g_d"], state["i_g_q"], np.cos(state["delta"]), np.sin(state["delta"]))
     controller = ControllerState(
         state["delta"], state["omega_i"], state["V"], state.get("P_f", P), state.get("Q_f", Q),
-        state["xi_vd"], state["xi_vq"], state["xi_id"], state["xi_iq"],
+        **{name: state[name] for name in _INTEGRATORS},
+        i_f_d=state.get("i_f_d", i_g[0]), i_f_q=state.get("i_f_q", i_g[1]),
     )  # fmt: skip
     omega, theta, omega_i, V, P_f, Q_f = power_stage(
         controller, P + push["P_meas"], Q + push["Q_meas"], refs, power_gains, settings
     )
-    v_b_d, v_b_q, *integrators = voltage_stage(
+    v_b_d, v_b_q, *remembered = voltage_stage(
         controller.theta + push["theta_cmd"], controller.V + push["V_cmd"], controller, measured, inner_gains, settings
     )
     applied = (state["pending_d"], state["pending_q"]) if "pending_d" in state else (v_b_d, v_b_q)
@@ -134,7 +139,7 @@ def _one_period(names: tuple[str, ...], z: ca.SX, p: ca.SX, u: ca.SX, squarings:
         **{f"{n}_{a}": plant[k][j] for k, n in enumerate(("i_s", "v_c", "i_g")) for j, a in enumerate("dq")},
         "delta": theta - settings.T_s * omega_g,
         "omega_i": omega_i, "V": V, "P_f": P_f, "Q_f": Q_f,
-        **dict(zip(("xi_vd", "xi_vq", "xi_id", "xi_iq"), integrators, strict=True)),
+        **dict(zip((*_INTEGRATORS, "i_f_d", "i_f_q"), remembered, strict=True)),
     }  # fmt: skip
     pending = rotate_back(v_b_d, v_b_q, turn_cos, turn_sin)
     following |= {"pending_d": pending[0], "pending_q": pending[1]}

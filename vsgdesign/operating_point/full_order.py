@@ -58,7 +58,11 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
     settings = study.controller_settings()
     rows, params, good, faults = [], [], [], []
     functions = full_order_map(
-        study.converter.delay_samples, study.tau_P > 0.0, study.tau_Q > 0.0, _squarings(study, cells)
+        study.converter.delay_samples,
+        study.tau_P > 0.0,
+        study.tau_Q > 0.0,
+        study.inner_gains.R_t > 0.0,
+        _squarings(study, cells),
     )
     for k, cell in enumerate(cells):
         source = cell.source or study.grid_source

@@ -78,7 +78,7 @@ def steady_state(
     P, Q = instantaneous_power(v.real, v.imag, i_g.real, i_g.imag)
     state = ControllerState(
         float(theta), float(omega_i), float(V), float(P), float(Q),
-        float(xi_v.real), float(xi_v.imag), float(xi_i.real), float(xi_i.imag),
+        float(xi_v.real), float(xi_v.imag), float(xi_i.real), float(xi_i.imag), float(i_g.real), float(i_g.imag),
     )  # fmt: skip
     return SampledState(_interleave(x), state, np.array([v_b.real, v_b.imag]))
 
@@ -86,7 +86,7 @@ def steady_state(
 def cold_start(study: Study, phase: float = 0.0) -> SampledState:
     """Everything at rest: no current, empty capacitor, controller at nominal voltage in phase with the grid."""
     c = study.converter
-    state = ControllerState(phase, c.omega_n, c.V_rated_rms, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    state = ControllerState(phase, c.omega_n, c.V_rated_rms, *[0.0] * 8)
     return SampledState(np.zeros(6), state, np.zeros(2))
 
 

@@ -43,7 +43,7 @@ def build_study(document: dict[str, Any], default_name: str, content_hash: str, 
     name, title, source = _read_identity(root.child("study"), default_name)
     converter = _read_converter(root.section("converter"))
     filter_ = _read_filter(root.section("filter"))
-    inner_gains = _read_inner_loops(root.section("inner_loops"), filter_)
+    inner_gains, omega_t = _read_inner_loops(root.section("inner_loops"), filter_, converter)
     grid_table = root.section("grid")
     grid, source_, basis = _read_grid_section(grid_table, converter)
     power = root.child("power_loops") or TableReader({}, "power_loops", faults)
@@ -62,7 +62,7 @@ def build_study(document: dict[str, Any], default_name: str, content_hash: str, 
     root.finish()
     return Study(
         name, title, source, converter, filter_, inner_gains, grid, source_, basis, target,
-        tau_P, tau_Q, controllers, simulation, events, stability, content_hash,
+        tau_P, tau_Q, omega_t, controllers, simulation, events, stability, content_hash,
         specification, estimator,
     )  # fmt: skip
 
@@ -152,7 +152,8 @@ def _circuit_matrix(f: Filter, grid: Grid) -> np.ndarray:
     return np.array(columns, dtype=float).T
 
 
-def _read_inner_loops(table: TableReader, filter_: Filter) -> InnerLoopGains:
+def _read_inner_loops(table: TableReader, filter_: Filter, converter: Converter) -> tuple[InnerLoopGains, float]:
+    """The inner gains, and the corner of the transient resistance in rad/s."""
     times = ("current_response_time", "voltage_response_time")
     given = ("K_pc", "K_ic", "K_pv", "K_iv")
     if table.one_of(times, given) == given:
@@ -169,9 +170,19 @@ def _read_inner_loops(table: TableReader, filter_: Filter) -> InnerLoopGains:
         K_pc, K_ic = current_loop_gains(current_time, damping, filter_.L_1)
         K_pv, K_iv = voltage_loop_gains(voltage_time, damping, filter_.C)
         gains = InnerLoopGains(K_pv=K_pv, K_iv=K_iv, K_pc=K_pc, K_ic=K_ic)
-    gains = gains._replace(K_ff=table.quantity("current_feedforward", "1", 0.0, 1.0, default=1.0))
+    gains = gains._replace(
+        K_ff=table.quantity("current_feedforward", "1", 0.0, 1.0, default=1.0),
+        R_t=table.quantity("transient_resistance_pu", "1", 0.0, 1.0, default=0.0) * converter.Z_base,
+    )
+    f_n = converter.omega_n / (2.0 * math.pi)
+    corner_hz = table.quantity("transient_corner", "Hz", 0.01 * f_n, 10.0 * f_n, default=0.5 * f_n)
+    if table.has("transient_corner") and not table.has("transient_resistance_pu"):
+        table.fault(
+            "transient_corner", table.table["transient_corner"], "there is no transient resistance to turn on above it",
+            "Add transient_resistance_pu (0.08 is a first guess), or leave the corner out.",
+        )  # fmt: skip
     table.finish()
-    return gains
+    return gains, 2.0 * math.pi * corner_hz
 
 
 def _read_grid_section(table: TableReader, converter: Converter) -> tuple[Grid, GridSource, str]:

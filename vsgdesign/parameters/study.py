@@ -241,6 +241,8 @@ class Study:
     target: ClosedFormTarget
     tau_P: float
     tau_Q: float
+    omega_t: float
+    """Corner of the transient resistance, rad/s: changes of the grid current that are faster see it."""
     controllers: tuple[ControllerSpec, ...]
     simulation: SimulationSpec
     events: tuple[Event, ...]
@@ -278,6 +280,7 @@ class Study:
             v_max_pk=c.v_max_pk,
             advance_cos=float(np.cos(lead)),
             advance_sin=float(np.sin(lead)),
+            smoothing_t=float(-np.expm1(-self.omega_t * c.T_s)),
         )
 
 

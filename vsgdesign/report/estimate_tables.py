@@ -10,6 +10,7 @@ from vsgdesign.parameters.study import Grid
 from vsgdesign.report.margins import grid_label
 from vsgdesign.report.quantities import DASH, number, percent, plain, plain_quantity
 from vsgdesign.report.tables import Table
+from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.simulation import ScenarioResult
 from vsgdesign.simulation.judging import Judgement
 
@@ -136,10 +137,22 @@ def estimate_text(result: ScenarioResult, judgements: Sequence[Judgement]) -> li
                     f" Beside {judged.twin}, which knows the truth, its steps settle within {number(max(late), 2)} s "
                     f"of the same time and overshoot within {number(max(over), 2)} percentage points."
                 )
-        paragraphs.append(text)
+        limit = rate_limit_text(judged.name, *judged.rate_limit) if judged.rate_limit else ""
+        paragraphs.append(f"{text} {limit}".rstrip())
     if weights is not None and weights.window.synchronised:
         paragraphs.append(
             "The windows are synchronised with the grid's own voltage, as published, and the simulator lends its "
             "phase. No converter in the field has that signal: these figures are the scheme's at its best."
         )
     return paragraphs
+
+
+def rate_limit_text(name: str, rate: float, held_s: float, total_s: float) -> str:
+    """That the rate limit of a table's scheduler (1/s) held gains back, for how long, and what to do."""
+    held = (
+        f"The scheduler of {name} held the gains behind the estimate for {plain(held_s, 3)} s of "
+        f"{plain(total_s, 3)} s: it lets their SCR and R/X change by {plain(100.0 * rate, 3)} % per second."
+    )
+    if rate >= SchedulerSettings.rate:
+        return held
+    return f"{held} That is the rate that the table's certificate is good for; one for faster changes lifts it."

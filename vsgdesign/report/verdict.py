@@ -147,7 +147,8 @@ def _uncoupled(
 def verdict(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> list[str]:
     """The paragraphs of the verdict: targets, then what else a reader must know."""
     if not outcomes:
-        stepped = any(event.P_ref is not None or event.Q_ref is not None for event in result.study.events)
+        later = [event for event in result.study.events if event.t_s > 0.0]
+        stepped = any(event.P_ref is not None or event.Q_ref is not None for event in later)
         reason = "No reference step moves its power measurably" if stepped else "No event steps a reference"
         no_step = f"{reason}, so there is no settling time or overshoot to hold to a target."
         return [text for text in (no_step, _stress(result)) if text]

@@ -14,10 +14,11 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.frames import rms_to_peak, rotate, rotate_back
 from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.runtime.guards import LIMITED
 from vsgdesign.runtime.network import STATUSES, NeuralEstimator, neural_estimator
 from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.runtime.schedule import Schedule
-from vsgdesign.runtime.scheduler import Scheduler, scheduler_of
+from vsgdesign.runtime.scheduler import Answer, Scheduler, scheduler_of
 from vsgdesign.simulation.online import MeasuredWindow
 from vsgdesign.simulation.timeline import Timeline
 
@@ -48,6 +49,10 @@ class EstimateLog:
     """One of ``ALL_STATUSES`` each."""
     period: float
     """Length of a window, s."""
+    limited: NDArray[np.bool_]
+    """Whether the scheduler's rate limit held the gains back; never without a gain table."""
+    rate: float | None = None
+    """That limit: of \\|d ln SCR/dt\\| and \\|d ln(R/X)/dt\\|, 1/s; None without a gain table."""
 
     def series(self) -> dict[str, Array]:
         """Columns for a file; ``status`` counts along ALL_STATUSES."""
@@ -75,7 +80,7 @@ class EstimatedScheduler:
         self._study, self._spec = study, spec
         self._schedule = functools.lru_cache(maxsize=16)(self._schedule_at)
         self._runtime = None if spec.table is None else scheduler_of(spec.table, self._estimator)
-        self._rows: list[tuple[float, float, float, str]] = []
+        self._rows: list[tuple[float, float, float, str, bool]] = []
 
     @property
     def update_period(self) -> float:
@@ -108,13 +113,14 @@ class EstimatedScheduler:
         """Gains for the estimated grid, None to go on as before."""
         v, i = window_channels(window, self._window.channels, self._window.synchronised)
         R_g, L_g, status = self._estimator.estimate(v, i)
-        gains = None
+        gains, limited = None, False
         if self._runtime is not None:
-            gains = self._guarded(self._runtime, window, R_g, L_g)
+            answer = self._guarded(self._runtime, window, R_g, L_g)
+            gains, limited = answer.gains, bool(answer.status & LIMITED)
         elif math.isfinite(R_g):
             gains = self._gains(window.refs, R_g, L_g)
             status = NO_DESIGN if gains is None else status
-        self._rows.append((window.t_s, R_g, L_g, status))
+        self._rows.append((window.t_s, R_g, L_g, status, limited))
         return gains
 
     def log(self, timeline: Timeline) -> EstimateLog:
@@ -122,15 +128,16 @@ class EstimatedScheduler:
         t_s, R_g_hat, L_g_hat = (np.array([row[k] for row in self._rows], dtype=float) for k in range(3))
         # The grid that held up to the end: a change that coincides with it is seen by the next window.
         grids = [timeline.grid_at(t - 0.5 * self.sample_interval) for t in t_s]
+        limited = np.array([row[4] for row in self._rows], dtype=bool)
         return EstimateLog(
             t_s, np.array([grid.R_g for grid in grids]), np.array([grid.L_g for grid in grids]), R_g_hat, L_g_hat,
-            tuple(row[3] for row in self._rows), self.update_period,
+            tuple(row[3] for row in self._rows), self.update_period, limited,
+            None if self._runtime is None else self._runtime.settings.rate,
         )  # fmt: skip
 
-    def _guarded(self, runtime: Scheduler, window: MeasuredWindow, R_g: float, L_g: float) -> PowerLoopGains:
+    def _guarded(self, runtime: Scheduler, window: MeasuredWindow, R_g: float, L_g: float) -> Answer:
         measured = (window.P, window.Q, window.V_rms, round(window.t_s / runtime.settings.tick))
-        answer = runtime.update_estimate(R_g, L_g, *measured) if math.isfinite(R_g) else runtime.hold(*measured)
-        return answer.gains
+        return runtime.update_estimate(R_g, L_g, *measured) if math.isfinite(R_g) else runtime.hold(*measured)
 
     def _gains(self, refs: References, R_g: float, L_g: float) -> PowerLoopGains | None:
         try:

@@ -39,6 +39,14 @@ class Judgement:
     """The controller that differs by knowing the truth alone, if the study has one."""
     steps: tuple[StepAgainstTruth, ...]
 
+    @property
+    def rate_limit(self) -> tuple[float, float, float] | None:
+        """Where the rate limit (1/s) of a table's scheduler held gains back: limit, for how long, of how long (s)."""
+        log = self.log
+        if log.rate is None or not log.limited.any():
+            return None
+        return log.rate, log.period * float(log.limited.sum()), log.period * len(log.limited)
+
 
 def judge_estimates(result: ScenarioResult) -> tuple[Judgement, ...]:
     """Every controller of a scenario that estimates the grid, in order."""

@@ -114,7 +114,7 @@ def run_stretch(
     each sample is cut into ``len(lengths)`` pieces (one, unless an event falls inside, and then count is 1),
     with arrays stacked over the pieces. ``sources`` holds, per piece, (cos φ, sin φ, V_g peak, its slope, ω,
     ω's slope) at the piece's first instant. ``log`` takes LOG_COLUMNS at every log_every-th sample,
-    ``controller_log`` (0 or more rows) the nine controller states at every sample.
+    ``controller_log`` (0 or more rows) the controller states at every sample.
     """
     pieces = lengths.shape[0]
     n = bridge.samples_per_carrier
@@ -129,7 +129,7 @@ def run_stretch(
         v_beta = x[3] + bridge.R_c * (x[1] - x[5])
         measured = Measurement(v_alpha, v_beta, x[0], x[1], x[4], x[5])
         if offset < controller_log.shape[0]:
-            for j in range(9):
+            for j in range(controller_log.shape[1]):
                 controller_log[offset, j] = state[j]
         following, output = controller_step(state, measured, refs, power_gains, inner_gains, settings)
         if until_log == 0:
@@ -152,7 +152,7 @@ def run_stretch(
             theta += TWO_PI
         state = ControllerState(
             theta, following.omega_i, following.V, following.P_f, following.Q_f,
-            following.xi_vd, following.xi_vq, following.xi_id, following.xi_iq,
+            following.xi_vd, following.xi_vq, following.xi_id, following.xi_iq, following.i_f_d, following.i_f_q,
         )  # fmt: skip
         if bridge.delay_samples == 0:
             applied_alpha, applied_beta = output.v_b_alpha, output.v_b_beta

@@ -146,7 +146,10 @@ def _index(t_s: Array, starts: list[float], T_s: float) -> NDArray[np.intp]:
 
 
 def measure_events(study: Study, series: dict[str, Array]) -> tuple[EventMetrics, ...]:
-    """Figures of P_pcc and Q_pcc after every event, up to the next one."""
+    """Figures of P_pcc and Q_pcc after every event, up to the next one.
+
+    An event at t = 0 is where a steady start begins, not a change that anything responds to.
+    """
     t_s = series["t_s"]
     if not study.events or len(t_s) < 2:
         return ()
@@ -156,6 +159,8 @@ def measure_events(study: Study, series: dict[str, Array]) -> tuple[EventMetrics
     ends = [event.t_s for event in study.events[1:]] + [study.simulation.duration]
     metrics = []
     for event, end_s in zip(study.events, ends, strict=True):
+        if event.t_s == 0.0 and study.simulation.start == "steady_state":
+            continue
         for signal, reference in (("P_pcc", event.P_ref), ("Q_pcc", event.Q_ref)):
             window = EventWindow(event.name, event.t_s, end_s, reference is not None)
             if end_s - event.t_s > 4.0 * (t_s[1] - t_s[0]):
