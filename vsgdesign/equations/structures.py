@@ -52,17 +52,37 @@ def decoupled_gains(
     return PowerLoopGains(k_1 * w11, d_1 / (k_1 * w11), k_2 * w22, D_q, k_1 * w12, k_2 * w21, 0.0, 0.0)
 
 
+def voltage_row(
+    A: Any, B: Any, C: Any, D: Any, k_2: Any, D_p: Any, D_q: Any, share_P: Any, share_Q: Any
+) -> Any:  # fmt: skip
+    """sigma, v1, v2: the V row of the angle-damped structure (:eq:`voltage-row`), K_qp = k_2 v1 and K_iq = k_2 v2.
+
+    The droop is part of e_P, so a moving δ pushes V by K_qp D_p δ̇. With A − k_2 D_p in place of A this row answers
+    δ by K_qp D_p (s + k_2), which V's own pole cancels. sigma (W/rad) is k_2 D_p, less where that comes near to
+    1/w11: the row's determinant keeps at least 0.47 of its size, so no droop makes the gains grow without bound.
+    """
+    b, c, d = share_P * B, share_Q * C, D + D_q
+    pull = k_2 * D_p
+    x = pull * (d / (A * d - b * c))
+    sigma = pull / (1.0 + x * x * x)
+    a = A - sigma
+    determinant = a * d - b * c
+    return sigma, (0.0 - c) / determinant, a / determinant
+
+
 def angle_damped_gains(
     A: Any, B: Any, C: Any, D: Any, k_1: Any, d_1: Any, k_2: Any, D_p: Any, D_q: Any, share_P: Any, share_Q: Any
 ) -> PowerLoopGains:
     """The angle-damped structure (:eq:`angle-damped-gains`): both droops free, damping through the angle.
 
     What the droop D_p damps already, k_1 w11 D_p, is taken off d_1, so δ moves by s² + d_1 s + k_1 on every
-    grid and V by s + k_2.
+    grid and V by s + k_2. The droop's push on V is taken out of the V row (:eq:`voltage-row`), so that a step of
+    a reference is answered by these two and nothing else.
     """
-    w11, w12, w21, w22 = decoupling(A, B, C, D, D_q, share_P, share_Q)
+    w11, w12, _, _ = decoupling(A, B, C, D, D_q, share_P, share_Q)
+    _, v1, v2 = voltage_row(A, B, C, D, k_2, D_p, D_q, share_P, share_Q)
     k_d = d_1 - k_1 * w11 * D_p
-    return PowerLoopGains(k_1 * w11, D_p, k_2 * w22, D_q, k_1 * w12, k_2 * w21, k_d * w11, k_d * w12)
+    return PowerLoopGains(k_1 * w11, D_p, k_2 * v2, D_q, k_1 * w12, k_2 * v1, k_d * w11, k_d * w12)
 
 
 def poles_of_inertia(A: Any, H: Any, zeta: Any, S_rated: Any, omega_0: Any) -> Any:

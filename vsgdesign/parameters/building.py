@@ -199,7 +199,7 @@ def _read_target(table: TableReader, default: ClosedFormTarget, converter: Conve
     limit = 2.0 * converter.S_rated
     structure = table.choice("structure", STRUCTURES, default=default.structure)
     settling_time = table.quantity("settling_time", "s", 0.01, 1000.0, default=default.settling_time)
-    # Poles that settle (2 %) in 1.00 s with 1 % overshoot, in time scaled to the settling time.
+    # Poles that settle (2 %) in 1.00 s with 0.2 % overshoot, in time scaled to the settling time.
     pace = default.settling_time / settling_time
     at = table.choice("operating_point", ("design", "reference"), default=_operating_point(default, structure))
     return ClosedFormTarget(

@@ -134,9 +134,9 @@ class ClosedFormTarget:
     Q: float
     structure: str = "published"
     """``published``, ``decoupled`` or ``angle_damped``."""
-    k_1: float = 15.8
-    d_1: float = 6.6
-    k_2: float = 4.0
+    k_1: float = 21.3
+    d_1: float = 8.24
+    k_2: float = 3.91
     """Pole placement of the other two: δ by s² + d_1 s + k_1, V by s + k_2."""
     P_droop: float = 0.05
     Q_droop: float = 0.05

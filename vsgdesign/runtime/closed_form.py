@@ -25,9 +25,9 @@ class ClosedFormSchedule(Schedule):
     settling_time: float
     damping_ratio: float
     droop_ratio: float
-    k_1: float = 15.8
-    d_1: float = 6.6
-    k_2: float = 4.0
+    k_1: float = 21.3
+    d_1: float = 8.24
+    k_2: float = 3.91
     share_P: float = 1.0
     share_Q: float = 1.0
     H: float = 5.0

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vsgdesign.design.certificate.region import OMEGA_SCALE, Region, System
 from vsgdesign.design.certificate.tracing import Program, Symbol, Tracer, program_of
 from vsgdesign.equations.power_flow import LEAST_SHARE, POWER_MARGIN
-from vsgdesign.equations.structures import NormalisedGains, decoupling, poles_of_inertia
+from vsgdesign.equations.structures import NormalisedGains, decoupling, poles_of_inertia, voltage_row
 from vsgdesign.frames import PHASES
 from vsgdesign.runtime.closed_form import ClosedFormSchedule
 from vsgdesign.runtime.table import TableSchedule
@@ -344,8 +344,8 @@ class _Nominal:
 
     W: tuple[Any, Any, Any, Any]
     poles: tuple[Any, Any]
-    kept: tuple[Any, Any]
-    """Coupling B and C that the shares leave in."""
+    kept: tuple[Any, Any, Any]
+    """Coupling B and C that the shares leave in, and what the V row takes off A."""
     pull: Any
     across: Any
     k_d: Any
@@ -366,14 +366,17 @@ class _Nominal:
         powers = base * (inverse_V * inverse_V) * (1.0 / c.S_rated)  # W and W·s/rad to these units
         if s.law == "inertia":
             k_1, d_1 = poles_of_inertia(A, k_1, d_1, powers * s.S_rated, s.omega)
-        W = decoupling(A, B, C, D, droop, share_P, share_Q)
+        W, sigma = decoupling(A, B, C, D, droop, share_P, share_Q), 0.0
         if s.structure == "angle_damped":
-            pull, across = W[0] * powers * (k_1 * s.D_p), W[2] * powers * (k_2 * s.D_p)
+            D_p = powers * s.D_p
+            sigma, *row = voltage_row(A, B, C, D, k_2, D_p, droop, share_P, share_Q)
+            W = (W[0], W[1], *row)
+            pull, across = W[0] * D_p * k_1, W[2] * D_p * k_2
             k_d = d_1 - pull
         else:
             pull, k_d = d_1, 0.0
             across = W[2] / W[0] * (d_1 / k_1 * k_2) if _is_there(share_Q) else 0.0
-        return cls(W, (k_1, k_2), (B * (1.0 - share_P), C * (1.0 - share_Q)), pull, across, k_d, inverse_V)
+        return cls(W, (k_1, k_2), (B * (1.0 - share_P), C * (1.0 - share_Q), sigma), pull, across, k_d, inverse_V)
 
     def matrix(self, off: Any) -> list[list[Any]]:
         """A of the scaled states where the true b and g are off the estimated ones, and the schedule's Q off the
@@ -382,7 +385,7 @@ class _Nominal:
         b_off, g_off, q_off = off if off is not None else (0.0, 0.0, 0.0)
         a, b, c, d = b_off + q_off, g_off + self.kept[0], self.kept[1] - g_off, b_off - q_off
         z11, z12 = w11 * a + w12 * c + 1.0, w11 * b + w12 * d
-        z21, z22 = w21 * a + w22 * c, w21 * b + w22 * d + 1.0
+        z21, z22 = w21 * (a + self.kept[2]) + w22 * c, w21 * b + w22 * d + 1.0
         (k_1, k_2), pull, across, k_d, o = self.poles, self.pull, self.across, self.k_d, OMEGA_SCALE
         speed = -(z11 * k_d), -(z12 * k_d)
         to_V, from_V = self.inverse_V.reciprocal(), self.inverse_V
