@@ -103,6 +103,17 @@ def test_a_file_is_refused(tmp_path: Path) -> None:
     assert tree(tmp_path) == {"out": "a file"}
 
 
+def test_a_folder_that_may_not_be_written_to_is_refused_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Said by os.access, as the tests may run as root, who may write everywhere."""
+    (tmp_path / "out").mkdir()
+    monkeypatch.setattr(files_module.os, "access", lambda path, _: Path(path) != tmp_path / "out")
+    with pytest.raises(ArtifactError, match="may be written to"), staged_folder(tmp_path / "out"):
+        pytest.fail("the block must not run")
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
 def test_a_parent_that_is_a_file(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("a file")
     with pytest.raises(ArtifactError, match="cannot write beside"), staged_folder(tmp_path / "notes.txt" / "out"):
@@ -148,7 +159,8 @@ def test_an_interruption_while_the_folders_change_places(
         replace(source, target)
 
     monkeypatch.setattr(files_module.os, "replace", failing)
-    with pytest.raises(stop), staged_folder(tmp_path / "out") as folder:
+    raised = ArtifactError if stop is OSError else stop
+    with pytest.raises(raised), staged_folder(tmp_path / "out") as folder:
         (folder / "results.json").write_text("2")
     assert calls >= at
     assert tree(tmp_path) == before

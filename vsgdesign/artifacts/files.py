@@ -18,7 +18,12 @@ MARKER = "results.json"
 """A folder that holds this file is one of ours and may be replaced."""
 
 
+_ADVICE = "Give a folder in a place that may be written to."
+
+
 def _check_replaceable(target: Path, marker: str) -> None:
+    if target.is_dir() and not os.access(target, os.W_OK):
+        raise ArtifactError(f'cannot write into "{target}": Permission denied. {_ADVICE}')
     if target.exists() and not target.is_dir():
         raise ArtifactError(f'"{target}" is a file; give a folder for the results.')
     if target.is_dir() and any(target.iterdir()) and not (target / marker).is_file():
@@ -40,12 +45,15 @@ def staged_folder(target: str | Path, marker: str = MARKER) -> Iterator[Path]:
         target.parent.mkdir(parents=True, exist_ok=True)
         staging = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
     except OSError as error:
-        raise ArtifactError(f'cannot write beside "{target}": {error.strerror}.') from error
+        raise ArtifactError(f'cannot write beside "{target}": {error.strerror}. {_ADVICE}') from error
     try:
         os.chmod(staging, 0o755)  # mkdtemp makes it private to the user
         yield staging
         _check_replaceable(target, marker)
-        _replace(staging, target)
+        try:
+            _replace(staging, target)
+        except OSError as error:
+            raise ArtifactError(f'cannot write "{target}": {error.strerror}. {_ADVICE}') from error
     finally:
         shutil.rmtree(staging, ignore_errors=True)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -79,8 +80,8 @@ def train_weights_file(
     from vsgdesign.estimator.trained import train_estimator
 
     out = Path(out)
-    if out.is_dir() or not out.parent.is_dir():
-        raise ArtifactError(f'cannot write "{out}": give a file in a folder that exists.')
+    if out.is_dir() or not out.parent.is_dir() or not os.access(out.parent, os.W_OK):
+        raise ArtifactError(f'cannot write "{out}": give a file in a folder that exists and may be written to.')
     trained = train_estimator(
         study, load_recipe(spec.recipe), seed=spec.seed, hidden=spec.hidden, components=spec.components,
         starts=spec.starts, out=windows, workers=workers, progress=progress or silent,

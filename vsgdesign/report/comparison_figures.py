@@ -95,7 +95,8 @@ def _panel(axes: Any, comparison: Comparison, compared: Compared) -> None:
     axes.set_ylim(-0.5, len(comparison.scr) - 0.5)
     axes.grid(False)
     for set_ticks, values in ((axes.set_xticks, comparison.x_over_r), (axes.set_yticks, comparison.scr)):
-        at = np.unique(np.linspace(0, len(values) - 1, 4).round().astype(int))
+        last = len(values) - 1
+        at = np.unique(np.linspace(0, last, 3 if last < 6 else 4).round().astype(int))
         set_ticks(at, [plain(values[k], 2) for k in at])
     axes.set_title(label(compared.contender.name), pad=9.0)
     axes.text(

@@ -159,7 +159,7 @@ def _grid_step(steps: Sequence[GridStep]) -> NamedFigure:
         estimated = np.clip(step.Z[0], 0.0, top)
         (entries["estimated, at the end of each window"],) = axes.plot(t_ms, estimated, **dotted)
         axes.axvline(0.0, **EVENT_LINE)
-        axes.set_ylim(0.0, top)
+        axes.set_ylim(0.0, 1.2 * top)  # the words have a line of their own
         axes.set_xlim(t_ms[0], t_ms[-1])
         delay = 1e3 * float(np.median(step.delay))
         words = f"within 10 % after {delay:.0f} ms" if np.isfinite(delay) else "not within 10 %"
@@ -180,7 +180,7 @@ def _grid_step(steps: Sequence[GridStep]) -> NamedFigure:
     caption = (
         f"How to read: the grid changes from SCR {plain(first)} to {plain(then)} at t = 0. Band: ±10 % of the new "
         "value. Time to within: from the change to the end of the first window from which the error stays within; "
-        "median over the draws of noise. What is above the axis is drawn at its top."
+        f"median over the draws of noise. What is above {plain(top, 2)} Ω is drawn there."
     )
     return NamedFigure(name, f"From SCR {plain(first)} to {plain(then)}", caption, figure, 3)
 

@@ -104,7 +104,8 @@ def comparison_conclusion(found: Comparison) -> list[str]:
         worst = 100.0 * float(one.rms.max())
         ratio = np.median(one.rms / one.bound) if np.isfinite(one.bound).all() else math.nan
         beside = f", {number(float(ratio), 2)} times its bound (median)" if math.isfinite(ratio) else ""
-        sentences.append(f"{one.method}: {number(100.0 * float(one.rms.min()), 2)} to {number(worst, 2)} %{beside}.")
+        low = number(100.0 * float(one.rms.min()), 2)
+        sentences.append(f"{one.method}: rms error of Z {low} to {number(worst, 2)} %{beside}.")
     for one in found.disturbances:
         where = int(np.argmax(one.P))
         sentences.append(
@@ -114,15 +115,26 @@ def comparison_conclusion(found: Comparison) -> list[str]:
     return sentences
 
 
+_AXIS_WORDS = {
+    "frequency": "another grid frequency",
+    "shift": "a shifted window",
+    "V_g": "another grid voltage",
+    "x_over_r": "another X/R",
+    "scr": "another SCR",
+    "noise": "sensor noise",
+    "frequency_error": "a wrong grid frequency",
+    "harmonics": "harmonics",
+}
+
+
 def stress_conclusion(found: Stress) -> list[str]:
     """In sentences: for every method, which axes it bears."""
     sentences = []
     for k, name in enumerate(found.methods):
-        breaks = [one.axis.title.lower() if one.axis.name not in ("scr", "x_over_r") else one.axis.title
-                  for one in found.results if one.rms[k].max() > WITHIN]  # fmt: skip
+        breaks = [_AXIS_WORDS[one.axis.name] for one in found.results if one.rms[k].max() > WITHIN]
         worst = max(float(one.rms[k].max()) for one in found.results)
         if breaks:
-            sentences.append(f"{name}: beyond 10 % on {', '.join(breaks)}.")
+            sentences.append(f"{name}: off by more than 10 % with {', '.join(breaks)}.")
         else:
             sentences.append(f"{name}: within 10 % everywhere (worst {number(100.0 * worst, 2)} %).")
     return sentences

@@ -47,8 +47,9 @@ def environment() -> jinja2.Environment:
     return found
 
 
+_PHASOR = re.compile(r"(?<![A-Za-z_])(i|v)_(s|c|g)_(d|q)\b")
 _SUBSCRIPT = re.compile(
-    r"(?<![A-Za-z])(K|D|M|P|Q|V|R|L|T|Y|Z|d|f|k|ω)_(ref|pcc|ip|iq|pq|qp|pv|iv|pc|ic|ff|dq|p|q|P|Q|g|n|s|op|1|2|c)\b"
+    r"(?<![A-Za-z])(K|D|M|P|Q|V|R|L|T|Y|Z|d|f|k|ω)_(ref|pcc|i|f|ip|iq|pq|qp|pv|iv|pc|ic|ff|dq|p|q|P|Q|g|n|s|op|1|2|c)\b"
 )
 
 
@@ -56,7 +57,8 @@ def with_subscripts(text: str) -> str:
     """A plain text with its symbols (K_ip, P_ref) set with subscripts, everything else escaped."""
     from markupsafe import Markup, escape
 
-    return Markup(_SUBSCRIPT.sub(r"<i>\1</i><sub>\2</sub>", str(escape(text))))
+    text = _PHASOR.sub(r"<i>\1</i><sub>\2,\3</sub>", str(escape(text)))
+    return Markup(_SUBSCRIPT.sub(r"<i>\1</i><sub>\2</sub>", text))
 
 
 _PROLOGUE = re.compile(r"^.*?(?=<svg\b)", re.DOTALL)

@@ -218,7 +218,7 @@ def _settling_figures(result: StabilityResult) -> Iterator[NamedFigure]:
         )
         frame = Frame(
             _name("map_settling", k, len(parts)), "Settling time", caption, *axis_labels(result.study),
-            "Settling time, slower step [s]", PART, gate_label=text,
+            "Settling time [s]", PART, gate_label=text,
         )  # fmt: skip
         yield map_figure(frame, [panels], scale)
 

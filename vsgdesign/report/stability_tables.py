@@ -134,12 +134,17 @@ def focus_table(a: ControllerAssessment) -> Table:
     return Table(f"Margins of {a.spec.name} at the study's grids", head, tuple(rows), 2, groups, notes)
 
 
+def state_symbol(state: str) -> str:
+    """A state of the full-order model as the field writes it."""
+    return {"delta": "δ", "theta": "θ", "omega_i": "ω_i"}.get(state, state)
+
+
 def participation_table(a: ControllerAssessment) -> Table:
     """The least stable mode of each close look and what takes part in it."""
     rows = []
     for cell in a.focus:
         mode = cell.modes[0]
-        shares = ", ".join(f"{state} {100.0 * share:.0f} %" for state, share in mode.participation)
+        shares = ", ".join(f"{state_symbol(state)} {100.0 * share:.0f} %" for state, share in mode.participation)
         frequency = number(abs(mode.s.imag) / (2.0 * math.pi))
         rows.append((cell.label, shares, complex_text(mode.s), frequency, number(mode.damping)))
     head = ("Grid", "Participation", "s [1/s]", "Frequency [Hz]", "ζ")

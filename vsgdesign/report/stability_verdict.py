@@ -1,4 +1,4 @@
-"""The verdict in one paragraph, from numbers alone."""
+"""The verdict in a paragraph a controller, from numbers alone."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.model.full_order import PARAMETERS
 from vsgdesign.parameters.study import Study
 from vsgdesign.report.quantities import number
-from vsgdesign.report.stability_tables import complex_text
+from vsgdesign.report.stability_tables import complex_text, state_symbol
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.stability.assessment import ControllerAssessment
 from vsgdesign.stability.cells import CellSet, full_order_cells
@@ -53,14 +53,14 @@ def worst_mode(study: Study, field: MarginMap) -> WorstMode | None:
     return WorstMode(describe_cell(field, flat), mode, mode_sensitivities(model, 0, mode.s, _MOVED))
 
 
-def verdict_text(result: StabilityResult) -> str:
-    """How many gates are met, what limits each controller, and what the verdict is not."""
+def verdict_text(result: StabilityResult) -> list[str]:
+    """Paragraphs: how many gates are met, what limits each controller, and what the verdict is not."""
     sentences = [_controller(result, a) for a in result.assessments]
     sentences.append(
         "All gates are internal ones of vsgdesign and no grid code's; what grid codes and test frameworks ask for is "
         "listed as informational or as not assessed, never as a pass."
     )
-    return " ".join(sentences)
+    return sentences
 
 
 def _controller(result: StabilityResult, a: ControllerAssessment) -> str:
@@ -84,7 +84,7 @@ def _controller(result: StabilityResult, a: ControllerAssessment) -> str:
     frequency = (
         "without oscillation" if abs(mode.s.imag) < 1e-9 else f"at {number(abs(mode.s.imag) / (2.0 * math.pi))} Hz"
     )
-    states = ", ".join(f"{state} ({100.0 * share:.0f} %)" for state, share in mode.participation[:3])
+    states = ", ".join(f"{state_symbol(state)} ({100.0 * share:.0f} %)" for state, share in mode.participation[:3])
     moved = ", ".join(s.parameter for s in worst.sensitivities[:3])
     return (
         f"{text}. Its worst cell is {worst.where}, limited by {kind} {frequency} (s = {complex_text(mode.s)} 1/s), in "

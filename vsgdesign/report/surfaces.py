@@ -15,6 +15,8 @@ from vsgdesign.report.style import PAGE_IN, add_axes, look, new_figure
 Array = NDArray[np.float64]
 
 _LEFT, _BOTTOM, _TOP, _BAR_ROOM, _BETWEEN = 0.5, 0.36, 0.22, 0.8, 0.32
+_GAP = 0.3
+"""Between the label of a colour bar and the numbers of the next axis."""
 _ASPECT = 0.56
 
 MOST = 4
@@ -43,7 +45,7 @@ def surface_figure(
 def _draw(
     named: tuple[str, str, str], scr: Array, x_over_r: Array, surfaces: Sequence[Surface], x_label: str, part: int
 ) -> NamedFigure:
-    width = (PAGE_IN - _LEFT - 2.0 * _BAR_ROOM - 0.12) / 2.0
+    width = (PAGE_IN - _LEFT - 2.0 * _BAR_ROOM - _GAP) / 2.0
     panel = width * _ASPECT
     rows = -(-len(surfaces) // 2)
     figure = new_figure(PAGE_IN, _BOTTOM + rows * panel + (rows - 1) * _BETWEEN + _TOP)
@@ -54,7 +56,7 @@ def _draw(
         factor, power = _power_of(surface.values)
         values = surface.values / factor
         scale = surface_scale(values)
-        left = _LEFT + column * (width + _BAR_ROOM + 0.1)
+        left = _LEFT + column * (width + _BAR_ROOM + _GAP)
         bottom = _BOTTOM + (rows - 1 - row) * (panel + _BETWEEN)
         axes = add_axes(figure, left, bottom, width, panel)
         cells = Cells(scr, x_over_r, values, nowhere, np.isnan(values), nowhere)

@@ -15,7 +15,7 @@ from vsgdesign.report.stability_look import Cells, Scale, gate_scale
 from vsgdesign.report.stability_panels import Frame, Panel, map_figure
 from vsgdesign.report.surfaces import MOST, Surface, surface_figure, surface_scale
 from vsgdesign.report.tables import GAIN_UNITS
-from vsgdesign.stability.gain_table import FIGURES, WORST, figure_of
+from vsgdesign.stability.gain_table import FIGURES, WHOLE_BOX, WORST, figure_of
 
 Array = NDArray[np.float64]
 
@@ -54,6 +54,11 @@ def in_order(table: GainTable) -> list[str]:
     return [name for name in FIGURES if name in names] + sorted(names - FIGURES.keys())
 
 
+def margin_keys(name: str) -> tuple[str, str]:
+    """Where a margin is kept: at the design point, and at the worst of the box."""
+    return ("", name) if name in WHOLE_BOX else (name, WORST + name)
+
+
 def limit_of(table: GainTable, name: str) -> float | None:
     """What the specification asks of a margin, in the margin's unit; None where it says nothing."""
     key, factor = _ASKED.get(name.split("_")[0], ("", 1.0))
@@ -66,7 +71,7 @@ def limit_of(table: GainTable, name: str) -> float | None:
 def margin_figures(table: GainTable) -> Iterator[NamedFigure]:
     """A figure for each margin: at the design point, and beside it the worst of the box where it is known."""
     for name in in_order(table):
-        kinds = [(name, "design point"), (WORST + name, "worst of the box")]
+        kinds = zip(margin_keys(name), ("design point", "worst of the box"), strict=True)
         shown = [(key, kind) for key, kind in kinds if key in table.margins]
         cells = [table_cells(table, table.margins[key]) for key, _ in shown]
         known = np.concatenate([c.values[np.isfinite(c.values) & ~c.unstable] for c in cells])

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,14 +14,24 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.html import write_html
 from vsgdesign.report.quantities import DASH, number, plain, plain_quantity
-from vsgdesign.report.table_maps import in_order, limit_of
+from vsgdesign.report.table_maps import in_order, limit_of, margin_keys
 from vsgdesign.report.tables import Table
-from vsgdesign.stability.gain_table import WORST, figure_of
+from vsgdesign.stability.gain_table import figure_of
 
 LAWS = {
     "poles": "poles: k_1, d_1 and k_2 are scheduled",
     "inertia": "inertia: H and ζ are scheduled, k_1 and d_1 follow from A",
 }
+
+_BOX_UNITS = {"P": "W", "Q": "var", "V_g_rms": "V", "omega_g": "rad/s", "rate": "1/s"}
+SPECIFICATION_UNITS = {
+    "settling_time": "s", "H": "s", "H_min": "s", "H_max": "s", "bandwidth_max": "1/s",
+    **{f"box.{name}": unit for name, unit in _BOX_UNITS.items()},
+}  # fmt: skip
+CERTIFICATE_UNITS = {
+    "decay": "1/s", "sampled": "1/s", "gap.decay": "1/s", "largest": "1/s",
+    **{f"region.{name}": unit for name, unit in _BOX_UNITS.items()},
+}  # fmt: skip
 
 
 def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
@@ -33,8 +44,10 @@ def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_pat
         verdict=verdict_of(table),
         identity=identity_table(table),
         margins=margins_table(table),
-        specification=open_table("Specification", table.specification),
-        certificate=None if table.certificate is None else open_table("Certificate", table.certificate),
+        specification=open_table("Specification", table.specification, SPECIFICATION_UNITS),
+        certificate=None
+        if table.certificate is None
+        else open_table("Certificate", table.certificate, CERTIFICATE_UNITS),
         made=open_table("Made with", table.provenance | table.inputs),
     )
 
@@ -89,16 +102,17 @@ def margins_table(table: GainTable) -> Table:
         asked = (
             DASH if limit is None else f"{'≤' if name.startswith(('overshoot', 'settling')) else '≥'} {plain(limit)}"
         )
-        ranges = [_limits(table, key) for key in (name, WORST + name)]
+        ranges = [_limits(table, key) for key in margin_keys(name)]
         rows.append((f"{figure.title} [{figure.unit}]", asked, *ranges[0], *ranges[1]))
     head = ("Margin", "Asked for", "least", "median", "largest", "least", "median", "largest")
     groups = (("", 2), ("design point", 3), ("worst of the box", 3))
     return Table("Margins over the cells", head, tuple(rows), groups=groups)
 
 
-def open_table(title: str, content: dict[str, Any]) -> Table:
-    """Names and values of an open dictionary, one row each; nested ones with a dot."""
-    return Table(title, ("Name", "Value"), tuple(_flat("", content)), texts=2)
+def open_table(title: str, content: dict[str, Any], units: Mapping[str, str] = MappingProxyType({})) -> Table:
+    """Names, with the units that are known, and values of an open dictionary, one row each; nested ones with a dot."""
+    rows = tuple((f"{name} [{units[name]}]" if name in units else name, value) for name, value in _flat("", content))
+    return Table(title, ("Name", "Value"), rows, texts=2)
 
 
 def _flat(prefix: str, content: dict[str, Any]) -> list[tuple[str, str]]:

@@ -45,6 +45,16 @@ FIGURES = {
 }
 """Margins by name. ``relative`` tolerances are of the value."""
 
+OF_THE_DESIGN = {
+    "cross_peak": Figure("Peak of the other power per step", "1", 0.0),
+    "full_order_decay_1_s": Figure("Decay of the slowest mode, full order", "1/s", 0.0),
+    "scenarios": Figure("Scenarios of the design", "1", 0.0),
+}
+"""What a design leaves beside them, over its whole box, and no check recomputes."""
+
+WHOLE_BOX = ("full_order_decay_1_s", "scenarios")
+"""Those of them that have no value at the design point."""
+
 WORST = "worst_"
 """Before a name: the worst over the specification's box."""
 
@@ -53,10 +63,11 @@ _GAIN_TOLERANCE = 1e-9
 
 def figure_of(name: str) -> Figure:
     """Title and unit of any margin; a name that is not understood is its own title."""
-    if name.startswith(WORST) and name[len(WORST) :] in FIGURES:
-        known = FIGURES[name[len(WORST) :]]
+    named = FIGURES | OF_THE_DESIGN
+    if name.startswith(WORST) and name[len(WORST) :] in named:
+        known = named[name[len(WORST) :]]
         return Figure(f"{known.title}, worst of the box", known.unit, known.tolerance, known.relative)
-    return FIGURES.get(name, Figure(name, "1", 0.0))
+    return named.get(name, Figure(name, "1", 0.0))
 
 
 def margins_of(
