@@ -13,11 +13,10 @@ from scipy.linalg import expm
 from tests.gain_tables import table
 from vsgdesign.artifacts import GainTable
 from vsgdesign.design.certificate import Certificate, Region, certify
-from vsgdesign.design.certificate.box_check import EMPTY, PROVED, UNDECIDED
 from vsgdesign.design.certificate.certify import Motion
 from vsgdesign.design.certificate.enclosure import Boxes, parameters_of, points_of, programs, whole_region
 from vsgdesign.design.certificate.lyapunov import residual
-from vsgdesign.design.certificate.proof import look_at, prove
+from vsgdesign.design.certificate.proof import EMPTY, PROVED, UNDECIDED, look_at, prove
 from vsgdesign.design.certificate.region import System, point_of, random_points
 from vsgdesign.design.certificate.taylor_kernel import LANES, rows, run_program, sum_up
 from vsgdesign.design.certificate.tracing import Program

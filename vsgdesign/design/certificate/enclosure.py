@@ -36,7 +36,8 @@ _ERROR_PARAMETERS = 4
 
 @dataclass(frozen=True)
 class BoxPrograms:
-    """What :func:`~vsgdesign.design.certificate.box_check.check_boxes` runs: see there."""
+    """What :mod:`~vsgdesign.design.certificate.box_check` runs: the programs of its ``survey`` and, for each case of
+    the schedule, of its ``judge``."""
 
     situation: Program
     conditions: Array

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.design.certificate.box_check import UNDECIDED, check_boxes
+from vsgdesign.design.certificate.box_check import FOLLOWED, judge, survey
 from vsgdesign.design.certificate.enclosure import (
     UNIT,
     Boxes,
@@ -22,11 +22,14 @@ from vsgdesign.design.certificate.enclosure import (
     whole_region,
 )
 from vsgdesign.design.certificate.region import Region, System
+from vsgdesign.design.certificate.taylor_kernel import rows
 from vsgdesign.design.certificate.tracing import Program
 
 Array = NDArray[np.float64]
 
-_CHUNK = 4096
+UNDECIDED, PROVED, EMPTY = 0, 1, 2
+
+_CHUNK = 1024
 
 Failing = Callable[[Array, float], Array]
 """Points (N, 6) and a decay to those points at which the inequality does not hold."""
@@ -99,29 +102,56 @@ def _places(boxes: Boxes, rng: np.random.Generator) -> Array:
 
 def look_at(
     system: System, ready: BoxPrograms, boxes: Boxes, pieces: Boxes
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """For each box: whether the inequality is undecided, proved, or asked of no point; and the dimension to cut.
+) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+    """For each box: whether the inequality is undecided, proved, or asked of no point; and the coordinate to cut.
 
     Chunks of boxes are shared among the machine's cores; what comes out does not depend on how many there are.
     """
-    state, dimension = np.zeros(len(boxes), dtype=np.int64), np.zeros(len(boxes), dtype=np.int64)
+    state, dimension = np.zeros(len(boxes), dtype=np.int64), np.zeros(len(boxes), dtype=np.intp)
     parameters = parameters_of(system, boxes, pieces)
 
     def look(start: int) -> None:
         part = slice(start, start + _CHUNK)
-        check_boxes(
-            boxes.low[part], boxes.high[part], np.ascontiguousarray(parameters[:, part]), UNIT,
-            _arrays(ready.situation), ready.conditions,
-            tuple(_arrays(program) for program in ready.inequalities), ready.signs, state[part], dimension[part],
-        )  # fmt: skip
+        low, high = boxes.low[part], boxes.high[part]
+        state[part], dimension[part] = _look(ready, low, high, np.ascontiguousarray(parameters[:, part]))
 
     starts = range(0, len(boxes), _CHUNK)
-    if len(starts) == 1:
-        look(0)
+    if len(starts) <= 1:
+        list(map(look, starts))
     else:
         with ThreadPoolExecutor(os.cpu_count()) as threads:
             list(threads.map(look, starts))
     return state, dimension
+
+
+def _look(ready: BoxPrograms, low: Array, high: Array, parameters: Array) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+    count = len(low)
+    signs = ready.signs
+    carried = len(ready.situation.outputs) - len(ready.conditions) - signs.shape[1]
+    empty, applies = np.zeros(count, dtype=np.bool_), np.zeros((len(signs), count), dtype=np.bool_)
+    forms = np.zeros((count, carried, rows(FOLLOWED + 1)))
+    survey(low, high, parameters, _arrays(ready.situation), ready.conditions, signs, empty, applies, forms)
+    proved, score = np.ones(count, dtype=np.bool_), np.zeros((count, FOLLOWED + 1))
+    for case, inequality in enumerate(ready.inequalities):
+        some = np.flatnonzero(applies[case] & ~empty)
+        if len(some) == 0:
+            continue
+        held, pull = np.zeros(len(some), dtype=np.bool_), np.zeros((len(some), FOLLOWED + 1))
+        judge(low[some], high[some], np.ascontiguousarray(parameters[:, some]), _arrays(inequality), forms[some],
+              held, pull)  # fmt: skip
+        proved[some] &= held
+        score[some] = np.maximum(score[some], pull)  # NaN stays
+    return np.where(empty, EMPTY, np.where(proved, PROVED, UNDECIDED)), _to_cut(low, high, score)
+
+
+def _to_cut(low: Array, high: Array, score: Array) -> NDArray[np.intp]:
+    """The coordinate that leaves most unknown; the widest where there is no bound at all. Of the errors, the wider."""
+    width = (high - low) / UNIT
+    errors = np.where(width[:, 4] >= width[:, 5], 4, 5)
+    followed = np.column_stack([width[:, :FOLLOWED], np.maximum(width[:, 4], width[:, 5])])
+    finite = np.isfinite(score).all(axis=1, keepdims=True)
+    chosen = np.argmax(np.where(followed > 0.0, np.where(finite, score, followed), -1.0), axis=1)
+    return np.where(chosen < FOLLOWED, chosen, errors)
 
 
 def _arrays(program: Program) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], Array, NDArray[np.int64], int]:
