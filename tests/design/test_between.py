@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +12,11 @@ import pytest
 from tests.design.robust_studies import law, specification, with_specification
 from tests.gain_tables import table
 from vsgdesign.artifacts.gain_table import GainTable, ValidityBox, base_of
-from vsgdesign.design.between import check_between, check_points, failing_intervals
+from vsgdesign.design.between import check_between, check_points, failing_intervals, probe
 from vsgdesign.design.box import scenarios_of_truth
-from vsgdesign.design.cell import worst
 from vsgdesign.design.evaluation import evaluate
+from vsgdesign.design.figures import worst
+from vsgdesign.design.sweep import each_of
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.runtime.table import with_node_gains
 
@@ -57,7 +59,8 @@ def test_a_good_table_holds_between_its_nodes() -> None:
     assert len(checked.points) == 60
     assert checked.promised == 60
     assert checked.broken == ()
-    assert failing_intervals(STUDY, LAW, SPEC, GOOD, count=20, seed=3) == []
+    assert probe(STUDY, LAW, SPEC, GOOD, count=20, seed=3) == ()
+    assert failing_intervals(GOOD, ()) == []
     assert checked == check_between(STUDY, LAW, SPEC, GOOD, count=60, seed=3)
     assert checked.points != check_between(STUDY, LAW, SPEC, GOOD, count=60, seed=4).points
 
@@ -69,7 +72,7 @@ def test_a_spoiled_node_is_found_and_nodes_are_asked_for_beside_it() -> None:
         assert point.scr < 6.0 / 0.8
         assert point.x_over_r < 2.0 * 1.5
         assert set(point.missed) <= {"overshoot", "settling_time", "disk_margin", "damping_ratio"}
-    cuts = failing_intervals(STUDY, LAW, SPEC, spoiled(0, 0), count=20, seed=3)
+    cuts = failing_intervals(GOOD, probe(STUDY, LAW, SPEC, spoiled(0, 0), count=20, seed=3))
     assert cuts
     assert {axis for axis, _ in cuts} <= {"scr", "x_over_r"}
     for axis, value in cuts:
@@ -84,7 +87,14 @@ def test_nothing_is_promised_beside_a_relaxed_node() -> None:
     points = check_points(STUDY, LAW, SPEC, given_up, np.array([[3.2, 1.1], [9.0, 3.0]]))
     assert [point.promised for point in points] == [False, True]
     assert points[0].missed
-    assert failing_intervals(STUDY, LAW, SPEC, given_up, count=10, seed=0) == []
+    assert probe(STUDY, LAW, SPEC, given_up, count=10, seed=0) == ()
+
+
+def test_workers_see_what_one_process_sees() -> None:
+    """Equal to the last digit, in order, whoever looks at which grids."""
+    alone = check_between(STUDY, LAW, SPEC, GOOD, count=300, seed=5)
+    with ThreadPoolExecutor(2) as executor:
+        assert check_between(STUDY, LAW, SPEC, GOOD, count=300, seed=5, each=each_of(executor)) == alone
 
 
 def test_grids_without_a_scenario_are_counted_as_outside() -> None:

@@ -10,7 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.design.robust_studies import controller, robust_study, specification, with_specification
-from vsgdesign.design.box import Scenarios, scenarios_of_estimate, scenarios_of_truth, within_limits
+from vsgdesign.design.box import (
+    Scenarios,
+    scenarios_around_estimate,
+    scenarios_of_estimate,
+    scenarios_of_truth,
+    within_limits,
+)
 from vsgdesign.equations.power_flow import operating_point, power_flow
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.study import grid_from_scr
@@ -96,6 +102,40 @@ def test_at_the_edge_the_estimate_beyond_it_is_covered_too() -> None:
     grid = grid_from_scr(20.0, 2.0, "impedance", WIDE.converter)
     at = np.isclose(s.R, grid.R_g) & np.isclose(s.R_hat, 0.8 * grid.R_g) & np.isclose(s.X_hat / s.X, 0.8)
     assert at.any()
+
+
+@pytest.mark.parametrize(("scr", "x_over_r", "corners"), [(6.0, 2.0, 4), (1.2, 2.0, 2), (6.0, 0.3, 3), (1.2, 0.3, 2)])
+def test_a_node_takes_on_what_lies_around_it(scr: float, x_over_r: float, corners: int) -> None:
+    """Its own scenarios come first. The others are true grids within the table, with an estimate that is looked up
+    within reach: found again by clipping the estimate to the table, which is what the runtime does."""
+    spec = specification(WIDE)
+    reach = (max(scr / 1.1, 1.2), scr * 1.1, max(x_over_r / 1.2, 0.3), x_over_r * 1.2)
+    own = of_estimate(WIDE, scr, x_over_r)
+    s = scenarios_around_estimate(WIDE, spec, scr, x_over_r, reach, TARGET.P, TARGET.Q)
+    for f in fields(Scenarios):
+        assert np.array_equal(getattr(s, f.name)[: len(own)], getattr(own, f.name)), f.name
+    more = s.take(np.arange(len(own), len(s)))
+    places = {"truth": (more.R, more.X), "estimate": (more.R_hat, more.X_hat)}
+    slack = 1.0 + 1e-9
+    for name, (R, X) in places.items():
+        ratio, strength = X / R, WIDE.converter.Z_base / np.hypot(R, X)
+        if name == "truth":
+            assert (strength >= 1.2 / slack).all()
+            assert (ratio >= 0.3 / slack).all()
+        ratio, strength = np.clip(ratio, 0.3, 20.0), np.clip(strength, 1.2, 20.0)
+        if name == "estimate":
+            assert (strength >= reach[0] / slack).all()
+            assert (strength <= reach[1] * slack).all()
+            assert (ratio >= reach[2] / slack).all()
+            assert (ratio <= reach[3] * slack).all()
+    # Every error is within the specified one, also where it is drawn in to keep the truth in the table. At the edge
+    # some of its corners would need a truth that is weaker or more resistive than the table's.
+    errors = np.stack([s.R_hat / s.R, s.X_hat / s.X]) - 1.0
+    assert np.abs(errors).max() <= 0.2 * slack
+    found = np.unique(np.sign(errors[:, np.isclose(np.abs(errors), 0.2).all(axis=0)]), axis=1)
+    assert found.shape[1] == corners
+    beyond = WIDE.converter.Z_base / np.hypot(more.R_hat, more.X_hat) < 1.2 / slack
+    assert beyond.any() == (scr == 1.2)
 
 
 def test_without_error_there_is_one_pair() -> None:

@@ -18,8 +18,9 @@ from tests.design.robust_studies import (
     textbook,
     with_specification,
 )
-from vsgdesign.design.cell import CellDesign, common_design, design_cell, shortfalls, worst
+from vsgdesign.design.cell import CellDesign, common_design, design_cell
 from vsgdesign.design.evaluation import evaluate, law_of
+from vsgdesign.design.figures import shortfalls, worst
 from vsgdesign.design.nlp import MARGIN_AIM
 from vsgdesign.design.variables import variables
 from vsgdesign.equations.structures import NormalisedGains
@@ -69,10 +70,10 @@ def test_no_design_of_a_grid_has_more_inertia_and_keeps_the_promises(designed: C
 
 
 def test_an_infeasible_cell_says_with_what_it_would_be_feasible() -> None:
-    """Without decoupling, at X/R 1 and ±20 %, 5 % of overshoot in 1.3 s cannot be had (12 to 16 % even without error).
+    """Without decoupling, at X/R 0.3 and ±20 %, no disk margin of 1 is found beside 5 % and 1.3 s.
     What it says is enough is enough: the same call with that allowed meets everything."""
     rule = law(STUDY, "published")
-    s = scenarios(STUDY, 4.0, 1.0)
+    s = scenarios(with_specification(scr=(1.5, 20.0), x_over_r=(0.1, 10.0)), 4.0, 0.3)
     tight = design_cell(rule, SPEC, s, textbook(STUDY, "published"))
     assert not tight.met
     assert tight.active in tight.shortfalls
@@ -88,7 +89,7 @@ def test_an_infeasible_cell_says_with_what_it_would_be_feasible() -> None:
         relaxed,
         overshoot=1.2 * relaxed.overshoot,
         settling_time=SPEC.settling_time,
-        disk_margin=0.9 * relaxed.disk_margin,
+        disk_margin=0.8 * relaxed.disk_margin,
         damping_ratio=0.9 * relaxed.damping_ratio,
     )
     if "settling_time" not in tight.shortfalls:

@@ -28,10 +28,12 @@ def slot_of(structure: str) -> ca.Function:
     return nlp._slot_function(law(STUDY, structure), SPEC, nlp.variables(structure, SPEC))
 
 
-def rows(structure: str, y: np.ndarray, margin: float, slack: np.ndarray, s: Scenarios) -> dict[str, np.ndarray]:
+def rows(
+    structure: str, y: np.ndarray, margin: float, slack: np.ndarray, s: Scenarios, reserve: float = 0.0
+) -> dict[str, np.ndarray]:
     """The rows of one scenario by kind, in order."""
     column = np.array([getattr(s, name)[0] for name in Scenarios.__dataclass_fields__])
-    values = slot_of(structure)(y, margin, slack, ca.DM(column)).full().ravel()
+    values = slot_of(structure)(y, margin, slack, reserve, ca.DM(column)).full().ravel()
     kinds = np.array(nlp._row_kinds(SPEC))
     assert len(kinds) == len(values)
     return {kind: values[kinds == kind] for kind in dict.fromkeys(kinds.tolist())}
@@ -87,6 +89,18 @@ def test_slacks_relax_what_they_are_named_after(box: Scenarios) -> None:
         loose = rows("angle_damped", y, 1.0, np.eye(4)[k], s)
         for name, values in tight.items():
             assert (loose[name] > values).all() if name == kind else (loose[name] == values).all()
+
+
+def test_the_whole_reserve_stays_within_the_promises(box: Scenarios) -> None:
+    """What one unit of it adds is less than what the guards hold back: 0.4 of the band, 0.3 of the overshoot."""
+    y, s = textbook(STUDY), box.take(np.array([3]))
+    kept, used = (rows("angle_damped", y, 1.0, np.zeros(4), s, reserve) for reserve in (0.0, 1.0))
+    for name, promise in (("overshoot", 0.3 * SPEC.overshoot), ("settling_time", 0.4 * BAND), ("disk_margin", 1e-9)):
+        more = used[name] - kept[name]
+        assert (more >= 0.0).all(), name
+        assert more.max() < promise, name
+    assert (used["overshoot"] > kept["overshoot"]).all()
+    assert (used["settling_time"] > kept["settling_time"]).all()
 
 
 def test_a_solution_keeps_what_the_kernels_measure(box: Scenarios) -> None:

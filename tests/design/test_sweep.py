@@ -20,7 +20,8 @@ from hypothesis import strategies as st
 from tests.design.robust_studies import ROOT, controller, robust_study, specification, textbook
 from vsgdesign.artifacts.files import plain
 from vsgdesign.design import sweep as sweeping
-from vsgdesign.design.cell import CellDesign, Figures
+from vsgdesign.design.cell import CellDesign
+from vsgdesign.design.figures import Figures
 from vsgdesign.design.record import CellRecord, CellTask, read_record, record_document, record_of, write_record
 from vsgdesign.design.sweep import executor_of, sweep
 from vsgdesign.equations.structures import NormalisedGains

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.design.box import Scenarios, scenarios_of_truth
-from vsgdesign.design.cell import Figures, shortfalls, worst
-from vsgdesign.design.evaluation import Evaluation, LawOfStudy, evaluate_pairs
+from vsgdesign.design.box import joined, scenarios_of_truth
+from vsgdesign.design.evaluation import Each, Evaluation, LawOfStudy, evaluate_pairs
+from vsgdesign.design.figures import Figures, shortfalls, worst
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.table import TableSchedule, table_schedule
@@ -19,6 +21,9 @@ Array = NDArray[np.float64]
 
 POINTS = 2000
 """Random grids of the final check."""
+
+_CHUNK = 250
+"""Grids that one worker looks at in one go."""
 
 
 @dataclass(frozen=True)
@@ -53,28 +58,37 @@ class BetweenCheck:
 
 
 def check_between(
-    study: Study, law: LawOfStudy, spec: Specification, table: GainTable, *, count: int = POINTS, seed: int = 0
-) -> BetweenCheck:
+    study: Study, law: LawOfStudy, spec: Specification, table: GainTable, *, count: int = POINTS, seed: int = 0,
+    each: Each = map,
+) -> BetweenCheck:  # fmt: skip
     """The table at random grids, uniform in the logarithms of SCR and X/R, over all scenarios of the box."""
     rng = np.random.default_rng(seed)
     low = np.log([table.scr[0], table.x_over_r[0]])
     high = np.log([table.scr[-1], table.x_over_r[-1]])
-    points = check_points(study, law, spec, table, np.exp(rng.uniform(low, high, (count, 2))))
+    points = check_points(study, law, spec, table, np.exp(rng.uniform(low, high, (count, 2))), each)
     return BetweenCheck(points, count - len(points), seed)
 
 
 def check_points(
-    study: Study, law: LawOfStudy, spec: Specification, table: GainTable, grids: Array
+    study: Study, law: LawOfStudy, spec: Specification, table: GainTable, grids: Array, each: Each = map
 ) -> tuple[PointCheck, ...]:
     """The table at given grids, rows (SCR, X/R); those without any scenario are left out."""
+    parts = [grids[k : k + _CHUNK] for k in range(0, len(grids), _CHUNK)]
+    found = each(partial(_check, study, law, spec, table), parts)
+    return tuple(point for part in found for point in part)
+
+
+def _check(
+    study: Study, law: LawOfStudy, spec: Specification, table: GainTable, grids: Array
+) -> tuple[PointCheck, ...]:
     schedule = table_schedule(table)
     boxes = [scenarios_of_truth(study, spec, float(s), float(x), table.P_design, table.Q_design) for s, x in grids]
     kept = [k for k, box in enumerate(boxes) if len(box)]
     if not kept:
         return ()
-    joined = Scenarios(*(np.concatenate([getattr(boxes[k], f.name) for k in kept]) for f in fields(Scenarios)))
-    R_hat, L_hat = joined.R_hat - schedule.R_2, joined.X_hat / schedule.omega - schedule.L_2
-    found = evaluate_pairs(law, schedule.normalised(R_hat, L_hat), joined, spec.settling_time)
+    whole = joined([boxes[k] for k in kept])
+    R_hat, L_hat = whole.R_hat - schedule.R_2, whole.X_hat / schedule.omega - schedule.L_2
+    found = evaluate_pairs(law, schedule.normalised(R_hat, L_hat), whole, spec.settling_time)
     certain = _promising(schedule, table, R_hat, L_hat)
     points, start = [], 0
     for k in kept:
@@ -92,23 +106,28 @@ def check_points(
     return tuple(points)
 
 
-def failing_intervals(
-    study: Study, law: LawOfStudy, spec: Specification, table: GainTable, *, count: int = POINTS, seed: int = 0
-) -> list[tuple[str, float]]:
-    """Nodes to add, (axis, value): the middles of intervals in which a promise is broken between nodes.
-
-    Looked at: the middle of every edge and rectangle, and random grids. Where a promise is broken the rectangle is
-    cut across the axis on which it is longer.
-    """
+def probe(
+    study: Study, law: LawOfStudy, spec: Specification, table: GainTable, *, count: int = POINTS, seed: int = 0,
+    each: Each = map,
+) -> tuple[PointCheck, ...]:  # fmt: skip
+    """Grids at which a promise is broken: of the middles of every edge and rectangle, and of random grids."""
     scr, ratio = np.log(table.scr), np.log(table.x_over_r)
     halves = [np.sort(np.concatenate([axis, 0.5 * (axis[1:] + axis[:-1])])) for axis in (scr, ratio)]
     probes = np.stack([axis.ravel() for axis in np.meshgrid(*halves, indexing="ij")], axis=1)
     rng = np.random.default_rng(seed)
     probes = np.vstack([probes, rng.uniform([scr[0], ratio[0]], [scr[-1], ratio[-1]], (count, 2))])
+    points = check_points(study, law, spec, table, np.exp(probes), each)
+    return tuple(point for point in points if point.promised and point.missed)
+
+
+def failing_intervals(table: GainTable, broken: Sequence[PointCheck]) -> list[tuple[str, float]]:
+    """Nodes to add, (axis, value): the middles of intervals in which a promise is broken between nodes.
+
+    The rectangle around a broken promise is cut across the axis on which it is longer.
+    """
+    scr, ratio = np.log(table.scr), np.log(table.x_over_r)
     cuts: set[tuple[str, float]] = set()
-    for point in check_points(study, law, spec, table, np.exp(probes)):
-        if not (point.promised and point.missed):
-            continue
+    for point in broken:
         i, j = (
             int(np.clip(np.searchsorted(axis, np.log(value)) - 1, 0, len(axis) - 2))
             for axis, value in ((scr, point.scr), (ratio, point.x_over_r))

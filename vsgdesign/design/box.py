@@ -17,7 +17,11 @@ from vsgdesign.parameters.study import Grid, Study, grid_from_scr
 
 Array = NDArray[np.float64]
 
+Reach = tuple[float, float, float, float]
+
 _BISECTIONS = 24
+_ROUNDING = 1e-9
+"""A grid that is this little outside the table, relatively, is on its edge."""
 
 _BRIDGE_SHARE = 0.995
 """Of the bridge's voltage limit: the rest is for the sampled bridge, which makes its fundamental in steps."""
@@ -50,6 +54,11 @@ class Scenarios:
         return Scenarios(*(getattr(self, f.name)[index] for f in fields(self)))
 
 
+def joined(parts: Sequence[Scenarios]) -> Scenarios:
+    """All scenarios of several sets, in order."""
+    return Scenarios(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Scenarios)))
+
+
 def scenarios_of_truth(study: Study, spec: Specification, scr: float, x_over_r: float, P: float, Q: float) -> Scenarios:
     """All scenarios of a true grid, wherever its estimate lies; none where not even zero power is within the limits.
 
@@ -67,17 +76,68 @@ def scenarios_of_estimate(
 ) -> Scenarios:
     """All scenarios in which a schedule looks up this grid: the true ones that may lie behind the estimate.
 
-    A true grid outside the table is moved onto its edge, beyond which nothing is promised. At the table's edge the
-    scenarios of the truth are there too: an estimate beyond the edge is looked up on it.
+    Beyond the table's edge nothing is promised: errors that would put the truth there are drawn in until it lies on
+    the edge. A node on the edge has the estimates beyond it too that are looked up there.
     """
+    return _scenarios(study, spec, _behind_node(study, spec, scr, x_over_r), P, Q)
+
+
+def scenarios_around_estimate(
+    study: Study, spec: Specification, scr: float, x_over_r: float, reach: Reach, P: float, Q: float
+) -> Scenarios:
+    """The same, then those of lookups up to half way to the neighbouring nodes, where this node has most say.
+
+    ``reach``: the least and largest SCR and X/R of those lookups. The worst grids need not be nodes: where two static
+    limits meet, what is asked of a grid has a sharp maximum.
+    """
+    own = _behind_node(study, spec, scr, x_over_r)
+    more = [
+        pair
+        for s in _steps(reach[0], scr, reach[1])
+        for x in _steps(reach[2], x_over_r, reach[3])
+        for pair in _behind_lookup(study, spec, s, x)
+    ]
+    return _scenarios(study, spec, list(dict.fromkeys([*own, *more])), P, Q)
+
+
+def _behind_node(study: Study, spec: Specification, scr: float, x_over_r: float) -> list[tuple[Grid, Grid]]:
     grid = grid_from_scr(scr, x_over_r, spec.scr_basis, study.converter)
-    pairs = [(grid, grid)]
+    return list(dict.fromkeys([(grid, grid), *_behind_lookup(study, spec, scr, x_over_r)]))
+
+
+def _behind(study: Study, spec: Specification, estimate: Grid) -> list[tuple[Grid, Grid]]:
+    """(truth, estimate) for every sign of the errors, the truth within the table."""
+    return [(_drawn_in(study, spec, estimate, e_R, e_X), estimate) for e_R, e_X in _errors(spec)]
+
+
+def _behind_lookup(study: Study, spec: Specification, scr: float, x_over_r: float) -> list[tuple[Grid, Grid]]:
+    """(truth, estimate) of a place in the table: also estimates beyond its edge that are looked up here."""
+    c, basis = study.converter, spec.scr_basis
+    place = grid_from_scr(scr, x_over_r, basis, c)
+    pairs = _behind(study, spec, place)
     for e_R, e_X in _errors(spec):
-        truth = Grid(grid.R_g / (1.0 + e_R), grid.L_g / (1.0 + e_X))
-        pairs.append((_within_table(study, spec, truth), grid))
-    if scr in (spec.scr[0], spec.scr[-1]) or x_over_r in (spec.x_over_r[0], spec.x_over_r[-1]):
-        pairs += _around_truth(grid, spec)[1:]
-    return _scenarios(study, spec, list(dict.fromkeys(pairs)), P, Q)
+        turn = (1.0 + e_X) / (1.0 + e_R)  # of X/R, from truth to estimate
+        truths = []
+        if scr in (spec.scr[0], spec.scr[-1]):
+            truths.append((scr, x_over_r / turn))
+            truths.append((scr, x_over_r))
+        if x_over_r in (spec.x_over_r[0], spec.x_over_r[-1]):
+            there = Grid(place.R_g * (1.0 + e_R), place.L_g * (1.0 + e_X)).scr(c, basis)
+            truths.append((scr * scr / there, x_over_r))
+        for s, x in truths:
+            truth = grid_from_scr(s, x, basis, c)
+            if not _is_within(study, spec, truth):
+                continue
+            estimate = Grid(truth.R_g * (1.0 + e_R), truth.L_g * (1.0 + e_X))
+            found = _within_table(study, spec, estimate)
+            if np.allclose([found.R_g, found.L_g], [place.R_g, place.L_g], rtol=1e-9):
+                pairs.append((truth, estimate))
+    return pairs
+
+
+def _steps(low: float, middle: float, high: float) -> list[float]:
+    """The middle, both limits and what lies half way, evenly in the logarithm."""
+    return sorted({low, float(np.sqrt(low * middle)), middle, float(np.sqrt(middle * high)), high})
 
 
 def _around_truth(grid: Grid, spec: Specification) -> list[tuple[Grid, Grid]]:
@@ -90,7 +150,32 @@ def _errors(spec: Specification) -> list[tuple[float, float]]:
     return list(itertools.product(_signs(spec.box.error_R), _signs(spec.box.error_X)))
 
 
+def _drawn_in(study: Study, spec: Specification, estimate: Grid, e_R: float, e_X: float) -> Grid:
+    """The truth behind an estimate with these errors, or with as much of both as leaves it within the table."""
+
+    def truth(share: float) -> Grid:
+        return Grid(estimate.R_g / (1.0 + share * e_R), estimate.L_g / (1.0 + share * e_X))
+
+    if _is_within(study, spec, truth(1.0)):
+        return truth(1.0)
+    low, high = 0.0, 1.0
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _is_within(study, spec, truth(middle)) else (low, middle)
+    return truth(low)
+
+
+def _is_within(study: Study, spec: Specification, grid: Grid) -> bool:
+    """Whether a grid is within the table."""
+    scr, ratio = grid.scr(study.converter, spec.scr_basis), grid.x_over_r(study.converter.omega_n)
+    return all(
+        axis[0] * (1.0 - _ROUNDING) <= value <= axis[-1] * (1.0 + _ROUNDING)
+        for axis, value in ((spec.scr, scr), (spec.x_over_r, ratio))
+    )
+
+
 def _within_table(study: Study, spec: Specification, grid: Grid) -> Grid:
+    """Where a schedule looks a grid up."""
     scr = min(max(grid.scr(study.converter, spec.scr_basis), spec.scr[0]), spec.scr[-1])
     ratio = min(max(grid.x_over_r(study.converter.omega_n), spec.x_over_r[0]), spec.x_over_r[-1])
     return grid_from_scr(scr, ratio, spec.scr_basis, study.converter)

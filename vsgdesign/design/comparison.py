@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.design.box import NOMINAL, Scenarios, scenarios_of_truth
-from vsgdesign.design.cell import Figures, shortfalls, worst
 from vsgdesign.design.evaluation import Evaluation, evaluate_gains
+from vsgdesign.design.figures import Figures, shortfalls, worst
 from vsgdesign.design.single import FixedTuning
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.metrics.step_response import ResponseMetrics

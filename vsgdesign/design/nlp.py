@@ -37,15 +37,19 @@ KINDS: tuple[str, ...] = ("overshoot", "settling_time", "disk_margin", "inertia"
 MARGIN_AIM = 1.15
 """Above this multiple of the least disk margin, more margin is worth no inertia."""
 
-_GUARD, _GUARD_PEAK = 0.6, 0.7
-"""Shares of the 2 % band and of the overshoot that a design uses at a node (:eq:`settling-constraint`): a response that
-just touches the band would leave it between nodes, and its settling time would jump."""
+_GUARD, _GUARD_PEAK, _GUARD_MARGIN = 0.6, 0.7, 1.03
+"""Shares of the 2 % band, of the overshoot and of the disk margin that a design uses at a node
+(:eq:`settling-constraint`): a response that just touches the band would leave it between nodes, and its settling time
+would jump; filters and delay take 1 to 2 % of the margin."""
+
+_RESERVE = (0.35, 0.25, 0.015)
+"""What may be added to these shares where a promise would be broken otherwise."""
 
 _FINE, _FINE_STEPS, _COARSE_STEPS = 20, 24, 18
 """Steps within a settling time, how many of those, and how many of twice the length after them."""
 _FREQUENCIES = np.geomspace(1.0, 130.0, 10)
 _TAYLOR = 6
-_WEIGHT_SLACK, _WEIGHT_MARGIN = 300.0, 30.0
+_WEIGHT_SLACK, _WEIGHT_RESERVE, _WEIGHT_MARGIN = 300.0, 20.0, 30.0
 
 
 @dataclass(frozen=True)
@@ -73,11 +77,16 @@ class RobustProgram:
         self._spec = spec
         count = len(self.variables.names)
         y, margin, slack = ca.MX.sym("y", count), ca.MX.sym("margin"), ca.MX.sym("slack", len(KINDS))
+        reserve = ca.MX.sym("reserve")
         parameters = ca.MX.sym("p", len(fields(Scenarios)), SLOTS)
         centre, stiffness, pull = ca.MX.sym("centre", count), ca.MX.sym("stiffness"), ca.MX.sym("pull")
         slot = _slot_function(law, spec, self.variables)
         rows = slot.map(SLOTS)(
-            ca.repmat(y, 1, SLOTS), ca.repmat(margin, 1, SLOTS), ca.repmat(slack, 1, SLOTS), parameters
+            ca.repmat(y, 1, SLOTS),
+            ca.repmat(margin, 1, SLOTS),
+            ca.repmat(slack, 1, SLOTS),
+            ca.repmat(reserve, 1, SLOTS),
+            parameters,
         )
         # H = A ω_0/(2 S k_1) at the design point, in logarithms; stiffness = ln(A ω_0/(2 S)).
         if spec.settles:
@@ -89,9 +98,9 @@ class RobustProgram:
             held = [slack[3], slack[3]]
             price = 0.2 * ca.sum1(y[:2])  # no more damping and bandwidth than needed
         aim = MARGIN_AIM * spec.disk_margin
-        short = margin - spec.disk_margin * (1.0 - slack[2])
+        short = margin - spec.disk_margin * (_GUARD_MARGIN - _RESERVE[2] * reserve) * (1.0 - slack[2])
         objective = (
-            price + _WEIGHT_SLACK * ca.sum1(slack) + _WEIGHT_MARGIN * (aim - margin)
+            price + _WEIGHT_SLACK * ca.sum1(slack) + _WEIGHT_RESERVE * reserve + _WEIGHT_MARGIN * (aim - margin)
             + pull * ca.sum1(ca.DM(self.variables.pull) * (y - centre) ** 2)
         )  # fmt: skip
         g = ca.vertcat(ca.vec(rows), short, *held)
@@ -101,10 +110,12 @@ class RobustProgram:
             "ipopt": {
                 "print_level": 0, "sb": "yes", "max_iter": 80, "tol": 1e-5, "acceptable_tol": 1e-3,
                 "acceptable_iter": 5, "hessian_approximation": "limited-memory", "mu_strategy": "adaptive",
+                # Many rows, few columns: without these two the linear algebra takes as long as everything else.
+                "limited_memory_aug_solver": "extended", "mumps_pivot_order": 0,
             },
         }  # fmt: skip
         problem = {
-            "x": ca.vertcat(y, margin, slack),
+            "x": ca.vertcat(y, margin, slack, reserve),
             "p": ca.vertcat(ca.vec(parameters), centre, stiffness, pull),
             "f": objective,
             "g": g,
@@ -122,9 +133,9 @@ class RobustProgram:
         packed = np.array([getattr(slots, f.name) for f in fields(Scenarios)])
         packed = packed[:, np.arange(SLOTS) % packed.shape[1]]
         parameters = np.concatenate([packed.T.ravel(), centre, [stiffness, pull]])
-        begin = np.concatenate([start, [0.9 * self._spec.disk_margin], np.full(len(KINDS), 0.1)])
-        low = np.concatenate([v.low, [1e-2], np.zeros(len(KINDS))])
-        high = np.concatenate([ceiling, [max(self._aim, 0.011)], np.full(len(KINDS), 50.0)])
+        begin = np.concatenate([start, [0.9 * self._spec.disk_margin], np.full(len(KINDS), 0.1), [0.5]])
+        low = np.concatenate([v.low, [1e-2], np.zeros(len(KINDS) + 1)])
+        high = np.concatenate([ceiling, [max(self._aim, 0.011)], np.full(len(KINDS), 50.0), [1.0]])
         with contextlib.redirect_stderr(io.StringIO()):  # a start that fails is told by the result
             found = self._solver(x0=begin, p=parameters, lbg=0.0, ubg=np.inf, lbx=low, ubx=high)
         x, multipliers = found["x"].full().ravel(), -found["lam_g"].full().ravel()
@@ -132,7 +143,7 @@ class RobustProgram:
             return None
         count = len(v.names)
         prices = {kind: 0.01 * float(np.sum(np.maximum(multipliers[self._kinds == kind], 0.0))) for kind in KINDS}
-        slacks = dict(zip(KINDS, x[count + 1 :].tolist(), strict=True))
+        slacks = dict(zip(KINDS, x[count + 1 : -1].tolist(), strict=True))
         return Solution(np.clip(x[:count], v.low, ceiling), slacks, prices, int(self._solver.stats()["iter_count"]))
 
 
@@ -154,6 +165,7 @@ def _times() -> tuple[list[int], list[int]]:
 def _slot_function(law: LawOfStudy, spec: Specification, v: Variables) -> ca.Function:
     """(y, margin, slacks, scenario) → rows that are ≥ 0 where a design keeps its promises in one scenario."""
     y, margin, slack = ca.SX.sym("y", len(v.names)), ca.SX.sym("margin"), ca.SX.sym("slack", len(KINDS))
+    reserve = ca.SX.sym("reserve")
     s = Scenarios(*(ca.SX.sym(f.name) for f in fields(Scenarios)))
     with numpy_on_symbols():
         A_hat, B_hat, C_hat, D_hat = scheduled_jacobian(s.P, s.Q, s.V_rms, s.R_hat, s.X_hat)
@@ -171,12 +183,14 @@ def _slot_function(law: LawOfStudy, spec: Specification, v: Variables) -> ca.Fun
         peaks, tails = _times()
         for own, final in zip(responses, finals, strict=True):
             error = [value / final - 1.0 for value in own]
-            rows += [_GUARD_PEAK * spec.overshoot * (1.0 + slack[0]) - error[k] for k in peaks]
-            band = _GUARD * BAND * (1.0 + 5.0 * slack[1])
+            rows += [
+                (_GUARD_PEAK + _RESERVE[1] * reserve) * spec.overshoot * (1.0 + slack[0]) - error[k] for k in peaks
+            ]
+            band = (_GUARD + _RESERVE[0] * reserve) * BAND * (1.0 + 5.0 * slack[1])
             rows += [band - error[k] for k in tails] + [band + error[k] for k in tails]
     rows += _margin_rows(A_K, B_K, C_K, J, margin, _FREQUENCIES / spec.settling_time)
     scenario = ca.vertcat(*(getattr(s, f.name) for f in fields(Scenarios)))
-    return ca.Function("slot", [y, margin, slack, scenario], [ca.vertcat(*rows)])
+    return ca.Function("slot", [y, margin, slack, reserve, scenario], [ca.vertcat(*rows)])
 
 
 def _responses(A: Any, B: Any, C: Any, settling_time: float, tau: float) -> tuple[list[Any], list[Any]]:

@@ -14,9 +14,18 @@ from threadpoolctl import threadpool_limits
 
 from vsgdesign.artifacts.files import write_json
 from vsgdesign.artifacts.provenance import package_hash, provenance
-from vsgdesign.design.box import Scenarios, scenarios_of_estimate
-from vsgdesign.design.cell import CellDesign, Figures, design_cell, shortfalls
+from vsgdesign.design.box import (
+    Reach,
+    Scenarios,
+    joined,
+    scenarios_around_estimate,
+    scenarios_of_estimate,
+    scenarios_of_truth,
+)
+from vsgdesign.design.cell import CellDesign, design_cell
 from vsgdesign.design.evaluation import LawOfStudy, law_of
+from vsgdesign.design.figures import Figures, shortfalls
+from vsgdesign.design.search import with_hard
 from vsgdesign.design.variables import variables
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.structures import NormalisedGains
@@ -40,6 +49,13 @@ class CellTask:
     centre: tuple[float, ...]
     """The common design that the cell stays near."""
     seed: int
+    pull: float = 1.0
+    """How much more than usual being near it counts."""
+    reach: Reach | None = None
+    """Least and largest SCR, least and largest X/R of lookups in which this node has most say; None: its own alone."""
+
+    beside: tuple[tuple[float, float], ...] = ()
+    """True grids (SCR, X/R) around the node at which a table broke a promise: the design has to keep it there too."""
 
     @property
     def key(self) -> str:
@@ -48,8 +64,8 @@ class CellTask:
         parts = {
             "study": self.study.hash, "target": asdict(self.target), "specification": asdict(spec),
             "region": [self.spec.scr[0], self.spec.scr[-1], self.spec.x_over_r[0], self.spec.x_over_r[-1]],
-            "node": [self.scr, self.x_over_r], "centre": self.centre, "seed": self.seed, "versions": provenance(),
-            "code": package_hash(),
+            "node": [self.scr, self.x_over_r], "centre": self.centre, "seed": self.seed, "pull": self.pull,
+            "reach": self.reach, "beside": self.beside, "versions": provenance(), "code": package_hash(),
         }  # fmt: skip
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
@@ -97,14 +113,34 @@ def _run_task(task: CellTask) -> CellRecord:
         return CellRecord(task.scr, task.x_over_r, None, None, None)
     v = variables(law.structure, spec)
     centre = np.array(task.centre)
+    wide = s
+    if task.reach is not None:
+        more = scenarios_around_estimate(study, spec, task.scr, task.x_over_r, task.reach, task.target.P, task.target.Q)
+        wide = with_hard(law, spec, more, centre, len(s))
+    P, Q = task.target.P, task.target.Q
+    wide = joined([wide, *(scenarios_of_truth(study, spec, *grid, P, Q) for grid in task.beside)])
     records = []
     for slower in (1.0, *_SLOWER):
         ceiling = None if slower == 1.0 else v.slower(records[0].design.normalised, slower)
-        design = design_cell(law, spec, s, centre, task.seed, ceiling)
+        design = design_cell(law, spec, wide, centre, task.seed, ceiling, task.pull)
         records.append(_with_full_order(task, law, s, design))
         if design.shortfalls or not records[-1].design.shortfalls:
             break  # kept by both models, or not even by the optimizer's: less bandwidth is no cure
     return min(records, key=lambda record: _distance(spec, record.missed))
+
+
+def better(before: CellRecord | None, new: CellRecord) -> CellRecord:
+    """Of two designs of a node the new one, unless it misses what the one before keeps.
+
+    Which promise costs what is a question to the free design: the new one is held near its neighbours.
+    """
+    if before is None or before.design is None or new.design is None:
+        return new
+    if new.missed and not before.missed:
+        return before
+    if new.missed or before.missed:
+        return new
+    return replace(new, design=replace(new.design, active=before.design.active, price=before.design.price))
 
 
 def _distance(spec: Specification, missed: dict[str, float]) -> float:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.design.box import Scenarios, scenarios_of_truth
-from vsgdesign.design.cell import Figures, worst
 from vsgdesign.design.evaluation import Evaluation, LawOfStudy, evaluate_fixed, law_of
+from vsgdesign.design.figures import Figures, worst
 from vsgdesign.design.variables import variables
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import NormalisedGains

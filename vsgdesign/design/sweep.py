@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import logging
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -13,7 +13,8 @@ from typing import Any
 
 from vsgdesign.artifacts.processes import worker_processes
 from vsgdesign.artifacts.progress import Progress, silent
-from vsgdesign.design.record import CellRecord, CellTask, read_record, run_task, write_record
+from vsgdesign.design.evaluation import Each
+from vsgdesign.design.record import CellRecord, CellTask, one_thread, read_record, run_task, write_record
 from vsgdesign.errors import WorkerError
 
 _CONNECT_S = 10.0
@@ -72,6 +73,33 @@ def _results(tasks: Sequence[tuple[str, CellTask]], executor: Executor | None) -
     finally:
         for future in futures:
             future.cancel()
+
+
+def each_of(executor: Executor | None) -> Each:
+    """``map`` on an executor's workers, each with one thread; without one it is ``map`` itself.
+
+    Functions and arguments go to other processes. Raises WorkerError where one is lost.
+    """
+    if executor is None:
+        return map
+
+    def each(function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
+        futures = [executor.submit(_alone, function, item) for item in items]
+        try:
+            for future in futures:
+                yield future.result()
+        except (BrokenExecutor, CancelledError) as error:
+            raise WorkerError(f"workers: {_LOST}") from error
+        finally:
+            for future in futures:
+                future.cancel()
+
+    return each
+
+
+def _alone(function: Callable[[Any], Any], item: Any) -> Any:
+    with one_thread():
+        return function(item)
 
 
 @contextmanager

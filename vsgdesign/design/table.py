@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
@@ -14,13 +15,15 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.gain_table import COLUMNS, GainTable, ValidityBox, base_of, fill_outside, to_dimensionless
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.provenance import provenance
-from vsgdesign.design.between import POINTS, BetweenCheck, check_between, failing_intervals
+from vsgdesign.design.between import POINTS, BetweenCheck, check_between, failing_intervals, probe
 from vsgdesign.design.box import Scenarios, scenarios_of_estimate
 from vsgdesign.design.cell import common_design
 from vsgdesign.design.certificate import Region, certify
 from vsgdesign.design.evaluation import LawOfStudy, law_of
-from vsgdesign.design.record import CellRecord, CellTask, one_thread
-from vsgdesign.design.sweep import sweep
+from vsgdesign.design.record import CellRecord, CellTask, better, one_thread
+from vsgdesign.design.smoothing import PULL, broken_beside, reach, rough_nodes, surface
+from vsgdesign.design.sweep import each_of, sweep
+from vsgdesign.design.variables import variables
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.parameters.specification import Specification
@@ -38,6 +41,11 @@ _LARGE = {
     "cross_peak": ("cross_peak", 1.0),
 }
 """Figures of which the largest is the worst: name in the table, name in Figures, scale."""
+
+Node = tuple[float, float]
+
+SMOOTHINGS = 2
+"""How often rough nodes are designed again before nodes are added."""
 
 REFINEMENTS = 2
 """How often nodes are added."""
@@ -85,50 +93,81 @@ def _build(
     study: Study, controller: ControllerSpec, spec: Specification, folder: Path, executor: Executor | None, seed: int,
     refinements: int, points: int, progress: Progress | None,
 ) -> BuiltTable:  # fmt: skip
-    tell = progress or silent
+    tell, each = progress or silent, each_of(executor)
     law = law_of(study, controller.target, spec.aim)
+    v = variables(law.structure, spec)
     scr, ratio = list(spec.scr), list(spec.x_over_r)
     added: list[tuple[str, float]] = []
-    rounds = 0
     P, Q = controller.target.P, controller.target.Q
     boxes = [scenarios_of_estimate(study, spec, s, x, P, Q) for s in scr for x in ratio]
     tell("look for a common design", 0.0)
-    centre = tuple(float(value) for value in common_design(law, spec, _some([box for box in boxes if len(box)])))
+    centre = common_design(law, spec, _some([box for box in boxes if len(box)]), each)
     tell("look for a common design", 1.0)
+    tasks: dict[Node, CellTask] = {}
+    best: dict[Node, CellRecord] = {}
+
+    def ask(node: Node, middle: Array, pull: float, beside: tuple[Node, ...] = ()) -> None:
+        around, more = reach(scr, ratio, *node), ()
+        if node in tasks:
+            around, more = tasks[node].reach, tasks[node].beside
+        near = tuple(float(value) for value in middle)
+        tasks[node] = CellTask(study, controller.target, spec, *node, near, seed, pull, around, more + beside)
+
+    for node in itertools.product(scr, ratio):
+        ask(node, centre, 1.0)
+    looks, smoothed, refined = 0, 0, 0
     while True:
-        tasks = [CellTask(study, controller.target, spec, s, x, centre, seed) for s in scr for x in ratio]
-        records = sweep(tasks, folder, executor, tell)
+        nodes = list(itertools.product(scr, ratio))
+        for node, record in zip(nodes, sweep([tasks[node] for node in nodes], folder, executor, tell), strict=True):
+            best[node] = better(best.get(node), record)
+        records = [best[node] for node in nodes]
         if all(record.design is None for record in records):
             raise InfeasibleStudyError(
                 "specification: no cell of the table has an operating point within the converter's limits. "
                 "Ask for less power (P, Q), stronger grids (scr), or wider voltage limits (V_min_pu, V_max_pu)."
             )
         table = assemble(study, controller, spec, law, np.array(scr), np.array(ratio), records)
-        rounds += 1
-        if rounds > refinements:
-            break
+        looks += 1
         tell("look between nodes", 0.0)
-        more = failing_intervals(study, law, spec, table, count=points, seed=seed + rounds)
+        broken, checked = probe(study, law, spec, table, count=points, seed=seed + looks, each=each), None
+        again = rough_nodes(table, records, broken, smoothed == 0)
+        if not broken and (not again or smoothed == SMOOTHINGS):
+            looks += 1
+            checked = check_between(study, law, spec, table, count=points, seed=seed + looks, each=each)
+            broken = checked.broken
+            again = rough_nodes(table, records, broken, False)
         tell("look between nodes", 1.0)
-        limit = CELLS_LIMIT * len(spec.scr) * len(spec.x_over_r)
+        if again and smoothed < SMOOTHINGS:
+            smoothed += 1
+            some = np.array([nodes[k] for k in again])
+            for k, middle in zip(again, surface(v, table, records, *some.T), strict=True):
+                ask(nodes[k], middle, PULL, broken_beside(table, broken, nodes[k]))
+            continue
+        if not broken or refined == refinements:
+            break
+        refined += 1
         before = len(added)
-        for axis, value in more:
+        for axis, value in failing_intervals(table, broken):
             target, other = (scr, ratio) if axis == "scr" else (ratio, scr)
+            limit = CELLS_LIMIT * len(spec.scr) * len(spec.x_over_r)
             if (len(target) + 1) * len(other) <= limit and value not in target:
                 target.append(value)
                 target.sort()
                 added.append((axis, value))
         if len(added) == before:
             break
-    for look in range(_LOOKS):
-        tell("look between nodes", look / _LOOKS)
-        checked = check_between(study, law, spec, table, count=points, seed=seed + rounds + 1 + look)
+        new = [node for node in itertools.product(scr, ratio) if node not in tasks]
+        for node, middle in zip(new, surface(v, table, records, *np.array(new).T), strict=True):
+            ask(node, middle, PULL)
+    if checked is None:
+        looks += 1
+        checked = check_between(study, law, spec, table, count=points, seed=seed + looks, each=each)
+    for _ in range(_LOOKS):
         if not checked.broken:
             break
         table = demote(table, checked)
-    else:
-        checked = check_between(study, law, spec, table, count=points, seed=seed)
-    tell("look between nodes", 1.0)
+        looks += 1
+        checked = check_between(study, law, spec, table, count=points, seed=seed + looks, each=each)
     tell("certify", 0.0)
     table = replace(table, certificate=table_certificate(study, controller, table))
     tell("certify", 1.0)

@@ -160,7 +160,9 @@ def write_arrays(path: str | Path, header: Mapping[str, Any], arrays: Mapping[st
             Path(name).unlink(missing_ok=True)
             raise
     except OSError as error:
-        raise ArtifactError(f'cannot write "{path}": {error.strerror}.') from error
+        raise ArtifactError(
+            f'cannot write "{path}": {error.strerror}. Give a file in a folder that may be written to.'
+        ) from error
 
 
 def read_arrays(path: str | Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

@@ -1,0 +1,170 @@
+"""Where a cell's descent begins: samples around a centre, generations of them, and one measure for all designs."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.design.box import NOMINAL, Scenarios
+from vsgdesign.design.evaluation import Evaluation, LawOfStudy, evaluate
+from vsgdesign.design.figures import shortfalls, worst
+from vsgdesign.design.nlp import MARGIN_AIM
+from vsgdesign.design.variables import Variables, variables
+from vsgdesign.equations.power_flow import jacobian_from_powers
+from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.parameters.specification import Specification
+
+Array = NDArray[np.float64]
+
+SAMPLES = 96
+"""Designs that the global search looks at."""
+
+_PACES, _SHARES = (1.0, 1.3, 1.7, 2.2, 2.8), (0.7, 0.4, 0.2)
+"""Some of the samples: faster, with less of Q's decoupling. Where a wrong estimate meets a grid near its limit, a full
+inverse of the Jacobian is what costs the margin, and taking out one of its halves is what gives it back."""
+
+_SEARCHED = 17
+"""Scenarios that the global search looks at: the hardest for the centre."""
+
+_HARD = 60
+"""Scenarios of the surroundings that a cell takes on: the hardest for the centre."""
+
+_POPULATION, _GENERATIONS, _ELITE = 32, 20, 4
+_STEP, _CROSSING = 0.6, 0.9
+"""Differential evolution: towards one of the best, plus a difference; share of the variables that change."""
+
+_GUARD_STEP, _GUARD_OVERSHOOT, _GUARD_MARGIN = 0.98, 0.8, 1.03
+"""A design at a node keeps so much of the limits in hand, for what lies between nodes."""
+
+_LEAST_MARGIN = 1.015
+"""What has to be left of it: filters and delay take 1 to 2 %."""
+
+_PRICE_BROKEN, _STEP_BROKEN, _PRICE_RESERVE, _PRICE_MARGIN = 300.0, 1e3, 50.0, 30.0
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What designs of one cell are measured on. ``log_stiffness``: ln(A ω_0/(2 S)) of the nominal scenario, so that
+    H is that over k_1 (:eq:`effective-inertia`); ``pull``: how much being near ``centre`` counts."""
+
+    law: LawOfStudy
+    spec: Specification
+    variables: Variables
+    scenarios: Scenarios
+    log_stiffness: float
+    centre: Array
+    pull: float = 1.0
+
+    def evaluate(self, y: Array, s: Scenarios | None = None) -> Evaluation:
+        """Figures of designs, rows y, in all scenarios or in those given."""
+        s = self.scenarios if s is None else s
+        return evaluate(self.law, self.variables.normalised(y), s, self.spec.settling_time)
+
+    def inertia(self, normalised: NormalisedGains) -> float:
+        """H in s at the design point."""
+        if self.law.law == "inertia":
+            return float(normalised.k_1_or_H)
+        return float(np.exp(self.log_stiffness) / normalised.k_1_or_H)
+
+    def is_met(self, y: Array) -> bool:
+        """Whether one design keeps every promise."""
+        inertia = self.inertia(self.variables.normalised(y))
+        return not shortfalls(self.spec, worst(self.evaluate(y[None])), inertia)
+
+    def distance(self, y: Array) -> float:
+        """What being away from the centre costs, without its weight."""
+        return float(np.sum(self.variables.pull * (y - self.centre) ** 2))
+
+    def scores(self, y: Array, e: Evaluation) -> Array:
+        """The program's objective with exact figures: broken promises first, then margin, then inertia."""
+        spec, v = self.spec, self.variables
+        limit = MARGIN_AIM * spec.disk_margin
+        scores = np.empty(len(y))
+        for k in range(len(y)):
+            f = worst(e, k)
+            broken = max(_LEAST_MARGIN * spec.disk_margin - f.disk_margin, 0.0)
+            broken += max(spec.damping_ratio - f.damping_ratio, 0.0)
+            reserve = max(_GUARD_MARGIN * spec.disk_margin - f.disk_margin, 0.0)
+            rest = self.pull * self.distance(y[k])
+            if spec.settles:
+                settling, overshoot = (
+                    min(f.settling_time / spec.settling_time, 10.0),
+                    min(f.overshoot / spec.overshoot, 1e3),
+                )
+                broken += max(overshoot - 1.0, 0.0) + max(settling - 1.0, 0.0)
+                reserve += max(overshoot - _GUARD_OVERSHOOT, 0.0) + max(settling - _GUARD_STEP, 0.0)
+                log_H = self.log_stiffness - y[k, 0] - float(np.log(v.scale[0]))
+                low, high = float(np.log(max(spec.H_min, 1e-9))), float(np.log(spec.H_max))
+                broken += max(low - log_H, log_H - high, 0.0)
+                rest -= log_H
+            else:
+                rest += 0.2 * float(y[k, :2].sum())
+            scores[k] = _PRICE_BROKEN * broken + _PRICE_RESERVE * min(reserve, 1e3) + rest
+            scores[k] += _PRICE_MARGIN * max(limit - f.disk_margin, 0.0)
+            scores[k] += (_STEP_BROKEN if broken > 0.0 else 0.0) + (0.0 if f.abscissa < 0.0 else 1e4)
+        return scores
+
+
+def log_stiffness(law: LawOfStudy, s: Scenarios) -> float:
+    """ln(A ω_0/(2 S)) of the nominal scenario (:eq:`effective-inertia`)."""
+    A = jacobian_from_powers(s.P[NOMINAL], s.Q[NOMINAL], s.V_rms[NOMINAL], s.R[NOMINAL], s.X[NOMINAL])[0]
+    return float(np.log(max(A, 1e-9) * law.omega_n / (2.0 * law.S_rated)))
+
+
+def candidates(ground: Ground, high: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """(SAMPLES, k) designs, the centre first, and their scores in its hardest scenarios."""
+    v, centre = ground.variables, ground.centre
+    samples = centre + 0.4 * rng.standard_normal((SAMPLES - 1, len(v.names)))
+    share = ~v.logarithmic
+    samples[:, share] = rng.choice([0.0, 0.5, 1.0, 1.0], samples[:, share].shape)
+    if "share_Q" in v.names and ground.spec.settles:
+        for k, (pace, part) in enumerate(itertools.product(_PACES, _SHARES)):
+            samples[k] = centre
+            samples[k, :2] += np.log(pace) * np.array([2.0, 1.0])
+            samples[k, v.names.index("share_Q")] = part
+    y = np.clip(np.vstack([centre, samples]), v.low, high)
+    few = hardest(ground, y[:1], _SEARCHED)
+    return y, ground.scores(y, ground.evaluate(y, few))
+
+
+def evolved(ground: Ground, y: Array, tried: Array, high: Array, rng: np.random.Generator) -> Array:
+    """The best of _GENERATIONS from a first one y: for cells in which descents got stuck, the last at ``tried``."""
+    v, s = ground.variables, ground.scenarios
+    ranked = [_ranked(ground, one[None])[: _SEARCHED - 5] for one in (y[0], tried)]
+    few = s.take(np.unique(np.concatenate(ranked)))
+    scores = ground.scores(y, ground.evaluate(y, few))
+    order = np.argsort(scores, kind="stable")[:_POPULATION]
+    y, scores = y[order], scores[order]
+    for _ in range(_GENERATIONS):
+        elite = np.argsort(scores, kind="stable")[rng.integers(_ELITE, size=len(y))]
+        one, other = rng.integers(len(y), size=(2, len(y)))
+        new = y + _STEP * (y[elite] - y) + _STEP * (y[one] - y[other])
+        new = np.clip(np.where(rng.random(new.shape) < _CROSSING, new, y), v.low, high)
+        found = ground.scores(new, ground.evaluate(new, few))
+        better = found < scores
+        y, scores = np.where(better[:, None], new, y), np.where(better, found, scores)
+    return y[int(np.argmin(scores))]
+
+
+def hardest(ground: Ground, y: Array, count: int) -> Scenarios:
+    """At most ``count`` scenarios: the worst of some designs for every figure, and the nominal one."""
+    s = ground.scenarios
+    return s if len(s) <= count else s.take(_ranked(ground, y)[:count])
+
+
+def with_hard(law: LawOfStudy, spec: Specification, s: Scenarios, centre: Array, keep: int) -> Scenarios:
+    """The first ``keep`` scenarios, and of the others those among the worst of a design for any figure."""
+    ground = Ground(law, spec, variables(law.structure, spec), s, 0.0, centre)
+    return s.take(np.array(list(dict.fromkeys([*range(keep), *_ranked(ground, centre[None])[:_HARD].tolist()]))))
+
+
+def _ranked(ground: Ground, y: Array) -> NDArray[np.intp]:
+    """Scenarios, the nominal one first, then the worst for every figure in turn."""
+    e = ground.evaluate(y)
+    orders = [np.argsort(-e[name].max(axis=0), kind="stable") for name in
+              ("overshoot_P", "settling_P", "overshoot_Q", "settling_Q")]  # fmt: skip
+    orders += [np.argsort(e["disk_margin"].min(axis=0), kind="stable")]
+    return np.array(list(dict.fromkeys([NOMINAL, *np.stack(orders, axis=1).ravel().tolist()])))
