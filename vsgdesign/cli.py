@@ -133,12 +133,14 @@ def report(study_file: str, out: str | None, pdf: bool, as_json: bool) -> None:
 @click.option(
     "--rate", type=float, default=float("inf"), help="Largest |d ln SCR/dt| and |d ln(X/R)/dt|, 1/s.  [default: inf]"
 )
-@click.option("--boxes", type=click.IntRange(0), default=60_000, show_default=True, help="Most boxes to prove it on.")
+@click.option("--decay", type=float, default=None, help="Prove this decay, 1/s.  [default: the largest]")
+@click.option("--boxes", type=click.IntRange(0), default=1_500_000, show_default=True, help="Most boxes to prove it on.")
 @_JSON
 @_verb
 def certify(
     study_file: str, controller: str | None, scr: tuple[float, float] | None, x_over_r: tuple[float, float] | None,
-    p_pu: tuple[float, float], q_pu: tuple[float, float], error: float, rate: float, boxes: int, as_json: bool,
+    p_pu: tuple[float, float], q_pu: tuple[float, float], error: float, rate: float, decay: float | None,
+    boxes: int, as_json: bool,
 ) -> None:  # fmt: skip
     """One Lyapunov function for a whole region of grids, powers and estimate errors, or a counterexample."""
     import tempfile
@@ -152,7 +154,7 @@ def certify(
     spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate)
     with _progress(quiet=as_json) as progress, tempfile.TemporaryDirectory() as folder:
         ready = with_tables(replace(study, controllers=(spec,)), Path(folder) / study.name, progress=progress)
-        found = certify(study, ready.controllers[0], region, budget=boxes, progress=progress)
+        found = certify(study, ready.controllers[0], region, decay=decay, budget=boxes, progress=progress)
     if as_json:
         _print_json(found.as_document())
     else:

@@ -266,7 +266,7 @@ def _proved(
 def _gap(outcome: Outcome | None, largest: float) -> Gap:
     if outcome is None:
         return Gap(1.0, (1.0,) * 6, -0.5 * largest)
-    low, high = outcome.whole.low[0], outcome.whole.high[0]
+    low, high = outcome.whole.low.min(axis=0), outcome.whole.high.max(axis=0)
     width = np.where(high > low, high - low, 1.0)
     size = (outcome.left.high - outcome.left.low) / width
     volume = np.where(high > low, size, 1.0).prod(axis=1)

@@ -73,8 +73,8 @@ def prove(
     rng = np.random.default_rng(seed)
     broken = np.empty((0, 6))
     for turn, decay in enumerate(decays):
-        # Half of the boxes for the first decay, the other half for giving way step by step.
-        part = 0.5 * (1.0 + turn / max(len(decays) - 1, 1))
+        # Half of the boxes for the first of several decays, the other half for giving way step by step.
+        part = 0.5 * (1.0 + turn / (len(decays) - 1)) if len(decays) > 1 else 1.0
         ready = programs(system, region, weights, P, decay)
         while len(level) and seen + len(level) <= budget * part and len(broken) == 0:
             state, dimension = look_at(system, ready, level, whole)
