@@ -134,7 +134,7 @@ def report(study_file: str, out: str | None, pdf: bool, as_json: bool) -> None:
     "--rate", type=float, default=float("inf"), help="Largest |d ln SCR/dt| and |d ln(X/R)/dt|, 1/s.  [default: inf]"
 )
 @click.option("--decay", type=float, default=None, help="Prove this decay, 1/s.  [default: the largest]")
-@click.option("--boxes", type=click.IntRange(0), default=1_500_000, show_default=True, help="Most boxes to prove it on.")
+@click.option("--boxes", type=click.IntRange(0), default=1_500_000, show_default=True, help="Most boxes to prove on.")
 @_JSON
 @_verb
 def certify(

@@ -25,6 +25,7 @@ from vsgdesign.design.certificate.region import (
     random_points,
 )
 from vsgdesign.design.certificate.results import GAP_FREE, GRIDDED, Certificate, Counterexample, Gap, growing_mode
+from vsgdesign.design.certificate.search import worst_points
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import schedule_of
@@ -44,7 +45,10 @@ _BUDGET = 1_500_000
 """Boxes that are looked at before the proof is called gridded: some fifteen seconds on two cores."""
 
 _ATTEMPTS = 12
-"""Functions that are tried."""
+"""Functions that are tried on boxes."""
+
+_HARDENINGS = 6
+"""Searches for points at which a function does not hold, before it is tried on boxes."""
 
 
 @dataclass(frozen=True)
@@ -112,12 +116,22 @@ def certify(
     points = np.concatenate([nodes(region, nodes_per_axis), random_points(region, fresh, rng)])
     verify, A_fresh = system.matrices(random_points(region, fresh, rng))
     boxes = budget if encloses(system) else 0
-    attempt = 0
+    attempt = proofs = 0
     while True:
         points, A = system.matrices(points)
         found = _fitted(system, motion, spec.name, points, A)
         if isinstance(found, Counterexample):
             return found
+        # Where it holds worst is looked for, and joins in.
+        if attempt < _HARDENINGS:
+            attempt += 1
+            P, goal = found.P, decay or _SHARES[0] * found.decay
+            worst, worth = worst_points(
+                system, region, lambda at, A, P=P, goal=goal: residual(A, motion.family(at), P, goal), points, A, rng
+            )
+            if worth[0] >= 0.0:
+                points = np.concatenate([points, worst[worth >= 0.0]])
+                continue
         # Verified where nothing was fitted: new points, and a decay that gives way until it holds there.
         every, matrices = np.concatenate([points, verify]), np.concatenate([A, A_fresh])
         sampled, largest = _verified(matrices, motion.family(every), found, spec.name)
@@ -130,11 +144,11 @@ def certify(
             outcome = None
             break
         decays = [share * sampled for share in _SHARES] if decay is None else [decay]
-        outcome = _proved(system, motion, found.P, decays, region, boxes, progress, seed + attempt)
+        outcome = _proved(system, motion, found.P, decays, region, boxes, progress, seed + proofs)
         boxes -= outcome.seen
-        attempt += 1
+        proofs += 1
         # Where the boxes found points at which the function does not hold, it is fitted to those, too.
-        if len(outcome.broken) == 0 or boxes <= 0 or attempt == _ATTEMPTS:
+        if len(outcome.broken) == 0 or boxes <= 0 or proofs == _ATTEMPTS:
             break
         points = np.concatenate([points, outcome.broken])
     if progress is not None:
