@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from vsgdesign import frames
@@ -17,7 +17,6 @@ ANGLE = st.floats(-10.0, 10.0)
 THIRD = 2.0 * math.pi / 3.0
 
 
-@settings(derandomize=True)
 @given(COMPONENT, COMPONENT)
 def test_clarke_round_trip(alpha: float, beta: float) -> None:
     phases = frames.clarke_inverse(alpha, beta)
@@ -28,7 +27,6 @@ def test_clarke_round_trip(alpha: float, beta: float) -> None:
     assert back == pytest.approx((alpha, beta), abs=4.0 * size)
 
 
-@settings(derandomize=True)
 @given(COMPONENT, COMPONENT, COMPONENT, COMPONENT)
 def test_clarke_ignores_what_is_common_to_all_phases(a: float, b: float, c: float, common: float) -> None:
     size = 1e-15 * (abs(a) + abs(b) + abs(c) + abs(common)) + 1e-300
@@ -45,7 +43,6 @@ def test_the_space_vector_has_the_length_of_the_phase_peak(angle: float) -> None
     assert frames.clarke_inverse(alpha, beta) == pytest.approx(phases, abs=1e-12)
 
 
-@settings(derandomize=True)
 @given(COMPONENT, COMPONENT, ANGLE)
 def test_rotations_are_multiplications_by_a_phasor(x: float, y: float, angle: float) -> None:
     cosine, sine = math.cos(angle), math.sin(angle)
@@ -56,7 +53,6 @@ def test_rotations_are_multiplications_by_a_phasor(x: float, y: float, angle: fl
     assert back == pytest.approx((x, y), abs=8.0 * size)
 
 
-@settings(derandomize=True)
 @given(st.floats(0.1, 1e3), st.floats(0.1, 1e3), ANGLE, ANGLE)
 def test_power_is_the_sum_over_the_phases(V: float, I_pk: float, angle: float, lag: float) -> None:
     """P = Σ v·i at every instant; Q from v·i of the quadrature set; both equal 3 V I* of the rms phasors."""

@@ -91,7 +91,7 @@ def test_rows_take_a_line_each(tmp_path: Path) -> None:
 WHOLE = json.dumps(table_document(random_table(4)))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.data())
 def test_any_changed_byte_is_refused(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
     path = tmp_path_factory.getbasetemp() / "changed.json"
@@ -104,7 +104,7 @@ def test_any_changed_byte_is_refused(tmp_path_factory: pytest.TempPathFactory, d
         read_table_file(path)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.data())
 def test_a_file_cut_short_says_so(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
     path = tmp_path_factory.getbasetemp() / "cut.json"

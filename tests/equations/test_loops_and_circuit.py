@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage, filter_grid_derivative, pcc_voltage
@@ -32,7 +32,6 @@ GAINS = InnerLoopGains(K_pv=0.05, K_iv=15.0, K_pc=10.0, K_ic=3e4, K_ff=0.8)
 T_S = 50e-6
 
 
-@settings(derandomize=True)
 @given(COMPONENT, COMPONENT, st.floats(1e-3, 1e3))
 def test_limit_length_keeps_direction(x: float, y: float, limit: float) -> None:
     short = complex(*limit_length(x, y, limit))
@@ -54,7 +53,6 @@ def pi_step(wanted: complex, error: complex, xi: complex, limit: float, K_p: flo
     return out, xi + T_S * K_i * (error - (wanted - out) / K_p)
 
 
-@settings(derandomize=True)
 @given(COMPONENT, COMPONENT, COMPONENT, COMPONENT, COMPONENT, COMPONENT, st.floats(1.0, 2e3), st.floats(1.0, 500.0))
 def test_inner_loops_in_complex_numbers(
     a: float, b: float, c: float, d: float, e: float, f: float, limit: float, v_ref: float
@@ -111,7 +109,6 @@ def test_the_filter_at_standstill_is_an_impedance_network() -> None:
     assert pcc_voltage(i_s, v_c, i_g, v_g, f) == pytest.approx(v_g + Z_g * i_g, rel=1e-13)
 
 
-@settings(derandomize=True)
 @given(COMPONENT, COMPONENT, COMPONENT, COMPONENT)
 def test_pcc_voltage_off_standstill(i_s: float, v_c: float, i_g: float, v_g: float) -> None:
     """v_pcc = v_g + R_g i_g + L_g di_g/dt, whatever the instant."""

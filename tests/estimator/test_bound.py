@@ -117,7 +117,7 @@ def test_an_efficient_estimator_reaches_it() -> None:
         assert abs(np.mean(values) - truth) < 3.0 * np.std(values) / np.sqrt(draws)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.integers(2, 6), st.integers(0, 10_000))
 def test_another_line_never_makes_it_worse(count: int, seed: int) -> None:
     rng = np.random.default_rng(seed)

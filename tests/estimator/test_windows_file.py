@@ -99,7 +99,7 @@ def test_a_file_that_cannot_be_written_says_so(tmp_path: Path) -> None:
         write_data_set(tmp_path / "file" / "w.npz", data_set())
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25)
 @given(st.integers(7, 40), st.integers(1, 6), st.integers(0, 5))
 def test_no_scenario_is_in_two_parts(scenarios: int, each: int, seed: int) -> None:
     data = data_set(scenarios, each)

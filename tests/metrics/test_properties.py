@@ -23,14 +23,14 @@ STEP = st.integers(1, 50).map(float)
 EXPONENT = st.integers(-8, 8)
 OFFSET = st.integers(-1000, 1000).map(float)
 
-seeded = settings(derandomize=True, max_examples=150, deadline=None, database=None)
+thorough = settings(max_examples=150)
 
 
 def times(y: Array) -> Array:
     return np.arange(len(y)) * 0.125
 
 
-@seeded
+@thorough
 @given(SAMPLES, STEP, EXPONENT, OFFSET)
 def test_scale_and_offset_do_not_matter(y: Array, step: float, exponent: int, offset: float) -> None:
     t, scale = times(y), 2.0**exponent
@@ -41,7 +41,7 @@ def test_scale_and_offset_do_not_matter(y: Array, step: float, exponent: int, of
     )
 
 
-@seeded
+@thorough
 @given(SAMPLES, STEP, OFFSET)
 def test_a_step_down_has_the_figures_of_the_step_up(y: Array, step: float, offset: float) -> None:
     t = times(y)
@@ -50,7 +50,7 @@ def test_a_step_down_has_the_figures_of_the_step_up(y: Array, step: float, offse
     assert down == replace(up, initial=-up.initial, final=-up.final)
 
 
-@seeded
+@thorough
 @given(SAMPLES, STEP, EXPONENT)
 def test_slower_by_a_factor_is_slower_by_a_factor(y: Array, step: float, exponent: int) -> None:
     t, slower = times(y), 2.0**exponent
@@ -62,7 +62,7 @@ def test_slower_by_a_factor_is_slower_by_a_factor(y: Array, step: float, exponen
         assert after == (None if before is None else slower * before)
 
 
-@seeded
+@thorough
 @given(SAMPLES, st.floats(0.001, 50.0), st.floats(0.001, 50.0))
 def test_settling_is_monotone_in_the_band(y: Array, one: float, other: float) -> None:
     narrow, wide = min(one, other), max(one, other)
@@ -71,7 +71,7 @@ def test_settling_is_monotone_in_the_band(y: Array, one: float, other: float) ->
     assert (inf if fast is None else fast) <= (inf if slow is None else slow)
 
 
-@seeded
+@thorough
 @given(SAMPLES, st.floats(0.001, 50.0))
 def test_after_the_settling_time_nothing_is_outside(y: Array, band: float) -> None:
     t, error = times(y), np.abs(y)
@@ -84,7 +84,7 @@ def test_after_the_settling_time_nothing_is_outside(y: Array, band: float) -> No
         assert settled == 0.0 or error[np.flatnonzero(t <= settled)[-1]] > band or settled in t
 
 
-@seeded
+@thorough
 @given(SAMPLES, st.integers(1, 1000).map(float), OFFSET)
 def test_a_disturbance_has_no_sign_and_no_offset(y: Array, rating: float, offset: float) -> None:
     t = times(y)
@@ -93,7 +93,7 @@ def test_a_disturbance_has_no_sign_and_no_offset(y: Array, rating: float, offset
     assert there == replace(here, initial=-offset, final=-offset)
 
 
-@seeded
+@thorough
 @given(SAMPLES, st.integers(1, 30))
 def test_one_cycle_mean_against_a_loop(y: Array, per_cycle: int) -> None:
     expected = [float(np.mean(y[max(k - per_cycle + 1, 0) : k + 1])) for k in range(len(y))]
@@ -101,7 +101,7 @@ def test_one_cycle_mean_against_a_loop(y: Array, per_cycle: int) -> None:
     np.testing.assert_allclose(one_cycle_mean(y, per_cycle), expected, rtol=0.0, atol=60.0 * 4e-16)
 
 
-@seeded
+@thorough
 @given(st.integers(2, 60), st.integers(1, 7), st.floats(0.0, 6.28), st.floats(-1e4, 1e4))
 def test_one_cycle_mean_takes_out_whole_cycle_ripple(per_cycle: int, harmonic: int, phase: float, level: float) -> None:
     if harmonic % per_cycle == 0:  # aliases to a constant: no ripple

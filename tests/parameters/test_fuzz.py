@@ -78,7 +78,7 @@ def attempt(text: str) -> tuple[Study | None, StudyError | None]:
         return None, error
 
 
-@settings(derandomize=True, max_examples=600, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=600, suppress_health_check=list(HealthCheck))
 @given(st.lists(CHANGE, min_size=1, max_size=5))
 def test_only_a_study_error_comes_out(changes: list[tuple[tuple, str, Any]]) -> None:
     document = copy.deepcopy(DOCUMENT)
@@ -97,7 +97,7 @@ def test_only_a_study_error_comes_out(changes: list[tuple[tuple, str, Any]]) -> 
         assert event.grid is None or (math.isfinite(event.grid.R_g) and event.grid.L_g > 0.0)
 
 
-@settings(derandomize=True, max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.text(st.characters(exclude_categories=("Cs",)), max_size=200))
 def test_any_text_at_all(text: str) -> None:
     study, error = attempt(text)

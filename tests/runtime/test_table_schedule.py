@@ -68,7 +68,7 @@ def test_between_the_nodes_as_an_independent_interpolator_says() -> None:
 coordinates = st.tuples(st.floats(1.0, 30.0), st.floats(0.1, 50.0))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(coordinates)
 def test_within_the_four_neighbours(at: tuple[float, float]) -> None:
     scr, ratio = at
@@ -80,7 +80,7 @@ def test_within_the_four_neighbours(at: tuple[float, float]) -> None:
         assert corners.min() * (1 - 1e-14) <= value <= corners.max() * (1 + 1e-14)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(coordinates)
 def test_continuous(at: tuple[float, float]) -> None:
     """A step of 1e-9 moves nothing by more than the steepest cell can: a jump at a cell's border would show."""

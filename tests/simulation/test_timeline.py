@@ -35,7 +35,7 @@ EVENT = st.builds(
     Q_ref=st.none() | st.floats(-5e3, 5e3),
 )
 EVENTS = st.lists(EVENT, max_size=8).map(lambda events: tuple(sorted(events, key=lambda e: e.t_s)))
-HYPOTHESIS = settings(derandomize=True, max_examples=200, deadline=None)
+HYPOTHESIS = settings(max_examples=200)
 
 
 @HYPOTHESIS
