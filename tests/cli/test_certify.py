@@ -46,6 +46,7 @@ def test_json() -> None:
 
 def test_wrong_options_are_all_named_at_once() -> None:
     code, text = certify("--controller", "x", "--error", "nan", "--scr", "5", "2", "--rate", "-1")
-    assert code == 1
+    assert code == 2
     for part in ("no such scheduled controller", "error = nan", "scr = 5 2", "rate = -1"):
         assert part in text
+    assert all(line.endswith(".") for line in text.splitlines() if line.startswith("  - "))

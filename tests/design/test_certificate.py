@@ -15,7 +15,7 @@ from vsgdesign.design.certificate import region_of
 from vsgdesign.design.certificate.region import System, random_points
 from vsgdesign.equations.power_flow import operating_point, power_flow
 from vsgdesign.equations.power_loops import References, power_loops
-from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.parameters import ControllerSpec, Study, load_study
 from vsgdesign.parameters.study import grid_from_scr
 from vsgdesign.runtime import closed_form_schedule
@@ -163,10 +163,13 @@ def test_what_cannot_be_asked(study: Study) -> None:
         certify(study, controller(study, "angle_damped"), replace(PUBLISHED_BOX, P=(4e4, 4e4), scr=(1.2, 1.5)))
     with pytest.raises(InfeasibleStudyError, match="made for a scheduled controller"):
         certify(study, replace(controller(study, "published"), kind="fixed"), PUBLISHED_BOX)
-    with pytest.raises(InfeasibleStudyError) as caught:
+    with pytest.raises(StudyError) as caught:
         region_of(study, "nobody", (5.0, 2.0), None, (-1.0, 1.0), (-0.4, 0.4), float("nan"), -1.0)
     for part in ("no such scheduled controller", "scr = 5 2", "error = nan", "rate = -1"):
         assert part in str(caught.value)
+    for decay in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(StudyError, match=r"decay = .*must be more than zero"):
+            certify(study, controller(study, "angle_damped"), PUBLISHED_BOX, decay=decay)
 
 
 def test_a_controller_with_a_table_is_certified_with_its_table(study: Study) -> None:

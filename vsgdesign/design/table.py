@@ -25,7 +25,7 @@ from vsgdesign.design.smoothing import PULL, broken_beside, reach, rough_nodes, 
 from vsgdesign.design.sweep import each_of, sweep
 from vsgdesign.design.variables import variables
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.table import table_grids, table_schedule, with_node_gains
@@ -87,7 +87,7 @@ def build_table(
     """
     spec = study.specification
     if spec is None:
-        raise InfeasibleStudyError("the study has no [specification]: say what the table has to keep, and over what")
+        raise InfeasibleStudyError("the study has no [specification]: say what the table has to keep, and over what.")
     with one_thread():
         return _build(study, controller, spec, folder, executor, seed, refinements, points, progress)
 
@@ -205,7 +205,7 @@ def table_certificate(study: Study, controller: ControllerSpec, table: GainTable
         region = Region(box.scr, box.x_over_r, box.P, box.Q, error, rate)
         try:
             found = certify(study, controller, region, schedule=table_schedule(table), budget=_BOXES)
-        except InfeasibleStudyError as fault:
+        except (InfeasibleStudyError, StudyError) as fault:  # no such function, or a box that is not asked for
             reason = str(fault)
             continue
         return found.as_document()

@@ -172,7 +172,7 @@ def _start(study: Study, timeline: Timeline, gains: PowerLoopGains) -> SampledSt
     if study.simulation.start == "cold":
         return cold_start(study, source.phase)
     if not source.steady:
-        raise InfeasibleStudyError("a steady-state start cannot begin inside a ramp: move the ramp after t = 0")
+        raise InfeasibleStudyError("a steady-state start cannot begin inside a ramp: move the ramp after t = 0.")
     P_ref, Q_ref = timeline.references_at(0.0)
     grid, at_start = timeline.grid_at(0.0), GridSource(source.V_g_rms, source.omega)
     return steady_state(study, grid, at_start, P_ref, Q_ref, gains, source.phase)

@@ -20,13 +20,13 @@ from vsgdesign.design.certificate.region import (
     MeasuredSchedule,
     Region,
     System,
-    check_region,
     nodes,
     random_points,
+    region_faults,
 )
 from vsgdesign.design.certificate.results import GAP_FREE, GRIDDED, Certificate, Counterexample, Gap, growing_mode
 from vsgdesign.design.certificate.search import worst_points
-from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import schedule_of
 
@@ -106,12 +106,12 @@ def certify(
 
     ``schedule``: the gains to prove; None: those of the controller, from its table where it has one. An infinite
     ``region.rate`` asks for one function for all (:eq:`certificate`), a finite one for P(ρ)
-    (:eq:`affine-lyapunov`). Points outside the
-    static limits (:eq:`static-limits`) are not part of the region. A counterexample is returned where a cell is
-    unstable by itself. Raises InfeasibleStudyError where the region is wrong or empty, where the controller is not
-    scheduled, or where every cell is stable but no function of the kind exists.
+    (:eq:`affine-lyapunov`). Points outside the static limits (:eq:`static-limits`) are not part of the region. A
+    counterexample is returned where a cell is unstable by itself. Raises StudyError where the region or the decay is
+    wrong, InfeasibleStudyError where the region is empty, where the controller is not scheduled, or where every cell
+    is stable but no function of the kind exists.
     """
-    system, motion = _prepared(study, spec, region, schedule)
+    system, motion = _prepared(study, spec, region, schedule, decay)
     rng = np.random.default_rng(seed)
     points = np.concatenate([nodes(region, nodes_per_axis), random_points(region, fresh, rng)])
     verify, A_fresh = system.matrices(random_points(region, fresh, rng))
@@ -172,7 +172,9 @@ def _verified(A: Array, family: Family, found: Fit, name: str) -> tuple[float, f
         decay *= 0.98
         largest = float(residual(A, family, found.P, decay).max())
     if largest >= 0.0:
-        raise InfeasibleStudyError(f"controller {name}: what holds on the grid does not hold between its nodes")
+        raise InfeasibleStudyError(
+            f"controller {name}: what holds on the grid does not hold between its nodes. Shrink the region."
+        )
     return decay, largest
 
 
@@ -210,8 +212,7 @@ def region_of(
 ) -> tuple[ControllerSpec, Region]:  # fmt: skip
     """A controller by name (None: the last scheduled one) and a region, from limits in per unit of rating.
 
-    None for ``scr`` or ``x_over_r``: the limits of the study's stability axes. Raises InfeasibleStudyError with
-    every fault found.
+    None for ``scr`` or ``x_over_r``: the limits of the study's stability axes. Raises StudyError with every fault.
     """
     scheduled = [spec for spec in study.controllers if spec.kind == "scheduled"]
     chosen = [spec for spec in scheduled if controller in (None, spec.name)]
@@ -219,33 +220,34 @@ def region_of(
     scr = (axes.scr[0], axes.scr[-1]) if scr is None else scr
     x_over_r = (axes.x_over_r[0], axes.x_over_r[-1]) if x_over_r is None else x_over_r
     region = Region(scr, x_over_r, (P_pu[0] * S, P_pu[1] * S), (Q_pu[0] * S, Q_pu[1] * S), error, rate)
-    faults = []
+    faults = region_faults(region)
     if not chosen:
         names = ", ".join(spec.name for spec in scheduled) or "none"
-        faults.append(f"controller = {controller}: no such scheduled controller; there are: {names}")
-    try:
-        check_region(region)
-    except InfeasibleStudyError as error_:
-        faults.append(str(error_))
+        value = "" if controller is None else f'"{controller}"'
+        faults.insert(0, Fault("controller", value, "no such scheduled controller", f"The study has: {names}."))
     if faults:
-        raise InfeasibleStudyError("; ".join(faults))
+        raise StudyError(study.name, faults)
     return chosen[-1], region
 
 
 def _prepared(
-    study: Study, spec: ControllerSpec, region: Region, schedule: MeasuredSchedule | None
+    study: Study, spec: ControllerSpec, region: Region, schedule: MeasuredSchedule | None, decay: float | None
 ) -> tuple[System, Motion]:
-    check_region(region)
+    faults = region_faults(region)
+    if decay is not None and not 0.0 < decay < np.inf:
+        faults.append(Fault("decay", f"{decay:g}", "must be more than zero, in 1/s"))
+    if faults:
+        raise StudyError(study.name, faults)
     if schedule is None:
         if spec.gains is not None or spec.kind != "scheduled":
-            raise InfeasibleStudyError(f"controller {spec.name}: a certificate is made for a scheduled controller")
+            raise InfeasibleStudyError(f"controller {spec.name}: a certificate is made for a scheduled controller.")
         schedule = schedule_of(study, spec)
     return System(study, schedule), Motion(region, bool(np.isfinite(region.rate)))
 
 
 def _fitted(system: System, motion: Motion, name: str, points: Array, A: Array) -> Fit | Counterexample:
     if len(A) == 0:
-        raise InfeasibleStudyError("the region has no cell within the static limits: widen it, or ask for less power")
+        raise InfeasibleStudyError("the region has no cell within the static limits: widen it, or ask for less power.")
     least = np.linalg.eigvals(A).real.max(axis=1)
     worst = int(np.argmax(least))
     limit = -float(least[worst])

@@ -1,4 +1,4 @@
-"""Where a certificate is asked for, and the power loops' state matrix there: for numbers and for Taylor forms alike."""
+"""Where a certificate is asked for, and the power loops' state matrices there."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.power_flow import POWER_MARGIN, jacobian_from_powers, operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
-from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.errors import Fault
 from vsgdesign.frames import PHASES
 from vsgdesign.parameters.study import Study
-from vsgdesign.runtime.closed_form import ClosedFormSchedule
 
 Array = NDArray[np.float64]
 
@@ -26,7 +25,7 @@ OMEGA_SCALE = 4.0
 class MeasuredSchedule(Protocol):
     """A gain schedule as the runtime has it: estimated R_g (Ω), L_g (H) and measured P, Q, V to gains, on arrays.
 
-    Any such schedule can be certified on points; a closed-form one (constant normalised parameters) without gaps.
+    Any such schedule can be certified on points, a closed form or a gain table without gaps, too.
     """
 
     def gains_measured(self, R_g: Any, L_g: Any, P: Any, Q: Any, V_rms: Any) -> PowerLoopGains:
@@ -56,22 +55,21 @@ class Region:
         return low, high
 
 
-def check_region(region: Region) -> None:
-    """Raises InfeasibleStudyError with every fault of a region."""
+def region_faults(region: Region) -> list[Fault]:
+    """Everything that is wrong with a region."""
     faults = []
     for name, (low, high), least, most in (
         ("scr", region.scr, 0.05, 1e3), ("x-over-r", region.x_over_r, 1e-2, 1e3),
         ("P", region.P, -np.inf, np.inf), ("Q", region.Q, -np.inf, np.inf),
     ):  # fmt: skip
         if not (least <= low <= high <= most and np.isfinite([low, high]).all()):
-            within = f", from {least:g} to {most:g}" if np.isfinite(least) else ""
-            faults.append(f"{name} = {low:g} {high:g}: must be two numbers, the smaller first{within}")
+            within = f" from {least:g} to {most:g}" if np.isfinite(least) else ""
+            faults.append(Fault(name, f"{low:g} {high:g}", f"must be two numbers{within}, the smaller first"))
     if not 0.0 <= region.error < 0.9:
-        faults.append(f"error = {region.error:g}: must be from 0 to 0.9, a fraction of the value")
+        faults.append(Fault("error", f"{region.error:g}", "must be from 0 to 0.9, a fraction of the value"))
     if not region.rate >= 0.0:
-        faults.append(f"rate = {region.rate:g}: must be zero or more, in 1/s (inf: the grid may jump)")
-    if faults:
-        raise InfeasibleStudyError("; ".join(faults))
+        faults.append(Fault("rate", f"{region.rate:g}", "must be zero or more, in 1/s", "inf: the grid may jump."))
+    return faults
 
 
 @dataclass(frozen=True)
@@ -86,11 +84,6 @@ class System:
     def scale(self) -> Array:
         """What δ, ω_i and V are divided by: rad, 4 rad/s, rated voltage."""
         return np.array([1.0, OMEGA_SCALE, self.study.converter.V_rated_rms])
-
-    @property
-    def encloses(self) -> bool:
-        """Whether the schedule's gains can be enclosed: constant normalised parameters and the Jacobian."""
-        return isinstance(self.schedule, ClosedFormSchedule)
 
     def matrices(self, points: Array) -> tuple[Array, Array]:
         """Points (N, 6) that lie within the static limits (:eq:`static-limits`), and their state matrices over

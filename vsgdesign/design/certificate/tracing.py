@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 class Operation(IntEnum):
     """What an instruction does."""
 
+    INPUT = -1  # nothing: the register is set
     AFFINE = 0  # offset + Σ coefficient · register
     BLEND = 1  # Σ parameter of the box · register
     PRODUCT = 2
@@ -30,10 +31,9 @@ class Operation(IntEnum):
 
 
 class Node(NamedTuple):
-    """Something that is not affine in what came before. ``key`` names it: the same key is the same node."""
+    """Something that is not affine in what came before."""
 
-    operation: Operation | None
-    """None: an input."""
+    operation: Operation
     operands: tuple[int, ...]
     numbers: tuple[float, ...]
     """AFFINE: offset, then coefficients. BLEND: indices of parameters. ROOT: the least value."""
@@ -43,7 +43,7 @@ class Tracer:
     """Collects nodes; equal ones once."""
 
     def __init__(self, inputs: int) -> None:
-        self.nodes: list[Node] = [Node(None, (k,), ()) for k in range(inputs)]
+        self.nodes: list[Node] = [Node(Operation.INPUT, (k,), ()) for k in range(inputs)]
         self._known: dict[Node, int] = {}
         self.inputs = inputs
 
@@ -210,7 +210,7 @@ def program_of(tracer: Tracer, results: Sequence[Any]) -> Program:
             code.append((int(operation), target, first, len(places)))
             number.append(numbers[0] if operation == Operation.AFFINE else 0.0)
         else:
-            code.append((int(operation or 0), target, register[operands[0]], register[operands[-1]]))
+            code.append((int(operation), target, register[operands[0]], register[operands[-1]]))
             number.append(numbers[0] if numbers else 0.0)
         free += [register[m] for m in set(operands) if m >= tracer.inputs and last[m] == k]
     return Program(
