@@ -112,7 +112,7 @@ def test_windows_to_train_on_are_those_of_the_runs_bridge(folder: Path, tmp_path
         ({"grid_phase": "yes"}, 'estimator.grid_phase = "yes": must be true or false'),
         ({"recipe": "published"}, "estimator.grid_phase = false: recipe published trains on windows synchronised"),
         ({"weights": "missing.json"}, 'cannot read "missing.json"'),
-        ({"recipe": "missing.toml", "grid_phase": True}, "cannot be read"),
+        ({"recipe": "missing.toml", "grid_phase": True}, "there is no such file"),
     ],
 )
 def test_what_does_not_fit_is_wrong_input(tmp_path: Path, lines: dict[str, object], problem: str) -> None:

@@ -29,7 +29,7 @@ def test_a_folder(verb: str, tmp_path: Path) -> None:
     ("content", "problem"),
     [
         (b"duration = ", "cannot be read as TOML"),
-        (b"{ \"json\": true }", "cannot be read as TOML"),
+        (b"{ \"json\": true }", "this is JSON. Write it as TOML"),
         (b"a = 1\na = 2\n", "cannot be read as TOML"),
         (b"\xff\xfe\x00", "is not UTF-8 text"),
         (b"", "missing table"),

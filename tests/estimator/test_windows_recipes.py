@@ -107,7 +107,7 @@ def test_all_faults_at_once(tmp_path: Path) -> None:
 def test_unknown_names_and_missing_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match=r'"continous": unknown\. Did you mean continuous\?.*Known: published'):
         named_recipe("continous")
-    with pytest.raises(StudyError, match="cannot be read"):
+    with pytest.raises(StudyError, match="there is no such file"):
         load_recipe(tmp_path / "none.toml")
     with pytest.raises(StudyError, match="must be one of"):
         check_recipe(replace(CONTINUOUS, scr=Spread("normal", (1.0, 2.0))))

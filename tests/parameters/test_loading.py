@@ -151,6 +151,19 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         load_study(tmp_path / ("x" * 5000))
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('{"name": "small", "grid": {"scr": 2}}', "this is JSON. Write it as TOML"),
+        ('["small", 2]', "this is JSON. Write it as TOML"),
+        ('{"name": "small"', "cannot be read as TOML"),
+        ("[" * 5000, "cannot be read as TOML"),
+    ],
+)
+def test_json_is_told_from_broken_toml(text: str, said: str) -> None:
+    assert said in message(text)
+
+
 def test_a_missing_base_is_named_with_its_path(tmp_path: Path) -> None:
     assert str(tmp_path / "nowhere.toml") in message('base = "nowhere.toml"\n', tmp_path)
     assert "is a folder" in message('base = ""\n', tmp_path)

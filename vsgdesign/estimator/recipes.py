@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import tomllib
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.parameters.toml_file import read_toml
 from vsgdesign.parameters.units import UnitError, parse_quantity
 
 CHANNELS = {"phase_a": 1, "alpha_beta": 2, "dq": 2}
@@ -178,10 +178,7 @@ def load_recipe(source: str | Path) -> WindowRecipe:
     path = Path(source)
     if path.suffix != ".toml":
         return named_recipe(str(source))
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise StudyError(str(path), [Fault("recipe", "", f"cannot be read: {error}")]) from error
+    document = read_toml(path, "recipe")
     base = named_recipe(str(document.pop("base", "continuous")))
     faults: list[Fault] = []
     known = {field.name: getattr(base, field.name) for field in fields(base)}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.parameters.building import build_study
 from vsgdesign.parameters.study import Study
+from vsgdesign.parameters.toml_file import parse_toml, read_toml
 
 _CASE_PREFIX = "case:"
 _MAX_BASES = 8
@@ -31,7 +31,7 @@ def load_study(path: str | Path) -> Study:
 
 def study_from_text(text: str, source: str = "study text", folder: str | Path = ".") -> Study:
     """The same from TOML text; relative bases are looked up in ``folder``."""
-    return _build(_merge_bases(_parse(text, source), Path(folder), source, _MAX_BASES), source, "study")
+    return _build(_merge_bases(parse_toml(text, source), Path(folder), source, _MAX_BASES), source, "study")
 
 
 def _build(document: dict[str, Any], source: str, default_name: str) -> Study:
@@ -48,25 +48,7 @@ def _hash(document: dict[str, Any]) -> str:
 
 
 def _document(path: Path, depth: int) -> dict[str, Any]:
-    try:
-        if not path.is_file():
-            what = "is a folder, not a study file" if path.is_dir() else "there is no such file"
-            fault = Fault("study file", f'"{path}"', what, "Give the path of a .toml study file.")
-            raise StudyError(str(path), [fault])
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        fault = Fault("study file", f'"{path}"', f"is not UTF-8 text (byte {error.start})", "Give a TOML text file.")
-        raise StudyError(str(path), [fault]) from None
-    except OSError as error:
-        raise StudyError(str(path), [Fault("study file", f'"{path}"', f"cannot be read ({error.strerror})")]) from None
-    return _merge_bases(_parse(text, str(path)), path.parent, str(path), depth)
-
-
-def _parse(text: str, source: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError, and what it lets through
-        raise StudyError(source, [Fault("TOML", "", f"cannot be read as TOML: {error}")]) from None
+    return _merge_bases(read_toml(path, "study file"), path.parent, str(path), depth)
 
 
 def _merge_bases(document: dict[str, Any], folder: Path, source: str, depth: int) -> dict[str, Any]:
@@ -82,7 +64,7 @@ def _merge_bases(document: dict[str, Any], folder: Path, source: str, depth: int
             known = ", ".join(f'"{_CASE_PREFIX}{case}"' for case in case_names())
             raise StudyError(source, [Fault("base", f'"{base}"', "no such case", f"Known: {known}.")])
         text = (resources.files("vsgdesign.parameters") / "cases" / f"{name}.toml").read_text(encoding="utf-8")
-        below = _merge_bases(_parse(text, base), folder, base, depth - 1)
+        below = _merge_bases(parse_toml(text, base), folder, base, depth - 1)
     else:
         below = _document(folder / base, depth - 1)
     return _merge(below, document)

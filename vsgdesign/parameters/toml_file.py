@@ -1,0 +1,48 @@
+"""TOML from files and texts, with what is wrong and what to do about it."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from vsgdesign.errors import Fault, StudyError
+
+
+def read_toml(path: Path, noun: str) -> dict[str, Any]:
+    """The content of a file, which is a ``noun`` such as "study file". Raises StudyError."""
+
+    def fault(problem: str, advice: str) -> StudyError:
+        return StudyError(str(path), [Fault(noun, f'"{path}"', problem, advice)])
+
+    advice = f"Give the path of a .toml {noun}."
+    try:
+        if not path.is_file():
+            raise fault(f"is a folder, not a {noun}" if path.is_dir() else "there is no such file", advice)
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise fault(f"is not UTF-8 text (byte {error.start})", "Give a TOML text file.") from None
+    except OSError as error:
+        raise fault(f"cannot be read ({error.strerror})", advice) from None
+    return parse_toml(text, str(path))
+
+
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """The content of a text. Raises StudyError."""
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError, and what it lets through
+        if _is_json(text):
+            problem, advice = "this is JSON", "Write it as TOML: [table] for an object, field = value for its members."
+        else:
+            problem = f"cannot be read as TOML: {error}"
+            advice = "A table is [name] on a line of its own, a field is name = value, texts are in quotes."
+        raise StudyError(source, [Fault("TOML", "", problem, advice)]) from None
+
+
+def _is_json(text: str) -> bool:
+    try:
+        return isinstance(json.loads(text), dict | list)
+    except (ValueError, RecursionError):
+        return False
