@@ -11,7 +11,7 @@ from vsgdesign.parameters import ControllerSpec, Study, load_study
 
 BOX = {"P": (-4500.0, 4500.0), "Q": (-2000.0, 2000.0)}
 WIDE = Region((2.0, 20.0), (0.3, 20.0), **BOX, error=0.2)
-WEAK = replace(WIDE, scr=(1.2, 20.0))
+WEAK = replace(WIDE, scr=(1.2, 20.0), Q=(-1000.0, 1000.0))
 SLOW = Region((2.0, 20.0), (1.0, 20.0), **BOX, rate=0.05)
 
 
@@ -32,19 +32,17 @@ def _row(name: str, region: Region, budget: int | None) -> Row:
     seconds = repeat(lambda: certify(study, spec, region, **options), 3, 0)
     speed = "any speed" if region.rate == float("inf") else f"{region.rate:g}/s"
     kind = "on points" if budget == 0 else f"{found.proof}, {100.0 * (1.0 - found.gap.share):.3g} % on boxes"
-    what = (
-        f"{name}, SCR {region.scr[0]:g} to 20, X/R {region.x_over_r[0]:g} to 20, ±{100.0 * region.error:g} %, "
-        f"{speed}: decay {found.decay:.2f} 1/s, {kind}"
-    )
-    limit = "38,000 eigenvalue problems a round" if budget == 0 else "Taylor forms in NumPy"
+    where = f"SCR {region.scr[0]:g} to 20, X/R {region.x_over_r[0]:g} to 20, |Q| ≤ {region.Q[1] / 1e3:g} kvar"
+    what = f"{name}, {where}, ±{100.0 * region.error:g} %, {speed}: decay {found.decay:.2f} 1/s, {kind}"
+    limit = "38,000 eigenvalue problems a round" if budget == 0 else f"Taylor forms, {found.boxes} proved"
     return Row("certificate", what, figure(seconds), "s", target=30.0, limit=limit)
 
 
 def certificate() -> list[Row]:
     """The regions of docs/theory/certificate.md."""
     return [
-        _row("angle_damped", WIDE, 0), _row("angle_damped", WEAK, 0), _row("published", SLOW, 0),
-        _row("angle_damped", WIDE, None), _row("published", SLOW, None),
+        _row("angle_damped", WIDE, 0), _row("published", SLOW, 0),
+        _row("angle_damped", WIDE, None), _row("angle_damped", WEAK, None), _row("published", SLOW, None),
         _row("published", replace(SLOW, rate=float("inf")), None),
     ]  # fmt: skip
 

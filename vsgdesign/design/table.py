@@ -57,11 +57,9 @@ _COMMON_CELLS = 30
 _LOOKS = 3
 """How often nodes lose their promise, each time after a look at new random grids."""
 
-_BOXES = 1_500_000
-"""Boxes that a certificate of a table may take: some ten seconds on two cores."""
-
-_SLOW_RATE = 0.05
-"""Relative change of SCR and X/R per second that a certificate is asked for where no common function exists."""
+_CERTIFICATES = ((np.inf, 1_500_000), (0.05, 150_000))
+"""Relative change of SCR and X/R per second that a certificate is asked for, the second where no common function
+exists; and boxes that it may take: some ten seconds on two cores."""
 
 
 @dataclass(frozen=True)
@@ -195,16 +193,17 @@ def demote(table: GainTable, checked: BetweenCheck) -> GainTable:
 def table_certificate(study: Study, controller: ControllerSpec, table: GainTable) -> dict[str, Any]:
     """What a common Lyapunov function proves over the table's whole box with its interpolated gains, or why not.
 
-    Any speed of change; where no common function exists, a slow grid (_SLOW_RATE). Without gaps where _BOXES do.
+    Any speed of change; where no common function exists, a slow grid (_CERTIFICATES). Without gaps where the
+    boxes suffice.
     """
     spec = study.specification
     box, error = table.validity, table.validity.error
     study = study if spec is None else replace(study, scr_basis=spec.scr_basis)
     reason = ""
-    for rate in (np.inf, _SLOW_RATE):
+    for rate, boxes in _CERTIFICATES:
         region = Region(box.scr, box.x_over_r, box.P, box.Q, error, rate)
         try:
-            found = certify(study, controller, region, schedule=table_schedule(table), budget=_BOXES)
+            found = certify(study, controller, region, schedule=table_schedule(table), budget=boxes)
         except (InfeasibleStudyError, StudyError) as fault:  # no such function, or a box that is not asked for
             reason = str(fault)
             continue

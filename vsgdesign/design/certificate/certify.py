@@ -38,7 +38,7 @@ _TOLERANCE = 0.005
 _ROOM = 0.985
 """Share of the fitted decay that is claimed: what is left lets boxes of a size be proved."""
 
-_SHARES = (0.85, 0.7, 0.5)
+_SHARES = (0.95, 0.85, 0.7, 0.5)
 """Of the decay that holds at the points: what is tried to be proved between them, one after another."""
 
 _BUDGET = 1_500_000
