@@ -19,6 +19,7 @@ from vsgdesign.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
 from vsgdesign.parameters.study import Grid, GridSource, Study
 from vsgdesign.stability.loops import FullOrderLoop
+from vsgdesign.stability.steps import sampled_steps
 
 Array = NDArray[np.float64]
 
@@ -26,6 +27,7 @@ _HORIZON = 3.2
 _POINTS = 320
 """How long responses are looked at, in settling times, and at how many instants."""
 _FREQUENCIES = 120
+_POWERS = ("P", "Q")
 _STEPS = ("overshoot_P", "settling_P", "overshoot_Q", "settling_Q")
 
 
@@ -98,24 +100,20 @@ def _responses(
 ) -> dict[str, Array]:
     """Overshoot, settling and cross peak over both reference steps of the stable cells."""
     every = max(round(_HORIZON * settling_time / _POINTS / model.T_s), 1)
-    k = every * np.arange(1, _POINTS + 1)
-    t_s = np.asarray(k * model.T_s, dtype=np.float64)
-    z, right = np.linalg.eig(model.A[stable])
-    powers = np.exp(np.log(np.where(z == 0.0, 1e-300, z).astype(complex))[:, None, :] * k[:, None]) - 1.0
+    t_s = every * model.T_s * np.arange(1, _POINTS + 1)
+    columns, rows = [INPUTS.index(f"{name}_ref") for name in _POWERS], [OUTPUTS.index(name) for name in _POWERS]
+    parts = model.B[stable][:, :, columns], model.C[stable][:, rows], model.D[stable][:, rows][:, :, columns]
+    y = sampled_steps(model.A[stable], *parts, every, _POINTS + 1)[:, 1:]
     at = model.index[stable]
     J = np.array(jacobian_from_powers(s.P[at], s.Q[at], s.V_rms[at], s.R[at], s.X[at])).T.reshape(-1, 2, 2)
     D_q = np.broadcast_to(np.asarray(gains.D_q, dtype=float), s.P.shape)[at]
     finals = {"P": np.ones(len(at)), "Q": final_Q(J, D_q)}
     found: dict[str, Array] = {"cross_peak": np.zeros(len(at))}
-    for own, other in (("P", "Q"), ("Q", "P")):
-        into = np.linalg.solve(right, model.B[stable][:, :, [INPUTS.index(f"{own}_ref")]].astype(complex))[..., 0]
-        weight = into / (z - 1.0)
-        seen = {name: (model.C[stable][:, [OUTPUTS.index(name)]] @ right)[:, 0] for name in (own, other)}
-        values = {name: np.einsum("ikn,in->ik", powers, row * weight).real for name, row in seen.items()}
-        progress = values[own] / finals[own][:, None]
+    for k, own in enumerate(_POWERS):
+        progress = y[:, :, k, k] / finals[own][:, None]
         found[f"overshoot_{own}"] = np.maximum(progress.max(axis=1) - 1.0, 0.0)
         found[f"settling_{own}"] = _settling(t_s, np.abs(progress - 1.0))
-        found["cross_peak"] = np.maximum(found["cross_peak"], np.abs(values[other]).max(axis=1))
+        found["cross_peak"] = np.maximum(found["cross_peak"], np.abs(y[:, :, 1 - k, k]).max(axis=1))
     return found
 
 

@@ -51,7 +51,7 @@ def step_evidence(study: Study, cell: FocusCell, duration: float = 3.0) -> tuple
     found = []
     for signal in ("P", "Q"):
         t_s, emt = simulate_step(study, cell.grid, gains, cell.P, cell.Q, signal, size, duration, every)
-        full = full_order_step(model, f"{signal}_ref", signal, duration)[1][:, ::every]
+        full = full_order_step(model, f"{signal}_ref", signal, duration, every)[1]
         _, reduced = reduced_step(cell.reduced, f"{signal}_ref", signal, duration, every * model.T_s)
         count = min(len(emt), full.shape[1], reduced.shape[1])
         predictions = (size * full[0, :count], size * reduced[0, :count])

@@ -27,26 +27,45 @@ def reduced_step(model: CoupledModel, input_: str, output: str, t_end: float, dt
     return _recurse(step[:, :n, :n], step[:, :n, n], model.C[:, row], model.D[:, row, column], round(t_end / dt), dt)
 
 
-def full_order_step(model: FullOrderModel, input_: str, output: str, t_end: float) -> tuple[Array, Array]:
-    """Unit step responses (N, K) of the sampled model at every sample (K,), summed over the modes.
-
-    A mode z adds r (zᵏ − 1)/(z − 1) to sample k. A cell with (nearly) defective modes is stepped instead.
-    """
+def full_order_step(
+    model: FullOrderModel, input_: str, output: str, t_end: float, every: int = 1
+) -> tuple[Array, Array]:  # fmt: skip
+    """Unit step responses (N, K) of the sampled model at every so many samples (K,)."""
     column, row = FULL_INPUTS.index(input_), FULL_OUTPUTS.index(output)
-    k = np.arange(round(t_end / model.T_s) + 1, dtype=np.float64)
-    b, c, d = model.B[:, :, column], model.C[:, row], model.D[:, row, column]
-    modes = partial_fractions(model.A, b[:, :, None], c[:, None, :])
-    y = np.empty((len(model.A), len(k)))
+    count = round(t_end / model.T_s) // every + 1
+    parts = model.B[:, :, [column]], model.C[:, [row]], model.D[:, [row]][:, :, [column]]
+    return every * model.T_s * np.arange(count), sampled_steps(model.A, *parts, every, count)[..., 0, 0]
+
+
+def sampled_steps(A: Array, B: Array, C: Array, D: Array, every: int, count: int) -> Array:
+    """Unit step responses (N, count, outputs, inputs) of N sampled models at 0, ``every``, 2·``every`` … samples,
+    summed over the modes.
+
+    A mode z adds R (zᵏ − 1)/(z − 1) to sample k. A cell with (nearly) defective modes is stepped instead.
+    """
+    modes = partial_fractions(A, B, C)
+    k = every * np.arange(count, dtype=np.float64)
+    y = np.empty((len(A), count, *D.shape[1:]))
     for cell, z in enumerate(modes.poles):
         if not modes.usable[cell]:
-            one = slice(cell, cell + 1)
-            y[one] = _recurse(model.A[one], b[one], c[one], d[one], len(k) - 1, model.T_s)[1]
+            y[cell] = _stepped(A[cell], B[cell], C[cell], every, count)
             continue
-        with np.errstate(divide="ignore"):
-            powers = np.exp(np.outer(k, np.log(z)))
-        powers[0] = 1.0  # also where z = 0
-        y[cell] = ((powers - 1.0) @ (modes.residues[cell, :, 0, 0] / (z - 1.0))).real + d[cell]
-    return k * model.T_s, y
+        powers = np.exp(np.outer(k, np.log(np.where(z == 0.0, 1e-300, z)))) - 1.0
+        y[cell] = np.tensordot(powers, modes.residues[cell] / (z - 1.0)[:, None, None], 1).real
+    return y + D[:, None]
+
+
+def _stepped(A: Array, B: Array, C: Array, every: int, count: int) -> Array:
+    """The same (count, outputs, inputs) of one model without feedthrough, by a map over ``every`` samples."""
+    n, inputs = B.shape
+    one = np.block([[A, B], [np.zeros((inputs, n)), np.eye(inputs)]])
+    several = np.linalg.matrix_power(one, every)
+    x = np.vstack([np.zeros((n, inputs)), np.eye(inputs)])
+    y = np.empty((count, len(C), inputs))
+    for k in range(count):
+        y[k] = C @ x[:n]
+        x = several @ x
+    return y
 
 
 def _recurse(A: Array, b: Array, c: Array, d: Array, steps: int, dt: float) -> tuple[Array, Array]:
