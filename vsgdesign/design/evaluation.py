@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.interrupts import interrupts_deferred
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.kernels import FIGURES, figures
 from vsgdesign.equations.power_flow import scheduled_jacobian
@@ -109,10 +110,12 @@ def evaluate_gains(
     model = coupled_model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, gains, tau_P=tau_P, tau_Q=tau_Q)
     eigenvalues: Any = np.linalg.eigvals(model.A).astype(complex)
     abscissa = eigenvalues.real.max(axis=1)
-    table = figures(
-        model.A, np.ascontiguousarray(model.B[:, :, :2]), np.ascontiguousarray(model.C[:, :2]), model.A_K, model.B_K,
-        model.C_K, model.J, final_Q(model.J, gains.D_q), abscissa < 0.0, settling_time, _FREQUENCIES / settling_time,
-    )  # fmt: skip
+    with interrupts_deferred():
+        table = figures(
+            model.A, np.ascontiguousarray(model.B[:, :, :2]), np.ascontiguousarray(model.C[:, :2]), model.A_K,
+            model.B_K, model.C_K, model.J, final_Q(model.J, gains.D_q), abscissa < 0.0, settling_time,
+            _FREQUENCIES / settling_time,
+        )  # fmt: skip
     named = {name: table[:, k] for k, name in enumerate(FIGURES)}
     return Evaluation(named, damping_ratio(eigenvalues).min(axis=1), abscissa)
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.interrupts import interrupts_deferred
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
@@ -21,7 +22,6 @@ from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_s
 from vsgdesign.parameters.study import Grid, GridSource, Study
 from vsgdesign.simulation.compiling import compile_function, source_stamp
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.interrupts import interrupts_deferred
 from vsgdesign.simulation.kernel import LOG_COLUMNS, Bridge, run_stretch
 from vsgdesign.simulation.online import ListedGains, OnlineGains, OnlineScheduler
 from vsgdesign.simulation.probing import HeldProbe, Probe, add_offset

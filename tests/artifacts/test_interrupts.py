@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from vsgdesign.simulation.interrupts import interrupts_deferred
+from vsgdesign.artifacts.interrupts import interrupts_deferred
 
 
 def test_an_interrupt_waits_for_the_end_of_the_block() -> None:
