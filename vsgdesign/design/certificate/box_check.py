@@ -32,7 +32,7 @@ def survey(
     (N, first outputs, rows(5)): these over the first four coordinates and one of their own.
     """
     code, number, places, factors, outputs, count = situation
-    d = COORDINATES
+    d = low.shape[1]  # not the constant: Numba would compile every function for it once more
     registers = np.zeros((count, rows(d), LANES))
     own = np.zeros((len(parameters), LANES))
     least, most = np.empty(LANES), np.empty(LANES)
@@ -76,22 +76,27 @@ def judge(low: Any, high: Any, parameters: Any, inequality: Any, forms: Any, pro
     held, pull = np.empty(LANES, dtype=np.bool_), np.empty((d, LANES))
     for start in range(0, len(low), LANES):
         width = min(LANES, len(low) - start)
-        _load(registers, own, low, high, parameters, start, FOLLOWED, d)
+        _load(registers, own, low, high, parameters, start, d - 1, d)
+        # By element: assigned whole, Numba compiles the words of an error about shapes, for seconds.
         for n in range(forms.shape[1]):
-            for lane in range(LANES):
-                registers[FOLLOWED + n, :, lane] = forms[min(start + lane, len(low) - 1), n]
+            for k in range(forms.shape[2]):
+                for lane in range(LANES):
+                    registers[FOLLOWED + n, k, lane] = forms[min(start + lane, len(low) - 1), n, k]
             sum_up(registers[FOLLOWED + n], d)
         run_program(code, number, places, factors, registers, own, d)
         pull[:] = 0.0
         held[:] = True
         for n in range(0, len(outputs), 6):
             for m in range(6):
-                entries[m] = registers[outputs[n + m]]
+                for k in range(entries.shape[1]):
+                    for lane in range(LANES):
+                        entries[m, k, lane] = registers[outputs[n + m], k, lane]
             negative(entries, d, held, pull)
         _add_spread(pull[FOLLOWED], registers, outputs)
         for lane in range(width):
             proved[start + lane] = held[lane]
-            score[start + lane] = pull[:, lane]
+            for k in range(d):
+                score[start + lane, k] = pull[k, lane]
 
 
 @_compiled
