@@ -13,8 +13,9 @@ from scipy.linalg import expm
 from tests.gain_tables import table
 from vsgdesign.artifacts import GainTable
 from vsgdesign.design.certificate import Certificate, Region, certify
+from vsgdesign.design.certificate.boxes import Boxes, parameters_of, points_of, whole_region
 from vsgdesign.design.certificate.certify import Motion
-from vsgdesign.design.certificate.enclosure import Boxes, parameters_of, points_of, programs, whole_region
+from vsgdesign.design.certificate.enclosure import programs
 from vsgdesign.design.certificate.lyapunov import residual
 from vsgdesign.design.certificate.proof import EMPTY, PROVED, UNDECIDED, look_at, prove
 from vsgdesign.design.certificate.region import System, point_of, random_points

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.design.certificate.enclosure import encloses
+from vsgdesign.design.certificate.boxes import encloses
 from vsgdesign.design.certificate.lyapunov import Family, Fit, best_fit, residual
 from vsgdesign.design.certificate.proof import Outcome, prove
 from vsgdesign.design.certificate.region import (

@@ -10,17 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.interrupts import interrupts_deferred
 from vsgdesign.design.certificate.box_check import FOLLOWED, judge, survey
-from vsgdesign.design.certificate.enclosure import (
-    UNIT,
-    Boxes,
-    BoxPrograms,
-    Weights,
-    parameters_of,
-    points_of,
-    programs,
-    whole_region,
-)
+from vsgdesign.design.certificate.boxes import UNIT, Boxes, parameters_of, points_of, whole_region
+from vsgdesign.design.certificate.enclosure import BoxPrograms, Weights, programs
 from vsgdesign.design.certificate.region import Region, System
 from vsgdesign.design.certificate.taylor_kernel import rows
 from vsgdesign.design.certificate.tracing import Program
@@ -33,7 +26,6 @@ _CHUNK = 1024
 
 Failing = Callable[[Array, float], Array]
 """Points (N, 6) and a decay to those points at which the inequality does not hold."""
-
 
 _SAMPLES = 4000
 """Places in undecided boxes that are looked at by eigenvalues after every round of cuts."""
@@ -116,11 +108,15 @@ def look_at(
         state[part], dimension[part] = _look(ready, low, high, np.ascontiguousarray(parameters[:, part]))
 
     starts = range(0, len(boxes), _CHUNK)
-    if len(starts) <= 1:
-        list(map(look, starts))
-    else:
-        with ThreadPoolExecutor(os.cpu_count()) as threads:
-            list(threads.map(look, starts))
+    if len(starts) <= 1:  # the first round always: here the code is compiled
+        with interrupts_deferred():
+            list(map(look, starts))
+        return state, dimension
+    threads = ThreadPoolExecutor(os.cpu_count())
+    try:
+        list(threads.map(look, starts))
+    finally:
+        threads.shutdown(cancel_futures=True)
     return state, dimension
 
 
