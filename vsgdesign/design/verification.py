@@ -100,7 +100,7 @@ def _responses(
 ) -> dict[str, Array]:
     """Overshoot, settling and cross peak over both reference steps of the stable cells."""
     every = max(round(_HORIZON * settling_time / _POINTS / model.T_s), 1)
-    t_s = every * model.T_s * np.arange(1, _POINTS + 1)
+    t_s = every * np.arange(1, _POINTS + 1, dtype=np.float64) * model.T_s
     columns, rows = [INPUTS.index(f"{name}_ref") for name in _POWERS], [OUTPUTS.index(name) for name in _POWERS]
     parts = model.B[stable][:, :, columns], model.C[stable][:, rows], model.D[stable][:, rows][:, :, columns]
     y = sampled_steps(model.A[stable], *parts, every, _POINTS + 1)[:, 1:]

@@ -34,7 +34,8 @@ def full_order_step(
     column, row = FULL_INPUTS.index(input_), FULL_OUTPUTS.index(output)
     count = round(t_end / model.T_s) // every + 1
     parts = model.B[:, :, [column]], model.C[:, [row]], model.D[:, [row]][:, :, [column]]
-    return every * model.T_s * np.arange(count), sampled_steps(model.A, *parts, every, count)[..., 0, 0]
+    k = every * np.arange(count, dtype=np.float64)
+    return k * model.T_s, sampled_steps(model.A, *parts, every, count)[..., 0, 0]
 
 
 def sampled_steps(A: Array, B: Array, C: Array, D: Array, every: int, count: int) -> Array:
