@@ -18,7 +18,7 @@ import pytest
 
 from tests.cli.small_studies import SMALL, as_json, call, failure
 from tests.design.robust_studies import ROOT, TEXT
-from vsgdesign.artifacts import read_table_file
+from vsgdesign.artifacts import read_table_file, write_table_file
 from vsgdesign.design import table as building
 from vsgdesign.design.table import BuiltTable, build_table
 from vsgdesign.parameters import load_study
@@ -70,6 +70,18 @@ def test_the_table_is_what_it_says(undisturbed: Path, study_file: Path) -> None:
         assert table.margins[f"worst_overshoot_{own}_pct"].max() <= 5.0
         assert table.margins[f"worst_settling_{own}_s"].max() <= 1.3
     assert np.isfinite(table.gains.K_ip).all()
+
+
+def test_without_a_certificate_the_table_is_the_same(
+    built: tuple[Path, BuiltTable], study_file: Path, tmp_path: Path
+) -> None:
+    study, table = load_study(study_file), built[1].table
+    plain = build_table(study, study.controllers[-1], tmp_path, points=int(POINTS), certificate=False).table
+    assert plain.certificate is None
+    assert table.certificate is not None
+    write_table_file(plain, tmp_path / "plain.json")
+    write_table_file(replace(table, certificate=None), tmp_path / "other.json")
+    assert (tmp_path / "plain.json").read_bytes() == (tmp_path / "other.json").read_bytes()
 
 
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(

@@ -75,19 +75,27 @@ class BuiltTable:
 
 def build_table(
     study: Study, controller: ControllerSpec, folder: Path, *, executor: Executor | None = None, seed: int = 0,
-    refinements: int = REFINEMENTS, points: int = POINTS, progress: Progress | None = None,
+    refinements: int = REFINEMENTS, points: int = POINTS, certificate: bool = True, progress: Progress | None = None,
 ) -> BuiltTable:  # fmt: skip
     """The gain table of a controller under the study's specification.
 
     ``folder`` keeps finished cells: a build that was killed goes on from them and gives the same bytes.
-    ``points``: random grids of each look between the nodes. Raises
-    InfeasibleStudyError where the study has no specification, or where no cell has an operating point.
+    ``points``: random grids of each look between the nodes. ``certificate``: whether the table gets one
+    (:func:`table_certificate`), which can take as long as the rest. Raises InfeasibleStudyError where the study has
+    no specification, or where no cell has an operating point.
     """
     spec = study.specification
     if spec is None:
         raise InfeasibleStudyError("the study has no [specification]: say what the table has to keep, and over what.")
     with one_thread():
-        return _build(study, controller, spec, folder, executor, seed, refinements, points, progress)
+        built = _build(study, controller, spec, folder, executor, seed, refinements, points, progress)
+        if not certificate:
+            return built
+        tell = progress or silent
+        tell("certify", 0.0)
+        table = replace(built.table, certificate=table_certificate(study, controller, built.table))
+        tell("certify", 1.0)
+        return replace(built, table=table)
 
 
 def _build(
@@ -169,9 +177,6 @@ def _build(
         table = demote(table, checked)
         looks += 1
         checked = check_between(study, law, spec, table, count=points, seed=seed + looks, each=each)
-    tell("certify", 0.0)
-    table = replace(table, certificate=table_certificate(study, controller, table))
-    tell("certify", 1.0)
     return BuiltTable(table, tuple(records), tuple(added), checked)
 
 

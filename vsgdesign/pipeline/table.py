@@ -147,12 +147,14 @@ def report_table(table: GainTable, out: str | Path, *, progress: Progress | None
 
 
 def with_tables(
-    study: Study, out: str | Path, *, workers: int | None = None, progress: Progress | None = None
-) -> Study:
+    study: Study, out: str | Path, *, workers: int | None = None, certificates: bool = True,
+    progress: Progress | None = None,
+) -> Study:  # fmt: skip
     """The study with the gain table of every controller that asks for one: read where a file is named, else built.
 
-    Finished cells wait beside ``out`` while a table is being built. Raises ArtifactError for a file that is no table
-    or is not this converter's, and the errors of :func:`vsgdesign.design.table.build_table`.
+    Finished cells wait beside ``out`` while a table is being built. ``certificates``: whether built tables get theirs.
+    Raises ArtifactError for a file that is no table or is not this converter's, and the errors of
+    :func:`vsgdesign.design.table.build_table`.
     """
     controllers = []
     for spec in study.controllers:
@@ -172,7 +174,8 @@ def with_tables(
 
             cells = cells_folder(Path(out).absolute().with_name(f"{Path(out).name}.{spec.name}"))
             with executor_of(workers) as executor:
-                table = build_table(study, spec, cells, executor=executor, progress=progress).table
+                built = build_table(study, spec, cells, executor=executor, certificate=certificates, progress=progress)
+                table = built.table
             shutil.rmtree(cells, ignore_errors=True)
         controllers.append(replace(spec, table=table))
     return replace(study, controllers=tuple(controllers))
