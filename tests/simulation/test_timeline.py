@@ -98,18 +98,14 @@ def test_ramps_meet_their_goal_and_everything_ends_steady(events: tuple[Event, .
 @given(EVENTS, st.floats(0.0, 1.0))
 def test_grids_and_references_hold_until_the_next(events: tuple[Event, ...], t_s: float) -> None:
     timeline = build_timeline(replace(STUDY, events=events))
-    P_ref, Q_ref, grid, before = 2000.0, 500.0, STUDY.grid, STUDY.grid
+    P_ref, Q_ref, grid = 2000.0, 500.0, STUDY.grid
     for event in events:
         if event.t_s <= t_s:
             P_ref = event.P_ref if event.P_ref is not None else P_ref
             Q_ref = event.Q_ref if event.Q_ref is not None else Q_ref
             grid = event.grid or grid
-        if event.t_s < t_s or event.t_s == 0.0 < t_s:
-            before = event.grid or before
     assert timeline.references_at(t_s) == (P_ref, Q_ref)
     assert timeline.grid_at(t_s) == grid
-    if t_s > 0.0:
-        assert timeline.grid_before(t_s) == before
 
 
 def test_phase_is_the_integral_of_frequency() -> None:

@@ -57,7 +57,7 @@ def rough_nodes(
         if missed and record.missed and record.inner_rad_s is None:
             marked[k // m, k % m] = True
     for point in broken:
-        marked.ravel()[_around(table, point)] = True
+        marked.ravel()[around(table, point)] = True
     wide = marked.copy()
     for i, j in np.argwhere(marked):
         wide[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] = True
@@ -70,7 +70,15 @@ def broken_beside(
 ) -> tuple[tuple[float, float], ...]:
     """SCR and X/R of the grids next to a node at which a promise is broken."""
     nodes = _nodes(table)
-    return tuple((p.scr, p.x_over_r) for p in broken if node in (nodes[k] for k in _around(table, p)))
+    return tuple((p.scr, p.x_over_r) for p in broken if node in (nodes[k] for k in around(table, p)))
+
+
+def around(table: GainTable, point: PointCheck) -> list[int]:
+    """The four nodes around a grid, by number: row by row over SCR × X/R."""
+    n, m = table.shape
+    i = int(np.clip(np.searchsorted(table.scr, point.scr) - 1, 0, n - 2))
+    j = int(np.clip(np.searchsorted(table.x_over_r, point.x_over_r) - 1, 0, m - 2))
+    return [i * m + j, i * m + j + 1, (i + 1) * m + j, (i + 1) * m + j + 1]
 
 
 def reach(scr: Sequence[float], x_over_r: Sequence[float], s: float, x: float) -> Reach:
@@ -88,14 +96,6 @@ def _spacing(axis: Array, value: float) -> float:
     """Length of the interval that holds a value."""
     k = int(np.clip(np.searchsorted(axis, value) - 1, 0, len(axis) - 2))
     return float(axis[k + 1] - axis[k])
-
-
-def _around(table: GainTable, point: PointCheck) -> list[int]:
-    """Numbers of the four nodes around a grid."""
-    n, m = table.shape
-    i = int(np.clip(np.searchsorted(table.scr, point.scr) - 1, 0, n - 2))
-    j = int(np.clip(np.searchsorted(table.x_over_r, point.x_over_r) - 1, 0, m - 2))
-    return [i * m + j, i * m + j + 1, (i + 1) * m + j, (i + 1) * m + j + 1]
 
 
 def _nodes(table: GainTable) -> list[tuple[float, float]]:

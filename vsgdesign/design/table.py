@@ -21,7 +21,7 @@ from vsgdesign.design.cell import common_design
 from vsgdesign.design.certificate import Region, certify
 from vsgdesign.design.evaluation import LawOfStudy, law_of
 from vsgdesign.design.record import CellRecord, CellTask, better, one_thread
-from vsgdesign.design.smoothing import PULL, broken_beside, reach, rough_nodes, surface
+from vsgdesign.design.smoothing import PULL, around, broken_beside, reach, rough_nodes, surface
 from vsgdesign.design.sweep import each_of, sweep
 from vsgdesign.design.variables import variables
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -187,9 +187,8 @@ def demote(table: GainTable, checked: BetweenCheck) -> GainTable:
     """
     status, active = table.status.astype("<U8"), table.active.astype(object)
     for point in checked.broken:
-        i = int(np.clip(np.searchsorted(table.scr, point.scr) - 1, 0, len(table.scr) - 2))
-        j = int(np.clip(np.searchsorted(table.x_over_r, point.x_over_r) - 1, 0, len(table.x_over_r) - 2))
-        for at in ((i, j), (i, j + 1), (i + 1, j), (i + 1, j + 1)):
+        for k in around(table, point):
+            at = divmod(k, len(table.x_over_r))
             if status[at] == "met":
                 status[at], active[at] = "relaxed", "between nodes: " + _active("", point.missed)
     return replace(table, status=status, active=active.astype(str))

@@ -62,11 +62,6 @@ class Timeline:
         """The grid from t_s on."""
         return _last(self.grids, t_s, lambda g: g[0])[1]
 
-    def grid_before(self, t_s: float) -> Grid:
-        """The grid that held up to t_s: what a measurement that ends at t_s has seen."""
-        earlier = [grid for t, grid in self.grids if t < t_s]
-        return earlier[-1] if earlier else self.grids[0][1]
-
     def references_at(self, t_s: float) -> tuple[float, float]:
         """(P_ref, Q_ref) from t_s on."""
         _, P_ref, Q_ref = _last(self.references, t_s, lambda r: r[0])
