@@ -10,11 +10,12 @@ import pytest
 
 from tests.design.robust_studies import specification, with_specification
 from tests.gain_tables import table
-from vsgdesign.design.between import PointCheck
+from vsgdesign.design.between import BetweenCheck, PointCheck
 from vsgdesign.design.cell import CellDesign
 from vsgdesign.design.figures import Figures
 from vsgdesign.design.record import CellRecord, better
 from vsgdesign.design.smoothing import broken_beside, reach, rough_nodes, surface
+from vsgdesign.design.table import demote
 from vsgdesign.design.variables import variables
 
 SCR, RATIO = (2.0, 3.0, 4.5, 6.0), (0.5, 1.0, 2.0)
@@ -94,3 +95,16 @@ def test_a_node_that_keeps_its_promises_is_not_given_up_for_smoothness() -> None
 def test_a_node_has_most_say_half_way_to_its_neighbours() -> None:
     assert reach(SCR, RATIO, 2.0, 1.0) == pytest.approx((2.0, np.sqrt(6.0), np.sqrt(0.5), np.sqrt(2.0)))
     assert reach(SCR, RATIO, 6.0, 0.5) == pytest.approx((np.sqrt(27.0), 6.0, 0.5, np.sqrt(0.5)))
+
+
+def test_what_stays_broken_is_not_promised_by_the_nodes_around_it() -> None:
+    """SCR 3.7 lies between the second node and the third, X/R 0.7 between the first and the second."""
+    missed = {"overshoot": 0.08}
+    points = (PointCheck(3.7, 0.7, GOOD, missed, True), PointCheck(5.0, 1.5, GOOD, missed, False))
+    given_up = np.zeros(TABLE.shape, dtype=bool)
+    given_up[1:3, 0:2] = True
+    found = demote(TABLE, BetweenCheck(points, 0, 0))
+    assert (TABLE.status == "met").all()
+    assert ((found.status == "relaxed") == given_up).all()
+    assert (found.active[given_up] == "between nodes: overshoot → 0.08").all()
+    assert (found.active[~given_up] == TABLE.active[~given_up]).all()
