@@ -50,9 +50,10 @@ def full_order(study: Study, scr: float, x_over_r: float) -> FullOrderModel:
 def emt(study: Study, model: FullOrderModel, event: Event, duration: float, log: float) -> tuple[Array, Array]:
     """Time and P, in W away from the cell's, of an EMT run that starts at rest in the cell."""
     p = dict(zip(PARAMETERS, model.p[0], strict=False))
-    simulation = replace(
-        study.simulation, duration=duration, log_interval=log, P_ref=float(p["P_ref"]), Q_ref=float(p["Q_ref"])
-    )
+    simulation = replace(  # averaged: ripple would hide what grows from a disturbance this small
+        study.simulation, bridge="averaged", duration=duration, log_interval=log, P_ref=float(p["P_ref"]),
+        Q_ref=float(p["Q_ref"]),
+    )  # fmt: skip
     run = replace(study, grid=Grid(float(p["R_g"]), float(p["L_g"])), events=(event,), simulation=simulation)
     series = run_scenario(run).controllers[0].series
     return series["t_s"], series["P_pcc"] - P

@@ -159,7 +159,8 @@ def test_the_figures_of_the_walk_through_can_be_drawn(tmp_path: Path) -> None:
     assert drawn == set(re.findall(r"figures/(walk_through_\w+\.png)", page))
     for line in done.stdout.splitlines()[:2]:
         model, emt = (complex(text) for text in re.findall(r"[\d.]+\+[\d.]+j", line))
-        assert abs(emt - model) < 1e-3 * abs(model), line
+        # The page prints differences of 7e-5 (A) and 4e-7 (B). With a switched bridge's ripple they pass 1e-4.
+        assert abs(emt - model) < 1e-4 * abs(model), line
 
 
 def test_every_block_says_what_it_is() -> None:
