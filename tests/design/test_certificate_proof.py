@@ -13,6 +13,7 @@ from scipy.linalg import expm
 from tests.gain_tables import table
 from vsgdesign.artifacts import GainTable
 from vsgdesign.design.certificate import Certificate, Region, certify
+from vsgdesign.design.certificate.box_check import compile_ahead, judge, survey
 from vsgdesign.design.certificate.boxes import Boxes, parameters_of, points_of, whole_region
 from vsgdesign.design.certificate.certify import Motion
 from vsgdesign.design.certificate.enclosure import programs
@@ -169,6 +170,16 @@ def test_no_point_of_a_proved_box_fails_and_an_empty_box_has_none(k: int, rate: 
     assert counts[EMPTY] > 0
     if not motion.moving:
         assert counts[PROVED] > 0
+
+
+def test_what_is_compiled_ahead_is_what_a_proof_calls() -> None:
+    """One signature each: another would be compiled again, when the proof asks for it."""
+    compile_ahead()
+    s, region = systems()[4], Region((2.0, 2.1), (1.0, 1.05), **POWERS, error=0.05)
+    ready = programs(s, region, Motion(region, False).weights, np.eye(3)[None], 0.1)
+    whole = whole_region(s, region)
+    look_at(s, ready, whole, whole)
+    assert (len(survey.signatures), len(judge.signatures)) == (1, 1)
 
 
 @pytest.mark.parametrize("gains", ["closed form", "table"])

@@ -19,6 +19,7 @@ from vsgdesign.design.between import POINTS, BetweenCheck, check_between, failin
 from vsgdesign.design.box import Scenarios, scenarios_of_estimate
 from vsgdesign.design.cell import common_design
 from vsgdesign.design.certificate import Region, certify
+from vsgdesign.design.certificate.box_check import compile_ahead
 from vsgdesign.design.evaluation import LawOfStudy, law_of
 from vsgdesign.design.record import CellRecord, CellTask, better, one_thread
 from vsgdesign.design.smoothing import PULL, around, broken_beside, reach, rough_nodes, surface
@@ -88,6 +89,9 @@ def build_table(
     if spec is None:
         raise InfeasibleStudyError("the study has no [specification]: say what the table has to keep, and over what.")
     with one_thread():
+        if certificate and executor is not None:
+            # One worker compiles this while the others compile what designs need, instead of all of them the same.
+            executor.submit(compile_ahead)
         built = _build(study, controller, spec, folder, executor, seed, refinements, points, progress)
         if not certificate:
             return built

@@ -18,6 +18,17 @@ FOLLOWED = 4
 _compiled: Any = njit(cache=True, nogil=True, error_model="numpy")
 
 
+def compile_ahead() -> None:
+    """Compile what a proof calls, or load it from Numba's cache: with no box, so that nothing is looked at."""
+    boxes, none, places = np.zeros((0, COORDINATES)), np.zeros(0), np.zeros(0, dtype=np.int64)
+    program = (np.zeros((0, 4), dtype=np.int64), none, places, none, places, 0)
+    parameters, truth = np.zeros((0, 0)), np.zeros(0, dtype=np.bool_)
+    forms = np.zeros((0, 0, rows(FOLLOWED + 1)))
+    signs = np.zeros((0, 0), dtype=np.int64)
+    survey(boxes, boxes, parameters, program, np.zeros((0, 2)), signs, truth, np.zeros((0, 0), np.bool_), forms)
+    judge(boxes, boxes, parameters, program, forms, truth, np.zeros((0, FOLLOWED + 1)))
+
+
 @_compiled
 def survey(
     low: Any, high: Any, parameters: Any, situation: Any, conditions: Any, signs: Any, empty: Any, applies: Any,
