@@ -69,7 +69,7 @@ def test_angle_damping_places_the_poles_whatever_grid_and_droops(
 ) -> None:
     P, Q, R, X = grid
     J = jacobian_from_powers(P, Q, operating_point(P, Q, V_N, R, X)[0], R, X)
-    gains = angle_damped_gains(*J, K_1, D_1, K_2, D_p, D_q, 1.0, 1.0)
+    gains = angle_damped_gains(*J, K_1, D_1, K_2, D_p, D_q, 1.0, 1.0, D_p)
     found = np.sort_complex(closed_loop(P, Q, R, X, gains))
     # Differences of a stiff W times kW-sized powers: 1e-5 of the poles' size.
     assert np.abs(found - np.sort_complex(wanted())).max() < 1e-4
@@ -83,7 +83,7 @@ def test_every_step_of_P_and_Q_is_at_98_percent_after_a_second(
     """From the nonlinear equations, small steps, 5 % P-f droop; the poles are those that are at 98 % at 1 s alone."""
     P, Q, R, X = grid
     V_0, delta_0 = (float(value) for value in operating_point(P, Q, V_N, R, X))
-    gains = angle_damped_gains(*jacobian_from_powers(P, Q, V_0, R, X), *SAME_AT_ONE_SECOND, 318.0, D_q, 1.0, 1.0)
+    gains = angle_damped_gains(*jacobian_from_powers(P, Q, V_0, R, X), *SAME_AT_ONE_SECOND, 318.0, D_q, 1.0, 1.0, 318.0)
     omega_i = OMEGA_0 + gains.k_P * P + gains.k_Q * (Q + D_q * V_0)
     for signal in (0, 1):
         step = np.zeros(2)
@@ -109,8 +109,8 @@ def test_no_droop_makes_the_gains_of_the_V_row_grow_without_bound(D_p: float) ->
         J = jacobian_from_powers(P, Q, operating_point(P, Q, V_N, R, X)[0], R, X)
         if J[0] <= 0.0 or J[0] * J[3] <= J[1] * J[2]:
             continue
-        without = angle_damped_gains(*J, K_1, D_1, K_2, 0.0, 0.0, 1.0, 1.0)
-        with_droop = angle_damped_gains(*J, K_1, D_1, K_2, D_p, 0.0, 1.0, 1.0)
+        without = angle_damped_gains(*J, K_1, D_1, K_2, 0.0, 0.0, 1.0, 1.0, 0.0)
+        with_droop = angle_damped_gains(*J, K_1, D_1, K_2, D_p, 0.0, 1.0, 1.0, D_p)
         assert abs(with_droop.K_qp / without.K_qp) <= 1.0 / (1.0 - 2.0 ** (2.0 / 3.0) / 3.0) + 1e-9
 
 
@@ -148,8 +148,8 @@ def test_no_share_leaves_a_diagonal_and_one_row_can_stay_pure() -> None:
 
 def test_rescheduling_leaves_the_frequency_where_it_is() -> None:
     refs = References(3e3, 1e3, OMEGA_0, V_N)
-    old = angle_damped_gains(8348.0, 91.9, -4840.0, 68.7, K_1, D_1, K_2, 318.0, 909.0, 1.0, 1.0)
-    new = angle_damped_gains(24076.0, 217.0, -20845.0, 211.0, K_1, D_1, K_2, 318.0, 909.0, 1.0, 1.0)
+    old = angle_damped_gains(8348.0, 91.9, -4840.0, 68.7, K_1, D_1, K_2, 318.0, 909.0, 1.0, 1.0, 318.0)
+    new = angle_damped_gains(24076.0, 217.0, -20845.0, 211.0, K_1, D_1, K_2, 318.0, 909.0, 1.0, 1.0, 318.0)
     omega_i = 317.0
     before = power_loops(omega_i, 112.0, 2.8e3, 650.0, refs, old)[0]
     moved = bumpless(omega_i, 112.0, 2.8e3, 650.0, old, new)

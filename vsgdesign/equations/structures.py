@@ -71,16 +71,18 @@ def voltage_row(
 
 
 def angle_damped_gains(
-    A: Any, B: Any, C: Any, D: Any, k_1: Any, d_1: Any, k_2: Any, D_p: Any, D_q: Any, share_P: Any, share_Q: Any
-) -> PowerLoopGains:
+    A: Any, B: Any, C: Any, D: Any, k_1: Any, d_1: Any, k_2: Any, D_p: Any, D_q: Any, share_P: Any, share_Q: Any,
+    D_p_V: Any,
+) -> PowerLoopGains:  # fmt: skip
     """The angle-damped structure (:eq:`angle-damped-gains`): both droops free, damping through the angle.
 
     What the droop D_p damps already, k_1 w11 D_p, is taken off d_1, so δ moves by s² + d_1 s + k_1 on every
     grid and V by s + k_2. The droop's push on V is taken out of the V row (:eq:`voltage-row`), so that a step of
-    a reference is answered by these two and nothing else.
+    a reference is answered by these two and nothing else. ``D_p_V``: the droop that is taken out there, D_p, or 0 to
+    leave its push in.
     """
     w11, w12, _, _ = decoupling(A, B, C, D, D_q, share_P, share_Q)
-    _, v1, v2 = voltage_row(A, B, C, D, k_2, D_p, D_q, share_P, share_Q)
+    _, v1, v2 = voltage_row(A, B, C, D, k_2, D_p_V, D_q, share_P, share_Q)
     k_d = d_1 - k_1 * w11 * D_p
     return PowerLoopGains(k_1 * w11, D_p, k_2 * v2, D_q, k_1 * w12, k_2 * v1, k_d * w11, k_d * w12)
 
@@ -109,7 +111,9 @@ def structure_gains(
         k_1, d_1 = poles_of_inertia(A, k_1, d_1, S_rated, omega_0)
     droop = D_q + normalised.q * D
     if angle_damped:
+        # A V row without the droop's part would change the inertia, which law ``inertia`` promises.
         return angle_damped_gains(
-            A, B, C, D, k_1, d_1, normalised.k_2, D_p, droop, normalised.share_P, normalised.share_Q
-        )
+            A, B, C, D, k_1, d_1, normalised.k_2, D_p, droop, normalised.share_P, normalised.share_Q,
+            0.0 if by_inertia else D_p,
+        )  # fmt: skip
     return decoupled_gains(A, B, C, D, k_1, d_1, normalised.k_2, droop, normalised.share_P, normalised.share_Q)

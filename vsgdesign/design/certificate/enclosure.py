@@ -231,7 +231,8 @@ class _Nominal:
         W, sigma = decoupling(A, B, C, D, droop, share_P, share_Q), 0.0
         if s.structure == "angle_damped":
             D_p = powers * s.D_p
-            sigma, *row = voltage_row(A, B, C, D, k_2, D_p, droop, share_P, share_Q)
+            row_D_p = 0.0 if s.law == "inertia" else D_p
+            sigma, *row = voltage_row(A, B, C, D, k_2, row_D_p, droop, share_P, share_Q)
             W = (W[0], W[1], *row)
             pull, across = W[0] * D_p * k_1, W[2] * D_p * k_2
             k_d = d_1 - pull
