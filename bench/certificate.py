@@ -32,7 +32,7 @@ def _row(name: str, region: Region, budget: int | None) -> Row:
     seconds = repeat(lambda: certify(study, spec, region, **options), 3, 0)
     speed = "any speed" if region.rate == float("inf") else f"{region.rate:g}/s"
     kind = "on points" if budget == 0 else f"{found.proof}, {100.0 * (1.0 - found.gap.share):.3g} % on boxes"
-    where = f"SCR {region.scr[0]:g} to 20, X/R {region.x_over_r[0]:g} to 20, |Q| ≤ {region.Q[1] / 1e3:g} kvar"
+    where = f"SCR {region.scr[0]:g} to 20, X/R {region.x_over_r[0]:g} to 20, Q to ±{region.Q[1] / 1e3:g} kvar"
     what = f"{name}, {where}, ±{100.0 * region.error:g} %, {speed}: decay {found.decay:.2f} 1/s, {kind}"
     limit = "38,000 eigenvalue problems a round" if budget == 0 else f"Taylor forms, {found.boxes} proved"
     return Row("certificate", what, figure(seconds), "s", target=30.0, limit=limit)
