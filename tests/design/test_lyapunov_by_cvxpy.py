@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import warnings
+from types import SimpleNamespace
+from typing import Any
 
+import clarabel
 import cvxpy as cp
 import numpy as np
 import pytest
 
-from vsgdesign.design.certificate.lyapunov import Family, best_fit, residual
+from vsgdesign.design.certificate.lyapunov import Family, best_fit, fit, residual
 
 CELLS, ORDER = 25, 3
 
@@ -52,3 +55,25 @@ def test_the_largest_decay_is_that_of_the_whole_program(seed: int) -> None:
         inverse = np.linalg.inv(half)
         assert np.linalg.eigvalsh(inverse @ (a.T @ P + P @ a) @ inverse.T).max() < -2.0 * found.decay + 1e-9
     assert residual(A, family(A), found.P, found.decay).max() < 0.0
+
+
+def test_a_function_of_the_solver_is_not_believed_before_its_eigenvalues(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A solver that calls 'solved' what is not positive at a corner between which no cell lies."""
+    A = cells(0)[:1]
+    moving = Family(np.array([[1.0, 0.0]]), np.zeros((1, 1, 2)), np.array([[1.0, -1.0], [1.0, 1.0]]))
+    honest = fit(A, moving, 0.1)[0]
+    assert honest is not None
+
+    class Wrong:
+        def __init__(self, *given: Any) -> None:
+            self.solver = clarabel_solver(*given)
+
+        def solve(self) -> Any:
+            solution = self.solver.solve()
+            x = np.array(solution.x)
+            x[6:12] = 2.0 * x[:6]  # P_1 = 2 P_0: P_0 − P_1 is negative
+            return SimpleNamespace(status=solution.status, x=x)
+
+    clarabel_solver = clarabel.DefaultSolver
+    monkeypatch.setattr(clarabel, "DefaultSolver", Wrong)
+    assert fit(A, moving, 0.1)[0] is None

@@ -153,7 +153,9 @@ def _solve(A: Array, family: Family, decay: float) -> Array | None:
     x = np.array(solution.x)
     if not 1.0 <= x[-1] + 1e-3 <= _CONDITION_LIMIT:
         return None
-    return np.tensordot(x[:-1].reshape(family.size, m), basis, 1)
+    P = np.tensordot(x[:-1].reshape(family.size, m), basis, 1)
+    # What the solver returns is not believed: positive at the corners, hence at all weights between them.
+    return P if np.linalg.eigvalsh(np.tensordot(family.corners, P, 1)).min() > 0.0 else None
 
 
 def _basis(n: int) -> Array:
