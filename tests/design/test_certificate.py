@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,9 @@ from scipy.linalg import expm
 
 from vsgdesign.design import Certificate, Counterexample, Region, certify
 from vsgdesign.design.certificate import region_of
+from vsgdesign.design.certificate.boxes import whole_region
+from vsgdesign.design.certificate.lyapunov import Family, residual
+from vsgdesign.design.certificate.proof import Outcome
 from vsgdesign.design.certificate.region import System, random_points
 from vsgdesign.equations.power_flow import operating_point, power_flow
 from vsgdesign.equations.power_loops import References, power_loops
@@ -123,6 +128,41 @@ def test_a_corner_that_points_miss_is_found(study: Study) -> None:
     region = replace(PUBLISHED_BOX, scr=(1.2, 20.0))
     with pytest.raises(InfeasibleStudyError, match=r"does not hold, at most|no common quadratic function"):
         certify(study, spec, region, decay=1.0, budget=0)
+
+
+def test_what_is_claimed_holds_where_boxes_broke_it(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fitted to a few strong grids, a function fails elsewhere. The boxes find where, and none are left to try another
+    on: what is claimed then holds at those points, too."""
+    module: Any = importlib.import_module("vsgdesign.design.certificate.certify")
+    spec = controller(study, "angle_damped", Q_droop=0.5)
+    system = System(study, closed_form_schedule(study, spec.target))
+    rng = np.random.default_rng(5)
+    points, A = system.matrices(random_points(PUBLISHED_BOX, 4000, rng))
+    seen: list[NDArray[np.float64]] = []
+
+    def shortfall(P: NDArray[np.float64], decay: float, at: NDArray[np.float64]) -> NDArray[np.float64]:
+        one = np.ones((len(at), 1))
+        return residual(at, Family(one, 0.0 * one[:, :, None], np.ones((1, 1))), P, decay)
+
+    def broken(_: Any, __: Any, P: NDArray[np.float64], decays: Any, *___: Any) -> Outcome:
+        seen.append(points[shortfall(P, decays[0], A) >= 0.0])
+        boxes = whole_region(system, PUBLISHED_BOX)
+        return Outcome(decays[0], 1, 0, boxes, boxes, seen[0])
+
+    def strong(region: Region, _: int) -> NDArray[np.float64]:
+        return random_points(replace(region, scr=(15.0, 20.0), x_over_r=(5.0, 20.0)), 20, np.random.default_rng(1))
+
+    monkeypatch.setattr(module, "nodes", strong)
+    monkeypatch.setattr(module, "_HARDENINGS", 0)
+    monkeypatch.setattr(module, "_ATTEMPTS", 1)
+    monkeypatch.setattr(module, "_proved", broken)
+    found = certify(study, spec, PUBLISHED_BOX, fresh=2)
+    assert isinstance(found, Certificate)
+    assert found.proof == "gridded"
+    assert len(seen) == 1
+    assert len(seen[0]) > 10
+    _, there = system.matrices(seen[0])
+    assert shortfall(found.P, found.decay, there).max() < 0.0
 
 
 def test_it_is_the_same_every_time(study: Study, angle_damped: Certificate) -> None:

