@@ -165,6 +165,28 @@ def test_what_is_claimed_holds_where_boxes_broke_it(study: Study, monkeypatch: p
     assert shortfall(found.P, found.decay, there).max() < 0.0
 
 
+def test_boxes_hold_every_point_of_a_slow_grid(study: Study) -> None:
+    """At 80 % of the rated frequency the path's reactance is 20 % less than the estimate at the rated one says: more
+    power passes the static limit, and the boxes reach as far."""
+    source = replace(study.grid_source, omega_g=0.8 * study.grid_source.omega_g)
+    slow = replace(study, grid_source=source, filter=replace(study.filter, L_2=0.0, R_2=0.0))
+    region = Region((1.0, 2.0), (10.0, 20.0), (-15e3, 15e3), (-15e3, 15e3), 0.0)
+    c = slow.converter
+    slow = replace(slow, converter=replace(c, V_min_pu=0.2, V_max_pu=3.0))
+    system = System(slow, closed_form_schedule(slow, controller(study, "angle_damped").target))
+    points, _ = system.matrices(random_points(region, 20_000, np.random.default_rng(2)))
+    assert len(points) > 1000
+    boxes = whole_region(system, region)
+    low, high = boxes.low.min(axis=0), boxes.high.max(axis=0)
+    weakness, angle, P, Q, _, _ = points.T
+    Z = weakness * c.Z_base
+    V, _ = operating_point(P, Q, source.V_g_rms, Z * np.cos(angle), 0.8 * Z * np.sin(angle))
+    for k, power in ((2, P), (3, Q)):
+        reached = power * Z / V**2
+        assert low[k] <= reached.min()
+        assert reached.max() <= high[k]
+
+
 def test_it_is_the_same_every_time(study: Study, angle_damped: Certificate) -> None:
     again = certify(study, controller(study, "angle_damped", Q_droop=0.5), PUBLISHED_BOX, budget=0)
     assert isinstance(again, Certificate)

@@ -70,8 +70,9 @@ def whole_region(system: System, region: Region) -> Boxes:
         sines = np.sin(np.arctan(region.x_over_r))
         size = size * (sines if basis == "reactance" else 1.0 / sines[::-1])
     widest = size[1] / (np.sin(np.arctan(ratio[0])) if basis == "reactance" else 1.0)
-    # No more than the static limit leaves: |Z||S|/V² ≤ PHASES/1.3, and |Ẑ| ≤ (1 + error)|Z|.
-    most = PHASES / POWER_MARGIN * (1.0 + e)
+    # No more than the static limit leaves: |Z||S|/V² ≤ PHASES/1.3, and |Ẑ| ≤ (1 + error)|Z| at the rated frequency.
+    slow = min(system.study.grid_source.omega_g / c.omega_n, 1.0)
+    most = PHASES / POWER_MARGIN * (1.0 + e) / slow
     largest = PHASES * widest / (c.S_rated * c.V_min_pu**2)
     powers = [np.clip([min(x[0] * largest, 0.0), max(x[1] * largest, 0.0)], -most, most) for x in (region.P, region.Q)]
     rest_low = [powers[0][0], powers[1][0], -e, -e]
@@ -94,15 +95,20 @@ def points_of(system: System, region: Region, places: Array) -> Array:
     first, angle, p, q, e_R, e_L = places.T
     size = first if basis_of(system) == "impedance" else first / np.sin(angle)
     R, X = size * np.cos(angle) / (1.0 + e_R), size * np.sin(angle) / (1.0 + e_L)
-    r = (R + f.R_2 / c.Z_base) / size / PHASES
-    x = (X + c.omega_n * f.L_2 / c.Z_base) * (source.omega_g / c.omega_n) / size / PHASES
-    drop = (1.0 - (r * p + x * q)) ** 2 + (x * p - r * q) ** 2
-    V_sq = (source.V_g_rms / c.V_rated_rms) ** 2 / drop
+    r = (R + f.R_2 / c.Z_base) / size
+    x = (X + c.omega_n * f.L_2 / c.Z_base) * (source.omega_g / c.omega_n) / size
+    V_sq = (source.V_g_rms / c.V_rated_rms) ** 2 / drop_sq(r, x, p, q)
     scale = V_sq / (size * PHASES) * c.S_rated
     weakness = X if system.study.scr_basis == "reactance" else np.hypot(R, X)
     points = np.stack([weakness, np.arctan2(X, R), p * scale, q * scale, e_R, e_L], axis=1)
     low, high = region.limits
     return points[((points >= low) & (points <= high)).all(axis=1)]
+
+
+def drop_sq(r: Any, x: Any, p: Any, q: Any) -> Any:
+    """(V_g/V)² behind a path r + jx in |Ẑ_g|, p and q in V²/|Ẑ_g| (:eq:`box-coordinates`): numbers or symbols."""
+    along, across = 1.0 - (r * p + x * q) * (1.0 / PHASES), (x * p - r * q) * (1.0 / PHASES)
+    return along * along + across * across
 
 
 def basis_of(system: System) -> str:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.design.certificate.boxes import ERROR_PARAMETERS, basis_of
+from vsgdesign.design.certificate.boxes import ERROR_PARAMETERS, basis_of, drop_sq
 from vsgdesign.design.certificate.region import OMEGA_SCALE, Region, System
 from vsgdesign.design.certificate.tracing import Program, Symbol, Tracer, program_of
 from vsgdesign.equations.power_flow import LEAST_SHARE, POWER_MARGIN
@@ -147,10 +147,9 @@ def _voltage(
     :eq:`static-limits`): each a quantity with its limits."""
     c = system.study.converter
     V_g = system.study.grid_source.V_g_rms / c.V_rated_rms
-    r, x = path[0] * (1.0 / PHASES), path[1] * (1.0 / PHASES)
-    along, across = 1.0 - (r * p + x * q), x * p - r * q
-    drop = along * along + across * across  # (V_g/V)²
-    reach = (r * r + x * x) * (p * p + q * q)
+    r, x = path
+    drop = drop_sq(r, x, p, q)
+    reach = (r * r + x * x) * (p * p + q * q) * (1.0 / PHASES**2)
     least, most = (V_g / c.V_max_pu) ** 2, (V_g / c.V_min_pu) ** 2
     conditions: list[tuple[Any, float, float]] = [(reach, -np.inf, POWER_MARGIN**-2), (drop, least, most)]
     for power, (low, high) in ((p, region.P), (q, region.Q)):
