@@ -154,6 +154,7 @@ def _controller_loop(count, state, refs, power_gains, inner_gains, settings):
         state = ControllerState(
             following.theta, state.omega_i, state.V, state.P_f, state.Q_f, 0.5 * following.xi_vd, 0.5 * following.xi_vq,
             0.5 * following.xi_id, 0.5 * following.xi_iq, following.i_f_d, following.i_f_q,
+            following.u_alpha, following.u_beta,
         )  # fmt: skip
     return v_alpha + state.xi_vd + state.xi_id
 

@@ -21,7 +21,8 @@ from vsgdesign.equations.inner_loops import (
     InnerLoopGains,
     current_loop,
     limit_length,
-    transient_resistance,
+    predicted_current,
+    transient_impedance,
     voltage_loop,
 )
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
@@ -70,7 +71,7 @@ def test_inner_loops_in_complex_numbers(
     error = reference - first
     wanted = GAINS.K_pc * error + xi + second + 1j * 0.31 * first
     out, xi_next = pi_step(wanted, error, xi, limit, GAINS.K_pc, GAINS.K_ic)
-    result = current_loop(v_ref, -0.5 * v_ref, a, b, c, d, e, f, GAINS, 0.31, limit, T_S)
+    result = current_loop(v_ref, -0.5 * v_ref, a, b, c, d, 7.0, -9.0, e, f, GAINS, 0.31, 0.05, limit, T_S)
     assert result == pytest.approx((out.real, out.imag, xi_next.real, xi_next.imag), abs=1e-10)
 
 
@@ -158,14 +159,39 @@ def test_rotating_the_frame_rotates_the_loops() -> None:
     assert turned == pytest.approx(loop(v, i_g, xi, drop) * turn, rel=1e-14)
 
 
-def test_the_transient_resistance_forgets_a_constant_current() -> None:
-    """A step of current meets R_t at once, R_t/e after the low-pass's time constant, and nothing in the end."""
-    R_t, tau, i_g = 0.5, 40 * T_S, 8.0 - 6.0j
+def test_the_transient_impedance_forgets_a_constant_current() -> None:
+    """A step of current meets Z_t at once, Z_t/e after the low-pass's time constant, and nothing in the end."""
+    Z_t, tau, i_g = 0.5 - 0.3j, 40 * T_S, 8.0 - 6.0j
+    gains = GAINS._replace(R_t=Z_t.real, X_t=Z_t.imag)
     i_f, drops = 0j, []
     for _ in range(2001):
-        *drop, d, q = transient_resistance(i_g.real, i_g.imag, i_f.real, i_f.imag, R_t, -math.expm1(-T_S / tau))
+        *drop, d, q = transient_impedance(i_g.real, i_g.imag, i_f.real, i_f.imag, gains, -math.expm1(-T_S / tau))
         i_f = complex(d, q)
         drops.append(complex(*drop))
-    assert drops[0] == R_t * i_g
-    assert drops[40] == pytest.approx(R_t * i_g / math.e, rel=1e-12)
+    assert drops[0] == pytest.approx(Z_t * i_g, rel=1e-15)
+    assert drops[40] == pytest.approx(Z_t * i_g / math.e, rel=1e-12)
     assert abs(drops[2000]) < 1e-12
+
+
+@given(COMPONENT, COMPONENT, COMPONENT, COMPONENT, COMPONENT, COMPONENT)
+def test_a_prediction_of_nothing_is_the_current_to_the_bit(
+    a: float, b: float, c: float, d: float, e: float, f: float
+) -> None:
+    assert predicted_current(a, b, c, d, e, f, 0.0, 0.31, 0.05) == (a, b)
+
+
+@pytest.mark.parametrize("omega", [2.0 * math.pi * 50.0, 2.0 * math.pi * 60.0])
+def test_a_whole_period_is_predicted_to_second_order(omega: float) -> None:
+    """Against the exact current of an inductor in the turning frame, u and v constant there: what is left of one
+    forward Euler step falls with the square of the period.
+    """
+    L, i, v, u = 2e-3, 12.0 - 5.0j, 140.0 + 8.0j, 155.0 - 3.0j
+
+    def error(T: float) -> float:
+        rest = (u - v) / (1j * omega * L)
+        exact = rest + (i - rest) * cmath.exp(-1j * omega * T)
+        found = predicted_current(i.real, i.imag, v.real, v.imag, u.real, u.imag, 1.0, omega * L, T / L)
+        return abs(complex(*found) - exact)
+
+    assert error(100e-6) < 0.05
+    assert error(100e-6) / error(50e-6) == pytest.approx(4.0, rel=0.02)

@@ -74,16 +74,18 @@ class OnePeriod:
         frame = cmath.exp(-1j * theta)
         v_dq, i_s, i_g = v * frame, x[0] * frame, x[2] * frame
         error = math.sqrt(2.0) * V - v_dq
-        if inner.R_t > 0.0:
+        if "i_f_d" in z:
             change = i_g - complex(z["i_f_d"], z["i_f_q"])
-            error -= inner.R_t * change
+            error -= complex(inner.R_t, inner.X_t) * change
             used_to = complex(z["i_f_d"], z["i_f_q"]) + (1.0 - math.exp(-study.omega_t * T)) * change
             following["i_f_d"], following["i_f_q"] = used_to.real, used_to.imag
         xi_v, xi_i = complex(z["xi_vd"], z["xi_vq"]), complex(z["xi_id"], z["xi_iq"])
         wanted = inner.K_pv * error + xi_v + inner.K_ff * i_g + 1j * c.omega_n * f.C * v_dq
         i_ref = self.shorten(wanted, self.i_max)
         xi_v += T * inner.K_iv * (error + (i_ref - wanted) / inner.K_pv)
-        error = i_ref - i_s
+        known = complex(z.get("pending_d", 0.0), z.get("pending_q", 0.0))
+        known *= frame * cmath.exp(-0.5j * c.omega_n * T)
+        error = i_ref - i_s - inner.kappa * T / f.L_1 * (known - v_dq - 1j * c.omega_n * f.L_1 * i_s)
         wanted = inner.K_pc * error + xi_i + v_dq + 1j * c.omega_n * f.L_1 * i_s
         v_b = self.shorten(wanted, self.v_max)
         xi_i += T * inner.K_ic * (error + (v_b - wanted) / inner.K_pc)

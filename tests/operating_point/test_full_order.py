@@ -36,7 +36,9 @@ def place(case: str, delay: int, tau: float) -> Situation:
     study = case_study(case, delay=delay, tau_P=tau, tau_Q=0.7 * tau)
     c = study.converter
     if tau > 0.0:
-        study = replace(study, inner_gains=study.inner_gains._replace(R_t=0.05 * c.Z_base))
+        inner = study.inner_gains._replace(R_t=0.05 * c.Z_base, X_t=-0.03 * c.Z_base)
+        kappa = 0.8 if c.delay_samples else 0.0
+        study = replace(study, inner_gains=inner._replace(kappa=kappa))
     if case == UTILITY:  # a filter without damping resistor, whose derivative is then one-sided in nature
         study = replace(study, filter=replace(study.filter, R_c=0.0))
     grid = grid_from_scr(4.0, 1.7, study.scr_basis, c)
@@ -79,7 +81,7 @@ def typical(s: Situation, column: int) -> float:
         return value
     return {
         "L_2": grid.L_g, "R_2": grid.R_g, "R_1": grid.R_g, "R_c": grid.R_g,
-        "R_t": 0.1 * s.study.converter.Z_base,
+        "R_t": 0.1 * s.study.converter.Z_base, "X_t": 0.1 * s.study.converter.Z_base, "kappa": 1.0,
         "K_pq": gains.K_ip, "K_qp": gains.K_iq, "k_P": 1.0 / gains.D_p, "k_Q": 1.0 / gains.D_p,
     }[PARAMETERS[column]]  # fmt: skip
 

@@ -33,7 +33,7 @@ _COINCIDENT = 1e-6
 @dataclass
 class State:
     """Controller memory: angle, frequency, rms voltage, filtered powers; in the dq frame the PI integrators and the
-    grid current that the transient resistance is used to."""
+    grid current that the transient impedance is used to; the voltage (αβ) that was asked for last."""
 
     theta: float
     omega: float
@@ -42,6 +42,7 @@ class State:
     xi_v: complex
     xi_i: complex
     i_f: complex = 0j
+    asked: complex = 0j
 
 
 @dataclass
@@ -160,7 +161,8 @@ class SampledController:
         self.omega_0, self.V_n = c.omega_n, c.V_rated_rms
         self.current_pi, self.voltage_pi = (gains.K_pc, gains.K_ic), (gains.K_pv, gains.K_iv)
         self.feedforward = gains.K_ff
-        self.resistance, self.used_to = gains.R_t, 1.0 - math.exp(-study.omega_t * self.T)
+        self.impedance, self.used_to = complex(gains.R_t, gains.X_t), 1.0 - math.exp(-study.omega_t * self.T)
+        self.ahead = gains.kappa * self.T / f.L_1
         self.Y, self.X = 1j * c.omega_n * f.C, 1j * c.omega_n * f.L_1
         rated_peak = math.sqrt(2.0) * c.S_rated / (3.0 * c.V_rated_rms)
         self.i_max = math.inf if c.current_limit_pu is None else c.current_limit_pu * rated_peak
@@ -183,19 +185,20 @@ class SampledController:
 
         frame = cmath.exp(-1j * s.theta)
         v, i_s, i_g = v * frame, i_s * frame, i_g * frame
-        error = math.sqrt(2.0) * s.V - self.resistance * (i_g - s.i_f) - v
+        error = math.sqrt(2.0) * s.V - self.impedance * (i_g - s.i_f) - v
         wanted = self.voltage_pi[0] * error + s.xi_v + self.feedforward * i_g + self.Y * v
         i_ref = self._shorten(wanted, self.i_max, "current")
         xi_v = s.xi_v + self.T * self.voltage_pi[1] * (error + (i_ref - wanted) / self.voltage_pi[0])
-        error = i_ref - i_s
+        acting = s.asked * frame * cmath.exp(-0.5j * self.omega_0 * self.T)
+        error = i_ref - (i_s + self.ahead * (acting - v - self.X * i_s))
         wanted = self.current_pi[0] * error + s.xi_i + v + self.X * i_s
         v_b = self._shorten(wanted, self.v_max, "voltage")
         xi_i = s.xi_i + self.T * self.current_pi[1] * (error + (v_b - wanted) / self.current_pi[0])
         following = State(
             s.theta + self.T * s.omega, s.omega + self.T * acceleration, s.V + self.T * rise, S_f, xi_v, xi_i,
-            s.i_f + self.used_to * (i_g - s.i_f),
+            s.i_f + self.used_to * (i_g - s.i_f), v_b * self.lead / frame,
         )  # fmt: skip
-        return following, v_b * self.lead / frame, S
+        return following, following.asked, S
 
     def _shorten(self, vector: complex, limit: float, which: str) -> complex:
         if abs(vector) <= limit:

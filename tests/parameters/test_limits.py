@@ -59,7 +59,8 @@ LIMITS: list[tuple[str, dict[str, Any], str, float, float]] = [
         ("K_pv", 1e6), ("K_iv", 1e9), ("K_pc", 1e6), ("K_ic", 1e9),
     ]),
     *(("inner times", PLAIN, f"inner_loops.{field}", low, high) for field, low, high in [
-        ("damping_ratio", 0.1, 10.0), ("current_feedforward", 0.0, 1.0), ("transient_resistance_pu", 0.0, 1.0),
+        ("damping_ratio", 0.1, 10.0), ("current_feedforward", -1.0, 1.5), ("transient_resistance_pu", 0.0, 1.0),
+        ("transient_reactance_pu", -1.0, 1.0), ("current_prediction", 0.0, 2.0),
         ("current_response_time", 1e-5, 1.0), ("voltage_response_time", 1e-5, 1.0),
     ]),
     ("transient", TRANSIENT, "inner_loops.transient_corner", 0.5, 500.0),
@@ -165,7 +166,7 @@ RULES = [
     ("grid.R_g", 1.0, "grid", "not both"),
     ("converter.V_rated_ll_rms", 190.0, "converter", "not both"),
     ("inner_loops.K_pc", 1.0, "inner_loops", "not both"),
-    ("inner_loops.transient_corner", "25 Hz", "inner_loops.transient_corner", "there is no transient resistance"),
+    ("inner_loops.transient_corner", "25 Hz", "inner_loops.transient_corner", "there is no transient impedance"),
     ("grid.scr", MISSING, "grid.scr", "missing"),
     ("converter.S_rated", MISSING, "converter.S_rated", "missing"),
     ("filter", MISSING, "filter", "missing table"),

@@ -70,7 +70,7 @@ def library_start(study: Study, gains: Sequence[GainChange]) -> Start:
     x, s, pending = start.plant, start.controller, start.pending
     state = State(
         s.theta, s.omega_i, s.V, complex(s.P_f, s.Q_f), complex(s.xi_vd, s.xi_vq), complex(s.xi_id, s.xi_iq),
-        complex(s.i_f_d, s.i_f_q),
+        complex(s.i_f_d, s.i_f_q), complex(s.u_alpha, s.u_beta),
     )  # fmt: skip
     return Start(x[0::2] + 1j * x[1::2], state, complex(*pending))
 
@@ -172,6 +172,18 @@ def test_transient_resistance(bridge: str) -> None:
     # The resistance has something to do: what it is used to lags the current by a good part of rated.
     frame = np.exp(-1j * reference.theta)
     assert np.max(np.abs(reference.plant[:, 2] * frame - reference.i_f)) > 10.0
+
+
+@pytest.mark.parametrize("bridge", ["averaged", "pwm"])
+def test_transient_reactance_and_prediction(bridge: str) -> None:
+    """Against a sag, a phase jump and a harder grid, one sample late, with the current limit in reach."""
+    study = lcl_study("30 ms", '[[events]]\ntime = "8.0123 ms"\nphase_jump = "20 deg"\n' + SAG)
+    gains = study.inner_gains._replace(
+        X_t=0.1 * study.converter.Z_base, R_t=0.1 * study.converter.Z_base, kappa=1.2, K_ff=-0.1
+    )
+    converter = replace(study.converter, current_limit_pu=0.6)
+    reference = compare(replace(study, inner_gains=gains, converter=converter), [GainChange(0.0, GAINS)], bridge)
+    assert reference.current_limited > 0
 
 
 @pytest.mark.parametrize(("case", "P_ref", "log"), [

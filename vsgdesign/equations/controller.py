@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.inner_loops import InnerLoopGains, current_loop, transient_resistance, voltage_loop
+from vsgdesign.equations.inner_loops import InnerLoopGains, current_loop, transient_impedance, voltage_loop
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.frames import instantaneous_power, rms_to_peak, rotate, rotate_back
 
@@ -35,7 +35,10 @@ class ControllerState(NamedTuple):
     """Current-loop integrators, V peak."""
     i_f_d: Any = 0.0
     i_f_q: Any = 0.0
-    """Grid current behind the low-pass of the transient resistance, A peak."""
+    """Grid current behind the low-pass of the transient impedance, A peak."""
+    u_alpha: Any = 0.0
+    u_beta: Any = 0.0
+    """Bridge voltage of the last sample, V peak; with a delay of one sample it acts from this sample on."""
 
 
 class Measurement(NamedTuple):
@@ -67,7 +70,12 @@ class ControllerSettings(NamedTuple):
     advance_sin: Any
     """cos and sin of the angle ω₀(d + ½)T_s by which the output leads, d samples of delay."""
     smoothing_t: Any = 0.0
-    """1 − exp(−ω_t T_s) of the transient resistance's low-pass."""
+    """1 − exp(−ω_t T_s) of the transient impedance's low-pass."""
+    half_cos: Any = 1.0
+    half_sin: Any = 0.0
+    """cos and sin of ω₀T_s/2, by which the frame turns in half a period."""
+    T_over_L: Any = 0.0
+    """T_s/L_1 of the current prediction, s/H."""
 
 
 class ControllerOutput(NamedTuple):
@@ -104,16 +112,19 @@ def voltage_stage(
     v_d, v_q = rotate_back(measured.v_alpha, measured.v_beta, cosine, sine)
     i_s_d, i_s_q = rotate_back(measured.i_s_alpha, measured.i_s_beta, cosine, sine)
     i_g_d, i_g_q = rotate_back(measured.i_g_alpha, measured.i_g_beta, cosine, sine)
-    drop_d, drop_q, i_f_d, i_f_q = transient_resistance(
-        i_g_d, i_g_q, state.i_f_d, state.i_f_q, gains.R_t, settings.smoothing_t
+    drop_d, drop_q, i_f_d, i_f_q = transient_impedance(
+        i_g_d, i_g_q, state.i_f_d, state.i_f_q, gains, settings.smoothing_t
     )
     i_ref_d, i_ref_q, xi_vd, xi_vq = voltage_loop(
         rms_to_peak(V_rms), drop_d, drop_q, v_d, v_q, i_g_d, i_g_q, state.xi_vd, state.xi_vq,
         gains, settings.omega_C, settings.i_max_pk, settings.T_s,
     )  # fmt: skip
+    # The voltage stands still in αβ while the frame turns: in the middle of its period it is half a period behind.
+    u_d, u_q = rotate_back(state.u_alpha, state.u_beta, cosine, sine)
+    u_d, u_q = rotate_back(u_d, u_q, settings.half_cos, settings.half_sin)
     v_b_d, v_b_q, xi_id, xi_iq = current_loop(
-        i_ref_d, i_ref_q, i_s_d, i_s_q, v_d, v_q, state.xi_id, state.xi_iq,
-        gains, settings.omega_L, settings.v_max_pk, settings.T_s,
+        i_ref_d, i_ref_q, i_s_d, i_s_q, v_d, v_q, u_d, u_q, state.xi_id, state.xi_iq,
+        gains, settings.omega_L, settings.T_over_L, settings.v_max_pk, settings.T_s,
     )  # fmt: skip
     lead_d, lead_q = rotate(v_b_d, v_b_q, settings.advance_cos, settings.advance_sin)
     v_b_alpha, v_b_beta = rotate(lead_d, lead_q, cosine, sine)
@@ -134,5 +145,7 @@ def controller_step(
     v_b_alpha, v_b_beta, xi_vd, xi_vq, xi_id, xi_iq, i_f_d, i_f_q = voltage_stage(
         state.theta, state.V, state, measured, inner_gains, settings
     )
-    following = ControllerState(theta, omega_i, V, P_f, Q_f, xi_vd, xi_vq, xi_id, xi_iq, i_f_d, i_f_q)
+    following = ControllerState(
+        theta, omega_i, V, P_f, Q_f, xi_vd, xi_vq, xi_id, xi_iq, i_f_d, i_f_q, v_b_alpha, v_b_beta
+    )
     return following, ControllerOutput(v_b_alpha, v_b_beta, omega, P, Q)

@@ -11,11 +11,12 @@ import numpy as np
 
 
 class InnerLoopGains(NamedTuple):
-    """PI gains of the voltage loop (A/V, A/(V·s)) and the current loop (V/A, V/(A·s)), K_ff, and R_t (Ω).
+    """PI gains of the voltage loop (A/V, A/(V·s)) and the current loop (V/A, V/(A·s)), K_ff, R_t and X_t (Ω), and κ.
 
     K_ff is the share of the grid current that is fed forward: 1 as published. With a computation delay a little
-    less damps the network better; much less leaves the voltage loop without strength on a strong grid. R_t is the
-    transient resistance: 0 as published.
+    less damps the network better; much less leaves the voltage loop without strength on a strong grid. R_t + jX_t is
+    the transient impedance, κ the share of one period by which the converter current is predicted (with a delay of
+    one sample alone): both 0 as published.
     """
 
     K_pv: Any
@@ -24,6 +25,8 @@ class InnerLoopGains(NamedTuple):
     K_ic: Any
     K_ff: Any = 1.0
     R_t: Any = 0.0
+    X_t: Any = 0.0
+    kappa: Any = 0.0
 
 
 def limit_length(x: Any, y: Any, limit: Any) -> Any:
@@ -33,14 +36,30 @@ def limit_length(x: Any, y: Any, limit: Any) -> Any:
     return x * scale, y * scale
 
 
-def transient_resistance(i_g_d: Any, i_g_q: Any, i_f_d: Any, i_f_q: Any, R_t: Any, smoothing: Any) -> Any:
-    """Voltage that a change of the grid current takes off the reference (:eq:`transient-resistance`).
+def transient_impedance(
+    i_g_d: Any, i_g_q: Any, i_f_d: Any, i_f_q: Any, gains: InnerLoopGains, smoothing: Any
+) -> Any:  # fmt: skip
+    """Voltage that a change of the grid current takes off the reference (:eq:`transient-impedance`).
 
     i_f is the grid current behind its low-pass. Returns (drop_d, drop_q, i_f_d, i_f_q): V, and the new i_f in A.
     """
     h_d = i_g_d - i_f_d
     h_q = i_g_q - i_f_q
-    return R_t * h_d, R_t * h_q, i_f_d + smoothing * h_d, i_f_q + smoothing * h_q
+    drop_d = gains.R_t * h_d - gains.X_t * h_q
+    drop_q = gains.R_t * h_q + gains.X_t * h_d
+    return drop_d, drop_q, i_f_d + smoothing * h_d, i_f_q + smoothing * h_q
+
+
+def predicted_current(
+    i_d: Any, i_q: Any, v_d: Any, v_q: Any, u_d: Any, u_q: Any, kappa: Any, omega_L: Any, T_over_L: Any
+) -> Any:  # fmt: skip
+    """Converter current a share κ of one period ahead (:eq:`current-prediction`).
+
+    u is the bridge voltage that acts from this sample on, computed one sample ago. With κ = 0 the current is returned
+    as it is, to the bit. Returns (i_d, i_q) in A peak.
+    """
+    ahead = kappa * T_over_L
+    return i_d + ahead * (u_d - v_d + omega_L * i_q), i_q + ahead * (u_q - v_q - omega_L * i_d)
 
 
 def voltage_loop(
@@ -52,7 +71,7 @@ def voltage_loop(
     PI per axis, grid-current feed-forward, ωC cross-coupling, circular current limit; what the limit takes
     away is fed back into the integrators. Returns (i_ref_d, i_ref_q, xi_d, xi_q) with the new integrators.
     """
-    # The drop comes last: with R_t = 0 it then changes no rounding, and published figures stay to the bit.
+    # The drop comes last: where it is zero it then changes no rounding, and published figures stay to the bit.
     e_d = v_ref - v_d - drop_d
     e_q = -v_q - drop_q
     want_d = gains.K_pv * e_d + xi_d + gains.K_ff * i_g_d - omega_C * v_q
@@ -65,16 +84,17 @@ def voltage_loop(
 
 
 def current_loop(
-    i_ref_d: Any, i_ref_q: Any, i_d: Any, i_q: Any, v_d: Any, v_q: Any, xi_d: Any, xi_q: Any,
-    gains: InnerLoopGains, omega_L: Any, v_max_pk: Any, T_s: Any,
+    i_ref_d: Any, i_ref_q: Any, i_d: Any, i_q: Any, v_d: Any, v_q: Any, u_d: Any, u_q: Any, xi_d: Any, xi_q: Any,
+    gains: InnerLoopGains, omega_L: Any, T_over_L: Any, v_max_pk: Any, T_s: Any,
 ) -> Any:  # fmt: skip
-    """Bridge voltage from the current error (:eq:`current-loop`).
+    """Bridge voltage from the error of the predicted current (:eq:`current-loop`).
 
     PI per axis, capacitor-voltage feed-forward, ωL cross-coupling, circular voltage limit with the same
     anti-windup. Returns (v_b_d, v_b_q, xi_d, xi_q) with the new integrators.
     """
-    e_d = i_ref_d - i_d
-    e_q = i_ref_q - i_q
+    ahead_d, ahead_q = predicted_current(i_d, i_q, v_d, v_q, u_d, u_q, gains.kappa, omega_L, T_over_L)
+    e_d = i_ref_d - ahead_d
+    e_q = i_ref_q - ahead_q
     want_d = gains.K_pc * e_d + xi_d + v_d - omega_L * i_q
     want_q = gains.K_pc * e_q + xi_q + v_q + omega_L * i_d
     v_b_d, v_b_q = limit_length(want_d, want_q, v_max_pk)

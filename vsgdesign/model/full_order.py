@@ -42,7 +42,7 @@ _INTEGRATORS = ("xi_vd", "xi_vq", "xi_id", "xi_iq")
 
 @dataclass(frozen=True)
 class FullOrderMap:
-    """The CasADi functions of one structure (delay, power filters, transient resistance), for any parameters.
+    """The CasADi functions of one structure (delay, power filters, transient impedance), for any parameters.
 
     ``states`` names z. ``step(z, p)`` gives the next z; ``linear(z, p)`` gives A, B, C, D for INPUTS and
     OUTPUTS; ``directional(z, p, dz, dp)`` gives dA along a direction; ``of_parameters(z, p)`` gives ∂step/∂p.
@@ -58,7 +58,7 @@ class FullOrderMap:
 
 @functools.cache
 def full_order_map(delay: int, filter_P: bool, filter_Q: bool, transient: bool, squarings: int) -> FullOrderMap:
-    """Build the map for 0 or 1 samples of delay, with or without power filters and transient resistance.
+    """Build the map for 0 or 1 samples of delay, with or without power filters and transient impedance.
 
     ``squarings`` k: matrix exponentials by Taylor series of (A T_s)/2^k, squared k times.
     """
@@ -102,6 +102,8 @@ def _one_period(names: tuple[str, ...], z: ca.SX, p: ca.SX, u: ca.SX, squarings:
     circuit = FilterGrid(*(values[n] for n in FilterGrid._fields))
     power_gains = PowerLoopGains(*(values[n] for n in PowerLoopGains._fields))
     inner_gains = InnerLoopGains(*(values[n] for n in InnerLoopGains._fields))
+    if "pending_d" not in state:  # without a delay there is nothing to predict over
+        inner_gains = inner_gains._replace(kappa=0.0)
     settings = ControllerSettings(*(values[n] for n in SETTINGS))
     refs = References(
         values["P_ref"] + push["P_ref"], values["Q_ref"] + push["Q_ref"], values["omega_0"], values["V_n"]
@@ -112,13 +114,15 @@ def _one_period(names: tuple[str, ...], z: ca.SX, p: ca.SX, u: ca.SX, squarings:
     v_d, v_q = (capacitor_node_voltage(state[f"i_s_{a}"], state[f"v_c_{a}"], state[f"i_g_{a}"], circuit) for a in "dq")
     measured = Measurement(v_d, v_q, state["i_s_d"], state["i_s_q"], state["i_g_d"], state["i_g_q"])
     P, Q = instantaneous_power(v_d, v_q, measured.i_g_alpha, measured.i_g_beta)
-    # Without a filter the remembered power is of no consequence: any value serves. Without a transient resistance the
-    # remembered current is the present one, in which the resistance sees no change.
+    # Without a filter the remembered power is of no consequence: any value serves. Without a transient impedance the
+    # remembered current is the present one, in which the impedance sees no change. The voltage that the prediction
+    # takes is the one that waits out the delay.
     i_g = rotate_back(state["i_g_d"], state["i_g_q"], np.cos(state["delta"]), np.sin(state["delta"]))
     controller = ControllerState(
         state["delta"], state["omega_i"], state["V"], state.get("P_f", P), state.get("Q_f", Q),
         **{name: state[name] for name in _INTEGRATORS},
         i_f_d=state.get("i_f_d", i_g[0]), i_f_q=state.get("i_f_q", i_g[1]),
+        u_alpha=state.get("pending_d", 0.0), u_beta=state.get("pending_q", 0.0),
     )  # fmt: skip
     omega, theta, omega_i, V, P_f, Q_f = power_stage(
         controller, P + push["P_meas"], Q + push["Q_meas"], refs, power_gains, settings

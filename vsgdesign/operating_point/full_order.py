@@ -61,7 +61,7 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
         study.converter.delay_samples,
         study.tau_P > 0.0,
         study.tau_Q > 0.0,
-        study.inner_gains.R_t > 0.0,
+        study.inner_gains.R_t != 0.0 or study.inner_gains.X_t != 0.0,
         _squarings(study, cells),
     )
     for k, cell in enumerate(cells):

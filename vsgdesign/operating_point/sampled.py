@@ -73,12 +73,15 @@ def steady_state(
     # The voltage on the bridge now was computed `delay` samples ago, in the frame of that time.
     lead = settings.advance_cos + 1j * settings.advance_sin
     v_b_dq = v_b * turn * np.exp(1j * delay * omega_g * T_s) / lead
-    xi_v = i_s - study.inner_gains.K_ff * i_g - 1j * settings.omega_C * v
+    u = v_b * turn / (settings.half_cos + 1j * settings.half_sin)
+    i_ref = i_s + study.inner_gains.kappa * settings.T_over_L * (u - v - 1j * settings.omega_L * i_s)
+    xi_v = i_ref - study.inner_gains.K_ff * i_g - 1j * settings.omega_C * v
     xi_i = v_b_dq - v - 1j * settings.omega_L * i_s
     P, Q = instantaneous_power(v.real, v.imag, i_g.real, i_g.imag)
     state = ControllerState(
         float(theta), float(omega_i), float(V), float(P), float(Q),
         float(xi_v.real), float(xi_v.imag), float(xi_i.real), float(xi_i.imag), float(i_g.real), float(i_g.imag),
+        float(v_b.real), float(v_b.imag),
     )  # fmt: skip
     return SampledState(_interleave(x), state, np.array([v_b.real, v_b.imag]))
 
@@ -86,7 +89,7 @@ def steady_state(
 def cold_start(study: Study, phase: float = 0.0) -> SampledState:
     """Everything at rest: no current, empty capacitor, controller at nominal voltage in phase with the grid."""
     c = study.converter
-    state = ControllerState(phase, c.omega_n, c.V_rated_rms, *[0.0] * 8)
+    state = ControllerState(phase, c.omega_n, c.V_rated_rms, *[0.0] * 10)
     return SampledState(np.zeros(6), state, np.zeros(2))
 
 

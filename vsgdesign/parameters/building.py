@@ -153,7 +153,7 @@ def _circuit_matrix(f: Filter, grid: Grid) -> np.ndarray:
 
 
 def _read_inner_loops(table: TableReader, filter_: Filter, converter: Converter) -> tuple[InnerLoopGains, float]:
-    """The inner gains, and the corner of the transient resistance in rad/s."""
+    """The inner gains, and the corner of the transient impedance in rad/s."""
     times = ("current_response_time", "voltage_response_time")
     given = ("K_pc", "K_ic", "K_pv", "K_iv")
     if table.one_of(times, given) == given:
@@ -171,14 +171,23 @@ def _read_inner_loops(table: TableReader, filter_: Filter, converter: Converter)
         K_pv, K_iv = voltage_loop_gains(voltage_time, damping, filter_.C)
         gains = InnerLoopGains(K_pv=K_pv, K_iv=K_iv, K_pc=K_pc, K_ic=K_ic)
     gains = gains._replace(
-        K_ff=table.quantity("current_feedforward", "1", 0.0, 1.0, default=1.0),
+        K_ff=table.quantity("current_feedforward", "1", -1.0, 1.5, default=1.0),
         R_t=table.quantity("transient_resistance_pu", "1", 0.0, 1.0, default=0.0) * converter.Z_base,
+        X_t=table.quantity("transient_reactance_pu", "1", -1.0, 1.0, default=0.0) * converter.Z_base,
+        kappa=table.quantity("current_prediction", "1", 0.0, 2.0, default=0.0),
     )
+    if gains.kappa > 0.0 and converter.delay_samples == 0:
+        table.fault(
+            "current_prediction", f"{gains.kappa:.6g}", "there is no delay to predict over",
+            "Remove it, or set delay_samples = 1 in [converter].",
+        )  # fmt: skip
     f_n = converter.omega_n / (2.0 * math.pi)
     corner_hz = table.quantity("transient_corner", "Hz", 0.01 * f_n, 10.0 * f_n, default=0.5 * f_n)
-    if table.has("transient_corner") and not table.has("transient_resistance_pu"):
+    if table.has("transient_corner") and not (
+        table.has("transient_resistance_pu") or table.has("transient_reactance_pu")
+    ):
         table.fault(
-            "transient_corner", table.table["transient_corner"], "there is no transient resistance to turn on above it",
+            "transient_corner", table.table["transient_corner"], "there is no transient impedance to turn on above it",
             "Add transient_resistance_pu (0.08 is a first guess), or leave the corner out.",
         )  # fmt: skip
     table.finish()

@@ -242,7 +242,7 @@ class Study:
     tau_P: float
     tau_Q: float
     omega_t: float
-    """Corner of the transient resistance, rad/s: changes of the grid current that are faster see it."""
+    """Corner of the transient impedance, rad/s: changes of the grid current that are faster see it."""
     controllers: tuple[ControllerSpec, ...]
     simulation: SimulationSpec
     events: tuple[Event, ...]
@@ -281,6 +281,9 @@ class Study:
             advance_cos=float(np.cos(lead)),
             advance_sin=float(np.sin(lead)),
             smoothing_t=float(-np.expm1(-self.omega_t * c.T_s)),
+            half_cos=float(np.cos(0.5 * c.omega_n * c.T_s)),
+            half_sin=float(np.sin(0.5 * c.omega_n * c.T_s)),
+            T_over_L=c.T_s / self.filter.L_1,
         )
 
 

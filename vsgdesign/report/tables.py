@@ -49,8 +49,9 @@ def converter_table(result: HasStudy) -> Table:
         ("Voltage limits", f"{plain(c.V_min_pu)} to {plain(c.V_max_pu)} pu"),
         ("Voltage loop", f"K_pv = {number(g.K_pv)} A/V, K_iv = {number(g.K_iv)} A/(V·s)"),
         ("Current loop", f"K_pc = {number(g.K_pc)} V/A, K_ic = {number(g.K_ic)} V/(A·s)"),
-        ("Transient resistance", "none" if g.R_t == 0.0 else f"{plain(g.R_t / c.Z_base)} pu above "
-                                 f"{plain(study.omega_t / (2.0 * math.pi))} Hz"),
+        ("Transient impedance", "none" if g.R_t == g.X_t == 0.0 else f"R {plain(g.R_t / c.Z_base)} pu, "
+                                f"X {plain(g.X_t / c.Z_base)} pu above {plain(study.omega_t / (2.0 * math.pi))} Hz"),
+        ("Current prediction", "none" if g.kappa == 0.0 else f"κ = {plain(g.kappa)} sampling periods"),
         ("Power filters", f"P {_time_constant(study.tau_P)}, Q {_time_constant(study.tau_Q)}"),
     )  # fmt: skip
     return Table("Converter", ("Quantity", "Value"), rows, texts=2)

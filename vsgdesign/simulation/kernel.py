@@ -153,6 +153,7 @@ def run_stretch(
         state = ControllerState(
             theta, following.omega_i, following.V, following.P_f, following.Q_f,
             following.xi_vd, following.xi_vq, following.xi_id, following.xi_iq, following.i_f_d, following.i_f_q,
+            following.u_alpha, following.u_beta,
         )  # fmt: skip
         if bridge.delay_samples == 0:
             applied_alpha, applied_beta = output.v_b_alpha, output.v_b_beta
