@@ -172,9 +172,10 @@ def certify(
 def validate(study_file: str, as_json: bool) -> None:
     """Check a study file and report every fault in it at once."""
     from vsgdesign.errors import StudyError
+    from vsgdesign.pipeline.opening import check_study
 
     try:
-        study = _load(study_file)
+        study, inner_loops = check_study(study_file)
     except StudyError as error:
         if not as_json:
             raise
@@ -182,11 +183,14 @@ def validate(study_file: str, as_json: bool) -> None:
         _print_json({"valid": False, "source": error.source, "faults": faults})
         sys.exit(EXIT_WRONG_INPUT)
     if as_json:
-        _print_json({"valid": True, "study": study.name, "hash": study.hash})
+        document = {"valid": True, "study": study.name, "hash": study.hash}
+        _print_json(document | ({"inner_loops": inner_loops} if inner_loops else {}))
     else:
         counts = [(len(study.controllers), "controller"), (len(study.events), "event")]
         shown = ", ".join(f"{count} {word}{'' if count == 1 else 's'}" for count, word in counts)
         click.echo(f"{study_file}: valid ({shown})")
+        if inner_loops:
+            click.echo(inner_loops)
 
 
 def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, report: bool) -> None:

@@ -48,11 +48,15 @@ def verb(function: Callable[..., None]) -> Callable[..., None]:
     return wrapped
 
 
-def load(study_file: str) -> Study:
-    """The study of a file."""
-    from vsgdesign.parameters import load_study
+def load(study_file: str, quiet: bool = False) -> Study:
+    """The study of a file. Inner loops that it leaves to be designed are designed, once, and kept beside it."""
+    from vsgdesign.pipeline.opening import open_study
 
-    return load_study(study_file)
+    def say(sentence: str) -> None:
+        click.echo(sentence, err=True)
+
+    with progress(quiet) as report:
+        return open_study(study_file, progress=report, say=say)
 
 
 def print_json(document: Any) -> None:

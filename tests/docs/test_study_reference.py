@@ -11,7 +11,16 @@ from typing import Any
 
 import pytest
 
-from vsgdesign.parameters import building, estimator, scenario, specification, stability, study_from_text
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.parameters import (
+    building,
+    estimator,
+    inner_loops,
+    scenario,
+    specification,
+    stability,
+    study_from_text,
+)
 from vsgdesign.parameters.reader import REQUIRED, TableReader
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -107,6 +116,9 @@ aim = "inertia"
 H = "4 s"
 """
 
+DESIGNED = LCL_WITH_GAINS[: LCL_WITH_GAINS.index("K_pc")] + LCL_WITH_GAINS[LCL_WITH_GAINS.index("[grid]") :]
+"""Gains to be designed."""
+
 
 @dataclass(frozen=True)
 class Asked:
@@ -178,8 +190,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], list[Asked]]
     spy("text", lambda a: Asked("text", default=a["default"]))
     spy("child", lambda _: Asked("table"))
     spy("children", lambda _: Asked("list of tables"))
-    for text in (LC_WITH_TIMES, LCL_WITH_GAINS):
-        study_from_text(text)
+    for text in (LC_WITH_TIMES, LCL_WITH_GAINS, DESIGNED):
+        study_from_text(text, inner_loops=lambda _: (InnerLoopGains(1.0, 1.0, 1.0, 1.0), 100.0))
     return record
 
 
@@ -193,7 +205,7 @@ def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[As
     """A field in a branch that the studies above do not take would escape the test above."""
     reached = {field for _, field in asked}
     escaped = set()
-    for module in (building, estimator, scenario, specification, stability):
+    for module in (building, estimator, inner_loops, scenario, specification, stability):
         for node in ast.walk(ast.parse(inspect.getsource(module))):
             if (
                 isinstance(node, ast.Call)

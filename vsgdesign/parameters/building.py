@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from vsgdesign.equations.closed_form import current_loop_gains, voltage_loop_gains
 from vsgdesign.equations.filters import FilterGrid, filter_grid_derivative
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -19,6 +18,7 @@ from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import Fault
 from vsgdesign.frames import ll_to_phase, rms_to_peak
 from vsgdesign.parameters.estimator import read_estimator
+from vsgdesign.parameters.inner_loops import InnerLoopSource, read_inner_loops, request_of
 from vsgdesign.parameters.reader import REQUIRED, TableReader
 from vsgdesign.parameters.scenario import read_events, read_grid, read_simulation
 from vsgdesign.parameters.specification import read_specification
@@ -30,20 +30,27 @@ from vsgdesign.parameters.study import (
     Filter,
     Grid,
     GridSource,
+    InnerLoopRequest,
     Study,
 )
 
 SCHEMA = 1
 
 
-def build_study(document: dict[str, Any], default_name: str, content_hash: str, faults: list[Fault]) -> Study:
-    """A Study from a merged document. Faults are appended; the result is meaningless if there are any."""
+def build_study(
+    document: dict[str, Any], default_name: str, content_hash: str, faults: list[Fault],
+    inner_loops: InnerLoopSource | None = None,
+) -> Study:  # fmt: skip
+    """A Study from a merged document. Faults are appended; the result is meaningless if there are any.
+
+    ``inner_loops`` is asked for gains where the study leaves them to be designed; without it that is a fault.
+    """
     root = TableReader(document, "", faults)
     root.integer("schema", SCHEMA, SCHEMA, default=SCHEMA)
     name, title, source = _read_identity(root.child("study"), default_name)
     converter = _read_converter(root.section("converter"))
     filter_ = _read_filter(root.section("filter"))
-    inner_gains, omega_t = _read_inner_loops(root.section("inner_loops"), filter_, converter)
+    inner = read_inner_loops(root.child("inner_loops"), filter_, converter)
     grid_table = root.section("grid")
     grid, source_, basis = _read_grid_section(grid_table, converter)
     power = root.child("power_loops") or TableReader({}, "power_loops", faults)
@@ -60,11 +67,29 @@ def build_study(document: dict[str, Any], default_name: str, content_hash: str, 
     specification = read_specification(root.child("specification"), converter, source_, target, basis)
     estimator = read_estimator(root.child("estimator"))
     root.finish()
+    inner_gains, omega_t, request = inner.gains, inner.omega_t, None
+    if inner_gains is None:
+        request = request_of(inner, converter, filter_, basis, target, specification)
+        inner_gains, omega_t = _designed(request, inner_loops, faults)
     return Study(
         name, title, source, converter, filter_, inner_gains, grid, source_, basis, target,
         tau_P, tau_Q, omega_t, controllers, simulation, events, stability, content_hash,
-        specification, estimator,
+        specification, estimator, request,
     )  # fmt: skip
+
+
+def _designed(
+    request: InnerLoopRequest, source: InnerLoopSource | None, faults: list[Fault]
+) -> tuple[InnerLoopGains, float]:  # fmt: skip
+    """The gains of a request; meaningless where there are faults, since then there is nothing to design for."""
+    if source is not None and not faults:
+        return source(request)
+    if not faults:
+        faults.append(Fault(
+            "inner_loops", "", "the gains are to be designed, and load_study designs none",
+            "Open the study with vsgdesign.pipeline.open_study, or give the gains.",
+        ))  # fmt: skip
+    return InnerLoopGains(*[math.nan] * 4), math.nan
 
 
 def _read_identity(table: TableReader | None, default_name: str) -> tuple[str, str, str]:
@@ -150,48 +175,6 @@ def _circuit_matrix(f: Filter, grid: Grid) -> np.ndarray:
     circuit = FilterGrid(f.L_1, f.R_1, f.C, f.R_c, f.L_2, f.R_2, grid.R_g, grid.L_g)
     columns = [filter_grid_derivative(u[0], u[1], u[2], 0.0, 0.0, circuit) for u in np.eye(3)]
     return np.array(columns, dtype=float).T
-
-
-def _read_inner_loops(table: TableReader, filter_: Filter, converter: Converter) -> tuple[InnerLoopGains, float]:
-    """The inner gains, and the corner of the transient impedance in rad/s."""
-    times = ("current_response_time", "voltage_response_time")
-    given = ("K_pc", "K_ic", "K_pv", "K_iv")
-    if table.one_of(times, given) == given:
-        gains = InnerLoopGains(
-            K_pv=table.quantity("K_pv", "A/V", 1e-9, 1e6),
-            K_iv=table.quantity("K_iv", "A/(V·s)", 1e-9, 1e9),
-            K_pc=table.quantity("K_pc", "V/A", 1e-9, 1e6),
-            K_ic=table.quantity("K_ic", "V/(A·s)", 1e-9, 1e9),
-        )
-    else:
-        damping = table.quantity("damping_ratio", "1", 0.1, 10.0, default=1.0)
-        current_time = table.quantity("current_response_time", "s", 1e-5, 1.0) if table.table else math.nan
-        voltage_time = table.quantity("voltage_response_time", "s", 1e-5, 1.0) if table.table else math.nan
-        K_pc, K_ic = current_loop_gains(current_time, damping, filter_.L_1)
-        K_pv, K_iv = voltage_loop_gains(voltage_time, damping, filter_.C)
-        gains = InnerLoopGains(K_pv=K_pv, K_iv=K_iv, K_pc=K_pc, K_ic=K_ic)
-    gains = gains._replace(
-        K_ff=table.quantity("current_feedforward", "1", -1.0, 1.5, default=1.0),
-        R_t=table.quantity("transient_resistance_pu", "1", 0.0, 1.0, default=0.0) * converter.Z_base,
-        X_t=table.quantity("transient_reactance_pu", "1", -1.0, 1.0, default=0.0) * converter.Z_base,
-        kappa=table.quantity("current_prediction", "1", 0.0, 2.0, default=0.0),
-    )
-    if gains.kappa > 0.0 and converter.delay_samples == 0:
-        table.fault(
-            "current_prediction", f"{gains.kappa:.6g}", "there is no delay to predict over",
-            "Remove it, or set delay_samples = 1 in [converter].",
-        )  # fmt: skip
-    f_n = converter.omega_n / (2.0 * math.pi)
-    corner_hz = table.quantity("transient_corner", "Hz", 0.01 * f_n, 10.0 * f_n, default=0.5 * f_n)
-    if table.has("transient_corner") and not (
-        table.has("transient_resistance_pu") or table.has("transient_reactance_pu")
-    ):
-        table.fault(
-            "transient_corner", table.table["transient_corner"], "there is no transient impedance to turn on above it",
-            "Add transient_resistance_pu (0.08 is a first guess), or leave the corner out.",
-        )  # fmt: skip
-    table.finish()
-    return gains, 2.0 * math.pi * corner_hz
 
 
 def _read_grid_section(table: TableReader, converter: Converter) -> tuple[Grid, GridSource, str]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.parameters.building import build_study
+from vsgdesign.parameters.inner_loops import GIVEN, InnerLoopSource
 from vsgdesign.parameters.study import Study
 from vsgdesign.parameters.toml_file import parse_toml, read_toml
 
@@ -23,20 +24,50 @@ def case_names() -> tuple[str, ...]:
     return tuple(sorted(item.name[:-5] for item in folder.iterdir() if item.name.endswith(".toml")))
 
 
-def load_study(path: str | Path) -> Study:
-    """Read, merge and check a study file. StudyError lists every fault in it."""
+def load_study(path: str | Path, inner_loops: InnerLoopSource | None = None) -> Study:
+    """Read, merge and check a study file. StudyError lists every fault in it.
+
+    ``inner_loops`` gives the gains where the study leaves them to be designed, once the rest is without a fault.
+    """
     path = Path(path)
-    return _build(_document(path, _MAX_BASES), str(path), path.stem if path.stem != "study" else path.parent.name)
+    name = path.stem if path.stem != "study" else path.parent.name
+    return _build(_document(path, _MAX_BASES), str(path), name, inner_loops)
 
 
-def study_from_text(text: str, source: str = "study text", folder: str | Path = ".") -> Study:
+def base_files(path: str | Path) -> list[Path]:
+    """The files that a study file builds on, the nearest first; packaged cases by where they are installed.
+
+    A base that cannot be read ends the list: reading the study tells what is wrong with it.
+    """
+    found: list[Path] = []
+    path = Path(path)
+    while len(found) < _MAX_BASES:
+        try:
+            base = read_toml(path, "study file").get("base")
+        except StudyError:
+            break
+        if not isinstance(base, str):
+            break
+        path = _case_file(base[len(_CASE_PREFIX) :]) if base.startswith(_CASE_PREFIX) else path.parent / base
+        found.append(path)
+    return found
+
+
+def _case_file(name: str) -> Path:
+    return Path(str(resources.files("vsgdesign.parameters") / "cases" / f"{name}.toml"))
+
+
+def study_from_text(
+    text: str, source: str = "study text", folder: str | Path = ".", inner_loops: InnerLoopSource | None = None
+) -> Study:
     """The same from TOML text; relative bases are looked up in ``folder``."""
-    return _build(_merge_bases(parse_toml(text, source), Path(folder), source, _MAX_BASES), source, "study")
+    document = _merge_bases(parse_toml(text, source), Path(folder), source, _MAX_BASES)
+    return _build(document, source, "study", inner_loops)
 
 
-def _build(document: dict[str, Any], source: str, default_name: str) -> Study:
+def _build(document: dict[str, Any], source: str, default_name: str, inner_loops: InnerLoopSource | None) -> Study:
     faults: list[Fault] = []
-    study = build_study(document, default_name, _hash(document), faults)
+    study = build_study(document, default_name, _hash(document), faults, inner_loops)
     if faults:
         raise StudyError(source, faults)
     return study
@@ -63,7 +94,7 @@ def _merge_bases(document: dict[str, Any], folder: Path, source: str, depth: int
         if name not in case_names():
             known = ", ".join(f'"{_CASE_PREFIX}{case}"' for case in case_names())
             raise StudyError(source, [Fault("base", f'"{base}"', "no such case", f"Known: {known}.")])
-        text = (resources.files("vsgdesign.parameters") / "cases" / f"{name}.toml").read_text(encoding="utf-8")
+        text = _case_file(name).read_text(encoding="utf-8")
         below = _merge_bases(parse_toml(text, base), folder, base, depth - 1)
     else:
         below = _document(folder / base, depth - 1)
@@ -75,6 +106,10 @@ _ALTERNATIVES = (
     ({"V_rated_rms"}, {"V_rated_ll_rms"}),
     ({"current_response_time", "voltage_response_time", "damping_ratio"}, {"K_pc", "K_ic", "K_pv", "K_iv"}),
 )
+_GIVEN = set(GIVEN)
+_DESIGNED = {"design", "scr", "x_over_r", "seed"}
+"""Fields of [inner_loops] that give the gains, and those that leave them to be designed: either replaces all of the
+other that stand below."""
 
 
 def _merge(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
@@ -84,6 +119,10 @@ def _merge(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
         for ours, theirs in ((left, right), (right, left)):
             if ours & above.keys() and not theirs & above.keys():
                 merged = {key: value for key, value in merged.items() if key not in theirs}
+    if "design" in above:
+        merged = {key: value for key, value in merged.items() if key not in _GIVEN}
+    if (_GIVEN - {"damping_ratio"}) & above.keys():  # that one is a field of other sections, too
+        merged = {key: value for key, value in merged.items() if key not in _DESIGNED}
     for key, value in above.items():
         if isinstance(value, dict) and isinstance(merged.get(key), dict):
             merged[key] = _merge(merged[key], value)

@@ -172,6 +172,10 @@ class TableReader:
                 self._known.extend(group)
         return used[0]
 
+    def skip(self, field: str) -> None:
+        """A field whose fault has been told already."""
+        self._known.append(field)
+
     def finish(self) -> None:
         """Report every field that nothing asked for, with the nearest known name."""
         for field in self.table:

@@ -115,6 +115,22 @@ def grid_from_scr(scr: float, x_over_r: float, basis: str, converter: Converter)
 
 
 @dataclass(frozen=True)
+class InnerLoopRequest:
+    """What inner loops are designed for. Equal requests get equal gains."""
+
+    converter: Converter
+    filter: Filter
+    scr: tuple[float, float]
+    x_over_r: tuple[float, float]
+    """Least and largest of the grids to serve."""
+    scr_basis: str
+    """``impedance`` or ``reactance``."""
+    settling_time: float
+    """Of the power loops, s: the inner loops have to be faster."""
+    seed: int = 0
+
+
+@dataclass(frozen=True)
 class GridSource:
     """The stiff source behind the grid impedance."""
 
@@ -253,6 +269,8 @@ class Study:
     """What a designed gain table has to keep; None where the study has no [specification]."""
     estimator: EstimatorSpec | None = None
     """The network that estimates the grid's impedance; None where the study has no [estimator]."""
+    inner_request: InnerLoopRequest | None = None
+    """What the inner loops were designed for; None where the study gives their gains."""
 
     def circuit(self, grid: Grid | None = None) -> FilterGrid:
         """The circuit from the bridge to the grid source."""

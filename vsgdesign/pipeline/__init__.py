@@ -1,11 +1,36 @@
-"""Whole paths: study in, folder of evidence out."""
+"""Whole paths: study in, folder of evidence out. Names are imported when they are asked for."""
 
-from vsgdesign.pipeline.margins import StabilityResult, assess_study, report_stability, stability_document
-from vsgdesign.pipeline.run import results_document, run_study
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from vsgdesign.pipeline.margins import StabilityResult, assess_study, report_stability, stability_document
+    from vsgdesign.pipeline.opening import open_study
+    from vsgdesign.pipeline.run import results_document, run_study
+
+_HOMES = {
+    "StabilityResult": "margins",
+    "assess_study": "margins",
+    "open_study": "opening",
+    "report_stability": "margins",
+    "results_document": "run",
+    "run_study": "run",
+    "stability_document": "margins",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+
 
 __all__ = [
     "StabilityResult",
     "assess_study",
+    "open_study",
     "report_stability",
     "results_document",
     "run_study",

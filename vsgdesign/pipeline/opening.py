@@ -1,0 +1,129 @@
+"""From a study file to a study that is ready to use: inner loops that it leaves open are designed once and kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from vsgdesign.artifacts.inner_loops_file import (
+    InnerLoopsRecord,
+    KeptPromise,
+    differing_fields,
+    read_inner_loops_file,
+    request_document,
+    write_inner_loops,
+)
+from vsgdesign.artifacts.progress import Progress
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.errors import ArtifactError
+from vsgdesign.parameters import Study, load_study
+from vsgdesign.parameters.loading import base_files
+from vsgdesign.parameters.study import InnerLoopRequest
+
+Say = Callable[[str], None]
+"""Takes one sentence for the user."""
+
+
+def inner_loops_file(study_file: str | Path) -> Path:
+    """Where the designed inner loops of a study file are kept: beside it."""
+    path = Path(study_file)
+    return path.with_name(f"{path.stem}.inner.json")
+
+
+@dataclass
+class KeptInnerLoops:
+    """Designed inner loops of one study file: read where they are kept, else designed and kept.
+
+    A file beside a base (or beside a packaged case) serves as well, where it was made for the same request. After a
+    call ``record`` holds what was used and ``file`` where it lies; None: it could not be kept.
+    """
+
+    study_file: Path
+    design: bool = True
+    """Whether gains that are not kept are designed; else they are NaN, for who only checks the study."""
+    progress: Progress | None = None
+    say: Say | None = None
+    record: InnerLoopsRecord | None = None
+    file: Path | None = None
+
+    def __call__(self, request: InnerLoopRequest) -> tuple[InnerLoopGains, float]:
+        """The gains and ω_t of a request. Raises ArtifactError where the kept file is damaged or somebody else's."""
+        wanted = request_document(request)
+        own = inner_loops_file(self.study_file)
+        stale = None
+        for path in (own, *map(inner_loops_file, base_files(self.study_file))):
+            if not path.exists():
+                continue
+            record = read_inner_loops_file(path)
+            if record.request == wanted:
+                self.record, self.file = record, path
+                return record.gains, record.omega_t
+            stale = stale or (record if path == own else None)
+        if not self.design:
+            return InnerLoopGains(*[math.nan] * 4), math.nan
+        if stale is not None:
+            changes = ", ".join(differing_fields(stale.request, wanted))
+            self._tell(f"The inner loops in {own} were designed for other data and are designed again: {changes}.")
+        self.record = design_record(request, self.progress)
+        self._keep(own)
+        return self.record.gains, self.record.omega_t
+
+    def _keep(self, path: Path) -> None:
+        record = self.record
+        if record is None:
+            return
+        try:
+            write_inner_loops(record, path)
+        except ArtifactError as error:
+            self._tell(f"The designed inner loops could not be kept and will be designed again next time: {error}")
+            return
+        self.file = path
+        self._tell(f"The inner loops were designed and are kept in {path} (score {record.score:.2f}).")
+
+    def _tell(self, sentence: str) -> None:
+        if self.say is not None:
+            self.say(sentence)
+
+
+def open_study(path: str | Path, *, progress: Progress | None = None, say: Say | None = None) -> Study:
+    """The study of a file, with designed inner loops where it gives no gains (:func:`inner_loops_file`).
+
+    The first opening designs them, which takes seconds; every later one reads the same gains. ``say`` takes one
+    sentence about what was designed and where it is kept. Raises StudyError with every fault of the study, and
+    ArtifactError where the kept file is damaged.
+    """
+    return load_study(path, KeptInnerLoops(Path(path), progress=progress, say=say))
+
+
+def check_study(path: str | Path) -> tuple[Study, str]:
+    """The study of a file without designing anything, and one sentence on its inner loops ("" where it gives gains).
+
+    Only to be looked at: gains that are not kept yet are NaN. Raises StudyError and ArtifactError.
+    """
+    kept = KeptInnerLoops(Path(path), design=False)
+    study = load_study(path, kept)
+    if study.inner_request is None:
+        return study, ""
+    if kept.record is None:
+        return study, "The inner loops are still to be designed; the first verb that needs them does so."
+    return study, f"The designed inner loops are kept in {kept.file} (score {kept.record.score:.2f})."
+
+
+def design_record(request: InnerLoopRequest, progress: Progress | None = None) -> InnerLoopsRecord:
+    """Design inner loops for a request; about five seconds on one core."""
+    from vsgdesign.design.inner import GridBox, design_inner_loops
+
+    design = design_inner_loops(
+        request.converter, request.filter, GridBox(request.scr, request.x_over_r, request.scr_basis),
+        settling_time=request.settling_time, seed=request.seed, progress=progress,
+    )  # fmt: skip
+    return InnerLoopsRecord(
+        request=request_document(request),
+        gains=design.gains,
+        omega_t=design.omega_t,
+        score=design.score,
+        limiting=design.limiting,
+        promises=tuple(KeptPromise(one.name, one.value, one.target, one.scr, one.x_over_r) for one in design.promises),
+    )
