@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from vsgdesign.artifacts.files import write_json
 from vsgdesign.artifacts.provenance import package_hash, provenance
@@ -26,6 +24,7 @@ from vsgdesign.design.cell import CellDesign, design_cell
 from vsgdesign.design.evaluation import LawOfStudy, law_of
 from vsgdesign.design.figures import Figures, shortfalls
 from vsgdesign.design.search import with_hard
+from vsgdesign.design.threads import one_thread
 from vsgdesign.design.variables import variables
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.structures import NormalisedGains
@@ -87,12 +86,6 @@ class CellRecord:
         if self.design is None or self.full_order is None:
             return {}
         return self.design.shortfalls
-
-
-def one_thread() -> AbstractContextManager[Any]:
-    """BLAS on one thread: its matrices here are tiny, other cells have the other cores, and how a sum is shared among
-    threads would decide its last digit. Libraries that are not loaded yet are not reached."""
-    return threadpool_limits(1)
 
 
 def run_task(task: CellTask) -> CellRecord:

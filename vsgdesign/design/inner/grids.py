@@ -1,0 +1,82 @@
+"""The box of grids that inner loops are designed for, and the circuits on a lattice over it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vsgdesign.equations.filters import FilterGrid
+from vsgdesign.errors import Fault, StudyError
+from vsgdesign.operating_point.plant import state_matrices
+from vsgdesign.parameters.study import Converter, Filter, grid_from_scr
+
+GridPoint = tuple[float, float]
+"""SCR and X/R."""
+
+BASES = ("impedance", "reactance")
+
+
+@dataclass(frozen=True)
+class GridBox:
+    """Least and largest SCR and X/R of the grids to serve, and what the SCR is taken on.
+
+    Raises StudyError with every fault: a limit that is not a positive finite number, limits in the wrong order,
+    an unknown basis.
+    """
+
+    scr: tuple[float, float] = (1.3, 20.0)
+    x_over_r: tuple[float, float] = (0.3, 20.0)
+    basis: str = "impedance"
+    """``impedance`` or ``reactance`` (:eq:`scr`)."""
+
+    def __post_init__(self) -> None:
+        faults = []
+        for name in ("scr", "x_over_r"):
+            low, high = getattr(self, name)
+            if not all(math.isfinite(value) and value > 0.0 for value in (low, high)):
+                faults.append(Fault(name, f"({low}, {high})", "both limits must be positive numbers"))
+            elif low > high:
+                faults.append(Fault(name, f"({low}, {high})", "the least comes first", "Exchange the two limits."))
+        if self.basis not in BASES:
+            faults.append(Fault("basis", f'"{self.basis}"', f"must be one of {', '.join(BASES)}"))
+        if faults:
+            raise StudyError("box of grids", faults)
+
+
+def axis(limits: tuple[float, float], count: int) -> tuple[float, ...]:
+    """``count`` values between two limits, evenly in the logarithm, both limits exact; one where they are equal."""
+    low, high = limits
+    if low == high or count == 1:
+        return (high,)
+    between = np.geomspace(low, high, count)[1:-1]
+    return (low, *(float(value) for value in between), high)
+
+
+def lattice(box: GridBox, scr: int, x_over_r: int) -> tuple[GridPoint, ...]:
+    """``scr`` × ``x_over_r`` grids over the box, X/R running fastest."""
+    return tuple((s, x) for s in axis(box.scr, scr) for x in axis(box.x_over_r, x_over_r))
+
+
+def corners(box: GridBox) -> tuple[GridPoint, ...]:
+    """The box's corners: four grids, fewer where a limit pair is equal."""
+    return lattice(box, 2, 2)
+
+
+def circuits(
+    converter: Converter, filter_: Filter, points: Sequence[GridPoint], basis: str, *, L_1: float = 1.0, C: float = 1.0
+) -> list[FilterGrid]:
+    """The circuit of each grid, with L_1 and C off by the factors ``L_1`` and ``C``."""
+    f = replace(filter_, L_1=L_1 * filter_.L_1, C=C * filter_.C)
+    grids = [grid_from_scr(scr, x_over_r, basis, converter) for scr, x_over_r in points]
+    return [FilterGrid(f.L_1, f.R_1, f.C, f.R_c, f.L_2, f.R_2, g.R_g, g.L_g) for g in grids]
+
+
+def highest_resonance(converter: Converter, filter_: Filter, box: GridBox) -> float:
+    """Highest natural frequency of filter and grid among the box's corners, rad/s; 0 where nothing rings."""
+    return max(
+        float(np.abs(np.linalg.eigvals(state_matrices(circuit)[0]).imag).max())
+        for circuit in circuits(converter, filter_, corners(box), box.basis)
+    )

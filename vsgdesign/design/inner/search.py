@@ -1,0 +1,195 @@
+"""CMA-ES from three starts on a coarse lattice; then the worst unseen grids join, until a fine lattice agrees."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.progress import Progress
+from vsgdesign.design.inner.grids import GridBox, GridPoint, corners, lattice
+from vsgdesign.design.inner.promises import Bench, Promises, bench_of, evaluate, scores, worst_score
+from vsgdesign.design.inner.variables import Variables, closed_form_start, variables
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.parameters.study import Converter, Filter
+
+Array = NDArray[np.float64]
+
+POPULATION = 20
+"""Gain sets a generation: the rule 4 + 3 ln n says 10 or 11; twice that finds the better of several valleys."""
+WIDTH = 0.12
+"""First standard deviation, in the box's width."""
+SOBOL = 512
+"""Points that each of the second and third start is the best of."""
+COARSE = (4, 3)
+"""SCR × X/R of the search's first grids. The stiff end is where it is decided, and that is a corner."""
+FINE = (13, 13)
+POINTS_SEARCH = 120
+"""Frequencies a sign while searching."""
+
+_HEAT = 60
+"""Generations of every start; the two best go on."""
+_GENERATIONS = 150
+"""Generations of those two, the heat included."""
+_JOINED = 40
+"""Generations from the best, once grids have joined."""
+_JOINED_WIDTH = 0.04
+_ROUNDS = 4
+AGREE = 0.03
+"""How far t on the fine lattice may lie below the search's own."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much a search does. Fewer generations are enough to compare alternatives."""
+
+    heat: int = _HEAT
+    generations: int = _GENERATIONS
+    joined: int = _JOINED
+    rounds: int = _ROUNDS
+
+
+@dataclass(frozen=True)
+class Found:
+    """The best gain set of a search."""
+
+    gains: InnerLoopGains
+    omega_t: float
+    t: float
+    """On the fine lattice."""
+    search_t: float
+    """On the grids of the search."""
+    start_t: float
+    """Of the closed-form start, on the fine lattice."""
+    promises: Promises
+    """On the fine lattice, (1, grids)."""
+    evaluations: int
+    """Gain sets that the search looked at."""
+    grids: tuple[GridPoint, ...]
+    """Grids of the search at its end."""
+
+
+class _Run:
+    """One CMA-ES run: points in the unit box, the best so far, and how long it is."""
+
+    def __init__(self, start: Array, width: float, seed: int) -> None:
+        from cmaes import CMA
+
+        inside = np.clip(start, 1e-3, 1.0 - 1e-3)
+        box = np.tile([0.0, 1.0], (len(start), 1))
+        self._cma = CMA(inside, width, bounds=box, seed=seed, population_size=POPULATION)
+        self.best, self.t = np.array(start), -np.inf
+        self.evaluations = 0
+
+    def advance(self, t_of: Callable[[Array], Array], generations: int, tell: Callable[[], None]) -> None:
+        """So many generations; fewer where it has converged."""
+        for _ in range(generations):
+            if self._cma.should_stop():
+                return
+            tell()
+            points = np.array([self._cma.ask() for _ in range(POPULATION)])
+            t = t_of(points)
+            self.evaluations += len(points)
+            self._cma.tell([(x, -float(value)) for x, value in zip(points, t, strict=True)])
+            best = int(np.argmax(t))
+            if t[best] > self.t:
+                self.best, self.t = points[best], float(t[best])
+
+
+def search(
+    converter: Converter, filter_: Filter, box: GridBox, *, settling_time: float, seed: int, effort: Effort,
+    tell: Progress, more_starts: Sequence[tuple[InnerLoopGains, float]] = (),
+) -> Found:  # fmt: skip
+    """The gains with the largest t (:eq:`inner-score`). Equal arguments give equal digits; one thread."""
+    space = variables(converter, filter_)
+    coarse = lattice(box, *COARSE)
+    every = lattice(box, *FINE)
+
+    def made(grids: Sequence[GridPoint], off: Sequence[GridPoint], **more: int) -> Bench:
+        return bench_of(converter, filter_, box.basis, grids, off, settling_time=settling_time, **more)
+
+    fine = made(every, every)
+    grids, off = list(coarse), list(corners(box))
+    t_of = _score_on(space, made(grids, off, points=POINTS_SEARCH))
+    closed_form = closed_form_start(converter, filter_)
+    starts, sobol = _starts(space, t_of, closed_form, seed)
+    starts += [space.encode(*start) for start in more_starts]
+    total = effort.heat * len(starts) + 2 * (effort.generations - effort.heat) + effort.rounds * effort.joined
+    done = 0
+
+    def progress() -> None:
+        nonlocal done
+        tell("inner loops", min(done / total, 1.0))
+        done += 1
+
+    runs = [_Run(start, WIDTH, _seed(seed, k)) for k, start in enumerate(starts)]
+    for run in runs:
+        run.advance(t_of, effort.heat, progress)
+    ranked = sorted(runs, key=lambda run: -run.t)
+    for run in ranked[:2]:
+        run.advance(t_of, effort.generations - effort.heat, progress)
+    winner = max(ranked[:2], key=lambda run: run.t)
+    evaluations = sobol + sum(run.evaluations for run in runs)
+    x, search_t = winner.best, winner.t
+    promises, t = _on(fine, space, x)
+    for k in range(effort.rounds):
+        if search_t > 0.0 and t >= (1.0 - AGREE) * search_t:
+            break
+        _join(promises, fine, grids, off)
+        t_of = _score_on(space, made(grids, off, points=POINTS_SEARCH))
+        run = _Run(x, _JOINED_WIDTH, _seed(seed, len(runs) + k))
+        run.best, run.t = x, float(t_of(x[None])[0])
+        run.advance(t_of, effort.joined, progress)
+        evaluations += run.evaluations + 1
+        x, search_t = run.best, run.t
+        promises, t = _on(fine, space, x)
+    tell("inner loops", 1.0)
+    gains, omega_t = space.decode(x[None])
+    start_t = float(worst_score(evaluate(fine, *_as_arrays(*closed_form)), fine.targets)[0])
+    return Found(
+        InnerLoopGains(*(float(value[0]) for value in gains)), float(omega_t[0]), t, search_t, start_t, promises,
+        evaluations, tuple(grids),
+    )  # fmt: skip
+
+
+def _score_on(space: Variables, bench: Bench) -> Callable[[Array], Array]:
+    return lambda x: worst_score(evaluate(bench, *space.decode(x)), bench.targets)
+
+
+def _on(bench: Bench, space: Variables, x: Array) -> tuple[Promises, float]:
+    promises = evaluate(bench, *space.decode(x[None]))
+    return promises, float(worst_score(promises, bench.targets)[0])
+
+
+def _as_arrays(gains: InnerLoopGains, omega_t: float) -> tuple[InnerLoopGains, Array]:
+    return InnerLoopGains(*(np.array([float(value)]) for value in gains)), np.array([omega_t])
+
+
+def _starts(
+    space: Variables, t_of: Callable[[Array], Array], closed_form: tuple[InnerLoopGains, float], seed: int
+) -> tuple[list[Array], int]:  # fmt: skip
+    """The closed form, and the best of each half of a scrambled Sobol sequence; how many points were looked at."""
+    from scipy.stats import qmc
+
+    points = qmc.Sobol(len(space.names), rng=np.random.default_rng(seed)).random(2 * SOBOL)
+    t = np.concatenate([t_of(part) for part in np.split(points, 2 * SOBOL // 64)])
+    halves = np.split(np.arange(2 * SOBOL), 2)
+    return [space.encode(*closed_form), *(points[half[np.argmax(t[half])]] for half in halves)], 2 * SOBOL
+
+
+def _join(promises: Promises, fine: Bench, grids: list[GridPoint], off: list[GridPoint]) -> None:
+    """The worst grid of every promise joins; damping first, which is what there is of an unstable set."""
+    each = scores(promises, fine.targets)
+    for name, score in each._asdict().items():
+        if np.all(np.isnan(score)):
+            continue
+        point = fine.grids[int(np.nanargmin(score[0]))]
+        joining = off if name == "tolerance" else grids
+        if point not in joining:
+            joining.append(point)
+
+
+def _seed(seed: int, run: int) -> int:
+    return int(np.random.SeedSequence([seed, run]).generate_state(1)[0])

@@ -1,0 +1,53 @@
+"""A study around a converter, its filter and a set of inner gains: for the controller's constants and for the check."""
+
+from __future__ import annotations
+
+from vsgdesign.design.inner.grids import GridBox
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.parameters.study import (
+    ClosedFormTarget,
+    ControllerSpec,
+    Converter,
+    Filter,
+    Gates,
+    GridSource,
+    SimulationSpec,
+    StabilitySpec,
+    Study,
+    grid_from_scr,
+)
+
+POWER_FILTER = 5e-3
+"""s, of the power loops that the gains are checked with."""
+
+
+def angle_damped_target(settling_time: float) -> ClosedFormTarget:
+    """The angle-damped closed form, without coupling, at the present references (:eq:`angle-damped-gains`)."""
+    default = ClosedFormTarget(1.0, 1.0, 0.01, 0.0, 0.0, structure="angle_damped", follow_references=True)
+    pace = default.settling_time / settling_time
+    return ClosedFormTarget(
+        settling_time, 1.0, 0.01, 0.0, 0.0, structure="angle_damped", follow_references=True,
+        k_1=default.k_1 * pace * pace, d_1=default.d_1 * pace, k_2=default.k_2 * pace,
+    )  # fmt: skip
+
+
+def study_of(
+    converter: Converter, filter_: Filter, gains: InnerLoopGains, omega_t: float, box: GridBox | None = None, *,
+    target: ClosedFormTarget | None = None, tau: float = POWER_FILTER,
+) -> Study:  # fmt: skip
+    """A study with one controller on the box's strongest, least resistive grid and a nominal source.
+
+    ``gains`` in SI, ``omega_t`` in rad/s, ``tau`` in s. Its hash is empty: it is no file's.
+    """
+    box = box or GridBox()
+    target = target or angle_damped_target(1.0)
+    c = converter
+    return Study(
+        name="inner_loops", title="inner loops", source="", converter=c, filter=filter_, inner_gains=gains,
+        grid=grid_from_scr(box.scr[1], box.x_over_r[1], box.basis, c),
+        grid_source=GridSource(c.V_rated_rms, c.omega_n), scr_basis=box.basis, target=target,
+        tau_P=tau, tau_Q=tau, omega_t=omega_t,
+        controllers=(ControllerSpec("scheduled", "scheduled", target),),
+        simulation=SimulationSpec(1.0, "averaged", "steady_state", c.T_s, 0.0, 0.0, 0.0), events=(),
+        stability=StabilitySpec((1.0,), (1.0,), (0.0,), (0.0,), (0.0,), Gates()), hash="",
+    )  # fmt: skip
