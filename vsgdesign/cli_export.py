@@ -30,9 +30,9 @@ def c(
     """C99 of scheduler, power loops and network, with a self-test and hashes of everything."""
     from vsgdesign.export import export_c_files
 
-    study_hash = None if study_file is None else load(study_file).hash
+    study = None if study_file is None else load(study_file)
     made = export_c_files(
-        table_file, out, weights=weights, study_hash=study_hash, v_limit=v_limit, i_limit=i_limit,
+        table_file, out, weights=weights, study=study, v_limit=v_limit, i_limit=i_limit,
         grid_phase=grid_phase, **({} if rate is None else {"rate": rate}),
     )  # fmt: skip
     if as_json:

@@ -13,6 +13,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from vsgdesign.artifacts.table_text import between_text, certificate_sentence, status_text
+
 if TYPE_CHECKING:
     from vsgdesign.design import ClosedFormDesign
     from vsgdesign.design.certificate import Certificate, Counterexample
@@ -71,6 +73,10 @@ def results_tables(results: dict[str, Any]) -> None:
                 _cell(event["peak_current_pu"], ".2f", " pu"),
             )
     console = new_console()
+    for name, controller in results["controllers"].items():
+        if controller["table"] is not None:
+            lines = (escape(line) for line in table_lines(name, controller["table"]))
+            console.print("\n".join(lines), highlight=False, soft_wrap=True)
     console.print(table if table.row_count else f"{escape(results['study']['title'])}: no event to measure")
     for name, controller in results["controllers"].items():
         limit = (controller["estimate"] or {}).get("rate_limit")
@@ -78,6 +84,20 @@ def results_tables(results: dict[str, Any]) -> None:
             from vsgdesign.report.estimate_tables import rate_limit_text
 
             console.print(escape(rate_limit_text(name, *limit.values())))
+
+
+def table_lines(name: str, table: dict[str, Any]) -> Iterator[str]:
+    """What a run says of a controller's gain table: what is proved (first where that failed), its cells, the look
+    between its nodes, and where it was designed from something else than this study."""
+    proof = table["certificate"]
+    if proof["certified"] is False:
+        yield f"{name}: {proof['text']}"
+    yield f"{name}: gain table of {table['nodes'][0]} SCR × {table['nodes'][1]} X/R, {status_text(table['status'])}"
+    yield between_text(table["between"])
+    if proof["certified"] is not False:
+        yield proof["text"]
+    if table["not_of_this_study"]:
+        yield f"the table was not designed from this study: {'; '.join(table['not_of_this_study'])}"
 
 
 def design_tables(study: Study, designs: Sequence[ClosedFormDesign]) -> None:
@@ -163,40 +183,17 @@ def stability_tables(document: dict[str, Any]) -> None:
 
 
 def certificate_text(found: Certificate | Counterexample) -> str:
-    """What was proved, or the cell that forbids it."""
+    """What was proved, or the cell that forbids it; then how well it was looked at."""
     from vsgdesign.design.certificate import Certificate
 
-    r = found.region
-    where = (
-        f"SCR {r.scr[0]:g} to {r.scr[1]:g}, X/R {r.x_over_r[0]:g} to {r.x_over_r[1]:g}, "
-        f"P {r.P[0] / 1e3:g} to {r.P[1] / 1e3:g} kW, Q {r.Q[0] / 1e3:g} to {r.Q[1] / 1e3:g} kvar, "
-        f"R_g and L_g known to ±{100.0 * r.error:g} %"
-    )
-    if isinstance(found, Certificate):
-        if math.isinf(r.rate):
-            what, speed = "One quadratic Lyapunov function decays", "whatever the speed of change"
-        else:
-            what = "A quadratic Lyapunov function that follows the grid decays"
-            speed = f"while SCR and X/R change by no more than {100.0 * r.rate:.3g} % per second each"
-        verified = f"Verified at {found.checked} cells and {found.fresh} fresh random points"
-        if found.proof == "gap-free":
-            proof = f"Gap-free: proved in every point, on {found.boxes} boxes. {verified}"
-        else:
-            proof = (
-                f"Gridded, not gap-free: {100.0 * (1.0 - found.gap.share):.3g} % of the region is proved on boxes. "
-                f"{verified}, the slowest of which has {found.gap.decay:.2g} 1/s to spare"
-            )
-        return (
-            f"{found.controller}: certified over {where}, within the static limits.\n"
-            f"{what} at {found.decay:.3g} 1/s or faster, {speed} "
-            f"(power loops; ideal inner loops, no power filters).\n"
-            f"{proof}; {found.vertices} vertices decide."
-        )
+    text = f"{found.controller}: {certificate_sentence(found.as_document())}"
+    if not isinstance(found, Certificate):
+        return text
+    boxes = f"Proved on {found.boxes} boxes. " if found.boxes else ""
+    spare = "" if found.proof == "gap-free" else f", the slowest of which has {found.gap.decay:.2g} 1/s to spare"
     return (
-        f"{found.controller}: not certified over {where}.\n"
-        f"Counterexample: SCR {found.scr:.4g}, X/R {found.x_over_r:.4g}, P {found.P / 1e3:.4g} kW, "
-        f"Q {found.Q / 1e3:.4g} kvar, R_g {100.0 * found.error_R:+.3g} %, L_g {100.0 * found.error_L:+.3g} %: "
-        f"eigenvalue {found.eigenvalue.real:.3g} {found.eigenvalue.imag:+.3g}j 1/s."
+        f"{text}\n{boxes}Verified at {found.checked} cells and {found.fresh} fresh random points{spare}; "
+        f"{found.vertices} vertices decide."
     )
 
 

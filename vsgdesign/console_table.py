@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from vsgdesign.artifacts.gain_table import COLUMNS, GainTable
+from vsgdesign.artifacts.table_text import between_text, certificate_failed, certificate_sentence, status_text
 from vsgdesign.console import new_console, new_table
 from vsgdesign.stability.gain_table import FIGURES, Compared, TableCheck, figure_of, largest_difference
 
@@ -22,7 +23,7 @@ COLUMN_UNITS = {"k_1": "1/s²", "d_1": "1/s", "k_2": "1/s", "H": "s", "zeta": "1
 def table_overview(table: GainTable) -> None:
     """What the table is for, then one grid of numbers for each column and margin that is not the same everywhere."""
     console = new_console()
-    console.print("\n".join(escape(line) for line in heading(table)), highlight=False)
+    console.print("\n".join(escape(line) for line in heading(table)), highlight=False, soft_wrap=True)
     constant: list[str] = []
     for name in COLUMNS[table.law]:
         values = table.parameters[name]
@@ -45,10 +46,12 @@ def table_overview(table: GainTable) -> None:
 
 
 def heading(table: GainTable) -> Iterator[str]:
-    """Lines that say what the table is, for what, and what was proved."""
+    """Lines that say what the table is, for what, and what was proved; a proof that failed is the first line."""
+    if certificate_failed(table.certificate):
+        yield certificate_sentence(table.certificate)
     base, v = table.base, table.validity
-    counts = ", ".join(f"{int((table.status == s).sum())} {s}" for s in ("met", "relaxed", "outside"))
-    yield f"{table.name}: {table.structure}, law {table.law}, for study {table.study} ({table.study_hash[:12]}…)"
+    counts = status_text({s: int((table.status == s).sum()) for s in ("met", "relaxed", "outside")})
+    yield f"{table.name}: {table.structure}, law {table.law}, for study {table.study}"
     yield (
         f"{len(table.scr)} SCR ({base.scr_basis} basis) × {len(table.x_over_r)} X/R: {counts}. "
         f"{base.S_rated / 1e3:g} kVA, {base.V_rated_rms:g} V phase, {base.omega_n / (2.0 * math.pi):g} Hz; "
@@ -64,32 +67,30 @@ def heading(table: GainTable) -> Iterator[str]:
     )
     if table.specification:
         yield "specification: " + ", ".join(f"{k} = {_short(v)}" for k, v in table.specification.items())
-    yield certificate_line(table.certificate)
+    if table.between is not None:
+        yield between_text(table.between)
+    if not certificate_failed(table.certificate):
+        yield certificate_sentence(table.certificate)
+    if table.design_hash:
+        yield f"design hash {table.design_hash}"
     yield f"sha256 {table.sha256}"
-
-
-def certificate_line(certificate: dict[str, Any] | None) -> str:
-    """The certificate's plain figures in one line."""
-    if certificate is None:
-        return "certificate: none"
-    plainly = {k: v for k, v in certificate.items() if isinstance(v, str | int | float | bool)}
-    return "certificate: " + ", ".join(f"{k} = {_short(v)}" for k, v in plainly.items())
 
 
 def built_text(document: dict[str, Any], shown: int = 8) -> str:
     """What a build made: cells, nodes added, promises not kept and at what they would be, at nodes and between."""
     table, cells, between = document["table"], document["cells"], document["between"]
-    counts = ", ".join(f"{count} {status}" for status, count in cells.items())
-    lines = [f"{document['file']}: {table['name']}, {len(table['scr'])} SCR × {len(table['x_over_r'])} X/R: {counts}"]
+    head = f"{document['file']}: {table['name']}, {len(table['scr'])} SCR × {len(table['x_over_r'])} X/R"
+    proof = document["certificate"]
+    lines = [] if proof["certified"] is not False else [f"{table['name']}: {proof['text']}"]
+    lines.append(f"{head}: {status_text(cells)}")
     if added := document["added"]:
         lines.append("nodes added between: " + ", ".join(f"{node['axis']} {node['value']:g}" for node in added))
     lines += _first(document["relaxed"], "would_be_feasible_with", "not as specified, feasible with", shown)
     broken = between["broken"]
-    lines.append(
-        f"between nodes: {between['points']} random grids, {between['outside']} outside the static limits, "
-        f"{between['promised']} promised, {len(broken)} broken"
-    )
+    lines.append(between_text(between))
     lines += _first(broken, "reached", "breaks its promise with", shown)
+    if proof["certified"] is not False:
+        lines.append(proof["text"])
     lines.append(f"sha256 {table['sha256']}")
     return "\n".join(lines)
 

@@ -141,7 +141,7 @@ def setter(*keys: Any, to: Any) -> Callable[[dict[str, Any]], None]:
     ("change", "says"),
     [
         (setter("kind", to="other"), "not a gain table"),
-        (setter("schema", to=2), "update vsgdesign"),
+        (setter("schema", to=3), "update vsgdesign"),
         (setter("schema", to=True), "no schema number"),
         (setter("structure", to="droop"), "structure: 'droop' is unknown"),
         (setter("law", to="lead"), "law: 'lead' is unknown"),

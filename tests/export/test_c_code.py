@@ -23,6 +23,7 @@ from vsgdesign.export import compile_c, export_c_files
 from vsgdesign.export.c_code import FILES, MANIFEST, REASON_NAMES
 from vsgdesign.export.compiled import STRICT, run_compiler
 from vsgdesign.export.footprint import COMPILER, measure_footprint
+from vsgdesign.parameters import load_study
 from vsgdesign.runtime.guards import REASONS
 
 
@@ -142,15 +143,15 @@ def test_damaged_newer_and_foreign_files_are_refused(tmp_path: Path) -> None:
     for bad, named in (
         (text[: len(text) // 2], "cut short"),
         (text.replace("15.8", "15.9", 1), "sha256"),
-        (text.replace('"schema": 1', '"schema": 2'), "schema 2"),
+        (text.replace('"schema": 2', '"schema": 3'), "schema 3"),
     ):
         (tmp_path / "bad.json").write_text(bad, encoding="utf-8")
         with pytest.raises(ArtifactError, match=named):
             export_c_files(tmp_path / "bad.json", out)
     with pytest.raises(ArtifactError, match="not a gain table"):
         export_c_files(weights_file, out)
-    with pytest.raises(ArtifactError, match="of this study"):
-        export_c_files(table_file, out, study_hash="1" * 64)
+    with pytest.raises(ArtifactError, match="was not designed from this study"):
+        export_c_files(table_file, out, study=load_study("studies/laboratory/study.toml"))
     (tmp_path / "cut.json").write_text(weights_file.read_text(encoding="utf-8")[:500], encoding="utf-8")
     with pytest.raises(ArtifactError):
         export_c_files(table_file, out, weights=tmp_path / "cut.json")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsgdesign.artifacts.design_inputs import design_hash
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.guarded_file import content_hash
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -19,7 +20,7 @@ if TYPE_CHECKING:  # reading a table reads no study files
 Array = NDArray[np.float64]
 
 KIND = "vsgdesign gain table"
-SCHEMA = 1
+SCHEMA = 2
 
 COLUMNS = {
     "poles": ("k_1", "d_1", "k_2", "q", "share_P", "share_Q"),
@@ -95,6 +96,7 @@ class GainTable:
     study: str
     """Name of the study it was designed for."""
     study_hash: str
+    """Content hash of that study's document, for information: it changes with every title and event."""
     base: TableBase
     D_p: float
     """P–f droop, W·s/rad; the angle-damped structure's alone, 0 in the others."""
@@ -128,6 +130,12 @@ class GainTable:
     """Versions of what made it."""
     inputs: dict[str, str] = field(default_factory=dict)
     """Hashes of what it was made from, by name."""
+    design_inputs: dict[str, Any] = field(default_factory=dict)
+    """What its design depended on (:mod:`vsgdesign.artifacts.design_inputs`); empty where it was made by hand."""
+    between: dict[str, Any] | None = None
+    """What the last look between the nodes found: ``points``, ``outside``, ``promised``, ``seed`` and ``broken``."""
+    causes: list[dict[str, Any]] = field(default_factory=list)
+    """Of relaxed cells, why a promise was given up (:mod:`vsgdesign.design.causes`)."""
 
     def __post_init__(self) -> None:
         for name, kind in (("scr", float), ("x_over_r", float), ("price", float), ("status", str), ("active", str)):
@@ -137,7 +145,7 @@ class GainTable:
         object.__setattr__(self, "columns", {name: _fixed(values) for name, values in columns})
         object.__setattr__(self, "margins", {name: _fixed(self.margins[name]) for name in sorted(self.margins)})
         object.__setattr__(self, "gains", PowerLoopGains(*(_fixed(value) for value in self.gains)))
-        for name in ("specification", "certificate", "provenance", "inputs"):
+        for name in ("specification", "certificate", "provenance", "inputs", "design_inputs", "between", "causes"):
             object.__setattr__(self, name, _sorted(plain(getattr(self, name))))
         _to_floats(self)
 
@@ -157,6 +165,11 @@ class GainTable:
         return from_dimensionless(self.columns, self.time_scale)
 
     @property
+    def design_hash(self) -> str:
+        """Over what the design depended on; empty where the table does not keep that."""
+        return design_hash(self.design_inputs)
+
+    @property
     def sha256(self) -> str:
         """Over the canonical JSON of everything in the file but itself."""
         return content_hash(table_document(self))
@@ -169,6 +182,16 @@ def base_of(study: Study, scr_basis: str | None = None) -> TableBase:
         c.S_rated, c.V_rated_rms, c.omega_n, study.grid_source.V_g_rms, f.R_2, f.L_2, scr_basis or study.scr_basis,
         study.tau_P, study.tau_Q,
     )  # fmt: skip
+
+
+def base_differences(base: TableBase, other: TableBase, name: str) -> list[str]:
+    """Fields in which two bases differ, a sentence each; ``name`` says whose the other is."""
+    found = []
+    for f in fields(TableBase):
+        mine, its = getattr(base, f.name), getattr(other, f.name)
+        if not (mine == its or (isinstance(mine, float) and abs(mine - its) <= 1e-12 * abs(mine))):
+            found.append(f"base.{f.name} is {mine}, {name} has {its}")
+    return found
 
 
 def to_dimensionless(parameters: dict[str, Array], time_scale: float) -> dict[str, Array]:

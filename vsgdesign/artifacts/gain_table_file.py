@@ -116,11 +116,26 @@ def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
     for name in ("name", "study", "study_hash"):
         if not isinstance(getattr(table, name), str):
             yield name, "must be text"
-    for name in ("specification", "provenance", "inputs"):
+    for name in ("specification", "provenance", "inputs", "design_inputs"):
         if not isinstance(getattr(table, name), dict):
             yield name, "must be a table of names and values"
-    if not isinstance(table.certificate, dict | None):
-        yield "certificate", "must be a table of names and values, or null"
+    for name in ("certificate", "between"):
+        if not isinstance(getattr(table, name), dict | None):
+            yield name, "must be a table of names and values, or null"
+    if isinstance(table.between, dict) and not _is_look(table.between):
+        yield "between", "must have points, outside and promised as whole numbers, and the list broken"
+    if not isinstance(table.causes, list) or not all(isinstance(cause, dict) for cause in table.causes):
+        yield "causes", "must be a list of tables of names and values"
+
+
+def _is_look(between: dict[str, Any]) -> bool:
+    counts = (between.get(name) for name in ("points", "outside", "promised"))
+    return all(type(count) is int for count in counts) and isinstance(between.get("broken"), list)
+
+
+def _from_schema_1(document: dict[str, Any]) -> dict[str, Any]:
+    """A table of schema 1 did not keep what it was designed from, nor what was found between its nodes."""
+    return document | {"design_inputs": {}, "between": None, "causes": []}
 
 
 def _from_document(document: dict[str, Any]) -> GainTable:
@@ -142,5 +157,5 @@ def _rows_on_a_line(text: str) -> str:
 
 TABLE_FILE = GuardedFile(
     KIND, SCHEMA, "a gain table", 'written by "vsgdesign table build"', "build the table again",
-    table_document, _from_document, table_faults, _rows_on_a_line,
+    table_document, _from_document, table_faults, _rows_on_a_line, (_from_schema_1,),
 )  # fmt: skip

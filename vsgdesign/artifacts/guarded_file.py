@@ -45,6 +45,8 @@ class GuardedFile(Generic[T]):
     build: Callable[[dict[str, Any]], T]
     faults: Callable[[T], Sequence[str]]
     layout: Callable[[str], str] = str
+    upgrades: tuple[Callable[[dict[str, Any]], dict[str, Any]], ...] = ()
+    """The k-th makes a content of schema k + 2 of one of schema k + 1: what older versions wrote is read."""
 
     def render(self, document: dict[str, Any]) -> str:
         """The text of a content, with its hash."""
@@ -100,6 +102,10 @@ class GuardedFile(Generic[T]):
             raise ArtifactError(f"its content is not what its sha256 says; fetch the original or {self.again}.")
         if data != self.render(document).encode():
             raise ArtifactError("its text was re-formatted since it was written; fetch the original file.")
+        for upgrade in self.upgrades[schema - 1 :]:
+            document = upgrade(document)
+        document["schema"] = self.schema
+        said = content_hash(document)
         try:
             value = self.build(document)
         except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,15 @@ class BetweenCheck:
     def broken(self) -> tuple[PointCheck, ...]:
         """Those at which it does not keep it."""
         return tuple(point for point in self.points if point.promised and point.missed)
+
+
+def between_document(checked: BetweenCheck) -> dict[str, Any]:
+    """What a table keeps of its last look between the nodes."""
+    return {
+        "points": len(checked.points) + checked.outside, "seed": checked.seed, "outside": checked.outside,
+        "promised": checked.promised,
+        "broken": [{"scr": p.scr, "x_over_r": p.x_over_r, "reached": p.missed} for p in checked.broken],
+    }  # fmt: skip
 
 
 def check_between(

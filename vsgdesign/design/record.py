@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from vsgdesign.artifacts.design_inputs import resolved_inputs
 from vsgdesign.artifacts.files import write_json
 from vsgdesign.artifacts.provenance import package_hash, provenance
 from vsgdesign.design.box import (
@@ -59,9 +60,10 @@ class CellTask:
     @property
     def key(self) -> str:
         """Hash of everything that decides the result."""
+        study = replace(self.study, specification=None)
         spec = replace(self.spec, scr=(), x_over_r=())  # of the other nodes only the region's limits have a say
         parts = {
-            "study": self.study.hash, "target": asdict(self.target), "specification": asdict(spec),
+            "study": resolved_inputs(study, self.target), "specification": asdict(spec),
             "region": [self.spec.scr[0], self.spec.scr[-1], self.spec.x_over_r[0], self.spec.x_over_r[-1]],
             "node": [self.scr, self.x_over_r], "centre": self.centre, "seed": self.seed, "pull": self.pull,
             "reach": self.reach, "beside": self.beside, "versions": provenance(), "code": package_hash(),

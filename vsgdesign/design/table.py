@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.design_inputs import design_inputs
 from vsgdesign.artifacts.gain_table import COLUMNS, GainTable, ValidityBox, base_of, fill_outside, to_dimensionless
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.provenance import provenance
-from vsgdesign.design.between import POINTS, BetweenCheck, check_between, failing_intervals, probe
+from vsgdesign.design.between import POINTS, BetweenCheck, between_document, check_between, failing_intervals, probe
 from vsgdesign.design.box import Scenarios, scenarios_of_estimate
 from vsgdesign.design.cell import common_design
-from vsgdesign.design.certificate import Region, certify
+from vsgdesign.design.certificate import NoFunctionError, Region, certify
 from vsgdesign.design.certificate.box_check import compile_ahead
 from vsgdesign.design.evaluation import LawOfStudy, law_of
 from vsgdesign.design.record import CellRecord, CellTask, better, one_thread
@@ -181,7 +182,7 @@ def _build(
         table = demote(table, checked)
         looks += 1
         checked = check_between(study, law, spec, table, count=points, seed=seed + looks, each=each)
-    return BuiltTable(table, tuple(records), tuple(added), checked)
+    return BuiltTable(replace(table, between=between_document(checked)), tuple(records), tuple(added), checked)
 
 
 def demote(table: GainTable, checked: BetweenCheck) -> GainTable:
@@ -207,16 +208,17 @@ def table_certificate(study: Study, controller: ControllerSpec, table: GainTable
     spec = study.specification
     box, error = table.validity, table.validity.error
     study = study if spec is None else replace(study, scr_basis=spec.scr_basis)
-    reason = ""
+    refused: dict[str, Any] = {}
     for rate, boxes in _CERTIFICATES:
         region = Region(box.scr, box.x_over_r, box.P, box.Q, error, rate)
         try:
             found = certify(study, controller, region, schedule=table_schedule(table), budget=boxes)
         except (InfeasibleStudyError, StudyError) as fault:  # no such function, or a box that is not asked for
-            reason = str(fault)
+            slowest = {"slowest": fault.slowest} if isinstance(fault, NoFunctionError) else {}
+            refused = {"certified": False, "reason": str(fault), "region": asdict(region)} | slowest
             continue
         return found.as_document()
-    return {"certified": False, "reason": reason}
+    return refused
 
 
 def _some(boxes: list[Scenarios]) -> list[Scenarios]:
@@ -268,7 +270,7 @@ def assemble(
         gains=PowerLoopGains(**dict.fromkeys(PowerLoopGains._fields, np.full(shape, np.nan))),
         status=status, active=active,
         price=cells(lambda d, _: d.price), margins=margins, specification=asdict(spec), validity=validity,
-        provenance=provenance(), inputs={"study": study.hash},
+        provenance=provenance(), design_inputs=design_inputs(study, controller.target),
     )  # fmt: skip
     table = with_node_gains(table)
     R_g, L_g = table_grids(table)

@@ -15,6 +15,7 @@ import numpy as np
 
 from vsgdesign import __version__
 from vsgdesign.artifacts.files import plain, staged_folder, write_json, write_text
+from vsgdesign.artifacts.table_text import certificate_sentence
 from vsgdesign.equations.power_flow import LEAST_SHARE, POWER_MARGIN
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.known_answers import known_answers, known_windows
@@ -26,6 +27,7 @@ from vsgdesign.runtime.scheduler import Scheduler, read_table_of, scheduler_of
 if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import TableBase
     from vsgdesign.artifacts.network_weights import NetworkWeights
+    from vsgdesign.parameters.study import Study
 
 KIND = "vsgdesign c export"
 SCHEMA = 1
@@ -59,26 +61,26 @@ class Origin:
     table_sha256: str
     study: str
     study_hash: str
-    certificate: str = "none: the box is the table's own"
-    """What is proved of the box, in a few words."""
+    certificate: str = certificate_sentence(None)
+    """What is proved of the box, in words."""
     weights_sha256: str | None = None
     channels: str = ""
     sample_interval: float = 0.0
 
 
 def export_c_files(
-    table: str | Path, out: str | Path, *, weights: str | Path | None = None, study_hash: str | None = None,
+    table: str | Path, out: str | Path, *, weights: str | Path | None = None, study: Study | None = None,
     v_limit: float | None = None, i_limit: float | None = None, grid_phase: bool = False, **changes: Any,
 ) -> ExportedC:  # fmt: skip
     """C from a table's and a network's file into the folder ``out``.
 
     ``v_limit`` (V) and ``i_limit`` (A) are the sensors' limits, four times the rated peaks where they are not given;
-    ``study_hash`` refuses a table of another study; ``changes`` to the settings as in
+    ``study`` refuses a table that was not designed from it; ``changes`` to the settings as in
     :func:`vsgdesign.runtime.guards.settings_of`. Raises ArtifactError with what to do: a file that is damaged, newer
     or of another case, a folder with other files.
     """
-    found = read_table_of(table, study_hash)
-    origin = Origin(found.name, found.sha256, found.study, found.study_hash, certificate_text(found.certificate))
+    found = read_table_of(table, study)
+    origin = Origin(found.name, found.sha256, found.study, found.study_hash, certificate_sentence(found.certificate))
     estimator = None
     if weights is not None:
         from vsgdesign.artifacts.network_weights import read_network_weights
@@ -174,17 +176,6 @@ def render(scheduler: Scheduler, origin: Origin) -> dict[str, str]:
     return {name: environment.get_template(f"{name}.j2").render(content) for name in FILES}
 
 
-def certificate_text(certificate: Mapping[str, Any] | None) -> str:
-    """What a table's certificate says, in a few words."""
-    if certificate is None:
-        return Origin.certificate
-    if certificate.get("certified") is False:
-        return "none: a counterexample or no common function was found; the box is the table's own"
-    decay = certificate.get("decay")
-    rate = f"decay {decay:.3g} 1/s" if isinstance(decay, int | float) else "decay not said"
-    return f"{certificate.get('proof', 'proof not said')}, {rate}"
-
-
 def generator_hash() -> str:
     """SHA-256 of the templates and of the modules that fill them."""
     digest = hashlib.sha256()
@@ -212,7 +203,7 @@ def _content(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
             f"Table {origin.table} of study {origin.study}, sha256 {origin.table_sha256[:12]}: {lookup.structure}, law "
             f"{lookup.law}."
         ),
-        "version": __version__,
+        "version": __version__, "certificate": " ".join(origin.certificate.split()),
         "reasons": REASONS, "reason_names": REASON_NAMES,
         "tick_text": f"{c.tick * 1e6:.6g} us a tick", "update_text": f"{c.update_ticks * c.tick * 1e3:.6g} ms",
         "table_sha256": origin.table_sha256, "weights_sha256": origin.weights_sha256,
@@ -295,7 +286,6 @@ def _figures(scheduler: Scheduler, origin: Origin) -> Mapping[str, str]:
         "rated power, nominal voltage": f"{lookup.S_rated:g} VA, {lookup.V_n_rms:g} V phase rms",
         "nominal frequency": f"{lookup.omega / (2.0 * np.pi):g} Hz",
         "grid-side inductor of the filter": f"{lookup.L_2 * 1e3:g} mH, {lookup.R_2:g} Ohm",
-        "certificate": _comment(origin.certificate),
         "box of SCR, X/R": f"{c.scr[0]:.4g} to {c.scr[1]:.4g} ({lookup.scr_basis}), {x_low:.4g} to {x_high:.4g}",
         "box of P, Q, V": f"{c.P[0]:g} to {c.P[1]:g} W, {c.Q[0]:g} to {c.Q[1]:g} var, {c.V_rms[0]:.4g} to "
         f"{c.V_rms[1]:.4g} V",

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts import provenance, staged_folder, write_csv, write_json, write_npz, write_table_file
+from vsgdesign.artifacts.design_inputs import study_differences
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.artifacts.table_text import certificate_summary
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.parameters import Study
 from vsgdesign.pipeline.table import with_tables
@@ -135,7 +137,7 @@ def _controller(study: Study, controller: ControllerResult, judged: dict[str, An
         "bridge": controller.bridge,
         "structure": controller.spec.target.structure,
         "schedule": controller.spec.schedule if controller.spec.kind == "scheduled" else None,
-        "table": None if controller.spec.table is None else _table(controller.spec.table),
+        "table": None if controller.spec.table is None else _table(study, controller.spec.table),
         "target": asdict(controller.spec.target),
         "gains": [{"t_s": change.t_s, **change.gains.named()} for change in _changes(study, controller)],
         "gain_changes": len(controller.gain_changes),
@@ -146,10 +148,14 @@ def _controller(study: Study, controller: ControllerResult, judged: dict[str, An
     }
 
 
-def _table(table: GainTable) -> dict[str, Any]:
+def _table(study: Study, table: GainTable) -> dict[str, Any]:
     statuses, counts = np.unique(table.status, return_counts=True)
     return {
         "sha256": table.sha256,
+        "design_hash": table.design_hash,
+        "certificate": certificate_summary(table.certificate),
+        "between": table.between,
+        "not_of_this_study": study_differences(table, study),
         "nodes": list(table.shape),
         "status": dict(zip(statuses.tolist(), counts.tolist(), strict=True)),
     }

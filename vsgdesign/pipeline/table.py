@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts import staged_folder, write_json, write_table_file
-from vsgdesign.artifacts.gain_table import KIND, GainTable, base_of
-from vsgdesign.artifacts.gain_table_file import read_table_file
+from vsgdesign.artifacts.gain_table import KIND, GainTable
 from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.artifacts.study_table import table_of
+from vsgdesign.artifacts.table_text import certificate_summary
 from vsgdesign.errors import ArtifactError, Fault, StudyError
 from vsgdesign.parameters.study import ControllerSpec, Study
 
@@ -95,8 +96,9 @@ def _built_document(built: BuiltTable, out: Path) -> dict[str, Any]:
         "table": {
             "name": table.name, "structure": table.structure, "law": table.law, "sha256": table.sha256,
             "scr": table.scr.tolist(), "x_over_r": table.x_over_r.tolist(), "study": table.study,
-            "study_hash": table.study_hash,
+            "study_hash": table.study_hash, "design_hash": table.design_hash,
         },
+        "certificate": certificate_summary(table.certificate),
         "cells": {status: int((table.status == status).sum()) for status in STATUSES},
         "added": [{"axis": axis, "value": value} for axis, value in built.added],
         "relaxed": [
@@ -137,7 +139,15 @@ def report_table(table: GainTable, out: str | Path, *, progress: Progress | None
         tell("draw figures", 1.0)
         write_table_report(table, figures, folder / "report.html")
         document = {
-            "table": {"name": table.name, "sha256": table.sha256, "study": table.study, "study_hash": table.study_hash},
+            "table": {
+                "name": table.name,
+                "sha256": table.sha256,
+                "study": table.study,
+                "study_hash": table.study_hash,
+                "design_hash": table.design_hash,
+            },
+            "certificate": certificate_summary(table.certificate),
+            "between": table.between,
             "cells": {status: int((table.status == status).sum()) for status in STATUSES},
             "check": {"good": outcome.good} | vars(outcome),
             "figures": [figure.name for figure in figures],
@@ -162,12 +172,7 @@ def with_tables(
             controllers.append(spec)
             continue
         if spec.table_file is not None:
-            table = read_table_file(spec.table_file)
-            if table.base != base_of(study, table.base.scr_basis):
-                raise ArtifactError(
-                    f'controller {spec.name}: "{spec.table_file}" is a table of study {table.study}, made for another '
-                    "converter, filter or grid voltage. Build one for this study: vsgdesign table build."
-                )
+            table = table_of(study, spec)
         else:
             from vsgdesign.design.sweep import executor_of
             from vsgdesign.design.table import build_table

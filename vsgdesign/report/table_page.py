@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.table_text import between_text, certificate_failed, certificate_sentence
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.html import write_html
 from vsgdesign.report.quantities import DASH, number, plain, plain_quantity
@@ -45,6 +46,7 @@ def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_pat
         identity=identity_table(table),
         margins=margins_table(table),
         specification=open_table("Specification", table.specification, SPECIFICATION_UNITS),
+        proof=certificate_sentence(table.certificate),
         certificate=None
         if table.certificate is None
         else open_table("Certificate", table.certificate, CERTIFICATE_UNITS),
@@ -53,7 +55,7 @@ def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_pat
 
 
 def verdict_of(table: GainTable) -> str:
-    """Counts of cells, and whether there is a proof, in one paragraph."""
+    """Counts of cells and what is proved, in one paragraph; a proof that failed comes first."""
     met, relaxed, outside = (int((table.status == status).sum()) for status in ("met", "relaxed", "outside"))
     total = table.status.size
     first = f"{met} of {total} cells keep every promise of the specification."
@@ -63,8 +65,11 @@ def verdict_of(table: GainTable) -> str:
         first += (
             f" {outside} {'is' if outside == 1 else 'are'} outside: no operating point, or beyond the static limits."
         )
-    proof = "There is no certificate." if table.certificate is None else "A certificate is attached, see part 5."
-    return f"{first} {proof}"
+    if table.between is not None:
+        look = between_text(table.between)
+        first += f" {look[0].upper()}{look[1:]}."
+    proof = certificate_sentence(table.certificate)
+    return f"{proof} {first}" if certificate_failed(table.certificate) else f"{first} {proof}"
 
 
 def identity_table(table: GainTable) -> Table:
@@ -78,7 +83,8 @@ def identity_table(table: GainTable) -> Table:
     rows = (
         ("Structure", table.structure.replace("_", "-")),
         ("Law", LAWS[table.law]),
-        ("Study", f"{table.study}, SHA-256 {table.study_hash[:16]}…"),
+        ("Study", table.study),
+        ("Designed from", f"design hash {table.design_hash[:16]}…" if table.design_hash else "not kept"),
         ("Converter", f"{plain_quantity(b.S_rated, 'VA')}, {plain_quantity(b.V_rated_rms, 'V')} phase rms, "
                       f"{plain(b.omega_n / (2.0 * math.pi))} Hz"),
         ("Grid-side inductor", "none" if b.L_2 == b.R_2 == 0.0 else

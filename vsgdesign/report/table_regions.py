@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.table_text import certificate_failed
 from vsgdesign.parameters.study import Gates
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.quantities import plain
@@ -95,7 +96,7 @@ def _draw_active(table: GainTable) -> NamedFigure:
 
 
 def certificate_figure(table: GainTable) -> NamedFigure | None:
-    """Where the certificate holds, over the table's nodes; None without one that names a region."""
+    """Where the certificate holds, or was sought and not found, over the table's nodes; None without a region."""
     region = None if table.certificate is None else table.certificate.get("region")
     if not isinstance(region, dict) or not all(_is_pair(region.get(name)) for name in ("scr", "x_over_r")):
         return None
@@ -109,12 +110,17 @@ def _draw_certificate(table: GainTable, scr: list[float], x_over_r: list[float])
     height = 0.62 * _WIDTH
     figure = new_figure(PAGE_IN, _BOTTOM + height + _TOP)
     axes = _plane(figure, table, height)
-    decay = (table.certificate or {}).get("decay")
+    certificate = table.certificate or {}
+    failed = certificate_failed(certificate)
+    decay = certificate.get("decay")
     proved = f"certified: decay ≥ {plain(float(decay), 3)} 1/s" if isinstance(decay, int | float) else "certified"
+    shade = {"facecolor": "#CFE3F1", "edgecolor": COLOURS[0], "linewidth": 1.2, "zorder": 1}
+    if failed:
+        proved, shade = "not certified", {**shade, "facecolor": "none", "edgecolor": COLOURS[1], "hatch": "//"}
     entries: list[tuple[Any, str]] = []
     v = table.validity
     for low, high, style, text in (
-        (scr, x_over_r, {"facecolor": "#CFE3F1", "edgecolor": COLOURS[0], "linewidth": 1.2, "zorder": 1}, proved),
+        (scr, x_over_r, shade, proved),
         (v.scr, v.x_over_r, {"facecolor": "none", "edgecolor": "#222222", "linestyle": (0, (4, 2)), "zorder": 2},
          "validity box of the table"),
     ):  # fmt: skip
@@ -131,7 +137,17 @@ def _draw_certificate(table: GainTable, scr: list[float], x_over_r: list[float])
                 table.scr[nodes[:, 0]], table.x_over_r[nodes[:, 1]], linestyle="", markersize=3.0, zorder=3, **style
             )
             entries.append((line, f"node, {status} ({len(nodes)})"))
+    cell = certificate if "eigenvalue" in certificate else certificate.get("slowest", {})
+    if failed and {"scr", "x_over_r"} <= cell.keys():
+        (mark,) = axes.plot([cell["scr"]], [cell["x_over_r"]], "*", markersize=11.0, color=COLOURS[1], zorder=4)
+        entries.append((mark, "counterexample: unstable" if "eigenvalue" in certificate else "slowest cell"))
     _legend(figure, entries, height)
+    if failed:
+        caption = (
+            "How to read: for the hatched region, with the certificate's powers and errors of the estimate, no proof "
+            "was found. Dots are the nodes of the table; the star is the grid that the sentence above names."
+        )
+        return NamedFigure("table_certificate", "Region without a proof", caption, figure, CERTIFICATE)
     caption = (
         "How to read: one Lyapunov function holds for every grid of the shaded region, within the certificate's powers "
         "and errors of the estimate. Dots are the nodes of the table; the certificate is about the interpolated gains."

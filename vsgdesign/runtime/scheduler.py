@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from vsgdesign.artifacts.gain_table import GainTable
+    from vsgdesign.parameters.study import Study
 
 _MASK = 0xFFFFFFFF
 _HALF = 0x80000000
@@ -313,24 +314,27 @@ def closed_form_scheduler(
 
 def load_scheduler(
     table: str | Path, weights: str | Path | None = None, *, fit: dict[str, Any] | None = None,
-    study_hash: str | None = None, **changes: Any,
+    study: Study | None = None, **changes: Any,
 ) -> Scheduler:  # fmt: skip
     """The scheduler of files. ``fit`` is what :func:`vsgdesign.runtime.network.neural_estimator` wants to know;
-    ``study_hash`` refuses a table of another study. Raises ArtifactError with one sentence."""
-    found = read_table_of(table, study_hash)
+    ``study`` refuses a table that was not designed from it. Raises ArtifactError."""
+    found = read_table_of(table, study)
     estimator = None if weights is None else load_neural_estimator(weights, **(fit or {}))
     return scheduler_of(found, estimator, **changes)
 
 
-def read_table_of(path: str | Path, study_hash: str | None = None) -> GainTable:
-    """The table of a file. Raises ArtifactError where it is damaged, newer, or of a study with another hash."""
+def read_table_of(path: str | Path, study: Study | None = None) -> GainTable:
+    """The table of a file. Raises ArtifactError where it is damaged, newer, or was not designed from the study: then
+    with the fields that differ."""
+    from vsgdesign.artifacts.design_inputs import study_differences
     from vsgdesign.artifacts.gain_table_file import read_table_file
 
     table = read_table_file(path)
-    if study_hash is not None and study_hash != table.study_hash:
+    differences = [] if study is None else study_differences(table, study)
+    if differences:
         raise ArtifactError(
-            f"{path}: was designed for study {table.study} with hash {table.study_hash[:12]}, this one has "
-            f"{study_hash[:12]}. Give the table of this study, or design one."
+            f"{path}: was not designed from this study. Give the table of this study, or design one: vsgdesign table "
+            "build.\n" + "\n".join(f"  - {line}" for line in differences)
         )
     return table
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.network_weights import NetworkWeights
+from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
+from vsgdesign.artifacts.study_table import table_of
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.frames import rms_to_peak, rotate, rotate_back
@@ -77,6 +78,7 @@ class EstimatedScheduler:
         weights = weights_of(study, spec)
         self._estimator = estimator_of(study, spec, weights)
         self._window = weights.window
+        spec = replace(spec, table=table_of(study, spec))
         self._study, self._spec = study, spec
         self._schedule = functools.lru_cache(maxsize=16)(self._schedule_at)
         self._runtime = None if spec.table is None else scheduler_of(spec.table, self._estimator)
@@ -153,13 +155,17 @@ class EstimatedScheduler:
 
 
 def weights_of(study: Study, spec: ControllerSpec) -> NetworkWeights:
-    """The network of a study. Raises InfeasibleStudyError where it is not there yet."""
-    if study.estimator is None or study.estimator.weights is None:
+    """The network of a study, read where it names a file. Raises InfeasibleStudyError where it is not there yet,
+    ArtifactError for a file that is no network."""
+    estimator = study.estimator
+    if estimator is not None and estimator.weights is None and estimator.weights_file is not None:
+        return read_network_weights(estimator.weights_file)
+    if estimator is None or estimator.weights is None:
         raise InfeasibleStudyError(
             f"controller {spec.name}: the network that it estimates with is not there. vsgdesign run trains it; "
             'vsgdesign estimator train keeps it, and weights = "FILE.json" in [estimator] uses it.'
         )
-    return study.estimator.weights
+    return estimator.weights
 
 
 def estimator_of(study: Study, spec: ControllerSpec, weights: NetworkWeights) -> NeuralEstimator:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.gain_table import GainTable, TableBase, base_of
+from vsgdesign.artifacts.design_inputs import study_differences
+from vsgdesign.artifacts.gain_table import GainTable, TableBase, base_differences, base_of
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError
@@ -159,7 +160,7 @@ def check_table(table: GainTable, study: Study | None = None) -> TableCheck:
     """A table that was read without a fault, against its own columns, the reduced model, and its study.
 
     Gains must follow from the columns, every met cell must be stable, and each stored margin of FIGURES must be
-    what the model says. With a study: its hash, and every field of the base.
+    what the model says. With a study: what the table was designed from, and every field of the base.
     """
     faults = [] if study is None else _study_faults(table, study)
     valid = table.valid
@@ -188,20 +189,10 @@ def check_table(table: GainTable, study: Study | None = None) -> TableCheck:
 
 
 def _study_faults(table: GainTable, study: Study) -> list[str]:
-    faults = []
-    if study.hash != table.study_hash:
-        faults.append(f"the study's hash is {study.hash[:12]}…, the table was made for {table.study_hash[:12]}…")
+    faults = study_differences(table, study)
+    if faults and table.design_inputs:
+        return faults  # they name the base's fields, too
     return faults + base_differences(table.base, base_of(study, table.base.scr_basis), "the study")
-
-
-def base_differences(base: TableBase, other: TableBase, name: str) -> list[str]:
-    """Fields in which two bases differ, a sentence each; ``name`` says whose the other is."""
-    found = []
-    for f in fields(TableBase):
-        mine, its = getattr(base, f.name), getattr(other, f.name)
-        if not (mine == its or (isinstance(mine, float) and abs(mine - its) <= 1e-12 * abs(mine))):
-            found.append(f"base.{f.name} is {mine}, {name} has {its}")
-    return found
 
 
 def _where(table: GainTable, cells: NDArray[np.bool_]) -> str:

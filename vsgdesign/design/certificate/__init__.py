@@ -2,13 +2,14 @@
 
 from vsgdesign.design.certificate.certify import certify, largest_rate, region_of
 from vsgdesign.design.certificate.region import MeasuredSchedule, Region
-from vsgdesign.design.certificate.results import Certificate, Counterexample, Gap, Trajectory
+from vsgdesign.design.certificate.results import Certificate, Counterexample, Gap, NoFunctionError, Trajectory
 
 __all__ = [
     "Certificate",
     "Counterexample",
     "Gap",
     "MeasuredSchedule",
+    "NoFunctionError",
     "Region",
     "Trajectory",
     "certify",

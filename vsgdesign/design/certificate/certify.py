@@ -24,7 +24,15 @@ from vsgdesign.design.certificate.region import (
     random_points,
     region_faults,
 )
-from vsgdesign.design.certificate.results import GAP_FREE, GRIDDED, Certificate, Counterexample, Gap, growing_mode
+from vsgdesign.design.certificate.results import (
+    GAP_FREE,
+    GRIDDED,
+    Certificate,
+    Counterexample,
+    Gap,
+    NoFunctionError,
+    growing_mode,
+)
 from vsgdesign.design.certificate.search import worst_points
 from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
 from vsgdesign.parameters.study import ControllerSpec, Study
@@ -253,17 +261,18 @@ def _fitted(system: System, motion: Motion, name: str, points: Array, A: Array) 
     least = np.linalg.eigvals(A).real.max(axis=1)
     worst = int(np.argmax(least))
     limit = -float(least[worst])
+    weakness, angle, P, Q, e_R, e_L = (float(v) for v in points[worst])
+    scr, ratio = 1.0 / weakness, float(np.tan(angle))
     if limit <= 0.0:
         value, trajectory = growing_mode(A[worst], system.scale)
-        weakness, angle, P, Q, e_R, e_L = (float(v) for v in points[worst])
-        scr, ratio = 1.0 / weakness, float(np.tan(angle))
         return Counterexample(name, motion.region, scr, ratio, P, Q, e_R, e_L, value, trajectory)
     best, _ = best_fit(A, motion.family(points), limit, _TOLERANCE)
     if best is None:
         kind = "function of this rate" if motion.moving else "common quadratic function"
-        raise InfeasibleStudyError(
+        raise NoFunctionError(
             f"controller {name}: every cell is stable (slowest {limit:.3g} 1/s), but no {kind} exists. "
-            "Shrink the region, the error or the rate."
+            "Shrink the region, the error or the rate.",
+            {"scr": scr, "x_over_r": ratio, "P": P, "Q": Q, "error_R": e_R, "error_L": e_L, "decay": limit},
         )
     return best
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.design.certificate.region import STATES, Region
+from vsgdesign.errors import InfeasibleStudyError
 
 Array = NDArray[np.float64]
 
@@ -67,6 +68,15 @@ class Certificate:
             "checked": self.checked, "fresh": self.fresh, "boxes": self.boxes, "vertices": self.vertices,
             "largest": self.largest,
         })  # fmt: skip
+
+
+class NoFunctionError(InfeasibleStudyError):
+    """Every cell that was looked at is stable, and no function of the kind exists. ``slowest``: the slowest of them,
+    with its SCR, X/R, P (W), Q (var), errors and decay (1/s)."""
+
+    def __init__(self, text: str, slowest: dict[str, float]) -> None:
+        super().__init__(text)
+        self.slowest = slowest
 
 
 @dataclass(frozen=True)

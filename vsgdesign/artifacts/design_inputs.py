@@ -1,0 +1,116 @@
+"""What the design of a gain table depends on, and no more: the resolved values, their hash, and where two differ.
+
+A title, an event, a colour of the grid that no promise is about: none of them is here. Values are in SI and rounded to
+twelve digits, so that neither units nor the order of a study file matter. What is zero, false or not given is left out:
+a field that a later version adds, and that is off, changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.guarded_file import content_hash
+
+if TYPE_CHECKING:
+    from vsgdesign.artifacts.gain_table import GainTable
+    from vsgdesign.parameters.study import ClosedFormTarget, Study
+
+_DIGITS = 12
+_SHOWN = 8
+"""Fields that a refusal names."""
+
+
+def resolved_inputs(study: Study, target: ClosedFormTarget) -> dict[str, Any]:
+    """The values themselves, by section of the study file: converter, filter, loops, source, controller,
+    specification. To the last bit: what unfinished cells are kept by."""
+    specification = study.specification
+    droops = {}
+    if target.structure != "published":
+        droops["Q_droop"] = target.Q_droop
+    if target.structure == "angle_damped":
+        droops["P_droop"] = target.P_droop
+    found: dict[str, Any] = {
+        "converter": asdict(study.converter),
+        "filter": asdict(study.filter),
+        "inner_loops": study.inner_gains._asdict() | {"omega_t": study.omega_t},
+        "power_loops": {"tau_P": study.tau_P, "tau_Q": study.tau_Q},
+        "grid": asdict(study.grid_source),
+        "controller": {"structure": target.structure, "P_design": target.P, "Q_design": target.Q} | droops,
+    }
+    if specification is not None:
+        found["specification"] = asdict(specification)
+    return plain(found)
+
+
+def design_inputs(study: Study, target: ClosedFormTarget) -> dict[str, Any]:
+    """What a table that is designed for this controller of this study keeps: JSON's types."""
+    return _kept(resolved_inputs(study, target))
+
+
+def design_hash(inputs: Mapping[str, Any]) -> str:
+    """SHA-256 of inputs; empty where there are none (a table that was not designed to a specification)."""
+    return content_hash(dict(inputs)) if inputs else ""
+
+
+def input_differences(made: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
+    """Fields in which the inputs that a table was made from differ from those of a study, one sentence each.
+
+    A study without [specification] takes the table's promises as they are.
+    """
+    mine, its = dict(_flat("", made)), dict(_flat("", wanted))
+    names = [name for name in dict.fromkeys([*its, *mine]) if mine.get(name) != its.get(name)]
+    if "specification" not in wanted:
+        names = [name for name in names if not name.startswith("specification.")]
+    return [f"{name} was {_shown(mine.get(name))} in its design, the study has {_shown(its.get(name))}"
+            for name in sorted(names)]  # fmt: skip
+
+
+def study_differences(table: GainTable, study: Study) -> list[str]:
+    """Why a table is not one of a study, one sentence each; empty where it is.
+
+    It is one where some controller of the study would be designed from the same inputs. A table that does not keep
+    its inputs (made by hand, or of schema 1) is one where it names the study's content hash.
+    """
+    if not table.design_inputs:
+        if table.study_hash == study.hash:
+            return []
+        return [
+            f"the study's hash is {study.hash[:12]}…, the table was made for {table.study_hash[:12]}…, and it does not "
+            "keep what it was designed from: build it again to hold it against a study"
+        ]
+    # The controller that it is named after, or the one that comes nearest.
+    specs = sorted(study.controllers, key=lambda spec: spec.name != table.name)
+    found = [input_differences(table.design_inputs, design_inputs(study, spec.target)) for spec in specs]
+    named = [lines for spec, lines in zip(specs, found, strict=True) if spec.name == table.name]
+    nearest = min(found, key=len)
+    lines = nearest if not nearest or not named else named[0]
+    more = len(lines) - _SHOWN
+    return lines if more <= 0 else [*lines[:_SHOWN], f"and {more} more fields differ"]
+
+
+def _kept(value: Any) -> Any:
+    """Rounded, and without what is zero, false, empty or not given."""
+    if isinstance(value, dict):
+        kept = {key: _kept(item) for key, item in value.items()}
+        return {key: kept[key] for key in sorted(kept) if isinstance(kept[key], list) or kept[key]}
+    if isinstance(value, list):
+        return [_kept(item) for item in value]
+    return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
+
+
+def _flat(prefix: str, content: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    rows: list[tuple[str, Any]] = []
+    for key, value in content.items():
+        rows += _flat(f"{prefix}{key}.", value) if isinstance(value, Mapping) else [(prefix + key, value)]
+    return rows
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "zero or not given"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_shown, value)) + "]"
+    return f"{value:.{_DIGITS}g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,127 @@
+"""What a gain table says of itself in words, the same in every place that shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeGuard
+
+Document = Mapping[str, Any]
+
+_POINT = ("scr", "x_over_r", "P", "Q", "error_R", "error_L")
+
+
+def certificate_sentence(certificate: Document | None) -> str:
+    """What a certificate (:meth:`vsgdesign.design.certificate.Certificate.as_document`) proves, or what defeats it."""
+    if certificate is None:
+        return "There is no certificate: no proof was made for this table."
+    over = _region(certificate.get("region"))
+    if certificate.get("certified") is False:
+        return f"Not certified over {over}: {_defeat(certificate)}"
+    region = certificate.get("region") or {}
+    rate = region.get("rate", certificate.get("rate"))
+    what, speed = "one quadratic Lyapunov function decays", "whatever the speed of change"
+    if isinstance(rate, int | float):
+        what = "a quadratic Lyapunov function that follows the grid decays"
+        speed = f"while SCR and X/R change by no more than {_text(100.0 * rate, 3)} % per second each"
+    decay = certificate.get("decay")
+    at = f"at {_text(decay, 3)} 1/s or faster" if _is_number(decay) else "at a rate that the certificate does not say"
+    return (
+        f"{_proof(certificate)} Over {over}, within the static limits, {what} {at}, {speed} "
+        "(power loops; ideal inner loops, no power filters)."
+    )
+
+
+def certificate_failed(certificate: Document | None) -> bool:
+    """Whether a proof was sought and not found: then the sentence about it comes first."""
+    return certificate is not None and certificate.get("certified") is False
+
+
+def certificate_summary(certificate: Document | None) -> dict[str, Any]:
+    """The same for scripts: ``certified`` (None: not sought), ``proof`` (``gap-free``, ``gridded``) and ``text``."""
+    certified = None if certificate is None else not certificate_failed(certificate)
+    proof = (certificate or {}).get("proof") if certified else None
+    return {"certified": certified, "proof": proof, "text": certificate_sentence(certificate)}
+
+
+def between_text(between: Document | None) -> str:
+    """What a look between the nodes found (:func:`vsgdesign.design.between.between_document`)."""
+    if between is None:
+        return "between nodes: nobody looked"
+    return (
+        f"between nodes: {between['points']} random grids, {between['outside']} outside the static limits, "
+        f"{between['promised']} promised, {len(between['broken'])} broken"
+    )
+
+
+def status_text(counts: Mapping[str, int]) -> str:
+    """Cells by status."""
+    return ", ".join(f"{count} {status}" for status, count in counts.items())
+
+
+def _proof(certificate: Document) -> str:
+    proof = certificate.get("proof")
+    if proof == "gap-free":
+        return "Certified, gap-free (every point of the region is proved)."
+    if proof != "gridded":
+        return "Certified; how it was proved is not said."
+    share = (certificate.get("gap") or {}).get("share")
+    boxes = "" if not _is_number(share) else f"; {_text(100.0 * (1.0 - share), 3)} % of the region is proved on boxes"
+    counts = [n for n in map(certificate.get, ("checked", "fresh")) if isinstance(n, int)]
+    points = f"{sum(counts)} points" if counts else "points"
+    return f"Certified on a grid only, not gap-free (verified at {points}, not between them{boxes})."
+
+
+def _defeat(certificate: Document) -> str:
+    if (value := certificate.get("eigenvalue")) is not None and all(name in certificate for name in _POINT):
+        real, imag = float(value["real"]), abs(float(value["imag"]))
+        swing = f" ± {_text(imag, 3)}j" if imag > 0.0 else ""
+        grows = f", e-fold in {_text(1.0 / real, 2)} s" if real > 0.0 else ""
+        return (
+            f"the power loops are unstable at {_place(certificate)}. The eigenvalue is {_text(real, 3)}{swing} 1/s: a "
+            f"disturbance grows{grows}."
+        )
+    text = str(certificate.get("reason", "the reason is not said."))
+    if (slowest := certificate.get("slowest")) is not None:
+        text += f" The slowest cell is {_place(slowest)}: it decays at {_text(slowest['decay'], 3)} 1/s."
+    return text
+
+
+def _place(cell: Document) -> str:
+    errors = (
+        "with an exact estimate"
+        if cell["error_R"] == cell["error_L"] == 0.0
+        else f"with an estimate of R_g that is {_off(cell['error_R'])} and of L_g that is {_off(cell['error_L'])}"
+    )
+    return (
+        f"SCR {_text(cell['scr'])}, X/R {_text(cell['x_over_r'])}, P {_text(cell['P'] / 1e3)} kW, "
+        f"Q {_text(cell['Q'] / 1e3)} kvar, {errors}"
+    )
+
+
+def _off(error: float) -> str:
+    return "exact" if error == 0.0 else f"{_text(100.0 * abs(error), 3)} % too {'large' if error > 0.0 else 'small'}"
+
+
+def _region(region: Document | None) -> str:
+    names = (("scr", "SCR", 1.0, ""), ("x_over_r", "X/R", 1.0, ""), ("P", "P", 1e3, " kW"), ("Q", "Q", 1e3, " kvar"))
+    parts = [
+        f"{shown} {_text(pair[0] / scale)} to {_text(pair[1] / scale)}{unit}"
+        for name, shown, scale, unit in names
+        if _is_pair(pair := (region or {}).get(name))
+    ]
+    error = (region or {}).get("error")
+    if _is_number(error):
+        parts.append(f"R_g and L_g known {'exactly' if error == 0.0 else f'to ±{_text(100.0 * error, 3)} %'}")
+    return ", ".join(parts) if parts else "a region that the certificate does not say"
+
+
+def _is_pair(value: Any) -> TypeGuard[Sequence[float]]:
+    return isinstance(value, Sequence) and len(value) == 2 and all(map(_is_number, value))
+
+
+def _is_number(value: Any) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _text(value: float, digits: int = 4) -> str:
+    return f"{value:.{digits}g}".replace("-", "−")
