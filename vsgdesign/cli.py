@@ -18,6 +18,7 @@ from vsgdesign.cli_common import verb as _verb
 from vsgdesign.cli_compare import compare
 from vsgdesign.cli_estimator import estimator
 from vsgdesign.cli_export import export
+from vsgdesign.cli_inner import inner
 from vsgdesign.cli_table import table
 
 
@@ -214,6 +215,7 @@ def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, re
 main.add_command(compare)
 main.add_command(estimator)
 main.add_command(export)
+main.add_command(inner)
 main.add_command(table)
 
 if __name__ == "__main__":

@@ -21,10 +21,11 @@ class KeptPromise:
     """The worst value of one promise over the grids of the design, and the grid at which it occurs."""
 
     name: str
-    value: float
-    target: float
-    scr: float
-    x_over_r: float
+    value: float | None
+    """None: there is none, since a loop is unstable."""
+    target: float | None
+    scr: float | None
+    x_over_r: float | None
 
 
 @dataclass(frozen=True)

@@ -123,7 +123,15 @@ def design_record(request: InnerLoopRequest, progress: Progress | None = None) -
         request=request_document(request),
         gains=design.gains,
         omega_t=design.omega_t,
-        score=design.score,
-        limiting=design.limiting,
-        promises=tuple(KeptPromise(one.name, one.value, one.target, one.scr, one.x_over_r) for one in design.promises),
+        score=design.t,
+        limiting=design.limiting.name,
+        promises=tuple(
+            KeptPromise(one.name, *(_known(v) for v in (one.value, one.target, one.scr, one.x_over_r)))
+            for one in design.promises
+        ),
     )
+
+
+def _known(value: float) -> float | None:
+    """A number as JSON has it: None where it is none (a margin of an unstable loop)."""
+    return float(value) if math.isfinite(value) else None

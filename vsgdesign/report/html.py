@@ -49,7 +49,8 @@ def environment() -> jinja2.Environment:
 
 _PHASOR = re.compile(r"(?<![A-Za-z_])(i|v)_(s|c|g)_(d|q)\b")
 _SUBSCRIPT = re.compile(
-    r"(?<![A-Za-z])(K|D|M|P|Q|V|R|L|T|Y|Z|d|f|k|ω)_(ref|pcc|i|f|ip|iq|pq|qp|pv|iv|pc|ic|ff|dq|p|q|P|Q|g|n|s|op|1|2|c)\b"
+    r"(?<![A-Za-z])(K|D|M|P|Q|V|R|L|T|X|Y|Z|d|f|k|ω)_"
+    r"(ref|pcc|i|f|ip|iq|pq|qp|pv|iv|pc|ic|ff|dq|p|q|P|Q|g|n|s|t|op|1|2|c)\b"
 )
 
 

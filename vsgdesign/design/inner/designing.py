@@ -125,12 +125,13 @@ def design_inner_loops(
 
 
 def what_would_help(
-    converter: Converter, filter_: Filter, box: GridBox, design: InnerDesign, *, progress: Progress | None = None
-) -> list[Alternative]:
+    converter: Converter, filter_: Filter, box: GridBox, gains: InnerLoopGains, omega_t: float, *,
+    settling_time: float = 1.0, seed: int = 0, progress: Progress | None = None,
+) -> list[Alternative]:  # fmt: skip
     """What twice the sampling, no delay and a larger L_2 would buy: each designed anew, the best t first.
 
-    The searches are shorter than the design's and begin, among others, with its gains; settling time and seed are the
-    design's. An alternative that is already there (no delay without delay) is left out.
+    The searches are shorter than a design's and begin, among others, with the present ``gains`` (SI) and ``omega_t``
+    (rad/s). An alternative that is already there (no delay without delay) is left out.
     """
     tell = progress or silent
     options = alternatives(converter, filter_)
@@ -141,12 +142,12 @@ def what_would_help(
             tell(change, (k + share) / len(options))
 
         with one_thread():
-            gains = design.gains._replace(kappa=design.gains.kappa if c.delay_samples else 0.0)
+            present = gains._replace(kappa=gains.kappa if c.delay_samples else 0.0)
             result = search(
-                c, f, box, settling_time=design.settling_time, seed=design.seed, effort=FEWER, tell=part,
-                more_starts=[(gains, design.omega_t)],
+                c, f, box, settling_time=settling_time, seed=seed, effort=FEWER, tell=part,
+                more_starts=[(present, omega_t)],
             )  # fmt: skip
-        score = score_of(box, result.promises, targets(c, design.settling_time), *FINE)
+        score = score_of(box, result.promises, targets(c, settling_time), *FINE)
         ratio = _sampling_ratio(c, f, box)
         found.append(Alternative(name, change, c, f, result.t, score.limiting, ratio))
     return sorted(found, key=lambda alternative: -alternative.t)

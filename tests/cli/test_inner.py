@@ -1,0 +1,159 @@
+"""Inner loops that a study leaves open: designed once, kept beside it, shown by the verb and used by every other."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.small_studies import call, failure
+from vsgdesign.artifacts.inner_loops_file import read_inner_loops_file
+from vsgdesign.design.inner import designing
+from vsgdesign.design.inner.search import Effort
+from vsgdesign.errors import ArtifactError
+from vsgdesign.parameters import load_study
+from vsgdesign.pipeline import open_study
+from vsgdesign.pipeline.opening import check_study, inner_loops_file
+
+TEXT = """
+base = "case:lab_12kva_lcl"
+[inner_loops]
+design = true
+scr = [2, 10]
+x_over_r = [0.5, 5]
+[simulation]
+duration = "0.05 s"
+P_ref = "2 kW"
+Q_ref = 0
+[[controllers]]
+name = "a"
+kind = "scheduled"
+"""
+QUICK = Effort(heat=2, generations=3, joined=1, rounds=1)
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A study without inner gains, and a search of a fraction of a second."""
+    monkeypatch.setattr(designing, "Effort", lambda: QUICK)
+    monkeypatch.setattr(designing, "FEWER", QUICK)
+    path = tmp_path / "mine.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    return path
+
+
+def test_designed_once_and_the_same_ever_after(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    first = open_study(study, say=said.append)
+    assert "are kept in" in said[0]
+    file = inner_loops_file(study)
+    record = read_inner_loops_file(file)
+    assert (record.gains, record.omega_t) == (first.inner_gains, first.omega_t)
+    before = file.read_bytes()
+    monkeypatch.setattr(designing, "search", None)  # a second design would fail
+    again = open_study(study, say=said.append)
+    assert again == first
+    assert len(said) == 1
+    assert file.read_bytes() == before
+
+
+def test_a_changed_datasheet_is_designed_again_and_said(study: Path) -> None:
+    open_study(study)
+    study.write_text(TEXT.replace("[0.5, 5]", "[0.5, 4]") + '[filter]\nL_1 = "2 mH"\n', encoding="utf-8")
+    said: list[str] = []
+    changed = open_study(study, say=said.append)
+    assert "filter.L_1 (0.003, now 0.002)" in said[0]
+    assert "x_over_r" in said[0]
+    assert read_inner_loops_file(inner_loops_file(study)).gains == changed.inner_gains
+
+
+def test_what_the_design_does_not_depend_on_changes_nothing(study: Path) -> None:
+    first = open_study(study)
+    study.write_text(TEXT.replace('"2 kW"', '"3 kW"') + '[study]\ntitle = "another"\n', encoding="utf-8")
+    said: list[str] = []
+    assert open_study(study, say=said.append).inner_gains == first.inner_gains
+    assert said == []
+
+
+def test_a_base_brings_its_designed_gains(study: Path) -> None:
+    first = open_study(study)
+    above = study.with_name("above.toml")
+    above.write_text('base = "mine.toml"\n[grid]\nscr = 5\n', encoding="utf-8")
+    assert open_study(above).inner_gains == first.inner_gains
+    assert not inner_loops_file(above).exists()
+
+
+def test_a_file_that_somebody_changed_is_refused_and_left(study: Path) -> None:
+    open_study(study)
+    file = inner_loops_file(study)
+    text = file.read_text().replace('"K_ff": ', '"K_ff": 1')
+    file.write_text(text)
+    with pytest.raises(ArtifactError, match="sha256"):
+        open_study(study)
+    assert file.read_text() == text
+    assert "sha256" in failure(2, "simulate", study)
+
+
+def test_somebody_elses_file_of_that_name_is_left(study: Path) -> None:
+    file = inner_loops_file(study)
+    file.write_text('{"notes": "mine"}\n')
+    assert "not a file of designed inner loops" in failure(2, "inner", study)
+    assert file.read_text() == '{"notes": "mine"}\n'
+
+
+def test_a_folder_that_may_not_be_written_to_is_no_hindrance(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise ArtifactError("cannot write: no room")
+
+    monkeypatch.setattr("vsgdesign.pipeline.opening.write_inner_loops", refuse)
+    said: list[str] = []
+    assert open_study(study, say=said.append).inner_gains.K_pc > 0.0
+    assert "could not be kept" in said[0]
+
+
+def test_validate_designs_nothing(study: Path) -> None:
+    _, sentence = check_study(study)
+    assert "still to be designed" in sentence
+    assert "still to be designed" in call("validate", study).stdout
+    assert not inner_loops_file(study).exists()
+    open_study(study)
+    assert "mine.inner.json" in call("validate", study).stdout
+
+
+def test_the_verb_says_what_the_file_says(study: Path, tmp_path: Path) -> None:
+    result = call("inner", study, "--out", tmp_path / "page")
+    assert result.exit_code == 0, result.output
+    document = json.loads((tmp_path / "page" / "results.json").read_text())
+    record = read_inner_loops_file(inner_loops_file(study))
+    assert document["gains"] == record.gains._asdict() | {"omega_t": record.omega_t}
+    assert document["score"] == pytest.approx(record.score, rel=1e-12)
+    assert document["limiting"]["name"] == record.limiting
+    for shown, kept in zip(document["promises"], record.promises, strict=True):
+        assert (shown["name"], shown["scr"], shown["x_over_r"]) == (kept.name, kept.scr, kept.x_over_r)
+        assert shown["value"] == pytest.approx(kept.value, rel=1e-9)
+    assert [one["name"] for one in document["alternatives"]]
+    page = (tmp_path / "page" / "report.html").read_text()
+    for text in ("Score over the grids", "inner loops", "asked"):
+        assert text in page
+    assert result.stdout.startswith("mine: ")
+
+
+def test_given_gains_are_judged_alike(study: Path) -> None:
+    """The published current loop of the laboratory case, on the same grids."""
+    own = "[inner_loops]\ndesign = true\nscr = [2, 10]\nx_over_r = [0.5, 5]\n"
+    study.write_text(TEXT.replace(own, ""))
+    document = json.loads(call("inner", study, "--no-what-if", "--json").stdout)
+    assert document["designed"] is False
+    assert document["request"]["scr"] == [1.2, 20.0]
+    assert document["gains"]["K_pc"] == load_study(study).inner_gains.K_pc
+    assert document["alternatives"] is None
+    assert not inner_loops_file(study).exists()
+
+
+def test_faults_are_told_before_anything_is_designed(study: Path) -> None:
+    study.write_text(TEXT.replace('"2 kW"', '"2 kV"').replace("[0.5, 5]", "[5, 0.5]"))
+    text = failure(2, "inner", study)
+    assert "simulation.P_ref" in text
+    assert "inner_loops.x_over_r" in text
+    assert not inner_loops_file(study).exists()
