@@ -171,12 +171,14 @@ def certify(
 @_JSON
 @_verb
 def validate(study_file: str, as_json: bool) -> None:
-    """Check a study file and report every fault in it at once."""
+    """Check a study file and the files that it names, and report every fault at once."""
     from vsgdesign.errors import StudyError
+    from vsgdesign.pipeline.named_files import check_named_files
     from vsgdesign.pipeline.opening import check_study
 
     try:
         study, inner_loops = check_study(study_file)
+        check_named_files(study, study_file)
     except StudyError as error:
         if not as_json:
             raise

@@ -111,7 +111,7 @@ def test_windows_to_train_on_are_those_of_the_runs_bridge(folder: Path, tmp_path
         ({"weights": "w.json", "seed": 3}, "estimator.seed = 3: weights are given too"),
         ({"grid_phase": "yes"}, 'estimator.grid_phase = "yes": must be true or false'),
         ({"recipe": "published"}, "estimator.grid_phase = false: recipe published trains on windows synchronised"),
-        ({"weights": "missing.json"}, 'cannot read "missing.json"'),
+        ({"weights": "missing.json"}, 'missing.json": No such file'),
         ({"recipe": "missing.toml", "grid_phase": True}, "there is no such file"),
     ],
 )

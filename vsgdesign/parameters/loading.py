@@ -31,7 +31,7 @@ def load_study(path: str | Path, inner_loops: InnerLoopSource | None = None) -> 
     """
     path = Path(path)
     name = path.stem if path.stem != "study" else path.parent.name
-    return _build(_document(path, _MAX_BASES), str(path), name, inner_loops)
+    return _build(_document(path, _MAX_BASES), str(path), name, path.parent, inner_loops)
 
 
 def base_files(path: str | Path) -> list[Path]:
@@ -60,14 +60,16 @@ def _case_file(name: str) -> Path:
 def study_from_text(
     text: str, source: str = "study text", folder: str | Path = ".", inner_loops: InnerLoopSource | None = None
 ) -> Study:
-    """The same from TOML text; relative bases are looked up in ``folder``."""
+    """The same from TOML text; relative bases and files are looked up in ``folder``."""
     document = _merge_bases(parse_toml(text, source), Path(folder), source, _MAX_BASES)
-    return _build(document, source, "study", inner_loops)
+    return _build(document, source, "study", Path(folder), inner_loops)
 
 
-def _build(document: dict[str, Any], source: str, default_name: str, inner_loops: InnerLoopSource | None) -> Study:
+def _build(
+    document: dict[str, Any], source: str, default_name: str, folder: Path, inner_loops: InnerLoopSource | None
+) -> Study:
     faults: list[Fault] = []
-    study = build_study(document, default_name, _hash(document), faults, inner_loops)
+    study = build_study(_files_in(document, folder), default_name, _hash(document), faults, inner_loops)
     if faults:
         raise StudyError(source, faults)
     return study
@@ -97,8 +99,32 @@ def _merge_bases(document: dict[str, Any], folder: Path, source: str, depth: int
         text = _case_file(name).read_text(encoding="utf-8")
         below = _merge_bases(parse_toml(text, base), folder, base, depth - 1)
     else:
-        below = _document(folder / base, depth - 1)
+        # What a base names is relative to that base; seen from here it is beside the base, too.
+        below = _files_in(_document(folder / base, depth - 1), Path(base).parent)
     return _merge(below, document)
+
+
+_FILES = (("controllers", "table"), ("estimator", "weights"), ("estimator", "recipe"))
+"""Section and field of what names a file, relative to the document that says it. A recipe may be a word instead."""
+
+
+def _files_in(document: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The document with the files that it names looked up in a folder."""
+
+    def placed(table: Any, field: str) -> Any:
+        named = table.get(field) if isinstance(table, dict) else None
+        if not isinstance(named, str) or not named.strip() or (field == "recipe" and not named.endswith(".toml")):
+            return table
+        return table | {field: str(folder / named)}
+
+    found = dict(document)
+    for section, field in _FILES:
+        tables = found.get(section)
+        if isinstance(tables, list):
+            found[section] = [placed(table, field) for table in tables]
+        elif tables is not None:
+            found[section] = placed(tables, field)
+    return found
 
 
 _ALTERNATIVES = (

@@ -1,0 +1,72 @@
+"""The files that a study names: opened before the work, with every fault in them at once."""
+
+from __future__ import annotations
+
+from vsgdesign.artifacts.network_weights import read_network_weights
+from vsgdesign.artifacts.study_table import table_of
+from vsgdesign.errors import ArtifactError, Fault, StudyError
+from vsgdesign.parameters.study import Study
+
+
+def check_named_files(study: Study, source: str) -> None:
+    """Opens gain tables, network weights and the recipe of a study and looks whether they are for it.
+
+    Raises StudyError of the ``source`` with every fault: a file that cannot be read or is not what it should be, a
+    table for another converter, weights or a recipe that do not fit a controller's windows.
+    """
+    faults: list[Fault] = []
+    for k, spec in enumerate(study.controllers):
+        try:
+            table_of(study, spec)
+        except ArtifactError as error:
+            faults.append(_fault(f"controllers[{k}].table", str(spec.table_file), error))
+    faults += _estimator_faults(study)
+    if faults:
+        raise StudyError(source, faults)
+
+
+def _estimator_faults(study: Study) -> list[Fault]:
+    spec = study.estimator
+    if spec is None:
+        return []
+    if spec.weights_file is None:
+        return _recipe_faults(study, spec.recipe)
+    field = "estimator.weights"
+    try:
+        weights = read_network_weights(spec.weights_file)
+    except ArtifactError as error:
+        return [_fault(field, spec.weights_file, error)]
+    from vsgdesign.simulation.estimated import estimator_of
+
+    faults = []
+    for controller in study.controllers:
+        if controller.estimate != "neural":
+            continue
+        try:
+            estimator_of(study, controller, weights)
+        except ArtifactError as error:
+            faults.append(_fault(field, spec.weights_file, error))
+    return faults
+
+
+def _recipe_faults(study: Study, recipe: str) -> list[Fault]:
+    from vsgdesign.estimator.recipes import load_recipe
+    from vsgdesign.pipeline.training import check_fit
+
+    try:
+        made_of = load_recipe(recipe)
+    except StudyError as error:
+        return [Fault(f"estimator.recipe: {fault.field}", fault.value, fault.problem, fault.advice)
+                for fault in error.faults]  # fmt: skip
+    if study.estimator is not None and any(spec.estimate == "neural" for spec in study.controllers):
+        try:
+            check_fit(study, study.estimator, made_of)
+        except StudyError as error:
+            return list(error.faults)
+    return []
+
+
+def _fault(field: str, file: str, error: ArtifactError) -> Fault:
+    """The error's text as what is wrong with the file, on one line."""
+    text = " ".join(line.strip().removeprefix("- ") for line in str(error).splitlines())
+    return Fault(field, f'"{file}"', text.removeprefix(f"{file}: ").removesuffix("."))
