@@ -164,6 +164,13 @@ def test_json_is_told_from_broken_toml(text: str, said: str) -> None:
     assert said in message(text)
 
 
+def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path) -> None:
+    """As editors and spreadsheets on Windows write UTF-8."""
+    path = tmp_path / "marked.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + (ON_CASE + REST).replace("\n", "\r\n").encode())
+    assert load_study(path).converter.S_rated == 5000.0
+
+
 def test_a_missing_base_is_named_with_its_path(tmp_path: Path) -> None:
     assert str(tmp_path / "nowhere.toml") in message('base = "nowhere.toml"\n', tmp_path)
     assert "is a folder" in message('base = ""\n', tmp_path)

@@ -20,7 +20,7 @@ def read_toml(path: Path, noun: str) -> dict[str, Any]:
     try:
         if not path.is_file():
             raise fault(f"is a folder, not a {noun}" if path.is_dir() else "there is no such file", advice)
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # as spreadsheets and some editors write it
     except UnicodeDecodeError as error:
         raise fault(f"is not UTF-8 text (byte {error.start})", "Give a TOML text file.") from None
     except OSError as error:
