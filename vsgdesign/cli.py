@@ -19,6 +19,7 @@ from vsgdesign.cli_compare import compare
 from vsgdesign.cli_estimator import estimator
 from vsgdesign.cli_export import export
 from vsgdesign.cli_inner import inner
+from vsgdesign.cli_new import new
 from vsgdesign.cli_table import table
 
 
@@ -218,6 +219,7 @@ main.add_command(compare)
 main.add_command(estimator)
 main.add_command(export)
 main.add_command(inner)
+main.add_command(new)
 main.add_command(table)
 
 if __name__ == "__main__":

@@ -49,6 +49,16 @@ def base_impedance(S_rated: Any, V_rated_rms: Any) -> Any:
     return PHASES * V_rated_rms * V_rated_rms / S_rated
 
 
+def delta_to_star(Z: Any) -> Any:
+    """Impedance of each of three in star that are as three of Z in delta."""
+    return Z / PHASES
+
+
+def delta_to_star_capacitance(C: Any) -> Any:
+    """Capacitance of each of three in star that are as three of C in delta."""
+    return C * PHASES
+
+
 def clarke(a: Any, b: Any, c: Any) -> Any:
     """Phases to amplitude-invariant (alpha, beta)."""
     return (2.0 * a - b - c) / 3.0, (b - c) / SQRT_3

@@ -1,0 +1,196 @@
+"""The verb `new`: from a file and on a terminal; nothing of the user's is overwritten, nothing is left behind."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import termios
+import time
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from tests.datasheet.sheets import write_all
+from vsgdesign.cli import main
+
+
+def run(*arguments: str) -> tuple[int, str]:
+    result = CliRunner().invoke(main, ["new", *arguments], prog_name="vsgdesign")
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result.exit_code, result.output
+
+
+def test_five_datasheets_become_valid_studies(tmp_path: Path) -> None:
+    for name, path in write_all(tmp_path).items():
+        out = tmp_path / f"{name}_study.toml"
+        code, output = run("--from", str(path), "--out", str(out))
+        assert code == 0, output
+        assert f"next: vsgdesign run {out}" in output
+        checked = CliRunner().invoke(main, ["validate", str(out)])
+        assert checked.exit_code == 0, checked.output
+        assert not list(tmp_path.glob(".*")), "nothing but the study is left"
+
+
+def test_what_was_assumed_is_listed(tmp_path: Path) -> None:
+    sheet = write_all(tmp_path)["medium_voltage"]
+    _, output = run("--from", str(sheet), "--out", str(tmp_path / "a.toml"))
+    assert "assumed, because the datasheet does not say it:\n" in output
+    assert "  R_c: 0 ohm: nothing in series with C damps the filter\n" in output
+    _, output = run("--from", str(sheet), "--out", str(tmp_path / "b.toml"), "--json")
+    document = json.loads(output)
+    assert {item["field"] for item in document["assumed"]} >= {"voltage", "R_c", "transformer"}
+    assert document["study"] == str(tmp_path / "b.toml")
+
+
+def test_a_file_is_never_overwritten(tmp_path: Path) -> None:
+    sheet = write_all(tmp_path)["small"]
+    study = tmp_path / "study.toml"
+    study.write_text("mine")
+    (tmp_path / "link.toml").symlink_to(tmp_path / "nowhere.toml")
+    for out, said in (
+        ("study.toml", "is there already"), ("link.toml", "is there already"), (".", "is a folder"),
+        ("absent/study.toml", "there is no folder"),
+    ):  # fmt: skip
+        code, output = run("--from", str(sheet), "--out", str(tmp_path / out))
+        assert code == 2
+        assert said in output
+        assert len(output.strip().splitlines()) == 1
+    assert study.read_text() == "mine"
+
+
+def test_a_faulty_datasheet_writes_nothing(tmp_path: Path) -> None:
+    sheet = tmp_path / "sheet.csv"
+    sheet.write_text("rating,250 mVA\nvoltage,480 kV\nL1,1 H\nspeed,3\n", encoding="utf-8")
+    code, output = run("--from", str(sheet), "--out", str(tmp_path / "study.toml"))
+    assert code == 2
+    assert "Did you mean 250 VA?" in output
+    assert "Did you mean 480 V?" in output
+    assert "speed, line 4: unknown field" in output
+    assert os.listdir(tmp_path) == ["sheet.csv"]
+
+
+def test_what_the_study_reader_finds_is_told_before_anything_is_written(tmp_path: Path) -> None:
+    """A filter that rings above half the sampling frequency on the strongest grid alone."""
+    sheet = tmp_path / "sheet.toml"
+    sheet.write_text(
+        'rating = "100 kVA"\nvoltage = "400 V L-L"\nfrequency = 50\ndc_link = 750\ncarrier = "3 kHz"\nsampling = 1\n'
+        'L_1 = "0.4 mH"\nC = "40 uF star"\nscr = "1.5 to 60"\nx_over_r = "0.3 to 20"\n'
+    )
+    code, output = run("--from", str(sheet), "--out", str(tmp_path / "study.toml"))
+    assert code == 2
+    assert "above half the sampling frequency" in output
+    assert os.listdir(tmp_path) == ["sheet.toml"]
+
+
+def test_without_a_terminal_and_without_a_file(tmp_path: Path) -> None:
+    code, output = run("--out", str(tmp_path / "study.toml"))
+    assert code == 2
+    assert output == "error: there is no terminal to ask on. Give a datasheet: vsgdesign new --from FILE.csv\n"
+    assert not list(tmp_path.iterdir())
+
+
+def _own_terminal() -> None:
+    """Standard input becomes the terminal of the new session, and its Ctrl-C is heard whoever runs the tests."""
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+class Terminal:
+    """The command on a pseudo-terminal."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.master, slave = pty.openpty()
+        command = [sys.executable, "-m", "vsgdesign.cli", "new", *arguments]
+        self.process = subprocess.Popen(
+            command, cwd=folder, stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
+            preexec_fn=_own_terminal,
+        )  # fmt: skip
+        os.close(slave)
+        self.seen = ""
+
+    def expect(self, text: str, seconds: float = 30.0) -> None:
+        """Read until a text comes, from behind the last one that came."""
+        until = time.monotonic() + seconds
+        while text not in self.seen:
+            assert time.monotonic() < until, f"{text!r} did not come; seen:\n{self.seen}"
+            if select.select([self.master], [], [], 0.2)[0]:
+                try:
+                    self.seen += os.read(self.master, 4096).decode()
+                except OSError:  # the other side is closed
+                    assert text in self.seen, self.seen
+        self.seen = self.seen.partition(text)[2]
+
+    def answer(self, text: str) -> None:
+        os.write(self.master, f"{text}\n".encode())
+
+    def close(self) -> int:
+        code = self.process.wait(timeout=30)
+        os.close(self.master)
+        return code
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    root = Path(__file__).resolve().parents[2]
+    monkeypatch.setenv("PYTHONPATH", str(root))
+    return tmp_path
+
+
+def test_a_study_from_answers(here: Path) -> None:
+    terminal = Terminal(here, "--out", "mine.toml")
+    for question, text in (
+        ("Rated power", "banana"), ("is not a number", ""), ("Rated power", ""), ("It must be given", ""),
+        ("Rated power", "80 kW"), ("Power factor", "0,8"), ("Rated voltage", "480 kV"),
+        ("Did you mean 480 V?", ""), ("Rated voltage", "480 V L-L"), ("frequency", "60"), ("PWM", "SPWM"),
+        ("Dc-link", "700 V"), ("makes at most", ""), ("Dc-link", "back"), ("PWM", "SVM"), ("Dc-link", "850"),
+        ("Carrier", "10 kHz"), ("Samples per carrier", ""), ("delay", ""), ("Current limit", "150 A"),
+        ("rms or peak", ""), ("Current limit", "150 A rms"), ("L_1", "0,5 mH"), ("resistance", ""),
+        ("capacitor C", "20 uF"), ("star or delta", "delta"), ("series with each", ""), ("L_2", "0.2 mH"),
+        ("transformer", ""), ("resistance", ""), ("Short-circuit ratios", "200 kVA to 2 MVA"), ("X/R", ""),
+        ("called", "Bench"), ("from", ""),
+    ):  # fmt: skip
+        terminal.expect(question)
+        if text or question not in ("is not a number", "It must be given", "Did you mean 480 V?", "makes at most",
+                                    "rms or peak"):  # fmt: skip
+            terminal.answer(text)
+    terminal.expect("next: vsgdesign run mine.toml")
+    assert terminal.close() == 0
+    text = (here / "mine.toml").read_text(encoding="utf-8")
+    for line in (
+        'S_rated = "100 kVA"',
+        'C = "60 uF"',
+        'V_dc = "850 V"',
+        'L_1 = "500 uH"',
+        'title = "Bench"',
+        "scr = [2, ",
+    ):
+        assert line in text
+    assert os.listdir(here) == ["mine.toml"]
+
+
+@pytest.mark.parametrize("key", [b"\x03", b"\x04"], ids=["Ctrl-C", "Ctrl-D"])
+def test_ctrl_c_at_a_prompt_leaves_nothing(here: Path, key: bytes) -> None:
+    terminal = Terminal(here)
+    terminal.expect("Rated power")
+    terminal.answer("5 kVA")
+    terminal.expect("Rated voltage")
+    time.sleep(0.3)  # until it reads: Python loses a signal that comes between its last check and the read
+    os.write(terminal.master, key)
+    terminal.expect("interrupted: nothing was written")
+    assert terminal.close() == 130
+    assert os.listdir(here) == []
+
+
+def test_a_termination_leaves_nothing(here: Path) -> None:
+    terminal = Terminal(here)
+    terminal.expect("Rated power")
+    terminal.process.send_signal(signal.SIGTERM)
+    assert terminal.close() != 0
+    assert os.listdir(here) == []

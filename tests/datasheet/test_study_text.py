@@ -1,0 +1,125 @@
+"""The study that is written says what the datasheet says, and asks for nothing that its grids cannot carry."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.datasheet.sheets import write_all
+from tests.datasheet.test_resolving import of
+from vsgdesign.datasheet import Datasheet, read_sheet, resolve, study_text
+from vsgdesign.datasheet.study_text import middle, nodes
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.power_flow import operating_point
+from vsgdesign.frames import phase_to_ll, rms_to_peak
+from vsgdesign.parameters import Study, study_from_text
+
+UNTOLD = InnerLoopGains(*[math.nan] * 4), math.nan
+
+
+def study_of(sheet: Datasheet) -> Study:
+    return study_from_text(study_text(sheet, "a test"), inner_loops=lambda _: UNTOLD)
+
+
+@pytest.fixture(scope="module")
+def sheets(tmp_path_factory: pytest.TempPathFactory) -> list[Datasheet]:
+    folder: Path = tmp_path_factory.mktemp("sheets")
+    return [resolve(read_sheet(path)) for path in write_all(folder).values()]
+
+
+def test_the_study_holds_the_datasheet(sheets: list[Datasheet]) -> None:
+    for sheet in sheets:
+        study = study_of(sheet)
+        c, f = study.converter, study.filter
+        read = (c.S_rated, phase_to_ll(c.V_rated_rms), c.omega_n / (2.0 * math.pi), c.V_dc, c.f_sw, c.current_limit_pu)
+        said = (sheet.S_rated, sheet.V_rated_ll_rms, sheet.f_n, sheet.V_dc, sheet.f_sw, sheet.current_limit_pu)
+        assert read == pytest.approx(said, rel=1e-5)
+        assert (c.samples_per_carrier, c.delay_samples) == (sheet.samples_per_carrier, sheet.delay_samples)
+        assert c.zero_sequence is (sheet.modulation == "min_max")
+        assert (f.L_1, f.R_1, f.C, f.R_c, f.L_2, f.R_2) == pytest.approx(
+            (sheet.L_1, sheet.R_1, sheet.C, sheet.R_c, sheet.L_2, sheet.R_2), rel=1e-5
+        )
+        assert study.specification is not None
+        assert (study.specification.scr[0], study.specification.scr[-1]) == pytest.approx(sheet.scr, rel=1e-5)
+        assert study.controllers[0].schedule == "table"
+
+
+def test_inner_loops_are_left_to_be_designed_for_these_grids(sheets: list[Datasheet]) -> None:
+    requests = []
+    for sheet in sheets:
+        study_from_text(study_text(sheet, "a test"), inner_loops=lambda request: requests.append(request) or UNTOLD)
+    assert [request.scr for request in requests] == [pytest.approx(sheet.scr, rel=1e-5) for sheet in sheets]
+    assert [request.x_over_r for request in requests] == [sheet.x_over_r for sheet in sheets]
+
+
+def test_every_assumption_stands_in_the_study(sheets: list[Datasheet]) -> None:
+    for sheet in sheets:
+        comments = " ".join(line.lstrip("# ") for line in study_text(sheet, "a test").splitlines() if line[:1] == "#")
+        for assumption in sheet.assumptions:
+            assert f"- {assumption.field}: {assumption.text}" in comments
+
+
+def states(study: Study) -> list[tuple[float, float, float, float]]:
+    """R and X from the capacitor on, P and Q of every stretch between events."""
+    found = []
+    P, Q, grid = study.simulation.P_ref, study.simulation.Q_ref, study.grid
+    for event in (None, *study.events):
+        if event is not None:
+            P = P if event.P_ref is None else event.P_ref
+            Q = Q if event.Q_ref is None else event.Q_ref
+            grid = grid if event.grid is None else event.grid
+        found.append((study.filter.R_2 + grid.R_g, study.converter.omega_n * (study.filter.L_2 + grid.L_g), P, Q))
+    return found
+
+
+def random_sheets(count: int) -> list[Datasheet]:
+    rng = np.random.default_rng(11)
+    sheets = []
+    for _ in range(count):
+        low = float(np.exp(rng.uniform(np.log(0.5), np.log(8.0))))
+        scr = (low, low * float(np.exp(rng.uniform(0.0, 3.0))))
+        ratio = (float(np.exp(rng.uniform(np.log(0.1), np.log(2.0)))), float(rng.uniform(2.0, 30.0)))
+        L_2 = float(rng.choice([0.0, 3e-4]))
+        sheets.append(
+            replace(of(), scr=scr, x_over_r=ratio, L_2=L_2, R_2=0.01 * L_2, f_n=float(rng.choice([50.0, 60.0])))
+        )
+    return sheets
+
+
+def test_every_step_of_the_scenario_exists_on_its_grid(sheets: list[Datasheet]) -> None:
+    """With V within its limits and the bridge's, and the current within the converter's: closed-form power flow."""
+    for sheet in [*sheets, *random_sheets(200)]:
+        study = study_of(sheet)
+        c = study.converter
+        low, high = c.V_limits_rms
+        for R, X, P, Q in states(study):
+            V, _ = operating_point(P, Q, study.grid_source.V_g_rms, R, X)
+            assert low < V < high, (sheet.scr, P, Q, V)
+            assert rms_to_peak(V) < c.v_max_pk
+            assert math.hypot(P, Q) / (3.0 * V) < 0.8 * sheet.current_limit_pu * c.S_rated / (3.0 * c.V_rated_rms)
+
+
+def test_texts_of_a_file_cannot_break_out_of_the_study() -> None:
+    nasty = replace(of(), title='a "b" \\ ] \x07 [converter]', source="x'''\"\"\"", unused=("line\nS_rated = 1",))
+    document = tomllib.loads(study_text(nasty, 'file"\n[evil]\nx = 1\n.csv'))
+    assert document["study"]["title"] == nasty.title
+    assert "evil" not in document
+    assert document["converter"]["S_rated"] == "100 kVA"
+
+
+@pytest.mark.parametrize("ends", [(1.5, 20.0), (0.3, 20.0), (5.0, 5.0), (2.0, 2.1), (0.5, 1000.0), (19.9, 20.0)])
+def test_nodes_keep_the_ends_and_increase(ends: tuple[float, float]) -> None:
+    found = nodes(ends)
+    assert 2 <= len(found) <= 6
+    assert all(a < b for a, b in itertools.pairwise(found))
+    if ends[1] > 1.02 * ends[0]:
+        assert (found[0], found[-1]) == ends
+    else:
+        assert found[0] < ends[0] <= ends[1] < found[-1]
+    assert ends[0] <= middle(ends) <= ends[1]

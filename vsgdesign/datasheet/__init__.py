@@ -1,0 +1,20 @@
+"""From a one-page datasheet to a study: reading, resolving, writing. Nothing is designed or simulated here."""
+
+from vsgdesign.datasheet.converter_sheet import Assumption, Datasheet
+from vsgdesign.datasheet.fields import FIELDS, Field
+from vsgdesign.datasheet.reading import Entry, Sheet, read_sheet
+from vsgdesign.datasheet.resolving import faults_of, resolve
+from vsgdesign.datasheet.study_text import study_text
+
+__all__ = [
+    "FIELDS",
+    "Assumption",
+    "Datasheet",
+    "Entry",
+    "Field",
+    "Sheet",
+    "faults_of",
+    "read_sheet",
+    "resolve",
+    "study_text",
+]

@@ -1,0 +1,50 @@
+"""A converter as its datasheet has it, in the units and conventions of a study."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """What the datasheet does not say and was assumed."""
+
+    field: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Datasheet:
+    """Everything that a study of a converter needs, SI, with what it was made of."""
+
+    title: str
+    source: str
+    S_rated: float
+    V_rated_ll_rms: float
+    f_n: float
+    V_dc: float
+    f_sw: float
+    samples_per_carrier: int
+    delay_samples: int
+    modulation: str
+    """``sine_triangle`` or ``min_max``."""
+    current_limit_pu: float
+    L_1: float
+    R_1: float
+    C: float
+    """Star."""
+    R_c: float
+    """In series with each star capacitor."""
+    L_2: float
+    """0: an LC filter."""
+    R_2: float
+    scr: tuple[float, float]
+    """Least and largest short-circuit ratio of its grids, on the impedance."""
+    x_over_r: tuple[float, float]
+    remarks: dict[str, str]
+    """How a field was read, where it was not written as the study has it."""
+    assumptions: tuple[Assumption, ...]
+    notes: tuple[str, ...]
+    """What is worth knowing before anything is designed."""
+    unused: tuple[str, ...]
+    """Rows that no study needs."""
