@@ -11,6 +11,12 @@ import click
 
 from vsgdesign.cli_common import EXIT_INTERRUPTED, JSON, STUDY, load, print_json, progress, verb
 
+_RECIPE = click.option("--recipe", default=None, metavar="NAME|FILE.toml",
+                       help="Packaged (published, continuous, wide) or a file.  "
+                            "[default: of the study, else published]")  # fmt: skip
+_SEED = click.option("--seed", type=click.IntRange(0), default=None, help="[default: of the study, else 0]")
+_WORKERS = click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Processes.")
+
 
 @click.group()
 def estimator() -> None:
@@ -19,34 +25,41 @@ def estimator() -> None:
 
 @estimator.command()
 @STUDY
-@click.option("--recipe", default="published", show_default=True, metavar="NAME|FILE.toml",
-              help="Packaged (published, continuous) or a file.")  # fmt: skip
+@_RECIPE
 @click.option("--out", required=True, metavar="FILE.npz", help="Where to write the windows.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
-@click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Processes.")
+@_SEED
+@_WORKERS
 @JSON
 @verb
-def windows(study_file: str, recipe: str, out: str, seed: int, workers: int, as_json: bool) -> None:
+def windows(study_file: str, recipe: str | None, out: str, seed: int | None, workers: int, as_json: bool) -> None:
     """Make a data set of windows from EMT. An interrupted call goes on where it was."""
     from vsgdesign.estimator.recipes import load_recipe
+    from vsgdesign.estimator.sampling import describe_sampling, sampling_document, with_sampling
+    from vsgdesign.estimator.scenarios import describe_draws
     from vsgdesign.estimator.windows import generate_windows
+    from vsgdesign.parameters.estimator import EstimatorSpec
 
-    study, made_of = load(study_file), load_recipe(recipe)
+    study = load(study_file)
+    spec = study.estimator or EstimatorSpec()
+    made_of = load_recipe(spec.recipe if recipe is None else recipe)
     try:
         with progress(quiet=as_json) as tell:
-            data = generate_windows(study, made_of, seed, out=out, workers=workers, progress=tell)
+            drawn_from = spec.seed if seed is None else seed
+            data = generate_windows(study, made_of, drawn_from, out=out, workers=workers, progress=tell)
     except KeyboardInterrupt:
         click.echo("interrupted: finished blocks are kept, the same command goes on from them", err=True)
         sys.exit(EXIT_INTERRUPTED)
-    scenarios = made_of.scenarios
+    scenarios, sampled = made_of.scenarios, with_sampling(made_of, study.converter)
     if as_json:
         print_json({
             "file": out, "sha256": data.hash, "windows": len(data), "scenarios": scenarios,
-            "synchronised": data.synchronised, "shape": data.windows.shape, "header": data.header,
+            "synchronised": data.synchronised, "shape": data.windows.shape, "draws": data.draws,
+            "window": sampling_document(sampled, study.converter), "header": data.header,
         })  # fmt: skip
     else:
         shape = f"{len(data)} windows of {data.windows.shape[1]} values from {scenarios} scenarios"
         click.echo(f"{out}: {shape}, sha256 {data.hash[:12]}")
+        _echo_windows(describe_sampling(sampled, study.converter), describe_draws(data.draws))
         if data.synchronised:
             click.echo("synchronised with the grid's phase, as published: no converter in the field has that signal")
 
@@ -54,15 +67,15 @@ def windows(study_file: str, recipe: str, out: str, seed: int, workers: int, as_
 @estimator.command()
 @STUDY
 @click.option("--out", required=True, metavar="FILE.json", help="Where to write the weights.")
-@click.option("--recipe", default=None, metavar="NAME|FILE.toml", help="[default: of the study, else published]")
-@click.option("--seed", type=click.IntRange(0), default=None, help="[default: of the study, else 0]")
-@click.option(
-    "--hidden", type=click.IntRange(1, 64), default=None, help="Hidden units.  [default: of the study, else 8]"
-)
+@_RECIPE
+@_SEED
+@click.option("--hidden", type=click.IntRange(1, 64), default=None,
+              help="Hidden units.  [default: of the study, else of the recipe]")  # fmt: skip
 @click.option("--components", type=click.IntRange(0, 1000), default=None,
-              help="Principal components; 0: all above the noise.  [default: of the study, else 6]")  # fmt: skip
+              help="Principal components; 0: all above the noise.  "
+                   "[default: of the study, else of the recipe]")  # fmt: skip
 @click.option("--windows", default=None, metavar="FILE.npz", help="Keep the windows too.")
-@click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Processes.")
+@_WORKERS
 @JSON
 @verb
 def train(
@@ -84,52 +97,80 @@ def train(
     if as_json:
         print_json(document)
         return
+    from vsgdesign.estimator.scenarios import describe_draws
+
     test = document["parts"]["test"]["correlation"]
     click.echo(
         f"{out}: recipe {document['recipe']}, {document['epochs']} epochs, {document['stop']}; on the windows for test "
         f"R = {test['R_g']:.6f} (R_g), {test['L_g']:.6f} (L_g)"
     )
+    _echo_windows(document["window"]["text"], describe_draws(document["draws"]))
     if document["synchronised"]:
         click.echo("synchronised with the grid's phase, as published: no converter in the field has that signal")
 
 
 _FOLDER = click.option("--out", required=True, metavar="FOLDER", help="Where to write results and report.")
 _WEIGHTS = click.option("--weights", "weights", multiple=True, metavar="FILE.json",
-                        help="Networks to compare.  [default: two are trained]")  # fmt: skip
+                        help="A network to compare; more than once for several.")  # fmt: skip
+_RECIPES = click.option("--recipe", "recipes", multiple=True, metavar="NAME|FILE.toml",
+                        help="Train a network of this recipe and compare it; more than once for several.  "
+                             "[default: without --weights: published, and continuous with noise]")  # fmt: skip
 
 
 @estimator.command()
 @STUDY
 @_FOLDER
 @_WEIGHTS
+@_RECIPES
+@_SEED
+@_WORKERS
 @JSON
 @verb
-def compare(study_file: str, out: str, weights: tuple[str, ...], as_json: bool) -> None:
+def compare(
+    study_file: str, out: str, weights: tuple[str, ...], recipes: tuple[str, ...], seed: int | None, workers: int,
+    as_json: bool,
+) -> None:  # fmt: skip
     """Classical methods and networks on the same windows: error beside its bound, disturbance, delay."""
     from vsgdesign.pipeline.estimator import report_comparison
 
-    _report(report_comparison, study_file, out, weights, as_json)
+    _report(report_comparison, study_file, out, as_json, weights=weights, recipes=recipes, seed=seed, workers=workers)
 
 
 @estimator.command()
 @STUDY
 @_FOLDER
 @_WEIGHTS
+@_RECIPES
+@_SEED
+@_WORKERS
 @JSON
 @verb
-def stress(study_file: str, out: str, weights: tuple[str, ...], as_json: bool) -> None:
+def stress(
+    study_file: str, out: str, weights: tuple[str, ...], recipes: tuple[str, ...], seed: int | None, workers: int,
+    as_json: bool,
+) -> None:  # fmt: skip
     """The same methods where frequency, phase, voltage, X/R, SCR, noise or harmonics are not as trained."""
     from vsgdesign.pipeline.estimator import report_stress
 
-    _report(report_stress, study_file, out, weights, as_json)
+    _report(report_stress, study_file, out, as_json, weights=weights, recipes=recipes, seed=seed, workers=workers)
 
 
 def _report(
-    make: Callable[..., dict[str, Any]], study_file: str, out: str, weights: tuple[str, ...], as_json: bool
+    make: Callable[..., dict[str, Any]], study_file: str, out: str, as_json: bool, *, seed: int | None, **networks: Any
 ) -> None:
+    from vsgdesign.parameters.estimator import EstimatorSpec
+
+    study = load(study_file)
+    drawn_from = (study.estimator or EstimatorSpec()).seed if seed is None else seed
     with progress(quiet=as_json) as tell:
-        document = make(load(study_file), out, weights=weights, progress=tell)
+        document = make(study, out, seed=drawn_from, progress=tell, **networks)
     if as_json:
         print_json(document)
     else:
         click.echo(f"report: {Path(out) / 'report.html'}")
+
+
+def _echo_windows(sampling: str, drawn_again: str) -> None:
+    click.echo(f"windows of {sampling}")
+    if drawn_again:
+        click.echo(drawn_again)

@@ -48,6 +48,14 @@ class InfeasibleStudyError(VsgDesignError):
     """The study is well-formed but asks for something that cannot be done."""
 
 
+class LimitHitError(InfeasibleStudyError):
+    """A steady state needs more than the converter has: ``limit`` is ``bridge voltage`` or ``current``."""
+
+    def __init__(self, message: str, *, limit: str) -> None:
+        self.limit = limit
+        super().__init__(message)
+
+
 class SimulationDivergedError(VsgDesignError):
     """A simulated quantity left the range in which the result means anything."""
 

@@ -45,7 +45,7 @@ def test_weights_say_what_they_are(folder: Path) -> None:
     weights = read_network_weights(folder / "w.json")
     assert (weights.seed, weights.recipe["name"], len(weights.network.b_1)) == (2, "few", 5)
     assert weights.window.synchronised
-    assert weights.training["converter"] == {"S_rated": 5000.0, "V_rated_rms": 110.0}
+    assert weights.training["converter"] == {"S_rated": 5000.0, "V_rated_rms": 110.0, "f_n": 50.0}
     arguments = (folder / "small.toml", "--recipe", folder / "few.toml", "--seed", "2", "--hidden", "5")
     study_file(folder)
     document = as_json("estimator", "train", *arguments, "--out", folder / "again.json")
@@ -131,7 +131,8 @@ def test_windows_of_another_length_are_refused_before_the_training(tmp_path: Pat
     text = (SMALL + NETWORK).replace('estimate = "neural"', 'estimate = "neural"\nupdate_period = "10 ms"')
     study = study_file(tmp_path, text + "grid_phase = true\n")
     text = failure(2, "simulate", study, "--out", tmp_path / "out")
-    assert "controller network.update_period = 0.01 s: recipe published has windows of 100 × 0.0002 s" in text
+    assert "controller network.update_period = 0.01 s: recipe published has windows of 100 samples every 200 µs" in text
+    assert "Leave update_period out" in text
 
 
 def test_an_estimate_needs_an_estimator(tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ def test_windows_and_their_file(tmp_path: Path) -> None:
             RECIPE + "scr = { uniform = [20, 2] }",
             "scr = uniform [20.0, 2.0]: needs [low, high] with low not above high.",
         ),
-        (RECIPE + 'P_pu = "2 kW"', "P_pu = 2 kW: expected"),
+        (RECIPE + 'P_pu = "2 kW"', 'P_pu = "2 kW": expected'),
         (RECIPE + "noise_v = nan", "noise_v = nan: "),
     ],
 )

@@ -187,8 +187,9 @@ def test_harmonics_noise_and_channels_reach_the_windows() -> None:
 
 
 def test_a_recipe_that_no_grid_carries_is_refused() -> None:
-    recipe = replace(SMALL, P_pu=one_of(3.0), scr=one_of(1.5), grid_step_share=0.0)
-    with pytest.raises(InfeasibleStudyError, match="recipe small: none of 100 draws of scenario 0"):
+    recipe = replace(SMALL, P_pu=one_of(2.0), Q_pu=one_of(-1.0), scr=one_of(1.2), grid_step_share=0.0)
+    said = r"600 of 600 draws .* \(600 have no operating point\).* scr = 1.2, .* Raise the low end of scr"
+    with pytest.raises(InfeasibleStudyError, match=said):
         generate_windows(STUDY, recipe, 0)
 
 

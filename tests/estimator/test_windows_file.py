@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vsgdesign.errors import ArtifactError, StudyError
-from vsgdesign.estimator.data_set import DataSet, read_data_set, write_data_set
+from vsgdesign.estimator.data_set import REASONS, DataSet, read_data_set, write_data_set
 
 HEADER = {
     "recipe": {"channels": "phase_a", "samples": 3, "sample_interval": 2e-4},
@@ -31,6 +31,7 @@ def data_set(scenarios: int = 10, each: int = 4) -> DataSet:
             name: rng.uniform(1.0, 2.0, count)
             for name in ("R_g", "L_g", "P", "Q", "V_rms", "V_g_rms", "omega_g", "source_phase", "t_s")
         },
+        redrawn=np.repeat(rng.integers(0, 2, (scenarios, len(REASONS))), each, axis=0),
         header=HEADER,
     )
 

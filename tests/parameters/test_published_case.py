@@ -68,7 +68,7 @@ def test_scenario(study: Study) -> None:
     assert replace(estimated, name="AVSG", estimate="truth") == scheduled
     assert estimated.estimate == "neural"
     assert study.estimator is not None
-    assert (study.estimator.recipe, study.estimator.hidden, study.estimator.grid_phase) == ("published", 8, True)
+    assert (study.estimator.recipe, study.estimator.hidden, study.estimator.grid_phase) == ("published", None, True)
 
 
 def test_the_case_names_where_it_comes_from(study: Study) -> None:

@@ -151,13 +151,16 @@ def test_the_rate_of_a_certificate_that_holds_gains_back_is_said() -> None:
 def test_everything_that_does_not_fit_is_refused_at_once() -> None:
     weights = random_weights(synchronised=True)
     weights = replace(
-        weights, window=replace(weights.window, sample_interval=170e-6), training={"converter": {"S_rated": 1e6}}
+        weights,
+        window=replace(weights.window, sample_interval=170e-6),
+        training={"converter": {"S_rated": 1e6, "f_n": 60.0}},
     )
     with pytest.raises(ArtifactError) as caught:
-        run_scenario(study_with(weights))
+        run_scenario(study_with(weights, text=TEXT.replace('"neural"', '"neural", update_period = 0.02')))
     for words in (
         "controller network", "update_period = 20 ms", "100 × 170 µs = 17 ms", "sample_interval = 170 µs",
-        "sampling period, 50 µs", "S_rated = 5000 VA", "1e+06 VA", "grid_phase = false", "no converter in the field",
+        "sampling period, 50 µs", "S_rated = 5000 VA", "1e+06 VA", "f_n = 50 Hz", "with 60 Hz", "grid_phase = false",
+        "no converter in the field",
     ):  # fmt: skip
         assert words in str(caught.value)
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.network_weights import NetworkWeights
+from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
 from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.errors import ArtifactError
 from vsgdesign.estimator.baselines import (
     ConstantGuess,
     Estimates,
@@ -27,7 +29,8 @@ from vsgdesign.estimator.baselines import (
 )
 from vsgdesign.estimator.bound import Bound, probe_bound, sensor_noise, steady_window_bound, windows_bound
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe, check_recipe, one_of
-from vsgdesign.parameters.study import Study, grid_from_scr
+from vsgdesign.estimator.sampling import with_sampling
+from vsgdesign.parameters.study import Converter, Study, grid_from_scr
 from vsgdesign.simulation import Probe
 
 Array = NDArray[np.float64]
@@ -60,14 +63,17 @@ class ComparisonSettings:
     """Of the sensors' noise, on every run."""
     seed: int = 0
 
-    def recipe(self) -> WindowRecipe:
-        """Runs with a power step: at rest, then the only thing that a passive method can learn from."""
+    def recipe(self, window: WindowFormat | None = None) -> WindowRecipe:
+        """Runs with a power step: at rest, then the only thing that a passive method can learn from. Windows are
+        sampled as ``window`` says; None: as the converter has it."""
         made = replace(
             PUBLISHED, name="comparison", scr=one_of(*self.scr), x_over_r=one_of(self.x_over_r),
             P_pu=one_of(self.P_pu), Q_pu=one_of(self.Q_pu), P_step_pu=one_of(self.P_step_pu), Q_step_pu=one_of(0.0),
             settle=SETTLE, before=BEFORE, after=AFTER, every=1, skip=0,
             noise_v=one_of(self.noise), noise_i=one_of(self.noise),
             adc_bits=self.adc_bits, scenarios=len(self.scr),
+            samples=0 if window is None else window.samples,
+            sample_interval=0.0 if window is None else window.sample_interval,
         )  # fmt: skip
         return check_recipe(made, "comparison")
 
@@ -122,14 +128,61 @@ class Comparison:
     """Hash of each network's weights by method."""
 
 
-def all_methods(study: Study, networks: dict[str, NetworkWeights], guess_scr: float = 6.3) -> tuple[Method, ...]:
-    """Every classical method with its defaults, then each network by name."""
+def all_methods(
+    study: Study, networks: dict[str, NetworkWeights], recipe: WindowRecipe, guess_scr: float = 6.3
+) -> tuple[Method, ...]:
+    """Every classical method for the windows of a sampled recipe, then each network by name."""
     guess = grid_from_scr(guess_scr, 1.0, "reactance", study.converter)
     classical: tuple[Method, ...] = (
         ConstantGuess(guess), TwoWindows(), RecursiveLeastSquares(guess), ExtendedKalmanFilter(guess),
-        Injection(), PseudoRandomSequence(),
+        *probing_methods(study.converter, recipe),
     )  # fmt: skip
     return *classical, *(NeuralMethod(weights, name) for name, weights in networks.items())
+
+
+def probing_methods(converter: Converter, recipe: WindowRecipe) -> tuple[Injection, PseudoRandomSequence]:
+    """The two that add a voltage, for the windows of a sampled recipe: whole windows, whole control periods.
+
+    At 50 Hz and the published windows: 75 Hz over two cycles, and a sequence of three cycles, held for 1 ms each.
+    """
+    cycles, T_s = recipe.cycles, converter.T_s
+    nominal_hz = cycles / recipe.update_period  # the grid's own where windows are whole cycles
+    periods = round(recipe.update_period / T_s)
+    long = -(-3 // cycles)
+    injection = Injection(
+        frequency_hz=1.5 * nominal_hz, nominal_hz=nominal_hz, window_cycles=cycles,
+        hold=_near_a_millisecond(2 * periods, T_s), name=f"{1.5 * nominal_hz:.3g} Hz injection",
+    )  # fmt: skip
+    sequence = PseudoRandomSequence(
+        cycles=long * cycles, nominal_hz=nominal_hz, hold=_near_a_millisecond(long * periods, T_s)
+    )
+    return injection, sequence
+
+
+def _near_a_millisecond(periods: int, T_s: float) -> float:
+    """The time nearest to 1 ms that is whole control periods and divides a probe of so many evenly, s."""
+    divisors = [k for k in range(1, periods + 1) if periods % k == 0]
+    return min(divisors, key=lambda k: abs(math.log(k * T_s / 1e-3))) * T_s
+
+
+def window_of(recipe: WindowRecipe, converter: Converter) -> WindowFormat:
+    """What the windows of a recipe are on a converter."""
+    sampled = with_sampling(recipe, converter)
+    return WindowFormat(sampled.samples, sampled.sample_interval, sampled.channels, sampled.synchronised)
+
+
+def comparison_recipe(study: Study, settings: ComparisonSettings, windows: dict[str, WindowFormat]) -> WindowRecipe:
+    """What is run: windows as the networks take them. Raises ArtifactError where they take different ones."""
+    kinds = {(one.samples, one.sample_interval) for one in windows.values()}
+    if len(kinds) > 1:
+        taken = "; ".join(
+            f"{name}: {one.samples} samples every {one.sample_interval * 1e6:g} µs" for name, one in windows.items()
+        )
+        raise ArtifactError(
+            f"networks of different windows cannot be compared on the same ones ({taken}). Compare them in two calls, "
+            "or train them with one samples and sample_interval."
+        )
+    return with_sampling(settings.recipe(next(iter(windows.values()), None)), study.converter)
 
 
 def with_sensors(recipe: WindowRecipe, settings: ComparisonSettings) -> WindowRecipe:
@@ -141,16 +194,24 @@ def with_sensors(recipe: WindowRecipe, settings: ComparisonSettings) -> WindowRe
 
 
 def train_networks(
-    study: Study, settings: ComparisonSettings | None = None, progress: Progress = silent
-) -> dict[str, NetworkWeights]:
-    """The published network, and one of continuous grids that has seen noise; made here and now, some seconds each."""
+    study: Study, recipes: Sequence[WindowRecipe] = (), settings: ComparisonSettings | None = None, *, seed: int = 0,
+    workers: int = 1, progress: Progress = silent,
+) -> list[tuple[str, NetworkWeights]]:  # fmt: skip
+    """Name and network of each recipe; of none: the published one, and one of continuous grids that has seen noise.
+    Made here and now, some seconds each."""
     from vsgdesign.estimator.trained import train_estimator
 
-    seen = with_sensors(CONTINUOUS, settings or ComparisonSettings())
-    return {
-        "Neural, published": train_estimator(study, PUBLISHED, progress=progress).weights,
-        "Neural, continuous": train_estimator(study, seen, progress=progress).weights,
-    }
+    settings = settings or ComparisonSettings()
+    wanted = [(f"Neural, {recipe.name}", recipe) for recipe in recipes] or [
+        ("Neural, published", PUBLISHED),
+        ("Neural, continuous", with_sensors(CONTINUOUS, settings)),
+    ]
+    # Before the first is trained: networks of different windows could not be compared.
+    comparison_recipe(study, settings, {name: window_of(recipe, study.converter) for name, recipe in wanted})
+    return [
+        (name, train_estimator(study, recipe, seed=seed, workers=workers, progress=progress).weights)
+        for name, recipe in wanted
+    ]
 
 
 def compare_methods(
@@ -160,8 +221,8 @@ def compare_methods(
     """Run, measure and judge. Raises StudyError for settings that make no recipe, InfeasibleStudyError for a grid
     that cannot carry the power, ArtifactError for weights of other windows."""
     settings = settings or ComparisonSettings()
-    methods = all_methods(study, networks, settings.guess_scr)
-    recipe = settings.recipe()
+    recipe = comparison_recipe(study, settings, {name: one.window for name, one in networks.items()})
+    methods = all_methods(study, networks, recipe, settings.guess_scr)
     count = len(settings.scr)
     by_probe = probed_runs(study, [(recipe, k) for k in range(count)], methods, settings.seed, progress)
     records = {name: measure(runs, settings.draws) for name, runs in by_probe.items()}
@@ -239,7 +300,7 @@ def bound_of_run(method: Method, run: Run) -> Bound | None:
         return windows_bound(windows, run.omega, *about)
     if isinstance(method, Injection):
         line = method.phasors(i[None, :], len(windows), h)[0, -1]
-        return probe_bound([line], [run.omega + method.slip()], run.omega, noise, n * method.cycles, *about[2:])
+        return probe_bound([line], [run.omega + method.slip()], run.omega, noise, n * method.windows, *about[2:])
     if isinstance(method, PseudoRandomSequence):
         count = method.period(h)
         lines, slip = method.lines(i[None, -2 * count :])

@@ -20,13 +20,16 @@ from vsgdesign.errors import ArtifactError, Fault, StudyError
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SCHEMA = 1
+SCHEMA = 2
 SHARES = (0.70, 0.15, 0.15)
 """Of training, validation and test, as in the paper."""
 SPLITS = ("by_scenario", "published_split")
 
 _NUMBERS = ("R_g", "L_g", "P", "Q", "V_rms", "V_g_rms", "omega_g", "source_phase", "t_s")
-_ARRAYS = ("windows", "scenario", "after_change", *_NUMBERS)
+_ARRAYS = ("windows", "scenario", "after_change", *_NUMBERS, "redrawn")
+
+REASONS = ("no operating point", "bridge voltage", "current", "voltage limits", "unstable")
+"""Why a draw of a scenario cannot be run: the columns of ``redrawn``."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,8 @@ class DataSet:
     """Angle of the grid source's space vector at the first sample, rad; −π/2 where synchronised as published."""
     t_s: Array
     """End of the window in its run, s."""
+    redrawn: Index
+    """(N, len(REASONS)): draws that were thrown away before the one that this window's scenario is of, by reason."""
     header: Mapping[str, Any]
     """Recipe (all fields), seed, hash of the converter, channels, sampling and ratings, in JSON's types."""
 
@@ -97,6 +102,14 @@ class DataSet:
     def hash(self) -> str:
         """SHA-256 of header and every array."""
         return content_hash(self.header, arrays_of(self))
+
+    @property
+    def draws(self) -> dict[str, Any]:
+        """How the scenarios came about: ``scenarios``, ``draws`` of all, and those ``thrown_away`` by reason."""
+        _, first = np.unique(self.scenario, return_index=True)
+        counts = self.redrawn[first].sum(axis=0).tolist()
+        thrown = {reason: count for reason, count in zip(REASONS, counts, strict=True) if count}
+        return {"scenarios": len(first), "draws": len(first) + sum(counts), "thrown_away": thrown}
 
     def split(self, kind: str = "by_scenario", seed: int = 0) -> Split:
         """70/15/15 at random. ``by_scenario`` keeps every run in one part; ``published_split`` draws windows.

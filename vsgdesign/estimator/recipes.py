@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +88,8 @@ class WindowRecipe:
     grid_step_ratio: float = 5.0
     """Largest ratio of the two grids' SCR."""
     scr_basis: str = "reactance"
+    within_V_limits: bool = False
+    """Draw again what leaves the study's V_min_pu to V_max_pu at rest, before or after the change."""
     V_g_pu: Spread = _NOMINAL
     f_g_pu: Spread = _NOMINAL
     phase: Spread = _NONE
@@ -104,12 +106,21 @@ class WindowRecipe:
     """Background voltage of the grid relative to its fundamental, at a random angle."""
     bridge: str = "pwm"
     channels: str = "phase_a"
-    sample_interval: float = 200e-6
-    samples: int = 100
+    sample_interval: float = 0.0
+    samples: int = 0
+    cycles: int = 0
+    """Spacing of the samples (s), their number, and the nominal cycles of a window. What is 0 follows from the
+    converter (:func:`vsgdesign.estimator.sampling.with_sampling`): the published window is 100 samples every 200 µs,
+    one cycle of 50 Hz."""
+    hidden: int = 8
+    components: int = 6
+    starts: int = 4
+    """The network that learns these windows: tanh units, principal components of its inputs (0: all that stand out of
+    the noise) and trainings at most. [estimator] of a study has its say before the recipe."""
 
     @property
     def update_period(self) -> float:
-        """Length of a window, s."""
+        """Length of a window, s; 0 as long as its sampling is left to the converter."""
         return self.samples * self.sample_interval
 
     @property
@@ -145,28 +156,89 @@ PUBLISHED = WindowRecipe(
 CONTINUOUS = replace(PUBLISHED, name="continuous", scr=log_uniform(1.5, 25.0), grid_step_share=0.5)
 """Every grid of a range, and the second after a change of grid, when the power is far from its reference."""
 
-RECIPES = {recipe.name: recipe for recipe in (PUBLISHED, CONTINUOUS)}
+WIDE = replace(
+    CONTINUOUS,
+    name="wide",
+    scr_basis="impedance",
+    x_over_r=log_uniform(0.5, 20.0),
+    P_pu=uniform(0.3, 0.9),
+    Q_pu=uniform(-0.2, 0.3),
+    within_V_limits=True,
+    hidden=32,
+    components=8,
+    starts=2,
+)
+"""Grids of any X/R as well, where the converter's voltage stays within its limits: for a converter of one's own."""
 
-_POSITIVE = ("scr", "x_over_r", "V_g_pu", "f_g_pu")
-_SHARES = {"noise_v": 1.0, "noise_i": 1.0, "harmonic_5": 0.5, "harmonic_7": 0.5}
-_COUNTS = {"scenarios": (1, 10**6), "before": (0, 1000), "after": (0, 1000), "every": (1, 1000), "settle": (0, 1000),
-           "skip": (0, 1000), "adc_bits": (0, 32), "samples": (4, 10**4)}  # fmt: skip
-_LIMITS = {"grid_step_share": (0.0, 1.0), "grid_step_ratio": (1.0, 1000.0), "adc_range_pu": (0.1, 100.0),
-           "sample_interval": (1e-6, 0.1)}  # fmt: skip
-_WORDS = {"bridge": ("averaged", "pwm"), "channels": tuple(CHANNELS), "scr_basis": ("impedance", "reactance")}
-_DIMENSIONS = {"phase": "rad", "sample_interval": "s"}
+RECIPES = {recipe.name: recipe for recipe in (PUBLISHED, CONTINUOUS, WIDE)}
 
 
-def named_recipe(name: str) -> WindowRecipe:
+@dataclass(frozen=True)
+class FieldRule:
+    """What a recipe's field may be: docs/how-to/windows.md has a row of each."""
+
+    kind: str
+    """``spread``, ``number``, ``whole number``, ``word``, ``text`` or ``true or false``."""
+    low: float = -math.inf
+    high: float = math.inf
+    """Limits, SI; of a spread: of each of its values."""
+    unit: str = "1"
+    words: tuple[str, ...] = ()
+    or_zero: bool = False
+    """0 is allowed too: it follows from the converter."""
+
+
+FIELDS = {
+    "name": FieldRule("text"),
+    "scr": FieldRule("spread", 0.05, 1e4),
+    "x_over_r": FieldRule("spread", 1e-3, 1e4),
+    "scr_basis": FieldRule("word", words=("impedance", "reactance")),
+    "P_pu": FieldRule("spread", -2.0, 2.0),
+    "Q_pu": FieldRule("spread", -2.0, 2.0),
+    "P_step_pu": FieldRule("spread", -2.0, 2.0),
+    "Q_step_pu": FieldRule("spread", -2.0, 2.0),
+    "grid_step_share": FieldRule("number", 0.0, 1.0),
+    "grid_step_ratio": FieldRule("number", 1.0, 1000.0),
+    "within_V_limits": FieldRule("true or false"),
+    "V_g_pu": FieldRule("spread", 0.1, 2.0),
+    "f_g_pu": FieldRule("spread", 0.5, 1.5),
+    "phase": FieldRule("spread", -100.0, 100.0, "rad"),
+    "scenarios": FieldRule("whole number", 1, 10**6),
+    "before": FieldRule("whole number", 0, 1000),
+    "after": FieldRule("whole number", 0, 1000),
+    "every": FieldRule("whole number", 1, 1000),
+    "settle": FieldRule("whole number", 0, 1000),
+    "skip": FieldRule("whole number", 0, 1000),
+    "noise_v": FieldRule("spread", 0.0, 1.0),
+    "noise_i": FieldRule("spread", 0.0, 1.0),
+    "adc_bits": FieldRule("whole number", 0, 32),
+    "adc_range_pu": FieldRule("number", 0.1, 100.0),
+    "harmonic_5": FieldRule("spread", 0.0, 0.5),
+    "harmonic_7": FieldRule("spread", 0.0, 0.5),
+    "bridge": FieldRule("word", words=("averaged", "pwm")),
+    "channels": FieldRule("word", words=tuple(CHANNELS)),
+    "sample_interval": FieldRule("number", 1e-6, 0.1, "s", or_zero=True),
+    "samples": FieldRule("whole number", 4, 10**4, or_zero=True),
+    "cycles": FieldRule("whole number", 1, 1000, or_zero=True),
+    "hidden": FieldRule("whole number", 1, 64),
+    "components": FieldRule("whole number", 0, 1000),
+    "starts": FieldRule("whole number", 1, 100),
+}
+"""Every field with its limits, in the order of the page."""
+
+
+def named_recipe(name: str, field: str = "recipe") -> WindowRecipe:
     """A packaged recipe. Raises StudyError naming the known ones."""
     if name not in RECIPES:
-        near = difflib.get_close_matches(name, RECIPES, n=1)
-        advice = f"Did you mean {near[0]}? " if near else ""
-        known = ", ".join(RECIPES)
-        raise StudyError(
-            "recipe", [Fault("recipe", f'"{name}"', "unknown", f"{advice}Known: {known}; or a .toml file")]
-        )
+        raise StudyError("recipe", [_unknown(name, field)])
     return RECIPES[name]
+
+
+def _unknown(name: str, field: str) -> Fault:
+    near = difflib.get_close_matches(name, RECIPES, n=1)
+    advice = f"Did you mean {near[0]}? " if near else ""
+    files = "; or a .toml file" if field == "recipe" else ""
+    return Fault(field, f'"{name}"', "unknown", f"{advice}Known: {', '.join(RECIPES)}{files}.")
 
 
 def load_recipe(source: str | Path) -> WindowRecipe:
@@ -179,68 +251,95 @@ def load_recipe(source: str | Path) -> WindowRecipe:
     if path.suffix != ".toml":
         return named_recipe(str(source))
     document = read_toml(path, "recipe")
-    base = named_recipe(str(document.pop("base", "continuous")))
     faults: list[Fault] = []
-    known = {field.name: getattr(base, field.name) for field in fields(base)}
+    name = document.pop("base", CONTINUOUS.name)
+    if not isinstance(name, str) or name not in RECIPES:
+        faults.append(_unknown(str(name), "base"))
+    base = RECIPES.get(str(name), CONTINUOUS)
     changes: dict[str, Any] = {"name": path.stem}
     for field, raw in document.items():
-        if field not in known:
-            near = difflib.get_close_matches(field, known, n=1)
-            faults.append(Fault(field, "", "unknown field", f"Did you mean {near[0]}?" if near else ""))
+        if field not in FIELDS:
+            near = difflib.get_close_matches(field, FIELDS, n=1)
+            known = "Known: " + ", ".join(FIELDS) + "."
+            faults.append(Fault(field, "", "unknown field", f"Did you mean {near[0]}?" if near else known))
             continue
         try:
-            changes[field] = _read(raw, known[field], _DIMENSIONS.get(field, "1"))
+            changes[field] = _read(raw, FIELDS[field])
         except UnitError as error:
-            faults.append(Fault(field, str(raw), str(error)))
+            faults.append(Fault(field, f'"{raw}"' if isinstance(raw, str) else str(raw), str(error)))
+    recipe = replace(base, **changes)
+    # What could not be read is still the base's, so that the limits of the rest are told at the same time.
+    faults += _faults(recipe)
     if faults:
         raise StudyError(str(path), faults)
-    return check_recipe(replace(base, **changes), str(path))
+    return recipe
 
 
-def _read(raw: Any, present: Any, dimension: str) -> Any:
-    if isinstance(present, Spread):
+def _read(raw: Any, rule: FieldRule) -> Any:
+    if rule.kind == "spread":
         if not isinstance(raw, dict):
-            return one_of(parse_quantity(raw, dimension))
+            return one_of(parse_quantity(raw, rule.unit))
         if len(raw) != 1 or next(iter(raw)) not in KINDS or not isinstance(next(iter(raw.values())), list):
             raise UnitError(f"expected a number or {{ {' | '.join(KINDS)} = [...] }}")
         (kind, values), *_ = raw.items()
-        return Spread(kind, tuple(parse_quantity(value, dimension) for value in values))
-    if isinstance(present, float):
-        return parse_quantity(raw, dimension)
-    if isinstance(raw, bool) or not isinstance(raw, type(present)):
-        raise UnitError("expected a whole number" if isinstance(present, int) else "expected a text")
+        return Spread(kind, tuple(parse_quantity(value, rule.unit) for value in values))
+    if rule.kind == "number":
+        return parse_quantity(raw, rule.unit)
+    if rule.kind == "true or false":
+        if not isinstance(raw, bool):
+            raise UnitError("must be true or false")
+        return raw
+    wanted = int if rule.kind == "whole number" else str
+    if isinstance(raw, bool) or not isinstance(raw, wanted):
+        raise UnitError("expected a whole number" if wanted is int else "expected a text")
     return raw
 
 
 def check_recipe(recipe: WindowRecipe, source: str = "recipe") -> WindowRecipe:
     """The recipe itself. Raises StudyError with every fault: not finite, reversed, outside what makes sense."""
-    faults: list[Fault] = []
-    for field in fields(recipe):
-        name, value = field.name, getattr(recipe, field.name)
-        if isinstance(value, Spread):
-            problem = _spread_problem(name, value)
-            if problem:
-                faults.append(Fault(name, f"{value.kind} {list(value.values)}", problem))
-        elif name in _WORDS and value not in _WORDS[name]:
-            faults.append(Fault(name, f'"{value}"', "must be one of " + ", ".join(f'"{w}"' for w in _WORDS[name])))
-        elif name in _COUNTS and not _COUNTS[name][0] <= value <= _COUNTS[name][1]:
-            low, high = _COUNTS[name]
-            faults.append(Fault(name, str(value), f"must be a whole number from {low} to {high}"))
-    for name, low, high in (
-        ("grid_step_share", 0.0, 1.0),
-        ("adc_range_pu", 0.1, 100.0),
-        ("sample_interval", 1e-6, 0.1),
-    ):
-        if not low <= getattr(recipe, name) <= high:
-            faults.append(Fault(name, str(getattr(recipe, name)), f"must be from {low:g} to {high:g}"))
-    if recipe.before + recipe.after < 1:
-        faults.append(Fault("before", "0", "no window is kept", "Keep at least one, before or after the change."))
+    faults = _faults(recipe)
     if faults:
         raise StudyError(source, faults)
     return recipe
 
 
-def _spread_problem(name: str, spread: Spread) -> str:
+def _faults(recipe: WindowRecipe) -> list[Fault]:
+    faults = []
+    for name, rule in FIELDS.items():
+        value = getattr(recipe, name)
+        if rule.kind == "spread":
+            problem, shown = _spread_problem(value, rule), f"{value.kind} {list(value.values)}"
+        elif rule.kind == "word":
+            problem = "" if value in rule.words else "must be one of " + ", ".join(f'"{word}"' for word in rule.words)
+            shown = f'"{value}"'
+        elif rule.kind in ("number", "whole number"):
+            problem, shown = _number_problem(value, rule), str(value)
+        else:
+            continue
+        if problem:
+            faults.append(
+                Fault(name, shown, problem, "Check the unit: a bare number is SI." if rule.unit != "1" else "")
+            )
+    if recipe.before + recipe.after < 1:
+        faults.append(Fault("before", "0", "no window is kept", "Keep at least one, before or after the change."))
+    return faults
+
+
+def _limits(rule: FieldRule) -> str:
+    whole = "a whole number " if rule.kind == "whole number" else ""
+    unit = "" if rule.unit == "1" else f" {rule.unit}"
+    zero = ", or 0: it follows from the converter" if rule.or_zero else ""
+    return f"must be {whole}from {rule.low:g} to {rule.high:g}{unit}{zero}"
+
+
+def _number_problem(value: Any, rule: FieldRule) -> str:
+    whole = rule.kind != "whole number" or (isinstance(value, int) and not isinstance(value, bool))
+    if whole and (rule.low <= value <= rule.high or (rule.or_zero and value == 0)):
+        return ""
+    return _limits(rule)
+
+
+def _spread_problem(spread: Spread, rule: FieldRule) -> str:
     values = spread.values
     if spread.kind not in KINDS:
         return "must be one of " + ", ".join(KINDS)
@@ -250,8 +349,4 @@ def _spread_problem(name: str, spread: Spread) -> str:
         return "needs [low, high] with low not above high"
     if spread.kind == "log_uniform" and values[0] <= 0.0:
         return "a logarithmic range must be positive"
-    if name in _POSITIVE and min(values) <= 0.0:
-        return "must be positive"
-    if name in _SHARES and not (min(values) >= 0.0 and max(values) <= _SHARES[name]):
-        return f"must be from 0 to {_SHARES[name]:g}"
-    return ""
+    return "" if min(values) >= rule.low and max(values) <= rule.high else _limits(rule)

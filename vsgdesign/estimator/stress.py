@@ -15,6 +15,7 @@ from vsgdesign.estimator.baselines import measure
 from vsgdesign.estimator.comparison import (
     ComparisonSettings,
     all_methods,
+    comparison_recipe,
     judged,
     probe_name,
     probed_runs,
@@ -57,8 +58,10 @@ def _harmonics(recipe: WindowRecipe, share_pct: float, _: float) -> WindowRecipe
     return replace(recipe, harmonic_5=one_of(0.01 * share_pct), harmonic_7=one_of(0.01 * share_pct))
 
 
-AXES = (
-    StressAxis("frequency", "Grid frequency", "Hz", (49.9, 49.95, 49.99, 50.0, 50.01, 50.05, 50.1), 50.0, _frequency),
+_FREQUENCIES = (-0.1, -0.05, -0.01, 0.0, 0.01, 0.05, 0.1)
+"""Hz beside the nominal frequency."""
+
+_OTHER_AXES = (
     StressAxis("shift", "Window shifted by", "samples", (-2.0, -1.0, 0.0, 1.0, 2.0), 0.0, _shift),
     StressAxis("V_g", "Grid voltage", "pu", (0.95, 0.99, 1.0, 1.01, 1.05), 1.0,
                lambda recipe, value, _: replace(recipe, V_g_pu=one_of(value))),
@@ -71,7 +74,13 @@ AXES = (
                lambda recipe, _value, _: recipe, 2e-3 * math.pi),
     StressAxis("harmonics", "5th and 7th harmonic, each", "%", (0.0, 0.5, 1.0, 2.0, 3.0), 0.0, _harmonics),
 )  # fmt: skip
-"""The questions of the stress page. Powers are held where they are by the references, whatever the droop."""
+
+
+def stress_axes(f_n: float) -> tuple[StressAxis, ...]:
+    """The questions of the stress page on a grid of a nominal frequency (Hz). Powers are held where they are by the
+    references, whatever the droop."""
+    values = tuple(round(f_n + by, 6) for by in _FREQUENCIES)
+    return StressAxis("frequency", "Grid frequency", "Hz", values, round(f_n, 6), _frequency), *_OTHER_AXES
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +99,8 @@ class Stress:
     settings: ComparisonSettings
     methods: tuple[str, ...]
     results: tuple[AxisResult, ...]
+    f_n: float = 50.0
+    """Nominal frequency of the grid, Hz."""
     weights: dict[str, str] = field(default_factory=dict)
 
     def at(self, method: str, axis: str, value: float) -> float:
@@ -100,14 +111,17 @@ class Stress:
 
 def stress_methods(
     study: Study, networks: dict[str, NetworkWeights], settings: ComparisonSettings | None = None,
-    axes: tuple[StressAxis, ...] = AXES, progress: Progress = silent,
+    axes: tuple[StressAxis, ...] | None = None, progress: Progress = silent,
 ) -> Stress:  # fmt: skip
-    """Run every value of every axis; otherwise SCR 8, and ideal sensors as published. Raises as
-    :func:`vsgdesign.estimator.comparison.compare_methods`."""
+    """Run every value of every axis (None: :func:`stress_axes`); otherwise SCR 8, and ideal sensors as published.
+    Raises as :func:`vsgdesign.estimator.comparison.compare_methods`."""
     settings = settings or ComparisonSettings(noise=0.0, adc_bits=0)
-    methods = all_methods(study, networks, settings.guess_scr)
-    nominal = replace(settings, scr=(8.0,)).recipe()
+    nominal = comparison_recipe(
+        study, replace(settings, scr=(8.0,)), {name: one.window for name, one in networks.items()}
+    )
+    methods = all_methods(study, networks, nominal, settings.guess_scr)
     omega_n = study.converter.omega_n
+    axes = stress_axes(omega_n / (2.0 * math.pi)) if axes is None else axes
     cases = [(axis.change(nominal, value, omega_n), 0) for axis in axes for value in axis.values]
     by_probe = probed_runs(study, cases, methods, settings.seed, progress)
     rms, p95 = (np.empty((len(methods), len(cases))) for _ in range(2))
@@ -126,4 +140,4 @@ def stress_methods(
         for axis, *parts in zip(axes, np.split(rms, ends, axis=1), np.split(p95, ends, axis=1), strict=True)
     )
     hashes = {name: weights.hash for name, weights in networks.items()}
-    return Stress(settings, tuple(method.name for method in methods), results, hashes)
+    return Stress(settings, tuple(method.name for method in methods), results, omega_n / (2.0 * math.pi), hashes)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,15 +52,17 @@ class TrainedEstimator:
     epochs: int
     """Over all starts."""
     components: int
+    draws: dict[str, Any]
+    """How its scenarios came about (:attr:`vsgdesign.estimator.data_set.DataSet.draws`)."""
     timing_s: dict[str, float]
     """Wall time of ``windows`` and ``training``."""
 
 
 def train_estimator(
-    study: Study, recipe: WindowRecipe, *, seed: int = 0, hidden: int = 8, components: int = 6, starts: int = 4,
-    out: str | Path | None = None, workers: int = 1, progress: Progress = silent,
+    study: Study, recipe: WindowRecipe, *, seed: int = 0, hidden: int | None = None, components: int | None = None,
+    starts: int | None = None, out: str | Path | None = None, workers: int = 1, progress: Progress = silent,
 ) -> TrainedEstimator:  # fmt: skip
-    """Make the windows of a recipe, train a network on them and judge it.
+    """Make the windows of a recipe, train a network on them and judge it. What is None is the recipe's.
 
     The same arguments give the same weights. ``out`` keeps the windows, and finished blocks of an interrupted call.
     An interrupted training raises KeyboardInterrupt: it takes seconds. Raises InfeasibleStudyError without PyTorch,
@@ -68,7 +72,11 @@ def train_estimator(
     begin = time.perf_counter()
     data = generate_windows(study, recipe, seed, out=out, workers=workers, progress=progress)
     timing = {"windows": time.perf_counter() - begin}
-    trained = train_on(study, data, seed=seed, hidden=hidden, components=components, starts=starts, progress=progress)
+    network = {
+        name: getattr(recipe, name) if value is None else value
+        for name, value in (("hidden", hidden), ("components", components), ("starts", starts))
+    }
+    trained = train_on(study, data, seed=seed, progress=progress, **network)
     timing["training"] = time.perf_counter() - begin - timing["windows"]
     trained.timing_s.update(timing)
     return trained
@@ -113,11 +121,20 @@ def train_on(
             "settings": asdict(settings), "stop": training.stop, "epochs": training.epochs,
             "components": training.components,
             "parts": {name: {"mse": part.mse, "correlation": part.correlation} for name, part in parts.items()},
-            "converter": {"S_rated": c.S_rated, "V_rated_rms": c.V_rated_rms},
+            "converter": {"S_rated": c.S_rated, "V_rated_rms": c.V_rated_rms, "f_n": c.omega_n / (2.0 * math.pi)},
+            "draws": data.draws,
         },
         provenance=dict(provenance()),
     )  # fmt: skip
     history = {name: np.array([getattr(line, name) for line in training.history], dtype=float) for name in HISTORY}
     return TrainedEstimator(
-        weights, parts, history, training.stop, training.best_epoch, training.epochs, training.components, {}
+        weights,
+        parts,
+        history,
+        training.stop,
+        training.best_epoch,
+        training.epochs,
+        training.components,
+        data.draws,
+        {},
     )

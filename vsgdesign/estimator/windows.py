@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import glob
 import hashlib
-import math
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -23,40 +22,21 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.processes import worker_processes
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import ArtifactError, Fault, InfeasibleStudyError, NoOperatingPointError, StudyError
+from vsgdesign.errors import ArtifactError, Fault, StudyError
 from vsgdesign.estimator.data_set import DataSet, content_hash, read_arrays, write_arrays, write_data_set
 from vsgdesign.estimator.recipes import WindowRecipe, check_recipe
+from vsgdesign.estimator.sampling import turn_per_window, with_sampling
+from vsgdesign.estimator.scenarios import Scenario, check_draws, draw_scenario
 from vsgdesign.estimator.sensing import background, measured_channels
-from vsgdesign.operating_point import solve_operating_point
-from vsgdesign.parameters.study import Event, Grid, GridSource, Study, grid_from_scr
-from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.frames import rotate
+from vsgdesign.parameters.study import Event, Study
 from vsgdesign.simulation import MeasuredWindow, Probe, Recorder, simulate
 from vsgdesign.simulation.compiling import source_stamp
 
 BLOCK = 20
 """Scenarios that are made, kept and handed between processes together."""
 
-ATTEMPTS = 100
-"""Draws of a scenario before a recipe is given up as impossible."""
-
 Arrays = dict[str, NDArray[Any]]
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """One run: where it begins, what changes, and with which gains."""
-
-    index: int
-    grids: tuple[Grid, Grid]
-    gains: tuple[PowerLoopGains, PowerLoopGains]
-    references: tuple[tuple[float, float], tuple[float, float]]
-    """(P_ref, Q_ref) before and after the change."""
-    source: GridSource
-    phase: float
-    noise: tuple[float, float]
-    harmonics: dict[int, complex]
-    """Background phasors by order (−5: negative sequence), relative to the fundamental."""
-    seed: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -83,9 +63,11 @@ def generate_windows(
 
     The study gives converter, filter, inner loops and the target of the gains; grid, source, set points and
     bridge come from the recipe. The result depends on study, recipe and seed alone, not on ``workers``
-    (processes; an ``executor`` replaces them). With ``out``, finished blocks are kept beside it until the file
-    is whole, so that the same call takes up an interrupted one. Raises StudyError for a faulty recipe or seed,
-    InfeasibleStudyError where no scenario can be found, ArtifactError where the file cannot be written.
+    (processes; an ``executor`` replaces them). Sampling that the recipe leaves open follows from the converter
+    (:func:`vsgdesign.estimator.sampling.with_sampling`); the header has it filled in. With ``out``, finished blocks
+    are kept beside it until the file is whole, so that the same call takes up an interrupted one. Raises StudyError
+    for a faulty recipe or seed, InfeasibleStudyError where most of its draws cannot be run, ArtifactError where the
+    file cannot be written.
     """
     check_recipe(recipe)
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
@@ -94,6 +76,7 @@ def generate_windows(
         raise StudyError("windows", [Fault("workers", str(workers), "must be a whole number, one or more")])
     if out is not None and Path(out).is_dir():
         raise ArtifactError(f'"{out}" is a folder; give a file for the windows.')
+    recipe = with_sampling(recipe, study.converter)
     header = _header(study, recipe, seed)
     parts = _Parts(out, header)
     blocks = [range(first, min(first + BLOCK, recipe.scenarios)) for first in range(0, recipe.scenarios, BLOCK)]
@@ -101,6 +84,8 @@ def generate_windows(
     done: dict[int, Arrays] = {k: found for k in range(len(blocks)) if (found := parts.read(k)) is not None}
     tell("windows", len(done) / len(blocks))
     missing = [k for k in range(len(blocks)) if k not in done]
+    if missing:
+        check_draws(study, recipe, seed)
     with _block_maker(executor, min(workers, len(missing))) as submit:
         waiting = [(k, submit(study, recipe, seed, blocks[k])) for k in missing]
         for k, result in waiting:
@@ -176,69 +161,13 @@ def make_block(study: Study, recipe: WindowRecipe, seed: int, indices: range) ->
     return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
 
 
-def draw_scenario(study: Study, recipe: WindowRecipe, seed: int, index: int) -> Scenario:
-    """One scenario of a recipe: the first of its draws that the grids can carry. Raises InfeasibleStudyError."""
-    reason = ""
-    for attempt in range(ATTEMPTS):
-        key = (seed, index, attempt)
-        try:
-            return _draw(study, recipe, index, key)
-        except NoOperatingPointError as error:
-            reason = str(error)
-    raise InfeasibleStudyError(
-        f"recipe {recipe.name}: none of {ATTEMPTS} draws of scenario {index} has an operating point; the last: {reason}"
-    )
-
-
-def _draw(study: Study, recipe: WindowRecipe, index: int, key: tuple[int, ...]) -> Scenario:
-    rng, c = np.random.default_rng(key), study.converter
-    V_g_rms = recipe.V_g_pu.draw(rng, index) * c.V_rated_rms
-    omega_g = recipe.f_g_pu.draw(rng, index) * c.omega_n
-
-    scr, x_over_r = recipe.scr.draw(rng, index), recipe.x_over_r.draw(rng, index)
-    first = grid_from_scr(scr, x_over_r, recipe.scr_basis, c)
-    P, Q = (spread.draw(rng, index) * c.S_rated for spread in (recipe.P_pu, recipe.Q_pu))
-    steps = tuple(spread.draw(rng, index) * c.S_rated for spread in (recipe.P_step_pu, recipe.Q_step_pu))
-    second = _other_grid(study, recipe, rng, scr) if rng.random() < recipe.grid_step_share else first
-    gains, refs = [], []
-    for k, held in enumerate((first, second)):
-        # Gains as a schedule would have them there, and references that put P and Q where they were drawn.
-        P_k, Q_k = P + k * steps[0], Q + k * steps[1]
-        gains.append(closed_form_schedule(study, study.target, P_k, Q_k).gains(held.R_g, held.L_g))
-        point = solve_operating_point(P_k, Q_k, V_g_rms, *study.path_to_grid(held, omega_g))
-        droop_P = gains[k].D_p * (c.omega_n - omega_g)
-        refs.append((P_k - droop_P, Q_k - gains[k].D_q * (c.V_rated_rms - point.V_rms)))
-    noise = (recipe.noise_v.draw(rng, index), recipe.noise_i.draw(rng, index))
-    harmonics = {}
-    for order, spread in ((-5, recipe.harmonic_5), (7, recipe.harmonic_7)):
-        amplitude, angle = spread.draw(rng, index), rng.uniform(0.0, 2.0 * math.pi)
-        if amplitude > 0.0:
-            harmonics[order] = amplitude * complex(math.cos(angle), math.sin(angle))
-    phase = recipe.phase.draw(rng, index)
-    return Scenario(
-        index, (first, second), (gains[0], gains[1]), (refs[0], refs[1]), GridSource(V_g_rms, omega_g), phase,
-        noise, harmonics, key,
-    )  # fmt: skip
-
-
-def _other_grid(study: Study, recipe: WindowRecipe, rng: np.random.Generator, scr: float) -> Grid:
-    for _ in range(ATTEMPTS):
-        number = int(rng.integers(1 << 16))
-        other, x_over_r = recipe.scr.draw(rng, number), recipe.x_over_r.draw(rng, number)
-        if other != scr and max(other / scr, scr / other) <= recipe.grid_step_ratio:
-            return grid_from_scr(other, x_over_r, recipe.scr_basis, study.converter)
-    raise InfeasibleStudyError(
-        f"recipe {recipe.name}: no second grid within a ratio of {recipe.grid_step_ratio:g} of SCR {scr:g}. "
-        "Raise grid_step_ratio, set grid_step_share to 0, or give scr more values."
-    )
-
-
 def record_windows(
     study: Study, recipe: WindowRecipe, scenario: Scenario, probe: Probe | None = None
 ) -> tuple[list[MeasuredWindow], NDArray[np.bool_], NDArray[np.float64]]:
     """Simulate one scenario: its windows, which come after the change, and v_pcc and i_pcc before the sensors.
 
-    The last is (N, 2, 2, n): voltage and current, α and β, with the background's harmonics.
+    The recipe's sampling is filled in. The last is (N, 2, 2, n): voltage and current, α and β, with the background's
+    harmonics.
     """
     period = recipe.update_period
     begins = recipe.settle + recipe.before
@@ -266,11 +195,26 @@ def record_windows(
     return windows, after, vectors
 
 
+def synchronised_vectors(
+    study: Study, recipe: WindowRecipe, windows: Sequence[MeasuredWindow], vectors: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(N, 2, 2, n) turned so that a grid of nominal frequency begins every window at the same angle.
+
+    The same array where windows are whole cycles, or are not synchronised anyway.
+    """
+    step = turn_per_window(recipe, study.converter)
+    if step == 0.0 or not recipe.synchronised:
+        return vectors
+    back = -step * np.array([window.index for window in windows])[:, None, None]
+    return np.stack(rotate(vectors[:, :, 0], vectors[:, :, 1], np.cos(back), np.sin(back)), axis=2)
+
+
 def run_windows(study: Study, recipe: WindowRecipe, scenario: Scenario) -> Arrays:
     """Simulate one scenario and take its windows: the arrays of a :class:`DataSet`."""
     windows, after, vectors = record_windows(study, recipe, scenario)
     grids = [scenario.grids[int(later)] for later in after]
     rng = np.random.default_rng((*scenario.seed, 1))
+    vectors = synchronised_vectors(study, recipe, windows, vectors)
     x = measured_channels(study.converter, recipe, vectors, np.array([w.theta for w in windows]), scenario.noise, rng)
     count = len(windows)
     return {
@@ -286,4 +230,5 @@ def run_windows(study: Study, recipe: WindowRecipe, scenario: Scenario) -> Array
         "omega_g": np.full(count, scenario.source.omega_g),
         "source_phase": np.array([w.source_phase for w in windows]),
         "t_s": np.array([w.t_s for w in windows]),
+        "redrawn": np.tile(np.array(scenario.redrawn, dtype=np.int64), (count, 1)),
     }

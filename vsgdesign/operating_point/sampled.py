@@ -10,7 +10,7 @@ from scipy.optimize import root
 
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
-from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
+from vsgdesign.errors import InfeasibleStudyError, LimitHitError, NoOperatingPointError
 from vsgdesign.frames import instantaneous_power, rms_to_peak
 from vsgdesign.operating_point.equilibrium import OperatingPoint, solve_with_droop
 from vsgdesign.operating_point.plant import PlantStep, plant_step
@@ -122,14 +122,16 @@ def _phasors(
 def _check_limits(study: Study, x: NDArray[np.complex128], v_b: complex) -> None:
     settings = study.controller_settings()
     if abs(v_b) > settings.v_max_pk:
-        raise InfeasibleStudyError(
+        raise LimitHitError(
             f"the start needs a bridge voltage of {abs(v_b):.4g} V peak and the bridge makes "
-            f"{settings.v_max_pk:.4g} V. Raise V_dc, or ask for less P and Q."
+            f"{settings.v_max_pk:.4g} V. Raise V_dc, or ask for less P and Q.",
+            limit="bridge voltage",
         )
     if abs(x[0]) > settings.i_max_pk:
-        raise InfeasibleStudyError(
+        raise LimitHitError(
             f"the start needs {abs(x[0]):.4g} A peak and the limit is {settings.i_max_pk:.4g} A. "
-            "Raise current_limit_pu, or ask for less P and Q."
+            "Raise current_limit_pu, or ask for less P and Q.",
+            limit="current",
         )
 
 

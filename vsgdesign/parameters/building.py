@@ -36,6 +36,9 @@ from vsgdesign.parameters.study import (
 
 SCHEMA = 1
 
+UPDATE_PERIOD = 0.02
+"""Time between two updates of a schedule where a study says nothing, s: as published."""
+
 
 def build_study(
     document: dict[str, Any], default_name: str, content_hash: str, faults: list[Fault],
@@ -258,7 +261,9 @@ def _read_controllers(
             estimate = table.choice("estimate", ("truth", "neural"), default="truth")
             if estimate == "neural" and not root.has("estimator"):
                 table.fault("estimate", estimate, "there is no network to estimate with", "Add an [estimator] section.")
-            period = table.quantity("update_period", "s", converter.T_s, simulation.duration, default=0.02)
+            period = table.quantity("update_period", "s", converter.T_s, simulation.duration, default=None)
+            if period is None:
+                period = 0.0 if estimate == "neural" else _default_update_period(converter)
             steps = period / converter.T_s
             if not math.isnan(steps) and abs(steps - round(steps)) > 1e-6 * steps:
                 table.fault(
@@ -275,6 +280,12 @@ def _read_controllers(
             "controllers", None, "none given", 'Add [[controllers]] with name and kind = "fixed" or "scheduled".'
         )
     return tuple(specs)
+
+
+def _default_update_period(converter: Converter) -> float:
+    """20 ms as published, as near as the control period allows, s."""
+    rate = converter.f_sw * converter.samples_per_carrier
+    return max(round(UPDATE_PERIOD * rate), 1) / rate if math.isfinite(rate) else UPDATE_PERIOD
 
 
 def _read_power_gains(table: TableReader) -> PowerLoopGains:

@@ -7,7 +7,7 @@ from typing import Any
 
 from vsgdesign.parameters.reader import TableReader
 
-RECIPES = ("published", "continuous")
+RECIPES = ("published", "continuous", "wide")
 """The packaged recipes for windows, by name; another is a TOML file."""
 
 _TRAINED = ("recipe", "seed", "hidden", "components", "starts")
@@ -22,10 +22,11 @@ class EstimatorSpec:
     """What it is trained on: a packaged recipe by name, or a TOML file."""
     seed: int = 0
     """Of the windows, their split and the training."""
-    hidden: int = 8
-    components: int = 6
+    hidden: int | None = None
+    components: int | None = None
     """Principal components that are trained on; 0: all that stand out of the sensors' noise."""
-    starts: int = 4
+    starts: int | None = None
+    """Of these three None is what the recipe says."""
     weights_file: str | None = None
     """A trained network; None: it is trained in the run."""
     grid_phase: bool = False
@@ -47,9 +48,9 @@ def read_estimator(table: TableReader | None) -> EstimatorSpec | None:
     spec = EstimatorSpec(
         recipe=recipe,
         seed=table.integer("seed", 0, 2**31 - 1, default=0),
-        hidden=table.integer("hidden", 1, 64, default=8),
-        components=table.integer("components", 0, 1000, default=6),
-        starts=table.integer("starts", 1, 100, default=4),
+        hidden=table.integer("hidden", 1, 64, default=None),
+        components=table.integer("components", 0, 1000, default=None),
+        starts=table.integer("starts", 1, 100, default=None),
         weights_file=table.text("weights", default=None),
         grid_phase=table.flag("grid_phase", default=False),
         v_limit_pu=table.quantity("v_limit_pu", "1", 1.0, 100.0, default=None),

@@ -176,6 +176,8 @@ class ControllerSpec:
     """Given gains of a fixed controller; None: designed in closed form at ``design_grid``."""
     design_grid: Grid | None = None
     update_period: float = 0.02
+    """Time between two updates of a scheduled controller, s; 0: the length of the window of the network that it
+    estimates with (filled in once the network is there)."""
     schedule: str = "closed_form"
     """Of a scheduled controller: ``closed_form``, or ``table`` (designed to the study's specification)."""
     table_file: str | None = None

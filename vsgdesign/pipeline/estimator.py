@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -10,6 +11,7 @@ from vsgdesign.artifacts import staged_folder, write_json
 from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.parameters.study import Study
+from vsgdesign.pipeline.training import network_document
 
 if TYPE_CHECKING:
     from vsgdesign.estimator.comparison import Comparison, ComparisonSettings
@@ -19,12 +21,13 @@ T = TypeVar("T")
 
 
 def report_comparison(
-    study: Study, out: str | Path, *, weights: tuple[str, ...] = (), settings: ComparisonSettings | None = None,
-    progress: Progress | None = None,
+    study: Study, out: str | Path, *, weights: tuple[str, ...] = (), recipes: tuple[str, ...] = (), seed: int = 0,
+    workers: int = 1, settings: ComparisonSettings | None = None, progress: Progress | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Leave results.json, figures and report.html in ``out``; returns the content of results.json.
 
-    ``weights`` are files of networks to compare; without, the published network and one that has seen noise are
+    ``weights`` are files of networks to compare, ``recipes`` names or files of recipes of which one each is trained
+    with ``seed`` on ``workers`` processes; without either, the published network and one that has seen noise are
     trained. The folder appears when everything is done. Raises as
     :func:`vsgdesign.estimator.comparison.compare_methods`, and ArtifactError.
     """
@@ -43,12 +46,12 @@ def report_comparison(
         }
 
     make = (compare_methods, document, comparison_figures, write_comparison_page)
-    return _report(study, out, weights, settings, progress, *make)
+    return _report(study, out, (weights, recipes, seed, workers), settings, progress, *make)
 
 
 def report_stress(
-    study: Study, out: str | Path, *, weights: tuple[str, ...] = (), settings: ComparisonSettings | None = None,
-    progress: Progress | None = None,
+    study: Study, out: str | Path, *, weights: tuple[str, ...] = (), recipes: tuple[str, ...] = (), seed: int = 0,
+    workers: int = 1, settings: ComparisonSettings | None = None, progress: Progress | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """The same for the stress page."""
     from vsgdesign.estimator.stress import stress_methods
@@ -70,32 +73,50 @@ def report_stress(
             ],
         }
 
-    return _report(study, out, weights, settings, progress, stress_methods, document, stress_figures, write_stress_page)
+    make = (stress_methods, document, stress_figures, write_stress_page)
+    return _report(study, out, (weights, recipes, seed, workers), settings, progress, *make)
 
 
 def _report(
-    study: Study, out: str | Path, weights: tuple[str, ...], settings: ComparisonSettings | None,
-    progress: Progress | None, find: Callable[..., T], document: Callable[[T], dict[str, Any]],
+    study: Study, out: str | Path, networks: tuple[tuple[str, ...], tuple[str, ...], int, int],
+    settings: ComparisonSettings | None, progress: Progress | None, find: Callable[..., T],
+    document: Callable[[T], dict[str, Any]],
     figures_of: Callable[[T], Any], write_page: Callable[..., Any],
 ) -> dict[str, Any]:  # fmt: skip
     from vsgdesign.report.estimator_figures import write_all
 
     tell = progress or silent
     with staged_folder(out) as folder:
-        found: Any = find(study, _networks(study, weights, tell), settings, progress=tell)
+        made = _networks(study, *networks, tell)
+        found: Any = find(study, made, settings, progress=tell)
         (folder / "figures").mkdir()
         figures = write_all(figures_of(found), folder / "figures")
         write_page(study.title, found, figures, folder / "report.html")
         whole = {"study": study.name, "study_hash": study.hash, "weights": found.weights}
+        whole |= {"networks": {name: network_document(one) for name, one in made.items()}}
         whole |= {"settings": vars(found.settings)} | document(found)
         whole["figures"] = [figure.name for figure in figures]
         write_json(folder / "results.json", whole)
     return whole
 
 
-def _networks(study: Study, files: tuple[str, ...], progress: Progress) -> dict[str, NetworkWeights]:
-    if files:
-        return {f"Neural, {Path(path).stem}": read_network_weights(path) for path in files}
+def _networks(
+    study: Study, files: tuple[str, ...], recipes: tuple[str, ...], seed: int, workers: int, progress: Progress
+) -> dict[str, NetworkWeights]:
     from vsgdesign.estimator.comparison import train_networks
+    from vsgdesign.estimator.recipes import load_recipe
 
-    return train_networks(study, progress=progress)
+    loaded = [load_recipe(recipe) for recipe in recipes]
+    found: dict[str, NetworkWeights] = {}
+    for path in files:
+        found[_free(f"Neural, {Path(path).stem}", found)] = read_network_weights(path)
+    if files and not recipes:
+        return found
+    for name, weights in train_networks(study, loaded, seed=seed, workers=workers, progress=progress):
+        found[_free(name, found)] = weights
+    return found
+
+
+def _free(name: str, taken: Collection[str]) -> str:
+    """The name, numbered where another network has it."""
+    return next(one for k in itertools.count(1) if (one := name if k == 1 else f"{name} ({k})") not in taken)

@@ -12,6 +12,7 @@ from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.errors import ArtifactError, Fault, StudyError
 from vsgdesign.parameters.estimator import EstimatorSpec
 from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.estimated import same_period
 
 if TYPE_CHECKING:  # the estimator's room is loaded by who trains
     from vsgdesign.estimator.recipes import WindowRecipe
@@ -32,7 +33,7 @@ def with_estimator(
     if spec is None or spec.weights is not None or all(c.estimate != "neural" for c in study.controllers):
         return study, None
     if spec.weights_file is not None:
-        return replace(study, estimator=replace(spec, weights=read_network_weights(spec.weights_file))), None
+        return _with_weights(study, read_network_weights(spec.weights_file)), None
     from vsgdesign.estimator.recipes import load_recipe
     from vsgdesign.estimator.trained import train_estimator
 
@@ -42,7 +43,18 @@ def with_estimator(
         study, recipe, seed=spec.seed, hidden=spec.hidden, components=spec.components, starts=spec.starts,
         progress=progress or silent,
     )  # fmt: skip
-    return replace(study, estimator=replace(spec, weights=trained.weights)), trained
+    return _with_weights(study, trained.weights), trained
+
+
+def _with_weights(study: Study, weights: NetworkWeights) -> Study:
+    """The study with a network; controllers that leave their update period to its window have that."""
+    spec = study.estimator or EstimatorSpec()
+    period = weights.window.samples * weights.window.sample_interval
+    controllers = tuple(
+        replace(one, update_period=period) if one.estimate == "neural" and one.update_period == 0.0 else one
+        for one in study.controllers
+    )
+    return replace(study, estimator=replace(spec, weights=weights), controllers=controllers)
 
 
 def check_fit(study: Study, spec: EstimatorSpec, recipe: WindowRecipe) -> None:
@@ -55,14 +67,17 @@ def check_fit(study: Study, spec: EstimatorSpec, recipe: WindowRecipe) -> None:
             "the field can measure",
             "Give a recipe with a range of phase, or set grid_phase = true to be lent the simulator's own phase.",
         ))  # fmt: skip
+    from vsgdesign.estimator.sampling import describe_sampling, with_sampling
+
+    sampled = with_sampling(recipe, study.converter)
     for controller in study.controllers:
         period = controller.update_period
-        if controller.estimate == "neural" and abs(period - recipe.update_period) > 1e-9 * period:
+        if controller.estimate == "neural" and period and not same_period(period, sampled.update_period, study):
             faults.append(Fault(
                 f"controller {controller.name}.update_period", f"{period:g} s",
-                f"recipe {recipe.name} has windows of {recipe.samples} × {recipe.sample_interval:g} s = "
-                f"{recipe.update_period:g} s",
-                f"Set update_period = {recipe.update_period:g}, or change the recipe.",
+                f"recipe {recipe.name} has windows of {describe_sampling(sampled, study.converter)}",
+                "Leave update_period out: the network answers at the end of every window. Or give the recipe samples "
+                "and sample_interval of that length.",
             ))  # fmt: skip
     if faults:
         raise StudyError(study.name, faults)
@@ -77,17 +92,20 @@ def train_weights_file(
     ``windows`` keeps the windows as well, with the bridge of the recipe. Raises as :func:`with_estimator`.
     """
     from vsgdesign.estimator.recipes import load_recipe
+    from vsgdesign.estimator.sampling import sampling_document, with_sampling
     from vsgdesign.estimator.trained import train_estimator
 
     out = Path(out)
     if out.is_dir() or not out.parent.is_dir() or not os.access(out.parent, os.W_OK):
         raise ArtifactError(f'cannot write "{out}": give a file in a folder that exists and may be written to.')
+    recipe = load_recipe(spec.recipe)
     trained = train_estimator(
-        study, load_recipe(spec.recipe), seed=spec.seed, hidden=spec.hidden, components=spec.components,
+        study, recipe, seed=spec.seed, hidden=spec.hidden, components=spec.components,
         starts=spec.starts, out=windows, workers=workers, progress=progress or silent,
     )  # fmt: skip
     write_network_weights(trained.weights, out)
-    return {"file": str(out)} | network_document(trained.weights) | training_document(trained)
+    found = {"file": str(out)} | network_document(trained.weights) | training_document(trained)
+    return found | {"window": sampling_document(with_sampling(recipe, study.converter), study.converter)}
 
 
 def network_document(weights: NetworkWeights) -> dict[str, Any]:
@@ -100,6 +118,13 @@ def network_document(weights: NetworkWeights) -> dict[str, Any]:
         "seed": weights.seed,
         "synchronised": weights.window.synchronised,
         "channels": weights.window.channels,
+        "window": {
+            "samples": weights.window.samples,
+            "sample_interval_s": weights.window.sample_interval,
+            "period_s": weights.window.samples * weights.window.sample_interval,
+            "cycles": weights.recipe.get("cycles"),
+        },
+        "hidden": len(weights.network.b_1),
         "trained_on": weights.trained_on,
     }
 
@@ -107,6 +132,7 @@ def network_document(weights: NetworkWeights) -> dict[str, Any]:
 def training_document(trained: TrainedEstimator) -> dict[str, Any]:
     """How a training went, in JSON's types."""
     return {
+        "draws": trained.draws,
         "stop": trained.stop,
         "epochs": trained.epochs,
         "components": trained.components,

@@ -200,7 +200,8 @@ def _stress(found: Stress) -> NamedFigure:
     )  # fmt: skip
     caption = (
         "How to read: rms error |Ẑ − Z|/|Z|, one quantity at a time taken from its nominal value (dotted); otherwise "
-        "SCR 8, X/R 1, 50 Hz, ideal sensors. Shaded: 10 % and better. What is beyond the axis is drawn on its edge."
+        f"SCR 8, X/R 1, {found.f_n:g} Hz, ideal sensors. Shaded: 10 % and better. "
+        "What is beyond the axis is drawn on its edge."
     )
     return NamedFigure("estimator_stress", "Where each method breaks", caption, figure, 1)
 

@@ -96,7 +96,8 @@ def specs_table(result: HasStudy, specs: Sequence[ControllerSpec]) -> Table:
     rows = []
     for spec in specs:
         if spec.kind == "scheduled":
-            how = f"rescheduled every {plain_quantity(spec.update_period, 's')} from " + (
+            every = f"every {plain_quantity(spec.update_period, 's')}" if spec.update_period else "after every window"
+            how = f"rescheduled {every} from " + (
                 "the true grid impedance" if spec.estimate == "truth" else "the network's estimate of the grid"
             )
         elif spec.gains is not None:

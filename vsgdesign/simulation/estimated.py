@@ -86,8 +86,8 @@ class EstimatedScheduler:
 
     @property
     def update_period(self) -> float:
-        """That of the controller, s."""
-        return self._spec.update_period
+        """Length of the network's window, s: that of the controller, or as near as whole control periods allow."""
+        return self._window.samples * self._window.sample_interval
 
     @property
     def sample_interval(self) -> float:
@@ -168,6 +168,12 @@ def weights_of(study: Study, spec: ControllerSpec) -> NetworkWeights:
     return estimator.weights
 
 
+def same_period(period: float, length: float, study: Study) -> bool:
+    """Whether an update period is the length of a window: the same number of control periods (s both)."""
+    T_s = study.converter.T_s
+    return round(period / T_s) == round(length / T_s)
+
+
 def estimator_of(study: Study, spec: ControllerSpec, weights: NetworkWeights) -> NeuralEstimator:
     """The network as it ships, for the windows of a controller. Raises ArtifactError with all that does not fit."""
     spec_of, c, window = study.estimator, study.converter, weights.window
@@ -175,10 +181,11 @@ def estimator_of(study: Study, spec: ControllerSpec, weights: NetworkWeights) ->
         raise InfeasibleStudyError(f"controller {spec.name}: the study has no [estimator] section.")
     length = window.samples * window.sample_interval
     faults = []
-    if abs(spec.update_period - length) > 1e-9 * length:
+    if spec.update_period and not same_period(spec.update_period, length, study):
         faults.append(
             f"update_period = {spec.update_period * 1e3:g} ms: the weights take windows of {window.samples} × "
-            f"{window.sample_interval * 1e6:g} µs = {length * 1e3:g} ms. Set that, or train for another window"
+            f"{window.sample_interval * 1e6:g} µs = {length * 1e3:g} ms. Leave update_period out: the network answers "
+            "at the end of every window. Or train for another window"
         )
     steps = window.sample_interval / c.T_s
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-6 * steps:
@@ -186,7 +193,8 @@ def estimator_of(study: Study, spec: ControllerSpec, weights: NetworkWeights) ->
             f"sample_interval = {window.sample_interval * 1e6:g} µs: no whole multiple of the controller's sampling "
             f"period, {c.T_s * 1e6:g} µs. Train with one that is (sample_interval in the recipe)"
         )
-    for name, unit, value in (("S_rated", "VA", c.S_rated), ("V_rated_rms", "V", c.V_rated_rms)):
+    f_n = c.omega_n / (2.0 * math.pi)
+    for name, unit, value in (("S_rated", "VA", c.S_rated), ("V_rated_rms", "V", c.V_rated_rms), ("f_n", "Hz", f_n)):
         trained = weights.training.get("converter", {}).get(name, value)
         if abs(trained - value) > 1e-6 * value:
             faults.append(

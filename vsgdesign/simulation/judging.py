@@ -36,7 +36,7 @@ class Judgement:
     rest: tuple[RestError, ...]
     changes: tuple[ChangeSeen, ...]
     twin: str | None
-    """The controller that differs by knowing the truth alone, if the study has one."""
+    """The controller that differs by knowing the truth alone, and by when it is told, if the study has one."""
     steps: tuple[StepAgainstTruth, ...]
 
     @property
@@ -76,7 +76,8 @@ def judge_estimates(result: ScenarioResult) -> tuple[Judgement, ...]:
 
 
 def _is_twin(controller: ControllerResult, other: ControllerResult) -> bool:
-    return other.estimates is None and replace(controller.spec, name=other.spec.name, estimate="truth") == other.spec
+    changes = {"name": other.spec.name, "estimate": "truth", "update_period": other.spec.update_period}
+    return other.estimates is None and replace(controller.spec, **changes) == other.spec
 
 
 def _against(controller: ControllerResult, twin: ControllerResult) -> tuple[StepAgainstTruth, ...]:

@@ -39,11 +39,13 @@ class BlockEquation:
         return whole - 1 if rest == 0 else None
 
 
-def block_equation(record: Record, guess: Grid, per_window: int = 2) -> BlockEquation:
+def block_equation(record: Record, guess: Grid) -> BlockEquation:
     """The equations of a record; ``guess`` is for the weight of the current's noise alone.
 
-    Over half a cycle the 5th and 7th harmonics, which turn at six times the grid's frequency here, are zero on average.
+    Over half a cycle the 5th and 7th harmonics, which turn at six times the grid's frequency here, are zero on average:
+    a block is half a window, or a whole one where its number of samples is odd.
     """
+    per_window = 1 if record.samples % 2 else 2
     size = record.samples // per_window
     v, i = (x.reshape(len(x), -1, size).mean(axis=2) for x in record.rotating())
     T = size * record.sample_interval

@@ -13,17 +13,19 @@ from vsgdesign.simulation import Probe
 
 @dataclass(frozen=True)
 class Injection:
-    """A positive-sequence voltage of ``frequency_hz`` and ``amplitude`` (of rated), measured over ``cycles`` of the
-    fundamental by a Fourier sum (:eq:`injection`).
+    """A positive-sequence voltage of ``frequency_hz`` and ``amplitude`` (of rated), measured over ``windows`` windows
+    by a Fourier sum (:eq:`injection`).
 
-    Two cycles are the shortest that hold whole periods of 50 and 75 Hz; a window's answer is from the ``cycles``
-    windows that end with it.
+    Two cycles are the shortest that hold whole periods of 50 and 75 Hz, so two windows of whole cycles do; a window's
+    answer is from those that end with it.
     """
 
     amplitude: float = 0.005
     frequency_hz: float = 75.0
     nominal_hz: float = 50.0
-    cycles: int = 2
+    window_cycles: int = 1
+    """Cycles of ``nominal_hz`` in a window."""
+    windows: int = 2
     hold: float = 1e-3
     name: str = "75 Hz injection"
     signals: str = "injection"
@@ -31,7 +33,7 @@ class Injection:
     @property
     def probe(self) -> Probe:
         """The injected voltage in the converter's frame, where it turns at the difference of the two frequencies."""
-        steps = round(self.cycles / self.nominal_hz / self.hold)
+        steps = round(self.windows * self.window_cycles / self.nominal_hz / self.hold)
         turn = 2.0 * math.pi * (self.frequency_hz - self.nominal_hz) * self.hold
         values = self.amplitude * np.exp(1j * turn * np.arange(steps))
         return Probe(values.astype(complex), self.hold)
@@ -45,8 +47,8 @@ class Injection:
         turned = x * np.exp(-1j * self.slip() * sample_interval * np.arange(x.shape[1]))
         sums = turned.reshape(len(x), windows, -1).mean(axis=2)
         found = np.full(sums.shape, np.nan, dtype=complex)
-        for last in range(self.cycles - 1, windows):
-            found[:, last] = sums[:, last - self.cycles + 1 : last + 1].mean(axis=1)
+        for last in range(self.windows - 1, windows):
+            found[:, last] = sums[:, last - self.windows + 1 : last + 1].mean(axis=1)
         return found
 
     def estimate(self, record: Record) -> Estimates:

@@ -1,4 +1,4 @@
-"""The trained network, as it ships, on the published windows."""
+"""The trained network, as it ships, on the windows that it was trained for."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from vsgdesign.runtime.network import neural_estimator
 
 @dataclass(frozen=True, eq=False)
 class NeuralMethod:
-    """A network on phase A's windows. It is given the grid's phase, as published: the comparison is in its favour.
+    """A network on windows of its own channels. It is given the grid's phase, as published: the comparison is in
+    its favour.
 
     Answers beyond its trained range are clipped, as on the controller.
     """
@@ -26,13 +27,14 @@ class NeuralMethod:
 
     def estimate(self, record: Record) -> Estimates:
         """One window, one estimate. Raises ArtifactError for weights of another kind of window."""
-        if self.weights.window.samples != record.samples:
-            raise ArtifactError(
-                f"the weights take {self.weights.window.samples} samples, the windows have {record.samples}."
-            )
-        estimator = neural_estimator(self.weights, sample_interval=record.sample_interval, grid_phase=True)
-        half = record.samples
+        window = self.weights.window
+        if window.samples != record.samples:
+            raise ArtifactError(f"the weights take {window.samples} samples, the windows have {record.samples}.")
+        estimator = neural_estimator(
+            self.weights, sample_interval=record.sample_interval, channels=window.channels, grid_phase=True
+        )
+        half = window.length // 2
         found = np.array([
-            [estimator.estimate(window[:half], window[half:])[:2] for window in run] for run in record.phase_a
+            [estimator.estimate(one[:half], one[half:])[:2] for one in run] for run in record.channels[window.channels]
         ])  # fmt: skip
         return Estimates(found[:, :, 0], found[:, :, 1])

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.estimator.bound import SensorNoise, sensor_noise
-from vsgdesign.estimator.recipes import WindowRecipe
+from vsgdesign.estimator.recipes import CHANNELS, WindowRecipe
+from vsgdesign.estimator.scenarios import draw_scenario
 from vsgdesign.estimator.sensing import measured_channels
-from vsgdesign.estimator.windows import draw_scenario, record_windows
+from vsgdesign.estimator.windows import record_windows, synchronised_vectors
 from vsgdesign.frames import instantaneous_power, rms_to_peak
 from vsgdesign.parameters.study import Converter, Grid, Study
 from vsgdesign.simulation import Probe
@@ -29,6 +30,9 @@ class Run:
     recipe: WindowRecipe
     vectors: Array
     """(W, 2, 2, n): v_pcc and i_pcc, α and β, peak."""
+    synchronised: Array
+    """The same turned so that a grid of nominal frequency begins every window at the same angle: what a network of
+    synchronised windows is shown. Equal where windows are whole cycles."""
     theta: Array
     """(W, n): the converter's angle, rad."""
     omega: float
@@ -60,8 +64,8 @@ class Record:
     v: ComplexArray
     """(B, W·n): α + jβ at the PCC."""
     i: ComplexArray
-    phase_a: Array
-    """(B, W, 2n): the published windows, v_a then i_a."""
+    channels: dict[str, Array]
+    """(B, W, 2·C·n) by name of recipes.CHANNELS: windows as a network takes them; ``phase_a``: v_a, then i_a."""
     omega: Array
     """(B,): the grid's frequency as the converter knows it, rad/s."""
     R_g: Array
@@ -136,28 +140,32 @@ def run_case(study: Study, recipe: WindowRecipe, index: int, seed: int = 0, prob
     at_rest = np.unwrap(theta[~after].ravel())
     slope = np.polynomial.polynomial.polyfit(np.arange(len(at_rest)) * recipe.sample_interval, at_rest, 1)[1]
     grids = tuple(scenario.grids[int(later)] for later in after)
-    return Run(study.converter, recipe, vectors, theta, float(slope), grids, scenario.noise, scenario.seed)
+    turned = synchronised_vectors(study, recipe, windows, vectors)
+    return Run(study.converter, recipe, vectors, turned, theta, float(slope), grids, scenario.noise, scenario.seed)
 
 
 def measure(runs: Sequence[Run], draws: int = 1) -> Record:
     """The runs through their sensors, ``draws`` times each with noise of its own: B = runs × draws, run by run."""
     first = runs[0]
     c, n = first.converter, first.recipe.samples
-    v, i, phase_a = [], [], []
+    v, i, seen = [], [], {channels: [] for channels in CHANNELS}
     for run in runs:
         for draw in range(draws):
-            per_channel = []
-            for channels in ("alpha_beta", "phase_a"):  # the same sensors, seen twice
-                rng = np.random.default_rng((*run.seed, 2, draw))
+
+            def taken(channels: str, vectors: Array, run: Run = run, draw: int = draw) -> Array:
+                rng = np.random.default_rng((*run.seed, 2, draw))  # the same sensors, seen in several ways
                 recipe = replace(run.recipe, channels=channels)
-                per_channel.append(measured_channels(c, recipe, run.vectors, run.theta, run.noise, rng))
-            both = per_channel[0].reshape(-1, 2, 2, n)
+                return measured_channels(c, recipe, vectors, run.theta, run.noise, rng)
+
+            both = taken("alpha_beta", run.vectors).reshape(-1, 2, 2, n)
             v.append((both[:, 0, 0] + 1j * both[:, 0, 1]).ravel())
             i.append((both[:, 1, 0] + 1j * both[:, 1, 1]).ravel())
-            phase_a.append(per_channel[1])
+            for channels, windows in seen.items():
+                windows.append(taken(channels, run.vectors if channels == "dq" else run.synchronised))
     repeated = [run for run in runs for _ in range(draws)]
     return Record(
-        np.array(v), np.array(i), np.array(phase_a), np.array([run.omega for run in repeated]),
+        np.array(v), np.array(i), {name: np.array(windows) for name, windows in seen.items()},
+        np.array([run.omega for run in repeated]),
         np.array([[grid.R_g for grid in run.grids] for run in repeated]),
         np.array([[grid.L_g for grid in run.grids] for run in repeated]),
         tuple(sensor_noise(c, run.noise, run.recipe.adc_bits, run.recipe.adc_range_pu) for run in repeated),

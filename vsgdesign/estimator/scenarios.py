@@ -1,0 +1,213 @@
+"""What one run of a data set is: drawn from a recipe, drawn again where the converter cannot run it, and counted."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import InfeasibleStudyError, LimitHitError, NoOperatingPointError
+from vsgdesign.estimator.data_set import REASONS
+from vsgdesign.estimator.recipes import WindowRecipe
+from vsgdesign.operating_point import solve_operating_point
+from vsgdesign.operating_point.full_order import Cell, linearise_full_order
+from vsgdesign.operating_point.sampled import steady_state
+from vsgdesign.parameters.study import Grid, GridSource, Study, grid_from_scr
+from vsgdesign.runtime.closed_form import closed_form_schedule
+
+ATTEMPTS = 100
+"""Draws of a scenario before a recipe is given up as impossible."""
+
+SURVEYED = 200
+"""Scenarios that are drawn before the first one is run, so that a recipe that is mostly impossible costs a second."""
+
+_ADVICE = {
+    "no operating point": "Raise the low end of scr, or ask for less P_pu and Q_pu",
+    "bridge voltage": "Raise the low end of scr, ask for less P_pu and Q_pu, or raise V_dc of the converter",
+    "current": "Ask for less P_pu and Q_pu, or raise current_limit_pu of the converter",
+    "voltage limits": "Raise the low end of scr, ask for less Q_pu, or widen V_min_pu and V_max_pu of the converter",
+    "unstable": "Lower the high end of scr or x_over_r: with these inner loops and gains there are modes that grow "
+                "(vsgdesign margins shows where)",
+}  # fmt: skip
+
+_WORDS = {
+    "no operating point": "have no operating point",
+    "bridge voltage": "need more voltage than the bridge makes",
+    "current": "need more current than current_limit_pu",
+    "voltage limits": "leave V_min_pu to V_max_pu",
+    "unstable": "are unstable",
+}
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One run: where it begins, what changes, and with which gains."""
+
+    index: int
+    grids: tuple[Grid, Grid]
+    gains: tuple[PowerLoopGains, PowerLoopGains]
+    references: tuple[tuple[float, float], tuple[float, float]]
+    """(P_ref, Q_ref) before and after the change."""
+    source: GridSource
+    phase: float
+    noise: tuple[float, float]
+    harmonics: dict[int, complex]
+    """Background phasors by order (−5: negative sequence), relative to the fundamental."""
+    seed: tuple[int, ...]
+    redrawn: tuple[int, ...] = (0,) * len(REASONS)
+    """Draws thrown away before this one, by reason."""
+
+
+@dataclass(frozen=True)
+class _Draw:
+    """What a draw says, and why the converter cannot run it (empty: it can)."""
+
+    numbers: dict[str, float]
+    scenario: Scenario | None
+    reason: str = ""
+
+
+def draw_scenario(study: Study, recipe: WindowRecipe, seed: int, index: int) -> Scenario:
+    """One scenario of a recipe: the first of its draws that the converter can run. Depends on nothing else.
+
+    A draw is thrown away where before or after its change the grid cannot carry the power, the bridge's voltage or
+    the current limit is exceeded at rest, the loops are unstable, or, with ``within_V_limits``, the voltage leaves the
+    study's limits. Raises InfeasibleStudyError after ATTEMPTS draws.
+    """
+    *thrown, last = _draws(study, recipe, seed, index)
+    if last.scenario is None:
+        raise InfeasibleStudyError(_impossible(recipe, [*thrown, last], f"scenario {index}"))
+    return last.scenario
+
+
+def check_draws(study: Study, recipe: WindowRecipe, seed: int) -> None:
+    """Draw the first scenarios without running them. Raises InfeasibleStudyError where most draws are thrown away."""
+    draws = [one for k in range(min(recipe.scenarios, SURVEYED)) for one in _draws(study, recipe, seed, k)]
+    kept = sum(not one.reason for one in draws)
+    if kept < len(draws) / 2:
+        raise InfeasibleStudyError(_impossible(recipe, draws, f"the first {min(recipe.scenarios, SURVEYED)} scenarios"))
+
+
+def _draws(study: Study, recipe: WindowRecipe, seed: int, index: int) -> list[_Draw]:
+    """The draws of a scenario, of which all but the last are thrown away."""
+    found: list[_Draw] = []
+    counts: Counter[str] = Counter()
+    for attempt in range(ATTEMPTS):
+        found.append(_draw(study, recipe, index, (seed, index, attempt), tuple(counts[name] for name in REASONS)))
+        if not found[-1].reason:
+            break
+        counts[found[-1].reason] += 1
+    return found
+
+
+def _draw(study: Study, recipe: WindowRecipe, index: int, key: tuple[int, ...], redrawn: tuple[int, ...]) -> _Draw:
+    rng, c = np.random.default_rng(key), study.converter
+    V_g_pu = recipe.V_g_pu.draw(rng, index)
+    source = GridSource(V_g_pu * c.V_rated_rms, recipe.f_g_pu.draw(rng, index) * c.omega_n)
+
+    scr, x_over_r = recipe.scr.draw(rng, index), recipe.x_over_r.draw(rng, index)
+    first = grid_from_scr(scr, x_over_r, recipe.scr_basis, c)
+    P_pu, Q_pu = (spread.draw(rng, index) for spread in (recipe.P_pu, recipe.Q_pu))
+    steps = tuple(spread.draw(rng, index) for spread in (recipe.P_step_pu, recipe.Q_step_pu))
+    second = _other_grid(study, recipe, rng, scr) if rng.random() < recipe.grid_step_share else first
+    numbers = {"scr": scr, "x_over_r": x_over_r, "P_pu": P_pu, "Q_pu": Q_pu, "V_g_pu": V_g_pu}
+    gains, refs = [], []
+    for k, held in enumerate((first, second)):
+        # Gains as a schedule would have them there, and references that put P and Q where they were drawn.
+        P, Q = (value * c.S_rated + k * (step * c.S_rated) for value, step in zip((P_pu, Q_pu), steps, strict=True))
+        try:
+            gains.append(closed_form_schedule(study, study.target, P, Q).gains(held.R_g, held.L_g))
+            point = solve_operating_point(
+                P, Q, source.V_g_rms, *study.path_to_grid(held, source.omega_g), V_limits_rms=c.V_limits_rms
+            )
+        except NoOperatingPointError:
+            return _Draw(numbers, None, "no operating point")
+        if recipe.within_V_limits and not point.V_within_limits:
+            return _Draw(numbers, None, "voltage limits")
+        droop_P = gains[k].D_p * (c.omega_n - source.omega_g)
+        refs.append((P - droop_P, Q - gains[k].D_q * (c.V_rated_rms - point.V_rms)))
+    noise = (recipe.noise_v.draw(rng, index), recipe.noise_i.draw(rng, index))
+    harmonics = {}
+    for order, spread in ((-5, recipe.harmonic_5), (7, recipe.harmonic_7)):
+        amplitude, angle = spread.draw(rng, index), rng.uniform(0.0, 2.0 * math.pi)
+        if amplitude > 0.0:
+            harmonics[order] = amplitude * complex(math.cos(angle), math.sin(angle))
+    phase = recipe.phase.draw(rng, index)
+    scenario = Scenario(
+        index, (first, second), (gains[0], gains[1]), (refs[0], refs[1]), source, phase, noise, harmonics, key, redrawn
+    )
+    reason = _why_not(study, scenario)
+    return _Draw(numbers, None if reason else scenario, reason)
+
+
+def _why_not(study: Study, scenario: Scenario) -> str:
+    """Why a scenario does not rest before or after its change, of REASONS; empty: it does."""
+    cells = []
+    for grid, gains, refs in zip(scenario.grids, scenario.gains, scenario.references, strict=True):
+        try:
+            steady_state(study, grid, scenario.source, *refs, gains)
+        except LimitHitError as error:
+            return error.limit
+        except (InfeasibleStudyError, NoOperatingPointError):
+            return "no operating point"
+        cells.append(Cell(grid, gains, *refs, scenario.source))
+    largest = np.abs(np.linalg.eigvals(linearise_full_order(study, cells).A)).max()
+    return "unstable" if largest > 1.0 + 1e-9 else ""
+
+
+def _other_grid(study: Study, recipe: WindowRecipe, rng: np.random.Generator, scr: float) -> Grid:
+    for _ in range(ATTEMPTS):
+        number = int(rng.integers(1 << 16))
+        other, x_over_r = recipe.scr.draw(rng, number), recipe.x_over_r.draw(rng, number)
+        if other != scr and max(other / scr, scr / other) <= recipe.grid_step_ratio:
+            return grid_from_scr(other, x_over_r, recipe.scr_basis, study.converter)
+    raise InfeasibleStudyError(
+        f"recipe {recipe.name}: no second grid within a ratio of {recipe.grid_step_ratio:g} of SCR {scr:g}. "
+        "Raise grid_step_ratio, set grid_step_share to 0, or give scr more values."
+    )
+
+
+def _impossible(recipe: WindowRecipe, draws: Sequence[_Draw], of: str) -> str:
+    """What is wrong with a recipe of which most draws are thrown away, and which field to change."""
+    thrown = Counter(one.reason for one in draws if one.reason)
+    parts = ", ".join(f"{count} {_WORDS[reason]}" for reason, count in thrown.most_common())
+    share = f"{sum(thrown.values())} of {len(draws)} draws for {of}"
+    advice = _ADVICE[thrown.most_common(1)[0][0]]
+    return f"recipe {recipe.name}: {share} cannot be run on this converter ({parts}). {_deciding(draws)}{advice}."
+
+
+def _deciding(draws: Sequence[_Draw]) -> str:
+    """The field that tells draws that can be run from the others best; empty where there is none to compare."""
+    bad = np.array([bool(one.reason) for one in draws])
+    if bad.all() or not bad.any():
+        held = ", ".join(f"{name} = {value:.3g}" for name, value in draws[-1].numbers.items())
+        return f"The last has {held}. "
+    best, text = 0.0, ""
+    for name in draws[0].numbers:
+        values = np.array([one.numbers[name] for one in draws])
+        if np.ptp(values) == 0.0:
+            continue
+        scaled = np.log(values) if name in ("scr", "x_over_r") else values
+        apart = abs(scaled[bad].mean() - scaled[~bad].mean()) / scaled.std()
+        if apart > best:
+            middle = float(np.median(values))
+            low, high = (float(np.mean(bad[side])) for side in (values <= middle, values > middle))
+            best = apart
+            text = (
+                f"{name} decides most: {100.0 * low:.0f} % of the draws up to {middle:.3g} cannot be run, "
+                f"{100.0 * high:.0f} % of those above. "
+            )
+    return text
+
+
+def describe_draws(draws: dict[str, object]) -> str:
+    """One line on what was thrown away (:attr:`vsgdesign.estimator.data_set.DataSet.draws`); empty: nothing was."""
+    thrown = draws["thrown_away"]
+    if not isinstance(thrown, dict) or not thrown:
+        return ""
+    parts = ", ".join(f"{count} {_WORDS[reason]}" for reason, count in thrown.items())
+    return f"drawn again: {sum(thrown.values())} of {draws['draws']} draws, because {parts}"
