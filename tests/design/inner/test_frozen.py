@@ -13,7 +13,7 @@ from vsgdesign.design.inner.grids import GridBox, circuits, lattice
 from vsgdesign.design.inner.margins import frequencies, margins
 from vsgdesign.design.inner.promises import controller_settings
 from vsgdesign.design.inner.system import study_of
-from vsgdesign.design.inner.variables import closed_form_start
+from vsgdesign.design.inner.variables import closed_form_starts
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
@@ -38,7 +38,7 @@ def frozen_modes(c: Converter, f: Filter, gains: InnerLoopGains, omega_t: float,
 def test_modes_are_those_of_the_full_order_with_power_loops_at_rest(case: str, transient: bool) -> None:
     """With power gains of nearly zero the full-order model has the frozen modes, their conjugates and three at rest."""
     c, f = datasheet(case)
-    gains, omega_t = closed_form_start(c, f)
+    gains, omega_t = closed_form_starts(c, f, 10.0)[0]
     if not transient:
         gains = gains._replace(R_t=0.0, X_t=0.0, kappa=0.0)
     still = PowerLoopGains(K_ip=1e-12 / c.S_rated, D_p=0.0, K_iq=1e-12 / c.S_rated, D_q=0.0)
@@ -62,7 +62,7 @@ def test_d_and_q_are_alike() -> None:
     from vsgdesign.equations.controller import ControllerState, Measurement, voltage_stage
 
     c, f = datasheet("lab_12kva_lcl")
-    gains, omega_t = closed_form_start(c, f)
+    gains, omega_t = closed_form_starts(c, f, 10.0)[0]
     settings = study_of(c, f, gains, omega_t).controller_settings()._replace(i_max_pk=1e9, v_max_pk=1e9)
     law = law_matrix(one(gains), np.array([omega_t]), settings)[0]
     for k in range(len(INPUTS)):
@@ -108,7 +108,7 @@ def loop_by_states(c: Converter, f: Filter, law: np.ndarray, point: tuple, z: np
 @pytest.mark.parametrize("case", CASES)
 def test_margins_are_those_of_the_loop_solved_state_by_state(case: str) -> None:
     c, f = datasheet(case)
-    gains, omega_t = closed_form_start(c, f)
+    gains, omega_t = closed_form_starts(c, f, 10.0)[0]
     if case == "sized_5mva_3300v":  # the closed form leaves this one unstable
         gains = gains._replace(K_pc=0.2 * gains.K_pc, K_ic=0.2 * gains.K_ic)
     settings = controller_settings(c, f)
@@ -129,7 +129,7 @@ def test_margins_are_those_of_the_loop_solved_state_by_state(case: str) -> None:
 def test_noise_is_the_rms_of_the_output_for_white_noise() -> None:
     """Parseval: the mean of the spectrum is the sum of the squared pulse responses, here of the whole closed loop."""
     c, f = datasheet("lab_12kva_lcl")
-    gains, omega_t = closed_form_start(c, f)
+    gains, omega_t = closed_form_starts(c, f, 10.0)[0]
     settings = controller_settings(c, f)
     law = law_matrix(one(gains), np.array([omega_t]), settings)
     circuit = plants(circuits(c, f, [(4.0, 2.0)], "impedance"), settings, c.delay_samples, c.omega_n)

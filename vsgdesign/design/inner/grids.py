@@ -74,6 +74,12 @@ def circuits(
     return [FilterGrid(f.L_1, f.R_1, f.C, f.R_c, f.L_2, f.R_2, g.R_g, g.L_g) for g in grids]
 
 
+def sampling_ratio(converter: Converter, filter_: Filter, box: GridBox) -> float:
+    """Sampling frequency over the box's highest resonance: what decides how well the inner loops can be damped."""
+    resonance = highest_resonance(converter, filter_, box)
+    return 2.0 * math.pi / (converter.T_s * resonance) if resonance > 0.0 else math.inf
+
+
 def highest_resonance(converter: Converter, filter_: Filter, box: GridBox) -> float:
     """Highest natural frequency of filter and grid among the box's corners, rad/s; 0 where nothing rings."""
     return max(

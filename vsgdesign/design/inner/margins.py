@@ -58,9 +58,8 @@ def rational(circuits: Plants) -> Rational:
     c_0 = -np.trace(A @ second, axis1=1, axis2=2) / 3.0
     adjugate_b = np.stack([b, (first @ b[..., None])[..., 0], (second @ b[..., None])[..., 0]], axis=-1)
     numerator = circuits.sensors @ adjugate_b
-    return Rational(
-        numerator, np.stack([np.ones(len(A)), -trace, c_1, c_0], axis=-1), circuits.turn if circuits.delay else 0j
-    )
+    denominator = np.stack([np.ones(len(A)), -trace, c_1, c_0], axis=-1).astype(complex)
+    return Rational(numerator, denominator, circuits.turn if circuits.delay else 0j)
 
 
 def margins(law: Complex, circuits: Plants, modes: Complex, omega: Array, scales: Array) -> Array:

@@ -66,8 +66,10 @@ class InnerScore:
 
 
 def limiting(promises: tuple[PromiseReached, ...]) -> PromiseReached:
-    """The promise with the least score; where a loop is unstable, damping or tolerance, which are known there."""
-    return min((promise for promise in promises if not math.isnan(promise.score)), key=lambda promise: promise.score)
+    """The promise that t is the score of: the least; where a mode grows, of damping and tolerance alone."""
+    damped = [promise for promise in promises if promise.name in ("damping", "tolerance")]
+    unstable = min(promise.score for promise in damped) <= 0.0
+    return min(damped if unstable else promises, key=lambda promise: promise.score)
 
 
 def score_inner_loops(

@@ -1,4 +1,4 @@
-"""CMA-ES from three starts on a coarse lattice; then the worst unseen grids join, until a fine lattice agrees."""
+"""CMA-ES from several starts on a coarse lattice; then the worst unseen grids join, until a fine lattice agrees."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.progress import Progress
-from vsgdesign.design.inner.grids import GridBox, GridPoint, corners, lattice
+from vsgdesign.design.inner.grids import GridBox, GridPoint, corners, lattice, sampling_ratio
 from vsgdesign.design.inner.promises import Bench, Promises, bench_of, evaluate, scores, worst_score
-from vsgdesign.design.inner.variables import Variables, closed_form_start, variables
+from vsgdesign.design.inner.variables import Variables, closed_form_starts, variables
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.parameters.study import Converter, Filter
 
@@ -22,7 +22,7 @@ POPULATION = 20
 WIDTH = 0.12
 """First standard deviation, in the box's width."""
 SOBOL = 512
-"""Points that each of the second and third start is the best of."""
+"""Points that each start that is no closed form is the best of."""
 COARSE = (4, 3)
 """SCR × X/R of the search's first grids. The stiff end is where it is decided, and that is a corner."""
 FINE = (13, 13)
@@ -62,7 +62,7 @@ class Found:
     search_t: float
     """On the grids of the search."""
     start_t: float
-    """Of the closed-form start, on the fine lattice."""
+    """Of the closed-form start (the better, where there are two), on the fine lattice."""
     promises: Promises
     """On the fine lattice, (1, grids)."""
     evaluations: int
@@ -113,9 +113,9 @@ def search(
     fine = made(every, every)
     grids, off = list(coarse), list(corners(box))
     t_of = _score_on(space, made(grids, off, points=POINTS_SEARCH))
-    closed_form = closed_form_start(converter, filter_)
-    starts, sobol = _starts(space, t_of, closed_form, seed)
-    starts += [space.encode(*start) for start in more_starts]
+    closed_forms = closed_form_starts(converter, filter_, sampling_ratio(converter, filter_, box))
+    starts = [space.encode(*start) for start in (*closed_forms, *more_starts)]
+    starts += _best_of_sobol(space, t_of, seed)
     total = effort.heat * len(starts) + 2 * (effort.generations - effort.heat) + effort.rounds * effort.joined
     done = 0
 
@@ -131,7 +131,7 @@ def search(
     for run in ranked[:2]:
         run.advance(t_of, effort.generations - effort.heat, progress)
     winner = max(ranked[:2], key=lambda run: run.t)
-    evaluations = sobol + sum(run.evaluations for run in runs)
+    evaluations = 2 * SOBOL + sum(run.evaluations for run in runs)
     x, search_t = winner.best, winner.t
     promises, t = _on(fine, space, x)
     for k in range(effort.rounds):
@@ -147,7 +147,7 @@ def search(
         promises, t = _on(fine, space, x)
     tell("inner loops", 1.0)
     gains, omega_t = space.decode(x[None])
-    start_t = float(worst_score(evaluate(fine, *_as_arrays(*closed_form)), fine.targets)[0])
+    start_t = max(float(worst_score(evaluate(fine, *_as_arrays(*start)), fine.targets)[0]) for start in closed_forms)
     return Found(
         InnerLoopGains(*(float(value[0]) for value in gains)), float(omega_t[0]), t, search_t, start_t, promises,
         evaluations, tuple(grids),
@@ -167,16 +167,13 @@ def _as_arrays(gains: InnerLoopGains, omega_t: float) -> tuple[InnerLoopGains, A
     return InnerLoopGains(*(np.array([float(value)]) for value in gains)), np.array([omega_t])
 
 
-def _starts(
-    space: Variables, t_of: Callable[[Array], Array], closed_form: tuple[InnerLoopGains, float], seed: int
-) -> tuple[list[Array], int]:  # fmt: skip
-    """The closed form, and the best of each half of a scrambled Sobol sequence; how many points were looked at."""
+def _best_of_sobol(space: Variables, t_of: Callable[[Array], Array], seed: int) -> list[Array]:
+    """The best of each half of a scrambled Sobol sequence."""
     from scipy.stats import qmc
 
     points = qmc.Sobol(len(space.names), rng=np.random.default_rng(seed)).random(2 * SOBOL)
-    t = np.concatenate([t_of(part) for part in np.split(points, 2 * SOBOL // 64)])
-    halves = np.split(np.arange(2 * SOBOL), 2)
-    return [space.encode(*closed_form), *(points[half[np.argmax(t[half])]] for half in halves)], 2 * SOBOL
+    halves = points.reshape(2, SOBOL // 64, 64, len(space.names))
+    return [half.reshape(SOBOL, -1)[np.argmax([t_of(part) for part in half])] for half in halves]
 
 
 def _join(promises: Promises, fine: Bench, grids: list[GridPoint], off: list[GridPoint]) -> None:

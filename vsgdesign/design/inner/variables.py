@@ -31,16 +31,8 @@ _BOUNDS = {
     "kappa": (0.0, 2.0),
 }
 
-START_DELAYED = {
-    "k_c": 0.50, "k_v": 0.97, "r_v": 2.3, "r_c": 29.0, "R_t": 0.12, "omega_t": 0.64, "K_ff": 0.61, "X_t": 0.11,
-    "kappa": 1.5,
-}  # fmt: skip
-START_UNDELAYED = {
-    "k_c": 0.61, "k_v": 1.75, "r_v": 1.9, "r_c": 75.0, "R_t": 0.07, "omega_t": 1.0, "K_ff": 0.69, "X_t": 0.23,
-    "kappa": 0.0,
-}  # fmt: skip
-"""A closed form that fits many converters (:eq:`inner-start`): k_v is K_pv K_pc here, r_v is K_iv Z_b/ω_n, and r_c is
-K_ic/K_pc in 1/s."""
+SLOW = 5.0
+"""Sampling frequency over the highest resonance, below which a second closed form is worth a start."""
 
 
 @dataclass(frozen=True)
@@ -91,13 +83,25 @@ def variables(converter: Converter, filter_: Filter) -> Variables:
     return Variables(names, limits[:, 0], limits[:, 1], K_pc, converter.Z_base, converter.omega_n)
 
 
-def closed_form_start(converter: Converter, filter_: Filter) -> tuple[InnerLoopGains, float]:
-    """Gains in SI and ω_t in rad/s from the closed form that the search begins with (:eq:`inner-start`)."""
-    k = START_DELAYED if converter.delay_samples else START_UNDELAYED
-    K_pc = k["k_c"] * filter_.L_1 / converter.T_s
-    Z, omega_n = converter.Z_base, converter.omega_n
-    gains = InnerLoopGains(
-        K_pv=k["k_v"] / K_pc, K_iv=k["r_v"] / Z * omega_n, K_pc=K_pc, K_ic=k["r_c"] * K_pc,
-        K_ff=k["K_ff"], R_t=k["R_t"] * Z, X_t=k["X_t"] * Z, kappa=k["kappa"],
-    )  # fmt: skip
-    return gains, k["omega_t"] * omega_n
+def closed_form_starts(
+    converter: Converter, filter_: Filter, sampling_ratio: float
+) -> list[tuple[InnerLoopGains, float]]:  # fmt: skip
+    """Gains in SI with ω_t in rad/s that the search begins with (:eq:`inner-start`).
+
+    With a delay and a low ``sampling_ratio`` (sampling frequency over the highest resonance) there are two.
+    """
+    Z, omega_n, fastest = converter.Z_base, converter.omega_n, filter_.L_1 / converter.T_s
+
+    def made(K_pc: float, K_pv: float, K_iv: float, K_ic: float, K_ff: float, Z_t: complex, omega: float, kappa: float):
+        gains = InnerLoopGains(K_pv, K_iv, K_pc, K_ic, K_ff, Z_t.real * Z, Z_t.imag * Z, kappa)
+        return gains, omega * omega_n
+
+    if converter.delay_samples == 0:
+        K_pc = 0.61 * fastest
+        return [made(K_pc, 1.75 / K_pc, 1.9 * omega_n / Z, 75.0 * K_pc, 0.69, 0.07 + 0.23j, 1.0, 0.0)]
+    K_pc = 0.50 * fastest
+    starts = [made(K_pc, 0.97 / K_pc, 2.3 * omega_n / Z, 29.0 * K_pc, 0.61, 0.12 + 0.11j, 0.64, 1.5)]
+    if sampling_ratio < SLOW:
+        K_pc = 0.11 * fastest
+        starts.append(made(K_pc, 6.0 / Z, 0.9 * omega_n / Z, 1.9 * omega_n * K_pc, 0.4, 0.9 - 0.13j, 3.0, 1.95))
+    return starts
