@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out
 
-.PHONY: paper test lint bench docs clean
+.PHONY: paper test lint bench evidence docs clean
 
 paper: $(VENV)/.train
 	$(BIN)/vsgdesign run studies/published/study.toml --out $(OUT)/published
@@ -21,6 +21,9 @@ lint: $(VENV)/.dev
 
 bench: $(VENV)/.dev
 	$(BIN)/python -m bench
+
+evidence: $(VENV)/.dev
+	$(BIN)/python -m evidence --out $(OUT)/evidence
 
 docs: $(VENV)/.dev
 	$(BIN)/python -m pytest tests/docs -n 0
