@@ -24,13 +24,11 @@ from vsgdesign.datasheet.rows import Rows
 from vsgdesign.datasheet.words import FILTERS
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.frames import base_impedance, linear_modulation_limit, ll_to_phase, rms_to_peak
+from vsgdesign.parameters.inner_loops import ENOUGH_SAMPLING
 from vsgdesign.parameters.units import format_quantity
 
 INDUCTOR_X_OVER_R = 30.0
 """Of an inductor whose resistance nobody says: large, so that it lends the loops little damping."""
-
-_FEW_SAMPLES = 6.0
-"""In a period of the highest resonance, with one sample of delay."""
 
 _LITTLE_HEADROOM = 1.1
 """Of the bridge over the rated voltage."""
@@ -80,11 +78,11 @@ def _notes(
     """What makes a converter hard to control, told before the design finds out. ``outer``: L_2 and the least L_g, H."""
     notes = []
     resonance = math.sqrt((L_1 + outer) / (L_1 * outer * C)) / (2.0 * math.pi)
-    if delay and f_s < _FEW_SAMPLES * resonance:
+    if delay and f_s < ENOUGH_SAMPLING * resonance:
         notes.append(
-            f"the controller samples {f_s / resonance:.2g} times in a period of the filter's highest resonance "
-            f"({resonance:.4g} Hz on the strongest grid); below {_FEW_SAMPLES:g} expect little damping. Twice the "
-            "sampling, no delay or a larger L_2 helps"
+            f"the controller samples {f_s / resonance:.3g} times in a period of the filter's highest resonance "
+            f"({resonance:.4g} Hz on the strongest grid); below {ENOUGH_SAMPLING:g} inner loops are hard to damp. "
+            "Twice the sampling, no delay or a larger L_2 helps"
         )
     headroom = linear_modulation_limit(V_dc, modulation == "min_max") / rms_to_peak(ll_to_phase(V))
     if headroom < _LITTLE_HEADROOM:

@@ -16,6 +16,9 @@ DEFAULT_SCR = (1.2, 20.0)
 DEFAULT_X_OVER_R = (0.3, 20.0)
 """Grids that inner loops are designed for where neither they nor a specification name any."""
 
+ENOUGH_SAMPLING = 7.6
+"""Sampling rate over the filter's highest resonance from which on all promises have usually been kept."""
+
 InnerLoopSource = Callable[[InnerLoopRequest], tuple[InnerLoopGains, float]]
 """Designed gains for a request, and the transient impedance's corner ω_t in rad/s: from a file, or designed now."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from vsgdesign.parameters.inner_loops import ENOUGH_SAMPLING
 from vsgdesign.report.quantities import number, plain, plain_quantity
 
 PROMISES: dict[str, tuple[str, str]] = {
@@ -19,9 +20,6 @@ PROMISES: dict[str, tuple[str, str]] = {
 
 AT_MOST = frozenset({"noise"})
 """Promises that are an upper limit."""
-
-ENOUGH_SAMPLING = 7.6
-"""Sampling rate over the highest resonance from which on all promises have been kept for every converter tried."""
 
 
 def headline(document: dict[str, Any]) -> str:
