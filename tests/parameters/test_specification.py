@@ -69,6 +69,18 @@ def test_constant_inertia() -> None:
     assert 'aim = "inertia"' in the_fault(document(H="4 s"), "specification.H").problem
 
 
+def test_nothing_stands_back_in_silence_with_constant_inertia() -> None:
+    """Settling, overshoot and bounds of H are no promises there: who asks for them is told, and how to have both."""
+    for field, value in (("settling_time", "1 s"), ("overshoot", "5 %"), ("H_min", "2 s"), ("H_max", "9 s")):
+        fault = the_fault(document(aim="inertia", H="4 s", **{field: value}), f"specification.{field}")
+        assert "is not kept" in fault.problem
+        assert read(**{field: value}) is not None
+    assert (
+        "H_min and H_max"
+        in the_fault(document(aim="inertia", H=4, settling_time=1), "specification.settling_time").advice
+    )
+
+
 @given(st.floats(0.01, 1.99))
 def test_gain_and_phase_margins_as_a_disk_margin(alpha: float) -> None:
     """The inverse of what a disk margin guarantees."""

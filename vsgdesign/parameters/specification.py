@@ -10,6 +10,10 @@ from vsgdesign.parameters.study import ClosedFormTarget, Converter, GridSource
 
 AIMS = ("settling", "inertia")
 
+_BOTH = 'Leave it out; or, for a given speed and inertia at once, set aim = "settling" with H_min and H_max.'
+_NOT_WITH_INERTIA = {"settling_time": _BOTH, "overshoot": _BOTH, "H_min": "Give H alone.", "H_max": "Give H alone."}
+"""Fields that would stand back in silence, and what to do instead."""
+
 DEFAULT_SCR = (1.5, 2.0, 3.0, 5.0, 10.0, 20.0)
 DEFAULT_X_OVER_R = (0.5, 1.0, 2.0, 5.0, 20.0)
 
@@ -75,6 +79,10 @@ def read_specification(
     if aim == "settling" and table.has("H"):
         table.fault("H", table.table["H"], 'belongs to aim = "inertia"', 'Set aim = "inertia", or use H_min, H_max.')
         table.quantity("H", "s")
+    if aim == "inertia":
+        for field, advice in _NOT_WITH_INERTIA.items():
+            if table.has(field):
+                table.fault(field, table.table[field], 'is not kept with aim = "inertia", where H is', advice)
     gain_db = table.quantity("gain_margin_db", "1", 0.0, 60.0, default=0.0)
     phase_deg = table.quantity("phase_margin_deg", "1", 0.0, 89.0, default=0.0)
     disk = table.quantity("disk_margin", "1", 0.0, 1.9, default=1.0)
