@@ -18,7 +18,8 @@ from bench.timing import Figure, Row, figure, repeat, run_python, scaled
 from vsgdesign.metrics.margins import disk_margin
 from vsgdesign.metrics.modes import participation_factors
 from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.stability.cells import CellSet, cell_set, full_order_cells, gain_law, grid_arrays, reduced_cells
+from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.stability.cells import CellSet, cells_under, full_order_cells, grid_arrays, reduced_cells
 from vsgdesign.stability.impedance import output_admittance
 from vsgdesign.stability.loops import ReducedLoop
 from vsgdesign.stability.maps import margin_map
@@ -66,8 +67,8 @@ def by_control() -> float:
 
     s = study("hoang2025_5kva")
     R_g, L_g = grid_arrays(s, SCR, RATIO)
-    gains = gain_law(s, s.controllers[0])(R_g, L_g)
-    model = reduced_cells(s, cell_set(s, R_g, L_g, 0.4 * s.converter.S_rated, 0.0, gains))
+    law = gain_law(s, s.controllers[0])
+    model = reduced_cells(s, cells_under(s, law, R_g, L_g, 0.4 * s.converter.S_rated, 0.0))
     omega = frequency_grid()
     chosen = np.linspace(0, len(model.A) - 1, SUBSET).astype(int)
     begin = time.perf_counter()
@@ -102,8 +103,8 @@ def one_disk_margin() -> tuple[Callable[[], object], Callable[[], object]]:
 def one_cell(s: Study) -> CellSet:
     """The study's own grid."""
     g = s.grid
-    return cell_set(
-        s, g.R_g, g.L_g, 0.4 * s.converter.S_rated, 0.0, gain_law(s, s.controllers[0])(g.R_g, g.L_g)
+    return cells_under(
+        s, gain_law(s, s.controllers[0]), g.R_g, g.L_g, 0.4 * s.converter.S_rated, 0.0
     )  # fmt: skip
 
 

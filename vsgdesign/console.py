@@ -165,7 +165,7 @@ def stability_tables(document: dict[str, Any]) -> None:
             loops = margins["loops"]
             close.add_row(
                 name,
-                cell["label"],
+                cell["label"] + (" !" if cell["outside_the_limits"] else ""),
                 f"{mode['real']:.3g} ± {abs(mode['imag']):.3g}j",
                 f"{margins['least_damping']:.3f}",
                 _finite(margins["disk_margin_output"], ".2f", ""),
@@ -176,7 +176,18 @@ def stability_tables(document: dict[str, Any]) -> None:
                 _finite(margins["M_s"], ".2f", ""),
             )
     console.print(worst)
+    for name, controller in document["controllers"].items():
+        for model, count in controller["outside_the_limits"].items():
+            if count["outside"]:
+                lead = f"{escape(name)}, {model.replace('_', ' ')}: {count['outside']} of {count['cells']} cells"
+                console.print(
+                    f"{lead} are outside the limits of the converter's voltage or current and count for nothing above"
+                )
     console.print(close)
+    for name, controller in document["controllers"].items():
+        for cell in controller["cells"]:
+            if cell["outside_the_limits"]:
+                console.print(f"! {escape(name)}, {cell['label']}: outside the limits, {cell['outside_the_limits']}")
     verdicts = [row["verdict"] for row in document["verdicts"]]
     counts = ", ".join(f"{verdicts.count(kind)} {kind}" for kind in dict.fromkeys(verdicts))
     console.print(f"gates (ours, no grid code): {counts}")

@@ -18,8 +18,9 @@ from vsgdesign.operating_point.full_order import FullOrderModel
 from vsgdesign.parameters import Study, load_study
 from vsgdesign.parameters.study import Event, Grid
 from vsgdesign.report.style import COLOURS, PAGE_IN, add_axes, look, new_figure
+from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation import run_scenario
-from vsgdesign.stability.cells import cell_set, full_order_cells, gain_law, grid_arrays
+from vsgdesign.stability.cells import cells_under, full_order_cells, grid_arrays
 from vsgdesign.stability.loci import modes
 from vsgdesign.stability.maps import margin_map
 
@@ -44,7 +45,7 @@ def full_order(study: Study, scr: float, x_over_r: float) -> FullOrderModel:
     """The full-order model of one cell."""
     R_g, L_g = grid_arrays(study, np.array([scr]), np.array([x_over_r]))
     law = gain_law(study, study.controllers[0])
-    return full_order_cells(study, cell_set(study, R_g, L_g, P, Q, law(R_g, L_g)))
+    return full_order_cells(study, cells_under(study, law, R_g, L_g, P, Q))
 
 
 def emt(study: Study, model: FullOrderModel, event: Event, duration: float, log: float) -> tuple[Array, Array]:

@@ -19,11 +19,12 @@ from vsgdesign.design.certificate.lyapunov import Family, residual
 from vsgdesign.design.certificate.proof import Outcome
 from vsgdesign.design.certificate.region import System, random_points
 from vsgdesign.equations.power_flow import operating_point, power_flow
-from vsgdesign.equations.power_loops import References, power_loops
+from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.parameters import ControllerSpec, Study, load_study
 from vsgdesign.parameters.study import grid_from_scr
 from vsgdesign.runtime import closed_form_schedule
+from vsgdesign.runtime.of_study import gain_law
 
 PUBLISHED_BOX = Region((2.0, 20.0), (0.3, 20.0), (-4500.0, 4500.0), (-2000.0, 2000.0), 0.2)
 
@@ -59,8 +60,8 @@ def state_matrices(study: Study, spec: ControllerSpec, points: NDArray[np.float6
         grid = grid_from_scr(scr, ratio, study.scr_basis, study.converter)
         R, X = grid.R_g, omega * grid.L_g
         V, delta = (float(value) for value in operating_point(P, Q, V_n, R, X))
-        schedule = closed_form_schedule(study, spec.target)
-        gains = schedule.gains_measured(grid.R_g * (1.0 + e_R), grid.L_g * (1.0 + e_L), P, Q, V)
+        gains = gain_law(study, spec)(grid.R_g * (1.0 + e_R), grid.L_g * (1.0 + e_L), P, Q, V)
+        gains = PowerLoopGains(*(float(value) for value in gains))
         refs = References(P, Q - gains.D_q * (V_n - V), omega, V_n)
 
         def rates(x: NDArray[np.float64], R: float = R, X: float = X, refs=refs, gains=gains) -> NDArray[np.float64]:

@@ -19,7 +19,6 @@ from vsgdesign.design.comparison import (
     summary_of,
 )
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.runtime.table import table_schedule
 
 GRIDS = ((3.0, 1.0), (6.0, 3.0))
 
@@ -66,8 +65,9 @@ def test_states() -> None:
     published = contender_of(study, controller(study, "published"))
     assert set(states(Contender("x", "published", "fixed", 0.0, PowerLoopGains(1e3, 1e-3, 0.05, 50.0)))) == {"unstable"}
     assert "broken" in states(published)
-    assert published.schedule is not None
-    nowhere = replace(published, schedule=replace(published.schedule, P=9e5), at_design_point=True)
+    assert published.law is not None
+    assert not published.law.measured
+    nowhere = replace(published, law=replace(published.law, schedule=replace(published.law.schedule, P=9e5)))
     assert set(states(nowhere)) == {"unstable"}
     lenient = replace(spec, overshoot=0.9, settling_time=10.0, disk_margin=0.01, damping_ratio=0.01)
     assert {row.state for row in compare_on_grids(study, lenient, published, GRIDS)} == {"kept"}
@@ -76,7 +76,8 @@ def test_states() -> None:
 def test_a_table_gives_its_own_gains_at_its_nodes() -> None:
     study = robust_study()
     made = table(scr=(3.0, 6.0), x_over_r=(1.0, 3.0), D_p=contender_of(study, controller(study)).droop)
-    contender = Contender("t", "angle_damped", "table", made.D_p, schedule=table_schedule(made))
+    tabled = replace(controller(study), schedule="table", table=made)
+    contender = contender_of(study, tabled)
     gains = gains_at(study, specification(study), contender, 3.0, 1.0, 4500.0, 1000.0)
     assert gains is not None
     for name, values in made.gains._asdict().items():

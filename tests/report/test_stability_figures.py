@@ -107,9 +107,12 @@ def test_a_map_shows_the_worst_of_its_powers() -> None:
         assert isinstance(cells, Cells)
         spread = field.field(field.table.least_damping)
         for place in np.ndindex(*cells.values.shape):
-            row = spread[place]
+            row, within = spread[place], field.cells.inside.reshape(field.shape)[place]
             assert cells.missing[place] == np.isnan(row).all()
+            assert cells.outside is not None
+            assert cells.outside[place] == (not cells.missing[place] and np.isnan(row[within]).all())
             if not cells.missing[place]:
+                row = row if cells.outside[place] else row[within]
                 assert cells.values[place] == np.nanmin(row)
         assert settling_cells(a).values.shape == (1, 2)
 

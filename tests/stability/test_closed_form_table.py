@@ -21,7 +21,8 @@ from tests.stability.studies import PUBLISHED, case_study
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.study import grid_from_scr
-from vsgdesign.stability.cells import cell_set, gain_law, reduced_cells
+from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.stability.cells import cells_under, reduced_cells
 from vsgdesign.stability.loci import stability_limit
 from vsgdesign.stability.margins import MarginTable, reduced_margins
 from vsgdesign.stability.steps import reduced_step_metrics
@@ -90,7 +91,7 @@ def analysed(scr: float, ratio: float) -> tuple[MarginTable, object]:
     s = study()
     grid = grid_from_scr(scr, ratio, "reactance", s.converter)
     law = gain_law(s, s.controllers[0])
-    cells = cell_set(s, grid.R_g, grid.L_g, P, Q, law(np.array(grid.R_g), np.array(grid.L_g)))
+    cells = cells_under(s, law, grid.R_g, grid.L_g, P, Q)
     model = reduced_cells(s, cells)
     return reduced_margins(model), reduced_step_metrics(model, "P_ref", "P")[0]
 

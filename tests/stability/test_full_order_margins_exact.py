@@ -15,7 +15,8 @@ from scipy.optimize import brentq
 from vsgdesign.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.operating_point.full_order import FullOrderModel
 from vsgdesign.parameters import load_study
-from vsgdesign.stability.cells import cell_set, full_order_cells, gain_law, grid_arrays
+from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.stability.cells import cells_under, full_order_cells, grid_arrays
 from vsgdesign.stability.margins import full_order_margins
 
 GRIDS = [(1.5, 1.0), (2.0, 3.0), (5.0, 1.0), (10.0, 6.0), (20.0, 2.0)]
@@ -27,7 +28,7 @@ def models(name: str) -> FullOrderModel:
     P = 0.4 * study.converter.S_rated
     pairs = [grid_arrays(study, np.array([scr]), np.array([ratio])) for scr, ratio in GRIDS]
     R_g, L_g = (np.array([pair[k][0, 0] for pair in pairs]) for k in (0, 1))
-    return full_order_cells(study, cell_set(study, R_g, L_g, P, 0.0, law(R_g, L_g)))
+    return full_order_cells(study, cells_under(study, law, R_g, L_g, P, 0.0))
 
 
 def open_loop(model: FullOrderModel, cell: int, loop: int) -> Callable[[float], complex]:

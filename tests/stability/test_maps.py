@@ -13,7 +13,8 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.operating_point.full_order import Cell
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.study import Grid, grid_from_scr
-from vsgdesign.stability.cells import cell_set, full_order_cells, gain_law, reduced_cells
+from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.stability.cells import cell_set, full_order_cells, reduced_cells
 from vsgdesign.stability.maps import MODELS, MarginMap, estimate_error_map, margin_map, stale_schedule_matrix
 from vsgdesign.stability.margins import MarginTable, full_order_margins, reduced_margins
 

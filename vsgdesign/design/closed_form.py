@@ -9,7 +9,7 @@ from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
-from vsgdesign.runtime.of_study import schedule_of
+from vsgdesign.runtime.of_study import follows_measured, gain_law, schedule_of
 from vsgdesign.stability.loops import coupled_loop
 
 
@@ -39,13 +39,15 @@ def design_closed_form(study: Study, spec: ControllerSpec, grid: Grid) -> Closed
 
     Raises InfeasibleStudyError where the design point does not exist on a grid.
     """
-    schedule = schedule_of(study, spec)
     made_for = grid if spec.kind == "scheduled" else (spec.design_grid or study.grid)
     R, X = study.path_to_grid(grid)
     limits = study.converter.V_limits_rms
     try:
-        gains = spec.gains or schedule.gains(made_for.R_g, made_for.L_g)
+        if spec.gains is None and not follows_measured(spec):
+            schedule_of(study, spec).gains(made_for.R_g, made_for.L_g)  # says why there are none
         point = solve_operating_point(spec.target.P, spec.target.Q, study.grid_source.V_g_rms, R, X, limits)
+        found = gain_law(study, spec)(grid.R_g, grid.L_g, spec.target.P, spec.target.Q, point.V_rms)
+        gains = PowerLoopGains(*(float(value) for value in found))
     except NoOperatingPointError as error:
         raise InfeasibleStudyError(f"controller {spec.name}: {error}") from error
     if spec.target.structure == "published":

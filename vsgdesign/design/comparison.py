@@ -18,8 +18,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.metrics.step_response import ResponseMetrics
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.runtime.of_study import schedule_of
-from vsgdesign.runtime.schedule import Schedule
+from vsgdesign.runtime.of_study import ControllerGains, gain_law
 
 Array = NDArray[np.float64]
 
@@ -32,7 +31,7 @@ BEST_FIXED, GIVEN, CLOSED_FORM, TABLE = "best fixed", "fixed", "closed form", "t
 
 @dataclass(frozen=True)
 class Contender:
-    """One way to have gains: the same on every grid (``gains``), or by a schedule."""
+    """One way to have gains: the same on every grid (``gains``), or those of a controller (``law``)."""
 
     name: str
     structure: str
@@ -41,20 +40,16 @@ class Contender:
     droop: float
     """P–f droop that its structure is asked for, W·s/rad; 0: none is asked."""
     gains: PowerLoopGains | None = None
-    schedule: Schedule | None = None
-    at_design_point: bool = False
-    """The schedule takes the Jacobian at its design point, not at the measured powers."""
+    law: ControllerGains | None = None
 
     def gains_in(self, s: Scenarios) -> PowerLoopGains:
         """The gains that it has in each scenario, arrays (S,); NaN where its schedule has none."""
-        if self.schedule is None:
+        if self.law is None:
             chosen: Any = self.gains
         else:
-            R_hat, L_hat = s.R_hat - self.schedule.R_2, s.X_hat / self.schedule.omega - self.schedule.L_2
-            if self.at_design_point:
-                chosen = self.schedule.gains_over(R_hat, L_hat)
-            else:
-                chosen = self.schedule.gains_measured(R_hat, L_hat, s.P, s.Q, s.V_rms)
+            known = self.law.schedule
+            R_hat, L_hat = s.R_hat - known.R_2, s.X_hat / known.omega - known.L_2
+            chosen = self.law(R_hat, L_hat, s.P, s.Q, s.V_rms)
         return PowerLoopGains(*(np.broadcast_to(np.asarray(value, dtype=float), s.P.shape) for value in chosen))
 
 
@@ -147,15 +142,10 @@ def contender_of(study: Study, spec: ControllerSpec) -> Contender:
     droop = 0.0
     if target.structure == "angle_damped" and target.P_droop > 0.0:
         droop = study.converter.S_rated / (target.P_droop * study.converter.omega_n)
-    schedule = schedule_of(study, spec)
-    if spec.kind == "fixed":
-        grid = spec.design_grid or study.grid
-        gains = spec.gains or schedule.gains(grid.R_g, grid.L_g)
-        return Contender(spec.name, target.structure, GIVEN, droop, gains=gains)
-    origin = TABLE if spec.schedule == "table" else CLOSED_FORM
-    return Contender(
-        spec.name, target.structure, origin, droop, schedule=schedule, at_design_point=not target.follow_references
-    )
+    law = gain_law(study, spec)
+    if law.fixed is not None:
+        return Contender(spec.name, target.structure, GIVEN, droop, gains=law.fixed)
+    return Contender(spec.name, target.structure, TABLE if spec.schedule == "table" else CLOSED_FORM, droop, law=law)
 
 
 def compare_on_grids(

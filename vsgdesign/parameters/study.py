@@ -161,7 +161,7 @@ class ClosedFormTarget:
     share_Q: float = 1.0
     """How much of the coupling B (C) is taken out of the P (Q) row, 0 to 1."""
     follow_references: bool = False
-    """Take the Jacobian at the present references instead of (P, Q)."""
+    """Take the Jacobian at the measured P, Q and V, which follow the references, instead of at (P, Q)."""
 
 
 @dataclass(frozen=True)

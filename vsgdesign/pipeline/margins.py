@@ -21,7 +21,7 @@ from vsgdesign.simulation.evidence import StepEvidence, step_evidence
 from vsgdesign.simulation.stability_result import StabilityResult, frequency_file, map_file, maps_of, step_file
 from vsgdesign.stability.assessment import ControllerAssessment, FocusCell, assess
 from vsgdesign.stability.tables import VIEW_HEADER, map_header, map_rows, view_rows
-from vsgdesign.stability.verdict import clause_matrix, worst_cases
+from vsgdesign.stability.verdict import clause_matrix, left_out, worst_cases
 
 
 def assess_study(study: Study, *, evidence: bool = True, progress: Progress | None = None) -> StabilityResult:
@@ -129,6 +129,10 @@ def _controller(result: StabilityResult, a: ControllerAssessment) -> dict[str, A
             "reduced": [asdict(w) for w in worst_cases(study, a.reduced)],
             "full_order": [asdict(w) for w in worst_cases(study, a.full_order)],
         },
+        "outside_the_limits": {
+            "reduced": {"cells": len(a.reduced.faults), "outside": len(left_out(a.reduced))},
+            "full_order": {"cells": len(a.full_order.faults), "outside": len(left_out(a.full_order))},
+        },
         "between_nodes": {
             "grids": len(a.between.stable),
             "stable": int(a.between.stable.sum()),
@@ -147,6 +151,8 @@ def _focus(result: StabilityResult, name: str, cell: FocusCell) -> dict[str, Any
         "L_g": cell.grid.L_g,
         "P": cell.P,
         "Q": cell.Q,
+        "outside_the_limits": cell.outside,
+        "gains": cell.gains.named(),
         "margins": {"reduced": _margins(cell.reduced_table), "full_order": _margins(cell.full_order_table)},
         "modes": [
             {

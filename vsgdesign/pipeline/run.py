@@ -124,8 +124,8 @@ def _operating_point(row: OperatingPointRow) -> dict[str, Any]:
 
 
 def _changes(study: Study, controller: ControllerResult) -> tuple[GainChange, ...]:
-    """Every change of gains; with an estimate, which never stands still, those that hold before an event."""
-    if controller.estimates is None:
+    """Every change of gains; of gains that follow an estimate or what is measured, those that hold before an event."""
+    if not controller.moves:
         return controller.gain_changes
     instants = [event.t_s for event in study.events]
     return settled_changes(controller.gain_changes, instants, study.simulation.duration)

@@ -14,7 +14,7 @@ from vsgdesign.operating_point import solve_operating_point
 from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
 from vsgdesign.parameters import Grid, Study
 from vsgdesign.report.quantities import plain
-from vsgdesign.runtime.of_study import schedule_of
+from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation import ControllerResult, ScenarioResult
 from vsgdesign.stability.loops import coupled_loop
 
@@ -67,18 +67,17 @@ def grid_label(result: HasStudy, grid: Grid) -> str:
 def loops_on_grids(result: ScenarioResult, controller: ControllerResult) -> tuple[LoopOnGrid, ...]:
     """The loops on all grids that can carry the power of the controller's design."""
     study, target = result.study, controller.spec.target
-    schedule = schedule_of(study, controller.spec)
+    law = gain_law(study, controller.spec)
     loops = []
     for grid in distinct_grids(result):
         R, X = study.path_to_grid(grid)
         try:
             point = solve_operating_point(target.P, target.Q, study.grid_source.V_g_rms, R, X)
-            gains = (
-                schedule.gains(grid.R_g, grid.L_g)
-                if controller.spec.kind == "scheduled"
-                else controller.gain_changes[0].gains
-            )
         except NoOperatingPointError:
+            continue
+        at_point = law(grid.R_g, grid.L_g, target.P, target.Q, point.V_rms)
+        gains = PowerLoopGains(*(float(value) for value in at_point))
+        if not np.isfinite(gains).all():
             continue
         # Beyond A = 0 the loop has positive feedback: it has no margin to speak of.
         if point.A <= 0.0:

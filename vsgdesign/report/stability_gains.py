@@ -8,9 +8,11 @@ import numpy as np
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.report.figure_types import NamedFigure
+from vsgdesign.report.quantities import plain
 from vsgdesign.report.surfaces import MOST, Surface, surface_figure
 from vsgdesign.report.tables import GAIN_UNITS
 from vsgdesign.report.time_axis import symbols
+from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.stability.assessment import ControllerAssessment
 
@@ -34,10 +36,19 @@ def gain_figures(result: StabilityResult, index: int, a: ControllerAssessment, b
     gains = PowerLoopGains(*(np.reshape(value, field.shape)[:, :, 0] for value in field.cells.gains))
     if not np.isfinite(gains.K_ip).any():
         return
-    missing = " Crosses: no gains, as the design point does not exist on this grid." if np.isnan(gains).any() else ""
+    reasons = dict.fromkeys(fault.partition(": ")[2] for fault in field.cells.faults if fault and "no gains" in fault)
+    missing = " Crosses: no operating point, or no gains." if np.isnan(gains).any() else ""
+    missing = f" Crosses: no gains, {'; '.join(reasons)}." if reasons else missing
+    s = result.study.stability
+    place = "They belong to the grid alone, whatever the operating point."
+    if follows_measured(a.spec):
+        place = (
+            "They follow the measured P, Q and V and are shown in the steady state at "
+            f"P = {plain(s.P[0] / 1e3)} kW, Q = {plain(s.Q[0] / 1e3)} kvar."
+        )
     caption = (
         "How to read: the gains that the schedule gives each grid, one colour scale a gain, logarithmic where "
-        f"all values are positive. They belong to the grid alone, whatever the operating point.{missing}{baseline}"
+        f"all values are positive. {place}{missing}{baseline}"
     )
     surfaces = [
         Surface(

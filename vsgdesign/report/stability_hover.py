@@ -14,6 +14,7 @@ from vsgdesign.report.stability_maps import disk_margin_of
 from vsgdesign.report.stability_modes import VIEWS, finite_points, locus_limits
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.stability.assessment import ControllerAssessment
+from vsgdesign.stability.cells import OUTSIDE
 from vsgdesign.stability.maps import MarginMap
 
 Array = NDArray[np.float64]
@@ -72,6 +73,8 @@ def _texts(field: MarginMap, steps: ControllerAssessment | None = None) -> list[
     lines = []
     for flat, fault in enumerate(field.faults):
         lead = f"P {c.P[flat] / 1e3:.3g} kW, Q {c.Q[flat] / 1e3:.3g} kvar: " if several else ""
+        if c.outside[flat]:
+            lead += f"{OUTSIDE} ({c.outside[flat]}): "
         k = row_of.get(flat)
         if k is None:
             lines.append(lead + (fault or "not analysed"))
@@ -103,7 +106,7 @@ def _gain_texts(field: MarginMap) -> list[str]:
     return [
         ", ".join(f"{name} {value[k]:.4g}" for name, value in gains.items())
         if all(np.isfinite(value[k]) for value in gains.values())
-        else "no gains: the design point does not exist on this grid"
+        else (field.cells.faults[k * field.shape[2]] or "no gains")
         for k in range(count)
     ]
 

@@ -19,6 +19,8 @@ UNSTABLE: dict[str, Any] = {"facecolor": "#3A2A45", "edgecolor": "#F2F2F2", "hat
 NO_POINT: dict[str, Any] = {"facecolor": "#ECECEC", "edgecolor": "#ECECEC", "linewidth": 0.0}
 GATE_LINE: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "zorder": 5}
 CROSS: dict[str, Any] = {"marker": "x", "markersize": 2.6, "markeredgewidth": 0.6, "color": "#8A8A8A", "linestyle": ""}
+OUTSIDE: dict[str, Any] = {"marker": "o", "markersize": 3.0, "markeredgewidth": 0.7, "markerfacecolor": "#FFFFFF",
+                           "markeredgecolor": "#000000", "linestyle": "", "zorder": 6}  # fmt: skip
 PARTIAL: dict[str, Any] = {"marker": ".", "markersize": 3.0, "color": "#000000", "linestyle": "", "zorder": 6}
 
 
@@ -206,9 +208,11 @@ class Cells:
     unstable: NDArray[np.bool_]
     missing: NDArray[np.bool_]
     partial: NDArray[np.bool_]
-    """Some of the operating points of a cell could not be analysed."""
+    """Some of the operating points of a cell could not be analysed, or lie outside the converter's limits."""
     x_log: bool = True
     y_log: bool = True
+    outside: NDArray[np.bool_] | None = None
+    """The value is of operating points outside the converter's limits; None: of none."""
 
 
 def draw_cells(axes: Any, cells: Cells, scale: Scale, width_in: float, height_in: float, raster: bool = False) -> None:
@@ -230,6 +234,8 @@ def draw_cells(axes: Any, cells: Cells, scale: Scale, width_in: float, height_in
             axes.add_collection(PolyCollection(boxes, zorder=2, **style))
     _marks(axes, cells, cells.missing, CROSS)
     _marks(axes, cells, cells.partial & ~cells.missing, PARTIAL)
+    if cells.outside is not None:
+        _marks(axes, cells, cells.outside & ~cells.missing, OUTSIDE)
     _gate_line(axes, x, y, cells, scale)
     axes.set_xlim(x[0], x[-1])
     axes.set_ylim(y[0], y[-1])
@@ -285,7 +291,9 @@ def colour_bar(figure: Any, place: Sequence[float], scale: Scale, label: str, be
         axes.axhline(float(scale(scale.gate)), color="#000000", linewidth=1.1)
 
 
-def legend_patches(unstable: bool, missing: bool, partial: bool, gate: str | None) -> list[tuple[Any, str]]:
+def legend_patches(
+    unstable: bool, missing: bool, partial: bool, gate: str | None, outside: bool = False
+) -> list[tuple[Any, str]]:
     """(handle, label) of what the panels hold besides colours."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -299,5 +307,7 @@ def legend_patches(unstable: bool, missing: bool, partial: bool, gate: str | Non
         patch = Line2D([], [], **{**CROSS, "markersize": 4.0}, markerfacecolor="none")
         entries.append((patch, "not analysed: no operating point or no gains"))
     if partial:
-        entries.append((Line2D([], [], **{**PARTIAL, "markersize": 4.0}), "only some (P, Q) analysed"))
+        entries.append((Line2D([], [], **{**PARTIAL, "markersize": 4.0}), "of some (P, Q) only"))
+    if outside:
+        entries.append((Line2D([], [], **{**OUTSIDE, "markersize": 4.0}), "outside the converter's limits"))
     return entries

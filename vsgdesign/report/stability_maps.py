@@ -22,6 +22,11 @@ from vsgdesign.stability.margins import MarginTable
 
 Array = NDArray[np.float64]
 
+CIRCLES = (
+    "Circles: the steady state is outside the converter's limits of voltage or current, so the cell is shown and "
+    "counts for no worst case."
+)
+
 MODEL_NAMES = {"reduced": "reduced", "full_order": "full order"}
 _MOST_COLUMNS = 3
 PART = 3
@@ -98,17 +103,25 @@ def baseline_first(result: StabilityResult) -> list[tuple[int, ControllerAssessm
 
 
 def worst_over_powers(field: MarginMap, column: Array, larger_is_better: bool = True) -> Cells:
-    """A column of a map over SCR × X/R, the worst over its operating points."""
+    """A column of a map over SCR × X/R, the worst over its operating points within the converter's limits.
+
+    Where no operating point that can be analysed is within the limits, the worst of the others, marked so.
+    """
     values, stable = field.field(column), field.stable
     known = ~np.isnan(stable)
-    unstable = np.any(stable == 0.0, axis=2)
-    fill = np.inf if larger_is_better else -np.inf
-    filled = np.where(np.isnan(values), fill, values)
-    worst = filled.min(axis=2) if larger_is_better else filled.max(axis=2)
-    seen = np.any(~np.isnan(values), axis=2)
+    within = known & field.cells.inside.reshape(field.shape)
     missing = np.array(~np.any(known, axis=2))
-    partial = np.array(np.any(known, axis=2) & ~np.all(known, axis=2))
-    return Cells(field.axes[0][1], field.axes[1][1], np.where(seen, worst, np.nan), unstable, missing, partial)
+    outside = np.array(~np.any(within, axis=2)) & ~missing
+    counted = np.where(outside[..., None], known, within)
+    unstable = np.any((stable == 0.0) & counted, axis=2)
+    fill = np.inf if larger_is_better else -np.inf
+    left = np.isnan(values) | ~counted
+    filled = np.where(left, fill, values)
+    worst = filled.min(axis=2) if larger_is_better else filled.max(axis=2)
+    seen = np.any(~left, axis=2)
+    partial = np.array(np.any(counted, axis=2) & ~np.all(counted, axis=2)) & ~outside
+    shown = np.where(seen, worst, np.nan)
+    return Cells(field.axes[0][1], field.axes[1][1], shown, unstable, missing, partial, outside=outside)
 
 
 def map_figures(result: StabilityResult) -> Iterator[NamedFigure]:
@@ -175,11 +188,14 @@ def _powers(study: Study) -> str:
     count = len(s.P) * len(s.Q)
     if count == 1:
         return f"At P = {plain(s.P[0] / 1e3)} kW, Q = {plain(s.Q[0] / 1e3)} kvar."
-    return f"Each cell shows the worst of its {count} operating points (P, Q); it is unstable if one of them is."
+    return (
+        f"Each cell shows the worst of those of its {count} operating points (P, Q) that are within the converter's "
+        "limits; it is unstable if one of them is."
+    )
 
 
 def _left_out(part: Sequence[tuple[int, ControllerAssessment]]) -> str:
-    """Why cells are not analysed, in the words of the analysis."""
+    """Why cells are not analysed, in the words of the analysis; and what circles are."""
     reasons = dict.fromkeys(
         fault.partition(":")[0]
         for _, a in part
@@ -187,7 +203,10 @@ def _left_out(part: Sequence[tuple[int, ControllerAssessment]]) -> str:
         for fault in field.faults
         if fault
     )
-    return f" Crosses: {'; '.join(reasons)}." if reasons else ""
+    text = f" Crosses: {'; '.join(reasons)}." if reasons else ""
+    if any(not field.cells.inside[field.analysed].all() for _, a in part for field in (a.reduced, a.full_order)):
+        text += f" {CIRCLES}"
+    return text
 
 
 def settling_cells(a: ControllerAssessment) -> Cells:

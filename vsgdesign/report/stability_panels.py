@@ -61,6 +61,7 @@ def _map_figure(frame: Frame, rows: Sequence[Sequence[Panel]], scale: Scale) -> 
         any(p.cells.missing.any() for p in panels),
         any((p.cells.partial & ~p.cells.missing).any() for p in panels),
         frame.gate_label if scale.gate is not None else None,
+        any(p.cells.outside is not None and (p.cells.outside & ~p.cells.missing).any() for p in panels),
     )
     total = _LEFT + columns * width + (columns - 1) * _BETWEEN_X + bar + 0.02
     room = sum(text_width(label.replace("$", "")) + 0.58 for _, label in entries)

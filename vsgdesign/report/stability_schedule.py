@@ -12,7 +12,7 @@ from vsgdesign.parameters.study import Study
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.quantities import plain
 from vsgdesign.report.stability_look import Cells, plain_numbers
-from vsgdesign.report.stability_maps import DAMPING, DISK, Quantity, axis_labels
+from vsgdesign.report.stability_maps import CIRCLES, DAMPING, DISK, Quantity, axis_labels
 from vsgdesign.report.stability_panels import Frame, Panel, map_figure
 from vsgdesign.report.style import PAGE_IN, add_axes, line_style, look, new_figure
 from vsgdesign.report.time_axis import symbols
@@ -44,7 +44,12 @@ def plane(field: MarginMap, values: Array, pick: tuple[Any, ...], axes: tuple[in
     spread = field.field(values)[pick]
     missing = np.isnan(stable)
     x, y = (field.axes[k][1] for k in axes)
-    return Cells(x, y, spread, stable == 0.0, missing, np.zeros(missing.shape, dtype=bool), log, log)
+    outside = ~field.cells.inside.reshape(field.shape)[pick]
+    return Cells(x, y, spread, stable == 0.0, missing, np.zeros(missing.shape, dtype=bool), log, log, outside)
+
+
+def _circles(field: MarginMap) -> str:
+    return "" if field.cells.inside[field.analysed].all() else f" {CIRCLES}"
 
 
 def place_of_design(study: Study) -> str:
@@ -70,6 +75,7 @@ def _stale_figure(
         f"vertical one; on the diagonal they fit. Above the diagonal the grid has become weaker than the schedule "
         f"knows, below it stronger. Colour: {quantity.how}. Full order, X/R {_study_ratio(study)} for both, at "
         f"{place_of_design(study)}. After a jump of the grid the loop is in such a cell until the estimate follows."
+        f"{_circles(field)}"
     )
     frame = Frame(
         f"stale_{quantity.name}_{index + 1}", f"Stale schedule of {a.spec.name}: {quantity.title.lower()}", caption,
@@ -100,7 +106,7 @@ def _error_figure(result: StabilityResult, index: int, a: ControllerAssessment, 
     caption = (
         f"How to read: one panel a true SCR, at X/R {_study_ratio(study)} and {place_of_design(study)}. The schedule "
         "is fed a resistance and an inductance that are wrong by the per cents on the axes; zero is the true grid. "
-        f"Colour: {DAMPING.how}, full order. Blue cells meet our gate.{more}"
+        f"Colour: {DAMPING.how}, full order. Blue cells meet our gate.{more}{_circles(field)}"
     )
     frame = Frame(
         f"estimate_error_{index + 1}", f"Damping of {a.spec.name} against errors of its grid estimate", caption,
@@ -129,6 +135,10 @@ def worst_over_boxes(field: MarginMap, column: Array) -> tuple[Array, Array]:
     return sizes, np.maximum(np.array(worst), 0.0)
 
 
+def _star(field: MarginMap, row: int) -> str:
+    return "" if field.cells.inside.reshape(field.shape)[row].all() else " *"
+
+
 def _box_figure(result: StabilityResult, index: int, a: ControllerAssessment, field: MarginMap) -> NamedFigure:
     with look():
         return _draw_boxes(result, index, a, field)
@@ -150,7 +160,7 @@ def _draw_boxes(result: StabilityResult, index: int, a: ControllerAssessment, fi
         for j, row in enumerate(shown):
             axes.plot(
                 100.0 * sizes, worst[row], marker="o", markersize=2.4,
-                label=f"SCR {plain(float(field.axes[0][1][row]), 3)}", **line_style(j),
+                label=f"SCR {plain(float(field.axes[0][1][row]), 3)}{_star(field, row)}", **line_style(j),
             )  # fmt: skip
         gate = quantity.scale(study.stability.gates).gate
         if gate is not None and quantity.gate_text is not None:
@@ -171,6 +181,7 @@ def _draw_boxes(result: StabilityResult, index: int, a: ControllerAssessment, fi
         "How to read: the worst value over all pairs of errors within ± the half-width on the horizontal axis, one "
         f"line a true SCR, at X/R {_study_ratio(study)} and {place_of_design(study)}. Zero: a cell of the box is "
         "unstable. No line where a cell of the box cannot be analysed."
+        + ("" if field.cells.inside.all() else " A star: outside the converter's limits of voltage or current.")
     )
     title = f"Margins of {a.spec.name} against the size of the estimate error"
     return NamedFigure(f"error_box_{index + 1}", title, caption, figure, PART)

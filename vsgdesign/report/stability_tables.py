@@ -15,7 +15,9 @@ from vsgdesign.report.stability_steps import SOURCES, metrics_of
 from vsgdesign.report.tables import Table
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.stability.assessment import ControllerAssessment
-from vsgdesign.stability.verdict import worst_cases
+from vsgdesign.stability.cells import OUTSIDE
+from vsgdesign.stability.maps import MarginMap
+from vsgdesign.stability.verdict import NOTHING, left_out, worst_cases
 
 MODEL_NAMES = {"reduced": "reduced", "full_order": "full order"}
 _MOST_SENSITIVITIES = 6
@@ -76,14 +78,28 @@ def worst_table(result: StabilityResult, a: ControllerAssessment) -> Table:
             unstable = math.isnan(worst.value) and bool(worst.where)
             value = "unstable" if unstable else _value(worst.value, worst.unit)
             share = "no gate" if math.isnan(worst.share_below) else f"{percent(100.0 * worst.share_below)} %"
-            where = worst.where or "no cell could be analysed"
+            where = worst.where or NOTHING
             rows.append((MODEL_NAMES[field.model], worst.quantity, where, value, share))
     head = ("Model", "Quantity", "Worst cell", "Value", "Cells that miss the gate")
     notes = (
         "Unstable cells count as the worst of all and as missing every gate; they have no margins. The disk margin of "
-        "this table is that at the plant's output.",
+        f"this table is that at the plant's output. {left_out_text(a.full_order)}".strip(),
     )
     return Table(f"Worst cells of {a.spec.name}", head, tuple(rows), 3, notes=notes, flagged=frozenset(flagged))
+
+
+def left_out_text(field: MarginMap) -> str:
+    """How many cells of a map count for nothing, and why; empty where all count."""
+    outside = left_out(field)
+    if not outside:
+        return ""
+    kinds = dict.fromkeys(reason.partition(" ")[0] for reason in outside)
+    what = {"V": "voltage", "current": "current"}
+    limits = " or ".join(what[kind] for kind in kinds)
+    return (
+        f"{len(outside)} of {len(field.faults)} cells are outside the limits (the steady state breaks the converter's "
+        f"limit of {limits}) and count for nothing here."
+    )
 
 
 def _value(value: float, unit: str) -> str:
@@ -116,7 +132,8 @@ def focus_table(a: ControllerAssessment) -> Table:
             disk = min(float(t.disk_output.value[0]), float(t.disk_input.value[0]))
             factor, phase = (float(x) for x in guaranteed_margins(np.array(disk)))
             rows.append((
-                cell.label, name, "yes" if t.stable[0] else "no", number(float(t.least_damping[0])),
+                cell.label + (f", {OUTSIDE}" if cell.outside else ""), name,
+                "yes" if t.stable[0] else "no", number(float(t.least_damping[0])),
                 number(float(t.least_damped_rad_s[0]) / (2.0 * math.pi)), number(disk),
                 _value(20.0 * math.log10(factor), ""), number(phase), number(float(t.M_s.value[0])),
                 *(_value(float(v[0]), "") for loop in (t.loop_P, t.loop_Q)
@@ -189,7 +206,8 @@ def between_table(assessments: Sequence[ControllerAssessment]) -> Table:
     rows = []
     for a in assessments:
         t = a.between
-        at_first = np.array([k % a.full_order.shape[2] == 0 for k in a.full_order.analysed], dtype=bool)
+        full = a.full_order
+        at_first = np.array([k % full.shape[2] == 0 for k in full.analysed], dtype=bool) & full.counted
         nodes = a.full_order.table
         map_stable, map_damping = nodes.stable[at_first], nodes.least_damping[at_first]
         worst, where = DASH, ""
@@ -198,15 +216,15 @@ def between_table(assessments: Sequence[ControllerAssessment]) -> Table:
             worst = number(float(t.least_damping[k]))
             where = f"SCR {plain(float(a.between_grids[k, 0]), 3)}, X/R {plain(float(a.between_grids[k, 1]), 3)}"
         rows.append((
-            a.spec.name, where or "no grid could be analysed", str(len(t.stable)), f"{int(t.stable.sum())}", worst,
-            str(len(map_stable)), str(int(map_stable.sum())),
+            a.spec.name, where or "no grid within the limits could be analysed",
+            str(len(t.stable)), f"{int(t.stable.sum())}", worst, str(len(map_stable)), str(int(map_stable.sum())),
             number(float(map_damping.min())) if len(map_damping) else DASH,
         ))  # fmt: skip
     head = ("Controller", "Worst random grid", "Analysed", "Stable", "Least ζ", "Analysed", "Stable", "Least ζ")
     groups = (("", 2), ("Random grids", 3), ("Nodes of the map", 3))
     notes = (
-        "Full order, at the first operating point of the study. A random grid far worse than the worst node would "
-        "mean that the map's axes are too coarse.",
+        "Full order, at the first operating point of the study, within the converter's limits. A random grid far worse "
+        "than the worst node would mean that the map's axes are too coarse.",
     )
     return Table("Between the nodes of the maps", head, tuple(rows), 2, groups, notes)
 

@@ -8,17 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.model.full_order import PARAMETERS
 from vsgdesign.parameters.study import Study
 from vsgdesign.report.quantities import number
 from vsgdesign.report.stability_tables import complex_text, state_symbol
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.stability.assessment import ControllerAssessment
-from vsgdesign.stability.cells import CellSet, full_order_cells
+from vsgdesign.stability.cells import full_order_cells
 from vsgdesign.stability.loci import Mode, ModeSensitivity, mode_sensitivities, modes
 from vsgdesign.stability.maps import MarginMap
-from vsgdesign.stability.verdict import OWN, PASS, Verdict, describe_cell
+from vsgdesign.stability.verdict import OWN, PASS, Verdict, counted_rows, describe_cell, left_out
 
 _MOVED = tuple(name for name in PARAMETERS if name not in ("omega_0", "omega_g", "V_n", "P_ref", "Q_ref", "V_g"))
 """Parameters of the design and of the circuit."""
@@ -34,18 +33,15 @@ class WorstMode:
 
 
 def worst_mode(study: Study, field: MarginMap) -> WorstMode | None:
-    """The most unstable mode of a full-order map, or else the least damped one; None without any analysed cell."""
-    table = field.table
+    """The most unstable mode of a full-order map's cells within the converter's limits, or else the least damped one;
+    None without any."""
+    table = counted_rows(field)
     if len(table.stable) == 0:
         return None
     unstable = not bool(table.stable.all())
     k = int(np.argmax(table.spectral_abscissa) if unstable else np.argmin(table.least_damping))
-    flat = int(field.analysed[k])
-    c = field.cells
-    one = slice(flat, flat + 1)
-    gains = PowerLoopGains(*(value[one] for value in c.gains))
-    cell = CellSet(c.R_g[one], c.L_g[one], c.P[one], c.Q[one], c.V_rms[one], c.delta[one], gains, (None,))
-    model = full_order_cells(study, cell)
+    flat = int(field.analysed[field.counted][k])
+    model = full_order_cells(study, field.cells.take(np.array([flat])))
     if len(model.index) == 0:
         return None
     found = modes(model.states, model.A[0], model.T_s)
@@ -65,15 +61,21 @@ def verdict_text(result: StabilityResult) -> list[str]:
 
 def _controller(result: StabilityResult, a: ControllerAssessment) -> str:
     own = [row for row in result.verdicts if row.controller == a.spec.name and row.source == OWN]
-    field, table = a.full_order, a.full_order.table
+    field, table = a.full_order, counted_rows(a.full_order)
     head = f"Controller {a.spec.name} ({a.spec.kind} gains) meets {_count(own)}"
     cells = len(field.faults)
+    outside = len(left_out(field))
+    faulty = sum(bool(fault) and not beyond for fault, beyond in zip(field.faults, field.cells.outside, strict=True))
     if len(table.stable) == 0:
-        return f"{head}: none of its {cells} cells could be analysed, {_reason(field)}."
+        reason = "" if outside == cells else f", {_reason(field)}"
+        beyond = f"; {outside} of {cells} are outside the converter's limits" if outside else ""
+        return f"{head}: none of its {cells} cells could be analysed within the limits{reason}{beyond}."
     analysed = len(table.stable)
-    part = "" if analysed == cells else f" ({cells - analysed} of {cells} could not be analysed)"
+    parts = [f"{outside} of {cells} are outside the converter's limits"] if outside else []
+    parts += [f"{faulty} of {cells} could not be analysed"] if faulty else []
+    part = f" ({'; '.join(parts)})" if parts else ""
     text = f"{head}: in the full-order model {int(table.stable.sum())} of {analysed} analysed cells are stable{part}"
-    reduced = a.reduced.table
+    reduced = counted_rows(a.reduced)
     if len(reduced.stable) and reduced.stable.sum() != table.stable.sum():
         text += f", in the reduced one {int(reduced.stable.sum())} of {len(reduced.stable)}"
     worst = worst_mode(result.study, field)

@@ -164,9 +164,10 @@ GAIN_UNITS = {
 
 
 def gains_table(result: ScenarioResult, controller: ControllerResult) -> Table:
-    """A controller's gains over time; with an estimate, which never stands still, those that hold before an event."""
+    """A controller's gains over time; of gains that follow an estimate or what is measured, which never stand still,
+    those that hold before an event."""
     changes, notes = controller.gain_changes, ()
-    if controller.estimates is not None:
+    if controller.moves:
         instants = [event.t_s for event in result.study.events]
         changes = settled_changes(changes, instants, result.study.simulation.duration)
         notes = (

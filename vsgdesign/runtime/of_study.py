@@ -1,33 +1,99 @@
-"""The schedule of a study's controller: from its gain table where it has one, else in closed form."""
+"""The gains of a study's controller: its schedule, and the one law that every page and every run takes them from."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from vsgdesign.artifacts.study_table import table_of
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.runtime.guards import SchedulerSettings, settings_of
 from vsgdesign.runtime.schedule import Schedule
-from vsgdesign.runtime.table import table_schedule
+from vsgdesign.runtime.table import TableSchedule, table_schedule
 
 if TYPE_CHECKING:  # reading study files is no part of what ships
     from vsgdesign.parameters.study import ControllerSpec, Study
 
 
-def schedule_of(study: Study, spec: ControllerSpec, P: float | None = None, Q: float | None = None) -> Schedule:
-    """The schedule; P and Q replace the design point. A table that the controller names as a file is read.
+def schedule_of(study: Study, spec: ControllerSpec) -> Schedule:
+    """The schedule: a table's, else the closed form. A table that the controller names as a file is read.
 
     Raises InfeasibleStudyError for a table that is not there yet, ArtifactError for a file that is no table of this
     converter.
     """
     if spec.schedule != "table":
-        return closed_form_schedule(study, spec.target, P, Q)
+        return closed_form_schedule(study, spec.target)
     table = table_of(study, spec)
     if table is None:
         raise InfeasibleStudyError(
             f"controller {spec.name}: its gain table is not there. vsgdesign run builds it; vsgdesign table build "
             'keeps it, and table = "FILE.json" in the study uses it.'
         )
-    schedule = table_schedule(table)
-    return replace(schedule, P=schedule.P if P is None else P, Q=schedule.Q if Q is None else Q)
+    return table_schedule(table)
+
+
+def follows_measured(spec: ControllerSpec) -> bool:
+    """Whether the gains follow the measured P, Q and V: those of every table, and of a closed form that asks for it."""
+    return spec.kind == "scheduled" and (spec.schedule == "table" or spec.target.follow_references)
+
+
+@dataclass(frozen=True)
+class ControllerGains:
+    """The gains of one controller, wherever they are asked for. Called with arrays or scalars that broadcast:
+    estimated R_g (Ω) and L_g (H), and P (W), Q (var) and V (phase rms, V) at the control point, in the steady state.
+
+    Fixed gains are what they are. A closed form at its design point ignores P, Q and V (:eq:`structure-gains` at
+    P_design, Q_design). All else is what the runtime has: a table's place, powers and voltage are clipped to the box
+    of its scheduler, then gains are made at the measured P, Q and V (:eq:`drawn-in`, :eq:`well-posed`). NaN where
+    there are none. Between two updates gains are held, so a linear model takes them as constants.
+    """
+
+    schedule: Schedule
+    fixed: PowerLoopGains | None = None
+    measured: bool = False
+    settings: SchedulerSettings | None = None
+    """A table's scheduler; None: nothing is clipped."""
+
+    def __call__(self, R_g: Any, L_g: Any, P: Any, Q: Any, V_rms: Any) -> PowerLoopGains:
+        given = [np.asarray(value, dtype=float) for value in (R_g, L_g, P, Q, V_rms)]
+        R_g, L_g, P, Q, V_rms = np.broadcast_arrays(*given)
+        if self.fixed is not None:
+            return PowerLoopGains(*(np.full(R_g.shape, float(value)) for value in self.fixed))
+        if not self.measured:
+            found = self.schedule.gains_over(R_g, L_g)
+        elif self.settings is None or not isinstance(self.schedule, TableSchedule):
+            found = self.schedule.gains_measured(R_g, L_g, P, Q, V_rms)
+        else:
+            c = self.settings
+            R_g, L_g, designed = self.schedule.drawn_to(R_g, L_g, c.scr, c.r_over_x)
+            P, Q, V_rms = np.clip(P, *c.P), np.clip(Q, *c.Q), np.clip(V_rms, *c.V_rms)
+            keep = np.where(designed, 1.0, np.nan)
+            found = self.schedule.gains_measured(R_g, L_g, P, Q, V_rms)
+            found = PowerLoopGains(*(value * keep for value in found))
+        return PowerLoopGains(*(np.broadcast_to(np.asarray(value, dtype=float), R_g.shape) for value in found))
+
+    @property
+    def why_none(self) -> str:
+        """What it means where there are no gains."""
+        if self.measured:
+            return "no gains: the table has no design there" if self.settings else "no gains: the estimate is no grid"
+        return "no gains: the design point does not exist on this grid"
+
+
+def gain_law(study: Study, spec: ControllerSpec) -> ControllerGains:
+    """The gains that a controller of the study has: of a known or estimated grid and measured powers.
+
+    Raises the errors of :func:`schedule_of`, and NoOperatingPointError for fixed gains whose design grid does not carry
+    the design point.
+    """
+    spec = replace(spec, table=table_of(study, spec))
+    schedule = schedule_of(study, spec)
+    if spec.kind == "fixed":
+        grid = spec.design_grid or study.grid
+        return ControllerGains(schedule, spec.gains or schedule.gains(grid.R_g, grid.L_g))
+    settings = settings_of(spec.table) if spec.schedule == "table" else None
+    return ControllerGains(schedule, None, follows_measured(spec), settings)

@@ -74,6 +74,17 @@ class TableSchedule(Schedule):
         with np.errstate(divide="ignore"):
             return Place(scr, 1.0 / r_over_x, row.clipped, -column.clipped, designed)
 
+    def drawn_to(
+        self, R_g: Any, L_g: Any, scr: tuple[float, float], r_over_x: tuple[float, float]
+    ) -> tuple[Any, Any, Any]:
+        """R_g and L_g of the nearest place within limits of SCR and R/X, as the scheduler has it, and whether only
+        designed nodes have a say there."""
+        at_scr, at_r = self._coordinates(R_g, L_g)
+        at_scr, at_r = np.clip(at_scr, *scr), np.clip(at_r, *r_over_x)
+        build = grid_from_scr_impedance if self.scr_basis == "impedance" else grid_from_scr_reactance
+        R_g, L_g = build(at_scr, 1.0 / at_r, self.Z_base, self.omega)
+        return R_g, L_g, self.place(R_g, L_g).designed
+
     def _coordinates(self, R_g: Any, L_g: Any) -> tuple[Any, Any]:
         R_g, L_g = np.asarray(R_g, dtype=float), np.asarray(L_g, dtype=float)
         usable = np.where(np.isfinite(R_g) & np.isfinite(L_g) & (L_g > 0.0), 1.0, np.nan)

@@ -1,5 +1,6 @@
 """EMT simulation: the exact plant between sampling and switching instants, with the real controller."""
 
+from vsgdesign.simulation.following import gain_feed
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.online import FixedGains, HeldBack, MeasuredWindow, OnlineScheduler, Recorder
 from vsgdesign.simulation.probing import Probe
@@ -22,6 +23,7 @@ __all__ = [
     "Timeline",
     "build_timeline",
     "gain_changes",
+    "gain_feed",
     "run_scenario",
     "simulate",
 ]

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import functools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
-from vsgdesign.artifacts.study_table import table_of
-from vsgdesign.equations.power_loops import PowerLoopGains, References
-from vsgdesign.errors import ArtifactError, InfeasibleStudyError, NoOperatingPointError
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import ArtifactError, InfeasibleStudyError
 from vsgdesign.frames import rms_to_peak, rotate, rotate_back
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.runtime.guards import LIMITED
 from vsgdesign.runtime.network import STATUSES, NeuralEstimator, neural_estimator
-from vsgdesign.runtime.of_study import schedule_of
-from vsgdesign.runtime.schedule import Schedule
-from vsgdesign.runtime.scheduler import Answer, Scheduler, scheduler_of
+from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.online import MeasuredWindow
 from vsgdesign.simulation.timeline import Timeline
 
@@ -78,10 +73,8 @@ class EstimatedScheduler:
         weights = weights_of(study, spec)
         self._estimator = estimator_of(study, spec, weights)
         self._window = weights.window
-        spec = replace(spec, table=table_of(study, spec))
         self._study, self._spec = study, spec
-        self._schedule = functools.lru_cache(maxsize=16)(self._schedule_at)
-        self._runtime = None if spec.table is None else scheduler_of(spec.table, self._estimator)
+        self._answers = ScheduledAnswers(study, spec, self._estimator)
         self._rows: list[tuple[float, float, float, str, bool]] = []
 
     @property
@@ -95,33 +88,17 @@ class EstimatedScheduler:
         return self._window.sample_interval
 
     def first_gains(self) -> PowerLoopGains:
-        """Gains of the study's grid at the start; a table's safe gains where that is outside its box.
-
-        Raises InfeasibleStudyError where a closed form has none.
-        """
+        """Gains of the grid at the start, as :meth:`vsgdesign.simulation.following.ScheduledAnswers.first`."""
         self._rows.clear()
-        start, grid = self._study.simulation, self._study.grid
-        if self._runtime is not None:
-            try:
-                return self._runtime.start(grid.R_g, grid.L_g)
-            except ArtifactError:  # not in the table's box: from the safe place, as in the field
-                return self._runtime.gains
-        try:
-            return self._at(start.P_ref, start.Q_ref).gains(grid.R_g, grid.L_g)
-        except NoOperatingPointError as error:
-            raise InfeasibleStudyError(f"controller {self._spec.name}, grid at the start: {error}") from error
+        return self._answers.first()
 
     def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
         """Gains for the estimated grid, None to go on as before."""
         v, i = window_channels(window, self._window.channels, self._window.synchronised)
         R_g, L_g, status = self._estimator.estimate(v, i)
-        gains, limited = None, False
-        if self._runtime is not None:
-            answer = self._guarded(self._runtime, window, R_g, L_g)
-            gains, limited = answer.gains, bool(answer.status & LIMITED)
-        elif math.isfinite(R_g):
-            gains = self._gains(window.refs, R_g, L_g)
-            status = NO_DESIGN if gains is None else status
+        gains, limited = self._answers.to(window, R_g, L_g)
+        if gains is None and math.isfinite(R_g):
+            status = NO_DESIGN
         self._rows.append((window.t_s, R_g, L_g, status, limited))
         return gains
 
@@ -134,24 +111,8 @@ class EstimatedScheduler:
         return EstimateLog(
             t_s, np.array([grid.R_g for grid in grids]), np.array([grid.L_g for grid in grids]), R_g_hat, L_g_hat,
             tuple(row[3] for row in self._rows), self.update_period, limited,
-            None if self._runtime is None else self._runtime.settings.rate,
+            self._answers.rate,
         )  # fmt: skip
-
-    def _guarded(self, runtime: Scheduler, window: MeasuredWindow, R_g: float, L_g: float) -> Answer:
-        measured = (window.P, window.Q, window.V_rms, round(window.t_s / runtime.settings.tick))
-        return runtime.update_estimate(R_g, L_g, *measured) if math.isfinite(R_g) else runtime.hold(*measured)
-
-    def _gains(self, refs: References, R_g: float, L_g: float) -> PowerLoopGains | None:
-        try:
-            return self._at(refs.P_ref, refs.Q_ref).gains(R_g, L_g)
-        except NoOperatingPointError:
-            return None
-
-    def _at(self, P_ref: float, Q_ref: float) -> Schedule:
-        return self._schedule(P_ref, Q_ref) if self._spec.target.follow_references else self._schedule(None, None)
-
-    def _schedule_at(self, P: float | None, Q: float | None) -> Schedule:
-        return schedule_of(self._study, self._spec, P, Q)
 
 
 def weights_of(study: Study, spec: ControllerSpec) -> NetworkWeights:

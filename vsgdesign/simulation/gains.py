@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
-from vsgdesign.runtime.of_study import schedule_of
+from vsgdesign.runtime.of_study import follows_measured, schedule_of
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.simulation.timeline import Timeline
 
@@ -24,25 +24,23 @@ class GainChange:
 
 
 def gain_changes(study: Study, spec: ControllerSpec, timeline: Timeline) -> tuple[GainChange, ...]:
-    """Every change of a controller's gains over the scenario, the first at t = 0.
+    """Every change of a controller's gains over the scenario, the first at t = 0, where the grid alone decides them.
 
     A scheduled controller updates at whole multiples of its period. What it knows then is the grid up to that
-    instant: a change of grid that coincides with an update is seen by the next one.
+    instant: a change of grid that coincides with an update is seen by the next one. Raises ValueError for gains that
+    follow what is measured (:func:`vsgdesign.simulation.following.gain_feed`).
     """
+    if follows_measured(spec):
+        raise ValueError(f"controller {spec.name}: its gains follow the measured P, Q and V; give simulate a gain_feed")
     schedule = schedule_of(study, spec)
     if spec.kind == "fixed":
         if spec.gains is not None:
             return (GainChange(0.0, spec.gains),)
         grid = spec.design_grid or study.grid
         return (GainChange(0.0, _gains(schedule, grid, f"controller {spec.name}, design grid")),)
-    instants = {t for t, _ in timeline.grids}
-    if spec.target.follow_references:
-        instants |= {t for t, _, _ in timeline.references}
     changes: list[GainChange] = []
-    for t_event in sorted(instants):
+    for t_event in sorted({t for t, _ in timeline.grids}):
         updates = 0 if t_event == 0.0 else math.floor(t_event / spec.update_period + 1e-9) + 1
-        if spec.target.follow_references:
-            schedule = schedule_of(study, spec, *timeline.references_at(t_event))
         grid, where = timeline.grid_at(t_event), f"controller {spec.name}, grid from {t_event:g} s"
         change = GainChange(updates * spec.update_period, _gains(schedule, grid, where))
         # Two changes between two updates: only the last is ever seen.

@@ -15,8 +15,10 @@ from vsgdesign.frames import clarke, clarke_inverse, instantaneous_power
 from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
+from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
-from vsgdesign.simulation.gains import GainChange, gain_changes
+from vsgdesign.simulation.following import gain_feed
+from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.online import pcc_vectors
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.timeline import Timeline, build_timeline
@@ -36,6 +38,11 @@ class ControllerResult:
     events: tuple[EventMetrics, ...]
     estimates: EstimateLog | None = None
     """Of a controller that estimates the grid: what it was told, window by window."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether the gains never stand still, as they follow an estimate or what is measured."""
+        return self.estimates is not None or follows_measured(self.spec)
 
 
 @dataclass(frozen=True)
@@ -69,7 +76,7 @@ def run_scenario(
     timeline = build_timeline(study)
     points = operating_points(study, timeline)
     feeds = [
-        EstimatedScheduler(study, spec) if spec.estimate == "neural" else gain_changes(study, spec, timeline)
+        EstimatedScheduler(study, spec) if spec.estimate == "neural" else gain_feed(study, spec, timeline)
         for spec in study.controllers
     ]
     results = []

@@ -9,13 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.metrics.step_response import ResponseMetrics
 from vsgdesign.model.coupled import CoupledModel
 from vsgdesign.operating_point.full_order import FullOrderModel
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
-from vsgdesign.stability.cells import GainLaw, cell_set, full_order_cells, gain_law, grid_arrays, reduced_cells
+from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.stability.cells import GainLaw, cells_under, full_order_cells, grid_arrays, reduced_cells
 from vsgdesign.stability.impedance import (
     generalised_nyquist,
     network_frequency_perturbation,
@@ -69,6 +71,10 @@ class FocusCell:
     sensitivities: tuple[ModeSensitivity, ...]
     """Of the least stable mode."""
     view: FrequencyView
+    gains: PowerLoopGains
+    """In the steady state of the cell."""
+    outside: str | None
+    """Which limit of the converter the steady state breaks; None: none."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +102,8 @@ class ControllerAssessment:
     """SCR × X/R of the study × errors, full order; None for fixed gains."""
     between: MarginTable
     between_grids: Array
-    """Margins of the full-order model at random grids between the map's nodes, (N, 2): SCR, X/R."""
+    """Margins of the full-order model at random grids between the map's nodes, (N, 2): SCR, X/R; of those within the
+    converter's limits."""
     focus: tuple[FocusCell, ...]
     loci: tuple[Locus, ...]
     x_over_r_limit: tuple[tuple[float, float | None], ...]
@@ -159,7 +166,9 @@ def _between_nodes(study: Study, law: GainLaw, P: float, Q: float, seed: int) ->
     grids = [grid_arrays(study, p[:1], p[1:]) for p in points]
     R_g = np.array([g[0][0, 0] for g in grids])
     L_g = np.array([g[1][0, 0] for g in grids])
-    cells = cell_set(study, R_g, L_g, P, Q, law(R_g, L_g))
+    cells = cells_under(study, law, R_g, L_g, P, Q)
+    within = np.flatnonzero(cells.inside)
+    points, cells = points[within], cells.take(within)
     model = full_order_cells(study, cells)
     return points[np.flatnonzero(cells.good)[model.index]], full_order_margins(model)
 
@@ -169,8 +178,7 @@ def _focus_cells(study: Study, law: GainLaw, P: float, Q: float) -> tuple[FocusC
     found = []
     grids = dict.fromkeys([study.grid, *(event.grid for event in study.events if event.grid is not None)])
     for grid in grids:
-        gains = law(np.array([grid.R_g]), np.array([grid.L_g]))
-        cells = cell_set(study, grid.R_g, grid.L_g, P, Q, gains)
+        cells = cells_under(study, law, grid.R_g, grid.L_g, P, Q)
         if not cells.good.all():
             continue
         reduced, full = reduced_cells(study, cells), full_order_cells(study, cells)
@@ -182,6 +190,7 @@ def _focus_cells(study: Study, law: GainLaw, P: float, Q: float) -> tuple[FocusC
             FocusCell(
                 label, grid, P, Q, reduced, full, reduced_margins(reduced), full_order_margins(full), found_modes,
                 mode_sensitivities(full, 0, found_modes[0].s), _frequency_view(study, full),
+                PowerLoopGains(*(float(value[0]) for value in cells.gains)), cells.outside[0],
             )
         )  # fmt: skip
     return tuple(found)
@@ -216,7 +225,7 @@ def _locus(study: Study, law: GainLaw, parameter: str, values: Array, other: flo
         R_g, L_g = (array[:, 0] for array in grid_arrays(study, values, np.array([other])))
     else:
         R_g, L_g = (array[0] for array in grid_arrays(study, np.array([other]), values))
-    cells = cell_set(study, R_g, L_g, P, Q, law(R_g, L_g))
+    cells = cells_under(study, law, R_g, L_g, P, Q)
     model = full_order_cells(study, cells)
     spread = np.full((len(values), len(model.states)), np.nan + 0j)
     if len(model.index):

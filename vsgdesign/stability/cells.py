@@ -11,30 +11,19 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.frames import rated_current_rms, rms_to_peak
 from vsgdesign.model.coupled import CoupledModel, coupled_model
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
-from vsgdesign.parameters.study import ControllerSpec, Grid, Study, grid_from_scr
-from vsgdesign.runtime.of_study import schedule_of
+from vsgdesign.parameters.study import Grid, Study, grid_from_scr
 
 Array = NDArray[np.float64]
 
-GainLaw = Callable[[Array, Array], PowerLoopGains]
-"""Grids as arrays (R_g in Ω, L_g in H) to gains; NaN where there are none."""
+GainLaw = Callable[[Any, Any, Any, Any, Any], PowerLoopGains]
+"""Arrays of estimated R_g (Ω) and L_g (H) and of the P (W), Q (var) and V (phase rms, V) at the control point to
+gains; NaN where there are none. :func:`vsgdesign.runtime.of_study.gain_law` is that of a study's controller."""
 
-
-def gain_law(study: Study, spec: ControllerSpec) -> GainLaw:
-    """The gains that a controller of the study has when it knows the grid (scheduled), or always (fixed)."""
-    schedule = schedule_of(study, spec)
-    if spec.kind == "scheduled":
-        return schedule.gains_over
-    grid = spec.design_grid or study.grid
-    fixed = spec.gains or schedule.gains(grid.R_g, grid.L_g)
-
-    def constant(R_g: Array, L_g: Array) -> PowerLoopGains:
-        shape = np.broadcast_shapes(np.shape(R_g), np.shape(L_g))
-        return PowerLoopGains(*(np.full(shape, value) for value in fixed))
-
-    return constant
+OUTSIDE = "outside the limits"
+"""How a cell beyond the converter's limits is called, on every page."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +31,8 @@ class CellSet:
     """N cells. ``faults`` says per cell why it cannot be analysed; None: it can.
 
     Operating points are exact (P, Q) at the control point. ``V_rms`` and ``delta`` are NaN in faulty cells.
+    ``outside`` says per cell which limit of the converter its steady state breaks; None: none. Such a cell has figures,
+    but the converter would not stay there, so none of them is a worst case.
     """
 
     R_g: Array
@@ -52,21 +43,42 @@ class CellSet:
     delta: Array
     gains: PowerLoopGains
     faults: tuple[str | None, ...]
+    outside: tuple[str | None, ...]
 
     @property
     def good(self) -> NDArray[np.bool_]:
         """Which cells can be analysed."""
         return np.array([fault is None for fault in self.faults], dtype=bool)
 
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Which cells are within the converter's limits of voltage and current."""
+        return np.array([reason is None for reason in self.outside], dtype=bool)
 
-def cell_set(study: Study, R_g: Any, L_g: Any, P: Any, Q: Any, gains: PowerLoopGains) -> CellSet:
-    """Cells of broadcast arrays of grids, powers and gains, each checked for an operating point and for gains."""
+    def take(self, index: NDArray[np.intp]) -> CellSet:
+        """Some of the cells, in the given order."""
+        gains = PowerLoopGains(*(value[index] for value in self.gains))
+        faults, outside = (tuple(texts[k] for k in index) for texts in (self.faults, self.outside))
+        return CellSet(
+            self.R_g[index], self.L_g[index], self.P[index], self.Q[index], self.V_rms[index], self.delta[index], gains,
+            faults, outside,
+        )  # fmt: skip
+
+
+NO_GAINS = "no gains: they are no numbers"
+
+
+def cell_set(
+    study: Study, R_g: Any, L_g: Any, P: Any, Q: Any, gains: PowerLoopGains, no_gains: str = NO_GAINS
+) -> CellSet:
+    """Cells of broadcast arrays of grids, powers and gains, each checked for an operating point and for gains.
+
+    ``no_gains`` is the fault of a cell whose gains are NaN.
+    """
     arrays = [np.asarray(value, dtype=float) for value in (R_g, L_g, P, Q, *gains)]
     R_g, L_g, P, Q, *rest = (np.array(a).ravel() for a in np.broadcast_arrays(*arrays))
     gains = PowerLoopGains(*rest)
-    R, X = study.filter.R_2 + R_g, study.grid_source.omega_g * (study.filter.L_2 + L_g)
-    with np.errstate(invalid="ignore"):
-        V_rms, delta = operating_point(P, Q, study.grid_source.V_g_rms, R, X)
+    V_rms, delta = _operating_point(study, R_g, L_g, P, Q)
     has_gains = np.all([np.isfinite(value) for value in gains], axis=0)
     faults: list[str | None] = []
     for k in range(len(R_g)):
@@ -75,10 +87,49 @@ def cell_set(study: Study, R_g: Any, L_g: Any, P: Any, Q: Any, gains: PowerLoopG
                 f"no operating point: the grid cannot carry P = {P[k] / 1e3:.4g} kW, Q = {Q[k] / 1e3:.4g} kvar"
             )
         elif not has_gains[k]:
-            faults.append("no gains: the design point does not exist on this grid")
+            faults.append(no_gains)
         else:
             faults.append(None)
-    return CellSet(R_g, L_g, P, Q, V_rms, delta, gains, tuple(faults))
+    return CellSet(R_g, L_g, P, Q, V_rms, delta, gains, tuple(faults), tuple(_outside(study, P, Q, V_rms)))
+
+
+def cells_under(
+    study: Study, law: GainLaw, R_g: Any, L_g: Any, P: Any, Q: Any, R_hat: Any = None, L_hat: Any = None
+) -> CellSet:
+    """Cells with the gains that a law has in the steady state of each: at its P, Q and V.
+
+    ``R_hat``, ``L_hat``: the grid that the law is told where that is not the true one. All broadcast.
+    """
+    arrays = (R_g, L_g, P, Q, R_g if R_hat is None else R_hat, L_g if L_hat is None else L_hat)
+    R_g, L_g, P, Q, R_hat, L_hat = np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in arrays))
+    V_rms, _ = _operating_point(study, R_g, L_g, P, Q)
+    gains = law(R_hat, L_hat, P, Q, V_rms)
+    return cell_set(study, R_g, L_g, P, Q, gains, getattr(law, "why_none", NO_GAINS))
+
+
+def _operating_point(study: Study, R_g: Array, L_g: Array, P: Array, Q: Array) -> tuple[Array, Array]:
+    """V and δ of every cell; NaN where the grid cannot carry P and Q."""
+    R, X = study.filter.R_2 + R_g, study.grid_source.omega_g * (study.filter.L_2 + L_g)
+    with np.errstate(invalid="ignore"):
+        return operating_point(P, Q, study.grid_source.V_g_rms, R, X)
+
+
+def _outside(study: Study, P: Array, Q: Array, V_rms: Array) -> list[str | None]:
+    """Which of the converter's limits each steady state breaks: of the voltage at the capacitor, of its current."""
+    c, f, omega = study.converter, study.filter, study.grid_source.omega_g
+    low, high = c.V_limits_rms
+    with np.errstate(invalid="ignore"):
+        shunt = 1j * omega * f.C / (1.0 + 1j * omega * f.C * f.R_c)
+        current_pu = rms_to_peak(np.abs(rated_current_rms(P - 1j * Q, V_rms) + shunt * V_rms)) / c.I_rated_pk
+    found: list[str | None] = []
+    for k, i in enumerate(current_pu):
+        if V_rms[k] < low or V_rms[k] > high:
+            found.append(f"V = {V_rms[k] / c.V_rated_rms:.3g} pu, allowed {c.V_min_pu:g} to {c.V_max_pu:g}")
+        elif c.current_limit_pu is not None and i > c.current_limit_pu:
+            found.append(f"current {i:.3g} pu, allowed {c.current_limit_pu:g}")
+        else:
+            found.append(None)
+    return found
 
 
 def grid_arrays(study: Study, scr: Array, x_over_r: Array) -> tuple[Array, Array]:

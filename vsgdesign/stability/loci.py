@@ -15,7 +15,7 @@ from vsgdesign.metrics.modes import eigenvalue_sensitivity, participation_factor
 from vsgdesign.model.full_order import PARAMETERS
 from vsgdesign.operating_point.full_order import FullOrderModel, parameter_sensitivity
 from vsgdesign.parameters.study import Study
-from vsgdesign.stability.cells import GainLaw, cell_set, grid_arrays, reduced_cells
+from vsgdesign.stability.cells import GainLaw, cells_under, grid_arrays, reduced_cells
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
@@ -139,7 +139,7 @@ def stability_limit(
 
     def abscissa(log_ratio: float) -> float:
         R_g, L_g = grid_arrays(study, np.array([scr]), np.array([np.exp(log_ratio)]))
-        cells = cell_set(study, R_g, L_g, P, Q, law(R_g, L_g))
+        cells = cells_under(study, law, R_g, L_g, P, Q)
         if not cells.good.all():
             return float("nan")
         return float(np.linalg.eigvals(reduced_cells(study, cells).A).real.max())

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters.study import Study
 from vsgdesign.stability.cells import (
     CellSet,
     GainLaw,
-    cell_set,
+    cells_under,
     full_order_cells,
     grid_arrays,
     operating_box,
@@ -53,6 +52,11 @@ class MarginMap:
         return spread.reshape(self.shape)
 
     @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Which rows of the table are of cells within the converter's limits: a worst case is one of these."""
+        return self.cells.inside[self.analysed]
+
+    @property
     def stable(self) -> Array:
         """1 where stable, 0 where not, NaN where it cannot be said."""
         return self.field(self.table.stable)
@@ -62,7 +66,7 @@ def margin_map(
     study: Study, law: GainLaw, scr: Sequence[float], x_over_r: Sequence[float],
     P: Sequence[float], Q: Sequence[float], model: str = "reduced",
 ) -> MarginMap:  # fmt: skip
-    """Margins over SCR × X/R × (P, Q) with the gains that a law gives each grid.
+    """Margins over SCR × X/R × (P, Q) with the gains that a law has in the steady state of each cell.
 
     The last axis runs over the combinations of P (W) and Q (var), P slowest. ``model``: "reduced" (coupled,
     ideal inner loops) or "full_order" (sampled, with everything).
@@ -70,7 +74,7 @@ def margin_map(
     scr_axis, ratio_axis = np.asarray(scr, dtype=float), np.asarray(x_over_r, dtype=float)
     P_box, Q_box = operating_box(P, Q)
     R_g, L_g = grid_arrays(study, scr_axis, ratio_axis)
-    cells = cell_set(study, R_g[..., None], L_g[..., None], P_box, Q_box, _last_axis(law(R_g, L_g)))
+    cells = cells_under(study, law, R_g[..., None], L_g[..., None], P_box, Q_box)
     axes = (("SCR", scr_axis), ("X/R", ratio_axis), ("P, Q", np.arange(len(P_box), dtype=float)))
     return _analyse(study, cells, axes, model)
 
@@ -78,11 +82,10 @@ def margin_map(
 def stale_schedule_matrix(
     study: Study, law: GainLaw, scr: Sequence[float], x_over_r: float, P: float, Q: float, model: str = "reduced"
 ) -> MarginMap:
-    """True SCR (rows) × the SCR that the gains were made for (columns), at one X/R and one operating point."""
+    """True SCR (rows) × the SCR that the law is told (columns), at one X/R and one operating point of the true grid."""
     axis = np.asarray(scr, dtype=float)
     R_g, L_g = (values[:, 0] for values in grid_arrays(study, axis, np.array([x_over_r])))
-    gains = law(R_g, L_g)
-    cells = cell_set(study, R_g[:, None], L_g[:, None], P, Q, PowerLoopGains(*(value[None, :] for value in gains)))
+    cells = cells_under(study, law, R_g[:, None], L_g[:, None], P, Q, R_g[None, :], L_g[None, :])
     return _analyse(study, cells, (("true SCR", axis), ("SCR of the gains", axis)), model)
 
 
@@ -92,20 +95,16 @@ def estimate_error_map(
 ) -> MarginMap:  # fmt: skip
     """Margins where the schedule is fed R_g(1 + e_R) and L_g(1 + e_L): SCR × X/R × e_R × e_L.
 
-    ``errors`` are relative, with sign; both estimates take each of them.
+    ``errors`` are relative, with sign; both estimates take each of them. P, Q and V are measured, hence those of the
+    true grid.
     """
     scr_axis, ratio_axis = np.asarray(scr, dtype=float), np.asarray(x_over_r, dtype=float)
     e = np.asarray(errors, dtype=float)
     R_g, L_g = grid_arrays(study, scr_axis, ratio_axis)
     R_g, L_g = R_g[..., None, None], L_g[..., None, None]
-    gains = law(R_g * (1.0 + e[:, None]), L_g * (1.0 + e[None, :]))
-    cells = cell_set(study, R_g, L_g, P, Q, gains)
+    cells = cells_under(study, law, R_g, L_g, P, Q, R_g * (1.0 + e[:, None]), L_g * (1.0 + e[None, :]))
     axes = (("SCR", scr_axis), ("X/R", ratio_axis), ("error of R_g", e), ("error of L_g", e))
     return _analyse(study, cells, axes, model)
-
-
-def _last_axis(gains: PowerLoopGains) -> PowerLoopGains:
-    return PowerLoopGains(*(value[..., None] for value in gains))
 
 
 def _analyse(study: Study, cells: CellSet, axes: tuple[tuple[str, Array], ...], model: str) -> MarginMap:

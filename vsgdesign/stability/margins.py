@@ -120,3 +120,13 @@ def _on_both(loop: SensitivityLoop, omega: Array, extra: Array) -> tuple[Complex
 def _only(table: Any, stable: NDArray[np.bool_]) -> Any:
     """The table with NaN in the unstable cells."""
     return type(table)(*(np.where(stable, getattr(table, name), np.nan) for name in table.__dataclass_fields__))
+
+
+def rows_of(table: Any, index: NDArray[np.intp]) -> Any:
+    """Some rows of a table of margins, in the given order."""
+    parts = {name: getattr(table, name) for name in table.__dataclass_fields__}
+    taken = {
+        name: rows_of(part, index) if hasattr(part, "__dataclass_fields__") else part[index]
+        for name, part in parts.items()
+    }
+    return type(table)(**taken)

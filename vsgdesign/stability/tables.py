@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from vsgdesign.stability.assessment import FocusCell
+from vsgdesign.stability.cells import OUTSIDE
 from vsgdesign.stability.maps import MarginMap
 
 _COLUMNS = (
@@ -21,7 +22,7 @@ def map_header(field: MarginMap) -> list[str]:
     """Column names of :func:`map_rows`, with units."""
     axes = [name for name, _ in field.axes if name != "P, Q"]
     fixed = ["P [W]", "Q [var]", "R_g [ohm]", "L_g [H]", "V [V]", "delta [rad]", *field.cells.gains._fields]
-    return [*axes, *fixed, *_COLUMNS, "fault"]
+    return [*axes, *fixed, *_COLUMNS, "fault", OUTSIDE]
 
 
 def map_rows(field: MarginMap) -> Iterator[list[object]]:
@@ -42,7 +43,7 @@ def map_rows(field: MarginMap) -> Iterator[list[object]]:
         known = [c.P, c.Q, c.R_g, c.L_g, c.V_rms, c.delta, *c.gains]
         row = row_of.get(flat)
         values: list[object] = [None] * len(columns) if row is None else [float(v) for v in figures[row]]
-        yield [*place, *(float(v[flat]) for v in known), *values, fault]
+        yield [*place, *(float(v[flat]) for v in known), *values, fault, c.outside[flat]]
 
 
 VIEW_HEADER = (

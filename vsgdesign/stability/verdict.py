@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from vsgdesign.parameters.study import Study
 from vsgdesign.stability.assessment import ControllerAssessment
 from vsgdesign.stability.maps import MarginMap
+from vsgdesign.stability.margins import MarginTable, rows_of
 
 Array = NDArray[np.float64]
 
 OWN = "vsgdesign internal gate, no grid code"
 PASS, FAIL, INFORMATIONAL, NOT_ASSESSED = "pass", "fail", "informational", "not assessed"
-NOTHING = "no cell could be analysed"
+NOTHING = "no cell within the converter's limits could be analysed"
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,17 @@ class WorstCase:
     value: float
     where: str
     share_below: float
-    """Share of the analysed cells that miss the gate."""
+    """Share of the counted cells that miss the gate."""
+
+
+def counted_rows(field: MarginMap) -> MarginTable:
+    """The margins of a map's cells within the converter's limits."""
+    return rows_of(field.table, np.flatnonzero(field.counted))
+
+
+def left_out(field: MarginMap) -> list[str]:
+    """Why cells of a map count for nothing, one reason a cell that breaks a limit of the converter."""
+    return [reason for reason in field.cells.outside if reason is not None]
 
 
 def describe_cell(field: MarginMap, flat: int) -> str:
@@ -61,11 +72,13 @@ def describe_cell(field: MarginMap, flat: int) -> str:
 
 
 def worst_cases(study: Study, field: MarginMap) -> tuple[WorstCase, ...]:
-    """Least damping, disk margin, gain, phase and delay margins and largest M_s over a map.
+    """Least damping, disk margin, gain, phase and delay margins and largest M_s over a map's cells within the limits.
 
-    Unstable cells count as the worst of all: they have no margin.
+    Unstable cells count as the worst of all: they have no margin. Cells outside the converter's limits count for
+    nothing.
     """
-    table, gates = field.table, study.stability.gates
+    rows_in = np.flatnonzero(field.counted)
+    table, gates = counted_rows(field), study.stability.gates
     GM = np.minimum(table.loop_P.gain_margin_db, table.loop_Q.gain_margin_db)
     PM = np.minimum(table.loop_P.phase_margin_deg, table.loop_Q.phase_margin_deg)
     DM = np.minimum(table.loop_P.delay_margin_s, table.loop_Q.delay_margin_s)
@@ -91,7 +104,7 @@ def worst_cases(study: Study, field: MarginMap) -> tuple[WorstCase, ...]:
         misses = bad < gate if larger_is_better else bad > gate
         value = float(bad[k]) if np.isfinite(bad[k]) or table.stable[k] else float("nan")
         share = float(np.mean(misses)) if np.isfinite(gate) else float("nan")
-        found.append(WorstCase(quantity, unit, value, describe_cell(field, int(field.analysed[k])), share))
+        found.append(WorstCase(quantity, unit, value, describe_cell(field, int(field.analysed[rows_in[k]])), share))
     return tuple(found)
 
 
@@ -107,11 +120,12 @@ def _own_gates(study: Study, a: ControllerAssessment) -> list[Verdict]:
     gates, name = study.stability.gates, a.spec.name
     rows = []
     for label, field in (("reduced", a.reduced), ("full order", a.full_order)):
-        analysed, stable = len(field.table.stable), int(field.table.stable.sum())
+        inside = counted_rows(field).stable
+        analysed, stable = len(inside), int(inside.sum())
         evidence = f"map_{name}_{'reduced' if label == 'reduced' else 'full_order'}.csv"
         rows.append(
             Verdict(
-                name, OWN, "", f"stable in every analysed cell ({label})", f"{stable} of {analysed}", "all",
+                name, OWN, "", f"stable in every cell within the limits ({label})", f"{stable} of {analysed}", "all",
                 NOT_ASSESSED if analysed == 0 else PASS if stable == analysed else FAIL, evidence,
             )
         )  # fmt: skip
@@ -142,9 +156,12 @@ def _own_gates(study: Study, a: ControllerAssessment) -> list[Verdict]:
 
 def _settling(study: Study, a: ControllerAssessment) -> Verdict:
     limit = study.stability.gates.settling_time
-    analysed = len(a.step_P) > 0
+    counted = a.reduced.counted
+    analysed = bool(counted.any())
     late, slowest, where = 0, 0.0, ""
     for k, (p, q) in enumerate(zip(a.step_P, a.step_Q, strict=True)):
+        if not counted[k]:
+            continue
         times = [np.inf if r is None or r.settling_time_s is None else r.settling_time_s for r in (p, q)]
         late += max(times) > limit
         if max(times) > slowest:
@@ -174,7 +191,8 @@ tests themselves are time-domain tests, which this report does not run."""
 
 def _external(study: Study, a: ControllerAssessment) -> list[Verdict]:
     rows = []
-    stable = a.full_order.stable
+    full = a.full_order
+    stable = np.where(full.cells.inside.reshape(full.shape), full.stable, np.nan)
     axis = np.array(study.stability.scr)
     for source, confidence, text, ratios in _EXTERNAL:
         nearest = [int(np.argmin(np.abs(np.log(axis / ratio)))) for ratio in ratios]
@@ -183,7 +201,8 @@ def _external(study: Study, a: ControllerAssessment) -> list[Verdict]:
             value, verdict = "not on the map's SCR axis", NOT_ASSESSED
         else:
             cells = stable[covered]
-            value = f"small-signal stable in {int(np.nansum(cells))} of {int(np.isfinite(cells).sum())} cells over X/R"
+            value = f"small-signal stable in {int(np.nansum(cells))} of {int(np.isfinite(cells).sum())} cells over X/R "
+            value += "that are within the limits"
             verdict = INFORMATIONAL
         rows.append(
             Verdict(
@@ -191,11 +210,11 @@ def _external(study: Study, a: ControllerAssessment) -> list[Verdict]:
                 verdict, f"map_{a.spec.name}_full_order.csv",
             )
         )  # fmt: skip
-    damping = a.full_order.table.least_damping
+    damping = counted_rows(full).least_damping
     rows.append(
         Verdict(
             a.spec.name, "IEEE 2800-2022", "recalled", "damping ratio of controlled modes",
-            f"{float(np.min(damping)):.3g} least over the map (all modes)" if len(damping) else NOTHING,
+            f"{float(np.min(damping)):.3g} least within the limits (all modes)" if len(damping) else NOTHING,
             "≥ 0.3, to be checked",
             INFORMATIONAL if len(damping) else NOT_ASSESSED, f"map_{a.spec.name}_full_order.csv",
         )

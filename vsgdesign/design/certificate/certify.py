@@ -17,6 +17,7 @@ from vsgdesign.design.certificate.boxes import encloses
 from vsgdesign.design.certificate.lyapunov import Family, Fit, best_fit, residual
 from vsgdesign.design.certificate.proof import Outcome, prove
 from vsgdesign.design.certificate.region import (
+    AtDesignPoint,
     MeasuredSchedule,
     Region,
     System,
@@ -36,7 +37,7 @@ from vsgdesign.design.certificate.results import (
 from vsgdesign.design.certificate.search import worst_points
 from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.runtime.of_study import schedule_of
+from vsgdesign.runtime.of_study import follows_measured, schedule_of
 
 Array = NDArray[np.float64]
 
@@ -251,7 +252,7 @@ def _prepared(
     if schedule is None:
         if spec.gains is not None or spec.kind != "scheduled":
             raise InfeasibleStudyError(f"controller {spec.name}: a certificate is made for a scheduled controller.")
-        schedule = schedule_of(study, spec)
+        schedule = schedule_of(study, spec) if follows_measured(spec) else AtDesignPoint(schedule_of(study, spec))
     return System(study, schedule), Motion(region, bool(np.isfinite(region.rate)))
 
 

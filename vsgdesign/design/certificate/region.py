@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.power_flow import POWER_MARGIN, jacobian_from_powers, operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
-from vsgdesign.errors import Fault
+from vsgdesign.errors import Fault, InfeasibleStudyError
 from vsgdesign.frames import PHASES
 from vsgdesign.parameters.study import Study
+from vsgdesign.runtime.schedule import Schedule
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,26 @@ class MeasuredSchedule(Protocol):
     def gains_measured(self, R_g: Any, L_g: Any, P: Any, Q: Any, V_rms: Any) -> PowerLoopGains:
         """Gains from an estimated grid and the measured P, Q, V."""
         ...
+
+
+@dataclass(frozen=True)
+class AtDesignPoint:
+    """A closed form whose Jacobian is that of its design point, as a run has it: what is measured has no say."""
+
+    schedule: Schedule
+
+    def gains_measured(self, R_g: Any, L_g: Any, P: Any, Q: Any, V_rms: Any) -> PowerLoopGains:  # noqa: ARG002
+        """Gains of an estimated grid. Raises InfeasibleStudyError where the design point does not exist on one."""
+        gains = self.schedule.gains_over(R_g, L_g)
+        none = np.flatnonzero(np.isnan(np.atleast_1d(gains.K_ip)))
+        if none.size:
+            k = int(none[0])
+            raise InfeasibleStudyError(
+                f"no gains at R_g = {np.atleast_1d(R_g)[k]:.4g} Ω, L_g = {1e3 * np.atleast_1d(L_g)[k]:.4g} mH, which "
+                "the region holds: the design point does not exist on this grid. Shrink the region, lower P_design and "
+                'Q_design, or set operating_point = "reference".'
+            )
+        return gains
 
 
 @dataclass(frozen=True)

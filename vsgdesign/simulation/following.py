@@ -1,0 +1,125 @@
+"""Scheduled gains in a run: what a controller answers to a grid and to what it measures, and what it starts with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from vsgdesign.artifacts.study_table import table_of
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import ArtifactError, InfeasibleStudyError, NoOperatingPointError
+from vsgdesign.operating_point.at_rest import rest_with_measured_gains
+from vsgdesign.parameters.study import ControllerSpec, GridSource, Study
+from vsgdesign.runtime.guards import LIMITED
+from vsgdesign.runtime.network import NeuralEstimator
+from vsgdesign.runtime.of_study import follows_measured, gain_law
+from vsgdesign.runtime.scheduler import scheduler_of
+from vsgdesign.simulation.gains import GainChange, gain_changes
+from vsgdesign.simulation.online import MeasuredWindow, OnlineScheduler
+from vsgdesign.simulation.timeline import Timeline, build_timeline
+
+
+class ScheduledAnswers:
+    """A scheduled controller's gains for a grid and the measured P, Q, V: those of the scheduler that ships, guards and
+    all, where it has a table, else of its closed form. For one run at a time: the scheduler remembers.
+    """
+
+    def __init__(self, study: Study, spec: ControllerSpec, estimator: NeuralEstimator | None = None) -> None:
+        spec = replace(spec, table=table_of(study, spec))
+        self._study, self._spec, self._law = study, spec, gain_law(study, spec)
+        self._runtime = None if spec.table is None else scheduler_of(spec.table, estimator)
+
+    @property
+    def rate(self) -> float | None:
+        """The scheduler's limit of |d ln SCR/dt| and |d ln(R/X)/dt|, 1/s; None without a table."""
+        return None if self._runtime is None else self._runtime.settings.rate
+
+    def first(self) -> PowerLoopGains:
+        """Gains at the start: of the known grid, in the steady state that they are part of; without load for a cold
+        start. A table's safe place where the grid is not in its box.
+
+        Raises InfeasibleStudyError where there is no steady state, or a closed form has no gains.
+        """
+        study, spec = self._study, self._spec
+        timeline = build_timeline(study)
+        grid, source = timeline.grid_at(0.0), timeline.source_at(0.0)
+        known = True
+        if self._runtime is not None:
+            try:
+                self._runtime.start(grid.R_g, grid.L_g)
+            except ArtifactError:  # not in the table's box: from the safe place, as in the field
+                known = False
+        elif not self._law.measured:
+            return self._at_design_point(grid.R_g, grid.L_g)
+
+        def gains_of(P: float, Q: float, V_rms: float) -> PowerLoopGains:
+            if self._runtime is None:
+                return _numbers(self._law(grid.R_g, grid.L_g, P, Q, V_rms))
+            if known:
+                return self._runtime.update_estimate(grid.R_g, grid.L_g, P, Q, V_rms, 0).gains
+            return self._runtime.hold(P, Q, V_rms, 0).gains
+
+        if study.simulation.start == "cold" or not source.steady:
+            return gains_of(0.0, 0.0, study.converter.V_rated_rms)
+        at_start = GridSource(source.V_g_rms, source.omega)
+        try:
+            return rest_with_measured_gains(study, grid, at_start, *timeline.references_at(0.0), gains_of)[1]
+        except InfeasibleStudyError as error:
+            raise InfeasibleStudyError(f"controller {spec.name}: {error}") from error
+
+    def to(self, window: MeasuredWindow, R_g: float, L_g: float) -> tuple[PowerLoopGains | None, bool]:
+        """Gains from the end of a window on for a grid, NaN: not known; None to go on as before. And whether the
+        scheduler's rate limit held them back."""
+        known = bool(np.isfinite(R_g) and np.isfinite(L_g))
+        if self._runtime is None:
+            found = _numbers(self._law(R_g, L_g, window.P, window.Q, window.V_rms)) if known else None
+            return (found if found is not None and np.isfinite(found).all() else None), False
+        measured = (window.P, window.Q, window.V_rms, round(window.t_s / self._runtime.settings.tick))
+        answer = self._runtime.update_estimate(R_g, L_g, *measured) if known else self._runtime.hold(*measured)
+        return answer.gains, bool(answer.status & LIMITED)
+
+    def _at_design_point(self, R_g: float, L_g: float) -> PowerLoopGains:
+        try:
+            return self._law.schedule.gains(R_g, L_g)
+        except NoOperatingPointError as error:
+            raise InfeasibleStudyError(f"controller {self._spec.name}, grid at the start: {error}") from error
+
+
+class KnownGridScheduler:
+    """An online scheduler that is told the true grid at every update, as it was up to that instant."""
+
+    def __init__(self, study: Study, spec: ControllerSpec, timeline: Timeline) -> None:
+        self._answers, self._timeline = ScheduledAnswers(study, spec), timeline
+        self._period, self._T_s = spec.update_period, study.converter.T_s
+
+    @property
+    def update_period(self) -> float:
+        """That of the controller, s."""
+        return self._period
+
+    @property
+    def sample_interval(self) -> float:
+        """One row a window: nothing is looked at but the powers at its end."""
+        return self._period
+
+    def first_gains(self) -> PowerLoopGains:
+        """Gains of the grid at the start, as :meth:`ScheduledAnswers.first`."""
+        return self._answers.first()
+
+    def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
+        """Gains for the true grid: a change that coincides with the update is seen by the next one."""
+        grid = self._timeline.grid_at(window.t_s - 0.5 * self._T_s)
+        return self._answers.to(window, grid.R_g, grid.L_g)[0]
+
+
+def gain_feed(study: Study, spec: ControllerSpec, timeline: Timeline) -> tuple[GainChange, ...] | OnlineScheduler:
+    """What a run is given for a controller that knows the true grid: changes that are known beforehand, or the
+    scheduler that follows what is measured."""
+    if follows_measured(spec):
+        return KnownGridScheduler(study, spec, timeline)
+    return gain_changes(study, spec, timeline)
+
+
+def _numbers(gains: PowerLoopGains) -> PowerLoopGains:
+    return PowerLoopGains(*(float(value) for value in gains))
