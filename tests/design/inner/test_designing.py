@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,10 +22,10 @@ from vsgdesign.design.inner import (
     what_would_help,
 )
 from vsgdesign.design.inner.designing import alternatives
-from vsgdesign.design.inner.grids import lattice
+from vsgdesign.design.inner.grids import lattice, sampling_ratio
 from vsgdesign.design.inner.promises import PROMISES, bench_of, evaluate, worst_score
 from vsgdesign.design.inner.search import Effort
-from vsgdesign.design.inner.variables import variables
+from vsgdesign.design.inner.variables import closed_form_starts, variables
 from vsgdesign.equations.closed_form import current_loop_gains, voltage_loop_gains
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import StudyError
@@ -66,6 +68,27 @@ def test_what_can_be_reached_is_what_is_claimed() -> None:
     assert [sum(value >= least for value in t) >= count for least, count in ((1.0, 6), (0.7, 10), (0.45, 13))] == [
         True
     ] * 3
+
+
+def test_the_page_says_what_is_reached() -> None:
+    """Every row of docs/theory/inner-loop-design.md from the stored gains, rounded as printed."""
+    text = (Path(__file__).resolve().parents[3] / "docs/theory/inner-loop-design.md").read_text(encoding="utf-8")
+    rows = {case: cells.split(" | ") for case, cells in re.findall(r"^\| `case:(\w+)` \| (.*) \|$", text, re.MULTILINE)}
+    assert set(rows) == set(DESIGNED)
+    for case, (ratio, start, t, limited_by, *values) in rows.items():
+        c, f = datasheet(case)
+        found = score_inner_loops(c, f, *DESIGNED[case][:2], BOX)
+        own = sampling_ratio(c, f, BOX)
+        starts = [score_inner_loops(c, f, *one, BOX).t for one in closed_form_starts(c, f, own)]
+        assert float(ratio) == pytest.approx(own, abs=0.051)
+        assert float(start) == pytest.approx(max(starts), abs=0.0051)
+        assert float(t.strip("*")) == pytest.approx(found.t, abs=0.0055)
+        near = [promise.name for promise in found.promises if promise.score < 1.01 * found.t]
+        assert limited_by in near  # several are equal within the seventh digit of the gains
+        reached = [promise.value / (c.omega_n if promise.name == "decay" else 1.0) for promise in found.promises]
+        for cell, value in zip(values, reached, strict=True):
+            digits = len(cell.partition(".")[2])
+            assert float(cell) == pytest.approx(value, abs=0.56 * 10.0**-digits)
 
 
 @pytest.mark.parametrize("case", ["hoang2025_5kva", "utility_1mva_60hz", "sized_250kva_480v_60hz", "sized_5mva_3300v"])
