@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from vsgdesign.artifacts.table_text import between_text, certificate_sentence, status_text
+from vsgdesign.artifacts.table_text import between_text, causes_text, certificate_sentence, status_text
 
 if TYPE_CHECKING:
     from vsgdesign.design import ClosedFormDesign
@@ -93,6 +93,8 @@ def table_lines(name: str, table: dict[str, Any]) -> Iterator[str]:
     if proof["certified"] is False:
         yield f"{name}: {proof['text']}"
     yield f"{name}: gain table of {table['nodes'][0]} SCR × {table['nodes'][1]} X/R, {status_text(table['status'])}"
+    if table["causes"]:
+        yield f"why cells are relaxed: {causes_text(table['causes'])} (table show has each)"
     yield between_text(table["between"])
     if proof["certified"] is not False:
         yield proof["text"]

@@ -12,7 +12,15 @@ from rich.console import Console
 from rich.markup import escape
 
 from vsgdesign.artifacts.gain_table import COLUMNS, GainTable
-from vsgdesign.artifacts.table_text import between_text, certificate_failed, certificate_sentence, status_text
+from vsgdesign.artifacts.table_text import (
+    between_text,
+    cause_text,
+    causes_text,
+    certificate_failed,
+    certificate_sentence,
+    inner_loops_text,
+    status_text,
+)
 from vsgdesign.console import new_console, new_table
 from vsgdesign.stability.gain_table import FIGURES, Compared, TableCheck, figure_of, largest_difference
 
@@ -67,6 +75,7 @@ def heading(table: GainTable) -> Iterator[str]:
     )
     if table.specification:
         yield "specification: " + ", ".join(f"{k} = {_short(v)}" for k, v in table.specification.items())
+    yield from _why(table.causes)
     if table.between is not None:
         yield between_text(table.between)
     if not certificate_failed(table.certificate):
@@ -87,6 +96,7 @@ def built_text(document: dict[str, Any], shown: int = 8) -> str:
         lines.append("nodes added between: " + ", ".join(f"{node['axis']} {node['value']:g}" for node in added))
     lines += _first(document["relaxed"], "would_be_feasible_with", "not as specified, feasible with", shown)
     broken = between["broken"]
+    lines += _why(document["causes"], shown)
     lines.append(between_text(between))
     lines += _first(broken, "reached", "breaks its promise with", shown)
     if proof["certified"] is not False:
@@ -95,12 +105,20 @@ def built_text(document: dict[str, Any], shown: int = 8) -> str:
     return "\n".join(lines)
 
 
+def _why(causes: Sequence[dict[str, Any]], shown: int = 8) -> list[str]:
+    """The causes of relaxed cells, a line each."""
+    if not causes:
+        return []
+    more = [f"  and {len(causes) - shown} more (--json has all)"] if len(causes) > shown else []
+    return [f"why cells are relaxed: {causes_text(causes)}", *(f"  {cause_text(c)}" for c in causes[:shown]), *more]
+
+
 def _first(places: Sequence[dict[str, Any]], key: str, says: str, shown: int) -> list[str]:
     lines = []
     for place in places[:shown]:
         where = f"  SCR {place['scr']:.4g}, X/R {place['x_over_r']:.4g}"
-        if (inner := place.get("inner_loops_rad_s")) is not None:
-            lines.append(f"{where}: the inner loops or the filter are unstable at {inner:.3g} rad/s")
+        if place.get("inner_loops_fail"):
+            lines.append(f"{where}: {inner_loops_text(place['inner_loops_rad_s'])}")
             continue
         values = ", ".join(f"{name} {_limit(value)}" for name, value in place[key].items())
         lines.append(f"{where}: {says} {values}")

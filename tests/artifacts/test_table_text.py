@@ -69,10 +69,11 @@ def test_every_page_and_verb_says_the_same_and_a_failed_proof_first(tmp_path: Pa
     summary = certificate_summary(CASES[case])
     built = built_text({
         "file": "t.json", "table": {"name": "t", "scr": [1.0], "x_over_r": [1.0], "sha256": "0"}, "added": [],
-        "certificate": summary, "cells": {"met": 1}, "relaxed": [], "between": between,
+        "certificate": summary, "cells": {"met": 1}, "relaxed": [], "between": between, "causes": [],
     })  # fmt: skip
     run = "\n".join(table_lines("t", {
-        "certificate": summary, "nodes": [2, 2], "status": {"met": 4}, "between": between, "not_of_this_study": [],
+        "certificate": summary, "nodes": [2, 2], "status": {"met": 4}, "between": between, "causes": [],
+        "not_of_this_study": [],
     }))  # fmt: skip
     page = verdict_of(made)
     c = (export_c_files(tmp_path / "t.json", tmp_path / "c").folder / "INTEGRATION.md").read_text(encoding="utf-8")

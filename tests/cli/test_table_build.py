@@ -131,11 +131,12 @@ def test_as_json_and_over_a_table_of_before(
     first = whole.records[0]
     assert first.design is not None
     missed = replace(first.design, shortfalls={"overshoot": 0.07, "settling_time": float("inf")})
+    unstable = replace(first.design, shortfalls={"inner_loops": 320.0})
     bad = replace(whole.between.points[0], promised=True, missed={"disk_margin": 0.9})
     fake = replace(
         whole,
         added=(("scr", 4.24264),),
-        records=(replace(first, design=missed), replace(first, design=missed, inner_rad_s=320.0), *whole.records[2:]),
+        records=(replace(first, design=missed), replace(first, design=unstable, inner_rad_s=320.0), *whole.records[2:]),
         between=replace(whole.between, points=(bad, *whole.between.points[1:])),
     )
     monkeypatch.setattr(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeGuard
 
@@ -51,6 +52,75 @@ def between_text(between: Document | None) -> str:
         f"between nodes: {between['points']} random grids, {between['outside']} outside the static limits, "
         f"{between['promised']} promised, {len(between['broken'])} broken"
     )
+
+
+_CURES = {
+    "delay": ("the sampling delay", "Without it, with the same inner gains,"),
+    "inner loops": ("the inner loops", "With ideal ones"),
+    "estimate error": ("the error of the estimate", "With an exact estimate"),
+    "inner loops and estimate error": (
+        "the inner loops together with the error of the estimate", "With ideal inner loops and an exact estimate",
+    ),
+    "static limit": ("the static limit", "With half of the powers"),
+    "neighbours": ("the designs beside it, which it has to go well with", "Alone"),
+}  # fmt: skip
+
+
+def cause_text(cause: Document) -> str:
+    """Why one cell is relaxed (:mod:`vsgdesign.design.causes`), and what it would keep otherwise."""
+    at = f"SCR {_text(cause['scr'])}, X/R {_text(cause['x_over_r'])}"
+    kind, missed = cause["cause"], missed_text(cause["missed"])
+    if kind == "interpolation":
+        return (
+            f"{at}: the cell itself keeps every promise, but a grid between it and the cells around it does not "
+            f"({missed}). Nodes closer together are the way out."
+        )
+    if kind == "specification":
+        near = f" Of its {cause['limit']} it uses {_text(100.0 * cause['limit_use'], 3)} %." if cause["limit"] else ""
+        return (
+            f"{at}: it misses its promises ({missed}) even with ideal inner loops and an exact estimate, and with half "
+            f"of the powers: the specification asks for more than this structure has.{near}"
+        )
+    what, without = _CURES.get(kind, (kind, "Without that"))
+    if kind == "static limit":
+        what += f" ({cause['limit']}, of which it uses {_text(100.0 * cause['limit_use'], 3)} %)"
+    keeps = cause["keeps"] or {}
+    figures = (
+        f"P and Q settle in {_found(keeps.get('settling_time'))} s with {_percent(keeps.get('overshoot'))} overshoot, "
+        f"disk margin {_found(keeps.get('disk_margin'))}, damping ratio {_found(keeps.get('damping_ratio'))}, "
+        f"H {_found(keeps.get('H'))} s"
+    )
+    return f"{at}: a promise is given up ({missed}) because of {what}. {without} it would keep all: {figures}."
+
+
+def missed_text(missed: Mapping[str, Any]) -> str:
+    """Promises that are not kept, with what would have to be allowed."""
+    return ", ".join(
+        f"{name} {_found(value)}" if name != "inner_loops" else inner_loops_text(value)
+        for name, value in missed.items()
+    )
+
+
+def inner_loops_text(fastest_rad_s: float | None) -> str:
+    """How the inner loops fail: |s| of the unstable mode, None or NaN where there is no steady state."""
+    if _is_number(fastest_rad_s) and math.isfinite(fastest_rad_s):
+        return f"the inner loops or the filter are unstable at {_text(fastest_rad_s, 3)} rad/s"
+    return "the inner loops find no steady state"
+
+
+def causes_text(causes: Sequence[Document]) -> str:
+    """How often each cause occurs, the most frequent first; empty where none is known."""
+    kinds = [str(cause["cause"]) for cause in causes]
+    counts = sorted({(-kinds.count(kind), kind) for kind in kinds})
+    return ", ".join(f"{-count} by {kind}" for count, kind in counts)
+
+
+def _found(value: Any) -> str:
+    return _text(value, 3) if _is_number(value) and math.isfinite(value) else "∞"
+
+
+def _percent(value: Any) -> str:
+    return f"{100.0 * value:.1f} %" if _is_number(value) and math.isfinite(value) else "∞"
 
 
 def status_text(counts: Mapping[str, int]) -> str:
@@ -124,4 +194,7 @@ def _is_number(value: Any) -> TypeGuard[float]:
 
 
 def _text(value: float, digits: int = 4) -> str:
-    return f"{value:.{digits}g}".replace("-", "−")
+    text = f"{value:.{digits}g}"
+    if "e" in text and 1.0 <= abs(value) < 1e6:  # 11000, not 1.1e+04
+        text = f"{float(text):.0f}"
+    return text.replace("-", "−")

@@ -217,6 +217,11 @@ def within_limits(study: Study, s: Scenarios) -> NDArray[np.bool_]:
     There is an operating point, V is within the converter's limits, 3V²/|Z| is at least POWER_MARGIN·|S|, the
     current is within the converter's limit, and the bridge can make the voltage behind its filter.
     """
+    return np.logical_and.reduce([use <= 1.0 for use in limit_uses(study, s).values()])
+
+
+def limit_uses(study: Study, s: Scenarios) -> dict[str, Array]:
+    """How much of each static limit the scenarios use, (S,) each: 1 on the limit, NaN without an operating point."""
     c, f = study.converter, study.filter
     low, high = c.V_limits_rms
     apparent = np.hypot(s.P, s.Q)
@@ -224,12 +229,16 @@ def within_limits(study: Study, s: Scenarios) -> NDArray[np.bool_]:
     carried = c.S_rated * V_pu * V_pu * c.Z_base / np.hypot(s.R, s.X)
     limit_pu = np.inf if c.current_limit_pu is None else c.current_limit_pu
     with np.errstate(invalid="ignore"):
-        inside = (s.V_rms >= low) & (s.V_rms <= high) & (carried >= POWER_MARGIN * apparent)
-        inside &= apparent <= limit_pu * c.S_rated * V_pu
         current = rated_current_rms(s.P - 1j * s.Q, s.V_rms)
         shunt = 1j * s.omega_g * f.C / (1.0 + 1j * s.omega_g * f.C * f.R_c)
         bridge = s.V_rms + (f.R_1 + 1j * s.omega_g * f.L_1) * (current + shunt * s.V_rms)
-        return inside & (rms_to_peak(np.abs(bridge)) <= _BRIDGE_SHARE * c.v_max_pk)
+        return {
+            "power transfer": POWER_MARGIN * apparent / carried,
+            "least voltage": low / s.V_rms,
+            "largest voltage": s.V_rms / high,
+            "current": apparent / (limit_pu * c.S_rated * V_pu),
+            "bridge voltage": rms_to_peak(np.abs(bridge)) / (_BRIDGE_SHARE * c.v_max_pk),
+        }
 
 
 def _signs(error: float) -> tuple[float, ...]:

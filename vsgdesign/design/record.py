@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -81,6 +82,8 @@ class CellRecord:
     design: CellDesign | None
     full_order: Figures | None
     inner_rad_s: float | None
+    ideal: bool = True
+    """Whether the best design with ideal inner loops keeps every promise."""
 
     @property
     def missed(self) -> dict[str, float]:
@@ -106,6 +109,18 @@ def _run_task(task: CellTask) -> CellRecord:
     s = scenarios_of_estimate(study, spec, task.scr, task.x_over_r, task.target.P, task.target.Q)
     if len(s) == 0:
         return CellRecord(task.scr, task.x_over_r, None, None, None)
+    records = []
+    for design in designs_of(task, law, s):
+        records.append(with_full_order(task, law, s, design))
+        if design.shortfalls or not records[-1].missed:
+            break  # kept by both models, or not even by the optimizer's: less bandwidth is no cure
+    return replace(min(records, key=lambda record: _distance(spec, record.missed)), ideal=records[0].ideal)
+
+
+def designs_of(task: CellTask, law: LawOfStudy, s: Scenarios) -> Iterator[CellDesign]:
+    """The designs of a cell with ideal inner loops over its scenarios ``s`` and those of its surroundings: the best
+    there is, then with less bandwidth."""
+    study, spec = task.study, task.spec
     v = variables(law.structure, spec)
     centre = np.array(task.centre)
     wide = s
@@ -114,14 +129,10 @@ def _run_task(task: CellTask) -> CellRecord:
         wide = with_hard(law, spec, more, centre, len(s))
     P, Q = task.target.P, task.target.Q
     wide = joined([wide, *(scenarios_of_truth(study, spec, *grid, P, Q) for grid in task.beside)])
-    records = []
-    for slower in (1.0, *_SLOWER):
-        ceiling = None if slower == 1.0 else v.slower(records[0].design.normalised, slower)
-        design = design_cell(law, spec, wide, centre, task.seed, ceiling, task.pull)
-        records.append(_with_full_order(task, law, s, design))
-        if design.shortfalls or not records[-1].design.shortfalls:
-            break  # kept by both models, or not even by the optimizer's: less bandwidth is no cure
-    return min(records, key=lambda record: _distance(spec, record.missed))
+    first = design_cell(law, spec, wide, centre, task.seed, None, task.pull)
+    yield first
+    for slower in _SLOWER:
+        yield design_cell(law, spec, wide, centre, task.seed, v.slower(first.normalised, slower), task.pull)
 
 
 def better(before: CellRecord | None, new: CellRecord) -> CellRecord:
@@ -145,7 +156,8 @@ def _distance(spec: Specification, missed: dict[str, float]) -> float:
     return float(sum(min(part, 10.0) for part in parts)) + (100.0 if "inner_loops" in missed else 0.0)
 
 
-def _with_full_order(task: CellTask, law: LawOfStudy, s: Scenarios, design: CellDesign) -> CellRecord:
+def with_full_order(task: CellTask, law: LawOfStudy, s: Scenarios, design: CellDesign) -> CellRecord:
+    """A design with what the full-order model says of it."""
     study, spec = task.study, task.spec
     figures = full_order_figures(study, law.gains(design.normalised, s), s, spec.settling_time)
     worst = figures.worst()
@@ -157,7 +169,8 @@ def _with_full_order(task: CellTask, law: LawOfStudy, s: Scenarios, design: Cell
         inner = float(figures.fastest_rad_s[int(figures.abscissa.argmax())])
         missed = {"inner_loops": inner}
     active = design.active if not missed else next(iter(missed))
-    return CellRecord(task.scr, task.x_over_r, replace(design, shortfalls=missed, active=active), worst, inner)
+    whole = replace(design, shortfalls=missed, active=active)
+    return CellRecord(task.scr, task.x_over_r, whole, worst, inner, design.met)
 
 
 def write_record(folder: Path, key: str, record: CellRecord) -> None:
@@ -197,8 +210,9 @@ def record_of(document: dict[str, Any]) -> CellRecord:
         design = CellDesign(**fields)
     full = document["full_order"]
     return CellRecord(
-        document["scr"], document["x_over_r"], design, None if full is None else _figures(full), document["inner_rad_s"]
-    )
+        document["scr"], document["x_over_r"], design, None if full is None else _figures(full),
+        document["inner_rad_s"], document["ideal"],
+    )  # fmt: skip
 
 
 def _figures(document: dict[str, Any]) -> Figures:

@@ -18,10 +18,11 @@ from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.provenance import provenance
 from vsgdesign.design.between import POINTS, BetweenCheck, between_document, check_between, failing_intervals, probe
 from vsgdesign.design.box import Scenarios, scenarios_of_estimate
+from vsgdesign.design.causes import Cause, explain_pair, explained_between
 from vsgdesign.design.cell import common_design
 from vsgdesign.design.certificate import NoFunctionError, Region, certify
 from vsgdesign.design.certificate.box_check import compile_ahead
-from vsgdesign.design.evaluation import LawOfStudy, law_of
+from vsgdesign.design.evaluation import Each, LawOfStudy, law_of
 from vsgdesign.design.record import CellRecord, CellTask, better, one_thread
 from vsgdesign.design.smoothing import PULL, around, broken_beside, reach, rough_nodes, surface
 from vsgdesign.design.sweep import each_of, sweep
@@ -56,6 +57,9 @@ CELLS_LIMIT = 1.5
 """A table grows to at most so many times its first number of cells."""
 
 _COMMON_CELLS = 30
+_EXPLAINED = 40
+"""Relaxed cells of which the cause is looked for: one costs about what designing it did, one to three seconds."""
+
 _LOOKS = 3
 """How often nodes lose their promise, each time after a look at new random grids."""
 
@@ -73,6 +77,8 @@ class BuiltTable:
     added: tuple[tuple[str, float], ...]
     """Nodes added between those of the specification: axis and value."""
     between: BetweenCheck
+    causes: tuple[Cause, ...] = ()
+    """Why cells are relaxed."""
 
 
 def build_table(
@@ -176,13 +182,37 @@ def _build(
     if checked is None:
         looks += 1
         checked = check_between(study, law, spec, table, count=points, seed=seed + looks, each=each)
+    lost: dict[int, dict[str, float]] = {}
     for _ in range(_LOOKS):
         if not checked.broken:
             break
+        for point in checked.broken:
+            lost = dict.fromkeys(around(table, point), point.missed) | lost
         table = demote(table, checked)
         looks += 1
         checked = check_between(study, law, spec, table, count=points, seed=seed + looks, each=each)
-    return BuiltTable(replace(table, between=between_document(checked)), tuple(records), tuple(added), checked)
+    causes = _causes(table, [tasks[node] for node in itertools.product(scr, ratio)], records, lost, each, tell)
+    table = replace(table, between=between_document(checked), causes=[cause.as_document() for cause in causes])
+    return BuiltTable(table, tuple(records), tuple(added), checked, causes)
+
+
+def _causes(
+    table: GainTable, tasks: Sequence[CellTask], records: Sequence[CellRecord], lost: dict[int, dict[str, float]],
+    each: Each, tell: Progress,
+) -> tuple[Cause, ...]:  # fmt: skip
+    """Why cells are relaxed, in the table's order: of those that miss a promise themselves at most _EXPLAINED."""
+    missing = [k for k, record in enumerate(records) if record.missed]
+    some = missing[:: max(-(-len(missing) // _EXPLAINED), 1)]
+    found = {k: explained_between(records[k], lost[k]) for k in sorted(lost)
+             if not records[k].missed and records[k].design is not None}  # fmt: skip
+    tell("find causes", 0.0)
+    for done, (k, cause) in enumerate(
+        zip(some, each(explain_pair, [(tasks[k], records[k]) for k in some]), strict=True)
+    ):
+        found[k] = cause
+        tell("find causes", (done + 1) / len(some))
+    tell("find causes", 1.0)
+    return tuple(found[k] for k in sorted(found) if table.status.flat[k] == "relaxed")
 
 
 def demote(table: GainTable, checked: BetweenCheck) -> GainTable:

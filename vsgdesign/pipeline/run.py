@@ -155,6 +155,7 @@ def _table(study: Study, table: GainTable) -> dict[str, Any]:
         "design_hash": table.design_hash,
         "certificate": certificate_summary(table.certificate),
         "between": table.between,
+        "causes": table.causes,
         "not_of_this_study": study_differences(table, study),
         "nodes": list(table.shape),
         "status": dict(zip(statuses.tolist(), counts.tolist(), strict=True)),

@@ -104,11 +104,13 @@ def _built_document(built: BuiltTable, out: Path) -> dict[str, Any]:
         "relaxed": [
             {
                 "scr": record.scr, "x_over_r": record.x_over_r, "inner_loops_rad_s": record.inner_rad_s,
+                "inner_loops_fail": "inner_loops" in record.missed,
                 "would_be_feasible_with": {k: v for k, v in record.missed.items() if k != "inner_loops"},
             }
             for record in built.records
             if record.missed
         ],
+        "causes": table.causes,
         "between": {
             "points": len(between.points) + between.outside, "seed": between.seed, "outside": between.outside,
             "promised": between.promised,

@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.artifacts.table_text import between_text, certificate_failed, certificate_sentence
+from vsgdesign.artifacts.table_text import (
+    between_text,
+    causes_text,
+    certificate_failed,
+    certificate_sentence,
+    missed_text,
+)
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.html import write_html
 from vsgdesign.report.quantities import DASH, number, plain, plain_quantity
@@ -47,6 +53,7 @@ def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_pat
         margins=margins_table(table),
         specification=open_table("Specification", table.specification, SPECIFICATION_UNITS),
         proof=certificate_sentence(table.certificate),
+        causes=causes_table(table),
         certificate=None
         if table.certificate is None
         else open_table("Certificate", table.certificate, CERTIFICATE_UNITS),
@@ -60,7 +67,8 @@ def verdict_of(table: GainTable) -> str:
     total = table.status.size
     first = f"{met} of {total} cells keep every promise of the specification."
     if relaxed:
-        first += f" In {relaxed} a promise is relaxed; which one, and its price, is in part 4."
+        why = f" ({causes_text(table.causes)})" if table.causes else ""
+        first += f" In {relaxed} a promise is relaxed{why}; which one, its price and its cause are in part 4."
     if outside:
         first += (
             f" {outside} {'is' if outside == 1 else 'are'} outside: no operating point, or beyond the static limits."
@@ -113,6 +121,33 @@ def margins_table(table: GainTable) -> Table:
     head = ("Margin", "Asked for", "least", "median", "largest", "least", "median", "largest")
     groups = (("", 2), ("design point", 3), ("worst of the box", 3))
     return Table("Margins over the cells", head, tuple(rows), groups=groups)
+
+
+def causes_table(table: GainTable) -> Table:
+    """Why each relaxed cell is relaxed, and what it would keep without that."""
+    names = (("settling_time", "settles [s]"), ("overshoot", "overshoot [%]"), ("disk_margin", "disk margin [1]"),
+             ("damping_ratio", "damping [1]"), ("H", "H [s]"))  # fmt: skip
+    rows = []
+    for cause in table.causes:
+        keeps = cause["keeps"] or {}
+        figures = [number(keeps.get(name)) if name != "overshoot" else _share(keeps.get(name)) for name, _ in names]
+        missed = missed_text(cause["missed"]).replace("_", " ")
+        limit = DASH if not cause["limit"] else f"{cause['limit']}, {_share(cause['limit_use'])} %"
+        rows.append((cause["cause"], plain(cause["scr"]), plain(cause["x_over_r"]), missed, limit, *figures))
+    head = (
+        "Cause",
+        "SCR",
+        "X/R",
+        "instead of what was asked",
+        "nearest static limit, use",
+        *(title for _, title in names),
+    )
+    groups = (("", 5), ("without the cause it would keep", len(names)))
+    return Table("Why cells are relaxed", head, tuple(rows), groups=groups)
+
+
+def _share(value: float | None) -> str:
+    return number(None if value is None else 100.0 * value)
 
 
 def open_table(title: str, content: dict[str, Any], units: Mapping[str, str] = MappingProxyType({})) -> Table:
