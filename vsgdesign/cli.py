@@ -45,7 +45,7 @@ def run(study_file: str, out: str | None, bridge: str | None, as_json: bool) -> 
 
 @main.command()
 @_STUDY
-@click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME]")
+@click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-simulation]")
 @_BRIDGE
 @_JSON
 @_verb
@@ -203,7 +203,8 @@ def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, re
     from vsgdesign.pipeline import run_study
 
     study = _load(study_file)
-    folder = Path("out") / study.name if out is None else Path(out)
+    name = study.name if report else f"{study.name}-simulation"
+    folder = Path("out") / name if out is None else Path(out)
     with _progress(quiet=as_json) as progress:
         results = run_study(study, folder, bridge=bridge, report=report, progress=progress)
     if as_json:

@@ -53,11 +53,8 @@ def build(
     if cluster not in (None, "local") and workers is not None:
         raise click.UsageError("--workers is for processes of this machine; a cluster at an address has its own")
     study = load(study_file)
-    if out is None:
-        file = Path("out") / f"{study.name}-{controller or study.controllers[-1].name}.json"
-        file.parent.mkdir(exist_ok=True)
-    else:
-        file = Path(out)
+    default = Path("out") / f"{study.name}-{controller or study.controllers[-1].name}.json"
+    file = default if out is None else Path(out)
     try:
         with progress(quiet=as_json) as tell:
             document = build_table_file(
@@ -151,7 +148,7 @@ def report(table_file: str, out: str | None, as_json: bool) -> None:
     found = read_table_file(table_file)
     folder = Path("out") / f"{Path(table_file).stem}-table" if out is None else Path(out)
     with progress(quiet=as_json) as tell:
-        document = report_table(found, folder, progress=tell)
+        document = report_table(found, folder, inputs=[table_file], progress=tell)
     if as_json:
         print_json(document)
     else:

@@ -95,6 +95,7 @@ WHOLE = json.dumps(table_document(random_table(4)))
 @given(st.data())
 def test_any_changed_byte_is_refused(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
     path = tmp_path_factory.getbasetemp() / "changed.json"
+    path.unlink(missing_ok=True)  # a changed one is not overwritten
     write_table_file(random_table(4), path)
     content = bytearray(path.read_bytes())
     at = data.draw(st.integers(0, len(content) - 1))
@@ -108,6 +109,7 @@ def test_any_changed_byte_is_refused(tmp_path_factory: pytest.TempPathFactory, d
 @given(st.data())
 def test_a_file_cut_short_says_so(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
     path = tmp_path_factory.getbasetemp() / "cut.json"
+    path.unlink(missing_ok=True)
     write_table_file(table(), path)
     content = path.read_bytes()
     path.write_bytes(content[: data.draw(st.integers(1, len(content) - 3))])
@@ -210,11 +212,14 @@ def test_foreign_files(tmp_path: Path, content: bytes, says: str) -> None:
         read_table_file(path)
 
 
-def test_a_missing_file_and_a_folder_that_is_not_there(tmp_path: Path) -> None:
+def test_a_missing_file_and_a_folder_that_is_none(tmp_path: Path) -> None:
     with pytest.raises(ArtifactError, match="No such file"):
         read_table_file(tmp_path / "t.json")
-    with pytest.raises(ArtifactError, match="folder that exists"):
+    (tmp_path / "no").write_text("a file")
+    with pytest.raises(ArtifactError, match="is not a folder"):
         write_table_file(table(), tmp_path / "no" / "t.json")
+    write_table_file(table(), tmp_path / "new" / "t.json")
+    assert read_table_file(tmp_path / "new" / "t.json").sha256 == table().sha256
 
 
 def test_what_cannot_be_read_is_not_written(tmp_path: Path) -> None:

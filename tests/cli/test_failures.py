@@ -141,7 +141,9 @@ def test_out_on_a_foreign_folder(tmp_path: Path) -> None:
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter.tex").write_text("years of work")
     message = failure(2, "simulate", study_file(tmp_path), "--out", tmp_path / "thesis")
-    assert "holds other files (no results.json in it) and is left untouched; give a new or an empty folder." in message
+    assert (
+        "holds chapter.tex, and no results.json that says which verb wrote it, and is left untouched. Give" in message
+    )
     assert [path.name for path in (tmp_path / "thesis").iterdir()] == ["chapter.tex"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["small.toml", "thesis"]
 
@@ -155,7 +157,7 @@ def test_out_on_a_file(tmp_path: Path) -> None:
 
 def test_out_below_a_file(tmp_path: Path) -> None:
     study = study_file(tmp_path)
-    assert "cannot write beside" in failure(2, "simulate", study, "--out", study / "out")
+    assert "is not a folder" in failure(2, "simulate", study, "--out", study / "out")
 
 
 def test_an_unstable_simulation_is_refused_with_advice(tmp_path: Path) -> None:

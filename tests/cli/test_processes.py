@@ -37,7 +37,7 @@ def test_simulate(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert result.stderr == ""
     assert json.loads(result.stdout)["study"]["name"] == "small"
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["small"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["small-simulation"]
 
 
 def test_wrong_input(tmp_path: Path) -> None:

@@ -123,9 +123,8 @@ def test_json_on_standard_output_is_the_file(tmp_path: Path) -> None:
 def test_again_gives_the_same_and_replaces(folder: Path, results: dict[str, Any], tmp_path: Path) -> None:
     study, out = study_file(tmp_path), tmp_path / "out"
     as_json("simulate", study, "--out", out)
-    (out / "stale.txt").write_text("from before")
     again = as_json("simulate", study, "--out", out)
-    assert not (out / "stale.txt").exists()
+    assert again == json.loads((out / "results.json").read_text())
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "small.toml"]
     assert again["study"] == results["study"]
     assert again["operating_points"] == results["operating_points"]
@@ -138,8 +137,8 @@ def test_out_defaults_to_the_studys_name(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.chdir(tmp_path)
     result = call("simulate", study_file(tmp_path))
     assert result.exit_code == 0, result.output
-    assert (tmp_path / "out" / "small" / "results.json").is_file()
-    assert "results: out/small/results.json" in result.stdout.replace("\\", "/")
+    assert (tmp_path / "out" / "small-simulation" / "results.json").is_file()
+    assert "results: out/small-simulation/results.json" in result.stdout.replace("\\", "/")
 
 
 def test_the_table_shows_the_steps(tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ def test_out_on_a_foreign_folder(tmp_path: Path) -> None:
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter.tex").write_text("years of work")
     message = failure(2, "report", study_file(tmp_path, ONE + AXES), "--out", tmp_path / "thesis")
-    assert "holds other files (no results.json in it) and is left untouched" in message
+    assert "holds chapter.tex, and no results.json" in message
     assert [path.name for path in (tmp_path / "thesis").iterdir()] == ["chapter.tex"]
 
 

@@ -163,13 +163,37 @@ def test_fresh_does_not_look_at_old_cells(study_file: Path, tmp_path: Path, monk
     (cells_folder(out) / "old.json").write_text("{}")
 
     def look(_study: object, _controller: object, folder: Path, **_: object) -> None:
-        assert folder.exists() is not fresh
+        assert (folder / "old.json").exists() is not fresh
         raise KeyboardInterrupt
 
     monkeypatch.setattr(building, "build_table", look)
     for fresh, kept in ((False, 1), (True, 0)):
         assert f"{kept} finished cells" in failure(130, "table", "build", study_file, "--out", out,
                                                    "--workers", "1", *["--fresh"] * fresh)  # fmt: skip
+
+
+def test_the_second_of_two_builds_says_that_another_is_at_work(
+    built: tuple[Path, BuiltTable], study_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also through a link to the table; and the first ends as if it had been alone."""
+    out = tmp_path / "table.json"
+    (tmp_path / "link.json").symlink_to(out)
+    command = ("table", "build", study_file, "--workers", "1", "--out")
+
+    def during(_study: object, _controller: object, folder: Path, **_: object) -> BuiltTable:
+        (folder / "cell.json").write_text("{}")
+        for also in (out, tmp_path / "link.json"):
+            for fresh in ([], ["--fresh"]):
+                message = failure(2, *command, also, *fresh)
+                assert "is being built by another process" in message
+                assert message.count("\n") == 1
+        assert (folder / "cell.json").exists()
+        return built[1]
+
+    monkeypatch.setattr(building, "build_table", during)
+    assert call(*command, out).exit_code == 0
+    assert out.read_bytes() == built[0].read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["link.json", "table.json"]
 
 
 def test_faults_are_told_before_the_work(study_file: Path, tmp_path: Path) -> None:
@@ -182,9 +206,10 @@ def test_faults_are_told_before_the_work(study_file: Path, tmp_path: Path) -> No
         (2, "specification: missing table", (plain, *out)),
         (2, 'controller = "nobody": unknown. The study has: published, decoupled, angle_damped',
          (study_file, "--controller", "nobody", *out)),
-        (2, "there is no folder", (study_file, "--out", tmp_path / "no" / "t.json")),
+        (2, "is not a folder", (study_file, "--out", foreign / "t.json")),
+        (2, "it is a device or a pipe", (study_file, "--out", "/dev/full")),
         (2, "it is a folder", (study_file, "--out", tmp_path)),
-        (2, "is no gain table and is left untouched", (study_file, "--out", foreign)),
+        (2, "is not a gain table as it was written, and is left untouched", (study_file, "--out", foreign)),
         (1, "no scheduler answers", (study_file, *out, "--cluster", "nonsense://x")),
         (2, "a cluster at an address has its own", (study_file, *out, "--cluster", "x:1", "--workers", "2")),
     ):  # fmt: skip

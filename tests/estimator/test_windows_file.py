@@ -89,6 +89,9 @@ def test_what_is_no_data_set_is_refused(tmp_path: Path) -> None:
     np.savez(path, windows=np.array([object()]), header=np.zeros(1, np.uint8))
     with pytest.raises(ArtifactError, match="not a readable data set"):  # pickled content is never unpacked
         read_data_set(path)
+    with pytest.raises(ArtifactError, match="is not a data set of windows as it was written, and is left untouched"):
+        write_data_set(path, data_set())
+    path.unlink()
     write_data_set(path, replace(data_set(), windows=np.zeros((3, 6))))
     with pytest.raises(ArtifactError, match="is not a data set of windows: array shapes"):
         read_data_set(path)

@@ -30,7 +30,7 @@ from vsgdesign.runtime.guards import REASONS
 def test_the_manifest_says_what_it_was_made_from(folder: Path, tmp_path: Path) -> None:
     manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
     table_file, weights_file = written(tmp_path)
-    assert manifest["kind"] == "vsgdesign c export"
+    assert manifest["kind"] == "vsgdesign export c"
     assert manifest["table"]["sha256"] == read_table_file(table_file).sha256
     assert manifest["weights"]["sha256"] == json.loads(weights_file.read_text(encoding="utf-8"))["sha256"]
     assert sorted(path.name for path in folder.iterdir()) == sorted([*FILES, MANIFEST])
@@ -122,17 +122,17 @@ def test_folders_with_other_files_are_left_alone(tmp_path: Path) -> None:
     export_c_files(table_file, out)
     export_c_files(table_file, out)  # its own, unchanged: replaced
     (out / "main.c").write_text("int main(void);", encoding="utf-8")
-    with pytest.raises(ArtifactError, match=r"holds main\.c, which no export wrote"):
+    with pytest.raises(ArtifactError, match=r'holds main\.c, which "vsgdesign export c" did not write'):
         export_c_files(table_file, out)
     (out / "main.c").unlink()
     (out / "vsg.c").write_text("/* tuned by hand */", encoding="utf-8")
-    with pytest.raises(ArtifactError, match=r"vsg\.c was changed since it was exported"):
+    with pytest.raises(ArtifactError, match=r"holds vsg\.c, which was changed since"):
         export_c_files(table_file, out)
     assert (out / "vsg.c").read_text(encoding="utf-8") == "/* tuned by hand */"
     other = tmp_path / "other"
     other.mkdir()
     (other / MANIFEST).write_text('{"kind": "something else", "files": {"a": "b"}}', encoding="utf-8")
-    with pytest.raises(ArtifactError, match="holds other files"):
+    with pytest.raises(ArtifactError, match=r"manifest\.json that was changed"):
         export_c_files(table_file, other)
 
 

@@ -50,5 +50,9 @@ def test_the_verb_and_what_it_leaves_alone(tmp_path: Path) -> None:
     refused = call("export", "onnx", tmp_path / "w.json", "--out", tmp_path / "mine")
     assert refused.exit_code == 2
     assert (tmp_path / "mine").read_text(encoding="utf-8") == "notes"
-    with pytest.raises(ArtifactError, match="folder that exists"):
-        export_onnx(tmp_path / "w.json", tmp_path / "none" / "w.onnx")
+    changed = (tmp_path / "w.onnx").read_bytes().replace(b"vsgdesign", b"my_editor")
+    (tmp_path / "w.onnx").write_bytes(changed)
+    with pytest.raises(ArtifactError, match="is not an exported network as it was written"):
+        export_onnx(tmp_path / "w.json", tmp_path / "w.onnx")
+    assert (tmp_path / "w.onnx").read_bytes() == changed
+    export_onnx(tmp_path / "w.json", tmp_path / "none" / "w.onnx")

@@ -1,6 +1,7 @@
 """What stages hand over as files, and how they are written: whole, or not at all."""
 
-from vsgdesign.artifacts.files import staged_folder, write_json
+from vsgdesign.artifacts.files import write_json
+from vsgdesign.artifacts.folders import staged_folder, write_record
 from vsgdesign.artifacts.gain_table import GainTable, TableBase, ValidityBox
 from vsgdesign.artifacts.gain_table_file import read_table_file, write_table_file
 from vsgdesign.artifacts.provenance import provenance
@@ -17,5 +18,6 @@ __all__ = [
     "write_csv",
     "write_json",
     "write_npz",
+    "write_record",
     "write_table_file",
 ]

@@ -1,83 +1,67 @@
-"""Files and folders that appear whole or not at all."""
+"""Files that appear whole or not at all."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
-import shutil
+import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from vsgdesign.artifacts.staging import cannot_write, check_writable, staged
 from vsgdesign.errors import ArtifactError
-
-MARKER = "results.json"
-"""A folder that holds this file is one of ours and may be replaced."""
-
-
-_ADVICE = "Give a folder in a place that may be written to."
-
-
-def _check_replaceable(target: Path, marker: str) -> None:
-    if target.is_dir() and not os.access(target, os.W_OK):
-        raise ArtifactError(f'cannot write into "{target}": Permission denied. {_ADVICE}')
-    if target.exists() and not target.is_dir():
-        raise ArtifactError(f'"{target}" is a file; give a folder for the results.')
-    if target.is_dir() and any(target.iterdir()) and not (target / marker).is_file():
-        raise ArtifactError(
-            f'"{target}" holds other files (no {marker} in it) and is left untouched; give a new or an empty folder.'
-        )
 
 
 @contextmanager
-def staged_folder(target: str | Path, marker: str = MARKER) -> Iterator[Path]:
-    """A fresh folder to write into, which takes the target's place when the block ends without an error.
+def staged_file(target: str | Path, what: str, ours: Callable[[Path], bool]) -> Iterator[Path]:
+    """A path to write ``what`` ("a gain table") at, which takes the target's place when the block ends well.
 
-    A target from an earlier run (it holds the marker) is replaced; one with anything else in it is refused
-    at once. After an error or an interruption the target is as it was before. Raises ArtifactError.
+    A file that is there already is replaced where ``ours`` says that it is an unchanged one of the same kind, or
+    where it is empty; anything else is refused before the block runs, and again at its end. A symbolic link stays
+    one: the file that it points to is replaced. After an error or an interruption the target is as it was. Raises
+    ArtifactError.
     """
-    target = Path(target).absolute()
-    _check_replaceable(target, marker)
+    place = check_file_target(target, what, ours)
+    with staged(place, target) as path:
+        yield path
+        os.chmod(path, 0o644)
+        check_file_target(target, what, ours)
+
+
+def check_file_target(target: str | Path, what: str, ours: Callable[[Path], bool]) -> Path:
+    """Where a file given as ``target`` will be, links followed. Raises ArtifactError where it may not be written."""
+    place = Path(os.path.realpath(target))
+    check_writable(place.parent, target)
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
-    except OSError as error:
-        raise ArtifactError(f'cannot write beside "{target}": {error.strerror}. {_ADVICE}') from error
-    try:
-        os.chmod(staging, 0o755)  # mkdtemp makes it private to the user
-        yield staging
-        _check_replaceable(target, marker)
         try:
-            _replace(staging, target)
-        except OSError as error:
-            raise ArtifactError(f'cannot write "{target}": {error.strerror}. {_ADVICE}') from error
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-
-
-def _replace(staging: Path, target: Path) -> None:
-    if not target.exists():
-        os.replace(staging, target)
-        return
-    # A folder cannot be renamed over a full one: the old moves aside first, and back if that fails.
-    aside = Path(tempfile.mkdtemp(prefix=f".{target.name}.old.", dir=target.parent))
-    try:
-        os.replace(target, aside / "old")
-        os.replace(staging, target)
-    except BaseException:  # an interruption counts: the old results must not go with the folder they wait in
-        if not target.exists():
-            os.replace(aside / "old", target)
-        raise
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
+            found = os.lstat(place)
+        except FileNotFoundError:
+            return place
+        if stat.S_ISDIR(found.st_mode):
+            raise ArtifactError(f'cannot write "{target}": it is a folder. Give a file.')
+        if not stat.S_ISREG(found.st_mode):
+            raise ArtifactError(f'cannot write "{target}": it is a device or a pipe. Give a file.')
+        if found.st_size and not ours(place):
+            raise ArtifactError(
+                f'"{target}" is not {what} as it was written, and is left untouched. Give another file, or remove it.'
+            )
+    except OSError as error:
+        raise cannot_write(target, error) from error
+    return place
 
 
 def write_json(path: str | Path, document: Any) -> None:
     """JSON with sorted structure as given; NaN and infinity become null; whole or not at all."""
-    write_text(path, json.dumps(plain(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    write_text(path, json_text(plain(document)))
+
+
+def json_text(document: Any) -> str:
+    """The text of a document in JSON's types, as every file of ours has it."""
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from vsgdesign.artifacts.files import write_text
+from vsgdesign.artifacts.files import check_file_target, json_text, staged_file
 from vsgdesign.errors import ArtifactError
 
 T = TypeVar("T")
@@ -51,19 +51,31 @@ class GuardedFile(Generic[T]):
     def render(self, document: dict[str, Any]) -> str:
         """The text of a content, with its hash."""
         whole = document | {"sha256": content_hash(document)}
-        return self.layout(json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+        return self.layout(json_text(whole))
 
     def write(self, value: T, path: str | Path) -> None:
-        """The file appears whole or not at all. Raises ArtifactError with every fault where it would be unusable."""
+        """The file appears whole or not at all; what is there already is replaced only where :meth:`is_unchanged`.
+
+        Raises ArtifactError with every fault where it would be unusable.
+        """
         faults = self.faults(value)
         if faults:
             raise ArtifactError(f'"{path}" is not written, it would be no usable {self._noun}.{_listed(faults)}')
+        with staged_file(path, self.what, self.is_unchanged) as place:
+            place.write_text(self.render(self.document(value)), encoding="utf-8", newline="\n")
+
+    def check_target(self, path: str | Path) -> None:
+        """Before the long work rather than after it: raises ArtifactError where :meth:`write` would."""
+        check_file_target(path, self.what, self.is_unchanged)
+
+    def is_unchanged(self, path: Path) -> bool:
+        """Whether a file is one of this kind, of a schema that is known here, and as it was written."""
         try:
-            write_text(path, self.render(self.document(value)))
-        except OSError as error:
-            raise ArtifactError(
-                f'cannot write "{path}": {error.strerror}. Give a file in a folder that exists and may be written to.'
-            ) from error
+            data = path.read_bytes()
+            self._document(data)
+        except (OSError, ArtifactError):
+            return False
+        return True
 
     def read(self, path: str | Path) -> T:
         """What the file holds.
@@ -85,6 +97,24 @@ class GuardedFile(Generic[T]):
         return self.what.removeprefix("a ")
 
     def _parse(self, data: bytes) -> T:
+        document = self._document(data)
+        for upgrade in self.upgrades[document["schema"] - 1 :]:
+            document = upgrade(document)
+        document["schema"] = self.schema
+        said = content_hash(document)
+        try:
+            value = self.build(document)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise ArtifactError(f"it is no whole {self._noun} ({_reason(error)}); {self.again}.") from error
+        faults = self.faults(value)
+        if faults:
+            raise ArtifactError(f"no usable {self._noun}; {self.again}.{_listed(faults)}")
+        if content_hash(self.document(value)) != said:
+            raise ArtifactError(f"it has text or an integer where a number must be, or the reverse; {self.again}.")
+        return value
+
+    def _document(self, data: bytes) -> dict[str, Any]:
+        """The content without its hash, of bytes that are as they were written."""
         document = self._json(data)
         if not isinstance(document, dict) or document.get("kind") != self.kind:
             raise ArtifactError(f"it is not {self.what}; give a file {self.origin}.")
@@ -102,20 +132,7 @@ class GuardedFile(Generic[T]):
             raise ArtifactError(f"its content is not what its sha256 says; fetch the original or {self.again}.")
         if data != self.render(document).encode():
             raise ArtifactError("its text was re-formatted since it was written; fetch the original file.")
-        for upgrade in self.upgrades[schema - 1 :]:
-            document = upgrade(document)
-        document["schema"] = self.schema
-        said = content_hash(document)
-        try:
-            value = self.build(document)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise ArtifactError(f"it is no whole {self._noun} ({_reason(error)}); {self.again}.") from error
-        faults = self.faults(value)
-        if faults:
-            raise ArtifactError(f"no usable {self._noun}; {self.again}.{_listed(faults)}")
-        if content_hash(self.document(value)) != said:
-            raise ArtifactError(f"it has text or an integer where a number must be, or the reverse; {self.again}.")
-        return value
+        return document
 
     def _json(self, data: bytes) -> Any:
         def number(text: str) -> float:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.files import check_file_target, staged_file
 from vsgdesign.errors import ArtifactError, Fault, StudyError
 
 Array = NDArray[np.float64]
@@ -24,6 +23,8 @@ SCHEMA = 2
 SHARES = (0.70, 0.15, 0.15)
 """Of training, validation and test, as in the paper."""
 SPLITS = ("by_scenario", "published_split")
+
+_WHAT = "a data set of windows"
 
 _NUMBERS = ("R_g", "L_g", "P", "Q", "V_rms", "V_g_rms", "omega_g", "source_phase", "t_s")
 _ARRAYS = ("windows", "scenario", "after_change", *_NUMBERS, "redrawn")
@@ -158,24 +159,23 @@ def read_data_set(path: str | Path) -> DataSet:
 
 
 def write_arrays(path: str | Path, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Arrays, a header and the hash of both as one npz, written to a neighbour, then renamed."""
-    path = Path(path)
+    """Arrays, a header and the hash of both as one npz, whole or not at all; only an unchanged one is replaced."""
     text = _header_text({"schema": SCHEMA, "hash": content_hash(header, arrays), "header": header})
+    with staged_file(path, _WHAT, _is_unchanged) as place, place.open("wb") as stream:
+        np.savez(stream, allow_pickle=False, header=np.frombuffer(text.encode(), dtype=np.uint8), **arrays)
+
+
+def check_data_target(path: str | Path) -> None:
+    """Before the long work rather than after it: raises ArtifactError where :func:`write_arrays` would."""
+    check_file_target(path, _WHAT, _is_unchanged)
+
+
+def _is_unchanged(path: Path) -> bool:
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                np.savez(stream, allow_pickle=False, header=np.frombuffer(text.encode(), dtype=np.uint8), **arrays)
-            os.chmod(name, 0o644)
-            os.replace(name, path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise ArtifactError(
-            f'cannot write "{path}": {error.strerror}. Give a file in a folder that may be written to.'
-        ) from error
+        read_arrays(path)
+    except ArtifactError:
+        return False
+    return True
 
 
 def read_arrays(path: str | Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

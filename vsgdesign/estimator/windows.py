@@ -23,7 +23,14 @@ from vsgdesign.artifacts.processes import worker_processes
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError, Fault, StudyError
-from vsgdesign.estimator.data_set import DataSet, content_hash, read_arrays, write_arrays, write_data_set
+from vsgdesign.estimator.data_set import (
+    DataSet,
+    check_data_target,
+    content_hash,
+    read_arrays,
+    write_arrays,
+    write_data_set,
+)
 from vsgdesign.estimator.recipes import WindowRecipe, check_recipe
 from vsgdesign.estimator.sampling import turn_per_window, with_sampling
 from vsgdesign.estimator.scenarios import Scenario, check_draws, draw_scenario
@@ -74,8 +81,8 @@ def generate_windows(
         raise StudyError("windows", [Fault("seed", str(seed), "must be a whole number, zero or more")])
     if not isinstance(workers, int) or workers < 1:
         raise StudyError("windows", [Fault("workers", str(workers), "must be a whole number, one or more")])
-    if out is not None and Path(out).is_dir():
-        raise ArtifactError(f'"{out}" is a folder; give a file for the windows.')
+    if out is not None:
+        check_data_target(out)
     recipe = with_sampling(recipe, study.converter)
     header = _header(study, recipe, seed)
     parts = _Parts(out, header)
@@ -133,7 +140,9 @@ class _Parts:
 
     def write(self, k: int, arrays: Arrays) -> None:
         if self._folder is not None:
-            write_arrays(self._folder / f"{k}.npz", self._header, arrays)
+            path = self._folder / f"{k}.npz"
+            path.unlink(missing_ok=True)  # a damaged block, or it would have been read
+            write_arrays(path, self._header, arrays)
 
     def remove(self) -> None:
         """These blocks, and those that an earlier recipe or version left beside the same file."""

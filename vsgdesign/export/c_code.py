@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -14,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign import __version__
-from vsgdesign.artifacts.files import plain, staged_folder, write_json, write_text
+from vsgdesign.artifacts.files import plain, write_text
+from vsgdesign.artifacts.folders import check_folder_target, staged_folder, write_record
 from vsgdesign.artifacts.table_text import certificate_sentence
 from vsgdesign.equations.power_flow import LEAST_SHARE, POWER_MARGIN
 from vsgdesign.errors import ArtifactError
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from vsgdesign.artifacts.network_weights import NetworkWeights
     from vsgdesign.parameters.study import Study
 
-KIND = "vsgdesign c export"
+KIND = "vsgdesign export c"
 SCHEMA = 1
 MANIFEST = "manifest.json"
 
@@ -98,7 +98,8 @@ def export_c_files(
         origin = replace(
             origin, weights_sha256=trained.hash, channels=window.channels, sample_interval=window.sample_interval
         )
-    return export_c(scheduler_of(found, estimator, **changes), origin, out)
+    inputs = [path for path in (table, weights) if path is not None]
+    return export_c(scheduler_of(found, estimator, **changes), origin, out, inputs=inputs)
 
 
 def _check_same_converter(trained: NetworkWeights, base: TableBase) -> None:
@@ -113,17 +114,18 @@ def _check_same_converter(trained: NetworkWeights, base: TableBase) -> None:
             )
 
 
-def export_c(scheduler: Scheduler, origin: Origin, out: str | Path) -> ExportedC:
+def export_c(scheduler: Scheduler, origin: Origin, out: str | Path, *, inputs: Iterable[str | Path] = ()) -> ExportedC:
     """C of a scheduler into the folder ``out``, which appears when everything is written.
 
-    A folder from an earlier export is replaced as long as its files are as they were written. Raises ArtifactError.
+    A folder from an earlier export is replaced as long as its files are as they were written, and none of the
+    ``inputs`` is in it. Raises ArtifactError.
     """
-    out = Path(out)
-    check_target(out)
+    out, inputs = Path(out), tuple(inputs)
+    check_folder_target(out, KIND, inputs, MANIFEST)  # before the work rather than after it
     texts = render(scheduler, origin)
     estimator = scheduler.estimator
     manifest = plain({
-        "kind": KIND, "schema": SCHEMA,
+        "schema": SCHEMA,
         "table": {"name": origin.table, "sha256": origin.table_sha256, "certificate": origin.certificate},
         "study": {"name": origin.study, "hash": origin.study_hash},
         "weights": None if estimator is None else {"sha256": origin.weights_sha256},
@@ -133,32 +135,12 @@ def export_c(scheduler: Scheduler, origin: Origin, out: str | Path) -> ExportedC
             "shape": [2 * estimator.samples * estimator.components, len(estimator.b_1), 2],
             "v_limit": estimator.v_limit, "i_limit": estimator.i_limit,
         },
-        "files": {name: _sha256(text.encode()) for name, text in texts.items()},
     })  # fmt: skip
-    with staged_folder(out, marker=MANIFEST) as folder:
+    with staged_folder(out, KIND, inputs=inputs, record=MANIFEST) as folder:
         for name, text in texts.items():
             write_text(folder / name, text)
-        write_json(folder / MANIFEST, manifest)
+        manifest = write_record(folder, manifest, KIND, MANIFEST)
     return ExportedC(out, manifest)
-
-
-def check_target(out: Path) -> None:
-    """Raises ArtifactError where the folder holds anything that an export did not write, or that was changed since."""
-    if not out.is_dir() or not any(out.iterdir()):
-        return
-    advice = "is left untouched; give a new or an empty folder."
-    try:
-        manifest = json.loads((out / MANIFEST).read_text(encoding="utf-8"))
-        files = dict(manifest["files"]) if manifest["kind"] == KIND else {}
-    except (OSError, ValueError, KeyError, TypeError):
-        files = {}
-    if not files:
-        raise ArtifactError(f'"{out}" holds other files (no {MANIFEST} of an export in it) and {advice}')
-    for path in sorted(out.iterdir()):
-        if path.name != MANIFEST and path.name not in files:
-            raise ArtifactError(f'"{out}" holds {path.name}, which no export wrote, and {advice}')
-        if path.name != MANIFEST and (not path.is_file() or _sha256(path.read_bytes()) != files[path.name]):
-            raise ArtifactError(f'"{out}": {path.name} was changed since it was exported; the folder {advice}')
 
 
 def render(scheduler: Scheduler, origin: Origin) -> dict[str, str]:
@@ -318,7 +300,3 @@ def braces(values: Any) -> str:
 def _comment(text: str) -> str:
     """A text that cannot end a comment, or be anything but one line of ASCII."""
     return " ".join(text.replace("*/", "* /").replace("/*", "/ *").encode("ascii", "replace").decode().split())
-
-
-def _sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()

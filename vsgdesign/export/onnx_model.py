@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
+import hashlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from vsgdesign import __version__
+from vsgdesign.artifacts.files import check_file_target, staged_file
 from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
 from vsgdesign.errors import ArtifactError
 from vsgdesign.runtime.network import fold
 
 PRODUCER = "vsgdesign"
 OPSET = 17
+_SEAL = "sha256"
+_WHAT = "an exported network"
 
 
 def onnx_bytes(weights: NetworkWeights, *, double: bool = False) -> bytes:
@@ -51,27 +54,37 @@ def onnx_bytes(weights: NetworkWeights, *, double: bool = False) -> bytes:
         "trained_R_g": " ".join(map(repr, weights.trained_on["R_g"])),
         "trained_L_g": " ".join(map(repr, weights.trained_on["L_g"])), "weights_sha256": weights.hash,
     })  # fmt: skip
-    return model.SerializeToString(deterministic=True)
+    return _sealed(model)
 
 
 def export_onnx(weights: str | Path, out: str | Path, *, double: bool = False) -> str:
     """A weights file as an ONNX file, whole or not at all; the sha256 of the weights comes back.
 
-    Only an earlier export is replaced. Raises ArtifactError with what to do.
+    Only an unchanged earlier export is replaced. Raises ArtifactError with what to do.
     """
-    found, out = read_network_weights(weights), Path(out)
-    try:
-        if out.exists() and PRODUCER.encode() not in out.read_bytes()[:64]:
-            raise ArtifactError(f'"{out}" is no exported network and is left untouched. Give another file.')
-        content = onnx_bytes(found, double=double)
-        handle, name = tempfile.mkstemp(prefix=f".{out.name}.", dir=out.parent)
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                stream.write(content)
-            os.chmod(name, 0o644)
-            os.replace(name, out)
-        finally:
-            Path(name).unlink(missing_ok=True)
-    except OSError as error:
-        raise ArtifactError(f'cannot write "{out}": {error.strerror}. Give a file in a folder that exists.') from error
+    found = read_network_weights(weights)
+    check_file_target(out, _WHAT, _is_unchanged)
+    content = onnx_bytes(found, double=double)
+    with staged_file(out, _WHAT, _is_unchanged) as place:
+        place.write_bytes(content)
     return found.hash
+
+
+def _sealed(model: Any) -> bytes:
+    """The model's bytes, with the hash of those before it was added."""
+    digest = hashlib.sha256(model.SerializeToString(deterministic=True)).hexdigest()
+    model.metadata_props.add(key=_SEAL, value=digest)
+    return model.SerializeToString(deterministic=True)
+
+
+def _is_unchanged(path: Path) -> bool:
+    """Whether a file is one of ours and as it was written."""
+    import onnx
+
+    try:
+        data = path.read_bytes()
+        model = onnx.load_model_from_string(data)
+        said = model.metadata_props.pop()
+        return said.key == _SEAL and _sealed(model) == data and said.value == model.metadata_props[-1].value
+    except Exception:  # noqa: BLE001  the parser's own classes of errors are many
+        return False

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -31,7 +33,8 @@ def load_study(path: str | Path, inner_loops: InnerLoopSource | None = None) -> 
     """
     path = Path(path)
     name = path.stem if path.stem != "study" else path.parent.name
-    return _build(_document(path, _MAX_BASES), str(path), name, path.parent, inner_loops)
+    study = _build(_document(path, _MAX_BASES), str(path), name, path.parent, inner_loops)
+    return replace(study, files=tuple(os.path.abspath(file) for file in (path, *base_files(path))))
 
 
 def base_files(path: str | Path) -> list[Path]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -273,6 +273,16 @@ class Study:
     """The network that estimates the grid's impedance; None where the study has no [estimator]."""
     inner_request: InnerLoopRequest | None = None
     """What the inner loops were designed for; None where the study gives their gains."""
+    files: tuple[str, ...] = field(default=(), compare=False)
+    """Paths of the study file and of the files that it is based on; none for a study from a text."""
+
+    @property
+    def input_files(self) -> tuple[str, ...]:
+        """Every file that the study is read from or names: itself, its bases, tables, weights and recipe."""
+        named = [controller.table_file for controller in self.controllers]
+        if self.estimator is not None:
+            named += [self.estimator.weights_file, self.estimator.recipe]
+        return (*self.files, *(path for path in named if path is not None))
 
     def circuit(self, grid: Grid | None = None) -> FilterGrid:
         """The circuit from the bridge to the grid source."""

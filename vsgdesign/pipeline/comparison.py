@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vsgdesign.artifacts import provenance, staged_folder, write_json
+from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.tables import write_table
 from vsgdesign.errors import InfeasibleStudyError
@@ -20,6 +20,8 @@ from vsgdesign.pipeline.table import with_tables
 
 if TYPE_CHECKING:  # the optimizer's libraries are loaded by who compares
     from vsgdesign.design.comparison import Compared, Comparison, Contender, EmtStep
+
+VERB = "vsgdesign compare"
 
 EMT_SCR, EMT_X_OVER_R = 3, 4
 """EMT grids: so many of each axis, evenly spaced in the logarithm from end to end."""
@@ -46,7 +48,7 @@ def report_comparison(
     from vsgdesign.report import write_comparison_figures, write_comparison_report
 
     tell = progress or silent
-    with staged_folder(out) as folder:
+    with staged_folder(out, VERB, inputs=study.input_files) as folder:
         # Nothing here asks for the tables' certificates, and a refused one takes longest.
         study = with_tables(study, out, workers=workers, certificates=False, progress=progress)
         comparison = compare_study(study, emt=emt, seed=seed, progress=progress)
@@ -55,9 +57,7 @@ def report_comparison(
         tell("draw figures", 1.0)
         write_comparison_report(comparison, figures, folder / "report.html")
         write_table(folder / "comparison.csv", CSV_HEADER, csv_rows(comparison))
-        document = comparison_document(comparison)
-        write_json(folder / "results.json", document)
-    return document
+        return write_record(folder, comparison_document(comparison), VERB)
 
 
 def compare_study(study: Study, *, emt: bool = True, seed: int = 0, progress: Progress | None = None) -> Comparison:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from vsgdesign.artifacts import staged_folder, write_json
+from vsgdesign.artifacts import staged_folder, write_record
 from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.parameters.study import Study
@@ -46,7 +46,8 @@ def report_comparison(
         }
 
     make = (compare_methods, document, comparison_figures, write_comparison_page)
-    return _report(study, out, (weights, recipes, seed, workers), settings, progress, *make)
+    networks = (weights, recipes, seed, workers)
+    return _report("vsgdesign estimator compare", study, out, networks, settings, progress, *make)
 
 
 def report_stress(
@@ -74,11 +75,12 @@ def report_stress(
         }
 
     make = (stress_methods, document, stress_figures, write_stress_page)
-    return _report(study, out, (weights, recipes, seed, workers), settings, progress, *make)
+    networks = (weights, recipes, seed, workers)
+    return _report("vsgdesign estimator stress", study, out, networks, settings, progress, *make)
 
 
 def _report(
-    study: Study, out: str | Path, networks: tuple[tuple[str, ...], tuple[str, ...], int, int],
+    verb: str, study: Study, out: str | Path, networks: tuple[tuple[str, ...], tuple[str, ...], int, int],
     settings: ComparisonSettings | None, progress: Progress | None, find: Callable[..., T],
     document: Callable[[T], dict[str, Any]],
     figures_of: Callable[[T], Any], write_page: Callable[..., Any],
@@ -86,7 +88,8 @@ def _report(
     from vsgdesign.report.estimator_figures import write_all
 
     tell = progress or silent
-    with staged_folder(out) as folder:
+    weights, recipes, *_ = networks
+    with staged_folder(out, verb, inputs=[*study.input_files, *weights, *recipes]) as folder:
         made = _networks(study, *networks, tell)
         found: Any = find(study, made, settings, progress=tell)
         (folder / "figures").mkdir()
@@ -96,8 +99,7 @@ def _report(
         whole |= {"networks": {name: network_document(one) for name, one in made.items()}}
         whole |= {"settings": vars(found.settings)} | document(found)
         whole["figures"] = [figure.name for figure in figures]
-        write_json(folder / "results.json", whole)
-    return whole
+        return write_record(folder, whole, verb)
 
 
 def _networks(

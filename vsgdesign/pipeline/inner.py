@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.artifacts import provenance, staged_folder, write_json
+from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.tables import write_table
 from vsgdesign.parameters.inner_loops import Reading, request_of
@@ -15,6 +15,8 @@ from vsgdesign.parameters.study import InnerLoopRequest, Study
 
 if TYPE_CHECKING:  # the compiled scores are loaded by who asks for them
     from vsgdesign.design.inner import Alternative, FullOrderCheck, InnerScore
+
+VERB = "vsgdesign inner"
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ def report_inner_loops(
     from vsgdesign.report.inner_page import write_inner_figures, write_inner_page
 
     tell = progress or silent
-    with staged_folder(out) as folder:
+    with staged_folder(out, VERB, inputs=study.input_files) as folder:
         found = assess_inner_loops(study, what_if=what_if, progress=progress)
         tell("draw figures", 0.0)
         figures = write_inner_figures(found.score, folder / "figures")
@@ -99,7 +101,7 @@ def report_inner_loops(
         document = inner_document(found)
         write_inner_page(study, document, figures, folder / "report.html")
         write_table(folder / "inner.csv", *_rows(found))
-        write_json(folder / "results.json", document | {"provenance": provenance()})
+        write_record(folder, document | {"provenance": provenance()}, VERB)
     return found
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vsgdesign.artifacts import provenance, staged_folder, write_json
+from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.tables import write_table
 from vsgdesign.metrics.margins import guaranteed_margins
@@ -22,6 +22,8 @@ from vsgdesign.simulation.stability_result import StabilityResult, frequency_fil
 from vsgdesign.stability.assessment import ControllerAssessment, FocusCell, assess
 from vsgdesign.stability.tables import VIEW_HEADER, map_header, map_rows, view_rows
 from vsgdesign.stability.verdict import clause_matrix, left_out, worst_cases
+
+VERB = "vsgdesign report"
 
 
 def assess_study(study: Study, *, evidence: bool = True, progress: Progress | None = None) -> StabilityResult:
@@ -69,7 +71,7 @@ def report_stability(
     tell = progress or silent
     if pdf:
         require_pdf()
-    with staged_folder(out) as folder:
+    with staged_folder(out, VERB, inputs=study.input_files) as folder:
         result = assess_study(study, progress=progress)
         begin = time.perf_counter()
         write_stability_tables(result, folder)
@@ -82,9 +84,7 @@ def report_stability(
             write_pdf(folder / "report.html", folder / "report.pdf")
             tell("print", 1.0)
         result.timing_s["report"] = time.perf_counter() - begin
-        document = stability_document(result)
-        write_json(folder / "results.json", document)
-    return document
+        return write_record(folder, stability_document(result), VERB)
 
 
 def write_stability_tables(result: StabilityResult, folder: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vsgdesign.artifacts import provenance, staged_folder, write_csv, write_json, write_npz, write_table_file
+from vsgdesign.artifacts import provenance, staged_folder, write_csv, write_npz, write_record, write_table_file
 from vsgdesign.artifacts.design_inputs import study_differences
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.network_weights import write_network_weights
@@ -39,7 +39,8 @@ def run_study(
     tell = progress or silent
     begin = time.perf_counter()
     timing: dict[str, float] = {}
-    with staged_folder(out) as folder:
+    verb = "vsgdesign run" if report else "vsgdesign simulate"
+    with staged_folder(out, verb, inputs=study.input_files) as folder:
         study = with_tables(study, out, workers=workers, progress=progress)
         for spec in study.controllers:
             if spec.table is not None:
@@ -80,8 +81,7 @@ def run_study(
             document["estimator"] = network_document(network)
             if trained is not None:
                 document["estimator"]["training"] = training_document(trained)
-        write_json(folder / "results.json", document)
-    return document
+        return write_record(folder, document, verb)
 
 
 def _export(study: Study, folder: Path) -> None:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
-import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.artifacts import staged_folder, write_json, write_table_file
-from vsgdesign.artifacts.gain_table import KIND, GainTable
+from vsgdesign.artifacts import staged_folder, write_record, write_table_file
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.gain_table_file import TABLE_FILE
+from vsgdesign.artifacts.locks import LockedError, locked
 from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.artifacts.staging import cannot_write, parents_made
 from vsgdesign.artifacts.study_table import table_of
 from vsgdesign.artifacts.table_text import certificate_summary
 from vsgdesign.errors import ArtifactError, Fault, StudyError
@@ -20,12 +24,52 @@ if TYPE_CHECKING:  # the optimizer's libraries are loaded by who builds
     from vsgdesign.design.table import BuiltTable
 
 STATUSES = ("met", "relaxed", "outside")
+REPORT = "vsgdesign table report"
+_LOCK = "lock"
 
 
 def cells_folder(out: str | Path) -> Path:
-    """Where finished cells of a table wait until it is whole."""
-    out = Path(out)
+    """Where finished cells of a table wait until it is whole; a link is followed to where the table will be."""
+    out = Path(os.path.realpath(out))
     return out.with_name(f".{out.name}.cells")
+
+
+@contextmanager
+def _cells(out: str | Path, what: str, fresh: bool = False) -> Iterator[Path]:
+    """The folder of finished cells, of this process alone within the block; it is removed where that ends well.
+
+    Raises ArtifactError where another process is at work on the same table.
+    """
+    folder = cells_folder(out)
+    with ExitStack() as held:
+        try:
+            held.enter_context(parents_made(folder.parent))
+            folder.mkdir(exist_ok=True)
+            held.enter_context(locked(folder / _LOCK))
+        except (LockedError, FileNotFoundError):
+            raise ArtifactError(
+                f'{what} is being built by another process, which keeps its finished cells in "{folder}". '
+                "Wait until it is done, or give another place."
+            ) from None
+        except OSError as error:
+            raise cannot_write(folder, error) from error
+        try:
+            if fresh:
+                _forget(folder)
+            yield folder
+            _forget(folder)
+        finally:
+            # The lock goes with its folder, and while it is held: whoever comes next sees that it was another's.
+            if next(folder.glob("*.json"), None) is None:
+                (folder / _LOCK).unlink(missing_ok=True)
+                with suppress(OSError):  # something of somebody else's is in it
+                    folder.rmdir()
+
+
+def _forget(folder: Path) -> None:
+    """Remove finished cells, and what a kill left of unfinished ones."""
+    for path in [*folder.glob("*.json"), *folder.glob(".*.json.*")]:
+        path.unlink(missing_ok=True)
 
 
 def build_table_file(
@@ -45,22 +89,17 @@ def build_table_file(
     if study.specification is None:
         advice = "Add one: what the table has to keep, and over what."
         raise StudyError(study.name, [Fault("specification", "", "missing table", advice)])
-    _check_target(out)
+    TABLE_FILE.check_target(out)
     from vsgdesign.design.between import POINTS
     from vsgdesign.design.sweep import executor_of
     from vsgdesign.design.table import build_table
 
-    folder = cells_folder(out)
-    if fresh:
-        shutil.rmtree(folder, ignore_errors=True)
-    with executor_of(workers, cluster) as executor:
-        built = build_table(
-            study, spec, folder, executor=executor, points=POINTS if points is None else points, progress=progress
-        )
-    # Written among the cells, then moved: a kill in between leaves no half file beside the others.
-    write_table_file(built.table, folder / out.name)
-    os.replace(folder / out.name, out)
-    shutil.rmtree(folder, ignore_errors=True)
+    with _cells(out, f'"{out}"', fresh) as folder:
+        with executor_of(workers, cluster) as executor:
+            built = build_table(
+                study, spec, folder, executor=executor, points=POINTS if points is None else points, progress=progress
+            )
+        write_table_file(built.table, out)
     return _built_document(built, out)
 
 
@@ -72,21 +111,6 @@ def _controller(study: Study, name: str | None) -> ControllerSpec:
         known = ", ".join(spec.name for spec in study.controllers)
         raise StudyError(study.name, [Fault("controller", f'"{name}"', "unknown", f"The study has: {known}.")])
     return found
-
-
-def _check_target(out: Path) -> None:
-    """Before the long work rather than after it."""
-    if not out.parent.is_dir():
-        raise ArtifactError(f'cannot write "{out}": there is no folder "{out.parent}". Make it, or give another file.')
-    if out.is_dir():
-        raise ArtifactError(f'cannot write "{out}": it is a folder. Give a file.')
-    try:
-        if out.exists() and KIND.encode() not in out.read_bytes()[:200]:
-            raise ArtifactError(f'"{out}" is no gain table and is left untouched. Give another file.')
-    except OSError as error:
-        raise ArtifactError(f'cannot write "{out}": {error.strerror}.') from error
-    if not os.access(out.parent, os.W_OK):
-        raise ArtifactError(f'cannot write "{out}": nobody may write to "{out.parent}". Give another file.')
 
 
 def _built_document(built: BuiltTable, out: Path) -> dict[str, Any]:
@@ -122,16 +146,19 @@ def _built_document(built: BuiltTable, out: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def report_table(table: GainTable, out: str | Path, *, progress: Progress | None = None) -> dict[str, Any]:
+def report_table(
+    table: GainTable, out: str | Path, *, inputs: Iterable[str | Path] = (), progress: Progress | None = None
+) -> dict[str, Any]:
     """Leave table.json, figures, results.json and report.html in ``out``; returns the content of results.json.
 
-    The folder appears when everything is done. Raises ArtifactError.
+    ``inputs`` are the files that the table comes from: a folder with one of them in it is not replaced. The folder
+    appears when everything is done. Raises ArtifactError.
     """
     from vsgdesign.report import write_table_figures, write_table_report
     from vsgdesign.stability.gain_table import check_table
 
     tell = progress or silent
-    with staged_folder(out) as folder:
+    with staged_folder(out, REPORT, inputs=inputs) as folder:
         tell("check the table", 0.0)
         outcome = check_table(table)
         tell("check the table", 1.0)
@@ -154,8 +181,7 @@ def report_table(table: GainTable, out: str | Path, *, progress: Progress | None
             "check": {"good": outcome.good} | vars(outcome),
             "figures": [figure.name for figure in figures],
         }
-        write_json(folder / "results.json", document)
-    return document
+        return write_record(folder, document, REPORT)
 
 
 def with_tables(
@@ -179,10 +205,13 @@ def with_tables(
             from vsgdesign.design.sweep import executor_of
             from vsgdesign.design.table import build_table
 
-            cells = cells_folder(Path(out).absolute().with_name(f"{Path(out).name}.{spec.name}"))
-            with executor_of(workers) as executor:
-                built = build_table(study, spec, cells, executor=executor, certificate=certificates, progress=progress)
+            place = Path(os.path.realpath(out))
+            cells = place.with_name(f"{place.name}.{spec.name}")
+            with (
+                _cells(cells, f'the table of controller {spec.name} for "{out}"') as folder,
+                executor_of(workers) as executor,
+            ):
+                built = build_table(study, spec, folder, executor=executor, certificate=certificates, progress=progress)
                 table = built.table
-            shutil.rmtree(cells, ignore_errors=True)
         controllers.append(replace(spec, table=table))
     return replace(study, controllers=tuple(controllers))

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights, write_network_weights
+from vsgdesign.artifacts.network_weights import (
+    WEIGHTS_FILE,
+    NetworkWeights,
+    read_network_weights,
+    write_network_weights,
+)
 from vsgdesign.artifacts.progress import Progress, silent
-from vsgdesign.errors import ArtifactError, Fault, StudyError
+from vsgdesign.errors import Fault, StudyError
 from vsgdesign.parameters.estimator import EstimatorSpec
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.estimated import same_period
@@ -91,13 +95,14 @@ def train_weights_file(
 
     ``windows`` keeps the windows as well, with the bridge of the recipe. Raises as :func:`with_estimator`.
     """
+    from vsgdesign.estimator.data_set import check_data_target
     from vsgdesign.estimator.recipes import load_recipe
     from vsgdesign.estimator.sampling import sampling_document, with_sampling
     from vsgdesign.estimator.trained import train_estimator
 
-    out = Path(out)
-    if out.is_dir() or not out.parent.is_dir() or not os.access(out.parent, os.W_OK):
-        raise ArtifactError(f'cannot write "{out}": give a file in a folder that exists and may be written to.')
+    WEIGHTS_FILE.check_target(out)
+    if windows is not None:
+        check_data_target(windows)
     recipe = load_recipe(spec.recipe)
     trained = train_estimator(
         study, recipe, seed=spec.seed, hidden=spec.hidden, components=spec.components,
