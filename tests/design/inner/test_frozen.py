@@ -156,3 +156,33 @@ def test_lattice_has_its_limits_and_runs_x_over_r_fastest() -> None:
     assert points[1][0] == 1.3
     assert points[-1] == (20.0, 20.0)
     assert lattice(GridBox(scr=(2.0, 2.0), x_over_r=(1.0, 1.0)), 7, 5) == ((2.0, 1.0),)
+
+
+@pytest.mark.parametrize("case", CASES[:3])
+def test_no_smaller_error_of_all_sensors_is_unstable_and_that_one_is(case: str) -> None:
+    """Errors of the margin's size and the worst angles put a mode on the unit circle; random angles leave it inside."""
+    c, f = datasheet(case)
+    gains, omega_t = closed_form_starts(c, f, 10.0)[0]
+    settings = controller_settings(c, f)
+    law = law_matrix(one(gains), np.array([omega_t]), settings)
+    point = (20.0, 20.0)
+    circuit = plants(circuits(c, f, [point], "impedance"), settings, c.delay_samples, c.omega_n)
+    omega = frequencies(c.T_s, 240)
+    margin = margins(law, circuit, modes(law, circuit), omega, np.ones(3))[0, 0, 1]
+
+    def fastest(errors: np.ndarray) -> float:
+        wrong = law.copy()
+        wrong[:, :, :3] *= 1.0 + errors
+        return float(np.abs(np.linalg.eigvals(matrices(wrong, circuit))).max())
+
+    # The critical frequency, looked for again on the loop by states, between points of the coarse grid.
+    at = omega
+    for _ in range(3):
+        S, parts = loop_by_states(c, f, law[0], point, np.exp(1j * at * c.T_s))
+        k = int(np.argmax(np.abs(S) * np.abs(parts).sum(axis=1)))
+        worst = np.exp(1j * (np.angle(1.0 / S[k]) - np.angle(parts[k])))
+        at = np.linspace(at[max(k - 1, 0)], at[min(k + 1, len(at) - 1)], 200)
+    assert fastest(0.99 * margin * worst) < 1.0 < fastest(1.02 * margin * worst)
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        assert fastest(0.99 * margin * np.exp(2j * np.pi * rng.random(3))) < 1.0
