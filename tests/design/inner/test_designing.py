@@ -242,5 +242,7 @@ def test_wrong_input_is_said_all_at_once() -> None:
     with pytest.raises(StudyError, match="5 faults") as error:
         score_inner_loops(c, f, gains, math.inf, BOX)
     assert "kappa = 1.0: there is no delay to predict over" in str(error.value)
+    with pytest.raises(StudyError, match="5 faults"):
+        what_would_help(c, f, BOX, gains, math.inf)
     with pytest.raises(StudyError, match="settling_time = nan s: must be a positive number"):
         design_inner_loops(c, f, BOX, settling_time=math.nan)

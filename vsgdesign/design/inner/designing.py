@@ -11,7 +11,7 @@ from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.design.inner.check import FullOrderCheck, check_full_order
 from vsgdesign.design.inner.grids import GridBox, GridPoint, highest_resonance, sampling_ratio
 from vsgdesign.design.inner.promises import targets
-from vsgdesign.design.inner.score import PromiseReached, limiting, score_of
+from vsgdesign.design.inner.score import PromiseReached, check_gains, limiting, score_of
 from vsgdesign.design.inner.search import FINE, Effort, search
 from vsgdesign.design.threads import one_thread
 from vsgdesign.equations.inner_loops import InnerLoopGains
@@ -131,8 +131,10 @@ def what_would_help(
     """What twice the sampling, no delay and a larger L_2 would buy: each designed anew, the best t first.
 
     The searches are shorter than a design's and begin, among others, with the present ``gains`` (SI) and ``omega_t``
-    (rad/s). An alternative that is already there (no delay without delay) is left out.
+    (rad/s). An alternative that is already there (no delay without delay) is left out. Raises StudyError with
+    every fault of the gains.
     """
+    check_gains(converter, gains, omega_t, settling_time)
     tell = progress or silent
     options = alternatives(converter, filter_)
     found = []

@@ -81,7 +81,7 @@ def score_inner_loops(
     ``settling_time`` (s) is the power loops': the slowest decay is held against it. Raises StudyError with every fault
     of the gains.
     """
-    _check(converter, gains, omega_t, settling_time)
+    check_gains(converter, gains, omega_t, settling_time)
     points = lattice(box, scr, x_over_r)
     with one_thread():
         bench = bench_of(converter, filter_, box.basis, points, points, settling_time=settling_time)
@@ -114,7 +114,8 @@ def score_of(box: GridBox, promises: Promises, targets: Targets, scr: int, x_ove
     )  # fmt: skip
 
 
-def _check(converter: Converter, gains: InnerLoopGains, omega_t: float, settling_time: float) -> None:
+def check_gains(converter: Converter, gains: InnerLoopGains, omega_t: float, settling_time: float) -> None:
+    """Raises StudyError with every fault of given gains, ω_t and settling time."""
     faults = []
     for name, value in (*gains._asdict().items(), ("omega_t", omega_t), ("settling_time", settling_time)):
         if not math.isfinite(value):
