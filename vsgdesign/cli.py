@@ -197,6 +197,10 @@ def validate(study_file: str, as_json: bool) -> None:
             click.echo(inner_loops)
 
 
+def _warn(text: str) -> None:
+    click.echo(f"warning: {text}", err=True)
+
+
 def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, report: bool) -> None:
     from pathlib import Path
 
@@ -206,7 +210,7 @@ def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, re
     name = study.name if report else f"{study.name}-simulation"
     folder = Path("out") / name if out is None else Path(out)
     with _progress(quiet=as_json) as progress:
-        results = run_study(study, folder, bridge=bridge, report=report, progress=progress)
+        results = run_study(study, folder, bridge=bridge, report=report, progress=progress, warn=_warn)
     if as_json:
         _print_json(results)
         return

@@ -54,12 +54,23 @@ def new_table(title: str, headings: Sequence[str], left: Sequence[str] = ()) -> 
     return table
 
 
+_NO_TIME = {
+    "measured": "not settled", "not settled": "not settled", "window too short": "too short", "unstable": "unstable",
+    "no steady state": "no rest",
+}  # fmt: skip
+"""What stands in place of a settling time, by the status of the event."""
+
+
 def results_tables(results: dict[str, Any]) -> None:
     """The figures of every reference step and disturbance of a run, on the raw signal."""
     headings = ("controller", "at", "event", "signal", "overshoot", "settles 2 %", "rise", "peak current")
     table = new_table(results["study"]["title"], headings, left=("controller", "event", "signal"))
+    reasons: dict[str, list[str]] = {}
     for name, controller in results["controllers"].items():
         for event in controller["events"]:
+            if event["reason"] is not None:
+                who = f"{name}, {event['t_s']:g} s, {event['signal']}"
+                reasons.setdefault(event["reason"], []).append(who)
             if event["kind"] == "disturbance" and event["settling_time_s"] == 0.0:
                 continue  # the other signal never left its band: nothing to see
             table.add_row(
@@ -68,7 +79,7 @@ def results_tables(results: dict[str, Any]) -> None:
                 escape(event["name"]),
                 event["signal"],
                 _cell(event["overshoot_pct"], ".1f", " %"),
-                _cell(event["settling_time_s"], ".3f", " s", none="not settled"),
+                _cell(event["settling_time_s"], ".3f", " s", none=_NO_TIME[event["status"]]),
                 _cell(event["rise_time_s"], ".3f", " s"),
                 _cell(event["peak_current_pu"], ".2f", " pu"),
             )
@@ -78,6 +89,8 @@ def results_tables(results: dict[str, Any]) -> None:
             lines = (escape(line) for line in table_lines(name, controller["table"]))
             console.print("\n".join(lines), highlight=False, soft_wrap=True)
     console.print(table if table.row_count else f"{escape(results['study']['title'])}: no event to measure")
+    for reason, who in reasons.items():
+        console.print(f"{escape('; '.join(who))}: {escape(reason)}", soft_wrap=True)
     for name, controller in results["controllers"].items():
         limit = (controller["estimate"] or {}).get("rate_limit")
         if limit and limit["held_s"]:

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
+from vsgdesign.metrics import EndState, EventMetrics, EventWindow, measure_event, step_response
+from vsgdesign.metrics.events import MEASURED, NO_STEADY_STATE, NOT_SETTLED, TOO_SHORT, UNSTABLE
 
 DT = 2e-4
 PER_CYCLE = 100
@@ -21,20 +22,24 @@ def first_order(t_event: float, before: float, after: float) -> np.ndarray:
     return np.where(t_event - 0.5 * DT > T, before, after + (before - after) * np.exp(-since / TAU))
 
 
+AT_2500 = EndState(2500.0, 1.0 / TAU)
+
+
 def measure(
-    t_s: float, end_s: float, y: np.ndarray, steps: bool = True, current: np.ndarray | None = None
-) -> EventMetrics:
+    t_s: float, end_s: float, y: np.ndarray, steps: bool = True, current: np.ndarray | None = None,
+    end: EndState = AT_2500,
+) -> EventMetrics:  # fmt: skip
     current = np.zeros_like(y) if current is None else current
-    return measure_event(EventWindow("event", t_s, end_s, steps), "P_pcc", T, y, current, RATING, PER_CYCLE)
+    return measure_event(EventWindow("event", t_s, end_s, steps), "P_pcc", T, y, current, RATING, PER_CYCLE, end)
 
 
 def test_a_step_in_the_middle() -> None:
     m = measure(2.0, 5.0, first_order(2.0, 2000.0, 2500.0))
     assert (m.name, m.t_s, m.signal, m.kind) == ("event", 2.0, "P_pcc", "step")
     assert m.raw.initial == pytest.approx(2000.0)
-    # The last tenth of 3 s: exp(−13.5) = 1.4e-6 of the step is still to come.
-    assert m.raw.final == pytest.approx(2500.0, abs=1e-3)
-    # 1e-4 s: what 1.4e-6 of the final value moves the edge of the band, and the linear interpolation.
+    assert m.raw.final == 2500.0
+    assert (m.status, m.reason, m.needs_s) == (MEASURED, None, None)
+    # 1e-4 s: the linear interpolation.
     assert m.raw.settling_time_s == pytest.approx(TAU * math.log(50.0), abs=1e-4)
     assert m.raw.rise_time_s == pytest.approx(TAU * math.log(9.0), abs=1e-4)
 
@@ -88,14 +93,16 @@ def test_to_the_end_of_the_run_and_beyond() -> None:
 
 def test_a_window_of_two_samples() -> None:
     m = measure(float(T[-2]), float(T[-1]), first_order(2.0, 2000.0, 2500.0))
-    assert m.kind == "disturbance"
-    assert m.raw.settling_time_s == 0.0
+    assert (m.kind, m.status) == ("disturbance", TOO_SHORT)
+    assert m.raw.settling_time_s is None
 
 
 def test_too_small_a_step_is_none() -> None:
     """A thousandth of the rating is 5 W."""
-    assert measure(2.0, 5.0, first_order(2.0, 2000.0, 2004.9)).kind == "disturbance"
-    assert measure(2.0, 5.0, first_order(2.0, 2000.0, 2005.1)).kind == "step"
+    small, large = (
+        measure(2.0, 5.0, first_order(2.0, 2000.0, after), end=EndState(after, 5.0)) for after in (2004.9, 2005.1)
+    )
+    assert (small.kind, large.kind) == ("disturbance", "step")
 
 
 def test_another_signals_event_is_a_disturbance_with_a_band_of_the_rating() -> None:
@@ -108,10 +115,100 @@ def test_another_signals_event_is_a_disturbance_with_a_band_of_the_rating() -> N
 def test_ripple_of_a_cycle_is_gone_from_the_mean_and_not_from_the_raw() -> None:
     y = first_order(2.0, 2000.0, 2500.0)
     ripple = 50.0 * np.cos(2.0 * np.pi * T / (PER_CYCLE * DT))
-    m = measure(2.0, 5.0, y + ripple)
+    m = measure(2.0, 5.0, y + ripple, end=EndState(None, 1.0 / TAU))
+    assert m.status == MEASURED
     assert m.raw.settling_time_s is None or m.raw.settling_time_s > 2.9
     assert m.raw.overshoot_pct == pytest.approx(10.0, abs=0.1)
     assert m.one_cycle_mean.overshoot_pct == pytest.approx(0.0, abs=0.01)
     # The mean over the last cycle of an exponential lags by half a cycle, 10 ms (to (cycle/τ)²/24 τ = 0.1 ms).
     lag = 0.5 * PER_CYCLE * DT
     assert m.one_cycle_mean.settling_time_s == pytest.approx(TAU * math.log(50.0) + lag, abs=5e-4)
+
+
+def test_a_window_shorter_than_the_response_has_no_figure() -> None:
+    """First order: settled after τ ln 50 = 0.782 s, and not a moment before that can it be said."""
+    y, settled = first_order(2.0, 2000.0, 2500.0), TAU * math.log(50.0)
+    short, enough = measure(2.0, 2.0 + settled - 0.01, y), measure(2.0, 2.0 + settled + 0.01, y)
+    assert (short.status, enough.status) == (TOO_SHORT, MEASURED)
+    for figures in (short.raw, short.one_cycle_mean):
+        assert (figures.final, figures.overshoot_pct, figures.settling_time_s) == (2500.0, None, None)
+    assert short.needs_s == pytest.approx(settled, abs=1e-3)
+    assert short.reason == "the window is too short: 0.772 s after the step, the slowest mode needs 0.783 s"
+    assert enough.raw.settling_time_s == pytest.approx(settled, abs=1e-4)
+
+
+def test_a_critically_damped_step_seen_for_a_second() -> None:
+    """(1 + ωt)e^(−ωt) at 4 1/s settles after 5.834/ω = 1.458 s; its last tenth of a second looks settled at 0.9 s."""
+    since = np.maximum(T - 2.0, 0.0)
+    y = 2500.0 - 500.0 * (1.0 + 4.0 * since) * np.exp(-4.0 * since)
+    seen = y[(T > 2.0 - 0.5 * DT) & (T < 3.0 - 0.5 * DT)]
+    by_eye = step_response(np.arange(len(seen)) * DT, seen, 2000.0, float(seen[-len(seen) // 10 :].mean()))
+    assert by_eye.settling_time_s is not None
+    assert by_eye.settling_time_s < 1.0
+    end = EndState(2500.0, 4.0)
+    assert measure(2.0, 3.0, y, end=end).status == TOO_SHORT
+    m = measure(2.0, 3.5, y, end=end)
+    assert m.raw.settling_time_s == pytest.approx(1.4585, abs=1e-3)
+
+
+@pytest.mark.parametrize("switched", [False, True])
+def test_no_window_gives_a_settling_time_that_a_longer_one_takes_back(switched: bool) -> None:
+    """Random sums of three modes, windows of any length: a figure is that of the whole response, or there is none."""
+    rng = np.random.default_rng(21)
+    t = np.arange(60_000) * 1e-3
+    figures = refused = 0
+    for _ in range(150):
+        decay = rng.uniform(0.5, 8.0, 3)
+        weights = rng.uniform(-1.5, 1.5, 3)
+        weights[0] += 1.0 - weights.sum()
+        swing = np.cos(np.outer(rng.uniform(0.0, 20.0, 3) * rng.integers(0, 2, 3), t))
+        error = weights @ (np.exp(-np.outer(decay, t)) * swing)
+        y = np.concatenate([np.full(1000, 0.0), 1000.0 * (1.0 - error)])
+        grid = np.arange(len(y)) * 1e-3
+        length = rng.uniform(0.3, 10.0 if switched else 6.0) / decay.min()
+        end = EndState(None if switched else 1000.0, float(decay.min()))
+        window = EventWindow("step", 1.0, 1.0 + length, True)
+        m = measure_event(window, "P_pcc", grid, y, 0.0 * y, RATING, 20, end)
+        if m.status == TOO_SHORT:
+            refused += 1
+            continue
+        figures += 1
+        assert m.status == MEASURED
+        assert m.raw.final == pytest.approx(1000.0, abs=3.0 if switched else 0.0)
+        # A final value that is a mean may be wrong by a tenth of the band: then so are its edges.
+        slack = 0.1 if switched else 0.0
+        late, early = (
+            step_response(t, y[1000:], 0.0, 1000.0, 0.02 * (1.0 + sign * slack)).settling_time_s for sign in (-1.5, 1.5)
+        )
+        assert late is not None
+        assert early is not None
+        assert m.raw.settling_time_s is not None
+        assert early - 2e-3 <= m.raw.settling_time_s <= late + 2e-3
+    assert figures > 30
+    assert refused > 30
+
+
+def test_a_ramp_counts_from_its_end() -> None:
+    """Nothing moved yet when a ramp that lasts to 2.5 s began; the window must hold the answer to its end."""
+    y = first_order(2.5, 2000.0, 2500.0)
+    ramp = EndState(2500.0, 1.0 / TAU, changed_s=2.5)
+    assert measure(2.0, 3.2, y, steps=False, end=ramp).status == TOO_SHORT
+    assert measure(2.0, 3.4, y, steps=False, end=ramp).status == MEASURED
+
+
+def test_what_hangs_beside_the_steady_state_is_not_settled() -> None:
+    """30 W beside a step of 500 W is outside the band for good; ten times the time it needs have gone by."""
+    m = measure(2.0, 5.0, first_order(2.0, 2000.0, 2470.0))
+    assert (m.status, m.raw.settling_time_s) == (NOT_SETTLED, None)
+    assert m.raw.overshoot_pct == 0.0
+    assert "does not come to rest as the linear model does" in (m.reason or "")
+
+
+@pytest.mark.parametrize(
+    ("end", "status"),
+    [(EndState(2500.0, -0.5, "a mode grows"), UNSTABLE), (EndState(None, None, "a mode grows"), NO_STEADY_STATE)],
+)
+def test_no_stable_end_has_no_figures(end: EndState, status: str) -> None:
+    m = measure(2.0, 5.0, first_order(2.0, 2000.0, 2500.0), end=end)
+    assert (m.status, m.reason, m.needs_s) == (status, "a mode grows", None)
+    assert (m.raw.overshoot_pct, m.raw.settling_time_s, m.raw.rise_time_s) == (None, None, None)

@@ -227,3 +227,40 @@ def test_droop_cannot_carry_what_no_voltage_can(P: float) -> None:
         assert -best.fun < P
     with pytest.raises(NoOperatingPointError):
         solve_with_droop(P, 0.0, 1e5, V_g, V_g, R, X)
+
+
+def test_a_droop_that_the_grid_cannot_follow_is_not_called_a_missing_operating_point() -> None:
+    """P and Q have a point at 171 V; the droop about 231 V has none. The message once said "-0.99 kW away"."""
+    P, Q_ref, D_q, V_n, V_g, R, X = -4689.0, 756.3, 1083.0, 230.9, 230.9, 6.673, 4.254
+    plain = solve_operating_point(P, Q_ref, V_g, R, X)
+    with pytest.raises(NoOperatingPointError) as caught:
+        solve_with_droop(P, Q_ref, D_q, V_n, V_g, R, X)
+    error, text = caught.value, str(caught.value)
+    assert text.startswith("no steady state with the Q–V droop")
+    assert "no operating point" not in text
+    assert f"at {plain.V_rms:.4g} V rms" in text
+    assert f"asks for {D_q * (V_n - plain.V_rms) / 1e3:.4g} kvar more" in text
+    # Both remedies are right to their three digits.
+    share = float(re.search(r"scale P to (\S+) %", text).group(1)) / 100.0  # type: ignore[union-attr]
+    droop = float(re.search(r"weaken the droop to D_q = (\S+) var/V", text).group(1))  # type: ignore[union-attr]
+    for s in (0.98, 1.02):
+        for asked in ((s * share * P, Q_ref, D_q), (P, Q_ref, s * droop)):
+            if s < 1.0:
+                assert solve_with_droop(*asked, V_n, V_g, R, X).V_rms > 0.0
+            else:
+                with pytest.raises(NoOperatingPointError):
+                    solve_with_droop(*asked, V_n, V_g, R, X)
+    assert error.shortfall_w == pytest.approx((1.0 - share) * abs(P), rel=0.02)
+
+
+def test_where_the_grid_itself_is_what_forbids_it_the_message_says_so() -> None:
+    with pytest.raises(NoOperatingPointError, match="no operating point: P = 20 kW"):
+        solve_with_droop(2e4, 0.0, 1e3, 110.0, 110.0, 1.0, 3.5)
+
+
+@pytest.mark.parametrize("P", [0.0, 2000.0])
+def test_a_source_without_voltage_has_no_operating_point(P: float) -> None:
+    for asked in (lambda: solve_operating_point(P, 0.0, 0.0, 1.0, 3.5),
+                  lambda: solve_with_droop(P, 0.0, 10.0, 110.0, 0.0, 1.0, 3.5)):  # fmt: skip
+        with pytest.raises(NoOperatingPointError, match="bolted fault"):
+            asked()

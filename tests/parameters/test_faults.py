@@ -150,3 +150,40 @@ def test_line_to_line_and_phase_voltage_say_the_same() -> None:
     phase = build(case_document()).converter.V_rated_rms
     document = changed("converter.V_rated_ll_rms", 110.0 * 3.0**0.5, changed("converter.V_rated_rms", MISSING))
     assert build(document).converter.V_rated_rms == pytest.approx(phase, rel=1e-15)
+
+
+def same_instant(*events: dict[str, Any]) -> list[str]:
+    document = case_document()
+    document["events"] = [{"time": "1 s", **event} for event in events]
+    return [str(fault) for fault in faults_of(document)]
+
+
+def test_events_of_one_instant_that_contradict_each_other() -> None:
+    """The last one used to win in silence. All contradictions at once, with both events and both values."""
+    found = same_instant(
+        {"P_ref": "2.5 kW", "V_g_pu": 0.9, "over": "20 ms", "grid": {"scr": 4}},
+        {"P_ref": "3 kW", "V_g_pu": 0.9, "grid": {"scr": 5}},
+        {"grid": {"R_g": "1 ohm", "L_g": "3 mH"}, "phase_jump": "5 deg"},
+        {"phase_jump": "-5 deg"},
+    )
+    assert len(found) == 6
+    assert (
+        'events[1].P_ref = "3 kW": events[0] sets it to 2.5 kW at the same instant, 1 s. '
+        "Give one value, or different times." in found
+    )
+    for start in ("events[1].over = 0", "events[1].grid.scr = 5", "events[3].phase_jump"):
+        assert sum(text.startswith(start) for text in found) == 1
+    assert sum("gives the grid in other terms" in text for text in found) == 2
+
+
+def test_events_of_one_instant_that_agree_or_change_different_things() -> None:
+    document = case_document()
+    document["events"] = [
+        {"time": "1 s", "P_ref": "2.5 kW", "grid": {"scr": 4}},
+        {"time": "1000 ms", "P_ref": 2500, "Q_ref": "1 kvar", "grid": {"x_over_r": 2}},
+        {"time": "2 s", "P_ref": "3 kW", "grid": {"scr": 8}},
+    ]
+    study = build(document)
+    assert [event.grid.x_over_r(study.converter.omega_n) for event in study.events if event.grid][-1] == pytest.approx(
+        2
+    )

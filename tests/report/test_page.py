@@ -10,6 +10,8 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from vsgdesign.metrics.events import TOO_SHORT, UNSTABLE
+from vsgdesign.metrics.step_response import no_figures
 from vsgdesign.report import tables, write_report
 from vsgdesign.report.quantities import number, plain_quantity, prefix_for, quantity
 from vsgdesign.report.second_order import overshoot_of, settling_factor, uncoupled_P
@@ -169,14 +171,40 @@ def test_a_met_target_is_called_met(short):
     assert explanation(outcomes) == []
 
 
-def test_a_window_shorter_than_the_target_is_not_judged(short):
+def test_a_window_too_short_to_know_is_neither_met_nor_missed(short):
     controller = short.result.controllers[1]
-    slow = replace(controller.spec, target=replace(controller.spec.target, settling_time=60.0))
-    result = replace(short.result, controllers=(replace(controller, spec=slow),))
+    why = "the window is too short: 1 s after the step, the slowest mode needs 2.05 s"
+    unknown = tuple(
+        replace(e, status=TOO_SHORT, reason=why, raw=no_figures(2000.0, 2500.0), one_cycle_mean=no_figures(2000.0))
+        for e in controller.events
+    )
+    result = replace(short.result, controllers=(replace(controller, events=unknown),))
     outcomes = step_outcomes(result)
-    assert "cannot be judged" in " ".join(verdict(result, outcomes))
-    assert tables.targets_table(outcomes).rows[0][4] == "–"
-    assert not tables.targets_table(outcomes).flagged
+    assert outcomes
+    assert not any(outcome.misses or outcome.judged for outcome in outcomes)
+    text = " ".join(verdict(result, outcomes))
+    assert text.startswith("No reference step can be held to its target.")
+    assert "cannot be judged, neither met nor missed" in text
+    assert why in text
+    table = tables.targets_table(outcomes)
+    for row in table.rows:
+        assert (row[3], row[4], row[6], row[7]) == ("window too short", "not known", "–", "not known")
+    assert any(why in note for note in table.notes)
+    assert not table.flagged
+
+
+def test_an_unstable_end_is_a_miss_without_figures(short):
+    controller = short.result.controllers[1]
+    grown = tuple(
+        replace(e, status=UNSTABLE, reason="unstable: a mode", raw=no_figures(0.0), one_cycle_mean=no_figures(0.0))
+        for e in controller.events
+    )
+    result = replace(short.result, controllers=(replace(controller, events=grown),))
+    outcomes = step_outcomes(result)
+    assert all(outcome.misses for outcome in outcomes)
+    assert "unstable: a mode" in " ".join(verdict(result, outcomes))
+    assert explanation(outcomes) == []
+    assert tables.targets_table(outcomes).rows[0][3:5] == ("unstable", "missed")
 
 
 def test_without_events_nothing_is_judged(megawatt):

@@ -12,6 +12,7 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.operating_point.sampled import cold_start, steady_state
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.simulation import GainChange, gain_changes, simulate
+from vsgdesign.simulation.rest import rests
 from vsgdesign.simulation.scenario import derive_series, measure_events
 from vsgdesign.simulation.timeline import build_timeline
 
@@ -87,7 +88,7 @@ def test_a_start_outside_the_limits_is_refused_with_the_reason() -> None:
 def test_a_start_that_the_grid_cannot_carry_is_refused() -> None:
     study = lc_study("1 ms", sections="[grid]\nscr = 0.3\nx_over_r = 5\n")
     study = replace(study, simulation=replace(study.simulation, P_ref=9000.0, Q_ref=-2000.0))
-    with pytest.raises(InfeasibleStudyError, match="no steady state: no operating point"):
+    with pytest.raises(InfeasibleStudyError, match="the start: no operating point"):
         simulate(study, [GainChange(0.0, GAINS._replace(D_q=0.0))])
 
 
@@ -108,8 +109,10 @@ def test_an_event_at_zero_has_figures_after_a_cold_start_alone() -> None:
     study = lc_study("20 ms", events)
     cold = replace(study, simulation=replace(study.simulation, start="cold"))
     for run, expected in ((study, [0.01, 0.01]), (cold, [0.0, 0.0, 0.01, 0.01])):
-        series = derive_series(run, simulate(run, [GainChange(0.0, GAINS)]))
-        assert [event.t_s for event in measure_events(run, series)] == pytest.approx(expected)
+        gains = [GainChange(0.0, GAINS)]
+        found = simulate(run, gains)
+        series, ends = derive_series(run, found), rests(run, found.timeline, gains)
+        assert [event.t_s for event in measure_events(run, series, ends, switched=False)] == pytest.approx(expected)
 
 
 def test_cold_start_is_at_rest() -> None:

@@ -1,9 +1,10 @@
 """Arrays in, named results out: how fast, how far over, how large."""
 
-from vsgdesign.metrics.events import EventMetrics, EventWindow, measure_event
+from vsgdesign.metrics.events import EndState, EventMetrics, EventWindow, measure_event
 from vsgdesign.metrics.step_response import ResponseMetrics, disturbance_response, one_cycle_mean, step_response
 
 __all__ = [
+    "EndState",
     "EventMetrics",
     "EventWindow",
     "ResponseMetrics",

@@ -16,18 +16,23 @@ class ResponseMetrics:
 
     initial: float
     """Value before the event."""
-    final: float
-    """Value that the response ends at."""
+    final: float | None
+    """Value that the response ends at; None where it is not known."""
     overshoot_pct: float | None
     """Beyond the final value, in percent of the step; None for a disturbance."""
     settling_time_s: float | None
     """From here on within the band; None if it is still outside at the end."""
     rise_time_s: float | None
     """10 % to 90 % of the step; None for a disturbance."""
-    peak_deviation: float
+    peak_deviation: float | None
     """Largest distance from the final value, in the signal's unit."""
-    itae_s2: float
+    itae_s2: float | None
     """∫ t·|error| dt over the step (or, for a disturbance, over its reference), s²."""
+
+
+def no_figures(initial: float, final: float | None = None) -> ResponseMetrics:
+    """A response of which nothing can be said but where it began and, if that is known, where it ends."""
+    return ResponseMetrics(initial, final, None, None, None, None, None)
 
 
 def one_cycle_mean(y: Array, samples_per_cycle: int) -> Array:

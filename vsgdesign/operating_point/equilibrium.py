@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,8 +44,9 @@ def solve_operating_point(
     """The operating point that delivers P and Q, in closed form (:eq:`operating-point`).
 
     R and X in Ω from the control point to the source. Raises NoOperatingPointError where the power flow has no
-    real solution, saying by how much the request is too large and what to change.
+    real solution, saying by how much the request is too large and what to change, and where the source has no voltage.
     """
+    _require_voltage(P, V_g_rms)
     _, discriminant = operating_point_discriminant(P, Q, V_g_rms, R, X)
     if not discriminant >= 0.0:
         raise _no_operating_point(P, Q, V_g_rms, R, X)
@@ -58,10 +60,24 @@ def solve_with_droop(
     """The operating point where Q = Q_ref + D_q (V_n − V): the Q loop at rest. D_q in var/V rms.
 
     For each V the angle that delivers P is known in closed form, so one scalar equation in V is left; its
-    highest root is taken (the lower one is the far side of the nose curve).
+    highest root is taken (the lower one is the far side of the nose curve). Raises NoOperatingPointError where there is
+    none, saying whether the grid or the droop is what forbids it, and what to change.
     """
     if D_q == 0.0:
         return solve_operating_point(P, Q_ref, V_g_rms, R, X)
+    _require_voltage(P, V_g_rms)
+    V_rms = _droop_voltage(P, Q_ref, D_q, V_n_rms, V_g_rms, R, X)
+    if V_rms is None:
+        raise _no_point_with_droop(P, Q_ref, D_q, V_n_rms, V_g_rms, R, X)
+    delta = float(_angle(P, V_rms, V_g_rms, R, X))
+    Q = float(power_flow(delta, V_rms, V_g_rms, R, X)[1])
+    return _at(P, Q, V_rms, delta, R, X, (0.0, np.inf))
+
+
+def _droop_voltage(
+    P: float, Q_ref: float, D_q: float, V_n_rms: float, V_g_rms: float, R: float, X: float
+) -> float | None:
+    """The highest V at which grid and Q–V droop agree; None where they do at none."""
 
     def surplus(V: Any) -> Any:
         return Q_ref + D_q * (V_n_rms - V) - power_flow(_angle(P, V, V_g_rms, R, X), V, V_g_rms, R, X)[1]
@@ -75,13 +91,10 @@ def solve_with_droop(
     # The last sign change between points where an angle exists.
     signs = np.isfinite(values[:-1]) & np.isfinite(values[1:]) & (values[:-1] * values[1:] <= 0.0)
     if not signs.any():
-        raise _no_operating_point(P, Q_ref, V_g_rms, R, X)
+        return None
     k = int(np.flatnonzero(signs)[-1])
     solution = root_scalar(surplus, bracket=(grid[k], grid[k + 1]), method="brentq", xtol=1e-13 * V_n_rms, rtol=1e-15)
-    V_rms = float(solution.root)
-    delta = float(_angle(P, V_rms, V_g_rms, R, X))
-    Q = float(power_flow(delta, V_rms, V_g_rms, R, X)[1])
-    return _at(P, Q, V_rms, delta, R, X, (0.0, np.inf))
+    return float(solution.root)
 
 
 def _angle(P: float, V: Any, V_g_rms: float, R: float, X: float) -> Any:
@@ -102,6 +115,59 @@ def _voltages_with_angle(P: float, V_g_rms: float, R: float, X: float) -> tuple[
 def _at(P: float, Q: float, V_rms: float, delta: float, R: float, X: float, limits: tuple) -> OperatingPoint:
     A, B, C, D = (float(entry) for entry in jacobian_from_powers(P, Q, V_rms, R, X))
     return OperatingPoint(P, Q, V_rms, delta, A, B, C, D, bool(limits[0] <= V_rms <= limits[1]))
+
+
+def _require_voltage(P: float, V_g_rms: float) -> None:
+    if not V_g_rms > 0.0:
+        raise NoOperatingPointError(
+            f"no operating point: the grid source has no voltage (V_g = {V_g_rms:.4g} V, a bolted fault). Let it be "
+            "over after a short time (an event with V_g_pu above 0), or rest on a source that has one.",
+            shortfall_w=abs(P),
+        )
+
+
+_BISECTIONS = 20
+
+
+def _no_point_with_droop(
+    P: float, Q_ref: float, D_q: float, V_n_rms: float, V_g_rms: float, R: float, X: float
+) -> NoOperatingPointError:
+    """Which of grid and droop forbids it, and remedies that were tried."""
+    if not operating_point_discriminant(P, Q_ref, V_g_rms, R, X)[1] >= 0.0:
+        return _no_operating_point(P, Q_ref, V_g_rms, R, X)
+    plain = solve_operating_point(P, Q_ref, V_g_rms, R, X)
+
+    def has_point(share: float, droop: float) -> bool:
+        return _droop_voltage(share * P, Q_ref, droop, V_n_rms, V_g_rms, R, X) is not None
+
+    remedies, shortfall = [], float("nan")
+    share = _largest(lambda s: has_point(s, D_q))
+    if share > 0.0:
+        remedies.append(f"scale P to {100.0 * share:.3g} % ({share * P / 1e3:.4g} kW)")
+        shortfall = (1.0 - share) * abs(P)
+    weaker = _largest(lambda s: has_point(1.0, s * D_q))
+    if weaker > 0.0:
+        remedies.append(f"weaken the droop to D_q = {weaker * D_q:.4g} var/V ({100.0 * weaker:.3g} % of it)")
+    change = f" Change one: {', or '.join(remedies)}." if remedies else " Lower P, or weaken the droop."
+    drooped = D_q * (V_n_rms - plain.V_rms)
+    message = (
+        f"no steady state with the Q–V droop: the grid (R = {R:.4g} Ω, X = {X:.4g} Ω, {V_g_rms:.4g} V rms) carries "
+        f"P = {P / 1e3:.4g} kW and Q = {Q_ref / 1e3:.4g} kvar at {plain.V_rms:.4g} V rms, but there the droop "
+        f"(D_q = {D_q:.4g} var/V about {V_n_rms:.4g} V) asks for {abs(drooped) / 1e3:.4g} kvar "
+        f"{'more' if drooped > 0.0 else 'less'}, and at no voltage do grid and droop agree.{change}"
+    )
+    return NoOperatingPointError(message, shortfall_w=shortfall)
+
+
+def _largest(holds: Callable[[float], bool]) -> float:
+    """The largest share below one for which a condition holds that holds for small ones; zero if not even those."""
+    low, high = 0.0, 1.0
+    if not holds(1e-6):
+        return 0.0
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
 
 
 def _no_operating_point(P: float, Q: float, V_g_rms: float, R: float, X: float) -> NoOperatingPointError:

@@ -61,7 +61,7 @@ def steady_state(
     solved = root(residual, [guess.V_rms / V_n, guess.delta, omega_i / omega_n], tol=1e-14)
     error = float(np.max(np.abs(residual(solved.x))))
     if not error < 1e-9:
-        raise InfeasibleStudyError(f"the start has no steady state (residual {error:.2g} pu): {solved.message}")
+        raise InfeasibleStudyError(f"no steady state (residual {error:.2g} pu): {solved.message}")
     V, delta, omega_i = solved.x[0] * V_n, float(solved.x[1]), solved.x[2] * omega_n
     theta = delta + phase
     x, v_b = _phasors(study, plant, omega_g, rms_to_peak(V) * np.exp(1j * theta), v_g)
@@ -100,7 +100,13 @@ def _guess(study: Study, grid: Grid, source: GridSource, refs: References, gains
     try:
         return solve_with_droop(P, refs.Q_ref, gains.D_q, refs.V_n, source.V_g_rms, R, X)
     except NoOperatingPointError as error:
-        raise InfeasibleStudyError(f"the start has no steady state: {error}") from error
+        text = str(error)
+        if refs.P_ref != P:
+            text += (
+                f" P is P_ref = {refs.P_ref / 1e3:.4g} kW and {(P - refs.P_ref) / 1e3:+.4g} kW of the P–f droop at "
+                f"{source.omega_g / (2.0 * np.pi):.4g} Hz (D_p = {gains.D_p:.4g} W·s/rad)."
+            )
+        raise InfeasibleStudyError(text) from error
 
 
 def _phasors(
@@ -123,13 +129,13 @@ def _check_limits(study: Study, x: NDArray[np.complex128], v_b: complex) -> None
     settings = study.controller_settings()
     if abs(v_b) > settings.v_max_pk:
         raise LimitHitError(
-            f"the start needs a bridge voltage of {abs(v_b):.4g} V peak and the bridge makes "
+            f"the steady state needs a bridge voltage of {abs(v_b):.4g} V peak and the bridge makes "
             f"{settings.v_max_pk:.4g} V. Raise V_dc, or ask for less P and Q.",
             limit="bridge voltage",
         )
     if abs(x[0]) > settings.i_max_pk:
         raise LimitHitError(
-            f"the start needs {abs(x[0]):.4g} A peak and the limit is {settings.i_max_pk:.4g} A. "
+            f"the steady state needs {abs(x[0]):.4g} A peak and the limit is {settings.i_max_pk:.4g} A. "
             "Raise current_limit_pu, or ask for less P and Q.",
             limit="current",
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.study import Converter, Event, Grid, SimulationSpec, grid_from_scr
@@ -11,6 +12,8 @@ from vsgdesign.parameters.units import UnitError, parse_quantity
 
 _SCR = (0.05, 1e4)
 _X_OVER_R = (1e-3, 1e4)
+_SAME_INSTANT = 1e-9
+"""Events that are less than this apart, s, are at the same instant."""
 _MOST_ROWS = 5e6
 """Largest log: about 2 GB for a controller."""
 
@@ -81,6 +84,7 @@ def read_events(
 ) -> tuple[Event, ...]:
     """The [[events]], sorted by time. An event may change several things at once."""
     events: list[Event] = []
+    said: list[tuple[float, TableReader, dict[str, float]]] = []
     present = grid  # an event that changes SCR alone keeps the X/R of the event before it
     limit = 2.0 * converter.S_rated
     f_n = converter.omega_n / (2.0 * math.pi)
@@ -106,6 +110,11 @@ def read_events(
             None if f_g is None else 2.0 * math.pi * f_g,
             over, jump, P_ref, Q_ref,
         )  # fmt: skip
+        given = _given(table, event, converter, basis)
+        for earlier_t, earlier, values in said:
+            if abs(t_s - earlier_t) <= _SAME_INSTANT:
+                _check_agreement(table, given, earlier, values, t_s)
+        said.append((t_s, table, given))
         described = _describe(event, converter, basis)
         if not described:
             table.fault("", None, "changes nothing", "Give grid, V_g_pu, f_g, phase_jump, P_ref or Q_ref.")
@@ -113,6 +122,49 @@ def read_events(
         events.append(replace(event, name=name))
         table.finish()
     return tuple(events)
+
+
+def _given(table: TableReader, event: Event, converter: Converter, basis: str) -> dict[str, float]:
+    """The quantities that an event sets, SI."""
+    values: dict[str, float | None] = {
+        "P_ref": event.P_ref,
+        "Q_ref": event.Q_ref,
+        "phase_jump": event.phase_jump or None,
+    }
+    for name, value in (("V_g_pu", event.V_g_rms), ("f_g", event.omega_g)):
+        values |= {name: value, f"over of {name}": None if value is None else event.over}
+    if event.grid is not None:
+        scr, ratio = event.grid.scr(converter, basis), event.grid.x_over_r(converter.omega_n)
+        known = {"R_g": event.grid.R_g, "L_g": event.grid.L_g, "scr": scr, "x_over_r": ratio}
+        values |= {f"grid.{name}": value for name, value in known.items() if name in table.table["grid"]}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _check_agreement(
+    table: TableReader, given: dict[str, float], earlier: TableReader, before: dict[str, float], t_s: float
+) -> None:
+    """Two events of one instant may set different things, or the same thing twice, but not two values of one thing."""
+    advice = "Give one value, or different times."
+    for name in [name for name in given if name in before]:
+        if not math.isclose(given[name], before[name], rel_tol=1e-9) and not math.isnan(given[name] - before[name]):
+            field = name.partition(" of ")[0]
+            value, other = _at(table.table, field), _at(earlier.table, field)
+            problem = f"{earlier.path} sets it to {other} at the same instant, {t_s:g} s"
+            table.fault(field, value, problem, advice)
+    impedance, ratios = {"grid.R_g", "grid.L_g"}, {"grid.scr", "grid.x_over_r"}
+    for one, two in ((impedance, ratios), (ratios, impedance)):
+        if one & given.keys() and two & before.keys():
+            table.fault(
+                "grid", None, f"{earlier.path} gives the grid in other terms at the same instant, {t_s:g} s", advice
+            )
+
+
+def _at(table: dict[str, Any], field: str) -> object:
+    """A value as it stands in the file; what is left out is zero there."""
+    value: Any = table
+    for key in field.split("."):
+        value = value.get(key, 0)
+    return value
 
 
 def _time_or_last(table: TableReader) -> float:

@@ -143,7 +143,7 @@ def emt_steps(study: Study, spec: Specification, contender: Contender) -> tuple[
             response = None
             if gains is not None:
                 response = emt_step(study, grid, gains, P, Q, signal, duration=SETTLINGS * spec.settling_time)
-            if response is not None and response.peak_deviation > LOST * STEP_PU * study.converter.S_rated:
+            if response is not None and (response.peak_deviation or 0.0) > LOST * STEP_PU * study.converter.S_rated:
                 response = None
             steps.append(EmtStep(scr, x_over_r, signal, response))
     return tuple(steps)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -16,22 +17,27 @@ from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.table_text import certificate_summary
 from vsgdesign.metrics import EventMetrics
+from vsgdesign.operating_point import OperatingPoint
 from vsgdesign.parameters import Study
 from vsgdesign.pipeline.table import with_tables
 from vsgdesign.pipeline.training import judgement_document, network_document, training_document, with_estimator
 from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
 from vsgdesign.simulation.gains import GainChange, settled_changes
 from vsgdesign.simulation.judging import judge_estimates
+from vsgdesign.simulation.rest import Instability
+from vsgdesign.stability.words import shares_of
 
 
 def run_study(
     study: Study, out: str | Path, *, bridge: str | None = None, report: bool = True, workers: int | None = None,
-    progress: Progress | None = None,
+    progress: Progress | None = None, warn: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Simulate every controller and leave time series, results, figures and a report in ``out``.
 
     Gain tables that the study asks for are designed first, on ``workers`` processes (None: one per core), then its
     network is trained; they lie beside the rest.
+    ``warn`` is called before the run with what it is going to show that is no response: controllers that the
+    full-order model says are unstable.
     Returns the content of results.json. The folder appears when everything is done; an error or an
     interruption leaves what was there before. Raises the errors of :func:`vsgdesign.simulation.run_scenario`
     and ArtifactError.
@@ -55,8 +61,9 @@ def run_study(
         _export(study, folder)
         begin = time.perf_counter()
         result = run_scenario(
-            study, bridge=bridge, progress=lambda name, t_s: tell(f"simulate {name}", t_s / study.simulation.duration)
-        )
+            study, bridge=bridge, warn=warn,
+            progress=lambda name, t_s: tell(f"simulate {name}", t_s / study.simulation.duration),
+        )  # fmt: skip
         timing["simulate"] = time.perf_counter() - begin
         begin = time.perf_counter()
         for done, controller in enumerate(result.controllers):
@@ -108,6 +115,7 @@ def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict
         "schema": 1,
         "study": {"name": study.name, "title": study.title, "source": study.source, "hash": study.hash},
         "provenance": provenance(),
+        "warnings": [_instability(study, one) for one in result.instabilities],
         "operating_points": [_operating_point(row) for row in result.operating_points],
         "gains": [
             {"controller": c.spec.name, "t_s": change.t_s, **change.gains.named()}
@@ -120,7 +128,28 @@ def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict
 
 
 def _operating_point(row: OperatingPointRow) -> dict[str, Any]:
-    return {"t_s": row.t_s, "R_g": row.grid.R_g, "L_g": row.grid.L_g, **asdict(row.point)}
+    where = {"t_s": row.t_s, "R_g": row.grid.R_g, "L_g": row.grid.L_g}
+    names = [field.name for field in fields(OperatingPoint)]
+    return {**where, **(dict.fromkeys(names) if row.point is None else asdict(row.point)), "reason": row.reason}
+
+
+def _instability(study: Study, one: Instability) -> dict[str, Any]:
+    grid, c = one.grid, study.converter
+    return {
+        "controller": one.controller,
+        "t_s": one.t_s,
+        "end_s": one.end_s,
+        "event": one.event,
+        "grid": {
+            "R_g": grid.R_g, "L_g": grid.L_g, "scr": grid.scr(c, study.scr_basis), "x_over_r": grid.x_over_r(c.omega_n),
+        },
+        "mode": {
+            "real": one.mode.s.real, "imag": one.mode.s.imag,
+            "frequency_hz": abs(one.mode.s.imag) / (2.0 * np.pi), "damping_ratio": one.mode.damping,
+            "participation": shares_of(one.mode),
+        },
+        "message": one.message,
+    }  # fmt: skip
 
 
 def _changes(study: Study, controller: ControllerResult) -> tuple[GainChange, ...]:
@@ -170,5 +199,8 @@ def _event(event: EventMetrics) -> dict[str, Any]:
         "kind": event.kind,
         **asdict(event.raw),
         "peak_current_pu": event.peak_current_pu,
+        "status": event.status,
+        "reason": event.reason,
+        "needs_s": event.needs_s,
         "one_cycle_mean": asdict(event.one_cycle_mean),
     }

@@ -13,6 +13,7 @@ from vsgdesign.report.quantities import plain, plain_quantity
 from vsgdesign.report.verdict import explanation, step_outcomes, verdict
 from vsgdesign.simulation import ScenarioResult
 from vsgdesign.simulation.judging import judge_estimates
+from vsgdesign.simulation.rest import WHERE_TO_LOOK
 
 if TYPE_CHECKING:
     from vsgdesign.estimator.trained import TrainedEstimator
@@ -30,6 +31,7 @@ def write_page(
         figures,
         study=study,
         scenario=_scenario(result),
+        warnings=[*(one.message for one in result.instabilities), *([WHERE_TO_LOOK] if result.instabilities else [])],
         verdict=verdict(result, outcomes),
         explanation=explanation(outcomes),
         targets=tables.targets_table(outcomes) if outcomes else None,

@@ -248,8 +248,11 @@ def _draw_step_bands(axes: Any, result: ScenarioResult, signal: Signal, zoom: Zo
         # Without an end that it has come to there is no band to draw.
         if metrics is None or metrics.kind != "step" or metrics.one_cycle_mean.settling_time_s is None:
             continue
-        final = metrics.raw.final / signal.si_factor
-        half = 0.02 * abs(metrics.raw.final - metrics.raw.initial) / signal.si_factor
+        end, initial = metrics.raw.final, metrics.raw.initial
+        if end is None:
+            continue
+        final = end / signal.si_factor
+        half = 0.02 * abs(end - initial) / signal.si_factor
         bands.append((final, half, line_style(index)["color"]))
     together = all(abs(final - bands[0][0]) < 0.25 * half for final, half, _ in bands)
     for final, half, colour in bands[:1] if together else bands:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.metrics.events import BAND as BAND_OF_STEP
+from vsgdesign.metrics.events import TOO_SHORT, UNSTABLE, time_needed
 from vsgdesign.metrics.step_response import ResponseMetrics, settling_time, step_response
 from vsgdesign.report.decimation import extreme_indices
 from vsgdesign.report.figure_types import NamedFigure
@@ -43,25 +45,23 @@ def step_figures(result: StabilityResult) -> Iterator[NamedFigure]:
             yield figure
 
 
-def final_value(y: Array) -> float:
-    """Where a response ends: its mean over the last hundredth."""
-    return float(np.mean(y[-max(len(y) // 100, 1) :]))
-
-
-def metrics_of(evidence: StepEvidence, which: str) -> ResponseMetrics | None:
-    """Rise, settling and overshoot of one of SOURCES against its own end; None without a step to speak of."""
-    y = getattr(evidence, which)
-    final = final_value(y)
+def metrics_of(evidence: StepEvidence, which: str) -> ResponseMetrics | str:
+    """Rise, settling and overshoot of one of SOURCES against its own end, or in two words why there are none."""
+    y, final, decay = getattr(evidence, which), evidence.final[which], evidence.decay[which]
+    if not decay > 0.0:
+        return UNSTABLE
     if abs(final) < 0.05 * abs(evidence.step):
-        return None
-    return step_response(evidence.t_s, y, 0.0, final)
+        return "no step"
+    if time_needed(evidence.t_s, np.abs(y / final - 1.0), decay) > evidence.t_s[-1]:
+        return TOO_SHORT
+    return step_response(evidence.t_s, y, 0.0, final, BAND_OF_STEP)
 
 
 def _shown_time(part: Sequence[tuple[StepEvidence, StepEvidence]]) -> float:
     """Until the slowest EMT response has settled, and half as long again."""
     longest = 0.0
     for evidence in (e for pair in part for e in pair):
-        error = np.abs(evidence.emt - final_value(evidence.emt)) / abs(evidence.step)
+        error = np.abs(evidence.emt - evidence.final["emt"]) / abs(evidence.step)
         settled = settling_time(evidence.t_s, error, 0.02)
         longest = max(longest, float(evidence.t_s[-1]) if settled is None else settled)
     end = float(part[0][0].t_s[-1])
@@ -88,7 +88,7 @@ def _figure(
         for column, pair in enumerate(part):
             evidence = pair[row]
             axes = add_axes(figure, left + column * (width + between), below + (1 - row) * (panel + gap), width, panel)
-            final = final_value(evidence.emt) / factor
+            final = evidence.final["emt"] / factor
             half = 0.02 * abs(evidence.step) / factor
             axes.axhspan(final - half, final + half, **BAND)
             seen = evidence.t_s <= end
@@ -126,7 +126,7 @@ def _figure(
         f"({100.0 * abs(part[0][0].step) / result.study.converter.S_rated:.2g} % of rating), small enough to be "
         "linear. Where the lines lie upon the broad grey one, the model predicts the simulation. The error in a panel "
         "is the largest distance over the size of the step, over the whole simulated time. Band: ±2 % of the step "
-        "about the value that EMT ends at."
+        "about the computed steady state."
     )
     return NamedFigure(name, f"Small steps of {symbols(controller)}", caption, figure, PART)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from vsgdesign.artifacts import provenance
 from vsgdesign.frames import phase_to_ll
+from vsgdesign.metrics.events import TOO_SHORT
 from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.report.quantities import DASH, number, percent, plain, plain_quantity
 from vsgdesign.report.stability_steps import SOURCES, metrics_of
@@ -248,8 +249,8 @@ def steps_table(result: StabilityResult) -> Table | None:
             cells: list[str] = []
             for which, _ in SOURCES:
                 m = metrics_of(e, which)
-                if m is None:
-                    cells += [DASH] * 3
+                if isinstance(m, str):
+                    cells += [DASH, m, DASH]
                 else:
                     cells += [number(m.rise_time_s), number(m.settling_time_s), percent(m.overshoot_pct)]
             rows.append((name, label, e.signal, *cells))
@@ -258,7 +259,8 @@ def steps_table(result: StabilityResult) -> Table | None:
     part = ("Rise [s]", "Settling [s]", "Overshoot [%]")
     groups = (("", 3), *((label, 3) for _, label in SOURCES))
     notes = (
-        "Rise from 10 to 90 %, settling into ±2 %, each response against the value that it ends at. "
-        f"{DASH}: not reached within the simulated time.",
+        "Rise from 10 to 90 %, settling into ±2 %, each response against the steady state of its own model, EMT "
+        f"against that of the full order. {DASH}: not reached within the simulated time. {TOO_SHORT.capitalize()}: the "
+        "slowest mode may still bring it out of the band.",
     )
     return Table("Small steps", ("Controller", "Grid", "Step of", *part * 3), tuple(rows), 3, groups, notes)

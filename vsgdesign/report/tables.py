@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from vsgdesign.frames import phase_to_ll
 from vsgdesign.metrics import EventMetrics, ResponseMetrics
+from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
 from vsgdesign.parameters.study import ControllerSpec
 from vsgdesign.report.margins import HasStudy, distinct_grids, grid_label, loops_on_grids
 from vsgdesign.report.quantities import DASH, number, percent, plain, plain_quantity, prefix_for, quantity
@@ -124,17 +125,23 @@ def operating_points_table(result: ScenarioResult) -> Table:
     c = result.study.converter
     low, high = c.V_limits_rms
     rows, flagged = [], set()
-    p_factor, p_prefix = prefix_for(max((abs(row.point.P) for row in result.operating_points), default=1.0))
+    powers = [abs(row.point.P) for row in result.operating_points if row.point is not None]
+    p_factor, p_prefix = prefix_for(max(powers, default=1.0))
+    reasons = []
     for index, row in enumerate(result.operating_points):
         point = row.point
+        where = (plain(row.t_s, 5), grid_label(result, row.grid), number(row.grid.R_g), number(row.grid.L_g * 1e3))
+        if point is None:
+            reasons.append(f"From {plain(row.t_s, 5)} s on: {row.reason}")
+            rows.append((*where, *[DASH] * 4, "none", *[DASH] * 6))
+            continue
         words = "within"
         if not point.V_within_limits:
             flagged.add(index)
             words = f"above {plain(c.V_max_pu)} pu" if point.V_rms > high else f"below {plain(c.V_min_pu)} pu"
             words = words if not low <= point.V_rms <= high else "outside"
         rows.append((
-            plain(row.t_s, 5), grid_label(result, row.grid), number(row.grid.R_g), number(row.grid.L_g * 1e3),
-            number(point.P / p_factor), number(point.Q / p_factor), number(point.V_rms, 4),
+            *where, number(point.P / p_factor), number(point.Q / p_factor), number(point.V_rms, 4),
             number(point.V_rms / c.V_rated_rms), words, number(math.degrees(point.delta)),
             number(point.A), number(point.B), number(point.C), number(point.D), number(coupling(row)),
         ))  # fmt: skip
@@ -145,6 +152,7 @@ def operating_points_table(result: ScenarioResult) -> Table:
     notes = (
         "At the references, without voltage droop. A = ∂P/∂δ, B = ∂P/∂V, C = ∂Q/∂δ, D = ∂Q/∂V, c = BC/(AD); V in "
         f"phase rms at the filter capacitor. SCR on the {result.study.scr_basis} basis.",
+        *reasons,
     )
     return Table(
         "After each change of grid, source or reference",
@@ -217,9 +225,10 @@ def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
             flagged.add(index)
         rows.append((
             outcome.controller.spec.name, f"{outcome.metrics.name} at {plain(outcome.metrics.t_s, 5)} s",
-            plain(target.settling_time), _settled(outcome.settling_time_s, outcome.window_s),
+            plain(target.settling_time), _settled(outcome.metrics, outcome.settling_time_s, outcome.window_s),
             _met(outcome, outcome.settles),
-            percent(outcome.target_overshoot_pct), percent(outcome.overshoot_pct), _met(outcome, outcome.stays_below),
+            percent(outcome.target_overshoot_pct), percent(outcome.measured_overshoot_pct),
+            _met(outcome, outcome.stays_below),
             number(uncoupled.omega_n if uncoupled else None),
             number(uncoupled.damping_ratio if uncoupled else None),
             number(uncoupled.settling_time_s if uncoupled else None),
@@ -232,8 +241,8 @@ def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
     )  # fmt: skip
     groups = (("", 2), ("Settling time [s]", 3), ("Overshoot [%]", 3), ("The same loop without coupling", 4), ("", 1))
     notes = (
-        f"{RULE} {DASH} instead of a result: the next event or the end comes before the target settling time. > T: not "
-        "settled within the T observed.",
+        f"{RULE} > T: not settled within the T observed.",
+        *_reasons([outcome.metrics for outcome in outcomes], [outcome.controller.spec.name for outcome in outcomes]),
         f"Without coupling: ω_n = √(K_ip·A) and ξ = K_ip·D_p/(2ω_n) for P; for Q a first-order pole K_iq·(D + D_q) and "
         f"no ξ ({DASH}); with A and D at the operating point after the step.",
     )
@@ -242,7 +251,7 @@ def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
 
 def _met(outcome: StepOutcome, met: bool) -> str:
     if not outcome.judged:
-        return DASH
+        return "not known"
     return "met" if met else "missed"
 
 
@@ -250,27 +259,30 @@ def metrics_table(result: ScenarioResult, controller: ControllerResult) -> Table
     """Figures of every event of one controller, on the instantaneous signal and on its one-cycle mean."""
     starts = sorted({event.t_s for event in result.study.events})
     ends = dict(zip(starts, [*starts[1:], result.study.simulation.duration], strict=False))
-    largest = max((abs(event.raw.peak_deviation) for event in controller.events), default=1.0)
+    largest = max((abs(event.raw.peak_deviation or 0.0) for event in controller.events), default=1.0)
     factor, prefix = prefix_for(largest)
     rows = []
     for event in controller.events:
         window = ends[event.t_s] - event.t_s
         rows.append((
             f"{plain(event.t_s, 5)} s", event.name, _signal(event),
-            *_figures(event.raw, window, factor), *_figures(event.one_cycle_mean, window, factor),
+            *_figures(event, event.raw, window, factor), *_figures(event, event.one_cycle_mean, window, factor),
             number(event.peak_current_pu),
         ))  # fmt: skip
     part = ("Overshoot [%]", "Settling [s]", "Rise [s]", f"Peak deviation [{prefix}W, {prefix}var]", "ITAE [s²]")
     head = ("Time", "Event", "Signal", *part, *part, "Peak current [pu]")
     groups = (("", 3), ("Instantaneous", 5), ("One-cycle mean", 5), ("", 1))
-    return Table(f"Events of {controller.spec.name}", head, tuple(rows), texts=3, groups=groups)
+    notes = tuple(_reasons(controller.events))
+    return Table(f"Events of {controller.spec.name}", head, tuple(rows), texts=3, groups=groups, notes=notes)
 
 
 METRICS_NOTES = (
     f"{DASH}: the figure has no meaning there: overshoot and rise time belong to a step of the signal's own "
-    "reference, and a response that does not reach 90 % of its step has no rise time. > T: still outside its band "
-    "when the next event came after T. Bands of the settling time: 2 % of the step; for a disturbance 2 % of the "
-    "rated power. Peak deviation: from the value that the response ends at. ITAE: ∫ t·|error| dt, the error "
+    "reference, and a response that does not reach 90 % of its step has no rise time; a window that is too short, or "
+    "has no stable end, has no figures. > T: still outside its band when the next event came after T. Bands of the "
+    "settling time: 2 % of the step; for a disturbance 2 % of the rated power. The value that a response ends at is "
+    "the computed steady state, droops included; with a switched bridge it is the mean of the window's last whole "
+    "cycles. Peak deviation: from that value. ITAE: ∫ t·|error| dt, the error "
     "relative to the step, or to the rated power for a disturbance. Peak current: largest length of the current "
     "vector over the rated peak.",
 )
@@ -281,12 +293,26 @@ def _signal(event: EventMetrics) -> str:
     return ("P" if event.signal == "P_pcc" else "Q") + (", step" if event.kind == "step" else "")
 
 
-def _figures(metrics: ResponseMetrics, window_s: float, factor: float) -> tuple[str, ...]:
+def _figures(event: EventMetrics, metrics: ResponseMetrics, window_s: float, factor: float) -> tuple[str, ...]:
+    peak = metrics.peak_deviation
     return (
-        percent(metrics.overshoot_pct), _settled(metrics.settling_time_s, window_s), number(metrics.rise_time_s),
-        number(metrics.peak_deviation / factor), number(metrics.itae_s2),
+        percent(metrics.overshoot_pct), _settled(event, metrics.settling_time_s, window_s), number(metrics.rise_time_s),
+        number(None if peak is None else peak / factor), number(metrics.itae_s2),
     )  # fmt: skip
 
 
-def _settled(settling_time_s: float | None, window_s: float) -> str:
+def _settled(event: EventMetrics, settling_time_s: float | None, window_s: float) -> str:
+    if event.status not in (MEASURED, NOT_SETTLED):
+        return event.status
     return f"> {plain(window_s)}" if settling_time_s is None else number(settling_time_s)
+
+
+def _reasons(events: Sequence[EventMetrics], names: Sequence[str] = ()) -> list[str]:
+    """Why events have no figures, each once."""
+    found: dict[str, None] = {}
+    for k, event in enumerate(events):
+        if event.reason is not None:
+            who = f"{names[k]}, " if names else ""
+            signal = "P" if event.signal == "P_pcc" else "Q"
+            found[f"{who}{event.name} at {plain(event.t_s, 5)} s, {signal}: {event.reason}."] = None
+    return list(found)

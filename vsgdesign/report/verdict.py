@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsgdesign.metrics import EventMetrics
+from vsgdesign.metrics.events import MEASURED, NOT_SETTLED, UNSTABLE
 from vsgdesign.report.quantities import number, percent, plain
 from vsgdesign.report.second_order import UncoupledResponse, overshoot_of, settling_factor, uncoupled_P, uncoupled_Q
 from vsgdesign.report.signals import samples_per_cycle
@@ -49,9 +50,19 @@ class StepOutcome:
         return self._measured().settling_time_s
 
     @property
+    def measured_overshoot_pct(self) -> float | None:
+        """On the same signal as the settling time; None where there is no figure."""
+        return self._measured().overshoot_pct
+
+    @property
     def overshoot_pct(self) -> float:
-        """On the same signal as the settling time."""
-        return self._measured().overshoot_pct or 0.0
+        """The same, zero where there is no figure."""
+        return self.measured_overshoot_pct or 0.0
+
+    @property
+    def unstable(self) -> bool:
+        """Whether the linear model grows where the step ends: then there is nothing to measure, and both are missed."""
+        return self.metrics.status == UNSTABLE
 
     @property
     def settles(self) -> bool:
@@ -62,12 +73,14 @@ class StepOutcome:
     @property
     def stays_below(self) -> bool:
         """Whether the target overshoot is met."""
-        return self.overshoot_pct <= self.target_overshoot_pct + _OVERSHOOT_SLACK_PCT
+        return not self.unstable and self.overshoot_pct <= self.target_overshoot_pct + _OVERSHOOT_SLACK_PCT
 
     @property
     def judged(self) -> bool:
-        """Whether there was time enough to meet the target."""
-        return self.window_s >= self.controller.spec.target.settling_time
+        """Whether there was time enough to know (:eq:`window-needed`) and a steady state to come to."""
+        if self.metrics.status == NOT_SETTLED:
+            return self.window_s >= self.controller.spec.target.settling_time
+        return self.metrics.status in (MEASURED, UNSTABLE)
 
     @property
     def misses(self) -> bool:
@@ -86,6 +99,8 @@ class StepOutcome:
 def coupling(row: OperatingPointRow) -> float | None:
     """c = BC/(AD): zero where P and Q do not act on each other. None where A or D is zero."""
     point = row.point
+    if point is None:
+        return None
     diagonal = point.A * point.D
     return point.B * point.C / diagonal if diagonal != 0.0 else None
 
@@ -98,7 +113,8 @@ def step_outcomes(result: ScenarioResult) -> list[StepOutcome]:
     for controller in result.controllers:
         for metrics in controller.events:
             if metrics.kind == "step":
-                row = next((row for row in result.operating_points if abs(row.t_s - metrics.t_s) < 1e-9), None)
+                rows = (row for row in result.operating_points if row.point is not None)
+                row = next((row for row in rows if abs(row.t_s - metrics.t_s) < 1e-9), None)
                 uncoupled = None if row is None else _uncoupled(controller, metrics, row, ends[metrics.t_s])
                 overshoot = _target_overshoot(controller) if metrics.signal == "P_pcc" else 0.0
                 if controller.spec.target.structure != "published":
@@ -126,22 +142,24 @@ def _was_at_rest(result: ScenarioResult, controller: ControllerResult, metrics: 
         return True
     y = controller.series[metrics.signal]
     drift = np.mean(y[begin - cycle : begin]) - np.mean(y[begin - 2 * cycle : begin - cycle])
-    return bool(abs(drift) <= _AT_REST * abs(metrics.raw.final - metrics.raw.initial))
+    final = metrics.raw.final
+    return bool(final is None or abs(drift) <= _AT_REST * abs(final - metrics.raw.initial))
 
 
 def _uncoupled(
     controller: ControllerResult, metrics: EventMetrics, row: OperatingPointRow, end_s: float
 ) -> UncoupledResponse | None:
     # The paper's decoupled loops are those of the published structure alone.
-    if controller.spec.target.structure != "published":
+    point = row.point
+    if controller.spec.target.structure != "published" or point is None:
         return None
     # The gains at the end of the window: an event that also changes the grid is followed by new ones.
     gains = [change.gains for change in controller.gain_changes if change.t_s < end_s][-1]
     if metrics.signal == "P_pcc":
-        positive = gains.K_ip * row.point.A > 0.0 and gains.D_p > 0.0
-        return uncoupled_P(gains.K_ip, gains.D_p, row.point.A) if positive else None
-    positive = gains.K_iq * (row.point.D + gains.D_q) > 0.0
-    return uncoupled_Q(gains.K_iq, gains.D_q, row.point.D) if positive else None
+        positive = gains.K_ip * point.A > 0.0 and gains.D_p > 0.0
+        return uncoupled_P(gains.K_ip, gains.D_p, point.A) if positive else None
+    positive = gains.K_iq * (point.D + gains.D_q) > 0.0
+    return uncoupled_Q(gains.K_iq, gains.D_q, point.D) if positive else None
 
 
 def verdict(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> list[str]:
@@ -167,7 +185,7 @@ def _summary(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> str:
     failed = {outcome.controller.spec.name for outcome in judged if outcome.misses}
     good = [name for name in names if name not in failed]
     if not names:
-        return "No reference step can be held to its target: the next event always comes too soon."
+        return "No reference step can be held to its target."
     if len(names) == 1:
         return f"{names[0]} {'does not meet' if failed else 'meets'} its settling time and overshoot on every step."
     if not good:
@@ -200,10 +218,10 @@ def _against_target(controller: ControllerResult, outcomes: Sequence[StepOutcome
         sentences.append("; ".join(_miss(outcome) for outcome in shown) + more + ".")
     if len(judged) < len(outcomes):
         lead = "" if judged else f"{text}: "
-        sentences.append(
-            f"{lead}{_steps(len(outcomes) - len(judged))} cannot be judged, as the next event or the end comes before "
-            "the target settling time."
-        )
+        unknown = [outcome for outcome in outcomes if not outcome.judged]
+        why = "; ".join(f"{_step_name(outcome)}, {outcome.metrics.reason}" for outcome in unknown[:most])
+        more = f"; and {len(unknown) - most} more, in the table below" if len(unknown) > most else ""
+        sentences.append(f"{lead}{_steps(len(unknown))} cannot be judged, neither met nor missed: {why}{more}.")
     return " ".join(sentences)
 
 
@@ -211,14 +229,20 @@ def _steps(count: int) -> str:
     return "1 reference step" if count == 1 else f"{count} reference steps"
 
 
+def _step_name(outcome: StepOutcome) -> str:
+    return f"{outcome.metrics.name} at {plain(outcome.metrics.t_s)} s"
+
+
 def _miss(outcome: StepOutcome) -> str:
     parts = []
     settled, target = outcome.settling_time_s, outcome.controller.spec.target.settling_time
-    if settled is None:
+    if outcome.unstable:
+        parts.append(outcome.metrics.reason or UNSTABLE)
+    elif settled is None:
         parts.append(f"not settled within the {plain(outcome.window_s)} s observed")
     elif not outcome.settles:
         parts.append(f"settled after {number(settled)} s ({number(settled - target, 2)} s late)")
-    if not outcome.stays_below:
+    if not outcome.stays_below and not outcome.unstable:
         over = outcome.overshoot_pct
         beyond = (
             "" if outcome.target_overshoot_pct == 0.0 else f" ({percent(over - outcome.target_overshoot_pct)} too much)"
@@ -226,7 +250,7 @@ def _miss(outcome: StepOutcome) -> str:
         parts.append(f"{percent(over)} % overshoot{beyond}")
     if not outcome.at_rest:
         parts.append("not at rest when the step came")
-    return f"{outcome.metrics.name} at {plain(outcome.metrics.t_s)} s: {', '.join(parts)}"
+    return f"{_step_name(outcome)}: {', '.join(parts)}"
 
 
 def _stress(result: ScenarioResult) -> str:
@@ -247,15 +271,16 @@ def _stress(result: ScenarioResult) -> str:
             f"The largest current after an event is {number(worst[0])} pu of the rated peak ({worst[2].spec.name}, "
             f"{worst[1].name} at {plain(worst[1].t_s)} s); {limit}."
         )
-    flagged = [row for row in result.operating_points if not row.point.V_within_limits]
-    total = len(result.operating_points)
+    points = [(row.t_s, row.point) for row in result.operating_points if row.point is not None]
+    flagged = [(t_s, point) for t_s, point in points if not point.V_within_limits]
+    total = len(points)
     limits = f"{plain(converter.V_min_pu)} to {plain(converter.V_max_pu)} pu"
     if flagged:
-        far = max(flagged, key=lambda row: abs(row.point.V_rms / converter.V_rated_rms - 1.0))
+        since, far = max(flagged, key=lambda item: abs(item[1].V_rms / converter.V_rated_rms - 1.0))
         sentences.append(
             f"The voltage leaves its limits of {limits} at {len(flagged)} of {total} operating "
-            f"point{'' if total == 1 else 's'}, by most at {number(far.point.V_rms / converter.V_rated_rms, 4)} pu "
-            f"from {plain(far.t_s)} s on."
+            f"point{'' if total == 1 else 's'}, by most at {number(far.V_rms / converter.V_rated_rms, 4)} pu "
+            f"from {plain(since)} s on."
         )
     elif total:
         sentences.append(f"The voltage is within its limits of {limits} at every operating point.")
@@ -271,6 +296,7 @@ def explanation(outcomes: Sequence[StepOutcome]) -> list[str]:
         if outcome.controller.spec.gains is None
         and outcome.at_rest
         and outcome.misses
+        and not outcome.unstable
         and outcome.controller.spec.target.structure == "published"
     ]
     if not missed:

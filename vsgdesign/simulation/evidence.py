@@ -8,7 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.model.coupled import INPUTS, OUTPUTS, CoupledModel
+from vsgdesign.model.full_order import INPUTS as FULL_INPUTS
+from vsgdesign.model.full_order import OUTPUTS as FULL_OUTPUTS
 from vsgdesign.model.full_order import PARAMETERS
+from vsgdesign.operating_point.full_order import FullOrderModel
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.steps import simulate_step
 from vsgdesign.stability.assessment import FocusCell
@@ -18,6 +22,8 @@ Array = NDArray[np.float64]
 
 STEP_PU = 0.002
 """Size of the steps in per unit of rating: small enough to be linear, large enough to be measured."""
+
+_SOURCES: tuple[str, ...] = ("emt", "full_order", "reduced")
 
 _INTERVAL = 1e-3
 """Spacing at which responses are compared, s, to the nearest whole number of samples."""
@@ -35,6 +41,11 @@ class StepEvidence:
     emt: Array
     full_order: Array
     reduced: Array
+    final: dict[str, float]
+    """Where ``emt``, ``full_order`` and ``reduced`` end, W or var: the models' own steady states, EMT's that of the
+    full order."""
+    decay: dict[str, float]
+    """Of the slowest mode of each, 1/s; not positive where it does not die."""
 
     def error(self, which: str) -> float:
         """Largest distance of a prediction from EMT over the size of the step."""
@@ -47,6 +58,8 @@ def step_evidence(study: Study, cell: FocusCell, duration: float = 3.0) -> tuple
     p = dict(zip(PARAMETERS, model.p[0], strict=False))
     gains = PowerLoopGains(*(float(p[name]) for name in PowerLoopGains._fields))
     size = STEP_PU * study.converter.S_rated
+    slowest = -cell.modes[0].s.real, -float(np.linalg.eigvals(cell.reduced.A[0]).real.max())
+    decay = dict(zip(_SOURCES, (slowest[0], *slowest), strict=True))
     every = max(round(_INTERVAL / model.T_s), 1)
     found = []
     for signal in ("P", "Q"):
@@ -55,5 +68,19 @@ def step_evidence(study: Study, cell: FocusCell, duration: float = 3.0) -> tuple
         _, reduced = reduced_step(cell.reduced, f"{signal}_ref", signal, duration, every * model.T_s)
         count = min(len(emt), full.shape[1], reduced.shape[1])
         predictions = (size * full[0, :count], size * reduced[0, :count])
-        found.append(StepEvidence(cell.label, signal, size, t_s[:count], emt[:count], *predictions))
+        ends = _gain_at_rest(model, signal), _reduced_gain_at_rest(cell.reduced, signal)
+        final = dict(zip(_SOURCES, (size * ends[0], size * ends[0], size * ends[1]), strict=True))
+        found.append(StepEvidence(cell.label, signal, size, t_s[:count], emt[:count], *predictions, final, decay))
     return found[0], found[1]
+
+
+def _gain_at_rest(model: FullOrderModel, signal: str) -> float:
+    """C (I − A)⁻¹ B + D of one reference to its own power."""
+    k, row = FULL_INPUTS.index(f"{signal}_ref"), FULL_OUTPUTS.index(signal)
+    A, B, C, D = model.A[0], model.B[0], model.C[0], model.D[0]
+    return float(C[row] @ np.linalg.solve(np.eye(len(A)) - A, B[:, k]) + D[row, k])
+
+
+def _reduced_gain_at_rest(model: CoupledModel, signal: str) -> float:
+    k, row = INPUTS.index(f"{signal}_ref"), OUTPUTS.index(signal)
+    return float(model.D[0, row, k] - model.C[0, row] @ np.linalg.solve(model.A[0], model.B[0, :, k]))

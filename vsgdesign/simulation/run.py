@@ -175,7 +175,10 @@ def _start(study: Study, timeline: Timeline, gains: PowerLoopGains) -> SampledSt
         raise InfeasibleStudyError("a steady-state start cannot begin inside a ramp: move the ramp after t = 0.")
     P_ref, Q_ref = timeline.references_at(0.0)
     grid, at_start = timeline.grid_at(0.0), GridSource(source.V_g_rms, source.omega)
-    return steady_state(study, grid, at_start, P_ref, Q_ref, gains, source.phase)
+    try:
+        return steady_state(study, grid, at_start, P_ref, Q_ref, gains, source.phase)
+    except InfeasibleStudyError as error:
+        raise InfeasibleStudyError(f"the start: {error}") from error
 
 
 def _on_sample(t_s: float, T_s: float) -> int | None:

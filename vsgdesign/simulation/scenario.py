@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
 from vsgdesign.simulation.following import gain_feed
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.online import pcc_vectors
+from vsgdesign.simulation.rest import WHERE_TO_LOOK, Instability, Rest, expected_rests, instabilities, rests
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
@@ -51,7 +52,9 @@ class OperatingPointRow:
 
     t_s: float
     grid: Grid
-    point: OperatingPoint
+    point: OperatingPoint | None
+    """None: there is none, and ``reason`` says why."""
+    reason: str | None = None
 
 
 @dataclass(frozen=True)
@@ -62,14 +65,18 @@ class ScenarioResult:
     timeline: Timeline
     operating_points: tuple[OperatingPointRow, ...]
     controllers: tuple[ControllerResult, ...]
+    instabilities: tuple[Instability, ...] = ()
+    """Where the full-order model says that a controller is unstable."""
 
 
 def run_scenario(
-    study: Study, *, bridge: str | None = None, progress: Callable[[str, float], None] | None = None
-) -> ScenarioResult:
-    """Check every operating point, then simulate every controller.
+    study: Study, *, bridge: str | None = None, progress: Callable[[str, float], None] | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> ScenarioResult:  # fmt: skip
+    """Check every operating point and the full-order model there, then simulate every controller.
 
-    ``progress`` is called with the controller's name and the simulated time in s. Raises InfeasibleStudyError
+    ``progress`` is called with the controller's name and the simulated time in s, ``warn`` before the run with a
+    sentence on every instability that it is going to show. Raises InfeasibleStudyError
     naming the instant at which the scenario asks for what its grid cannot carry, or a controller whose network is
     not there; ArtifactError where the network does not fit.
     """
@@ -79,16 +86,24 @@ def run_scenario(
         EstimatedScheduler(study, spec) if spec.estimate == "neural" else gain_feed(study, spec, timeline)
         for spec in study.controllers
     ]
+    expected = [expected_rests(study, timeline, spec) for spec in study.controllers]
+    pairs = zip(study.controllers, expected, strict=True)
+    unstable = tuple(one for spec, found in pairs for one in instabilities(study, spec, found))
+    if warn is not None and unstable:
+        for text in (*(one.message for one in unstable), WHERE_TO_LOOK):
+            warn(text)
     results = []
-    for spec, feed in zip(study.controllers, feeds, strict=True):
+    for spec, feed, found in zip(study.controllers, feeds, expected, strict=True):
         report = None if progress is None else _reporter(progress, spec.name)
         run = simulate(study, feed, bridge=bridge, progress=report)
         series = derive_series(study, run)
-        events = measure_events(study, series)
         estimates = feed.log(timeline) if isinstance(feed, EstimatedScheduler) else None
         used = bridge or study.simulation.bridge
+        if estimates is not None:  # the gains that it really had
+            found = rests(study, timeline, run.gain_changes)
+        events = measure_events(study, series, found, switched=used == "pwm")
         results.append(ControllerResult(spec, used, run.gain_changes, run, series, events, estimates))
-    return ScenarioResult(study, timeline, points, tuple(results))
+    return ScenarioResult(study, timeline, points, tuple(results), unstable)
 
 
 def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[float], None]:
@@ -110,6 +125,7 @@ def operating_points(study: Study, timeline: Timeline) -> tuple[OperatingPointRo
         except NoOperatingPointError as error:
             # A short sag has none and is ridden through; a scenario that rests there is impossible.
             if source.V_g_rms < limits[0]:
+                rows.append(OperatingPointRow(t_s, grid, None, str(error)))
                 continue
             raise InfeasibleStudyError(f"from {t_s:g} s on: {error}") from error
         rows.append(OperatingPointRow(t_s, grid, point))
@@ -152,10 +168,13 @@ def _index(t_s: Array, starts: list[float], T_s: float) -> NDArray[np.intp]:
     return np.searchsorted(np.array(starts) - 1e-6 * T_s, t_s, side="right") - 1
 
 
-def measure_events(study: Study, series: dict[str, Array]) -> tuple[EventMetrics, ...]:
-    """Figures of P_pcc and Q_pcc after every event, up to the next one.
+def measure_events(
+    study: Study, series: dict[str, Array], found: Sequence[Rest], *, switched: bool
+) -> tuple[EventMetrics, ...]:
+    """Figures of P_pcc and Q_pcc after every instant with an event, up to the next one.
 
-    An event at t = 0 is where a steady start begins, not a change that anything responds to.
+    ``found``: where each stretch comes to rest (:func:`vsgdesign.simulation.rest.rests`). An event at t = 0 is where a
+    steady start begins, not a change that anything responds to.
     """
     t_s = series["t_s"]
     if not study.events or len(t_s) < 2:
@@ -163,15 +182,20 @@ def measure_events(study: Study, series: dict[str, Array]) -> tuple[EventMetrics
     alpha, beta = clarke(series["i_pcc_a"], series["i_pcc_b"], series["i_pcc_c"])
     current_pu = np.hypot(alpha, beta) / study.converter.I_rated_pk
     per_cycle = max(round(2.0 * math.pi / study.converter.omega_n / (t_s[1] - t_s[0])), 1)
-    ends = [event.t_s for event in study.events[1:]] + [study.simulation.duration]
+    interval = float(t_s[1] - t_s[0])
     metrics = []
-    for event, end_s in zip(study.events, ends, strict=True):
-        if event.t_s == 0.0 and study.simulation.start == "steady_state":
+    for rest in found:
+        events = [event for event in study.events if event.t_s == rest.t_s]
+        if not events or (rest.t_s == 0.0 and study.simulation.start == "steady_state"):
             continue
-        for signal, reference in (("P_pcc", event.P_ref), ("Q_pcc", event.Q_ref)):
-            window = EventWindow(event.name, event.t_s, end_s, reference is not None)
-            if end_s - event.t_s > 4.0 * (t_s[1] - t_s[0]):
+        for signal, field in (("P_pcc", "P_ref"), ("Q_pcc", "Q_ref")):
+            stepped = any(getattr(event, field) is not None for event in events)
+            window = EventWindow(rest.name, rest.t_s, rest.end_s, stepped)
+            end = rest.end_state(signal, switched, interval)
+            if rest.end_s - rest.t_s > 4.0 * interval:
                 metrics.append(
-                    measure_event(window, signal, t_s, series[signal], current_pu, study.converter.S_rated, per_cycle)
+                    measure_event(
+                        window, signal, t_s, series[signal], current_pu, study.converter.S_rated, per_cycle, end
+                    )
                 )
     return tuple(metrics)

@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
+from vsgdesign.metrics.events import BAND, time_needed
+from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.metrics.step_response import ResponseMetrics, step_response
+from vsgdesign.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.parameters.study import Event, Grid, Study
 from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.rest import powers_at_control_point
 from vsgdesign.simulation.run import simulate
 
 Array = NDArray[np.float64]
@@ -64,18 +68,27 @@ def emt_step(
     study: Study, grid: Grid, gains: PowerLoopGains, P: float, Q: float, signal: str,
     *, size_pu: float = STEP_PU, duration: float = 4.0,
 ) -> ResponseMetrics | None:  # fmt: skip
-    """Figures of ``signal`` ("P" or "Q") after a step of its reference; None where it does not settle or start.
+    """Figures of ``signal`` ("P" or "Q") after a step of its reference; None where it does not settle within
+    ``duration``, where that is too short to know (:eq:`window-needed`), or where it does not start.
 
-    Q ends where its droop lets it: the last tenth of the response is its final value.
+    It ends at the steady state of the full-order model: Q where its droop lets it.
     """
     size = size_pu * study.converter.S_rated
+    P_ref, Q_ref = references_at(study, grid, gains, P, Q)
+    end = Cell(grid, gains, P_ref + size * (signal == "P"), Q_ref + size * (signal == "Q"))
+    model = linearise_full_order(study, [end])
+    if len(model.index) == 0:
+        return None
+    decay = -float(to_continuous(np.linalg.eigvals(model.A[0]), model.T_s).real.max())
+    powers = powers_at_control_point(study, model, 0)
+    final = powers[0] - P if signal == "P" else powers[1] - Q
+    # What ends within the band around zero is no answer to the step, and nothing to take shares of.
+    if not decay > 0.0 or abs(final) < BAND * abs(size):
+        return None
     try:
         t_s, response = simulate_step(study, grid, gains, P, Q, signal, size, duration)
     except (InfeasibleStudyError, SimulationDivergedError):
         return None
-    tail = response[-max(len(response) // 10, 1) :]
-    final = size if signal == "P" else float(tail.mean())
-    # What ends within the band around zero is no answer to the step, and nothing to take shares of.
-    if np.ptp(tail) > 0.02 * abs(size) or abs(final) < 0.02 * abs(size):
+    if time_needed(t_s, np.abs(response / final - 1.0), decay) > duration:
         return None
-    return step_response(t_s, response, 0.0, final)
+    return step_response(t_s, response, 0.0, final, BAND)

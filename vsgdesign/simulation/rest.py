@@ -1,0 +1,174 @@
+"""Where each stretch of a scenario comes to rest by the full-order model, how fast, and whether it does at all."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vsgdesign.equations.filters import capacitor_node_voltage
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.frames import instantaneous_power, rms_to_peak
+from vsgdesign.metrics import EndState
+from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
+from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
+from vsgdesign.simulation.gains import GainChange, gain_changes
+from vsgdesign.simulation.online import pcc_vectors
+from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.stability.loci import Mode, modes
+from vsgdesign.stability.words import mode_in_words
+
+_STILL = -1e-6
+"""A mode that dies more slowly than this, 1/s, does not die."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The state that a controller is bound for between two events, with the gains it has at the end of them.
+
+    ``P_pcc`` (W) and ``Q_pcc`` (var) are those of the averaged bridge, droops included. ``mode`` is the slowest mode
+    there, the fastest growing one where it is unstable. ``obstacle`` says why there is no such state: then both powers
+    are NaN and there is no mode.
+    """
+
+    t_s: float
+    end_s: float
+    name: str
+    """What happened at t_s."""
+    grid: Grid
+    P_pcc: float
+    Q_pcc: float
+    mode: Mode | None
+    obstacle: str | None
+    ramp_end_s: float
+    """When the source's last ramp in the stretch is over, s; t_s without one."""
+    omega_g: float
+    """Of the source at the end, rad/s."""
+
+    @property
+    def stable(self) -> bool:
+        """Whether every mode dies; True where there is nothing to be stable."""
+        return self.mode is None or self.mode.s.real < _STILL
+
+    def end_state(self, signal: str, switched: bool, interval: float) -> EndState:
+        """For the figures of ``P_pcc`` or ``Q_pcc``, logged every ``interval`` s."""
+        if self.mode is None:
+            return EndState(None, None, self.obstacle, self.ramp_end_s)
+        final = self.P_pcc if signal == "P_pcc" else self.Q_pcc
+        decay = -self.mode.s.real if self.stable else min(-self.mode.s.real, 0.0)
+        cycle = max(round(2.0 * math.pi / self.omega_g / interval), 1)
+        reason = None if self.stable else f"unstable: {mode_in_words(self.mode)}"
+        return EndState(None if switched else final, decay, reason, self.ramp_end_s, cycle)
+
+
+@dataclass(frozen=True)
+class Instability:
+    """A part of a scenario in which a controller has no stable state to come to, on one grid."""
+
+    controller: str
+    t_s: float
+    end_s: float
+    event: str
+    """What happened at t_s."""
+    grid: Grid
+    mode: Mode
+    """The fastest growing one."""
+    message: str
+
+
+def rests(study: Study, timeline: Timeline, changes: Sequence[GainChange]) -> tuple[Rest, ...]:
+    """One for the start and one for every instant with an event, up to the next, in order of time."""
+    names: dict[float, str] = {0.0: "the start"}
+    for event in study.events:
+        names[event.t_s] = (
+            f"{names[event.t_s]}, {event.name}" if names.get(event.t_s, "the start") != "the start" else event.name
+        )
+    instants = sorted(names)
+    ends = [*instants[1:], study.simulation.duration]
+    cells: list[Cell] = []
+    begun = []
+    for t_s, end_s in zip(instants, ends, strict=True):
+        source, grid = timeline.source_at(end_s - 1e-9), timeline.grid_at(t_s)
+        gains = [change.gains for change in changes if change.t_s < end_s or change.t_s == 0.0][-1]
+        cells.append(Cell(grid, gains, *timeline.references_at(t_s), GridSource(source.V_g_rms, source.omega)))
+        ramps = [later.t_s for before, later in itertools.pairwise(timeline.sources) if not before.steady]
+        ramp_end = max([t_s, *(t for t in ramps if t_s < t <= end_s)])
+        begun.append((t_s, end_s, grid, ramp_end, source))
+    model = linearise_full_order(study, cells)
+    place = {int(cell): k for k, cell in enumerate(model.index)}
+    found = []
+    for k, (t_s, end_s, grid, ramp_end, source) in enumerate(begun):
+        obstacle = model.faults[k]
+        if not source.steady:
+            obstacle = "the source is still on its ramp when the window ends"
+        P, Q, mode = math.nan, math.nan, None
+        if obstacle is None:
+            P, Q = _powers_at_pcc(study, model, place[k], cells[k])
+            mode = modes(model.states, model.A[place[k]], model.T_s, count=len(model.states))[0]
+        found.append(Rest(t_s, end_s, names[t_s], grid, P, Q, mode, obstacle, ramp_end, source.omega))
+    return tuple(found)
+
+
+def expected_rests(study: Study, timeline: Timeline, spec: ControllerSpec) -> tuple[Rest, ...]:
+    """:func:`rests` before a run: a controller that estimates the grid is given the gains of the true one.
+
+    Empty where it has none on some grid of the scenario.
+    """
+    try:
+        return rests(study, timeline, gain_changes(study, replace(spec, estimate="truth"), timeline))
+    except InfeasibleStudyError:
+        if spec.estimate == "truth":
+            raise
+        return ()
+
+
+def instabilities(study: Study, spec: ControllerSpec, found: Sequence[Rest]) -> tuple[Instability, ...]:
+    """The parts that are unstable, each stretch on one grid as one, with a sentence on each."""
+    said = []
+    unstable = [rest for rest in found if not rest.stable]
+    while unstable:
+        part = [unstable.pop(0)]
+        while unstable and unstable[0].grid == part[0].grid and unstable[0].t_s == part[-1].end_s:
+            part.append(unstable.pop(0))
+        mode = max((rest.mode for rest in part if rest.mode is not None), key=lambda one: one.s.real)
+        first, c = part[0], study.converter
+        grid = f"SCR {first.grid.scr(c, study.scr_basis):.3g}, X/R {first.grid.x_over_r(c.omega_n):.3g}"
+        since = "from the start" if first.t_s == 0.0 else f"from {first.t_s:g} s"
+        event = "" if first.t_s == 0.0 or first.name == grid else f", after {first.name}"
+        message = (
+            f"controller {spec.name} is unstable {since} to {part[-1].end_s:g} s, on {grid}{event}: "
+            f"{mode_in_words(mode)}. The full-order model has no stable state there: this part of the run shows the "
+            "mode, not a response."
+        )
+        said.append(Instability(spec.name, first.t_s, part[-1].end_s, first.name, first.grid, mode, message))
+    return tuple(said)
+
+
+WHERE_TO_LOOK = (
+    "Look at it with vsgdesign margins and vsgdesign report; what helps is in docs/how-to/inner-loops.md (modes of "
+    "network and inner loops) and docs/how-to/margins-and-maps.md (power loops)."
+)
+"""Said once after all instabilities."""
+
+
+def powers_at_control_point(study: Study, model: FullOrderModel, row: int) -> tuple[float, float]:
+    """P (W) and Q (var) at the filter capacitor of a steady state: what the controller measures."""
+    z = dict(zip(model.states, model.z[row], strict=True))
+    circuit = study.circuit()
+    d, q = (capacitor_node_voltage(z[f"i_s_{axis}"], z[f"v_c_{axis}"], z[f"i_g_{axis}"], circuit) for axis in "dq")
+    P, Q = instantaneous_power(d, q, z["i_g_d"], z["i_g_q"])
+    return float(P), float(Q)
+
+
+def _powers_at_pcc(study: Study, model: FullOrderModel, row: int, cell: Cell) -> tuple[float, float]:
+    """P (W) and Q (var) at the PCC of a steady state, whose source is at phase zero."""
+    z = dict(zip(model.states, model.z[row], strict=True))
+    source = cell.source or study.grid_source
+    plant = [z[f"{name}_{axis}"] for name in ("i_s", "v_c", "i_g") for axis in "dq"]
+    log = np.array([[*plant, rms_to_peak(source.V_g_rms), 0.0]])
+    v_pcc, i_pcc = pcc_vectors(log, study.circuit(cell.grid))
+    P, Q = instantaneous_power(*v_pcc[0], *i_pcc[0])
+    return float(P), float(Q)
