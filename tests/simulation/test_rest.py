@@ -168,9 +168,12 @@ def test_an_unstable_grid_is_said_before_the_run() -> None:
     said: list[str] = []
     study = published("0.3 s", events)
     order: list[str] = []
-    result = run_scenario(
-        study, warn=lambda text: (said.append(text), order.append("warn")), progress=lambda *_: order.append("run")
-    )
+
+    def warn(text: str) -> None:
+        said.append(text)
+        order.append("warn")
+
+    result = run_scenario(study, warn=warn, progress=lambda *_: order.append("run"))
     (one,) = result.instabilities  # both stretches are on one grid
     assert (one.controller, one.t_s, one.end_s) == ("fixed", 0.1, 0.3)
     assert one.mode.s.real > 10.0

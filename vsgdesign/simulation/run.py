@@ -178,7 +178,8 @@ def _start(study: Study, timeline: Timeline, gains: PowerLoopGains) -> SampledSt
     try:
         return steady_state(study, grid, at_start, P_ref, Q_ref, gains, source.phase)
     except InfeasibleStudyError as error:
-        raise InfeasibleStudyError(f"the start: {error}") from error
+        error.args = (f"the start: {error}",)
+        raise
 
 
 def _on_sample(t_s: float, T_s: float) -> int | None:
