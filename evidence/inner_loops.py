@@ -1,7 +1,4 @@
-"""Designed inner loops of every packaged converter: what they keep, and EMT steps beside ideal inner loops.
-
-``python -c "from evidence.inner_loops import write_cases; write_cases()"`` keeps the designs beside the packaged cases.
-"""
+"""Designed inner loops of every packaged converter: what they keep, and EMT steps beside ideal inner loops."""
 
 from __future__ import annotations
 
@@ -9,18 +6,15 @@ import json
 import math
 import os
 from concurrent.futures import ProcessPoolExecutor
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from vsgdesign.artifacts.inner_loops_file import write_inner_loops
 from vsgdesign.design.inner import GridBox, check_full_order, design_inner_loops, score_inner_loops
 from vsgdesign.equations.closed_form import current_loop_gains, voltage_loop_gains
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import VsgDesignError
 from vsgdesign.parameters import Study, case_names, study_from_text
 from vsgdesign.parameters.study import InnerLoopRequest
-from vsgdesign.pipeline.opening import design_record, inner_loops_file
 
 BOX = GridBox((1.3, 20.0), (0.3, 20.0))
 AROUND = """
@@ -92,21 +86,6 @@ def emt_steps(study: Study, gains: InnerLoopGains, omega_t: float) -> dict[str, 
         "steps": len(later), "without_operating_point": missing, "latest_s": max(later),
         "most_overshoot_pct": max(more),
     }  # fmt: skip
-
-
-def write_case(case: str) -> str:
-    """Design over the default grids and keep the file beside the packaged case."""
-    folder = Path(str(resources.files("vsgdesign.parameters"))) / "cases"
-    record = design_record(asked(case)[1])
-    write_inner_loops(record, inner_loops_file(folder / f"{case}.toml"))
-    return f"{case}: score {record.score:.3f}, limited by {record.limiting}"
-
-
-def write_cases() -> None:
-    """The same for every packaged case."""
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        for line in pool.map(write_case, case_names()):
-            print(line, flush=True)
 
 
 HEAD = (

@@ -15,6 +15,7 @@ from vsgdesign.errors import ArtifactError
 from vsgdesign.parameters import load_study
 from vsgdesign.pipeline import open_study
 from vsgdesign.pipeline.opening import check_study, inner_loops_file
+from vsgdesign.report.inner_words import headline
 
 TEXT = """
 base = "case:lab_12kva_lcl"
@@ -157,3 +158,14 @@ def test_faults_are_told_before_anything_is_designed(study: Path) -> None:
     assert "simulation.P_ref" in text
     assert "inner_loops.x_over_r" in text
     assert not inner_loops_file(study).exists()
+
+
+def test_a_run_says_the_same_of_them(study: Path, tmp_path: Path) -> None:
+    """Scenario and verb: one document, one text."""
+    alone = json.loads(call("inner", study, "--no-what-if", "--json").stdout)
+    result = call("run", study, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    in_run = json.loads((tmp_path / "out" / "results.json").read_text())["inner_loops"]
+    assert in_run == alone
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert headline(alone).split(":")[0] in page

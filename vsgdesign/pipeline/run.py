@@ -19,6 +19,7 @@ from vsgdesign.artifacts.table_text import certificate_summary
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.operating_point import OperatingPoint
 from vsgdesign.parameters import Study
+from vsgdesign.pipeline.inner import assess_inner_loops, inner_document
 from vsgdesign.pipeline.table import with_tables
 from vsgdesign.pipeline.training import judgement_document, network_document, training_document, with_estimator
 from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
@@ -74,6 +75,7 @@ def run_study(
                 write_csv(folder / f"{controller.spec.name}.estimates.csv", controller.estimates.series(), 0.0)
         tell("write time series", 1.0)
         timing["write"] = time.perf_counter() - begin
+        inner = inner_document(assess_inner_loops(study, what_if=False)) if study.inner_request is not None else None
         if report:
             from vsgdesign.report import write_figures, write_report
 
@@ -81,9 +83,11 @@ def run_study(
             tell("draw figures", 0.0)
             figures = write_figures(result, folder / "figures", trained)
             tell("draw figures", 1.0)
-            write_report(result, figures, folder / "report.html", trained)
+            write_report(result, figures, folder / "report.html", trained, inner)
             timing["report"] = time.perf_counter() - begin
         document = results_document(result, timing)
+        if inner is not None:
+            document["inner_loops"] = inner
         if network is not None:
             document["estimator"] = network_document(network)
             if trained is not None:

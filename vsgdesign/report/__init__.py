@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.printing import require_pdf, write_pdf
@@ -47,12 +47,15 @@ def write_figures(
 
 def write_report(
     result: ScenarioResult, figures: Sequence[WrittenFigure], out_path: str | Path,
-    trained: TrainedEstimator | None = None,
+    trained: TrainedEstimator | None = None, inner: dict[str, Any] | None = None,
 ) -> Path:  # fmt: skip
-    """Write the report of a scenario: one HTML file that holds the text, the tables and the given figures."""
+    """Write the report of a scenario: one HTML file that holds the text, the tables and the given figures.
+
+    ``inner`` is what designed inner loops keep (results.json of the verb ``inner``).
+    """
     from vsgdesign.report.page import write_page
 
-    return write_page(result, figures, Path(out_path), trained)
+    return write_page(result, figures, Path(out_path), trained, inner)
 
 
 def write_stability_figures(result: StabilityResult, folder: str | Path) -> list[WrittenFigure]:

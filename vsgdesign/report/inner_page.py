@@ -76,24 +76,23 @@ def _map(
     return map_figure(frame, [[Panel("", cells)]], scale)
 
 
+def inner_part(document: dict[str, Any]) -> dict[str, Any]:
+    """What a page says of inner loops, from their results.json: the answer, sentences, promises and gains."""
+    missed = frozenset(k for k, one in enumerate(document["promises"]) if not (one["score"] or 0.0) >= 1.0)
+    promises = Table(
+        "What the inner loops keep, at the worst grid", PROMISE_HEAD, tuple(promise_rows(document)), texts=2,
+        flagged=missed,
+        notes=("A coloured row is not kept on every grid. The share is the worst over what is asked.",),
+    )  # fmt: skip
+    gains = Table("Gains of the inner loops, SI, dq components peak", GAIN_HEAD, tuple(gain_rows(document)), texts=2)
+    return {
+        "headline": headline(document), "what_for": what_for(document), "explanation": explanation(document),
+        "promises": promises, "gains": gains,
+    }  # fmt: skip
+
+
 def write_inner_page(
     study: Study, document: dict[str, Any], figures: Sequence[WrittenFigure], out_path: Path
 ) -> Path:  # fmt: skip
     """Write the page of what was found (results.json), with the figures' SVG text as it lies on disk."""
-    missed = frozenset(k for k, one in enumerate(document["promises"]) if not (one["score"] or 0.0) >= 1.0)
-    promises = Table(
-        "What is kept, at the worst grid", PROMISE_HEAD, tuple(promise_rows(document)), texts=2, flagged=missed,
-        notes=("A coloured row is not kept on every grid. The share is the worst over what is asked.",),
-    )  # fmt: skip
-    gains = Table("Gains, SI, dq components peak", GAIN_HEAD, tuple(gain_rows(document)), texts=2)
-    return write_html(
-        out_path,
-        "inner.html.j2",
-        figures,
-        study=study,
-        headline=headline(document),
-        what_for=what_for(document),
-        explanation=explanation(document),
-        promises=promises,
-        gains=gains,
-    )
+    return write_html(out_path, "inner.html.j2", figures, study=study, **inner_part(document))

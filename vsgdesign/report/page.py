@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from vsgdesign.report import estimate_tables, tables
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.html import write_html
+from vsgdesign.report.inner_page import inner_part
 from vsgdesign.report.quantities import plain, plain_quantity
 from vsgdesign.report.verdict import explanation, step_outcomes, verdict
 from vsgdesign.simulation import ScenarioResult
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
 
 
 def write_page(
-    result: ScenarioResult, figures: Sequence[WrittenFigure], out_path: Path, trained: TrainedEstimator | None = None
-) -> Path:
+    result: ScenarioResult, figures: Sequence[WrittenFigure], out_path: Path, trained: TrainedEstimator | None = None,
+    inner: dict[str, Any] | None = None,
+) -> Path:  # fmt: skip
     """Write the page of a scenario, with the figures' SVG text as it lies on disk."""
     outcomes = step_outcomes(result)
     study = result.study
@@ -38,6 +40,7 @@ def write_page(
         setting=(tables.converter_table(result), tables.filter_table(result)),
         controllers=tables.controllers_table(result),
         events=tables.events_table(result) if study.events else None,
+        inner=None if inner is None else inner_part(inner),
         operating_points=tables.operating_points_table(result),
         estimate=_estimate(result, trained),
         gains=[tables.gains_table(result, controller) for controller in result.controllers],
