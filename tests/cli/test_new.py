@@ -56,7 +56,8 @@ def test_a_file_is_never_overwritten(tmp_path: Path) -> None:
     (tmp_path / "link.toml").symlink_to(tmp_path / "nowhere.toml")
     for out, said in (
         ("study.toml", "is there already"), ("link.toml", "is there already"), (".", "is a folder"),
-        ("absent/study.toml", "there is no folder"),
+        ("absent/study.toml", "there is no folder"), ("a" * 300, "File name too long"),
+        ("study.toml/study.toml", "there is no folder"), ("/proc/study.toml", "cannot write"),
     ):  # fmt: skip
         code, output = run("--from", str(sheet), "--out", str(tmp_path / out))
         assert code == 2

@@ -65,6 +65,18 @@ def test_every_assumption_stands_in_the_study(sheets: list[Datasheet]) -> None:
             assert f"- {assumption.field}: {assumption.text}" in comments
 
 
+def test_the_estimator_that_is_offered_is_one_that_the_reader_takes() -> None:
+    """The commented lines, with the comment signs taken away."""
+    text = study_text(of(), "a test")
+    assert study_of(of()).estimator is None
+    for line in ('estimate = "neural"', "[estimator]", 'recipe = "wide"', "grid_phase = true"):
+        assert f"# {line}" in text
+        text = text.replace(f"# {line}", line)
+    study = study_from_text(text, inner_loops=lambda _: UNTOLD)
+    assert study.estimator is not None
+    assert study.controllers[0].estimate == "neural"
+
+
 def states(study: Study) -> list[tuple[float, float, float, float]]:
     """R and X from the capacitor on, P and Q of every stretch between events."""
     found = []

@@ -12,6 +12,13 @@ from vsgdesign.errors import ArtifactError
 def check_new(path: str | Path) -> Path:
     """The path, if a file can be made there. Raises ArtifactError."""
     path = Path(path)
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except (OSError, ValueError) as error:  # a name too long, a folder that may not be entered, a NUL
+        reason = getattr(error, "strerror", None) or error
+        raise ArtifactError(f'cannot write "{path}": {reason}. Give another file.') from None
     if path.is_dir():
         raise ArtifactError(f'"{path}" is a folder; give a file, for example {path / "study.toml"}.')
     if path.exists() or path.is_symlink():

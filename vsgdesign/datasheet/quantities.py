@@ -126,7 +126,7 @@ def _plain(text: str) -> str:
 def _one(text: str, decimal_comma: bool) -> tuple[float, str]:
     match = _VALUE.match(text)
     if match is None:
-        raise AmountError("is not a number with a unit", "Write a number and its unit, for example 1.5 mH.")
+        raise AmountError("is not a number with a unit")
     return read_number(match[1], decimal_comma), match[2]
 
 

@@ -74,7 +74,7 @@ def _voltage_pair(rows: Rows, entry: Entry, pair: re.Match[str]) -> float:
     except AmountError as error:
         rows.fault("voltage", error.problem, error.advice)
         return math.nan
-    if abs(both[1] / both[0] - phase_to_ll(1.0)) > 0.03:
+    if abs(both[1] - phase_to_ll(both[0])) > 0.02 * both[1]:
         rows.fault("voltage", "is two voltages that are not a phase and a line voltage", "Give the line voltage.")
         return math.nan
     rows.remarks["V_rated_ll_rms"] = f"the line voltage of {entry.value}"

@@ -61,7 +61,8 @@ def resolve(sheet: Sheet) -> Datasheet:
     if rows.faults:
         raise StudyError(sheet.source, rows.faults)
     if not title:
-        title = f"{format_quantity(S, 'VA')}, {format_quantity(V, 'V')}, {f_n:.6g} Hz converter"
+        rated, voltage = format_quantity(float(f"{S:.4g}"), "VA"), format_quantity(float(f"{V:.4g}"), "V")
+        title = f"{rated}, {voltage}, {f_n:.4g} Hz converter"
     outer = L_2 + strongest_inductance(scr, x_over_r, Z, omega)
     return Datasheet(
         title=title, source=source, S_rated=S, V_rated_ll_rms=V, f_n=f_n, V_dc=V_dc, f_sw=f_sw,

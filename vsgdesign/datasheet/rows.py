@@ -22,6 +22,9 @@ LIMITS = {
 }  # fmt: skip
 """Plausibility limits: SI, of the filter and the current in per unit."""
 
+_ANY_CONVERTER = {"H": (1e-7, 0.5), "F": (1e-8, 0.1), "ohm": (0.0, 100.0)}
+"""Limits of the filter while rating, voltage or frequency are not known."""
+
 
 class Rows:
     """A datasheet's fields with the faults and assumptions found so far. A faulty field is NaN."""
@@ -86,15 +89,16 @@ class Rows:
         try:
             return read_amount(value, bases, unit=entry.unit, decimal_comma=self.sheet.decimal_comma, ranged=ranged)
         except AmountError as error:
-            self.fault(name, error.problem, error.advice)
+            self.fault(name, error.problem, error.advice or f"Write for example {BY_NAME[name].example}.")
             return None
 
     def within(self, name: str, value: float, base: str, scale: float = 1.0) -> float:
         """The value where it lies within its limits, which are taken times ``scale``; else NaN and a fault."""
-        low, high = (limit * scale for limit in LIMITS[name])
-        if math.isnan(value) or math.isnan(scale) or low <= value <= high:
+        known = not math.isnan(scale)
+        low, high = (limit * scale for limit in LIMITS[name]) if known else _ANY_CONVERTER[base]
+        if math.isnan(value) or low <= value <= high:
             return value
-        per_unit = f", {value / scale:.4g} pu," if scale != 1.0 else ""
+        per_unit = f", {value / scale:.4g} pu," if known and scale != 1.0 else ""
         limits = f"outside {format_quantity(low, base)} to {format_quantity(high, base)}"
         read = f"is {format_quantity(value, base)}{per_unit} and so " if base != RATIO else "is "
         self.fault(name, read + limits, other_prefix(value, base, low, high) if base != RATIO else "")
