@@ -104,6 +104,7 @@ def train(
         f"{out}: recipe {document['recipe']}, {document['epochs']} epochs, {document['stop']}; on the windows for test "
         f"R = {test['R_g']:.6f} (R_g), {test['L_g']:.6f} (L_g)"
     )
+    click.echo(f"error of Z on grids that it was not trained on: {_errors(document['parts']['test']['errors'])}")
     _echo_windows(document["window"]["text"], describe_draws(document["draws"]))
     if document["synchronised"]:
         click.echo("synchronised with the grid's phase, as published: no converter in the field has that signal")
@@ -167,7 +168,19 @@ def _report(
     if as_json:
         print_json(document)
     else:
+        for sentence in document["left_out"]:
+            click.echo(sentence)
         click.echo(f"report: {Path(out) / 'report.html'}")
+
+
+def _errors(found: dict[str, dict[str, tuple[float, float]]]) -> str:
+    """Median and 95th percentile at rest and after a change, of what there are windows of."""
+    parts = [
+        f"{words} {100.0 * found[kind]['Z'][0]:.2g} % (95th percentile {100.0 * found[kind]['Z'][1]:.2g} %)"
+        for kind, words in (("rest", "at rest"), ("after_change", "after a change"))
+        if found[kind]["Z"][0] >= 0.0
+    ]
+    return ", ".join(parts)
 
 
 def _echo_windows(sampling: str, drawn_again: str) -> None:

@@ -16,21 +16,31 @@ from tests.cli.small_studies import SMALL
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.cli import main
 from vsgdesign.errors import ArtifactError
-from vsgdesign.estimator.baselines import Estimates, NeuralMethod, Run, measure, run_case
+from vsgdesign.estimator.baselines import (
+    Estimates,
+    Injection,
+    NeuralMethod,
+    PseudoRandomSequence,
+    Run,
+    measure,
+    run_case,
+)
 from vsgdesign.estimator.comparison import (
     BEFORE,
     Comparison,
     ComparisonSettings,
     compare_methods,
     judged,
+    probing_methods,
     relative_errors,
 )
 from vsgdesign.estimator.sampling import with_sampling
 from vsgdesign.estimator.stress import Stress, stress_axes, stress_methods
-from vsgdesign.parameters import load_study
+from vsgdesign.parameters import Study, load_study, study_from_text
 from vsgdesign.pipeline.estimator import report_comparison
 from vsgdesign.report.estimator_figures import comparison_figures, stress_figures, write_all
 from vsgdesign.report.estimator_page import (
+    comparison_conclusion,
     delay_table,
     stress_conclusion,
     write_comparison_page,
@@ -167,3 +177,64 @@ def test_verbs_refuse_bad_weights_and_leave_no_folder(tmp_path: Path) -> None:
         assert result.exit_code == 2
         assert "not a trained network" in result.output
     assert not (tmp_path / "out").exists()
+
+
+UTILITY = """
+base = "case:utility_1mva_60hz"
+simulation = { duration = "1 s", P_ref = 0, Q_ref = 0 }
+controllers = [{ name = "a", kind = "scheduled" }]
+"""
+
+
+def utility() -> Study:
+    return study_from_text(UTILITY)
+
+
+def test_methods_follow_the_grids_frequency_and_the_converters_windows() -> None:
+    """1 MVA, 60 Hz, 6 kHz: 90 Hz over two windows of a cycle; a grid that it cannot be run on is left out and said."""
+    settings = ComparisonSettings(scr=(2.0, 8.0), grid_steps=((2.0, 8.0),), draws=1)
+    found = compare_methods(utility(), {}, settings)
+    assert found.settings.scr == (8.0,)
+    assert found.settings.grid_steps == ()
+    assert found.left_out == ("SCR 2 is left out: it needs more voltage than the bridge makes from V_dc.",)
+    assert "left out" in comparison_conclusion(found)[0]
+    errors = {one.method: float(one.rms[0] / one.bound[0]) for one in found.accuracy if np.isfinite(one.bound[0])}
+    # As at 50 Hz: an rms within a factor of 1.6 of the bound that it estimates.
+    assert 0.6 < errors["90 Hz injection"] < 1.6
+    assert 0.6 < errors["PRBS, least squares"] < 1.6
+
+
+@pytest.mark.parametrize(
+    ("rate", "f_n"), [(20e3, 50.0), (6e3, 60.0), (5e3, 60.0), (8e3, 60.0), (4e3, 60.0), (2.5e3, 50.0)]
+)
+def test_probes_are_whole_control_periods_and_whole_windows(rate: float, f_n: float) -> None:
+    converter = replace(utility().converter, f_sw=rate, samples_per_carrier=1, omega_n=2.0 * np.pi * f_n)
+    recipe = with_sampling(SETTINGS.recipe(), converter)
+    injection, sequence = probing_methods(converter, recipe)
+    window = recipe.update_period
+    for probe, windows in ((injection.probe, 2), (sequence.probe, sequence.cycles // recipe.cycles)):
+        assert len(probe.values) * probe.hold == pytest.approx(windows * window, rel=1e-12)
+        assert probe.hold * rate == pytest.approx(round(probe.hold * rate), abs=1e-9)
+        assert 0.4e-3 < probe.hold < 2.5e-3
+    # Whole periods of what was injected, beside the fundamental.
+    periods = injection.slip() * 2.0 * window / (2.0 * np.pi)
+    assert periods == pytest.approx(round(periods), abs=1e-9)
+    assert injection.frequency_hz == pytest.approx(1.5 * f_n)
+
+
+def test_the_published_probes_are_the_defaults() -> None:
+    study = load_study("studies/published/study.toml")
+    made = probing_methods(study.converter, with_sampling(SETTINGS.recipe(), study.converter))
+    assert made == (Injection(), PseudoRandomSequence())
+
+
+def test_networks_of_different_windows_are_not_compared() -> None:
+    networks = {"one": random_weights(synchronised=True), "other": random_weights(samples=50)}
+    with pytest.raises(ArtifactError, match=r"one: 100 samples .*; other: 50 samples .* in two calls"):
+        compare_methods(load_study("studies/published/study.toml"), networks, SETTINGS)
+
+
+def test_the_frequency_axis_is_about_the_nominal_one() -> None:
+    axis = stress_axes(60.0)[0]
+    assert (axis.nominal, axis.values[0], axis.values[-1]) == (60.0, 59.9, 60.1)
+    assert stress_axes(50.0)[0].values == (49.9, 49.95, 49.99, 50.0, 50.01, 50.05, 50.1)

@@ -29,6 +29,7 @@ from vsgdesign.estimator.baselines import (
 )
 from vsgdesign.estimator.bound import Bound, probe_bound, sensor_noise, steady_window_bound, windows_bound
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe, check_recipe, one_of
+from vsgdesign.estimator.runnable import runnable_settings
 from vsgdesign.estimator.sampling import with_sampling
 from vsgdesign.parameters.study import Converter, Study, grid_from_scr
 from vsgdesign.simulation import Probe
@@ -126,6 +127,8 @@ class Comparison:
     grid_steps: tuple[GridStep, ...]
     weights: dict[str, str] = field(default_factory=dict)
     """Hash of each network's weights by method."""
+    left_out: tuple[str, ...] = ()
+    """A sentence on each grid of the settings that the converter cannot be run on; ``settings`` are without them."""
 
 
 def all_methods(
@@ -218,9 +221,9 @@ def compare_methods(
     study: Study, networks: dict[str, NetworkWeights], settings: ComparisonSettings | None = None,
     progress: Progress = silent,
 ) -> Comparison:  # fmt: skip
-    """Run, measure and judge. Raises StudyError for settings that make no recipe, InfeasibleStudyError for a grid
-    that cannot carry the power, ArtifactError for weights of other windows."""
-    settings = settings or ComparisonSettings()
+    """Run, measure and judge. Grids that the converter cannot be run on are left out. Raises StudyError for settings
+    that make no recipe, InfeasibleStudyError where no grid is left, ArtifactError for weights of other windows."""
+    settings, left_out = runnable_settings(study, settings or ComparisonSettings())
     recipe = comparison_recipe(study, settings, {name: one.window for name, one in networks.items()})
     methods = all_methods(study, networks, recipe, settings.guess_scr)
     count = len(settings.scr)
@@ -238,7 +241,7 @@ def compare_methods(
         step for pair in settings.grid_steps for step in _grid_steps(study, recipe, pair, methods, settings, progress)
     )
     hashes = {name: weights.hash for name, weights in networks.items()}
-    return Comparison(settings, accuracy, disturbances, steps, hashes)
+    return Comparison(settings, accuracy, disturbances, steps, hashes, left_out)
 
 
 def probe_name(method: Method) -> str:

@@ -43,6 +43,15 @@ _WORDS = {
 }
 
 
+_ONE = {
+    "no operating point": "the grid cannot carry the power",
+    "bridge voltage": "it needs more voltage than the bridge makes from V_dc",
+    "current": "it needs more current than current_limit_pu",
+    "voltage limits": "the voltage leaves V_min_pu to V_max_pu",
+    "unstable": "the converter is unstable there",
+}
+
+
 @dataclass(frozen=True)
 class Scenario:
     """One run: where it begins, what changes, and with which gains."""
@@ -84,12 +93,22 @@ def draw_scenario(study: Study, recipe: WindowRecipe, seed: int, index: int) -> 
     return last.scenario
 
 
+def why_not(study: Study, recipe: WindowRecipe, seed: int, index: int = 0) -> str:
+    """Why the first draw of a scenario cannot be run, in words about the converter; empty: it can."""
+    reason = _draw(study, recipe, index, (seed, index, 0), (0,) * len(REASONS)).reason
+    return _ONE[reason] if reason else ""
+
+
 def check_draws(study: Study, recipe: WindowRecipe, seed: int) -> None:
     """Draw the first scenarios without running them. Raises InfeasibleStudyError where most draws are thrown away."""
-    draws = [one for k in range(min(recipe.scenarios, SURVEYED)) for one in _draws(study, recipe, seed, k)]
-    kept = sum(not one.reason for one in draws)
-    if kept < len(draws) / 2:
-        raise InfeasibleStudyError(_impossible(recipe, draws, f"the first {min(recipe.scenarios, SURVEYED)} scenarios"))
+    draws: list[_Draw] = []
+    index = 0
+    # As many draws as would be too many for all of the scenarios are enough to know.
+    while index < min(recipe.scenarios, SURVEYED) and len(draws) <= 2 * SURVEYED:
+        draws += _draws(study, recipe, seed, index)
+        index += 1
+    if sum(not one.reason for one in draws) < len(draws) / 2:
+        raise InfeasibleStudyError(_impossible(recipe, draws, f"the first {index} scenarios"))
 
 
 def _draws(study: Study, recipe: WindowRecipe, seed: int, index: int) -> list[_Draw]:

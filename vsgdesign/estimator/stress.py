@@ -22,6 +22,7 @@ from vsgdesign.estimator.comparison import (
     relative_errors,
 )
 from vsgdesign.estimator.recipes import WindowRecipe, one_of
+from vsgdesign.estimator.runnable import nominal_settings, runnable_settings, runnable_values
 from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -57,6 +58,9 @@ def _noise(recipe: WindowRecipe, noise_pct: float, _: float) -> WindowRecipe:
 def _harmonics(recipe: WindowRecipe, share_pct: float, _: float) -> WindowRecipe:
     return replace(recipe, harmonic_5=one_of(0.01 * share_pct), harmonic_7=one_of(0.01 * share_pct))
 
+
+STRESS_SETTINGS = ComparisonSettings(noise=0.0, adc_bits=0)
+"""Ideal sensors, as published."""
 
 _FREQUENCIES = (-0.1, -0.05, -0.01, 0.0, 0.01, 0.05, 0.1)
 """Hz beside the nominal frequency."""
@@ -102,6 +106,8 @@ class Stress:
     f_n: float = 50.0
     """Nominal frequency of the grid, Hz."""
     weights: dict[str, str] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()
+    """A sentence on each value that the converter cannot be run with; its axis is without it."""
 
     def at(self, method: str, axis: str, value: float) -> float:
         """The rms error of one method at one value."""
@@ -115,13 +121,13 @@ def stress_methods(
 ) -> Stress:  # fmt: skip
     """Run every value of every axis (None: :func:`stress_axes`); otherwise SCR 8, and ideal sensors as published.
     Raises as :func:`vsgdesign.estimator.comparison.compare_methods`."""
-    settings = settings or ComparisonSettings(noise=0.0, adc_bits=0)
-    nominal = comparison_recipe(
-        study, replace(settings, scr=(8.0,)), {name: one.window for name, one in networks.items()}
-    )
+    settings, _ = runnable_settings(study, nominal_settings(settings or STRESS_SETTINGS))
+    nominal = comparison_recipe(study, settings, {name: one.window for name, one in networks.items()})
     methods = all_methods(study, networks, nominal, settings.guess_scr)
     omega_n = study.converter.omega_n
-    axes = stress_axes(omega_n / (2.0 * math.pi)) if axes is None else axes
+    axes, left_out = _runnable(
+        study, nominal, stress_axes(omega_n / (2.0 * math.pi)) if axes is None else axes, settings
+    )
     cases = [(axis.change(nominal, value, omega_n), 0) for axis in axes for value in axis.values]
     by_probe = probed_runs(study, cases, methods, settings.seed, progress)
     rms, p95 = (np.empty((len(methods), len(cases))) for _ in range(2))
@@ -140,4 +146,19 @@ def stress_methods(
         for axis, *parts in zip(axes, np.split(rms, ends, axis=1), np.split(p95, ends, axis=1), strict=True)
     )
     hashes = {name: weights.hash for name, weights in networks.items()}
-    return Stress(settings, tuple(method.name for method in methods), results, omega_n / (2.0 * math.pi), hashes)
+    return Stress(
+        settings, tuple(method.name for method in methods), results, omega_n / (2.0 * math.pi), hashes, left_out
+    )
+
+
+def _runnable(
+    study: Study, nominal: WindowRecipe, axes: tuple[StressAxis, ...], settings: ComparisonSettings
+) -> tuple[tuple[StressAxis, ...], tuple[str, ...]]:
+    """The axes with the values alone that the converter can be run with, and a sentence on each other."""
+    kept, sentences = [], []
+    for axis in axes:
+        recipes = {value: axis.change(nominal, value, study.converter.omega_n) for value in axis.values}
+        values, left_out = runnable_values(study, recipes, axis.title, settings.seed)
+        kept.append(replace(axis, values=values))
+        sentences += left_out
+    return tuple(kept), tuple(sentences)

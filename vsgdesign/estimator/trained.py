@@ -36,6 +36,9 @@ class PartOfData:
     mse: float
     """Of the targets scaled to −1 … 1."""
     correlation: tuple[float, float]
+    errors: dict[str, dict[str, tuple[float, float]]]
+    """Of ``rest`` and ``after_change``, windows before and after a run's change: median and 95th percentile of
+    |Ẑ − Z|/|Z| at nominal frequency (``Z``) and of the relative errors of ``R_g`` and ``L_g``. NaN without windows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +110,12 @@ def train_on(
     for name, rows in vars(split).items():
         metrics = training.metrics[name]
         R, L = metrics.correlation
-        parts[name] = PartOfData(targets[rows], training.network.evaluate(data.windows[rows]), metrics.mse, (R, L))
+        truth, estimate = targets[rows], training.network.evaluate(data.windows[rows])
+        errors = {
+            kind: relative_errors(truth[chosen], estimate[chosen], study.converter.omega_n)
+            for kind, chosen in (("rest", ~data.after_change[rows]), ("after_change", data.after_change[rows]))
+        }
+        parts[name] = PartOfData(truth, estimate, metrics.mse, (R, L), errors)
     box = {name: getattr(data, name)[split.training] for name in ("R_g", "L_g", "P", "Q")}
     c = study.converter
     weights = NetworkWeights(
@@ -120,7 +128,10 @@ def train_on(
         training={
             "settings": asdict(settings), "stop": training.stop, "epochs": training.epochs,
             "components": training.components,
-            "parts": {name: {"mse": part.mse, "correlation": part.correlation} for name, part in parts.items()},
+            "parts": {
+                name: {"mse": part.mse, "correlation": part.correlation, "errors": _finite(part.errors)}
+                for name, part in parts.items()
+            },
             "converter": {"S_rated": c.S_rated, "V_rated_rms": c.V_rated_rms, "f_n": c.omega_n / (2.0 * math.pi)},
             "draws": data.draws,
         },
@@ -138,3 +149,28 @@ def train_on(
         data.draws,
         {},
     )
+
+
+def relative_errors(truth: Array, estimate: Array, omega: float) -> dict[str, tuple[float, float]]:
+    """Median and 95th percentile of |Ẑ − Z|/|Z| at ω (rad/s), and of |error|/truth of R_g and L_g; (N, 2) in Ω and H.
+
+    NaN without rows, and of R_g on a grid without resistance infinite.
+    """
+    apart, ohm = np.abs(estimate - truth), np.array([1.0, omega])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values = {
+            "Z": np.hypot(*(apart * ohm).T) / np.hypot(*(truth * ohm).T),
+            "R_g": apart[:, 0] / truth[:, 0],
+            "L_g": apart[:, 1] / truth[:, 1],
+        }
+    if len(truth) == 0:
+        return dict.fromkeys(values, (math.nan, math.nan))
+    return {name: (float(np.median(one)), float(np.percentile(one, 95.0))) for name, one in values.items()}
+
+
+def _finite(errors: dict[str, dict[str, tuple[float, float]]]) -> dict[str, Any]:
+    """For a file: what is no number is None."""
+    return {
+        kind: {name: [value if math.isfinite(value) else None for value in pair] for name, pair in found.items()}
+        for kind, found in errors.items()
+    }

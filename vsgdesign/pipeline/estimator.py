@@ -31,7 +31,7 @@ def report_comparison(
     trained. The folder appears when everything is done. Raises as
     :func:`vsgdesign.estimator.comparison.compare_methods`, and ArtifactError.
     """
-    from vsgdesign.estimator.comparison import compare_methods
+    from vsgdesign.estimator.comparison import ComparisonSettings, compare_methods
     from vsgdesign.report.estimator_figures import comparison_figures
     from vsgdesign.report.estimator_page import write_comparison_page
 
@@ -47,6 +47,7 @@ def report_comparison(
 
     make = (compare_methods, document, comparison_figures, write_comparison_page)
     networks = (weights, recipes, seed, workers)
+    settings = settings or ComparisonSettings()
     return _report("vsgdesign estimator compare", study, out, networks, settings, progress, *make)
 
 
@@ -55,7 +56,8 @@ def report_stress(
     workers: int = 1, settings: ComparisonSettings | None = None, progress: Progress | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """The same for the stress page."""
-    from vsgdesign.estimator.stress import stress_methods
+    from vsgdesign.estimator.runnable import nominal_settings
+    from vsgdesign.estimator.stress import STRESS_SETTINGS, stress_methods
     from vsgdesign.report.estimator_figures import stress_figures
     from vsgdesign.report.estimator_page import write_stress_page
 
@@ -76,20 +78,23 @@ def report_stress(
 
     make = (stress_methods, document, stress_figures, write_stress_page)
     networks = (weights, recipes, seed, workers)
+    settings = nominal_settings(settings or STRESS_SETTINGS)
     return _report("vsgdesign estimator stress", study, out, networks, settings, progress, *make)
 
 
 def _report(
     verb: str, study: Study, out: str | Path, networks: tuple[tuple[str, ...], tuple[str, ...], int, int],
-    settings: ComparisonSettings | None, progress: Progress | None, find: Callable[..., T],
-    document: Callable[[T], dict[str, Any]],
-    figures_of: Callable[[T], Any], write_page: Callable[..., Any],
+    settings: ComparisonSettings, progress: Progress | None, find: Callable[..., T],
+    document: Callable[[T], dict[str, Any]], figures_of: Callable[[T], Any], write_page: Callable[..., Any],
 ) -> dict[str, Any]:  # fmt: skip
+    from vsgdesign.estimator.runnable import runnable_settings
     from vsgdesign.report.estimator_figures import write_all
 
     tell = progress or silent
     weights, recipes, *_ = networks
     with staged_folder(out, verb, inputs=[*study.input_files, *weights, *recipes]) as folder:
+        # Asked before networks are trained: that nothing can be run is known in a moment.
+        runnable_settings(study, settings)
         made = _networks(study, *networks, tell)
         found: Any = find(study, made, settings, progress=tell)
         (folder / "figures").mkdir()
@@ -97,7 +102,7 @@ def _report(
         write_page(study.title, found, figures, folder / "report.html")
         whole = {"study": study.name, "study_hash": study.hash, "weights": found.weights}
         whole |= {"networks": {name: network_document(one) for name, one in made.items()}}
-        whole |= {"settings": vars(found.settings)} | document(found)
+        whole |= {"settings": vars(found.settings), "left_out": found.left_out} | document(found)
         whole["figures"] = [figure.name for figure in figures]
         return write_record(folder, whole, verb)
 

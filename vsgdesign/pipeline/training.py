@@ -146,6 +146,7 @@ def training_document(trained: TrainedEstimator) -> dict[str, Any]:
                 "windows": len(part.truth),
                 "mse": part.mse,
                 "correlation": dict(zip(("R_g", "L_g"), part.correlation, strict=True)),
+                "errors": part.errors,
             }
             for name, part in trained.parts.items()
         },

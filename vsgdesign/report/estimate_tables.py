@@ -45,12 +45,26 @@ def network_table(result: ScenarioResult, trained: TrainedEstimator | None) -> T
 def training_table(trained: TrainedEstimator) -> Table:
     """How good the network is on each part of its windows."""
     rows = tuple(
-        (name, str(len(part.truth)), number(part.mse), *(_correlation(value) for value in part.correlation))
+        (
+            name,
+            str(len(part.truth)),
+            number(part.mse),
+            *(_correlation(value) for value in part.correlation),
+            *(_within(part.errors[kind]["Z"]) for kind in ("rest", "after_change")),
+        )
         for name, part in trained.parts.items()
     )
-    head = ("Part", "Windows", "Mean squared error", "1 − R, R_g", "1 − R, L_g")
-    notes = ("Error of the outputs scaled to −1 … 1. R: correlation of outputs and targets.",)
+    head = ("Part", "Windows", "Mean squared error", "1 − R, R_g", "1 − R, L_g", "Z at rest", "Z after a change")
+    notes = (
+        "Mean squared error: of the outputs scaled to −1 … 1. R: correlation of outputs and targets. Z: median of "
+        "|Ẑ − Z|/|Z|, and 95th percentile.",
+    )
     return Table("The network on its windows", head, rows, notes=notes)
+
+
+def _within(error: tuple[float, float]) -> str:
+    median, most = error
+    return f"{number(100.0 * median, 2)} %, {number(100.0 * most, 2)} %" if median >= 0.0 else DASH
 
 
 def _correlation(value: float) -> str:

@@ -63,6 +63,8 @@ def accuracy_table(found: Comparison) -> Table:
 def delay_table(found: Comparison) -> Table:
     """Time to find the grid again."""
     pairs = list(dict.fromkeys(step.scr for step in found.grid_steps))
+    if not pairs:
+        return Table("Time to within 10 % after a change of grid [ms]", ("Method",), ())
     rows = []
     for name in dict.fromkeys(step.method for step in found.grid_steps):
         cells = []
@@ -99,7 +101,7 @@ def stress_table(found: Stress, index: int) -> Table:
 
 def comparison_conclusion(found: Comparison) -> list[str]:
     """In sentences: who is best, how far from the bound, who is fast, what the probes cost."""
-    sentences = []
+    sentences = list(found.left_out)
     for one in found.accuracy:
         worst = 100.0 * float(one.rms.max())
         ratio = np.median(one.rms / one.bound) if np.isfinite(one.bound).all() else math.nan
@@ -129,7 +131,7 @@ _AXIS_WORDS = {
 
 def stress_conclusion(found: Stress) -> list[str]:
     """In sentences: for every method, which axes it bears."""
-    sentences = []
+    sentences = list(found.left_out)
     for k, name in enumerate(found.methods):
         breaks = [_AXIS_WORDS[one.axis.name] for one in found.results if one.rms[k].max() > WITHIN]
         worst = max(float(one.rms[k].max()) for one in found.results)

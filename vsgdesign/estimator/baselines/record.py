@@ -127,7 +127,7 @@ SIGNAL_SETS = {
     "steady": "one steady window, grid phase and X/R known",
     "two_windows": "two windows about a power step",
     "windows": "all windows about a power step",
-    "injection": "75 Hz over two cycles",
+    "injection": "one line beside the fundamental, over two windows",
     "pseudo_random": "one period of the binary sequence",
 }
 
