@@ -49,7 +49,7 @@ SAME = {
     "what is simulated": ('duration = "1 s"', 'duration = "2 s"'),
     "maps": ("[specification]", "[stability]\nscr = [2, 4]\n\n[specification]"),
     "events": ("[[controllers]]", '[[events]]\ntime = "0.5 s"\nP_ref = "3 kW"\n\n[[controllers]]'),
-    "what only a closed form uses": ('structure = "angle_damped"', 'structure = "angle_damped"\nk_1 = 30'),
+    "what only a closed form uses": ("[specification]", "[power_loops]\nk_1 = 30\n\n[specification]"),
 }
 OTHER = {
     "specification.settling_time was 1.3 in its design, the study has 1.5": ("1.3 s", "1.5 s"),

@@ -81,6 +81,27 @@ def test_nothing_stands_back_in_silence_with_constant_inertia() -> None:
     )
 
 
+def test_an_error_of_both_has_no_say_beside_its_two_parts() -> None:
+    fault = the_fault(document(error=0.1, error_R=0.2, error_X=0.3), "specification.error")
+    assert "has no say" in fault.problem
+    assert read(error=0.1, error_R=0.2).box.error_X == 0.1
+
+
+def test_a_closed_forms_targets_have_no_say_beside_a_table() -> None:
+    """The specification decides: they were read and forgotten."""
+    for field in ("settling_time", "damping_ratio", "droop_ratio", "k_1", "d_1", "k_2", "share_P", "share_Q"):
+        one = {"name": "t", "kind": "scheduled", field: 0.5}
+        for schedule, faulty in (("closed_form", False), ("table", True)):
+            found = document() | {"controllers": [one | {"schedule": schedule}]}
+            if faulty:
+                assert (
+                    "the table is designed to the [specification]"
+                    in the_fault(found, f"controllers[0].{field}").problem
+                )
+            else:
+                build(found)
+
+
 @given(st.floats(0.01, 1.99))
 def test_gain_and_phase_margins_as_a_disk_margin(alpha: float) -> None:
     """The inverse of what a disk margin guarantees."""

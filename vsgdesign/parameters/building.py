@@ -222,6 +222,10 @@ def _operating_point(default: ClosedFormTarget, structure: str) -> str:
     return "design" if structure == "published" else "reference"
 
 
+_OF_CLOSED_FORMS = ("settling_time", "damping_ratio", "droop_ratio", "k_1", "d_1", "k_2", "share_P", "share_Q")
+"""Targets of a controller that a designed table chooses by itself."""
+
+
 def _read_controllers(
     root: TableReader, target: ClosedFormTarget, grid: Grid, basis: str, converter: Converter, simulation: Any
 ) -> tuple[ControllerSpec, ...]:
@@ -249,6 +253,12 @@ def _read_controllers(
                 design_grid = grid
         else:
             schedule = table.choice("schedule", ("closed_form", "table"), default="closed_form")
+            for field in _OF_CLOSED_FORMS if schedule == "table" else ():
+                if table.has(field):
+                    table.fault(
+                        field, table.table[field], 'has no say with schedule = "table": the table is designed to the '
+                        "[specification]", "Leave it out, or say it there.",
+                    )  # fmt: skip
             table_file = table.text("table", default=None)
             if table_file is not None:
                 if schedule != "table":
