@@ -18,6 +18,7 @@ from tests.design.robust_studies import (
     textbook,
     with_specification,
 )
+from vsgdesign.design.box import scenarios_of_estimate
 from vsgdesign.design.cell import CellDesign, common_design, design_cell
 from vsgdesign.design.evaluation import evaluate, law_of
 from vsgdesign.design.figures import shortfalls, worst
@@ -115,6 +116,22 @@ def test_the_common_design_is_not_spoiled_by_a_hopeless_cell() -> None:
     figures = worst(evaluate(rule, variables("angle_damped", SPEC).normalised(lost), good[0], SETTLING))
     assert figures.abscissa < 0.0
     assert figures.disk_margin > SPEC.disk_margin
+
+
+@pytest.mark.parametrize("structure", ["angle_damped", "decoupled"])
+def test_bounds_of_inertia_hold_for_what_a_frequency_ramp_meets(structure: str) -> None:
+    """A narrow band, from the gains: the droop's part in the angle-damped V row takes 3 % of A ω_0/(2 S k_1)."""
+    study = with_specification(H_min=9.9, H_max=10.1, disk_margin=0.8)
+    target, spec = controller(study, structure).target, specification(study)
+    rule = law_of(study, target, "settling")
+    s = scenarios_of_estimate(study, spec, 4.0, 1.0, target.P, target.Q)
+    designed = design_cell(rule, spec, s, textbook(study, structure))
+    assert designed.met
+    gains = rule.gains(designed.normalised, s.take(np.array([0])))
+    rate = (gains.K_ip - gains.K_pq * gains.K_qp / gains.K_iq)[0]
+    H = study.converter.omega_n / (2.0 * study.converter.S_rated * rate)
+    assert 9.9 <= H <= 10.1 * (1.0 + 1e-6)
+    assert designed.inertia == pytest.approx(H)
 
 
 def test_constant_inertia_is_what_a_frequency_ramp_meets() -> None:

@@ -94,7 +94,7 @@ def design_cell(
     e = ground.evaluate(stacked)
     chosen = int(np.argmin(ground.scores(stacked, e)))
     normalised = NormalisedGains(*(float(value) for value in program.variables.normalised(stacked[chosen])))
-    inertia = ground.inertia(normalised)
+    inertia = float(ground.inertia(normalised))
     figures = worst(e, chosen)
     missed = shortfalls(spec, figures, inertia)
     active = next(iter(missed), "") or max(prices[chosen], key=lambda kind: prices[chosen][kind])
@@ -117,7 +117,7 @@ def _solve_with_cuts(
             break
         active = (new + active)[:SLOTS]
         slots = ground.scenarios.take(np.array(active))
-        solution = program.solve(y, ground.centre, slots, ground.log_stiffness, pull, high)
+        solution = program.solve(y, ground.centre, slots, ground.bounded_stiffness(y), pull, high)
         if solution is None:
             break
         y = solution.y

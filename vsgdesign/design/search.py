@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from vsgdesign.design.nlp import MARGIN_AIM
 from vsgdesign.design.variables import Variables, variables
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.structures import NormalisedGains
-from vsgdesign.parameters.specification import Specification
+from vsgdesign.parameters.specification import UNBOUNDED_H, Specification
 
 Array = NDArray[np.float64]
 
@@ -63,15 +64,32 @@ class Ground:
         s = self.scenarios if s is None else s
         return evaluate(self.law, self.variables.normalised(y), s, self.spec.settling_time)
 
-    def inertia(self, normalised: NormalisedGains) -> float:
-        """H in s at the design point."""
+    def inertia(self, normalised: NormalisedGains) -> Any:
+        """H in s at the design point, of one design or of arrays of them: what a frequency ramp meets, from the gains
+        (:eq:`effective-inertia`). The droop's part in the angle-damped V row makes it differ from A ω_0/(2 S k_1)."""
         if self.law.law == "inertia":
-            return float(normalised.k_1_or_H)
-        return float(np.exp(self.log_stiffness) / normalised.k_1_or_H)
+            return normalised.k_1_or_H
+        gains = self.law.gains(normalised, self.scenarios.take(np.array([NOMINAL])))
+        rate = gains.K_ip - gains.K_pq * gains.K_qp / gains.K_iq
+        return np.reshape(self.law.omega_n / (2.0 * self.law.S_rated * rate), np.shape(normalised.k_1_or_H))
+
+    def bounded_stiffness(self, y: Array) -> float:
+        """ln(H k_1) of one design: with it the program, which knows H as that over k_1, bounds what H really is."""
+        spec = self.spec
+        if not spec.settles or not self.bounds_inertia:
+            return self.log_stiffness
+        normalised = self.variables.normalised(y)
+        product = float(self.inertia(normalised) * normalised.k_1_or_H)
+        return float(np.log(product)) if product > 0.0 else self.log_stiffness
+
+    @property
+    def bounds_inertia(self) -> bool:
+        """Whether the specification asks for a least or a largest H."""
+        return self.spec.H_min > 0.0 or self.spec.H_max < UNBOUNDED_H
 
     def is_met(self, y: Array) -> bool:
         """Whether one design keeps every promise."""
-        inertia = self.inertia(self.variables.normalised(y))
+        inertia = float(self.inertia(self.variables.normalised(y)))
         return not shortfalls(self.spec, worst(self.evaluate(y[None])), inertia)
 
     def distance(self, y: Array) -> float:
@@ -83,6 +101,9 @@ class Ground:
         spec, v = self.spec, self.variables
         limit = MARGIN_AIM * spec.disk_margin
         scores = np.empty(len(y))
+        exact = None
+        if spec.settles and self.bounds_inertia:
+            exact = np.log(np.maximum(self.inertia(v.normalised(y)), 1e-9))
         for k in range(len(y)):
             f = worst(e, k)
             broken = max(_LEAST_MARGIN * spec.disk_margin - f.disk_margin, 0.0)
@@ -97,8 +118,9 @@ class Ground:
                 broken += max(overshoot - 1.0, 0.0) + max(settling - 1.0, 0.0)
                 reserve += max(overshoot - _GUARD_OVERSHOOT, 0.0) + max(settling - _GUARD_STEP, 0.0)
                 log_H = self.log_stiffness - y[k, 0] - float(np.log(v.scale[0]))
-                low, high = float(np.log(max(spec.H_min, 1e-9))), float(np.log(spec.H_max))
-                broken += max(low - log_H, log_H - high, 0.0)
+                if exact is not None:
+                    low, high = float(np.log(max(spec.H_min, 1e-9))), float(np.log(spec.H_max))
+                    broken += max(low - exact[k], exact[k] - high, 0.0)
                 rest -= log_H
             else:
                 rest += 0.2 * float(y[k, :2].sum())

@@ -14,6 +14,9 @@ _BOTH = 'Leave it out; or, for a given speed and inertia at once, set aim = "set
 _NOT_WITH_INERTIA = {"settling_time": _BOTH, "overshoot": _BOTH, "H_min": "Give H alone.", "H_max": "Give H alone."}
 """Fields that would stand back in silence, and what to do instead."""
 
+UNBOUNDED_H = 1e6
+"""H_max where none is asked for, s."""
+
 DEFAULT_SCR = (1.5, 2.0, 3.0, 5.0, 10.0, 20.0)
 DEFAULT_X_OVER_R = (0.5, 1.0, 2.0, 5.0, 20.0)
 
@@ -112,7 +115,7 @@ def read_specification(
         disk_margin=max(disk, margin_of(gain_db, phase_deg)),
         H=table.quantity("H", "s", 1e-3, 1e3) if aim == "inertia" else None,
         H_min=H_min,
-        H_max=table.quantity("H_max", "s", H_min, 1e6, default=1e6),
+        H_max=table.quantity("H_max", "s", H_min, 1e6, default=UNBOUNDED_H),
         bandwidth_max=table.quantity("bandwidth_max", "1/s", 1e-2, 1e5, default=0.1 / converter.T_s),
         scr_basis=table.choice("scr_basis", ("impedance", "reactance"), default=scr_basis),
         scr=table.quantities("scr", "1", 0.05, 1e4, DEFAULT_SCR),
