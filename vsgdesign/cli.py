@@ -2,33 +2,45 @@
 
 from __future__ import annotations
 
-import sys
+from vsgdesign.signals import signals_end
 
-import click
+with signals_end():  # Ctrl-C while modules are loaded is one line, too
+    import sys
+    from typing import Any
 
-from vsgdesign import __version__
-from vsgdesign.cli_common import BRIDGE as _BRIDGE
-from vsgdesign.cli_common import EXIT_IMPOSSIBLE, EXIT_WRONG_INPUT
-from vsgdesign.cli_common import JSON as _JSON
-from vsgdesign.cli_common import STUDY as _STUDY
-from vsgdesign.cli_common import load as _load
-from vsgdesign.cli_common import print_json as _print_json
-from vsgdesign.cli_common import progress as _progress
-from vsgdesign.cli_common import verb as _verb
-from vsgdesign.cli_compare import compare
-from vsgdesign.cli_estimator import estimator
-from vsgdesign.cli_export import export
-from vsgdesign.cli_inner import inner
-from vsgdesign.cli_new import new
-from vsgdesign.cli_table import table
+    import click
+
+    from vsgdesign import __version__
+    from vsgdesign.cli_common import BRIDGE as _BRIDGE
+    from vsgdesign.cli_common import EXIT_IMPOSSIBLE, EXIT_WRONG_INPUT
+    from vsgdesign.cli_common import JSON as _JSON
+    from vsgdesign.cli_common import STUDY as _STUDY
+    from vsgdesign.cli_common import load as _load
+    from vsgdesign.cli_common import print_json as _print_json
+    from vsgdesign.cli_common import progress as _progress
+    from vsgdesign.cli_common import verb as _verb
+    from vsgdesign.cli_compare import compare
+    from vsgdesign.cli_estimator import estimator
+    from vsgdesign.cli_export import export
+    from vsgdesign.cli_inner import inner
+    from vsgdesign.cli_new import new
+    from vsgdesign.cli_table import table
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+class _Program(click.Group):
+    """The verbs; until one begins, and when it has ended, a signal ends the process in one line."""
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        with signals_end():
+            return super().main(*args, **kwargs)
+
+
+@click.group(cls=_Program, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="vsgdesign")
 def main() -> None:
     """From a converter's datasheet to a gain schedule for grid-forming control, proven in EMT simulation.
 
-    Exit codes: 0 done, 1 the study asks for something impossible, 2 wrong input.
+    Exit codes: 0 done, 1 the study asks for something impossible, 2 wrong input, 130 interrupted.
     """
 
 

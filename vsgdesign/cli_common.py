@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import wraps
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from vsgdesign.errors import VsgDesignError
+from vsgdesign.signals import Stop, signals_raise
 
 if TYPE_CHECKING:
     from vsgdesign.parameters import Study
 
 EXIT_IMPOSSIBLE = 1
 EXIT_WRONG_INPUT = 2
-EXIT_INTERRUPTED = 130
 
 STUDY = click.argument("study_file", metavar="STUDY.toml", type=click.Path())
 JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on standard output.")
@@ -36,16 +37,46 @@ def verb(function: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(function)
     def wrapped(*args: Any, **kwargs: Any) -> None:
+        stop = Stop()
         try:
-            function(*args, **kwargs)
-        except VsgDesignError as error:
-            click.echo(f"error: {error}", err=True)
-            sys.exit(_exit_code(error))
+            with signals_raise() as stop:
+                function(*args, **kwargs)
+                sys.stdout.flush()
         except KeyboardInterrupt:
-            click.echo("interrupted: nothing was written", err=True)
-            sys.exit(EXIT_INTERRUPTED)
+            _end(f"{stop.word}: nothing was written", stop.exit_code)
+        except Interrupted as interrupted:
+            _end(f"{stop.word}: {interrupted}", stop.exit_code)
+        except Exception as error:
+            if stop.number is not None:  # what a signal met on its way made something else of it
+                _end(f"{stop.word}: nothing was written", stop.exit_code)
+            if isinstance(error, VsgDesignError):
+                _end(f"error: {error}", _exit_code(error))
+            if not isinstance(error, OSError) or not _of_the_disk(error):
+                raise
+            _end(f"error: cannot write: {error.strerror}. Give what is written a place with room.", EXIT_WRONG_INPUT)
 
     return wrapped
+
+
+class Interrupted(Exception):
+    """A signal came, and more is to be said than that nothing was written."""
+
+
+def _end(message: str, code: int) -> NoReturn:
+    """A last line on standard error, which may be gone with its terminal, and the exit code."""
+    with suppress(OSError):
+        click.echo(message, err=True)
+    try:
+        sys.stdout.flush()
+    except OSError:  # a full disk: what is left in the buffer would be tried again, and complained of, at the exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(code)
+
+
+def _of_the_disk(error: OSError) -> bool:
+    from vsgdesign.artifacts.staging import OF_THE_DISK
+
+    return error.errno in OF_THE_DISK
 
 
 def load(study_file: str, quiet: bool = False) -> Study:

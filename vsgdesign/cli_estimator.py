@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from vsgdesign.cli_common import EXIT_INTERRUPTED, JSON, STUDY, load, print_json, progress, verb
+from vsgdesign.cli_common import JSON, STUDY, Interrupted, load, print_json, progress, verb
 
 _RECIPE = click.option("--recipe", default=None, metavar="NAME|FILE.toml",
                        help="Packaged (published, continuous, wide) or a file.  "
@@ -47,8 +46,7 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, wor
             drawn_from = spec.seed if seed is None else seed
             data = generate_windows(study, made_of, drawn_from, out=out, workers=workers, progress=tell)
     except KeyboardInterrupt:
-        click.echo("interrupted: finished blocks are kept, the same command goes on from them", err=True)
-        sys.exit(EXIT_INTERRUPTED)
+        raise Interrupted("finished blocks are kept, the same command goes on from them") from None
     scenarios, sampled = made_of.scenarios, with_sampling(made_of, study.converter)
     if as_json:
         print_json({

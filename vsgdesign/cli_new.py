@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from vsgdesign.cli_common import EXIT_INTERRUPTED, EXIT_WRONG_INPUT, JSON, print_json, verb
+from vsgdesign.cli_common import EXIT_WRONG_INPUT, JSON, Interrupted, print_json, verb
 
 if TYPE_CHECKING:
     from vsgdesign.datasheet import Datasheet, Sheet
@@ -43,8 +43,8 @@ def new(sheet_file: str | None, out: str, as_json: bool) -> None:
         try:
             sheet, origin = _asked(), "answers on the terminal"
         except click.Abort:  # Ctrl-C or Ctrl-D at a prompt
-            click.echo("\ninterrupted: nothing was written", err=True)
-            sys.exit(EXIT_INTERRUPTED)
+            click.echo(err=True)
+            raise Interrupted("nothing was written") from None
     converter = resolve(sheet)
     text = study_text(converter, origin)
     _check(text, sheet.source)

@@ -8,9 +8,9 @@ import click
 
 from vsgdesign.cli_common import (
     EXIT_IMPOSSIBLE,
-    EXIT_INTERRUPTED,
     JSON,
     STUDY,
+    Interrupted,
     load,
     print_json,
     progress,
@@ -63,8 +63,7 @@ def build(
             )  # fmt: skip
     except KeyboardInterrupt:
         kept = len(list(cells_folder(file).glob("*.json")))
-        click.echo(f"interrupted: {kept} finished cells are kept, the same command goes on from them", err=True)
-        sys.exit(EXIT_INTERRUPTED)
+        raise Interrupted(f"{kept} finished cells are kept, the same command goes on from them") from None
     if as_json:
         print_json(document)
     else:

@@ -8,20 +8,53 @@ import threading
 import pytest
 
 from vsgdesign.artifacts.interrupts import interrupts_deferred
+from vsgdesign.signals import STOPPING, Stop, signals_raise
 
 
-def test_an_interrupt_waits_for_the_end_of_the_block() -> None:
+@pytest.mark.parametrize("number", STOPPING)
+def test_an_interrupt_waits_for_the_end_of_the_block(number: signal.Signals) -> None:
     reached = []
 
     def block() -> None:
-        with interrupts_deferred():
-            signal.raise_signal(signal.SIGINT)
+        with signals_raise(), interrupts_deferred():
+            signal.raise_signal(number)
             reached.append("end")
 
     with pytest.raises(KeyboardInterrupt):
         block()
     assert reached == ["end"]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+def test_what_stopped_it_is_known_and_comes_once() -> None:
+    """A terminal that closes sends SIGHUP, and its shell SIGTERM: the second does not break into the tidying up."""
+    tidied = []
+
+    def block() -> None:
+        with signals_raise() as stop:
+            stops.append(stop)
+            try:
+                signal.raise_signal(signal.SIGHUP)
+            finally:
+                signal.raise_signal(signal.SIGTERM)
+                tidied.append("all")
+
+    stops: list[Stop] = []
+    with pytest.raises(KeyboardInterrupt):
+        block()
+    assert tidied == ["all"]
+    assert (stops[0].number, stops[0].exit_code, stops[0].word) == (signal.SIGHUP, 129, "hung up")
+
+
+def test_nohup_stays() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with signals_raise() as stop:
+            signal.raise_signal(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert stop.number is None
 
 
 def test_without_an_interrupt_nothing_happens_and_the_handler_is_back() -> None:

@@ -47,9 +47,47 @@ def test_wrong_input(tmp_path: Path) -> None:
     assert result.stderr.startswith("error: small.toml: 1 fault\n  - simulation.duration")
 
 
+_AT_IMPORT = """
+import os, signal, sys
+module, number = sys.argv[1], int(sys.argv[2])
+class Finder:
+    def find_spec(self, name, *_):
+        if name == module:
+            os.kill(os.getpid(), number)
+sys.meta_path.insert(0, Finder())
+sys.argv = ["vsgdesign", "simulate", "missing.toml"]
+from vsgdesign.cli import main
+main()
+"""
+
+
+@pytest.mark.parametrize("module", ["click", "vsgdesign.cli_table", "vsgdesign.parameters", "numpy"])
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_a_signal_while_modules_are_loaded(module: str, number: int, code: int, word: str, tmp_path: Path) -> None:
+    """In the first tenths of a second, before the verb and within it: one line, no traceback of an import."""
+    command = [sys.executable, "-c", _AT_IMPORT, module, str(int(number))]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (code, "", f"{word}: nothing was written\n")
+
+
+def test_a_full_standard_output(tmp_path: Path) -> None:
+    study_file(tmp_path)
+    with Path("/dev/full").open("w") as full:
+        command = [*COMMAND, "validate", "small.toml"]
+        done = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr == "error: cannot write: No space left on device. Give what is written a place with room.\n"
+
+
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a POSIX terminal")
-def test_interruption(tmp_path: Path) -> None:
-    """Ctrl-C once the progress bar shows that the run is under way: code 130, one line, nothing left behind."""
+@pytest.mark.parametrize(
+    ("number", "code", "word"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated"), (signal.SIGHUP, 129, "hung up")],
+)
+def test_interruption(number: int, code: int, word: str, tmp_path: Path) -> None:
+    """A signal once the progress bar shows that the run is under way: its code, one line, nothing left behind."""
     text = SMALL.replace('duration = "0.3 s"', 'duration = "3000 s"\nlog_interval = "1 s"')
     study_file(tmp_path, text)
     (tmp_path / "parent").mkdir()
@@ -68,7 +106,7 @@ def test_interruption(tmp_path: Path) -> None:
         assert "simulate fixed" in shown
         assert process.poll() is None, "it finished before it could be interrupted"
         assert [path.name.startswith(".out.") for path in (tmp_path / "parent").iterdir()] == [True]
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         while select.select([ours], [], [], 0.2)[0] or process.poll() is None:
             try:
                 shown += os.read(ours, 4096).decode(errors="replace")
@@ -79,8 +117,8 @@ def test_interruption(tmp_path: Path) -> None:
         process.kill()
         process.wait()
         os.close(ours)
-    assert process.returncode == 130, shown
-    assert "interrupted: nothing was written" in shown
+    assert process.returncode == code, shown
+    assert f"{word}: nothing was written" in shown
     assert "Traceback" not in shown
     assert stdout == b""
     assert list((tmp_path / "parent").iterdir()) == []

@@ -104,8 +104,20 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(
     assert [path.name for path in tmp_path.iterdir()] == ["table.json"]
 
 
-def test_interruption_keeps_finished_cells(study_file: Path, tmp_path: Path) -> None:
-    """Ctrl-C goes to the whole group, as from a terminal: one line, no worker's traceback."""
+@pytest.mark.parametrize(
+    ("number", "code", "word", "whole"),
+    [
+        (signal.SIGINT, 130, "interrupted", True), (signal.SIGTERM, 143, "terminated", False),
+        (signal.SIGTERM, 143, "terminated", True), (signal.SIGHUP, 129, "hung up", True),
+    ],
+)  # fmt: skip
+def test_interruption_keeps_finished_cells(
+    number: int, code: int, word: str, whole: bool, study_file: Path, tmp_path: Path
+) -> None:
+    """To the ``whole`` group, as Ctrl-C goes from a terminal, or to the first process: one line, no worker's traceback.
+
+    Workers hold the pipes: the call returns when they have ended.
+    """
     out = tmp_path / "table.json"
     command = [*COMMAND, str(study_file), "--out", str(out), "--workers", "2", "--points", POINTS]
     process = subprocess.Popen(
@@ -114,11 +126,11 @@ def test_interruption_keeps_finished_cells(study_file: Path, tmp_path: Path) -> 
     end = time.monotonic() + 60.0
     while not list(cells_folder(out).glob("*.json")) and process.poll() is None and time.monotonic() < end:
         time.sleep(0.01)
-    os.killpg(process.pid, signal.SIGINT)
+    (os.killpg if whole else os.kill)(process.pid, number)
     stdout, stderr = process.communicate(timeout=30.0)
     kept = len(list(cells_folder(out).glob("*.json")))
-    assert (process.returncode, stdout) == (130, "")
-    assert stderr == f"interrupted: {kept} finished cells are kept, the same command goes on from them\n"
+    assert (process.returncode, stdout) == (code, "")
+    assert stderr == f"{word}: {kept} finished cells are kept, the same command goes on from them\n"
     assert kept >= 1
     assert not out.exists()
 

@@ -1,4 +1,4 @@
-"""Keeps Ctrl-C out of places that do not survive it."""
+"""Keeps Ctrl-C and its like out of places that do not survive it."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
+from vsgdesign.signals import STOPPING
+
 
 @contextmanager
 def interrupts_deferred() -> Iterator[None]:
-    """Within this block SIGINT waits; at its end it is delivered to whoever handles it.
+    """Within this block SIGINT, SIGTERM and SIGHUP wait; at its end the first is delivered to whoever handles it.
 
     An interrupt raised while compiled code is being made, loaded, called or left unwinds C code that does not
     expect it: the process can die of a segmentation fault instead of a KeyboardInterrupt. Off the main thread,
-    where Python delivers no signals, nothing is changed.
+    where Python delivers no signals, nothing is changed; nor is a signal that ends the process or is ignored.
     """
-    previous = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(previous):
+    handlers: dict[int, Any] = {number: signal.getsignal(number) for number in STOPPING}
+    handlers = {number: handler for number, handler in handlers.items() if callable(handler)}
+    if threading.current_thread() is not threading.main_thread() or not handlers:
         yield
         return
     waiting: list[tuple[int, FrameType | None]] = []
@@ -27,10 +30,12 @@ def interrupts_deferred() -> Iterator[None]:
     def wait(number: int, frame: FrameType | None) -> Any:
         waiting.append((number, frame))
 
-    signal.signal(signal.SIGINT, wait)
+    for number in handlers:
+        signal.signal(number, wait)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, previous)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
     if waiting:
-        previous(*waiting[0])
+        handlers[waiting[0][0]](*waiting[0])

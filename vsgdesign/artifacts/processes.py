@@ -20,27 +20,36 @@ def worker_processes(count: int) -> Iterator[ProcessPoolExecutor]:
     """
     context = multiprocessing.get_context("spawn")
     theirs, ours = context.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(count, context, _begin_worker, (theirs,))
+    pool: ProcessPoolExecutor | None = None
     try:
-        _start(pool, count)
+        with _signals_blocked():
+            pool = ProcessPoolExecutor(count, context, _begin_worker, (theirs,))
+            for _ in range(count):
+                pool.submit(os.getpid)
         yield pool
     except BaseException:
         ours.close()
         raise
     finally:
-        pool.shutdown(cancel_futures=True)
+        if pool is not None:
+            pool.shutdown(cancel_futures=True)
         ours.close()
         theirs.close()
 
 
-def _start(pool: ProcessPoolExecutor, count: int) -> None:
-    """Start the processes with Ctrl-C blocked, which they inherit: one that is starting would show its traceback."""
+@contextmanager
+def _signals_blocked() -> Iterator[None]:
+    """Processes that start here inherit that SIGINT and SIGHUP, which go to whole groups, do not reach them.
+
+    One that is starting would show its traceback, and the one that keeps account of shared memory would die of SIGHUP.
+    SIGTERM reaches them: the pool ends its processes with it.
+    """
     if not hasattr(signal, "pthread_sigmask"):
+        yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
-        for _ in range(count):
-            pool.submit(os.getpid)
+        yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
