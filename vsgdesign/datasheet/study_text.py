@@ -86,7 +86,7 @@ kind = "scheduled"
 schedule = "table"               # designed by `run` or `table build` to the specification above
 # estimate = "neural"            # from an estimate of the grid in place of the truth; needs the section below
 
-# A network that estimates the grid, trained in the run: some minutes more, and PyTorch. It is lent the phase of the
+# A network that estimates the grid, trained in the run: half a minute more, and PyTorch. It is lent the phase of the
 # grid's own voltage, which a simulator has and no converter in the field.
 # [estimator]
 # recipe = "wide"
