@@ -56,6 +56,17 @@ def test_a_new_folder_lists_what_was_written(tmp_path: Path) -> None:
     assert record["files"] == {"figures/one.svg": "6b86b273ff34fce19d6b804eff5a3f5747ada4eaa22f1d49c01e52ddb7875b4b"}
 
 
+def test_what_is_not_finite_is_null_in_the_file_alone(tmp_path: Path) -> None:
+    """The terminal's tables still tell ∞ from nothing."""
+    with staged_folder(tmp_path / "out", VERB) as folder:
+        whole = write_record(folder, {"settles": float("inf")}, VERB)
+    assert whole["settles"] == float("inf")
+    record = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert record == whole | {"settles": None}
+    with staged_folder(tmp_path / "out", VERB) as folder:  # and it is still an unchanged one
+        write_record(folder, {}, VERB)
+
+
 def test_it_is_not_there_before_the_end(tmp_path: Path) -> None:
     with staged_folder(tmp_path / "out", VERB) as folder:
         write_record(folder, {}, VERB)

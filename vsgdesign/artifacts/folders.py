@@ -47,13 +47,14 @@ def staged_folder(
 def write_record(folder: Path, document: dict[str, Any], kind: str, record: str = RESULTS) -> dict[str, Any]:
     """Write a document with the list of every other file of the folder and its SHA-256, and with its own hash.
 
-    Returns the whole document, in JSON's types.
+    Returns the whole document; what is not finite is null in the file alone.
     """
     files = {name: file_hash(folder / name) for name in sorted(_files(folder)) if name != record}
-    whole = plain({"kind": kind} | document | {"files": files})
-    whole["sha256"] = content_hash(whole)
-    write_text(folder / record, json_text(whole))
-    return whole
+    whole = {"kind": kind} | document | {"files": files}
+    written = plain(whole)
+    written["sha256"] = content_hash(written)
+    write_text(folder / record, json_text(written))
+    return whole | {"sha256": written["sha256"]}
 
 
 def check_folder_target(
