@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -33,3 +34,12 @@ def closed_form_poles(settling_time: Any, damping_ratio: Any) -> Any:
     """
     omega_n = 4.0 / (damping_ratio * settling_time)
     return omega_n * omega_n, 2.0 * damping_ratio * omega_n, 4.0 / settling_time
+
+
+def overshoot_of(damping_ratio: float) -> float:
+    """Overshoot in percent of a second-order loop without zero."""
+    if damping_ratio >= 1.0:
+        return 0.0
+    if damping_ratio <= 0.0:
+        return 100.0
+    return 100.0 * math.exp(-math.pi * damping_ratio / math.sqrt(1.0 - damping_ratio * damping_ratio))

@@ -25,6 +25,7 @@ from vsgdesign.pipeline.training import judgement_document, network_document, tr
 from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
 from vsgdesign.simulation.gains import GainChange, settled_changes
 from vsgdesign.simulation.judging import judge_estimates
+from vsgdesign.simulation.promises import Kept, promises_kept
 from vsgdesign.simulation.rest import Instability
 from vsgdesign.stability.words import shares_of
 
@@ -126,9 +127,15 @@ def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict
             for c in result.controllers
             for change in _changes(study, c)
         ],
+        "promises": [_kept(one) for one in promises_kept(result)],
         "controllers": {c.spec.name: _controller(study, c, judged.get(c.spec.name)) for c in result.controllers},
         "timing_s": timing_s,
     }
+
+
+def _kept(one: Kept) -> dict[str, Any]:
+    judged = not one.excuse
+    return asdict(one) | {"kept_ideal": one.kept_ideal if judged else None, "kept": one.kept if judged else None}
 
 
 def _operating_point(row: OperatingPointRow) -> dict[str, Any]:

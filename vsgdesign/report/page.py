@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.report import estimate_tables, tables
+from vsgdesign.report import estimate_tables, promise_tables, tables
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.html import write_html
 from vsgdesign.report.inner_page import inner_part
@@ -14,6 +14,7 @@ from vsgdesign.report.quantities import plain, plain_quantity
 from vsgdesign.report.verdict import explanation, step_outcomes, verdict
 from vsgdesign.simulation import ScenarioResult
 from vsgdesign.simulation.judging import judge_estimates
+from vsgdesign.simulation.promises import promises_kept
 from vsgdesign.simulation.rest import WHERE_TO_LOOK
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ def write_page(
     inner: dict[str, Any] | None = None,
 ) -> Path:  # fmt: skip
     """Write the page of a scenario, with the figures' SVG text as it lies on disk."""
-    outcomes = step_outcomes(result)
+    outcomes, kept = step_outcomes(result), promises_kept(result)
     study = result.study
     return write_html(
         out_path,
@@ -34,9 +35,10 @@ def write_page(
         study=study,
         scenario=_scenario(result),
         warnings=[*(one.message for one in result.instabilities), *([WHERE_TO_LOOK] if result.instabilities else [])],
-        verdict=verdict(result, outcomes),
+        verdict=[*verdict(result, outcomes), *promise_tables.promise_sentences(kept)],
         explanation=explanation(outcomes),
         targets=tables.targets_table(outcomes) if outcomes else None,
+        promises=promise_tables.promises_table(kept),
         setting=(tables.converter_table(result), tables.filter_table(result)),
         controllers=tables.controllers_table(result),
         events=tables.events_table(result) if study.events else None,

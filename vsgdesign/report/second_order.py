@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vsgdesign.equations.closed_form import overshoot_of
 from vsgdesign.metrics import step_response
 
 
@@ -43,15 +44,6 @@ def settling_factor(damping_ratio: float) -> float:
     x = np.linspace(0.0, 12.0 * max(1.0 / damping_ratio, 2.0 * damping_ratio), 40_001)
     settled = step_response(x, _unit_step(x, damping_ratio), 0.0, 1.0).settling_time_s
     return math.inf if settled is None else settled
-
-
-def overshoot_of(damping_ratio: float) -> float:
-    """Overshoot in percent of a second-order loop without zero."""
-    if damping_ratio >= 1.0:
-        return 0.0
-    if damping_ratio <= 0.0:
-        return 100.0
-    return 100.0 * math.exp(-math.pi * damping_ratio / math.sqrt(1.0 - damping_ratio * damping_ratio))
 
 
 def _unit_step(x: np.ndarray, damping_ratio: float) -> np.ndarray:

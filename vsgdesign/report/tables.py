@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from vsgdesign.frames import phase_to_ll
@@ -220,14 +220,15 @@ def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
     """Each reference step against its target, beside what the uncoupled loop would do."""
     rows, flagged = [], set()
     for index, outcome in enumerate(outcomes):
-        target, uncoupled = outcome.controller.spec.target, outcome.uncoupled
+        uncoupled = outcome.uncoupled
         if outcome.misses:
             flagged.add(index)
         rows.append((
             outcome.controller.spec.name, f"{outcome.metrics.name} at {plain(outcome.metrics.t_s, 5)} s",
-            plain(target.settling_time), _settled(outcome.metrics, outcome.settling_time_s, outcome.window_s),
+            _asked(outcome.target_settling_time_s, plain),
+            _settled(outcome.metrics, outcome.settling_time_s, outcome.window_s),
             _met(outcome, outcome.settles),
-            percent(outcome.target_overshoot_pct), percent(outcome.measured_overshoot_pct),
+            _asked(outcome.target_overshoot_pct, percent), percent(outcome.measured_overshoot_pct),
             _met(outcome, outcome.stays_below),
             number(uncoupled.omega_n if uncoupled else None),
             number(uncoupled.damping_ratio if uncoupled else None),
@@ -241,12 +242,16 @@ def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
     )  # fmt: skip
     groups = (("", 2), ("Settling time [s]", 3), ("Overshoot [%]", 3), ("The same loop without coupling", 4), ("", 1))
     notes = (
-        f"{RULE} > T: not settled within the T observed.",
+        f"{RULE} {DASH} instead of a target: none was asked for. > T: not settled within the T observed.",
         *_reasons([outcome.metrics for outcome in outcomes], [outcome.controller.spec.name for outcome in outcomes]),
         f"Without coupling: ω_n = √(K_ip·A) and ξ = K_ip·D_p/(2ω_n) for P; for Q a first-order pole K_iq·(D + D_q) and "
         f"no ξ ({DASH}); with A and D at the operating point after the step.",
     )
     return Table("Reference steps against their targets", head, tuple(rows), 2, groups, notes, frozenset(flagged))
+
+
+def _asked(value: float | None, form: Callable[[float], str]) -> str:
+    return DASH if value is None else form(value)
 
 
 def _met(outcome: StepOutcome, met: bool) -> str:

@@ -10,11 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vsgdesign.equations.filters import capacitor_node_voltage
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.frames import instantaneous_power, rms_to_peak
 from vsgdesign.metrics import EndState
+from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
+from vsgdesign.runtime.of_study import follows_measured, gain_law
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.online import pcc_vectors
 from vsgdesign.simulation.timeline import Timeline
@@ -113,16 +116,43 @@ def rests(study: Study, timeline: Timeline, changes: Sequence[GainChange]) -> tu
 
 
 def expected_rests(study: Study, timeline: Timeline, spec: ControllerSpec) -> tuple[Rest, ...]:
-    """:func:`rests` before a run: a controller that estimates the grid is given the gains of the true one.
+    """:func:`rests` before a run: a controller that estimates the grid is given the gains of the true one, one whose
+    gains follow what it measures those of its own steady state.
 
     Empty where it has none on some grid of the scenario.
     """
     try:
-        return rests(study, timeline, gain_changes(study, replace(spec, estimate="truth"), timeline))
+        known = replace(spec, estimate="truth")
+        if follows_measured(known):
+            return rests(study, timeline, _measured_changes(study, timeline, known))
+        return rests(study, timeline, gain_changes(study, known, timeline))
     except InfeasibleStudyError:
         if spec.estimate == "truth":
             raise
         return ()
+
+
+def _measured_changes(study: Study, timeline: Timeline, spec: ControllerSpec) -> tuple[GainChange, ...]:
+    """The gains of the steady state after every event, where they follow the measured P, Q and V; without a steady
+    state those at the references, so that :func:`rests` says what is missing."""
+    law, changes = gain_law(study, spec), []
+    instants = sorted({0.0, *(event.t_s for event in study.events)})
+    for t_s, end_s in zip(instants, [*instants[1:], study.simulation.duration], strict=True):
+        grid, source = timeline.grid_at(t_s), timeline.source_at(end_s - 1e-9)
+
+        def gains_of(P: float, Q: float, V_rms: float, grid: Grid = grid) -> PowerLoopGains:
+            return PowerLoopGains(*(float(value) for value in law(grid.R_g, grid.L_g, P, Q, V_rms)))
+
+        references = timeline.references_at(t_s)
+        try:
+            at_end = GridSource(source.V_g_rms, source.omega)
+            gains = rest_with_measured_gains(study, grid, at_end, *references, gains_of)[1]
+        except InfeasibleStudyError:
+            gains = gains_of(*references, study.converter.V_rated_rms)
+            if not np.isfinite(gains).all():
+                raise
+        changes.append(GainChange(t_s, gains))
+    return tuple(changes)
 
 
 def instabilities(study: Study, spec: ControllerSpec, found: Sequence[Rest]) -> tuple[Instability, ...]:
