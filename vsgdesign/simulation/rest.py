@@ -122,7 +122,8 @@ def expected_rests(study: Study, timeline: Timeline, spec: ControllerSpec) -> tu
     Empty where it has none on some grid of the scenario.
     """
     try:
-        known = replace(spec, estimate="truth")
+        # A network that sets its own pace leaves the period at zero: the grid is then known a sample after it changes.
+        known = replace(spec, estimate="truth", update_period=spec.update_period or study.converter.T_s)
         if follows_measured(known):
             return rests(study, timeline, _measured_changes(study, timeline, known))
         return rests(study, timeline, gain_changes(study, known, timeline))
