@@ -125,6 +125,20 @@ def test_gains_that_change_after_the_event_are_those_of_its_end(kind: str) -> No
     assert m.raw.final == pytest.approx(float(result.controllers[0].series["Q_pcc"][-1]), abs=0.01)
 
 
+@pytest.mark.parametrize("structure", ["published", "decoupled", "angle_damped"])
+def test_gains_that_follow_what_is_measured_end_where_they_come_from(structure: str) -> None:
+    """The Jacobian of the measured P, Q and V makes the droops, and these move P, Q and V."""
+    text = PUBLISHED.format(duration="8 s", bridge="averaged").replace('kind = "fixed"', 'kind = "scheduled"')
+    loops = f'[power_loops]\nstructure = "{structure}"\noperating_point = "reference"\ntau_P = "5 ms"\ntau_Q = "5 ms"\n'
+    events = step("1 s", "grid = { scr = 5 }\nV_g_pu = 0.98") + step("3 s", 'P_ref = "2.5 kW"')
+    result = run_scenario(study_from_text(text + events + loops))
+    for signal in ("P_pcc", "Q_pcc"):
+        m = figures(result, 3.0, signal)
+        assert m.status == MEASURED
+        last = float(result.controllers[0].series[signal][-1])
+        assert m.raw.final == pytest.approx(last, abs=0.05)  # 1e-5 of rated
+
+
 def test_a_cold_start_with_a_reference() -> None:
     study = published("6 s", step("0 s", 'P_ref = "2.5 kW"'))
     cold = study_from_text(

@@ -32,8 +32,8 @@ def rest_with_measured_gains(
     for _ in range(_ROUNDS):
         if not np.isfinite(gains).all():
             raise InfeasibleStudyError(
-                f"the start has no gains: R_g = {grid.R_g:.4g} Ω, L_g = {grid.L_g * 1e3:.4g} mH is no place of the "
-                "schedule. Begin on another grid, or with a schedule that knows this one."
+                f"no gains: R_g = {grid.R_g:.4g} Ω, L_g = {grid.L_g * 1e3:.4g} mH is no place of the "
+                "schedule. Leave this grid out, or take a schedule that knows it."
             )
         state = steady_state(study, grid, source, P_ref, Q_ref, gains, phase)
         before, at = gains, state.controller
@@ -42,6 +42,6 @@ def rest_with_measured_gains(
         if np.all(np.abs(np.subtract(gains, before)) <= _TOLERANCE * scale):
             return state, before
     raise InfeasibleStudyError(
-        "the start has no steady state: the gains follow the measured powers and do not come to rest. Start cold, or "
-        "ask for other references."
+        "no steady state: the gains follow the measured powers and do not come to rest. Ask for other "
+        "references, or start cold."
     )

@@ -66,7 +66,7 @@ class ScheduledAnswers:
         try:
             return rest_with_measured_gains(study, grid, at_start, *timeline.references_at(0.0), gains_of)[1]
         except InfeasibleStudyError as error:
-            raise InfeasibleStudyError(f"controller {spec.name}: {error}") from error
+            raise InfeasibleStudyError(f"controller {spec.name}, the start: {error}") from error
 
     def to(self, window: MeasuredWindow, R_g: float, L_g: float) -> tuple[PowerLoopGains | None, bool]:
         """Gains from the end of a window on for a grid, NaN: not known; None to go on as before. And whether the
