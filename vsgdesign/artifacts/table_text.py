@@ -47,7 +47,7 @@ def certificate_summary(certificate: Document | None) -> dict[str, Any]:
 def between_text(between: Document | None) -> str:
     """What a look between the nodes found (:func:`vsgdesign.design.between.between_document`)."""
     if between is None:
-        return "between nodes: nobody looked"
+        return "The grids between the nodes were not looked at."
     return (
         f"between nodes: {between['points']} random grids, {between['outside']} outside the static limits, "
         f"{between['promised']} promised, {len(between['broken'])} broken"
