@@ -9,8 +9,10 @@ import pytest
 
 from tests.design.robust_studies import controller, robust_study, specification
 from tests.gain_tables import table
+from vsgdesign.design.box import scenarios_of_truth
 from vsgdesign.design.comparison import (
     Compared,
+    Comparison,
     Contender,
     compare_on_grids,
     comparison_axes,
@@ -18,7 +20,9 @@ from vsgdesign.design.comparison import (
     gains_at,
     summary_of,
 )
+from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.report.comparison_tables import promises_table, verdict_of
 
 GRIDS = ((3.0, 1.0), (6.0, 3.0))
 
@@ -82,3 +86,40 @@ def test_a_table_gives_its_own_gains_at_its_nodes() -> None:
     assert gains is not None
     for name, values in made.gains._asdict().items():
         assert getattr(gains, name) == pytest.approx(values[0, 0], rel=1e-9), name
+
+
+def test_kept_means_kept_with_the_real_inner_loops() -> None:
+    """Inner loops that are unstable on a stiff grid: what ideal ones keep is not kept, and both are said."""
+    study = robust_study()
+    spec = replace(specification(study), disk_margin=0.3, damping_ratio=0.1, overshoot=0.3)
+    contender = contender_of(study, controller(study))
+    grid = [(6.0, 3.0)]
+    (good,) = compare_on_grids(study, spec, contender, grid)
+    assert (good.state, good.ideal_state) == ("kept", "kept")
+    assert good.real_exact is not None
+    s = scenarios_of_truth(study, spec, 6.0, 3.0, study.target.P, study.target.Q)
+    alone = full_order_figures(study, contender.gains_in(s), s, spec.settling_time).worst()
+    assert good.real_wrong == alone
+    slow = study.inner_gains._replace(K_pv=study.inner_gains.K_pv * 40.0)
+    (bad,) = compare_on_grids(replace(study, inner_gains=slow), spec, contender, grid)
+    assert (bad.state, bad.ideal_state) == ("unstable", "kept")
+    summary = summary_of(Compared(contender, (bad,)))
+    assert (summary["kept_exact"], summary["kept_exact_ideal"]) == (0.0, 1.0)
+    assert summary["broken"] == {"unstable": 1}
+
+
+def test_a_bound_on_the_inertia_is_kept_or_named() -> None:
+    study = robust_study()
+    lenient = replace(specification(study), disk_margin=0.3, damping_ratio=0.1, overshoot=0.3)
+    contender = contender_of(study, controller(study))
+    (row,) = compare_on_grids(study, lenient, contender, [(6.0, 3.0)])
+    bounded = replace(lenient, H_max=0.9 * row.inertia)
+    (row,) = compare_on_grids(study, bounded, contender, [(6.0, 3.0)])
+    assert row.state == "broken"
+    compared = Compared(contender, (row,))
+    assert compared.broken() == {"H_max": 1}
+    whole = Comparison(study, bounded, (6.0,), (3.0,), (compared,), (), 0)
+    table = promises_table(whole)
+    assert any("H ≤" in label for label, _ in table.groups)
+    assert "H too large 1" in table.rows[0][-1]
+    assert "H too large" in verdict_of(whole, 0)

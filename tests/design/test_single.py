@@ -11,7 +11,7 @@ from tests.design.robust_studies import controller, law, robust_study, specifica
 from vsgdesign.design.evaluation import evaluate_fixed, evaluate_pairs
 from vsgdesign.design.single import best_fixed, exact_scenarios, violations
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.equations.structures import NormalisedGains, effective_inertia
 from vsgdesign.errors import InfeasibleStudyError
 
 GRIDS = ((3.0, 2.0), (6.0, 2.0))
@@ -45,7 +45,7 @@ def test_it_is_no_worse_than_any_closed_form_made_for_one_of_the_grids(name: str
         for k in (0, len(s) // 2):
             gains = PowerLoopGains(*(float(np.broadcast_to(value, s.P.shape)[k]) for value in made))
             e = evaluate_fixed(gains, s, spec.settling_time, structure.tau_P, structure.tau_Q)
-            worst.append(violations(spec, e).max())
+            worst.append(violations(spec, e, np.array([1.0])).max())
     assert found.violation <= min(worst) + 1e-9
 
 
@@ -65,7 +65,8 @@ def test_an_unstable_tuning_is_worse_than_any_stable_one() -> None:
     spec = specification(study)
     s = exact_scenarios(study, spec, GRIDS, 4500.0, 1000.0)
     stable, unstable = (PowerLoopGains(2e-3, D_p, 0.05, 50.0) for D_p in (1e3, 1e-3))
-    low, high = (violations(spec, evaluate_fixed(g, s, spec.settling_time, 5e-3, 5e-3)) for g in (stable, unstable))
+    H = np.array([1.0])
+    low, high = (violations(spec, evaluate_fixed(g, s, spec.settling_time, 5e-3, 5e-3), H) for g in (stable, unstable))
     assert low.max() <= 5.0 < 10.0 <= high.max()
 
 
@@ -77,3 +78,21 @@ def test_it_says_what_is_missing() -> None:
     strict = replace(study, converter=replace(study.converter, V_min_pu=1.2, V_max_pu=1.21))
     with pytest.raises(InfeasibleStudyError, match="no grid has an operating point"):
         best_fixed(strict, controller(study).target, GRIDS)
+
+
+def test_a_bound_on_the_inertia_is_part_of_the_search() -> None:
+    """Half of the inertia of the tuning without a bound at most, or twice at least: another tuning is found."""
+    study = robust_study()
+    target, c = controller(study).target, study.converter
+    free = best_fixed(study, target, GRIDS, **SMALL)
+    H = float(effective_inertia(free.gains, c.S_rated, c.omega_n))
+    for low, high in ((0.0, 0.5 * H), (2.0 * H, 1e6)):
+        bounded = replace(study, specification=replace(specification(study), H_min=low, H_max=high))
+        found = best_fixed(bounded, target, GRIDS, **SMALL)
+        reached = float(effective_inertia(found.gains, c.S_rated, c.omega_n))
+        assert low <= reached <= high
+        assert found.violation == free.violation == 0.0
+    spec = replace(specification(study), H_min=2.0)
+    e = evaluate_fixed(free.gains, exact_scenarios(study, spec, GRIDS, 4500.0, 1000.0), 1.3, study.tau_P, study.tau_Q)
+    assert (violations(spec, e, np.array([1.0])) >= 0.5 - 1e-12).all()
+    assert (violations(spec, e, np.array([-1.0])) >= 5.0 - 1e-12).all()

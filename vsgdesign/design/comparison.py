@@ -14,7 +14,9 @@ from vsgdesign.design.box import NOMINAL, Scenarios, scenarios_of_truth
 from vsgdesign.design.evaluation import Evaluation, evaluate_gains
 from vsgdesign.design.figures import Figures, shortfalls, worst
 from vsgdesign.design.single import FixedTuning
+from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import effective_inertia
 from vsgdesign.metrics.step_response import ResponseMetrics
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import ControllerSpec, Study
@@ -24,7 +26,8 @@ Array = NDArray[np.float64]
 
 STATES = ("kept", "kept_exact", "broken", "unstable")
 """Of a grid: every promise is kept with the estimate wrong as specified; with an exact estimate only; not even so,
-but every loop is stable; unstable somewhere in the box, or without gains."""
+but every loop is stable; unstable somewhere in the box, or without gains. With the real inner loops: the full-order
+model and the coupled one both keep it."""
 
 BEST_FIXED, GIVEN, CLOSED_FORM, TABLE = "best fixed", "fixed", "closed form", "table"
 
@@ -56,7 +59,9 @@ class Contender:
 @dataclass(frozen=True)
 class GridFigures:
     """A contender on one grid. ``exact``, ``wrong``: the worst over the powers with an exact estimate and over the
-    estimate's error too; None without gains. ``missed_*``: the promises that are not kept, with what is reached."""
+    estimate's error too, coupled model; None without gains. ``real_*``: the same of the full-order model, None where it
+    was not looked at, as the coupled model breaks the promise already. ``missed_*``: the promises that are not kept
+    with ideal inner loops, ``lost_*``: with the real ones, each with what is reached."""
 
     scr: float
     x_over_r: float
@@ -64,19 +69,35 @@ class GridFigures:
     wrong: Figures | None
     missed_exact: dict[str, float]
     missed_wrong: dict[str, float]
+    real_exact: Figures | None
+    real_wrong: Figures | None
+    lost_exact: dict[str, float]
+    lost_wrong: dict[str, float]
     D_p: float
     """P–f droop, W·s/rad, at the design point."""
     inertia: float
     """H in s there (:eq:`effective-inertia`)."""
 
     @property
+    def ideal_state(self) -> str:
+        """One of STATES, with ideal inner loops."""
+        return _state((self.exact, self.wrong), self.missed_exact, self.missed_wrong)
+
+    @property
     def state(self) -> str:
-        """One of STATES."""
-        if any(f is None or not f.abscissa < 0.0 for f in (self.exact, self.wrong)):
+        """One of STATES, with the real inner loops."""
+        if self.ideal_state == "unstable":
             return "unstable"
-        if not self.missed_exact and not self.missed_wrong:
-            return "kept"
-        return "broken" if self.missed_exact else "kept_exact"
+        if any(f is not None and not f.abscissa < 0.0 for f in (self.real_exact, self.real_wrong)):
+            return "unstable"
+        exact, wrong = self.missed_exact | self.lost_exact, self.missed_wrong | self.lost_wrong
+        return "broken" if exact else "kept_exact" if wrong else "kept"
+
+
+def _state(sides: Sequence[Figures | None], missed_exact: dict[str, float], missed_wrong: dict[str, float]) -> str:
+    if any(f is None or not f.abscissa < 0.0 for f in sides):
+        return "unstable"
+    return "broken" if missed_exact else "kept_exact" if missed_wrong else "kept"
 
 
 @dataclass(frozen=True)
@@ -98,9 +119,19 @@ class Compared:
     emt: tuple[EmtStep, ...] = ()
     tuning: FixedTuning | None = None
 
-    def share(self, *states: str) -> float:
-        """Share of the grids in any of the given states."""
-        return sum(grid.state in states for grid in self.grids) / max(len(self.grids), 1)
+    def share(self, *states: str, ideal: bool = False) -> float:
+        """Share of the grids in any of the given states, with the real inner loops or with ideal ones."""
+        found = sum((grid.ideal_state if ideal else grid.state) in states for grid in self.grids)
+        return found / max(len(self.grids), 1)
+
+    def broken(self) -> dict[str, int]:
+        """On how many grids each promise is not kept with an exact estimate and the real inner loops, most first."""
+        counts: dict[str, int] = {}
+        for grid in self.grids:
+            unstable = any(f is None or not f.abscissa < 0.0 for f in (grid.exact, *_looked_at(grid.real_exact)))
+            for name in ["unstable"] if unstable else {**grid.missed_exact, **grid.lost_exact}:
+                counts[name] = counts.get(name, 0) + 1
+        return dict(sorted(counts.items(), key=lambda item: -item[1]))
 
     def worst(self, name: str, wrong: bool) -> float:
         """The worst of a figure over all grids; infinite (0 for margins) where a grid is unstable or has no gains."""
@@ -151,7 +182,11 @@ def contender_of(study: Study, spec: ControllerSpec) -> Contender:
 def compare_on_grids(
     study: Study, spec: Specification, contender: Contender, grids: Sequence[tuple[float, float]]
 ) -> tuple[GridFigures, ...]:
-    """A contender's figures from the coupled model on every grid (SCR, X/R) that the specification asks about."""
+    """A contender's figures on every grid (SCR, X/R) that the specification asks about.
+
+    From the coupled model, and from the full-order one with an exact estimate, with a wrong one where the coupled model
+    keeps it: a grid that does not keep a promise with ideal inner loops does not keep it with real ones.
+    """
     found = [_sides(study, spec, scr, x_over_r) for scr, x_over_r in grids]
     kept = [(grid, sides) for grid, sides in zip(grids, found, strict=True) if sides is not None]
     if not kept:
@@ -170,17 +205,43 @@ def compare_on_grids(
     c = study.converter
     for (scr, x_over_r), sides in kept:
         first = PowerLoopGains(*(float(value[start + NOMINAL]) for value in gains))
-        inertia = c.omega_n / (2.0 * c.S_rated * (first.K_ip - first.K_pq * first.K_qp / first.K_iq))
+        inertia = effective_inertia(first, c.S_rated, c.omega_n)
         figures: list[Figures | None] = []
+        real: list[Figures | None] = []
         missed: list[dict[str, float]] = []
-        for box in sides:
-            index = row_of[start : start + len(box)]
+        lost: list[dict[str, float]] = []
+        for k, box in enumerate(sides):
+            span = slice(start, start + len(box))
+            index = row_of[span]
             start += len(box)
             whole = None if (index < 0).any() else worst(_part(part, index))
             figures.append(whole)
             missed.append({} if whole is None else shortfalls(spec, whole, inertia))
-        rows.append(GridFigures(scr, x_over_r, figures[0], figures[1], missed[0], missed[1], first.D_p, inertia))
+            seen = None
+            if whole is not None and (k == 0 or not (missed[0] or lost[0] or missed[1])) and whole.abscissa < 0.0:
+                seen = full_order_figures(study, _taken(gains, span), box, spec.settling_time).worst()
+            real.append(seen)
+            lost.append({} if whole is None or seen is None else _lost(spec, whole, seen, inertia))
+        rows.append(GridFigures(
+            scr, x_over_r, figures[0], figures[1], missed[0], missed[1], real[0], real[1], lost[0], lost[1], first.D_p,
+            inertia,
+        ))  # fmt: skip
     return tuple(rows)
+
+
+def _taken(gains: PowerLoopGains, span: slice) -> PowerLoopGains:
+    return PowerLoopGains(*(value[span] for value in gains))
+
+
+def _looked_at(figures: Figures | None) -> tuple[Figures, ...]:
+    return () if figures is None else (figures,)
+
+
+def _lost(spec: Specification, ideal: Figures, real: Figures, inertia: float) -> dict[str, float]:
+    """Promises that the real inner loops do not keep. How the network's and the filter's modes are damped is no promise
+    of the power loops, as in the design."""
+    seen = replace(real, damping_ratio=max(real.damping_ratio, ideal.damping_ratio))
+    return shortfalls(spec, seen, inertia)
 
 
 def _sides(study: Study, spec: Specification, scr: float, x_over_r: float) -> tuple[Scenarios, Scenarios] | None:
@@ -224,6 +285,10 @@ def summary_of(compared: Compared) -> dict[str, Any]:
         "shares": {state: compared.share(state) for state in STATES},
         "kept_exact": compared.share("kept", "kept_exact"),
         "kept_wrong": compared.share("kept"),
+        "shares_ideal": {state: compared.share(state, ideal=True) for state in STATES},
+        "kept_exact_ideal": compared.share("kept", "kept_exact", ideal=True),
+        "kept_wrong_ideal": compared.share("kept", ideal=True),
+        "broken": compared.broken(),
         "worst_exact": {name: compared.worst(name, False) for name in figures},
         "worst_wrong": {name: compared.worst(name, True) for name in figures},
         "droop_W_per_Hz": _range(droop),

@@ -15,7 +15,7 @@ from vsgdesign.design.figures import shortfalls, worst
 from vsgdesign.design.nlp import MARGIN_AIM
 from vsgdesign.design.variables import Variables, variables
 from vsgdesign.equations.power_flow import jacobian_from_powers
-from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.equations.structures import NormalisedGains, effective_inertia
 from vsgdesign.parameters.specification import UNBOUNDED_H, Specification
 
 Array = NDArray[np.float64]
@@ -70,8 +70,8 @@ class Ground:
         if self.law.law == "inertia":
             return normalised.k_1_or_H
         gains = self.law.gains(normalised, self.scenarios.take(np.array([NOMINAL])))
-        rate = gains.K_ip - gains.K_pq * gains.K_qp / gains.K_iq
-        return np.reshape(self.law.omega_n / (2.0 * self.law.S_rated * rate), np.shape(normalised.k_1_or_H))
+        found = effective_inertia(gains, self.law.S_rated, self.law.omega_n)
+        return np.reshape(found, np.shape(normalised.k_1_or_H))
 
     def bounded_stiffness(self, y: Array) -> float:
         """ln(H k_1) of one design: with it the program, which knows H as that over k_1, bounds what H really is."""

@@ -15,9 +15,9 @@ from vsgdesign.design.evaluation import Evaluation, LawOfStudy, evaluate_fixed, 
 from vsgdesign.design.figures import Figures, worst
 from vsgdesign.design.variables import variables
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.equations.structures import NormalisedGains, effective_inertia
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.parameters.specification import Specification
+from vsgdesign.parameters.specification import UNBOUNDED_H, Specification
 from vsgdesign.parameters.study import ClosedFormTarget, Study
 
 Array = NDArray[np.float64]
@@ -94,8 +94,11 @@ def best_fixed(
     low, high = _bounds(law, spec, s, seeds)
     decode = _decoder(law)
 
+    def inertia(y: Array) -> Array:
+        return np.asarray(effective_inertia(decode(y), law.S_rated, law.omega_n), dtype=float)
+
     def costs(y: Array, few: Scenarios) -> Array:
-        return _costs(spec, evaluate_fixed(decode(y), few, spec.settling_time, law.tau_P, law.tau_Q))
+        return _costs(spec, evaluate_fixed(decode(y), few, spec.settling_time, law.tau_P, law.tau_Q), inertia(y))
 
     few = s.take(_spread(len(s), _HARD))
     seeds = np.clip(seeds, low, high)
@@ -118,15 +121,22 @@ def best_fixed(
         designs += int(found.nfev)
         starts = np.clip(found.population, low, high)
         winners.append(starts[0])
-        violation = violations(spec, evaluate_fixed(decode(starts[:1]), s, spec.settling_time, law.tau_P, law.tau_Q))[0]
+        best_now = evaluate_fixed(decode(starts[:1]), s, spec.settling_time, law.tau_P, law.tau_Q)
+        violation = violations(spec, best_now, inertia(starts[:1]))[0]
         active = np.array(list(dict.fromkeys([*active, *np.argsort(-violation, kind="stable")[:_JOINING].tolist()])))
     tell(f"best fixed tuning, {law.structure}", 1.0)
     y = np.array(winners)
     whole = evaluate_fixed(decode(y), s, spec.settling_time, law.tau_P, law.tau_Q)
-    best = int(np.argmin(_costs(spec, whole)))
+    H = inertia(y)
+    best = int(np.argmin(_costs(spec, whole, H)))
     gains = PowerLoopGains(*(float(value[0]) for value in decode(y[best : best + 1])))
     return FixedTuning(
-        law.structure, gains, worst(whole, best), max(float(violations(spec, whole)[best].max()), 0.0), len(s), designs
+        law.structure,
+        gains,
+        worst(whole, best),
+        max(float(violations(spec, whole, H)[best].max()), 0.0),
+        len(s),
+        designs,
     )
 
 
@@ -139,22 +149,28 @@ def exact_scenarios(
     return Scenarios(*(np.concatenate([getattr(box, f.name) for box in boxes]) for f in fields(Scenarios)))
 
 
-def violations(spec: Specification, e: Evaluation) -> Array:
+def violations(spec: Specification, e: Evaluation, inertia: Array) -> Array:
     """(M, S), by how much the promise that is broken most is broken, over its limit; at most 0 where all are kept.
 
-    At most 5 where the loops are stable, from 10 on where they are not.
+    ``inertia``: H of each design, (M,) in s, held to H_min and H_max; fixed gains have the same H on every grid
+    (:eq:`effective-inertia`), and one that is not positive is as wrong as can be. At most 5 where the loops are stable,
+    from 10 on where they are not.
     """
     overshoot = np.maximum(e["overshoot_P"], e["overshoot_Q"]) / spec.overshoot - 1.0
     settling = np.maximum(e["settling_P"], e["settling_Q"]) / spec.settling_time - 1.0
     margin = 1.0 - e["disk_margin"] / max(spec.disk_margin, 1e-9)
     damping = 1.0 - e.damping_ratio / max(spec.damping_ratio, 1e-9)
-    stable = np.minimum(np.maximum.reduce([overshoot, settling, margin, damping]), _CAP)
+    H = np.reshape(inertia, (-1, 1))
+    bounded = spec.H_min > 0.0 or spec.H_max < UNBOUNDED_H
+    light = 1.0 - H / spec.H_min if spec.H_min > 0.0 else np.full(H.shape, -1.0)
+    of_inertia = np.where(H > 0.0, np.maximum(light, H / spec.H_max - 1.0), _CAP) if bounded else -1.0
+    stable = np.minimum(np.maximum.reduce([overshoot, settling, margin, damping, of_inertia + 0.0 * damping]), _CAP)
     growth = np.clip(e.abscissa * spec.settling_time, 0.0, 50.0)
     return np.where(e.abscissa < 0.0, stable, _UNSTABLE + growth)
 
 
-def _costs(spec: Specification, e: Evaluation) -> Array:
-    found = violations(spec, e)
+def _costs(spec: Specification, e: Evaluation, inertia: Array) -> Array:
+    found = violations(spec, e, inertia)
     return found.max(axis=1) + _MEAN * np.maximum(found, 0.0).mean(axis=1)
 
 

@@ -96,6 +96,11 @@ def poles_of_inertia(A: Any, H: Any, zeta: Any, S_rated: Any, omega_0: Any) -> A
     return k_1, 2.0 * zeta * np.sqrt(k_1)
 
 
+def effective_inertia(gains: PowerLoopGains, S_rated: Any, omega_0: Any) -> Any:
+    """H in s that a ramp of frequency meets, of gains of any structure (:eq:`effective-inertia`)."""
+    return omega_0 / (2.0 * S_rated * (gains.K_ip - gains.K_pq * gains.K_qp / gains.K_iq))
+
+
 def structure_gains(
     A: Any, B: Any, C: Any, D: Any, normalised: NormalisedGains, D_p: Any, D_q: Any, S_rated: Any, omega_0: Any,
     angle_damped: bool, by_inertia: bool,

@@ -171,7 +171,7 @@ def _details(compared: Compared) -> dict[str, Any]:
     tuning = compared.tuning
     return {
         "tuning": None if tuning is None else asdict(tuning) | {"gains": tuning.gains.named()},
-        "grids": [asdict(grid) | {"state": grid.state} for grid in compared.grids],
+        "grids": [asdict(grid) | {"state": grid.state, "ideal_state": grid.ideal_state} for grid in compared.grids],
         "emt_steps": [asdict(step) for step in compared.emt],
     }
 
@@ -181,7 +181,7 @@ _FIGURES = ("overshoot", "settling_time", "cross_peak", "disk_margin", "damping_
 CSV_HEADER = (
     "contender", "structure", "origin", "scr", "x_over_r", "state",
     *(f"{name} {side}" for side in ("exact", "wrong") for name in _FIGURES),
-    "missed exact", "missed wrong", "droop [W/Hz]", "H [s]",
+    "missed exact", "missed wrong", "droop [W/Hz]", "H [s]", "state with ideal inner loops",
 )  # fmt: skip
 
 
@@ -195,5 +195,6 @@ def csv_rows(comparison: Comparison) -> Iterator[list[object]]:
             row: list[object] = [c.name, c.structure, c.origin, grid.scr, grid.x_over_r, grid.state]
             for figures in (grid.exact, grid.wrong):
                 row += [None if figures is None else getattr(figures, name) for name in _FIGURES]
-            missed = [" ".join(names) for names in (grid.missed_exact, grid.missed_wrong)]
-            yield [*row, *missed, per_hz(grid.D_p), grid.inertia]
+            exact, wrong = grid.missed_exact | grid.lost_exact, grid.missed_wrong | grid.lost_wrong
+            missed = [" ".join(names) for names in (exact, wrong)]
+            yield [*row, *missed, per_hz(grid.D_p), grid.inertia, grid.ideal_state]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.design.comparison import STATES, Compared, Comparison
-from vsgdesign.report.comparison_tables import error_of, label, share
+from vsgdesign.report.comparison_tables import bounds_inertia, error_of, inertia_asked, label, share
 from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.files import write_figure
 from vsgdesign.report.quantities import plain
@@ -77,9 +77,14 @@ def _promises(comparison: Comparison) -> NamedFigure:
     caption = (
         f"Each cell is a grid, at the worst of its powers: overshoot ≤ {plain(100.0 * spec.overshoot)} %, settling ≤ "
         f"{plain(spec.settling_time)} s, disk margin ≥ {plain(spec.disk_margin)}, damping ratio ≥ "
-        f"{plain(spec.damping_ratio)} on the coupled model. Percentages: grids kept with the estimate exact, and wrong."
+        f"{plain(spec.damping_ratio)}{_inertia(comparison)}, kept with the real inner loops (full-order model) and "
+        "with ideal ones. Percentages: grids kept with the estimate exact, and wrong."
     )
     return NamedFigure("promises", "Where the promises are kept", caption, figure)
+
+
+def _inertia(comparison: Comparison) -> str:
+    return f", {inertia_asked(comparison)}" if bounds_inertia(comparison) else ""
 
 
 def _panel(axes: Any, comparison: Comparison, compared: Compared) -> None:

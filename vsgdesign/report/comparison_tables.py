@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from vsgdesign.design.comparison import BEST_FIXED, CLOSED_FORM, GIVEN, TABLE, Comparison, summary_of
+from vsgdesign.parameters.specification import UNBOUNDED_H
 from vsgdesign.report.quantities import DASH, number, plain, plain_quantity
 from vsgdesign.report.stability_gains import used_gains
 from vsgdesign.report.tables import GAIN_UNITS, Table
@@ -22,23 +23,33 @@ def promises_table(comparison: Comparison) -> Table:
         rows.append((
             label(s["name"]), s["structure"].replace("_", "-"), ORIGINS[s["origin"]],
             share(s["kept_exact"]), share(s["kept_wrong"]), share(s["shares"]["unstable"]),
+            share(s["kept_exact_ideal"]), share(s["kept_wrong_ideal"]),
             *(reached(side["overshoot"], 100.0) for side in (exact, wrong)),
             *(reached(side["settling_time"]) for side in (exact, wrong)),
             *(reached(side["disk_margin"]) for side in (exact, wrong)),
+            *((span(s["inertia_s"]),) if bounds_inertia(comparison) else ()), breaks(s["broken"]),
         ))  # fmt: skip
         if s["kept_wrong"] < 1.0:
             flagged.add(k)
-    head = ("Gains", "Structure", "From", "exact", error_of(comparison), "unstable", *(("exact", "wrong") * 3))
+    inertia = ((inertia_asked(comparison), 1),) if bounds_inertia(comparison) else ()
+    head = (
+        "Gains", "Structure", "From", "exact", error_of(comparison), "unstable", "exact", error_of(comparison),
+        *(("exact", "wrong") * 3), *("" for _ in inertia), "on grids",
+    )  # fmt: skip
     groups = (
-        ("", 3), ("grids kept [%]", 3), (f"overshoot ≤ {plain(100.0 * spec.overshoot)} [%]", 2),
-        (f"settling ≤ {plain(spec.settling_time)} [s]", 2), (f"disk margin ≥ {plain(spec.disk_margin)}", 2),
+        ("", 3), ("grids kept [%]", 3), ("with ideal inner loops [%]", 2),
+        (f"overshoot ≤ {plain(100.0 * spec.overshoot)} [%]", 2),
+        (f"settling ≤ {plain(spec.settling_time)} [s]", 2), (f"disk margin ≥ {plain(spec.disk_margin)}", 2), *inertia,
+        ("breaks, exact estimate", 1),
     )  # fmt: skip
     notes = (
+        "Kept: every promise, with the real inner loops, delay and sampling (full-order model) and with ideal ones. "
+        "Overshoot, settling and disk margin are those with ideal inner loops. "
         "Worst over all grids, powers, and (wrong) estimates. ∞: on some grid a loop is unstable or has no gains, "
         "or a step does not settle. Fixed gains know no estimate. A coloured row does not meet the specification "
         "everywhere.",
     )
-    return Table("What each keeps, coupled model", head, tuple(rows), texts=3, groups=groups, notes=notes,
+    return Table("What each keeps", head, tuple(rows), texts=3, groups=groups, notes=notes,
                  flagged=frozenset(flagged))  # fmt: skip
 
 
@@ -82,6 +93,7 @@ def specification_table(comparison: Comparison) -> Table:
         ("2 % settling", f"≤ {plain_quantity(spec.settling_time, 's')}"),
         ("Disk margin", f"≥ {plain(spec.disk_margin)}"),
         ("Damping ratio", f"≥ {plain(spec.damping_ratio)}"),
+        *((("Inertia constant H", inertia_asked(comparison).partition(" ")[2]),) if bounds_inertia(comparison) else ()),
         ("SCR", f"{plain(comparison.scr[0])} to {plain(comparison.scr[-1])} ({spec.scr_basis} basis)"),
         ("X/R", f"{plain(comparison.x_over_r[0])} to {plain(comparison.x_over_r[-1])}"),
         ("P", f"{plain_quantity(min(box.P), 'W')} to {plain_quantity(max(box.P), 'W')}"),
@@ -101,6 +113,7 @@ def verdict_of(comparison: Comparison, k: int) -> str:
     """The sentence of one contender."""
     s = summary_of(comparison.contenders[k])
     name, error = label(s["name"]), error_of(comparison)
+    reasons = breaks(s["broken"])
     if s["kept_wrong"] == 1.0:
         return f"{name} meets the specification on every grid, also with the estimate wrong by {error}."
     if s["kept_exact"] == 1.0:
@@ -112,7 +125,34 @@ def verdict_of(comparison: Comparison, k: int) -> str:
     if s["origin"] in (CLOSED_FORM, TABLE):
         text += f" with an exact estimate and on {share(s['kept_wrong'])} % with {error} of error"
     unstable = s["shares"]["unstable"]
-    return text + (f"; on {share(unstable)} % it is unstable or has no gains." if unstable > 0.0 else ".")
+    text += f"; on {share(unstable)} % it is unstable or has no gains" if unstable > 0.0 else ""
+    if s["kept_exact_ideal"] > s["kept_exact"]:
+        text += f". With ideal inner loops it would on {share(s['kept_exact_ideal'])} %"
+    return f"{text}. Grids that break a promise: {reasons}."
+
+
+def bounds_inertia(comparison: Comparison) -> bool:
+    """Whether the specification asks for a least or a largest H."""
+    return comparison.specification.H_min > 0.0 or comparison.specification.H_max < UNBOUNDED_H
+
+
+def inertia_asked(comparison: Comparison) -> str:
+    """H from 2 to 8 s, as it is asked for."""
+    spec = comparison.specification
+    if spec.H_max >= UNBOUNDED_H:
+        return f"H ≥ {plain(spec.H_min)} s"
+    return f"H ≤ {plain(spec.H_max)} s" if spec.H_min <= 0.0 else f"H {plain(spec.H_min)} to {plain(spec.H_max)} s"
+
+
+BREAKS = {
+    "unstable": "unstable", "overshoot": "overshoot", "settling_time": "settling", "disk_margin": "disk margin",
+    "damping_ratio": "damping", "H_min": "H too small", "H_max": "H too large",
+}  # fmt: skip
+
+
+def breaks(counts: dict[str, int]) -> str:
+    """Promises by the number of grids that break them."""
+    return ", ".join(f"{BREAKS[name]} {count}" for name, count in counts.items()) or DASH
 
 
 def label(name: str) -> str:
