@@ -25,6 +25,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
     from vsgdesign.cli_inner import inner
     from vsgdesign.cli_new import new
     from vsgdesign.cli_table import table
+    from vsgdesign.errors import counted
 
 
 class _Program(click.Group):
@@ -203,7 +204,7 @@ def validate(study_file: str, as_json: bool) -> None:
         _print_json(document | ({"inner_loops": inner_loops} if inner_loops else {}))
     else:
         counts = [(len(study.controllers), "controller"), (len(study.events), "event")]
-        shown = ", ".join(f"{count} {word}{'' if count == 1 else 's'}" for count, word in counts)
+        shown = ", ".join(counted(count, word) for count, word in counts)
         click.echo(f"{study_file}: valid ({shown})")
         if inner_loops:
             click.echo(inner_loops)

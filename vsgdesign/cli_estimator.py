@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from vsgdesign.cli_common import JSON, STUDY, Interrupted, load, print_json, progress, verb
+from vsgdesign.errors import counted
 
 _RECIPE = click.option("--recipe", default=None, metavar="NAME|FILE.toml",
                        help="Packaged (published, continuous, wide) or a file.  "
@@ -55,7 +56,9 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, wor
             "window": sampling_document(sampled, study.converter), "header": data.header,
         })  # fmt: skip
     else:
-        shape = f"{len(data)} windows of {data.windows.shape[1]} values from {scenarios} scenarios"
+        shape = (
+            f"{counted(len(data), 'window')} of {data.windows.shape[1]} values from {counted(scenarios, 'scenario')}"
+        )
         click.echo(f"{out}: {shape}, sha256 {data.hash[:12]}")
         _echo_windows(describe_sampling(sampled, study.converter), describe_draws(data.draws))
         if data.synchronised:
@@ -99,8 +102,8 @@ def train(
 
     test = document["parts"]["test"]["correlation"]
     click.echo(
-        f"{out}: recipe {document['recipe']}, {document['epochs']} epochs, {document['stop']}; on the windows for test "
-        f"R = {test['R_g']:.6f} (R_g), {test['L_g']:.6f} (L_g)"
+        f"{out}: recipe {document['recipe']}, {counted(document['epochs'], 'epoch')}, {document['stop']}; on the "
+        f"windows for test R = {test['R_g']:.6f} (R_g), {test['L_g']:.6f} (L_g)"
     )
     click.echo(f"error of Z on grids that it was not trained on: {_errors(document['parts']['test']['errors'])}")
     _echo_windows(document["window"]["text"], describe_draws(document["draws"]))

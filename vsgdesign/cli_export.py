@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from vsgdesign.cli_common import JSON, load, print_json, verb
+from vsgdesign.errors import counted
 
 
 @click.group()
@@ -38,7 +39,8 @@ def c(
     if as_json:
         print_json({"folder": str(made.folder)} | made.manifest)
         return
-    click.echo(f"{made.folder}: {len(made.manifest['files'])} files of table {made.manifest['table']['name']}")
+    files = counted(len(made.manifest["files"]), "file")
+    click.echo(f"{made.folder}: {files} of table {made.manifest['table']['name']}")
     click.echo(f"next: make -C {made.folder} test")
 
 

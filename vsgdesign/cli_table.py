@@ -63,7 +63,8 @@ def build(
             )  # fmt: skip
     except KeyboardInterrupt:
         kept = len(list(cells_folder(file).glob("*.json")))
-        raise Interrupted(f"{kept} finished cells are kept, the same command goes on from them") from None
+        cells = "1 finished cell is" if kept == 1 else f"{kept} finished cells are"
+        raise Interrupted(f"{cells} kept, the same command goes on from there") from None
     if as_json:
         print_json(document)
     else:

@@ -215,7 +215,7 @@ def certificate_text(found: Certificate | Counterexample) -> str:
     text = f"{found.controller}: {certificate_sentence(found.as_document())}"
     if not isinstance(found, Certificate):
         return text
-    boxes = f"Proved on {found.boxes} boxes. " if found.boxes else ""
+    boxes = f"Proved on {found.boxes} {'box' if found.boxes == 1 else 'boxes'}. " if found.boxes else ""
     spare = "" if found.proof == "gap-free" else f", the slowest of which has {found.gap.decay:.2g} 1/s to spare"
     return (
         f"{text}\n{boxes}Verified at {found.checked} cells and {found.fresh} fresh random points{spare}; "

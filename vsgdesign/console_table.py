@@ -22,6 +22,7 @@ from vsgdesign.artifacts.table_text import (
     status_text,
 )
 from vsgdesign.console import new_console, new_table
+from vsgdesign.errors import counted
 from vsgdesign.stability.gain_table import FIGURES, Compared, TableCheck, figure_of, largest_difference
 
 COLUMN_UNITS = {"k_1": "1/s²", "d_1": "1/s", "k_2": "1/s", "H": "s", "zeta": "1"}
@@ -133,8 +134,10 @@ def check_text(path: str, table: GainTable, outcome: TableCheck) -> str:
     """What a check found, a line each."""
     shown = ", ".join(f"{name} {value:.2g}" for name, value in outcome.largest.items())
     if not outcome.good:
-        return f"{path}: {len(outcome.faults)} faults\n" + "\n".join(f"  - {fault}" for fault in outcome.faults)
-    lines = [f"{path}: good. {table.name}, {outcome.cells} cells analysed anew"]
+        return f"{path}: {counted(len(outcome.faults), 'fault')}\n" + "\n".join(
+            f"  - {fault}" for fault in outcome.faults
+        )
+    lines = [f"{path}: good. {table.name}, {counted(outcome.cells, 'cell')} analysed anew"]
     if shown:
         lines.append(f"largest differences of stored margins: {shown}")
     if outcome.unknown:

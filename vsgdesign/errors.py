@@ -6,6 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 
+def counted(count: int, noun: str) -> str:
+    """A number with its noun: 1 fault, 2 faults."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 class VsgDesignError(Exception):
     """Base of every error that vsgdesign raises on purpose."""
 
@@ -31,9 +36,8 @@ class StudyError(VsgDesignError):
     def __init__(self, source: str, faults: Sequence[Fault]) -> None:
         self.source = source
         self.faults = tuple(faults)
-        count = "1 fault" if len(self.faults) == 1 else f"{len(self.faults)} faults"
         lines = "\n".join(f"  - {fault}" for fault in self.faults)
-        super().__init__(f"{source}: {count}\n{lines}")
+        super().__init__(f"{source}: {counted(len(self.faults), 'fault')}\n{lines}")
 
 
 class NoOperatingPointError(VsgDesignError):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import json
+import pickle
 import subprocess
 import sys
 from collections.abc import Callable
@@ -115,6 +117,15 @@ def test_a_file_cut_short_says_so(tmp_path_factory: pytest.TempPathFactory, data
     path.write_bytes(content[: data.draw(st.integers(1, len(content) - 3))])
     with pytest.raises(ArtifactError, match="cut short"):
         read_table_file(path)
+
+
+def test_a_copy_is_equal_to_its_table() -> None:
+    made = random_table(5)
+    for copied in (pickle.loads(pickle.dumps(made)), copy.deepcopy(made), random_table(5)):  # noqa: S301  our own bytes
+        assert copied == made
+        assert hash(copied) == hash(made)
+    assert made != random_table(6)
+    assert made != "a table"
 
 
 def refusal(path: Path, change: Callable[[dict[str, Any]], Any], sign: bool = True) -> str:

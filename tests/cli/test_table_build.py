@@ -130,7 +130,8 @@ def test_interruption_keeps_finished_cells(
     stdout, stderr = process.communicate(timeout=30.0)
     kept = len(list(cells_folder(out).glob("*.json")))
     assert (process.returncode, stdout) == (code, "")
-    assert stderr == f"{word}: {kept} finished cells are kept, the same command goes on from them\n"
+    cells = "1 finished cell is" if kept == 1 else f"{kept} finished cells are"
+    assert stderr == f"{word}: {cells} kept, the same command goes on from there\n"
     assert kept >= 1
     assert not out.exists()
 
@@ -180,7 +181,7 @@ def test_fresh_does_not_look_at_old_cells(study_file: Path, tmp_path: Path, monk
 
     monkeypatch.setattr(building, "build_table", look)
     for fresh, kept in ((False, 1), (True, 0)):
-        assert f"{kept} finished cells" in failure(130, "table", "build", study_file, "--out", out,
+        assert f"{kept} finished cell" in failure(130, "table", "build", study_file, "--out", out,
                                                    "--workers", "1", *["--fresh"] * fresh)  # fmt: skip
 
 

@@ -116,6 +116,17 @@ def test_without_a_network_there_is_none(tmp_path: Path) -> None:
         assert compile_c(tmp_path / "c").selftest() == 0
 
 
+def test_the_integration_page_has_one_update_period(folder: Path, tmp_path: Path) -> None:
+    """With a network, an update comes with every window: not the nominal 20 ms beside windows of another length."""
+    _, weights_file = written(tmp_path)
+    window = json.loads(weights_file.read_text(encoding="utf-8"))["window"]
+    period_ms = window["samples"] * window["sample_interval"] * 1e3
+    page = (folder / "INTEGRATION.md").read_text(encoding="utf-8")
+    assert f"| update period, stale after | {period_ms:.4g} ms, " in page
+    settings = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["settings"]
+    assert settings["update_ticks"] * settings["tick"] * 1e3 == pytest.approx(period_ms, rel=1e-6)
+
+
 def test_folders_with_other_files_are_left_alone(tmp_path: Path) -> None:
     table_file, _ = written(tmp_path)
     out = tmp_path / "c"

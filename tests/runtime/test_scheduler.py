@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,8 @@ from hypothesis import strategies as st
 
 from tests.artifacts.networks import random_weights
 from tests.gain_tables import PUBLISHED_BASE, table
-from vsgdesign.artifacts import GainTable, ValidityBox
+from vsgdesign.artifacts import GainTable, ValidityBox, write_table_file
+from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.errors import ArtifactError
 from vsgdesign.frames import base_impedance
@@ -23,6 +25,7 @@ from vsgdesign.runtime import (
     box_settings,
     closed_form_scheduler,
     gain_lookup,
+    load_scheduler,
     neural_estimator,
     scheduler_of,
     settings_of,
@@ -45,6 +48,7 @@ from vsgdesign.runtime.guards import (
     SATURATED,
     TIME,
     UNDESIGNED,
+    window_settings,
 )
 from vsgdesign.runtime.interpolation import locate
 from vsgdesign.runtime.lookup import locate_one
@@ -395,3 +399,69 @@ def test_the_closed_lookup_is_the_tables() -> None:
     lookup = gain_lookup(table_schedule(table()), V_n_rms=110.0)
     assert lookup.grid(*lookup.coordinates(1.3, 4e-3)) == pytest.approx((1.3, 4e-3), rel=1e-14)
     assert len(REASONS) == 9
+
+
+@pytest.mark.parametrize("wrong", [True, np.True_, "0.36", None, [1.0], float("nan"), 1j])
+@pytest.mark.parametrize("at", range(5))
+def test_what_is_no_number_is_refused_and_changes_nothing(wrong: Any, at: int) -> None:
+    """True is no 1 and a text no number, whatever Python makes of them."""
+    scheduler = made()
+    before = settle(scheduler, 8.0, 3.0)
+    arguments: list[Any] = [*grid(8.0, 3.0), *POWERS]
+    arguments[at] = wrong
+    answer = scheduler.update_estimate(*arguments)
+    assert (answer.status, answer.reason) == (HELD | REFUSED, NOT_FINITE)
+    assert answer.gains == before.gains
+    if at >= 2:
+        assert scheduler.hold(*arguments[2:]).status & REFUSED
+
+
+@pytest.mark.parametrize("huge", [10**400, -(10**400), 1e308, float("inf")])
+def test_numbers_beyond_all_range_are_refused(huge: Any) -> None:
+    scheduler = made()
+    before = settle(scheduler, 8.0, 3.0)
+    answer = scheduler.update_estimate(*grid(8.0, 3.0), huge, *POWERS[1:])
+    assert answer.status == HELD | REFUSED
+    assert answer.reason in (NOT_FINITE, RANGE)
+    assert scheduler.update_estimate(huge, 4e-3, *POWERS).status & HELD
+    assert answer.gains == before.gains
+
+
+def test_every_kind_of_number_is_one() -> None:
+    expected = settle(made(), 8.0, 3.0)
+    for kind in (np.float64, np.float32, np.array, int):
+        scheduler = made()
+        settle(scheduler, 8.0, 3.0, 39)
+        answer = scheduler.update_estimate(*grid(8.0, 3.0), kind(3000), kind(500), kind(112))
+        assert answer == expected
+
+
+@pytest.mark.parametrize("ticks", [True, "5", 1.5, None.__class__, np.float64(3.0)])
+def test_ticks_are_whole(ticks: Any) -> None:
+    with pytest.raises(ValueError, match=r"ticks = .*must be a whole number"):
+        made().hold(*POWERS, ticks=ticks)
+    assert made().hold(*POWERS, ticks=np.uint32(7)) == made().hold(*POWERS, ticks=7)
+
+
+def test_samples_that_are_no_numbers_are_refused() -> None:
+    weights = random_weights()
+    window = weights.window
+    estimator = neural_estimator(weights, sample_interval=window.sample_interval, channels=window.channels)
+    scheduler = scheduler_of(table(), estimator)
+    good = np.ones(window.length // 2)
+    for bad in (good > 0.0, good.astype(str), np.array([10**400] * len(good), dtype=object)):
+        assert scheduler.update(bad, good, *POWERS).reason == NOT_FINITE
+        assert scheduler.update(good, bad, *POWERS).reason == NOT_FINITE
+
+
+def test_a_network_answers_once_a_window(tmp_path: Path) -> None:
+    """The nominal period is the window's: without ticks, as much time passes as the window took."""
+    weights = random_weights()
+    write_table_file(table(), tmp_path / "t.json")
+    write_network_weights(weights, tmp_path / "w.json")
+    fit = {"sample_interval": weights.window.sample_interval, "channels": weights.window.channels}
+    c = load_scheduler(tmp_path / "t.json", tmp_path / "w.json", fit=fit).settings
+    assert c.update_ticks * c.tick == pytest.approx(weights.window.samples * weights.window.sample_interval)
+    slow = window_settings(0.3)
+    assert slow == {"update_ticks": 300_000, "longest_ticks": 600_000, "stale_ticks": 1_200_000}
+    assert window_settings(0.01)["stale_ticks"] == settings_of(table()).stale_ticks

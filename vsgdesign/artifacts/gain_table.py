@@ -149,6 +149,12 @@ class GainTable:
             object.__setattr__(self, name, _sorted(plain(getattr(self, name))))
         _to_floats(self)
 
+    def __eq__(self, other: object) -> bool:
+        return self.sha256 == other.sha256 if isinstance(other, GainTable) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.sha256)
+
     @property
     def shape(self) -> tuple[int, int]:
         """Lengths of the SCR and X/R axes."""

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeGuard
 
+from vsgdesign.errors import counted
+
 Document = Mapping[str, Any]
 
 _POINT = ("scr", "x_over_r", "P", "Q", "error_R", "error_L")
@@ -137,7 +139,7 @@ def _proof(certificate: Document) -> str:
     share = (certificate.get("gap") or {}).get("share")
     boxes = "" if not _is_number(share) else f"; {_text(100.0 * (1.0 - share), 3)} % of the region is proved on boxes"
     counts = [n for n in map(certificate.get, ("checked", "fresh")) if isinstance(n, int)]
-    points = f"{sum(counts)} points" if counts else "points"
+    points = counted(sum(counts), "point") if counts else "points"
     return f"Certified on a grid only, not gap-free (verified at {points}, not between them{boxes})."
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.files import write_json
 from vsgdesign.artifacts.network_weights import Network, fit_scaling
 from vsgdesign.artifacts.progress import Progress, silent
-from vsgdesign.errors import ArtifactError, Fault, StudyError
+from vsgdesign.errors import ArtifactError, Fault, StudyError, counted
 from vsgdesign.estimator.data_set import Split
 from vsgdesign.estimator.levenberg_marquardt import Damping, Epoch, Fit, State, minimise
 from vsgdesign.estimator.network import NetworkProblem, Shape, initial_parameters, mean_squared_error, with_ones
@@ -200,7 +200,7 @@ def _check(inputs: Array, targets: Array, split: Split, settings: TrainingSettin
         for name, values in (("inputs", inputs), ("targets", targets)):
             bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
             if len(bad):
-                fault(name, f"{len(bad)} rows", f"not finite, first in row {bad[0]}", "Leave these windows out.")
+                fault(name, counted(len(bad), "row"), f"not finite, first in row {bad[0]}", "Leave these windows out.")
         if len(split.training) < 2 * settings.hidden:
             fault("split.training", len(split.training), f"too few for {settings.hidden} hidden units")
         rows = np.concatenate([split.training, split.validation, split.test])

@@ -20,7 +20,7 @@ from vsgdesign.equations.power_flow import LEAST_SHARE, POWER_MARGIN
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.known_answers import known_answers, known_windows
 from vsgdesign.frames import rated_current_rms, rms_to_peak
-from vsgdesign.runtime.guards import ARRIVED, REASONS
+from vsgdesign.runtime.guards import ARRIVED, REASONS, window_settings
 from vsgdesign.runtime.network import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.scheduler import Scheduler, read_table_of, scheduler_of
 
@@ -95,6 +95,7 @@ def export_c_files(
             v_limit=float(np.float32(4.0 * peak_v if v_limit is None else v_limit)),
             i_limit=float(np.float32(4.0 * peak_i if i_limit is None else i_limit)),
         )  # fmt: skip
+        changes = window_settings(window.samples * window.sample_interval) | changes
         origin = replace(
             origin, weights_sha256=trained.hash, channels=window.channels, sample_interval=window.sample_interval
         )

@@ -7,6 +7,7 @@ The limits are plausibility limits: wide enough for any real converter, narrow e
 from __future__ import annotations
 
 import math
+import unicodedata
 from typing import Any
 
 import numpy as np
@@ -232,8 +233,8 @@ def _read_controllers(
     specs: list[ControllerSpec] = []
     for table in root.children("controllers"):
         name = table.identifier("name")
-        if any(spec.name == name for spec in specs):
-            table.fault("name", name, "used twice", "Give every controller its own name.")
+        if name and (taken := _taken(name, [spec.name for spec in specs])) is not None:
+            table.fault("name", name, *taken)
         kind = table.choice("kind", ("fixed", "scheduled"))
         own_target = _read_target(table, target, converter)
         gains, design_grid, period, schedule, table_file = None, None, 0.02, "closed_form", None
@@ -285,7 +286,7 @@ def _read_controllers(
             ControllerSpec(name, kind, own_target, gains, design_grid, period, schedule, table_file, estimate=estimate)
         )
         table.finish()
-    if not specs and not root.faults:
+    if not specs and root.table.get("controllers", []) == []:
         root.fault(
             "controllers", None, "none given", 'Add [[controllers]] with name and kind = "fixed" or "scheduled".'
         )
@@ -296,6 +297,24 @@ def _default_update_period(converter: Converter) -> float:
     """20 ms as published, as near as the control period allows, s."""
     rate = converter.f_sw * converter.samples_per_carrier
     return max(round(UPDATE_PERIOD * rate), 1) / rate if math.isfinite(rate) else UPDATE_PERIOD
+
+
+def _taken(name: str, others: list[str]) -> tuple[str, str] | None:
+    """What is wrong with a name beside others, whose files lie in the same folder, and what to do."""
+    if name in others:
+        return "used twice", "Give every controller its own name."
+    for other in others:
+        if _file_name(name) == _file_name(other):
+            return f'"{other}" is the same file name on many disks', "Give names that differ in more than their case."
+        longer, shorter = sorted((_file_name(name), _file_name(other)), key=len, reverse=True)
+        if longer in (f"{shorter}.estimates", f"{shorter}.table"):
+            return f'files of "{other}" have the same names', "Give another name."
+    return None
+
+
+def _file_name(name: str) -> str:
+    """A name as file systems see it that tell neither case nor composed letters apart."""
+    return unicodedata.normalize("NFC", name).casefold()
 
 
 def _read_power_gains(table: TableReader) -> PowerLoopGains:

@@ -13,6 +13,9 @@ from vsgdesign.parameters.units import UnitError, format_quantity, parse_quantit
 REQUIRED = object()
 """Default of a field that must be given."""
 
+LONGEST_NAME = 100
+"""Bytes of a name that becomes a part of file names, which may have 255."""
+
 
 class TableReader:
     """A view on one TOML table. Each ``take`` checks one field; ``finish`` reports the unknown ones.
@@ -133,6 +136,11 @@ class TableReader:
         name = self.text(field, default)
         if field in self.table and name and (not all(c.isalnum() or c in "-_." for c in name) or not name.strip(".")):
             self.fault(field, name, "may hold letters, digits, '-', '_' and '.' only", "It becomes a file name.")
+        elif field in self.table and len(name.encode()) > LONGEST_NAME:
+            self.fault(
+                field, f"{name[:20]}…", f"has {len(name.encode())} bytes, more than {LONGEST_NAME}",
+                "It becomes a part of file names. Give a shorter one.",
+            )  # fmt: skip
         return name
 
     def section(self, field: str) -> TableReader:

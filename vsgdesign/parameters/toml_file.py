@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import tomllib
 from pathlib import Path
 from typing import Any
 
 from vsgdesign.errors import Fault, StudyError
+
+MOST_LEVELS = 50
+"""Levels of tables within tables that are read."""
 
 
 def read_toml(path: Path, noun: str) -> dict[str, Any]:
@@ -18,6 +22,11 @@ def read_toml(path: Path, noun: str) -> dict[str, Any]:
 
     advice = f"Give the path of a .toml {noun}."
     try:
+        if _is_stream(path):
+            raise fault(
+                f"is a pipe or a device, not a {noun}",
+                "Save it as a file: bases, tables and designed inner loops are looked up beside it.",
+            )
         if not path.is_file():
             raise fault(f"is a folder, not a {noun}" if path.is_dir() else "there is no such file", advice)
         text = path.read_text(encoding="utf-8-sig")  # as spreadsheets and some editors write it
@@ -28,10 +37,19 @@ def read_toml(path: Path, noun: str) -> dict[str, Any]:
     return parse_toml(text, str(path))
 
 
+def _is_stream(path: Path) -> bool:
+    """Standard input, a pipe, a device; also where the shell has put a file behind it: nothing lies beside it."""
+    if path == Path("-"):
+        return not path.exists()
+    behind = os.path.realpath(path.parent)
+    given = behind == "/dev" or behind.startswith(("/dev/fd", "/proc/"))
+    return given or (path.exists() and not path.is_file() and not path.is_dir())
+
+
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The content of a text. Raises StudyError."""
     try:
-        return tomllib.loads(text)
+        document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, and what it lets through
         if _is_json(text):
             problem, advice = "this is JSON", "Write it as TOML: [table] for an object, field = value for its members."
@@ -39,6 +57,23 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
             problem = f"cannot be read as TOML: {error}"
             advice = "A table is [name] on a line of its own, a field is name = value, texts are in quotes."
         raise StudyError(source, [Fault("TOML", "", problem, advice)]) from None
+    if _is_deeper(document, MOST_LEVELS):
+        problem = f"tables are nested more than {MOST_LEVELS} levels deep"
+        raise StudyError(source, [Fault("TOML", "", problem, "No field lies deeper than four; look for dots in keys.")])
+    return document
+
+
+def _is_deeper(value: Any, levels: int) -> bool:
+    """Whether tables and lists are nested deeper; without recursion, which is what deep ones would exhaust."""
+    level = [value]
+    for _ in range(levels + 1):
+        level = [
+            item
+            for one in level
+            if isinstance(one, dict | list)
+            for item in (one.values() if isinstance(one, dict) else one)
+        ]
+    return bool(level)
 
 
 def _is_json(text: str) -> bool:

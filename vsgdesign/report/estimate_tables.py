@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from vsgdesign.errors import counted
 from vsgdesign.metrics.estimation import FOUND_PCT
 from vsgdesign.parameters.study import Grid
 from vsgdesign.report.margins import grid_label
@@ -38,7 +39,9 @@ def network_table(result: ScenarioResult, trained: TrainedEstimator | None) -> T
         ("Weights", weights.hash[:12] + (f" from {spec.weights_file}" if spec.weights_file else "")),
     ]  # fmt: skip
     if trained is not None:
-        rows.append(("Training", f"{trained.epochs} epochs on {trained.components} principal components"))
+        rows.append(
+            ("Training", f"{counted(trained.epochs, 'epoch')} on {counted(trained.components, 'principal component')}")
+        )
     return Table("The network", ("Quantity", "Value"), tuple(rows), texts=2)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from vsgdesign import __version__
 from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.quantities import typeset
 
 if TYPE_CHECKING:
     import jinja2
@@ -42,12 +43,18 @@ def environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
+        finalize=_finalize,
     )
     found.filters["sub"] = with_subscripts
     return found
 
 
-_PHASOR = re.compile(r"(?<![A-Za-z_])(i|v)_(s|c|g)_(d|q)\b")
+def _finalize(value: Any) -> Any:
+    """Plain texts that a template prints; Markup is finished."""
+    return typeset(value) if type(value) is str else value
+
+
+_PHASOR = re.compile(r"(?<![A-Za-z_])(i|v)_(s|c|g|f)_(d|q)\b")
 _SUBSCRIPT = re.compile(
     r"(?<![A-Za-z])(K|D|M|P|Q|V|R|L|T|X|Y|Z|d|f|k|ω)_"
     r"(ref|pcc|i|f|ip|iq|pq|qp|pv|iv|pc|ic|ff|dq|p|q|P|Q|g|n|s|t|op|1|2|c)\b"
@@ -58,7 +65,7 @@ def with_subscripts(text: str) -> str:
     """A plain text with its symbols (K_ip, P_ref) set with subscripts, everything else escaped."""
     from markupsafe import Markup, escape
 
-    text = _PHASOR.sub(r"<i>\1</i><sub>\2,\3</sub>", str(escape(text)))
+    text = _PHASOR.sub(r"<i>\1</i><sub>\2,\3</sub>", str(escape(typeset(text))))
     return Markup(_SUBSCRIPT.sub(r"<i>\1</i><sub>\2</sub>", text))
 
 

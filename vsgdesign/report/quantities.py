@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
@@ -58,6 +59,15 @@ def percent(value: float | None) -> str:
     if value is None:
         return DASH
     return _minus(f"{value:.1f}")
+
+
+_NEGATIVE = re.compile(r"(?<![\w.\-−+/)])-(?=\d|∞|inf\b)")
+_INFINITE = re.compile(r"(?<![\w.\-])inf(?![\w.\-])")
+
+
+def typeset(text: str) -> str:
+    """A text with a minus before negative numbers and ∞ for an infinite one, whoever wrote it."""
+    return _INFINITE.sub("∞", _NEGATIVE.sub("−", text))
 
 
 def _minus(text: str) -> str:

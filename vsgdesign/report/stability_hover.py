@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.report.quantities import typeset
 from vsgdesign.report.stability_gains import used_gains
 from vsgdesign.report.stability_look import edges
 from vsgdesign.report.stability_maps import disk_margin_of
@@ -81,7 +82,7 @@ def _texts(field: MarginMap, steps: ControllerAssessment | None = None) -> list[
             continue
         zeta, disk, gm_p, pm_p, gm_q, pm_q, M_s = columns[k]
         if not t.stable[k]:
-            lines.append(f"{lead}unstable, ζ {zeta:.3g}")
+            lines.append(typeset(f"{lead}unstable, ζ {zeta:.3g}"))
             continue
         text = (
             f"{lead}ζ {zeta:.3g}, α {disk:.3g}, P loop {_g(gm_p)} dB {_g(pm_p)}°, Q loop {_g(gm_q)} dB {_g(pm_q)}°, "
@@ -91,7 +92,7 @@ def _texts(field: MarginMap, steps: ControllerAssessment | None = None) -> list[
             pair = (steps.step_P[k], steps.step_Q[k])
             times = [None if r is None else r.settling_time_s for r in pair]
             text += ", settles " + " / ".join("not" if s is None else f"{s:.3g} s" for s in times)
-        lines.append(text)
+        lines.append(typeset(text))
     return lines
 
 
@@ -104,7 +105,7 @@ def _gain_texts(field: MarginMap) -> list[str]:
     gains = {name: np.reshape(getattr(found, name), field.shape)[:, :, 0].ravel() for name in used_gains(found)}
     count = len(next(iter(gains.values())))
     return [
-        ", ".join(f"{name} {value[k]:.4g}" for name, value in gains.items())
+        typeset(", ".join(f"{name} {value[k]:.4g}" for name, value in gains.items()))
         if all(np.isfinite(value[k]) for value in gains.values())
         else (field.cells.faults[k * field.shape[2]] or "no gains")
         for k in range(count)

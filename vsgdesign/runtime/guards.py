@@ -148,6 +148,17 @@ def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
     )  # fmt: skip
 
 
+def window_settings(period: float, tick: float = SchedulerSettings.tick) -> dict[str, int]:
+    """Changes to the settings where an estimate comes with every window, ``period`` s long, and not more often."""
+    nominal = SchedulerSettings
+    ticks = round(period / tick)
+    return {
+        "update_ticks": ticks,
+        "longest_ticks": max(nominal.longest_ticks, 2 * ticks),
+        "stale_ticks": max(nominal.stale_ticks, 4 * ticks),
+    }
+
+
 def box_settings(
     *, scr: Pair, r_over_x: Pair, P: Pair, Q: Pair, V_rms: Pair, S_rated: float, V_rated_rms: float, omega: float,
     scr_basis: str = "impedance", error: float = 0.0, **changes: Any,

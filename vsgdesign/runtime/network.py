@@ -117,7 +117,8 @@ def neural_estimator(
     if window.synchronised and not grid_phase:
         faults.append(
             "grid_phase = false: the weights were trained on windows synchronised with the grid's own voltage, which "
-            "a converter does not measure. Give grid_phase=True if you have that signal, or train without it"
+            "a converter does not measure. If you have that signal, say so with the option --grid-phase, or with "
+            "grid_phase = true under [estimator] in a study; else train without it"
         )
     for name, value in (("v_limit", v_limit), ("i_limit", i_limit)):
         if not value > 0.0:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from functools import cached_property
-from math import isfinite
+from math import inf, isfinite, nan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError
@@ -33,9 +34,10 @@ from vsgdesign.runtime.guards import (
     limited,
     near,
     settings_of,
+    window_settings,
 )
 from vsgdesign.runtime.lookup import GainLookup, gain_lookup
-from vsgdesign.runtime.network import NeuralEstimator, load_neural_estimator
+from vsgdesign.runtime.network import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.state import SchedulerState, state_document, state_of
 from vsgdesign.runtime.table import table_schedule
 
@@ -194,9 +196,11 @@ class Scheduler:
     ) -> Answer:
         """Gains from an estimate in Ω and H and the measured P, Q, V, as :func:`advance`.
 
-        Without ``ticks`` one nominal period has passed. No exception is ever raised for what the numbers are.
+        Without ``ticks`` one nominal period has passed. No exception is ever raised for what the numbers are: what is
+        no number (True, a text, None) or not finite is refused with a reason. ValueError where ``ticks`` is not a
+        whole number.
         """
-        return self._advance(NO_REASON, float(R_g), float(L_g), P, Q, V_rms, ticks)
+        return self._advance(NO_REASON, as_number(R_g), as_number(L_g), P, Q, V_rms, ticks)
 
     def hold(self, P: float, Q: float, V_rms: float, ticks: int | None = None) -> Answer:
         """An update without an estimate: the place goes on to where it was going."""
@@ -204,7 +208,7 @@ class Scheduler:
 
     def update(self, v: Any, i: Any, P: float, Q: float, V_rms: float, ticks: int | None = None) -> Answer:
         """Gains from a window of v (V) and i (A) as the estimator takes them. Raises ArtifactError without one."""
-        R_g, L_g, status = self._trained.estimate(np.asarray(v, dtype=float), np.asarray(i, dtype=float))
+        R_g, L_g, status = self._trained.estimate(as_numbers(v), as_numbers(i))
         said = SAID.get(status, IMPLAUSIBLE)
         return self._advance(said, R_g, L_g, P, Q, V_rms, ticks)
 
@@ -214,8 +218,8 @@ class Scheduler:
         estimator = self._trained
         k, n = self._filled, estimator.samples
         if k < n:
-            self._window[0, k::n] = v
-            self._window[1, k::n] = i
+            self._window[0, k::n] = v if type(v) is float else as_numbers(v)
+            self._window[1, k::n] = i if type(i) is float else as_numbers(i)
             self._filled = k + 1
         return self._filled == n
 
@@ -228,7 +232,7 @@ class Scheduler:
 
     def start(self, R_g: float, L_g: float) -> PowerLoopGains:
         """Begin on a known grid instead of the safe place. Raises ArtifactError where it is not in the box."""
-        c = self.settings
+        c, R_g, L_g = self.settings, as_number(R_g), as_number(L_g)
         scr, r_over_x = self.lookup.coordinates(R_g, L_g) if L_g > 0.0 and isfinite(R_g + L_g) else (0.0, 0.0)
         first = first_state(self.lookup, c)
         normalised = self.lookup.normalised(scr, r_over_x)
@@ -286,10 +290,38 @@ class Scheduler:
     ) -> Answer:
         if ticks is None:
             ticks = self._state.ticks + self.settings.update_ticks
+        elif type(ticks) is not int:
+            ticks = _whole(ticks)
         self._state, answer = advance(
-            self.lookup, self.settings, self._state, said, R_g, L_g, float(P), float(Q), float(V_rms), ticks
+            self.lookup, self.settings, self._state, said, R_g, L_g, as_number(P), as_number(Q), as_number(V_rms), ticks
         )
         return answer
+
+
+def as_number(value: Any) -> float:
+    """A measurement as a float; NaN for what is no number: True, a text, None. Beyond all range it is infinite."""
+    if type(value) is float:
+        return value
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
+        return nan
+    try:
+        return float(value)
+    except OverflowError:
+        return inf if value > 0 else -inf
+
+
+def as_numbers(values: Any) -> NDArray[np.float64]:
+    """Samples as floats; all NaN where they are anything but numbers."""
+    array = np.asarray(values)
+    return array.astype(float, copy=False) if array.dtype.kind in "fiu" else np.full(array.shape, nan)
+
+
+def _whole(ticks: Any) -> int:
+    if isinstance(ticks, np.integer):
+        return int(ticks)
+    raise ValueError(f"ticks = {ticks!r}: must be a whole number, the value of a counter.")
 
 
 def scheduler_of(table: GainTable, estimator: NeuralEstimator | None = None, **changes: Any) -> Scheduler:
@@ -319,8 +351,13 @@ def load_scheduler(
     """The scheduler of files. ``fit`` is what :func:`vsgdesign.runtime.network.neural_estimator` wants to know;
     ``study`` refuses a table that was not designed from it. Raises ArtifactError."""
     found = read_table_of(table, study)
-    estimator = None if weights is None else load_neural_estimator(weights, **(fit or {}))
-    return scheduler_of(found, estimator, **changes)
+    if weights is None:
+        return scheduler_of(found, **changes)
+    from vsgdesign.artifacts.network_weights import read_network_weights
+
+    trained = read_network_weights(weights)
+    window = window_settings(trained.window.samples * trained.window.sample_interval)
+    return scheduler_of(found, neural_estimator(trained, **(fit or {})), **(window | changes))
 
 
 def read_table_of(path: str | Path, study: Study | None = None) -> GainTable:

@@ -71,6 +71,15 @@ def describe_cell(field: MarginMap, flat: int) -> str:
     return ", ".join(parts)
 
 
+def _margin(value: float, unit: str) -> str:
+    """A margin in words; an infinite one: no gain, phase or delay of the loop makes it unstable."""
+    if np.isnan(value):
+        return "unstable"
+    if np.isinf(value):
+        return "no limit"
+    return f"{value:.3g} {unit}".strip().replace(" °", "°")
+
+
 def worst_cases(study: Study, field: MarginMap) -> tuple[WorstCase, ...]:
     """Least damping, disk margin, gain, phase and delay margins and largest M_s over a map's cells within the limits.
 
@@ -137,11 +146,7 @@ def _own_gates(study: Study, a: ControllerAssessment) -> list[Verdict]:
         }
         for worst in worst_cases(study, field):
             if worst.quantity in limits:
-                shown = (
-                    "unstable"
-                    if np.isnan(worst.value)
-                    else f"{worst.value:.3g} {worst.unit}".strip().replace(" °", "°")
-                )
+                shown = _margin(worst.value, worst.unit)
                 verdict = FAIL if worst.share_below > 0.0 else PASS
                 rows.append(
                     Verdict(

@@ -1,0 +1,35 @@
+"""What a page shows of numbers and symbols: a minus, ∞ and subscripts, whoever wrote the text."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from vsgdesign.report.html import environment, with_subscripts
+from vsgdesign.report.quantities import typeset
+from vsgdesign.stability.verdict import _margin
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("P -2 kW, Q (-0.5) kvar", "P −2 kW, Q (−0.5) kvar"),
+        ("decay inf 1/s, -inf dB", "decay ∞ 1/s, −∞ dB"),
+        ("-0.01", "−0.01"),
+        ("map_a-1.csv, 2026-11-22, 1e-05, 2-3, UTF-8, K-4", "map_a-1.csv, 2026-11-22, 1e-05, 2-3, UTF-8, K-4"),
+        ("information, inf.csv, closed-form", "information, inf.csv, closed-form"),
+    ],
+)
+def test_minus_and_infinity(text: str, shown: str) -> None:
+    assert typeset(text) == shown
+    page = environment().from_string("{{ text }}|{{ text | sub }}").render(text=text)
+    assert page == f"{shown}|{shown}"
+
+
+def test_states_of_the_transient_impedance_are_set_like_the_others() -> None:
+    assert with_subscripts("i_f_d (4 %), i_g_q") == "<i>i</i><sub>f,d</sub> (4 %), <i>i</i><sub>g,q</sub>"
+
+
+def test_a_margin_without_a_limit_is_said_in_words() -> None:
+    assert [_margin(value, "dB") for value in (math.inf, math.nan, 6.02)] == ["no limit", "unstable", "6.02 dB"]
