@@ -72,24 +72,34 @@ def simulate(study_file: str, out: str | None, bridge: str | None, as_json: bool
 @_JSON
 @_verb
 def design(study_file: str, as_json: bool) -> None:
-    """Operating points, Jacobian A-D, gains and loop margins of every controller on every grid."""
+    """Operating points, gains, margins, inertia and droop of every controller on every grid."""
     from dataclasses import asdict
 
+    from vsgdesign.artifacts.study_table import table_of
     from vsgdesign.design import design_closed_form, distinct_grids
 
     study = _load(study_file)
-    closed_form = [spec for spec in study.controllers if spec.schedule == "closed_form" and spec.estimate == "truth"]
-    designs = [design_closed_form(study, spec, grid) for spec in closed_form for grid in distinct_grids(study)]
+    known = [spec for spec in study.controllers if spec.schedule != "table" or table_of(study, spec) is not None]
+    missing = [
+        f"{spec.name}: its gain table is not built yet. vsgdesign run builds it, vsgdesign table build keeps it."
+        for spec in study.controllers
+        if spec not in known
+    ]
+    designs = [design_closed_form(study, spec, grid) for spec in known for grid in distinct_grids(study)]
     if as_json:
         _print_json({
             "study": study.name,
             "hash": study.hash,
-            "designs": [asdict(d) | {"gains": d.gains.named()} for d in designs],
+            "designs": [
+                asdict(d) | {"gains": d.gains.named(), "inertia_s": d.inertia_s, "droop_W_per_Hz": d.droop_W_per_Hz}
+                for d in designs
+            ],
+            "missing": missing,
         })  # fmt: skip
     else:
-        from vsgdesign.console import design_tables
+        from vsgdesign.console_design import design_tables
 
-        design_tables(study, designs)
+        design_tables(study, designs, missing)
 
 
 @main.command()

@@ -16,9 +16,7 @@ from rich.table import Table
 from vsgdesign.artifacts.table_text import between_text, causes_text, certificate_sentence, status_text
 
 if TYPE_CHECKING:
-    from vsgdesign.design import ClosedFormDesign
     from vsgdesign.design.certificate import Certificate, Counterexample
-    from vsgdesign.parameters import Study
 
 
 @contextmanager
@@ -113,40 +111,6 @@ def table_lines(name: str, table: dict[str, Any]) -> Iterator[str]:
         yield proof["text"]
     if table["not_of_this_study"]:
         yield f"the table was not designed from this study: {'; '.join(table['not_of_this_study'])}"
-
-
-def design_tables(study: Study, designs: Sequence[ClosedFormDesign]) -> None:
-    """Operating points and margins, then gains."""
-    omega, basis = study.converter.omega_n, study.scr_basis
-    points = new_table(
-        f"{study.title}: design points (SCR on the {basis} basis)",
-        ("controller", "SCR", "X/R", "V [pu]", "delta [deg]", "A [W/rad]", "D [var/V]", "PM of P", "PM of Q"),
-        left=("controller",),
-    )
-    gains = new_table(
-        "gains",
-        ("controller", "SCR", "X/R", "K_ip [rad/(s²W)]", "D_p [W·s/rad]", "K_iq [V/(s·var)]", "D_q [var/V]"),
-        left=("controller",),
-    )
-    for d in designs:
-        row = (d.controller, f"{d.grid.scr(study.converter, basis):.3g}", f"{d.grid.x_over_r(omega):.3g}")
-        V_pu = d.point.V_rms / study.converter.V_rated_rms
-        points.add_row(
-            *row,
-            f"{V_pu:.3f}{' ' if d.point.V_within_limits else '!'}",
-            f"{math.degrees(d.point.delta):.2f}",
-            f"{d.point.A:.5g}",
-            f"{d.point.D:.5g}",
-            _cell(d.margins_P.phase_margin_deg, ".1f", "°"),
-            _cell(d.margins_Q.phase_margin_deg, ".1f", "°"),
-        )
-        gains.add_row(*row, *(f"{gain:.6g}" for gain in d.gains))
-    console = new_console()
-    console.print(points)
-    if not all(d.point.V_within_limits for d in designs):
-        low, high = study.converter.V_min_pu, study.converter.V_max_pu
-        console.print(f"! the design point needs a voltage outside {low:g} to {high:g} pu\n")
-    console.print(gains)
 
 
 def stability_tables(document: dict[str, Any]) -> None:

@@ -5,12 +5,21 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
+import numpy as np
 import pytest
+from rich.console import Console
 
 from tests.cli.small_studies import as_json, call, study_file
+from tests.cli.test_named_files import with_table
 from vsgdesign import __version__
+from vsgdesign.console_design import design_tables
+from vsgdesign.design import design_closed_form
+from vsgdesign.parameters import load_study
+from vsgdesign.runtime.of_study import gain_law
 
 VERBS = ("run", "simulate", "design", "validate")
 HEAVY = {"casadi", "numba", "llvmlite", "matplotlib", "control", "scipy", "rich", "jinja2", "torch", "numpy"}
@@ -95,9 +104,85 @@ def test_design(tmp_path: Path) -> None:
 def test_design_in_words(tmp_path: Path) -> None:
     result = call("design", study_file(tmp_path))
     assert result.exit_code == 0
-    for shown in ("SCR on the reactance basis", "A [W/rad]", "D [var/V]", "K_ip [rad/(s²W)]", "76.3°", "1.369!"):
+    for shown in ("SCR on the reactance basis", "[W/rad]", "[var/V]", "K_ip", "[rad/(s²W)]", "76.3", "1.369!"):
         assert shown in result.stdout
     assert "! the design point needs a voltage outside 0.85 to 1.25 pu" in result.stdout
+
+
+COUPLED = """
+base = "case:hoang2025_5kva"
+power_loops = { structure = "angle_damped", tau_P = "5 ms", tau_Q = "5 ms" }
+simulation = { duration = "0.1 s", P_ref = "2 kW", Q_ref = "1 kvar" }
+controllers = [
+    { name = "damped", kind = "scheduled" },
+    { name = "decoupled", kind = "scheduled", structure = "decoupled" },
+    { name = "published", kind = "scheduled", structure = "published" },
+    { name = "guessing", kind = "scheduled", estimate = "neural" },
+    { name = "tabled", kind = "scheduled", schedule = "table" },
+]
+estimator = { grid_phase = true }
+specification = { scr = [2, 8], x_over_r = [1, 3] }
+"""
+
+
+def test_design_shows_every_controller_every_gain_and_what_the_grid_sees(tmp_path: Path) -> None:
+    """Four of eleven columns had no heading, tables and networks were left out in silence, there was no H, no kW/Hz."""
+    document = as_json("design", study_file(tmp_path, COUPLED))
+    found = {d["controller"]: d for d in document["designs"]}
+    assert list(found) == ["damped", "decoupled", "published", "guessing"]
+    assert found["guessing"]["gains"] == found["damped"]["gains"]  # those of the true grid
+    (missing,) = document["missing"]
+    assert missing.startswith("tabled: its gain table is not built yet.")
+    for name, k_1 in (("published", 16.0), ("decoupled", 21.3)):
+        # Whatever the coupling, H is A ω_0/(2 S k_1); the published k_1 is (4/T)².
+        H = found[name]["point"]["A"] * 100.0 * np.pi / (2.0 * 5e3 * k_1)
+        assert found[name]["inertia_s"] == pytest.approx(H, rel=1e-9)
+    for d in found.values():
+        assert d["droop_W_per_Hz"] == pytest.approx(2.0 * np.pi * d["gains"]["D_p"])
+    g = found["damped"]["gains"]
+    naive = 100.0 * np.pi / (2.0 * 5e3 * g["K_ip"])
+    coupled = 100.0 * np.pi / (2.0 * 5e3 * (g["K_ip"] - g["K_pq"] * g["K_qp"] / g["K_iq"]))
+    assert found["damped"]["inertia_s"] == pytest.approx(coupled, rel=1e-12)
+    assert abs(coupled / naive - 1.0) > 0.05
+
+    result = call("design", tmp_path / "small.toml")
+    for heading in ("K_ip", "D_p", "K_iq", "D_q", "K_pq", "K_qp", "k_P", "k_Q", " H ", "P–f droop", "Q–V droop"):
+        assert heading in result.stdout
+    for unit in ("[s]", "[kW/Hz]", "[% of f_n]", "[kvar/V]", "[V/(s·W)]", "[rad/(s·W)]"):
+        assert unit in result.stdout
+    assert f"{coupled:.3g}" in result.stdout
+    assert "tabled: its gain table is not built yet." in result.stdout
+    assert "guessing: estimates the grid; shown with the gains of the true one." in result.stdout
+
+
+def test_design_fits_a_terminal_of_80_columns(tmp_path: Path) -> None:
+    """Nothing is folded: every number stands whole on its line."""
+    study = load_study(study_file(tmp_path, COUPLED))
+    study = replace(study, controllers=study.controllers[:4])
+    designs = [design_closed_form(study, spec, study.grid) for spec in study.controllers]
+    shown = {}
+    for width in (80, 200):
+        out = StringIO()
+        design_tables(study, designs, console=Console(file=out, width=width))
+        shown[width] = [line.rstrip() for line in out.getvalue().splitlines()]
+    assert shown[80] == shown[200]
+    assert max(len(line) for line in shown[80]) <= 80
+
+
+def test_design_of_a_table_that_is_there(tmp_path: Path) -> None:
+    study = with_table(tmp_path / "there")
+    document = as_json("design", study)
+    found = [d for d in document["designs"] if d["controller"] == "tabled"]
+    assert len(found) == 2  # on both grids of the scenario
+    assert document["missing"] == []
+    loaded = load_study(study)
+    law = gain_law(loaded, loaded.controllers[-1])
+    for d in found:
+        point, grid = d["point"], d["grid"]
+        expected = law(grid["R_g"], grid["L_g"], point["P"], point["Q"], point["V_rms"])
+        assert [d["gains"][name] for name in ("K_ip", "D_p", "K_iq", "D_q")] == pytest.approx(
+            [float(value) for value in expected[:4]], rel=1e-12
+        )
 
 
 def modules_after(code: str) -> set[str]:

@@ -1,15 +1,17 @@
-"""Closed-form designs of a study's controllers on each of its grids, with what they come from."""
+"""Designs of a study's controllers on each of its grids: closed forms and tables, with what they come from."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import effective_inertia
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
-from vsgdesign.runtime.of_study import follows_measured, gain_law, schedule_of
+from vsgdesign.runtime.of_study import follows_measured, gain_law, schedule_of, table_of
 from vsgdesign.stability.loops import coupled_loop
 
 
@@ -17,6 +19,7 @@ from vsgdesign.stability.loops import coupled_loop
 class ClosedFormDesign:
     """One controller's gains on one grid, the point they are designed at, and the loops' margins there.
 
+    A controller that estimates the grid has the gains of the true one, one with a gain table those of its table.
     Margins are those of the paper's decoupled loops for the published structure; for the others, those of each
     loop with the other closed, coupling included.
     """
@@ -27,6 +30,13 @@ class ClosedFormDesign:
     gains: PowerLoopGains
     margins_P: LoopMargins
     margins_Q: LoopMargins
+    inertia_s: float
+    """H that the grid sees (:eq:`effective-inertia`)."""
+
+    @property
+    def droop_W_per_Hz(self) -> float:
+        """P–f droop."""
+        return 2.0 * math.pi * self.gains.D_p
 
 
 def distinct_grids(study: Study) -> tuple[Grid, ...]:
@@ -37,8 +47,10 @@ def distinct_grids(study: Study) -> tuple[Grid, ...]:
 def design_closed_form(study: Study, spec: ControllerSpec, grid: Grid) -> ClosedFormDesign:
     """A controller on a grid of the scenario: scheduled gains are made for it, fixed ones for their own grid.
 
-    Raises InfeasibleStudyError where the design point does not exist on a grid.
+    Raises InfeasibleStudyError where the design point does not exist on a grid, or a table is not there.
     """
+    table = table_of(study, spec) if spec.kind == "scheduled" else None
+    structure = spec.target.structure if table is None else table.structure
     made_for = grid if spec.kind == "scheduled" else (spec.design_grid or study.grid)
     R, X = study.path_to_grid(grid)
     limits = study.converter.V_limits_rms
@@ -50,10 +62,12 @@ def design_closed_form(study: Study, spec: ControllerSpec, grid: Grid) -> Closed
         gains = PowerLoopGains(*(float(value) for value in found))
     except NoOperatingPointError as error:
         raise InfeasibleStudyError(f"controller {spec.name}: {error}") from error
-    if spec.target.structure == "published":
+    if structure == "published":
         loops = power_loops(gains, point.A, point.D)
         open_P, open_Q = loops.P_open, loops.Q_open
     else:
         source = study.grid_source.V_g_rms
         open_P, open_Q = (coupled_loop(point, gains, source, R, X, loop=k) for k in (0, 1))
-    return ClosedFormDesign(spec.name, grid, point, gains, loop_margins(open_P), loop_margins(open_Q))
+    c = study.converter
+    inertia = float(effective_inertia(gains, c.S_rated, c.omega_n))
+    return ClosedFormDesign(spec.name, grid, point, gains, loop_margins(open_P), loop_margins(open_Q), inertia)

@@ -13,6 +13,7 @@ from vsgdesign.artifacts.design_inputs import study_differences
 from vsgdesign.artifacts.gain_table import GainTable, TableBase, base_differences, base_of
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import effective_inertia
 from vsgdesign.errors import ArtifactError
 from vsgdesign.metrics.step_response import ResponseMetrics
 from vsgdesign.model.coupled import coupled_model
@@ -96,12 +97,11 @@ def margins_of(
     found: dict[str, Array] = {name: np.full(len(R), np.nan) for name in names}
     if len(good):
         table = reduced_margins(model)
-        rates = kept.K_ip - kept.K_pq * kept.K_qp / kept.K_iq
         columns = {
             "disk_margin": np.minimum(table.disk_output.value, table.disk_input.value),
             "least_damping": table.least_damping,
             "decay_1_s": -table.spectral_abscissa,
-            "H_s": base.omega_n / (2.0 * base.S_rated * rates),
+            "H_s": effective_inertia(kept, base.S_rated, base.omega_n),
         }
         if any(name.startswith(("overshoot", "settling")) for name in names):
             decay = columns["decay_1_s"][table.stable]
