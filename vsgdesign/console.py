@@ -156,12 +156,13 @@ def stability_tables(document: dict[str, Any]) -> None:
             )
     console.print(worst)
     for name, controller in document["controllers"].items():
-        for model, count in controller["outside_the_limits"].items():
-            if count["outside"]:
-                lead = f"{escape(name)}, {model.replace('_', ' ')}: {count['outside']} of {count['cells']} cells"
-                console.print(
-                    f"{lead} are outside the limits of the converter's voltage or current and count for nothing above"
-                )
+        counts = [f"{one['outside']} of {one['cells']}" for one in controller["outside_the_limits"].values()]
+        if any(one["outside"] for one in controller["outside_the_limits"].values()):
+            shown = " and ".join(dict.fromkeys(counts))
+            console.print(
+                f"{escape(name)}: {shown} cells are outside the converter's limits of voltage or current and count for "
+                "nothing above"
+            )
     console.print(close)
     for name, controller in document["controllers"].items():
         for cell in controller["cells"]:

@@ -240,3 +240,11 @@ def test_a_controller_with_a_table_is_certified_with_its_table(study: Study) -> 
     spec = replace(study.controllers[-1], schedule="table")
     with pytest.raises(InfeasibleStudyError, match="its gain table is not there"):
         certify(study, spec, Region((3.0, 20.0), (1.0, 20.0), (0.0, 4500.0), (0.0, 2000.0)), budget=0)
+
+
+def test_a_region_with_a_grid_that_has_no_gains_is_refused(study: Study) -> None:
+    """The published closed form at its design point: 4.5 kW do not cross SCR 0.85 at X/R 10."""
+    spec = controller(study, "published")
+    region = Region((0.85, 3.0), (5.0, 10.0), (-500.0, 500.0), (0.0, 100.0))
+    with pytest.raises(InfeasibleStudyError, match="no gains for an estimate of R_g"):
+        certify(study, spec, region, fresh=200, nodes_per_axis=3)

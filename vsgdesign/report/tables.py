@@ -256,7 +256,7 @@ def _asked(value: float | None, form: Callable[[float], str]) -> str:
 
 def _met(outcome: StepOutcome, met: bool) -> str:
     if not outcome.judged:
-        return "not known"
+        return "not promised" if outcome.excuse else "not known"
     return "met" if met else "missed"
 
 

@@ -123,6 +123,10 @@ def certify(
     system, motion = _prepared(study, spec, region, schedule, decay)
     rng = np.random.default_rng(seed)
     points = np.concatenate([nodes(region, nodes_per_axis), random_points(region, fresh, rng)])
+    # A cell that is unstable is a counterexample, also where others have no gains at all.
+    with_gains = system.matrices(points, partial=True)
+    if len(with_gains[0]) and isinstance(found := _slowest(system, motion, spec.name, *with_gains), Counterexample):
+        return found
     verify, A_fresh = system.matrices(random_points(region, fresh, rng))
     boxes = budget if encloses(system) else 0
     attempt = proofs = 0
@@ -259,6 +263,25 @@ def _prepared(
 def _fitted(system: System, motion: Motion, name: str, points: Array, A: Array) -> Fit | Counterexample:
     if len(A) == 0:
         raise InfeasibleStudyError("the region has no cell within the static limits: widen it, or ask for less power.")
+    slowest = _slowest(system, motion, name, points, A)
+    if isinstance(slowest, Counterexample):
+        return slowest
+    limit, where = slowest
+    best, _ = best_fit(A, motion.family(points), limit, _TOLERANCE)
+    if best is None:
+        kind = "function of this rate" if motion.moving else "common quadratic function"
+        raise NoFunctionError(
+            f"controller {name}: every cell is stable (slowest {limit:.3g} 1/s), but no {kind} exists. "
+            "Shrink the region, the error or the rate.",
+            {**where, "decay": limit},
+        )
+    return best
+
+
+def _slowest(
+    system: System, motion: Motion, name: str, points: Array, A: Array
+) -> tuple[float, dict[str, float]] | Counterexample:
+    """The least decay of all cells and where it is, or the cell that is unstable by itself."""
     least = np.linalg.eigvals(A).real.max(axis=1)
     worst = int(np.argmax(least))
     limit = -float(least[worst])
@@ -267,15 +290,7 @@ def _fitted(system: System, motion: Motion, name: str, points: Array, A: Array) 
     if limit <= 0.0:
         value, trajectory = growing_mode(A[worst], system.scale)
         return Counterexample(name, motion.region, scr, ratio, P, Q, e_R, e_L, value, trajectory)
-    best, _ = best_fit(A, motion.family(points), limit, _TOLERANCE)
-    if best is None:
-        kind = "function of this rate" if motion.moving else "common quadratic function"
-        raise NoFunctionError(
-            f"controller {name}: every cell is stable (slowest {limit:.3g} 1/s), but no {kind} exists. "
-            "Shrink the region, the error or the rate.",
-            {"scr": scr, "x_over_r": ratio, "P": P, "Q": Q, "error_R": e_R, "error_L": e_L, "decay": limit},
-        )
-    return best
+    return limit, {"scr": scr, "x_over_r": ratio, "P": P, "Q": Q, "error_R": e_R, "error_L": e_L}
 
 
 def _proved(

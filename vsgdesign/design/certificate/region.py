@@ -41,17 +41,8 @@ class AtDesignPoint:
     schedule: Schedule
 
     def gains_measured(self, R_g: Any, L_g: Any, P: Any, Q: Any, V_rms: Any) -> PowerLoopGains:  # noqa: ARG002
-        """Gains of an estimated grid. Raises InfeasibleStudyError where the design point does not exist on one."""
-        gains = self.schedule.gains_over(R_g, L_g)
-        none = np.flatnonzero(np.isnan(np.atleast_1d(gains.K_ip)))
-        if none.size:
-            k = int(none[0])
-            raise InfeasibleStudyError(
-                f"no gains at R_g = {np.atleast_1d(R_g)[k]:.4g} Ω, L_g = {1e3 * np.atleast_1d(L_g)[k]:.4g} mH, which "
-                "the region holds: the design point does not exist on this grid. Shrink the region, lower P_design and "
-                'Q_design, or set operating_point = "reference".'
-            )
-        return gains
+        """Gains of an estimated grid; NaN where the design point does not exist on it."""
+        return self.schedule.gains_over(R_g, L_g)
 
 
 @dataclass(frozen=True)
@@ -106,9 +97,12 @@ class System:
         """What δ, ω_i and V are divided by: rad, 4 rad/s, rated voltage."""
         return np.array([1.0, OMEGA_SCALE, self.study.converter.V_rated_rms])
 
-    def matrices(self, points: Array) -> tuple[Array, Array]:
+    def matrices(self, points: Array, partial: bool = False) -> tuple[Array, Array]:
         """Points (N, 6) that lie within the static limits (:eq:`static-limits`), and their state matrices over
-        ``scale``, (M, 3, 3)."""
+        ``scale``, (M, 3, 3).
+
+        Raises InfeasibleStudyError where one of them has no gains; ``partial`` leaves those out instead.
+        """
         study = self.study
         c, source, f = study.converter, study.grid_source, study.filter
         weakness, angle, P, Q, _, _ = points.T
@@ -123,6 +117,16 @@ class System:
         points, R_g, L_g, R, X, V_rms = (value[inside] for value in (points, R_g, L_g, R, X, V_rms))
         _, _, P, Q, e_R, e_L = points.T
         gains = self.schedule.gains_measured(R_g * (1.0 + e_R), L_g * (1.0 + e_L), P, Q, V_rms)
+        bare = np.isnan(np.broadcast_to(np.asarray(gains.K_ip, dtype=float), P.shape))
+        if bare.any():
+            if partial:
+                return self.matrices(points[~bare])
+            k = int(np.argmax(bare))
+            raise InfeasibleStudyError(
+                f"no gains for an estimate of R_g = {R_g[k] * (1.0 + e_R[k]):.4g} Ω, "
+                f"L_g = {1e3 * L_g[k] * (1.0 + e_L[k]):.4g} mH, which the region holds: the design point does not "
+                'exist on this grid. Shrink the region, lower P_design, Q_design, or set operating_point = "reference".'
+            )
         A, B, C, D = jacobian_from_powers(P, Q, V_rms, R, X)
         none = References(0.0, 0.0, 0.0, 0.0)
         # The law is linear: its answers to one unit of each state are the columns of the matrix.
