@@ -13,7 +13,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from vsgdesign.artifacts.table_text import between_text, causes_text, certificate_sentence, status_text
+from vsgdesign.artifacts.table_summary import table_lines
+from vsgdesign.artifacts.table_text import certificate_sentence
 
 if TYPE_CHECKING:
     from vsgdesign.design.certificate import Certificate, Counterexample
@@ -95,22 +96,6 @@ def results_tables(results: dict[str, Any]) -> None:
             from vsgdesign.report.estimate_tables import rate_limit_text
 
             console.print(escape(rate_limit_text(name, *limit.values())))
-
-
-def table_lines(name: str, table: dict[str, Any]) -> Iterator[str]:
-    """What a run says of a controller's gain table: what is proved (first where that failed), its cells, the look
-    between its nodes, and where it was designed from something else than this study."""
-    proof = table["certificate"]
-    if proof["certified"] is False:
-        yield f"{name}: {proof['text']}"
-    yield f"{name}: gain table of {table['nodes'][0]} SCR × {table['nodes'][1]} X/R, {status_text(table['status'])}"
-    if table["causes"]:
-        yield f"why cells are relaxed: {causes_text(table['causes'])} (table show has each)"
-    yield between_text(table["between"])
-    if proof["certified"] is not False:
-        yield proof["text"]
-    if table["not_of_this_study"]:
-        yield f"the table was not designed from this study: {'; '.join(table['not_of_this_study'])}"
 
 
 def stability_tables(document: dict[str, Any]) -> None:

@@ -14,8 +14,8 @@ import pytest
 from tests.cli.small_studies import call
 from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
+from vsgdesign.artifacts.table_summary import table_lines
 from vsgdesign.artifacts.table_text import between_text, certificate_sentence, certificate_summary
-from vsgdesign.console import table_lines
 from vsgdesign.console_table import built_text
 from vsgdesign.design.certificate.results import Counterexample, growing_mode
 from vsgdesign.export import export_c_files

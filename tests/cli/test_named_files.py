@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import html
+import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +16,7 @@ from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.network_weights import read_network_weights, write_network_weights
+from vsgdesign.artifacts.table_summary import table_lines
 from vsgdesign.design import certify
 from vsgdesign.design.certificate import region_of
 from vsgdesign.parameters import load_study
@@ -139,3 +143,17 @@ def test_validate_finds_all_faults_at_once(tmp_path: Path) -> None:
     text = failure(2, "validate", study)
     assert "these weights do not fit" in text
     assert "update_period = 20 ms" in text
+
+
+def test_a_run_says_of_its_table_what_results_say(tmp_path: Path) -> None:
+    """Page, terminal and results.json: one text."""
+    study = with_table(tmp_path / "there")
+    result = call("run", study, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    document = json.loads((tmp_path / "out" / "results.json").read_text())["controllers"]["tabled"]["table"]
+    page = html.unescape(re.sub(r"<[^>]+>", "", (tmp_path / "out" / "report.html").read_text()))
+    lines = list(table_lines("tabled", document))
+    assert document["certificate"]["text"] in lines
+    for line in lines:
+        assert line in result.stdout
+        assert line in page

@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts import provenance, staged_folder, write_csv, write_npz, write_record, write_table_file
-from vsgdesign.artifacts.design_inputs import study_differences
-from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.artifacts.progress import Progress, silent
-from vsgdesign.artifacts.table_text import certificate_summary
+from vsgdesign.artifacts.table_summary import table_summary
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.operating_point import OperatingPoint
 from vsgdesign.parameters import Study
@@ -177,7 +175,7 @@ def _controller(study: Study, controller: ControllerResult, judged: dict[str, An
         "bridge": controller.bridge,
         "structure": controller.spec.target.structure,
         "schedule": controller.spec.schedule if controller.spec.kind == "scheduled" else None,
-        "table": None if controller.spec.table is None else _table(study, controller.spec.table),
+        "table": None if controller.spec.table is None else table_summary(study, controller.spec.table),
         "target": asdict(controller.spec.target),
         "gains": [{"t_s": change.t_s, **change.gains.named()} for change in _changes(study, controller)],
         "gain_changes": len(controller.gain_changes),
@@ -185,20 +183,6 @@ def _controller(study: Study, controller: ControllerResult, judged: dict[str, An
         "events": [_event(event) for event in controller.events],
         "loop_s": controller.simulation.loop_seconds,
         "real_time_factor": study.simulation.duration / max(controller.simulation.loop_seconds, 1e-9),
-    }
-
-
-def _table(study: Study, table: GainTable) -> dict[str, Any]:
-    statuses, counts = np.unique(table.status, return_counts=True)
-    return {
-        "sha256": table.sha256,
-        "design_hash": table.design_hash,
-        "certificate": certificate_summary(table.certificate),
-        "between": table.between,
-        "causes": table.causes,
-        "not_of_this_study": study_differences(table, study),
-        "nodes": list(table.shape),
-        "status": dict(zip(statuses.tolist(), counts.tolist(), strict=True)),
     }
 
 

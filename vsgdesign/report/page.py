@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vsgdesign.artifacts.table_summary import table_lines, table_summary
 from vsgdesign.report import estimate_tables, promise_tables, tables
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.html import write_html
@@ -42,6 +43,12 @@ def write_page(
         setting=(tables.converter_table(result), tables.filter_table(result)),
         controllers=tables.controllers_table(result),
         events=tables.events_table(result) if study.events else None,
+        tables=[
+            line
+            for c in result.controllers
+            if c.spec.table is not None
+            for line in table_lines(c.spec.name, table_summary(study, c.spec.table))
+        ],
         inner=None if inner is None else inner_part(inner),
         operating_points=tables.operating_points_table(result),
         estimate=_estimate(result, trained),
