@@ -93,8 +93,13 @@ def train(
     given = {"recipe": recipe, "seed": seed, "hidden": hidden, "components": components}
     changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     spec = replace(study.estimator or EstimatorSpec(), **changes)
-    with progress(quiet=as_json) as tell:
-        document = train_weights_file(study, spec, out, windows=windows, workers=workers, progress=tell)
+    try:
+        with progress(quiet=as_json) as tell:
+            document = train_weights_file(study, spec, out, windows=windows, workers=workers, progress=tell)
+    except KeyboardInterrupt:
+        if windows is None:
+            raise
+        raise Interrupted("finished windows are kept, the same command goes on from them") from None
     if as_json:
         print_json(document)
         return

@@ -150,3 +150,52 @@ def test_without_pytorch_one_sentence_names_the_extra(
     # Weights from a file need none.
     study = with_network(tmp_path, weights=folder / "w.json", grid_phase=True)
     assert call("simulate", study, "--out", tmp_path / "out").exit_code == 0
+
+
+def test_an_interruption_that_keeps_windows_says_how_to_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("vsgdesign.estimator.windows.make_block", interrupted)
+    arguments = ("estimator", "train", study_file(tmp_path), "--out", tmp_path / "w.json")
+    kept = call(*arguments, "--windows", tmp_path / "w.npz")
+    assert (kept.exit_code, "the same command goes on" in kept.stderr) == (130, True)
+    lost = call(*arguments)
+    assert (lost.exit_code, "the same command goes on" in lost.stderr) == (130, False)
+
+
+SIXTY = """
+base = "case:utility_1mva_60hz"
+simulation = { duration = "0.1 s", P_ref = "400 kW", Q_ref = 0 }
+controllers = [
+    { name = "truth", kind = "scheduled" },
+    { name = "network", kind = "scheduled", estimate = "neural" },
+]
+[estimator]
+grid_phase = true
+"""
+
+
+def test_a_60_hz_converter_trains_and_runs_without_a_word_about_windows(folder: Path, tmp_path: Path) -> None:
+    study = study_file(tmp_path, SIXTY + f'recipe = "{folder / "few.toml"}"\n')
+    results = as_json("simulate", study, "--out", tmp_path / "out")
+    estimate, network = results["controllers"]["network"]["estimate"], results["estimator"]
+    assert network["window"] == {
+        "samples": 100, "sample_interval_s": pytest.approx(1 / 6000), "period_s": pytest.approx(1 / 60), "cycles": 1,
+    }  # fmt: skip
+    # Six cycles of 60 Hz in 0.1 s, each with its answer; its twin is told every 20 ms.
+    assert (estimate["windows"], estimate["with_the_truth"]) == (6, "truth")
+    draws = network["training"]["draws"]
+    assert draws["draws"] == 40 + sum(draws["thrown_away"].values())
+    assert draws["thrown_away"]["bridge voltage"] > 0
+    median, most = network["training"]["parts"]["test"]["errors"]["rest"]["Z"]
+    assert 0.0 < median < most < 0.2
+    # What was trained at 60 Hz is refused at 50 Hz, whatever else fits.
+    at_50 = SIXTY.replace("[estimator]", '[converter]\nf_n = "50 Hz"\n[estimator]')
+    weights = tmp_path / "out" / "estimator.weights.json"
+    text = failure(2, "simulate", study_file(tmp_path, at_50 + f'weights = "{weights}"\n'), "--out", tmp_path / "no")
+    assert "f_n = 50 Hz: the weights' scaling is of a converter with 60 Hz" in text
+    # Another period than the window's is refused, with what to do.
+    other = SIXTY.replace('"neural"', '"neural", update_period = "20 ms"')
+    text = failure(2, "simulate", study_file(tmp_path, other + f'weights = "{weights}"\n'), "--out", tmp_path / "no")
+    assert "update_period = 20 ms: the weights take windows of 100 × 166.667 µs = 16.6667 ms. Leave update" in text
