@@ -217,7 +217,7 @@ def test_a_cell_without_a_steady_state_is_recorded() -> None:
     model = linearise_full_order(study, cells)
     assert model.faults[0] is None
     assert model.faults[2] is None
-    assert "no steady state" in (model.faults[1] or "")
+    assert "no operating point" in (model.faults[1] or "")
     assert model.index.tolist() == [0, 2]
     assert model.A.shape == (2, 13, 13)
     alone = linearise_full_order(study, [cells[2]])

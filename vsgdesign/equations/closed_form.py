@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -36,10 +35,8 @@ def closed_form_poles(settling_time: Any, damping_ratio: Any) -> Any:
     return omega_n * omega_n, 2.0 * damping_ratio * omega_n, 4.0 / settling_time
 
 
-def overshoot_of(damping_ratio: float) -> float:
-    """Overshoot in percent of a second-order loop without zero."""
-    if damping_ratio >= 1.0:
-        return 0.0
-    if damping_ratio <= 0.0:
-        return 100.0
-    return 100.0 * math.exp(-math.pi * damping_ratio / math.sqrt(1.0 - damping_ratio * damping_ratio))
+def overshoot_of(damping_ratio: Any) -> Any:
+    """Overshoot in percent of a second-order loop without zero: 0 from ξ = 1 on, 100 where nothing damps."""
+    xi = np.minimum(np.maximum(damping_ratio, 0.0), 1.0)
+    # Without a branch: at ξ = 1 the root's least value makes an exponent that underflows to zero.
+    return 100.0 * np.exp(-np.pi * xi / np.sqrt(np.maximum(1.0 - xi * xi, 1e-30)))

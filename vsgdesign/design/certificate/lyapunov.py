@@ -43,6 +43,10 @@ class Family:
         """Some of the cells."""
         return Family(self.weights[index], self.rates[index], self.corners)
 
+    def constant(self) -> Family:
+        """Those of its functions that do not follow the grid."""
+        return Family(self.weights[:, :1], self.rates[:, :1, :1], self.corners[:1, :1])
+
     @property
     def size(self) -> int:
         """How many matrices P_k."""
@@ -96,9 +100,18 @@ def fit(A: Array, family: Family, decay: float, start: tuple[int, ...] = ()) -> 
 
 
 def best_fit(A: Array, family: Family, limit: float, tolerance: float) -> tuple[Fit | None, tuple[int, ...]]:
-    """The fit of largest decay, by bisection up to ``limit`` (1/s) to ``tolerance``·limit; and the cells in play."""
+    """The fit of largest decay, by bisection up to ``limit`` (1/s) to ``tolerance``·limit; and the cells in play.
+
+    A function that follows the grid is never worse than one that does not, which is one of them: the search begins
+    there.
+    """
     low, high, best = 0.0, limit, None
     active: tuple[int, ...] = ()
+    if family.size > 1:
+        best, active = best_fit(A, family.constant(), limit, tolerance)
+        if best is not None:
+            rest = np.zeros((family.size - 1, *best.P.shape[1:]))
+            low, best = best.decay, Fit(np.concatenate([best.P, rest]), best.decay, best.active)
     while high - low > tolerance * limit:
         decay = 0.5 * (low + high)
         found, active = fit(A, family, decay, active)
