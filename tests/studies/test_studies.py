@@ -60,7 +60,9 @@ def with_small_tables(study: Study, folder: Path) -> Study:
     box = replace(study.specification.box, error_R=0.0, error_X=0.0)
     small = replace(study, specification=replace(study.specification, scr=(4.0, 8.0), x_over_r=(3.0, 5.0), box=box))
     controllers = tuple(
-        replace(spec, table=build_table(small, spec, folder / spec.name, refinements=0).table)
+        replace(
+            spec, table=build_table(small, spec, folder / spec.name, refinements=0, points=20, certificate=False).table
+        )
         if spec.schedule == "table"
         else spec
         for spec in study.controllers
