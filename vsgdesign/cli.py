@@ -150,11 +150,17 @@ def report(study_file: str, out: str | None, pdf: bool, as_json: bool) -> None:
 @main.command()
 @_STUDY
 @click.option("--controller", default=None, metavar="NAME", help="A scheduled controller.  [default: the last one]")
-@click.option("--scr", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the study's axes]")
-@click.option("--x-over-r", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the study's axes]")
-@click.option("--p-pu", type=(float, float), default=(-0.9, 0.9), show_default=True, metavar="LOW HIGH")
-@click.option("--q-pu", type=(float, float), default=(-0.4, 0.4), show_default=True, metavar="LOW HIGH")
-@click.option("--error", type=float, default=0.2, show_default=True, help="Relative error of R_g and of L_g.")
+@click.option(
+    "--scr", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the table's, else the axes]"
+)
+@click.option(
+    "--x-over-r", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the table's, else the axes]"
+)
+@click.option("--p-pu", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the table's, else ±0.9]")
+@click.option("--q-pu", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the table's, else ±0.4]")
+@click.option(
+    "--error", type=float, default=None, help="Relative error of R_g and of L_g.  [default: the table's, else 0.2]"
+)
 @click.option(
     "--rate", type=float, default=float("inf"), help="Largest |d ln SCR/dt| and |d ln(X/R)/dt|, 1/s.  [default: inf]"
 )
@@ -164,7 +170,8 @@ def report(study_file: str, out: str | None, pdf: bool, as_json: bool) -> None:
 @_verb
 def certify(
     study_file: str, controller: str | None, scr: tuple[float, float] | None, x_over_r: tuple[float, float] | None,
-    p_pu: tuple[float, float], q_pu: tuple[float, float], error: float, rate: float, decay: float | None,
+    p_pu: tuple[float, float] | None, q_pu: tuple[float, float] | None, error: float | None, rate: float,
+    decay: float | None,
     boxes: int, as_json: bool,
 ) -> None:  # fmt: skip
     """One Lyapunov function for a whole region of grids, powers and estimate errors, or a counterexample."""

@@ -16,6 +16,7 @@ from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.network_weights import read_network_weights, write_network_weights
+from vsgdesign.artifacts.study_table import table_of
 from vsgdesign.artifacts.table_summary import table_lines
 from vsgdesign.design import certify
 from vsgdesign.design.certificate import region_of
@@ -157,3 +158,19 @@ def test_a_run_says_of_its_table_what_results_say(tmp_path: Path) -> None:
     for line in lines:
         assert line in result.stdout
         assert line in page
+
+
+def test_a_tables_region_is_its_own(tmp_path: Path) -> None:
+    """What certify asks by default is what the table's certificate covers."""
+    study = load_study(with_table(tmp_path / "there"))
+    study = replace(study, scr_basis=table().base.scr_basis)
+    spec, region = region_of(study, "tabled", None, None)
+    made = table_of(study, spec)
+    assert made is not None
+    box = made.validity
+    assert (region.scr, region.x_over_r, region.P, region.Q, region.error) == (
+        box.scr, box.x_over_r, box.P, box.Q, box.error,
+    )  # fmt: skip
+    _, narrower = region_of(study, "tabled", (5.0, 6.0), None, None, (0.0, 0.1))
+    assert (narrower.scr, narrower.x_over_r) == ((5.0, 6.0), box.x_over_r)
+    assert (0.0, 0.1 * study.converter.S_rated) == narrower.Q

@@ -191,3 +191,10 @@ def test_the_hash_is_of_the_content_not_of_the_spelling(tmp_path: Path) -> None:
     assert one.hash == two.hash
     assert one.hash != other.hash
     assert len(one.hash) == 64
+
+
+def test_what_an_event_keeps_of_the_grid_is_what_was_given() -> None:
+    """Back on the first SCR the grid is the first one, to the bit: pages then show it once."""
+    events = "".join(f'[[events]]\ntime = "{0.1 * k} s"\ngrid = {{ scr = {scr} }}\n' for k, scr in ((1, 1.5), (2, 5.5)))
+    study = study_from_text(ON_CASE + "[grid]\nscr = 5.5\nx_over_r = 2.4\n" + REST + events)
+    assert study.events[1].grid == study.grid

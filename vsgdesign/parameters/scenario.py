@@ -25,7 +25,8 @@ def read_grid(table: TableReader, converter: Converter, basis: str, previous: Gr
     """
     if previous is not None and not (table.has("R_g") or table.has("L_g")):
         omega = converter.omega_n
-        keep_scr, keep_ratio = previous.scr(converter, basis), previous.x_over_r(omega)
+        # To twelve digits: what is kept is then the number that was given, and equal grids are equal.
+        keep_scr, keep_ratio = (float(f"{x:.12g}") for x in (previous.scr(converter, basis), previous.x_over_r(omega)))
         scr = table.quantity("scr", "1", *_SCR, default=keep_scr)
         ratio = table.quantity("x_over_r", "1", *_X_OVER_R, default=keep_ratio)
         return grid_from_scr(scr, ratio, basis, converter)

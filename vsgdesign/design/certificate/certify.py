@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.study_table import table_of
 from vsgdesign.design.certificate.boxes import encloses
 from vsgdesign.design.certificate.lyapunov import Family, Fit, best_fit, residual
 from vsgdesign.design.certificate.proof import Outcome, prove
@@ -223,18 +224,26 @@ def largest_rate(
 
 def region_of(
     study: Study, controller: str | None, scr: tuple[float, float] | None, x_over_r: tuple[float, float] | None,
-    P_pu: tuple[float, float], Q_pu: tuple[float, float], error: float, rate: float = np.inf,
+    P_pu: tuple[float, float] | None = None, Q_pu: tuple[float, float] | None = None, error: float | None = None,
+    rate: float = np.inf,
 ) -> tuple[ControllerSpec, Region]:  # fmt: skip
     """A controller by name (None: the last scheduled one) and a region, from limits in per unit of rating.
 
-    None for ``scr`` or ``x_over_r``: the limits of the study's stability axes. Raises StudyError with every fault.
+    What is None is a table's own box, which its certificate covers. For a closed form it is the limits of the study's
+    stability axes, P ±0.9 pu, Q ±0.4 pu and ±20 % of R_g and L_g. Raises StudyError with every fault.
     """
     scheduled = [spec for spec in study.controllers if spec.kind == "scheduled"]
     chosen = [spec for spec in scheduled if controller in (None, spec.name)]
-    axes, S = study.stability, study.converter.S_rated
-    scr = (axes.scr[0], axes.scr[-1]) if scr is None else scr
-    x_over_r = (axes.x_over_r[0], axes.x_over_r[-1]) if x_over_r is None else x_over_r
-    region = Region(scr, x_over_r, (P_pu[0] * S, P_pu[1] * S), (Q_pu[0] * S, Q_pu[1] * S), error, rate)
+    S = study.converter.S_rated
+    whole = _whole_region(study, chosen[-1] if chosen else None)
+    region = Region(
+        whole.scr if scr is None else scr,
+        whole.x_over_r if x_over_r is None else x_over_r,
+        whole.P if P_pu is None else (P_pu[0] * S, P_pu[1] * S),
+        whole.Q if Q_pu is None else (Q_pu[0] * S, Q_pu[1] * S),
+        whole.error if error is None else error,
+        rate,
+    )
     faults = region_faults(region)
     if not chosen:
         names = ", ".join(spec.name for spec in scheduled) or "none"
@@ -243,6 +252,23 @@ def region_of(
     if faults:
         raise StudyError(study.name, faults)
     return chosen[-1], region
+
+
+def _whole_region(study: Study, spec: ControllerSpec | None) -> Region:
+    """The box of a controller's table, built or to be built; else the study's stability axes with common limits."""
+    asked = study.specification
+    if spec is not None and spec.schedule == "table":
+        table = table_of(study, spec)
+        if table is not None and table.base.scr_basis == study.scr_basis:
+            box = table.validity
+            return Region(box.scr, box.x_over_r, box.P, box.Q, box.error)
+        if table is None and asked is not None and asked.scr_basis == study.scr_basis:
+            box, error = asked.box, max(asked.box.error_R, asked.box.error_X)
+            P, Q = ((min(powers), max(powers)) for powers in (box.P, box.Q))
+            return Region((asked.scr[0], asked.scr[-1]), (asked.x_over_r[0], asked.x_over_r[-1]), P, Q, error)
+    axes, S = study.stability, study.converter.S_rated
+    scr, x_over_r = (axes.scr[0], axes.scr[-1]), (axes.x_over_r[0], axes.x_over_r[-1])
+    return Region(scr, x_over_r, (-0.9 * S, 0.9 * S), (-0.4 * S, 0.4 * S), 0.2)
 
 
 def _prepared(
