@@ -67,8 +67,9 @@ def build_study(
     events = read_events(root.children("events"), grid, basis, converter, simulation)
     _check_resonance(filter_, converter, [grid, *(event.grid for event in events if event.grid)], faults)
     controllers = _read_controllers(root, target, grid, basis, converter, simulation)
-    stability = read_stability(root.child("stability"), converter, target)
     specification = read_specification(root.child("specification"), converter, source_, target, basis)
+    asked = target.settling_time if specification is None else specification.settling_time
+    stability = read_stability(root.child("stability"), converter, target, asked)
     estimator = read_estimator(root.child("estimator"))
     root.finish()
     inner_gains, omega_t, request = inner.gains, inner.omega_t, None

@@ -10,10 +10,16 @@ DEFAULT_X_OVER_R = (0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 14.0, 20.
 DEFAULT_ERRORS = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
 
 
-def read_stability(table: TableReader | None, converter: Converter, target: ClosedFormTarget) -> StabilitySpec:
-    """The section, or its defaults: SCR 1.2–20 × X/R 0.5–20 at the design point of the power loops."""
+def read_stability(
+    table: TableReader | None, converter: Converter, target: ClosedFormTarget, settling_time: float
+) -> StabilitySpec:  # fmt: skip
+    """The section, or its defaults: SCR 1.2–20 × X/R 0.5–20 at the design point of the power loops.
+
+    ``settling_time`` (s) is what the study asks of its steps: the gate's default.
+    """
+    gates = Gates(settling_time=settling_time)
     if table is None:
-        return StabilitySpec(DEFAULT_SCR, DEFAULT_X_OVER_R, (target.P,), (target.Q,), DEFAULT_ERRORS, Gates())
+        return StabilitySpec(DEFAULT_SCR, DEFAULT_X_OVER_R, (target.P,), (target.Q,), DEFAULT_ERRORS, gates)
     limit = 2.0 * converter.S_rated
     spec = StabilitySpec(
         scr=table.quantities("scr", "1", 0.05, 1e4, DEFAULT_SCR),
@@ -21,16 +27,15 @@ def read_stability(table: TableReader | None, converter: Converter, target: Clos
         P=table.quantities("P", "W", -limit, limit, (target.P,)),
         Q=table.quantities("Q", "var", -limit, limit, (target.Q,)),
         errors=table.quantities("errors", "1", -0.9, 10.0, DEFAULT_ERRORS),
-        gates=_read_gates(table.child("gates")),
+        gates=_read_gates(table.child("gates"), gates),
     )
     table.finish()
     return spec
 
 
-def _read_gates(table: TableReader | None) -> Gates:
+def _read_gates(table: TableReader | None, default: Gates) -> Gates:
     if table is None:
-        return Gates()
-    default = Gates()
+        return default
     gates = Gates(
         damping_ratio=table.quantity("damping_ratio", "1", 0.0, 1.0, default=default.damping_ratio),
         gain_margin_db=table.quantity("gain_margin_db", "1", 0.0, 60.0, default=default.gain_margin_db),

@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.table_summary import table_lines, table_summary
+from vsgdesign.artifacts.table_text import certificate_sentence
 from vsgdesign.report import estimate_tables, promise_tables, tables
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.html import write_html
 from vsgdesign.report.inner_page import inner_part
+from vsgdesign.report.inner_words import headline
 from vsgdesign.report.quantities import plain, plain_quantity
 from vsgdesign.report.verdict import explanation, step_outcomes, verdict
 from vsgdesign.simulation import ScenarioResult
@@ -36,7 +38,7 @@ def write_page(
         study=study,
         scenario=_scenario(result),
         warnings=[*(one.message for one in result.instabilities), *([WHERE_TO_LOOK] if result.instabilities else [])],
-        verdict=[*verdict(result, outcomes), *promise_tables.promise_sentences(kept)],
+        verdict=[*verdict(result, outcomes), *promise_tables.promise_sentences(kept), *_designed(result, inner)],
         explanation=explanation(outcomes),
         targets=tables.targets_table(outcomes) if outcomes else None,
         promises=promise_tables.promises_table(kept),
@@ -58,6 +60,13 @@ def write_page(
         metrics_notes=tables.METRICS_NOTES,
         limits=limits_of_validity(result),
     )
+
+
+def _designed(result: ScenarioResult, inner: dict[str, Any] | None) -> list[str]:
+    """What was designed for this run, and whether it is proved: one sentence each."""
+    tables = [(c.spec.name, c.spec.table) for c in result.controllers if c.spec.table is not None]
+    said = [f"{name}: {certificate_sentence(table.certificate)}" for name, table in tables]
+    return said if inner is None else [*said, headline(inner)]
 
 
 def _estimate(result: ScenarioResult, trained: TrainedEstimator | None) -> dict[str, Any] | None:
