@@ -48,7 +48,9 @@ def read_inner_loops(table: TableReader | None, filter_: Filter, converter: Conv
     if table is None:
         return Reading(None, math.nan)
     given = [field for field in GIVEN if table.has(field)]
-    if table.flag("design", default=not given):
+    asked = table.flag("design", default=not given)
+    # A flag that is neither true nor false has had its fault; what else it asks for is read as asked for.
+    if asked or not isinstance(table.table.get("design", False), bool):
         return _read_request(table, given)
     for field in ("scr", "x_over_r", "seed"):
         if table.has(field):
