@@ -192,6 +192,7 @@ def test_ctrl_c_at_a_prompt_leaves_nothing(here: Path, key: bytes) -> None:
 def test_a_termination_leaves_nothing(here: Path) -> None:
     terminal = Terminal(here)
     terminal.expect("Rated power")
+    time.sleep(0.3)  # until it reads, as above
     terminal.process.send_signal(signal.SIGTERM)
     assert terminal.close() != 0
     assert os.listdir(here) == []
