@@ -60,7 +60,7 @@ def inner_loop_design() -> list[Row]:
 
         rows.append(Row("inner", f"{words}: the map over 13 × 13 grids", scaled(figure(repeat(score)), 1e3), "ms"))
         begin = time.perf_counter()
-        count = len(what_would_help(c, f, box, design))
+        count = len(what_would_help(c, f, box, design.gains, design.omega_t))
         taken = figure([time.perf_counter() - begin])
         rows.append(
             Row("inner", f"{words}: what {count} other converters would buy", taken, "s", limit="shorter searches")
