@@ -169,3 +169,18 @@ def test_a_run_says_the_same_of_them(study: Path, tmp_path: Path) -> None:
     assert in_run == alone
     page = (tmp_path / "out" / "report.html").read_text()
     assert headline(alone).split(":")[0] in page
+
+
+def test_the_answer_names_the_worst_first(study: Path) -> None:
+    """Unstable grids, then cells unstable with power loops, then a filter that is off, then a missed promise."""
+    good = json.loads(call("inner", study, "--no-what-if", "--json").stdout)
+    of, analysed = good["grids"]["of"], good["full_order"]["analysed"]
+    worse = good | {"kept": False, "score": 0.5, "full_order": good["full_order"] | {"stable": analysed}}
+    worse["grids"] = {"stable": of, "of": of}
+    assert "not every promise is kept: the score is 0.5 of 1 asked" in headline(worse)
+    worse["score"] = -0.1
+    assert "off by 20 %" in headline(worse)
+    worse["full_order"] = worse["full_order"] | {"stable": analysed - 2}
+    assert f"unstable in 2 of {analysed} cells" in headline(worse)
+    worse["grids"] = {"stable": of - 3, "of": of}
+    assert headline(worse) == f"The inner loops are unstable on 3 of {of} grids."

@@ -21,6 +21,7 @@ from vsgdesign.errors import ArtifactError
 from vsgdesign.parameters import Study, load_study
 from vsgdesign.parameters.loading import base_files
 from vsgdesign.parameters.study import InnerLoopRequest
+from vsgdesign.report.quantities import plain
 
 Say = Callable[[str], None]
 """Takes one sentence for the user."""
@@ -80,7 +81,7 @@ class KeptInnerLoops:
             self._tell(f"The designed inner loops could not be kept and will be designed again next time: {error}")
             return
         self.file = path
-        self._tell(f"The inner loops were designed and are kept in {path} (score {record.score:.2f}).")
+        self._tell(f"The inner loops were designed and are kept in {path} (score {plain(record.score, 3)}).")
 
     def _tell(self, sentence: str) -> None:
         if self.say is not None:
@@ -108,7 +109,7 @@ def check_study(path: str | Path) -> tuple[Study, str]:
         return study, ""
     if kept.record is None:
         return study, "The inner loops are still to be designed; the first verb that needs them does so."
-    return study, f"The designed inner loops are kept in {kept.file} (score {kept.record.score:.2f})."
+    return study, f"The designed inner loops are kept in {kept.file} (score {plain(kept.record.score, 3)})."
 
 
 def design_record(request: InnerLoopRequest, progress: Progress | None = None) -> InnerLoopsRecord:

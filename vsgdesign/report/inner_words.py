@@ -32,6 +32,12 @@ def headline(document: dict[str, Any]) -> str:
     if grids["stable"] < grids["of"]:
         lost = grids["of"] - grids["stable"]
         return f"The inner loops are unstable on {lost} of {grids['of']} grids."
+    check = document["full_order"]
+    if check["stable"] < check["analysed"]:
+        return (
+            f"The inner loops alone are stable on all {grids['of']} grids, but with closed-form power loops the "
+            f"full-order model is unstable in {check['analysed'] - check['stable']} of {check['analysed']} cells."
+        )
     if document["score"] <= 0.0:
         return (
             f"The inner loops are stable on all {grids['of']} grids with the filter as given, but not everywhere "
