@@ -198,3 +198,12 @@ def test_what_an_event_keeps_of_the_grid_is_what_was_given() -> None:
     events = "".join(f'[[events]]\ntime = "{0.1 * k} s"\ngrid = {{ scr = {scr} }}\n' for k, scr in ((1, 1.5), (2, 5.5)))
     study = study_from_text(ON_CASE + "[grid]\nscr = 5.5\nx_over_r = 2.4\n" + REST + events)
     assert study.events[1].grid == study.grid
+
+
+def test_a_study_of_the_present_folder_has_its_folders_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where it is named by its whole path: an empty name would put results straight into out/."""
+    home = tmp_path / "bench"
+    home.mkdir()
+    (home / "study.toml").write_text(ON_CASE + REST)
+    monkeypatch.chdir(home)
+    assert load_study("study.toml").name == load_study(home / "study.toml").name == "bench"

@@ -32,7 +32,7 @@ def load_study(path: str | Path, inner_loops: InnerLoopSource | None = None) -> 
     ``inner_loops`` gives the gains where the study leaves them to be designed, once the rest is without a fault.
     """
     path = Path(path)
-    name = path.stem if path.stem != "study" else path.parent.name
+    name = path.stem if path.stem != "study" else (path.resolve().parent.name or path.stem)
     study = _build(_document(path, _MAX_BASES), str(path), name, path.parent, inner_loops)
     return replace(study, files=tuple(os.path.abspath(file) for file in (path, *base_files(path))))
 
