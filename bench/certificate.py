@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from bench.timing import Row, figure, repeat
-from vsgdesign.design.certificate import Region, certify
+from vsgdesign.certificate import Region, certify
 from vsgdesign.parameters import ControllerSpec, Study, load_study
 
 BOX = {"P": (-4500.0, 4500.0), "Q": (-2000.0, 2000.0)}

@@ -13,8 +13,8 @@ from vsgdesign.design.inner.grids import corners, lattice
 from vsgdesign.design.inner.promises import bench_of, evaluate
 from vsgdesign.design.inner.search import COARSE, POINTS_SEARCH, POPULATION
 from vsgdesign.design.inner.variables import closed_form_starts
-from vsgdesign.design.threads import one_thread
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.execution.threads import one_thread
 from vsgdesign.parameters import study_from_text
 
 GOAL = "this project's: a design within 10 s on one thread"

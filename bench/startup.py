@@ -29,7 +29,7 @@ print(seconds[0] - seconds[1])
 
 def start() -> list[Row]:
     """CPU time of the smallest uses."""
-    help_ = [run_python(["-m", "vsgdesign.cli", "--help"]).cpu_s for _ in range(9)][2:]
+    help_ = [run_python(["-m", "vsgdesign.cli.program", "--help"]).cpu_s for _ in range(9)][2:]
     bare = figure([run_python(["-c", "import numpy"]).cpu_s for _ in range(9)][2:])
     shipped = [run_python(["-c", "import vsgdesign.runtime"]).cpu_s for _ in range(9)][2:]
     beyond = figure([max(value - bare.value, 0.0) * 1e3 for value in shipped])
@@ -59,7 +59,7 @@ def memory() -> list[Row]:
     """Peak memory of whole processes."""
     command = [
         "-c",
-        "import os, sys; from vsgdesign.cli import main; main(sys.argv[1:] + [os.environ['OUT'] + '/out'])",
+        "import os, sys; from vsgdesign.cli.program import main; main(sys.argv[1:] + [os.environ['OUT'] + '/out'])",
     ]
     code = "import vsgdesign.simulation"
     base = figure([run_python(["-c", code]).peak_mb for _ in range(5)])

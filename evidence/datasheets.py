@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from click.testing import CliRunner
 
-from vsgdesign.cli import main as command_line
+from vsgdesign.cli.program import main as command_line
 from vsgdesign.design.inner import designing
 from vsgdesign.design.inner.search import Effort
 

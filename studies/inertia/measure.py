@@ -16,7 +16,7 @@ from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters import Event, GridSource, Study, load_study
 from vsgdesign.parameters.study import grid_from_scr
-from vsgdesign.report.style import COLUMN_IN, REFERENCE, add_axes, line_style, look, new_figure
+from vsgdesign.report.drawing.style import COLUMN_IN, REFERENCE, add_axes, line_style, look, new_figure
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.simulation import GainChange, simulate

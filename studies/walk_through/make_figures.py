@@ -17,7 +17,7 @@ from vsgdesign.model.full_order import PARAMETERS
 from vsgdesign.operating_point.full_order import FullOrderModel
 from vsgdesign.parameters import Study, load_study
 from vsgdesign.parameters.study import Event, Grid
-from vsgdesign.report.style import COLOURS, PAGE_IN, add_axes, look, new_figure
+from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation import run_scenario
 from vsgdesign.stability.cells import cells_under, full_order_cells, grid_arrays

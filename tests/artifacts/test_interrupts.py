@@ -7,8 +7,8 @@ import threading
 
 import pytest
 
-from vsgdesign.artifacts.interrupts import interrupts_deferred
-from vsgdesign.signals import STOPPING, Stop, signals_raise
+from vsgdesign.execution.interrupts import interrupts_deferred
+from vsgdesign.execution.signals import STOPPING, Stop, signals_raise
 
 
 @pytest.mark.parametrize("number", STOPPING)

@@ -16,11 +16,11 @@ from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.table_summary import table_lines
 from vsgdesign.artifacts.table_text import between_text, certificate_sentence, certificate_summary
-from vsgdesign.console_table import built_text
-from vsgdesign.design.certificate.results import Counterexample, growing_mode
+from vsgdesign.certificate.results import Counterexample, growing_mode
+from vsgdesign.cli.console.table import built_text
 from vsgdesign.export import export_c_files
-from vsgdesign.report.table_page import verdict_of
-from vsgdesign.report.table_regions import certificate_figure
+from vsgdesign.report.gain_table.page import verdict_of
+from vsgdesign.report.gain_table.regions import certificate_figure
 
 REGION = {"scr": [2.0, 8.0], "x_over_r": [0.3, 3.0], "P": [-4500.0, 4500.0], "Q": [-2e3, 2e3], "error": 0.2}
 CELL = {"scr": 2.0, "x_over_r": 0.3, "P": -2500.0, "Q": 1000.0, "error_R": -0.2, "error_L": 0.0}
@@ -109,7 +109,7 @@ def test_the_document_of_a_counterexample_is_understood() -> None:
     """What the search hands over, not a dictionary that this page made up."""
     import numpy as np
 
-    from vsgdesign.design.certificate import Region
+    from vsgdesign.certificate import Region
 
     A = np.array([[0.5, 6.0, 0.0], [-6.0, 0.5, 0.0], [0.0, 0.0, -3.0]])
     value, trajectory = growing_mode(A, np.ones(3))

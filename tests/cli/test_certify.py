@@ -7,7 +7,7 @@ import json
 import numpy as np
 from click.testing import CliRunner
 
-from vsgdesign.cli import main
+from vsgdesign.cli.program import main
 
 STUDY = "studies/structures/study.toml"
 

@@ -37,7 +37,7 @@ def test_standard_input_pipes_and_devices_are_no_study_files(verb: str, tmp_path
         message = failure(2, verb, path)
         assert "is a pipe or a device, not a study file. Save it as a file: bases, tables and designed" in message
     with study_file(tmp_path).open() as stream:
-        command = [sys.executable, "-m", "vsgdesign.cli", verb, "/dev/stdin"]
+        command = [sys.executable, "-m", "vsgdesign.cli.program", verb, "/dev/stdin"]
         done = subprocess.run(command, stdin=stream, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2
     assert "is a pipe or a device" in done.stderr

@@ -18,8 +18,8 @@ from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.network_weights import read_network_weights, write_network_weights
 from vsgdesign.artifacts.study_table import table_of
 from vsgdesign.artifacts.table_summary import table_lines
+from vsgdesign.certificate import region_of
 from vsgdesign.design import certify
-from vsgdesign.design.certificate import region_of
 from vsgdesign.parameters import load_study
 from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.simulation import run_scenario

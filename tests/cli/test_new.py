@@ -18,7 +18,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.datasheet.sheets import write_all
-from vsgdesign.cli import main
+from vsgdesign.cli.program import main
 
 
 def run(*arguments: str) -> tuple[int, str]:
@@ -108,7 +108,7 @@ class Terminal:
 
     def __init__(self, folder: Path, *arguments: str) -> None:
         self.master, slave = pty.openpty()
-        command = [sys.executable, "-m", "vsgdesign.cli", "new", *arguments]
+        command = [sys.executable, "-m", "vsgdesign.cli.program", "new", *arguments]
         self.process = subprocess.Popen(
             command, cwd=folder, stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
             preexec_fn=_own_terminal,

@@ -17,7 +17,7 @@ import pytest
 from tests.cli.small_studies import SMALL, study_file
 from vsgdesign import __version__
 
-COMMAND = [sys.executable, "-m", "vsgdesign.cli"]
+COMMAND = [sys.executable, "-m", "vsgdesign.cli.program"]
 
 
 def run(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -56,12 +56,12 @@ class Finder:
             os.kill(os.getpid(), number)
 sys.meta_path.insert(0, Finder())
 sys.argv = ["vsgdesign", "simulate", "missing.toml"]
-from vsgdesign.cli import main
+from vsgdesign.cli.program import main
 main()
 """
 
 
-@pytest.mark.parametrize("module", ["click", "vsgdesign.cli_table", "vsgdesign.parameters", "numpy"])
+@pytest.mark.parametrize("module", ["click", "vsgdesign.cli.table", "vsgdesign.parameters", "numpy"])
 @pytest.mark.parametrize(
     ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 )

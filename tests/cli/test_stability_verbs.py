@@ -182,7 +182,7 @@ def test_help() -> None:
 
 def test_no_progress_in_a_pipe(tmp_path: Path) -> None:
     study = study_file(tmp_path, ONE + AXES)
-    command = [sys.executable, "-m", "vsgdesign.cli", "margins", str(study)]
+    command = [sys.executable, "-m", "vsgdesign.cli.program", "margins", str(study)]
     run = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert run.returncode == 0, run.stderr
     assert run.stderr == ""

@@ -26,7 +26,7 @@ from vsgdesign.pipeline.table import cells_folder
 from vsgdesign.stability.gain_table import check_table
 
 POINTS = "40"
-COMMAND = [sys.executable, "-m", "vsgdesign.cli", "table", "build"]
+COMMAND = [sys.executable, "-m", "vsgdesign.cli.program", "table", "build"]
 
 
 @pytest.fixture(scope="module")

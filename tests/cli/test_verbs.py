@@ -16,7 +16,7 @@ from rich.console import Console
 from tests.cli.small_studies import as_json, call, study_file
 from tests.cli.test_named_files import with_table
 from vsgdesign import __version__
-from vsgdesign.console_design import design_tables
+from vsgdesign.cli.console.design import design_tables
 from vsgdesign.design import design_closed_form
 from vsgdesign.parameters import load_study
 from vsgdesign.runtime.of_study import gain_law
@@ -192,12 +192,15 @@ def modules_after(code: str) -> set[str]:
 
 
 def test_the_command_line_itself_is_light() -> None:
-    assert modules_after("import vsgdesign.cli").isdisjoint(HEAVY)
-    help_ = "from click.testing import CliRunner; from vsgdesign.cli import main; CliRunner().invoke(main, ['--help'])"
+    assert modules_after("import vsgdesign.cli.program").isdisjoint(HEAVY)
+    help_ = (
+        "from click.testing import CliRunner; from vsgdesign.cli.program import main; "
+        "CliRunner().invoke(main, ['--help'])"
+    )
     assert modules_after(help_).isdisjoint(HEAVY)
 
 
 def test_validate_is_light_but_for_numpy(tmp_path: Path) -> None:
     study = str(study_file(tmp_path))
-    code = f"from vsgdesign.cli import main; main(['validate', {study!r}], standalone_mode=False)"
+    code = f"from vsgdesign.cli.program import main; main(['validate', {study!r}], standalone_mode=False)"
     assert modules_after(code) & HEAVY == {"numpy"}

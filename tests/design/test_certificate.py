@@ -12,12 +12,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from vsgdesign.certificate import region_of
+from vsgdesign.certificate.boxes import whole_region
+from vsgdesign.certificate.lyapunov import Family, residual
+from vsgdesign.certificate.proof import Outcome
+from vsgdesign.certificate.region import System, random_points
 from vsgdesign.design import Certificate, Counterexample, Region, certify
-from vsgdesign.design.certificate import region_of
-from vsgdesign.design.certificate.boxes import whole_region
-from vsgdesign.design.certificate.lyapunov import Family, residual
-from vsgdesign.design.certificate.proof import Outcome
-from vsgdesign.design.certificate.region import System, random_points
 from vsgdesign.equations.power_flow import operating_point, power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.errors import InfeasibleStudyError, StudyError
@@ -134,7 +134,7 @@ def test_a_corner_that_points_miss_is_found(study: Study) -> None:
 def test_what_is_claimed_holds_where_boxes_broke_it(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fitted to a few strong grids, a function fails elsewhere. The boxes find where, and none are left to try another
     on: what is claimed then holds at those points, too."""
-    module: Any = importlib.import_module("vsgdesign.design.certificate.certify")
+    module: Any = importlib.import_module("vsgdesign.certificate.certify")
     spec = controller(study, "angle_damped", Q_droop=0.5)
     system = System(study, closed_form_schedule(study, spec.target))
     rng = np.random.default_rng(5)

@@ -12,16 +12,16 @@ from scipy.linalg import expm
 
 from tests.gain_tables import table
 from vsgdesign.artifacts import GainTable
-from vsgdesign.design.certificate import Certificate, Region, certify
-from vsgdesign.design.certificate.box_check import compile_ahead, judge, survey
-from vsgdesign.design.certificate.boxes import Boxes, parameters_of, points_of, whole_region
-from vsgdesign.design.certificate.certify import Motion
-from vsgdesign.design.certificate.enclosure import programs
-from vsgdesign.design.certificate.lyapunov import residual
-from vsgdesign.design.certificate.proof import EMPTY, PROVED, UNDECIDED, look_at, prove
-from vsgdesign.design.certificate.region import System, point_of, random_points
-from vsgdesign.design.certificate.taylor_kernel import LANES, rows, run_program, sum_up
-from vsgdesign.design.certificate.tracing import Program
+from vsgdesign.certificate import Certificate, Region, certify
+from vsgdesign.certificate.box_check import compile_ahead, judge, survey
+from vsgdesign.certificate.boxes import Boxes, parameters_of, points_of, whole_region
+from vsgdesign.certificate.certify import Motion
+from vsgdesign.certificate.enclosure import programs
+from vsgdesign.certificate.lyapunov import residual
+from vsgdesign.certificate.proof import EMPTY, PROVED, UNDECIDED, look_at, prove
+from vsgdesign.certificate.region import System, point_of, random_points
+from vsgdesign.certificate.taylor_kernel import LANES, rows, run_program, sum_up
+from vsgdesign.certificate.tracing import Program
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.parameters import ControllerSpec, Study, load_study

@@ -22,7 +22,7 @@ from vsgdesign.design.comparison import (
 )
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.report.comparison_tables import promises_table, verdict_of
+from vsgdesign.report.comparison.tables import promises_table, verdict_of
 
 GRIDS = ((3.0, 1.0), (6.0, 3.0))
 

@@ -11,7 +11,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from vsgdesign.design.certificate.lyapunov import Family, best_fit, fit, residual
+from vsgdesign.certificate.lyapunov import Family, best_fit, fit, residual
 
 CELLS, ORDER = 25, 3
 

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from vsgdesign.design.certificate.taylor_kernel import LANES, limits, negative, rows, run_program, sum_up
-from vsgdesign.design.certificate.tracing import Symbol, Tracer, program_of
+from vsgdesign.certificate.taylor_kernel import LANES, limits, negative, rows, run_program, sum_up
+from vsgdesign.certificate.tracing import Symbol, Tracer, program_of
 
 Array = NDArray[np.float64]
 

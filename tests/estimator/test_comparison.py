@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from tests.artifacts.networks import random_weights
 from tests.cli.small_studies import SMALL
 from vsgdesign.artifacts.network_weights import write_network_weights
-from vsgdesign.cli import main
+from vsgdesign.cli.program import main
 from vsgdesign.errors import ArtifactError
 from vsgdesign.estimator.baselines import (
     Estimates,
@@ -38,8 +38,8 @@ from vsgdesign.estimator.sampling import with_sampling
 from vsgdesign.estimator.stress import Stress, stress_axes, stress_methods
 from vsgdesign.parameters import Study, load_study, study_from_text
 from vsgdesign.pipeline.estimator import report_comparison
-from vsgdesign.report.estimator_figures import comparison_figures, stress_figures, write_all
-from vsgdesign.report.estimator_page import (
+from vsgdesign.report.estimator.figures import comparison_figures, stress_figures, write_all
+from vsgdesign.report.estimator.page import (
     comparison_conclusion,
     delay_table,
     stress_conclusion,

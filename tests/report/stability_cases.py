@@ -10,10 +10,10 @@ from pathlib import Path
 from vsgdesign.parameters import study_from_text
 from vsgdesign.pipeline import StabilityResult, assess_study
 from vsgdesign.report import WrittenFigure, write_stability_report
+from vsgdesign.report.drawing.files import compact
+from vsgdesign.report.drawing.style import look
 from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.files import compact
-from vsgdesign.report.stability_figures import stability_figures
-from vsgdesign.report.style import look
+from vsgdesign.report.stability.figures import stability_figures
 from vsgdesign.simulation.evidence import step_evidence
 
 BASE = """

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from vsgdesign.report import write_figures
-from vsgdesign.report.files import compact
-from vsgdesign.report.margins import loops_on_grids
-from vsgdesign.report.scenario_figures import choose_zooms, signal_figure
-from vsgdesign.report.signals import signals
-from vsgdesign.report.time_axis import event_labels, time_unit
+from vsgdesign.report.drawing.files import compact
+from vsgdesign.report.drawing.time_axis import event_labels, time_unit
+from vsgdesign.report.scenario.figures import choose_zooms, signal_figure
+from vsgdesign.report.scenario.margins import loops_on_grids
+from vsgdesign.report.scenario.signals import signals
 
 NAMES = ["active_power", "reactive_power", "voltage", "frequency", "grid_impedance", "gains", "bode_P"]
 SVG = "{http://www.w3.org/2000/svg}"

@@ -12,10 +12,12 @@ import pytest
 
 from vsgdesign.metrics.events import TOO_SHORT, UNSTABLE
 from vsgdesign.metrics.step_response import no_figures
-from vsgdesign.report import tables, write_report
+from vsgdesign.report import write_report
+from vsgdesign.report.page import converter
 from vsgdesign.report.quantities import number, plain_quantity, prefix_for, quantity
-from vsgdesign.report.second_order import overshoot_of, settling_factor, uncoupled_P
-from vsgdesign.report.verdict import explanation, step_outcomes, verdict
+from vsgdesign.report.scenario import tables
+from vsgdesign.report.scenario.second_order import overshoot_of, settling_factor, uncoupled_P
+from vsgdesign.report.scenario.verdict import explanation, step_outcomes, verdict
 
 VOID = {"meta", "br", "hr", "img", "input", "link"}
 
@@ -93,7 +95,7 @@ def test_every_row_of_every_table_is_on_the_page(made):
     result = made.result
     outcomes = step_outcomes(result)
     expected = [
-        tables.converter_table(result), tables.filter_table(result), tables.controllers_table(result),
+        converter.converter_table(result), converter.filter_table(result), tables.controllers_table(result),
         tables.operating_points_table(result), tables.margins_table(result),
         *(tables.gains_table(result, controller) for controller in result.controllers),
         *(tables.metrics_table(result, controller) for controller in result.controllers if controller.events),

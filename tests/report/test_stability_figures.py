@@ -10,10 +10,10 @@ import pytest
 
 from tests.report.stability_cases import TEXTS, assessed, drawn
 from vsgdesign.report import write_stability_figures
-from vsgdesign.report.stability_look import Cells, Scale, edges, gate_scale
-from vsgdesign.report.stability_maps import QUANTITIES, settling_cells, worst_over_powers
-from vsgdesign.report.stability_schedule import worst_over_boxes
-from vsgdesign.report.style import look
+from vsgdesign.report.drawing.look import Cells, Scale, edges, gate_scale
+from vsgdesign.report.drawing.style import look
+from vsgdesign.report.stability.maps import QUANTITIES, settling_cells, worst_over_powers
+from vsgdesign.report.stability.schedule import worst_over_boxes
 
 MAPS = {f"map_{quantity.name}" for quantity in QUANTITIES} | {"map_settling"}
 UNIT = re.compile(r"\[[^\]]+\]$")

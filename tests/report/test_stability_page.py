@@ -12,7 +12,7 @@ import pytest
 from tests.report.stability_cases import TEXTS, Made, assessed, make
 from tests.report.test_page import checked
 from vsgdesign.report import write_stability_report
-from vsgdesign.report.stability_page import csv_files
+from vsgdesign.report.stability.page import csv_files
 from vsgdesign.stability.verdict import OWN, counted_rows
 
 _MADE: dict[str, Made] = {}

@@ -16,12 +16,12 @@ from tests.gain_tables import table
 from vsgdesign.artifacts import GainTable, read_table_file
 from vsgdesign.pipeline.table import report_table
 from vsgdesign.report import write_table_figures, write_table_report
+from vsgdesign.report.drawing.style import look
+from vsgdesign.report.drawing.surfaces import surface_scale
 from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.style import look
-from vsgdesign.report.surfaces import surface_scale
-from vsgdesign.report.table_figures import table_figures
-from vsgdesign.report.table_maps import limit_of, varies
-from vsgdesign.report.table_page import margins_table, verdict_of
+from vsgdesign.report.gain_table.figures import table_figures
+from vsgdesign.report.gain_table.maps import limit_of, varies
+from vsgdesign.report.gain_table.page import margins_table, verdict_of
 from vsgdesign.stability.gain_table import nominal_margins
 
 UNIT = re.compile(r"\[[^\]]+\]$")

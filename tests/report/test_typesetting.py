@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from vsgdesign.report.html import environment, with_subscripts
+from vsgdesign.report.page.html import environment, with_subscripts
 from vsgdesign.report.quantities import typeset
 from vsgdesign.stability.verdict import _margin
 

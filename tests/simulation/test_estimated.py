@@ -17,7 +17,7 @@ from vsgdesign.equations.power_loops import References
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.study import Grid
-from vsgdesign.report.estimate_tables import estimate_text
+from vsgdesign.report.scenario.estimate_tables import estimate_text
 from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.simulation import MeasuredWindow, run_scenario
 from vsgdesign.simulation.estimated import NO_DESIGN, TRAINED_PHASE, EstimatedScheduler, window_channels

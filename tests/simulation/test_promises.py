@@ -14,8 +14,8 @@ from tests.gain_tables import table
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters import Event, Study
 from vsgdesign.parameters.study import Grid, grid_from_scr
-from vsgdesign.report.promise_tables import promise_sentences, promises_table
-from vsgdesign.report.verdict import step_outcomes, verdict
+from vsgdesign.report.scenario.promise_tables import promise_sentences, promises_table
+from vsgdesign.report.scenario.verdict import step_outcomes, verdict
 from vsgdesign.simulation import ScenarioResult, run_scenario
 from vsgdesign.simulation.promises import CLOSED_FORM, GATES, TABLE, promises_kept, promises_of
 from vsgdesign.stability.cells import cells_under, full_order_cells

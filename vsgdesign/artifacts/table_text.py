@@ -14,7 +14,7 @@ _POINT = ("scr", "x_over_r", "P", "Q", "error_R", "error_L")
 
 
 def certificate_sentence(certificate: Document | None) -> str:
-    """What a certificate (:meth:`vsgdesign.design.certificate.Certificate.as_document`) proves, or what defeats it."""
+    """What a certificate (:meth:`vsgdesign.certificate.Certificate.as_document`) proves, or what defeats it."""
     if certificate is None:
         return "There is no certificate: no proof was made for this table."
     over = _region(certificate.get("region"))

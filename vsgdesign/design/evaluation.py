@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.interrupts import interrupts_deferred
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.kernels import FIGURES, figures
 from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import NormalisedGains, structure_gains
+from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.metrics.modes import damping_ratio
 from vsgdesign.model.coupled import coupled_model
 from vsgdesign.parameters.study import ClosedFormTarget, Study

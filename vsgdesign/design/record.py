@@ -26,11 +26,11 @@ from vsgdesign.design.cell import CellDesign, design_cell
 from vsgdesign.design.evaluation import LawOfStudy, law_of
 from vsgdesign.design.figures import Figures, shortfalls
 from vsgdesign.design.search import with_hard
-from vsgdesign.design.threads import one_thread
 from vsgdesign.design.variables import variables
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.errors import ArtifactError
+from vsgdesign.execution.threads import one_thread
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import ClosedFormTarget, Study
 

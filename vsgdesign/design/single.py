@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.design.box import Scenarios, scenarios_of_truth
 from vsgdesign.design.evaluation import Evaluation, LawOfStudy, evaluate_fixed, law_of
 from vsgdesign.design.figures import Figures, worst
@@ -17,6 +16,7 @@ from vsgdesign.design.variables import variables
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import NormalisedGains, effective_inertia
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.specification import UNBOUNDED_H, Specification
 from vsgdesign.parameters.study import ClosedFormTarget, Study
 

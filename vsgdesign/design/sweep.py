@@ -11,11 +11,11 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from vsgdesign.artifacts.processes import worker_processes
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.design.evaluation import Each
 from vsgdesign.design.record import CellRecord, CellTask, one_thread, read_record, run_task, write_record
 from vsgdesign.errors import WorkerError
+from vsgdesign.execution.processes import worker_processes
+from vsgdesign.execution.progress import Progress, silent
 
 _CONNECT_S = 10.0
 """How long a scheduler may take to answer."""

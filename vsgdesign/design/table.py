@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.design_inputs import design_inputs
 from vsgdesign.artifacts.gain_table import COLUMNS, GainTable, ValidityBox, base_of, fill_outside, to_dimensionless
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.provenance import provenance
+from vsgdesign.certificate import NoFunctionError, Region, certify
+from vsgdesign.certificate.box_check import compile_ahead
 from vsgdesign.design.between import POINTS, BetweenCheck, between_document, check_between, failing_intervals, probe
 from vsgdesign.design.box import Scenarios, scenarios_of_estimate
 from vsgdesign.design.causes import Cause, explain_pair, explained_between
 from vsgdesign.design.cell import common_design
-from vsgdesign.design.certificate import NoFunctionError, Region, certify
-from vsgdesign.design.certificate.box_check import compile_ahead
 from vsgdesign.design.evaluation import Each, LawOfStudy, law_of
 from vsgdesign.design.record import CellRecord, CellTask, better, one_thread
 from vsgdesign.design.smoothing import PULL, around, broken_beside, reach, rough_nodes, surface
@@ -29,6 +28,7 @@ from vsgdesign.design.sweep import each_of, sweep
 from vsgdesign.design.variables import variables
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, StudyError
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.table import table_grids, table_schedule, with_node_gains

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.errors import ArtifactError
 from vsgdesign.estimator.baselines import (
     ConstantGuess,
@@ -31,6 +30,7 @@ from vsgdesign.estimator.bound import Bound, probe_bound, sensor_noise, steady_w
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe, check_recipe, one_of
 from vsgdesign.estimator.runnable import runnable_settings
 from vsgdesign.estimator.sampling import with_sampling
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import Converter, Study, grid_from_scr
 from vsgdesign.simulation import Probe
 

@@ -15,7 +15,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.execution.progress import Progress, silent
 
 Scores = Callable[[Tensor], tuple[float, float]]
 """Parameters to the mean squared errors of the validation and the test set."""

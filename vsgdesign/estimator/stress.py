@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.network_weights import NetworkWeights
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.estimator.baselines import measure
 from vsgdesign.estimator.comparison import (
     ComparisonSettings,
@@ -23,6 +22,7 @@ from vsgdesign.estimator.comparison import (
 )
 from vsgdesign.estimator.recipes import WindowRecipe, one_of
 from vsgdesign.estimator.runnable import nominal_settings, runnable_settings, runnable_values
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]

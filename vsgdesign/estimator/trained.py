@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts import provenance
 from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.estimator.data_set import DataSet
 from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.estimator.windows import generate_windows
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]

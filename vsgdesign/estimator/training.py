@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.files import write_json
 from vsgdesign.artifacts.network_weights import Network, fit_scaling
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.errors import ArtifactError, Fault, StudyError, counted
 from vsgdesign.estimator.data_set import Split
 from vsgdesign.estimator.levenberg_marquardt import Damping, Epoch, Fit, State, minimise
 from vsgdesign.estimator.network import NetworkProblem, Shape, initial_parameters, mean_squared_error, with_ones
 from vsgdesign.estimator.projection import Projection, principal_components
+from vsgdesign.execution.progress import Progress, silent
 
 Array = NDArray[np.float64]
 

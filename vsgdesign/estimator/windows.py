@@ -19,8 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.processes import worker_processes
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError, Fault, StudyError
 from vsgdesign.estimator.data_set import (
@@ -35,6 +33,8 @@ from vsgdesign.estimator.recipes import WindowRecipe, check_recipe
 from vsgdesign.estimator.sampling import turn_per_window, with_sampling
 from vsgdesign.estimator.scenarios import Scenario, check_draws, draw_scenario
 from vsgdesign.estimator.sensing import background, measured_channels
+from vsgdesign.execution.processes import worker_processes
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.frames import rotate
 from vsgdesign.parameters.study import Event, Study
 from vsgdesign.simulation import MeasuredWindow, Probe, Recorder, simulate

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign.artifacts import provenance, staged_folder, write_record
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.tables import write_table
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import Study, grid_from_scr
 from vsgdesign.pipeline.table import with_tables

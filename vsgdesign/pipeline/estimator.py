@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from vsgdesign.artifacts import staged_folder, write_record
 from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
-from vsgdesign.artifacts.progress import Progress, silent
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import Study
 from vsgdesign.pipeline.training import network_document
 
@@ -32,8 +32,8 @@ def report_comparison(
     :func:`vsgdesign.estimator.comparison.compare_methods`, and ArtifactError.
     """
     from vsgdesign.estimator.comparison import ComparisonSettings, compare_methods
-    from vsgdesign.report.estimator_figures import comparison_figures
-    from vsgdesign.report.estimator_page import write_comparison_page
+    from vsgdesign.report.estimator.figures import comparison_figures
+    from vsgdesign.report.estimator.page import write_comparison_page
 
     def document(found: Comparison) -> dict[str, Any]:
         return {
@@ -58,8 +58,8 @@ def report_stress(
     """The same for the stress page."""
     from vsgdesign.estimator.runnable import nominal_settings
     from vsgdesign.estimator.stress import STRESS_SETTINGS, stress_methods
-    from vsgdesign.report.estimator_figures import stress_figures
-    from vsgdesign.report.estimator_page import write_stress_page
+    from vsgdesign.report.estimator.figures import stress_figures
+    from vsgdesign.report.estimator.page import write_stress_page
 
     def document(found: Stress) -> dict[str, Any]:
         return {
@@ -88,7 +88,7 @@ def _report(
     document: Callable[[T], dict[str, Any]], figures_of: Callable[[T], Any], write_page: Callable[..., Any],
 ) -> dict[str, Any]:  # fmt: skip
     from vsgdesign.estimator.runnable import runnable_settings
-    from vsgdesign.report.estimator_figures import write_all
+    from vsgdesign.report.estimator.figures import write_all
 
     tell = progress or silent
     weights, recipes, *_ = networks

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts import provenance, staged_folder, write_record
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.tables import write_table
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.inner_loops import Reading, request_of
 from vsgdesign.parameters.study import InnerLoopRequest, Study
 
@@ -90,7 +90,7 @@ def report_inner_loops(
 
     The folder appears when everything is done. Raises ArtifactError.
     """
-    from vsgdesign.report.inner_page import write_inner_figures, write_inner_page
+    from vsgdesign.report.inner.page import write_inner_figures, write_inner_page
 
     tell = progress or silent
     with staged_folder(out, VERB, inputs=study.input_files) as folder:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts import provenance, staged_folder, write_record
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.tables import write_table
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.study import ControllerSpec

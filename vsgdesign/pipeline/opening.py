@@ -15,9 +15,9 @@ from vsgdesign.artifacts.inner_loops_file import (
     request_document,
     write_inner_loops,
 )
-from vsgdesign.artifacts.progress import Progress
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import ArtifactError
+from vsgdesign.execution.progress import Progress
 from vsgdesign.parameters import Study, load_study
 from vsgdesign.parameters.loading import base_files
 from vsgdesign.parameters.study import InnerLoopRequest

@@ -12,8 +12,8 @@ import numpy as np
 
 from vsgdesign.artifacts import provenance, staged_folder, write_csv, write_npz, write_record, write_table_file
 from vsgdesign.artifacts.network_weights import write_network_weights
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.table_summary import table_summary
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.operating_point import OperatingPoint
 from vsgdesign.parameters import Study

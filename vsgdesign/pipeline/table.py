@@ -13,11 +13,11 @@ from vsgdesign.artifacts import staged_folder, write_record, write_table_file
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.gain_table_file import TABLE_FILE
 from vsgdesign.artifacts.locks import LockedError, locked
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.artifacts.staging import cannot_write, parents_made
 from vsgdesign.artifacts.study_table import table_of
 from vsgdesign.artifacts.table_text import certificate_summary
 from vsgdesign.errors import ArtifactError, Fault, StudyError
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import ControllerSpec, Study
 
 if TYPE_CHECKING:  # the optimizer's libraries are loaded by who builds

@@ -12,8 +12,8 @@ from vsgdesign.artifacts.network_weights import (
     read_network_weights,
     write_network_weights,
 )
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.estimator import EstimatorSpec
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.estimated import same_period

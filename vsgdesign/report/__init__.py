@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.report.figure_types import WrittenFigure
-from vsgdesign.report.printing import require_pdf, write_pdf
+from vsgdesign.report.page.printing import require_pdf, write_pdf
 
 if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable
@@ -38,7 +38,7 @@ def write_figures(
 
     ``trained`` is the network that was trained in the run, for the figures of its training.
     """
-    from vsgdesign.report.files import write_all
+    from vsgdesign.report.scenario.files import write_all
 
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -53,14 +53,14 @@ def write_report(
 
     ``inner`` is what designed inner loops keep (results.json of the verb ``inner``).
     """
-    from vsgdesign.report.page import write_page
+    from vsgdesign.report.scenario.page import write_page
 
     return write_page(result, figures, Path(out_path), trained, inner)
 
 
 def write_stability_figures(result: StabilityResult, folder: str | Path) -> list[WrittenFigure]:
     """Draw every figure of a stability assessment into ``folder`` (made if missing), as SVG and as PNG (200 dpi)."""
-    from vsgdesign.report.stability_figures import write_all
+    from vsgdesign.report.stability.figures import write_all
 
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -72,14 +72,14 @@ def write_stability_report(result: StabilityResult, figures: Sequence[WrittenFig
 
     Its links lead to the CSV files of the same folder.
     """
-    from vsgdesign.report.stability_page import write_stability_page
+    from vsgdesign.report.stability.page import write_stability_page
 
     return write_stability_page(result, figures, Path(out_path))
 
 
 def write_table_figures(table: GainTable, folder: str | Path) -> list[WrittenFigure]:
     """Draw every figure of a gain table into ``folder`` (made if missing), as SVG and as PNG (200 dpi)."""
-    from vsgdesign.report.table_figures import write_all
+    from vsgdesign.report.gain_table.figures import write_all
 
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -88,14 +88,14 @@ def write_table_figures(table: GainTable, folder: str | Path) -> list[WrittenFig
 
 def write_table_report(table: GainTable, figures: Sequence[WrittenFigure], out_path: str | Path) -> Path:
     """Write the page of a gain table: one HTML file with text, tables and the given figures, in seven parts."""
-    from vsgdesign.report.table_page import write_table_page
+    from vsgdesign.report.gain_table.page import write_table_page
 
     return write_table_page(table, figures, Path(out_path))
 
 
 def write_comparison_figures(comparison: Comparison, folder: str | Path) -> list[WrittenFigure]:
     """Draw the figure of a comparison into ``folder`` (made if missing), as SVG and as PNG (200 dpi)."""
-    from vsgdesign.report.comparison_figures import write_all
+    from vsgdesign.report.comparison.figures import write_all
 
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -104,6 +104,6 @@ def write_comparison_figures(comparison: Comparison, folder: str | Path) -> list
 
 def write_comparison_report(comparison: Comparison, figures: Sequence[WrittenFigure], out_path: str | Path) -> Path:
     """Write the page of a comparison: one HTML file with text, tables and the given figures."""
-    from vsgdesign.report.comparison_page import write_comparison_page
+    from vsgdesign.report.comparison.page import write_comparison_page
 
     return write_comparison_page(comparison, figures, Path(out_path))

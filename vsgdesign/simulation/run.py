@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.interrupts import interrupts_deferred
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
+from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.operating_point.plant import plant_step
 from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.metrics.step_response import ResponseMetrics
 from vsgdesign.model.coupled import CoupledModel

@@ -7,15 +7,15 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from vsgdesign.artifacts.progress import Progress, silent
 from vsgdesign.design.inner.check import FullOrderCheck, check_full_order
 from vsgdesign.design.inner.grids import GridBox, GridPoint, highest_resonance, sampling_ratio
 from vsgdesign.design.inner.promises import targets
 from vsgdesign.design.inner.score import PromiseReached, check_gains, limiting, score_of
 from vsgdesign.design.inner.search import FINE, Effort, search
-from vsgdesign.design.threads import one_thread
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.threads import one_thread
 from vsgdesign.parameters.study import ClosedFormTarget, Converter, Filter
 
 L_2_PU = 0.03

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from vsgdesign.design.inner.grids import GridBox, axis, lattice
 from vsgdesign.design.inner.promises import PROMISES, Promises, Targets, bench_of, evaluate, scores, worst_score
-from vsgdesign.design.threads import one_thread
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.execution.threads import one_thread
 from vsgdesign.parameters.study import Converter, Filter
 
 Array = NDArray[np.float64]

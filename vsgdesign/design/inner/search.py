@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.progress import Progress
 from vsgdesign.design.inner.grids import GridBox, GridPoint, corners, lattice, sampling_ratio
 from vsgdesign.design.inner.promises import Bench, Promises, bench_of, evaluate, scores, worst_score
 from vsgdesign.design.inner.variables import Variables, closed_form_starts, variables
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.execution.progress import Progress
 from vsgdesign.parameters.study import Converter, Filter
 
 Array = NDArray[np.float64]

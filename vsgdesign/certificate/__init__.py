@@ -1,0 +1,18 @@
+"""A proof over a region of grids, operating points and estimate errors, or a counterexample."""
+
+from vsgdesign.certificate.certify import certify, largest_rate, region_of
+from vsgdesign.certificate.region import MeasuredSchedule, Region
+from vsgdesign.certificate.results import Certificate, Counterexample, Gap, NoFunctionError, Trajectory
+
+__all__ = [
+    "Certificate",
+    "Counterexample",
+    "Gap",
+    "MeasuredSchedule",
+    "NoFunctionError",
+    "Region",
+    "Trajectory",
+    "certify",
+    "largest_rate",
+    "region_of",
+]

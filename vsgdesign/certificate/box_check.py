@@ -1,0 +1,173 @@
+"""One look at many boxes, compiled: is there anything of the region in a box, and does the inequality hold on it?"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from vsgdesign.certificate.taylor_kernel import LANES, SEEN, limits, negative, rows, run_program, sum_up
+
+COORDINATES = 6
+"""Of a box: estimated grid (2), P, Q, both errors."""
+
+FOLLOWED = 4
+"""The coordinates that are followed through the inequality; what the errors do to V is one quantity between bounds."""
+
+_compiled: Any = njit(cache=True, nogil=True, error_model="numpy")
+
+
+def compile_ahead() -> None:
+    """Compile what a proof calls, or load it from Numba's cache: with no box, so that nothing is looked at."""
+    boxes, none, places = np.zeros((0, COORDINATES)), np.zeros(0), np.zeros(0, dtype=np.int64)
+    program = (np.zeros((0, 4), dtype=np.int64), none, places, none, places, 0)
+    parameters, truth = np.zeros((0, 0)), np.zeros(0, dtype=np.bool_)
+    forms = np.zeros((0, 0, rows(FOLLOWED + 1)))
+    signs = np.zeros((0, 0), dtype=np.int64)
+    survey(boxes, boxes, parameters, program, np.zeros((0, 2)), signs, truth, np.zeros((0, 0), np.bool_), forms)
+    judge(boxes, boxes, parameters, program, forms, truth, np.zeros((0, FOLLOWED + 1)))
+
+
+@_compiled
+def survey(
+    low: Any, high: Any, parameters: Any, situation: Any, conditions: Any, signs: Any, empty: Any, applies: Any,
+    forms: Any,
+) -> None:  # fmt: skip
+    """What N boxes hold, limits (N, 6), ``parameters`` (m, N).
+
+    ``situation``: program over the six coordinates; its first outputs are 1/V and what else the inequality needs of
+    the true grid, its last those of ``conditions`` (c, 2): limits outside of which there is nothing of interest, and
+    the box is ``empty`` (N,). Those between tell which cases of the schedule occur, ``applies`` (cases, N): one with
+    −1 in ``signs`` (cases, outputs) is where the output is negative, with 1 where it is positive. ``forms``
+    (N, first outputs, rows(5)): these over the first four coordinates and one of their own.
+    """
+    code, number, places, factors, outputs, count = situation
+    d = low.shape[1]  # not the constant: Numba would compile every function for it once more
+    registers = np.zeros((count, rows(d), LANES))
+    own = np.zeros((len(parameters), LANES))
+    least, most = np.empty(LANES), np.empty(LANES)
+    carried = forms.shape[1]
+    between = signs.shape[1]
+    for start in range(0, len(low), LANES):
+        width = min(LANES, len(low) - start)
+        _load(registers, own, low, high, parameters, start, d, d)
+        run_program(code, number, places, factors, registers, own, d)
+        applies[:, start : start + width] = True
+        for n in range(between + len(conditions)):
+            limits(registers[outputs[carried + n]], d, least, most)
+            for lane in range(width):
+                if n >= between:
+                    low_limit, high_limit = conditions[n - between, 0], conditions[n - between, 1]
+                    empty[start + lane] |= least[lane] > high_limit or most[lane] < low_limit
+                    continue
+                for case in range(len(signs)):
+                    if signs[case, n] < 0 and least[lane] > 0.0:
+                        applies[case, start + lane] = False
+                    if signs[case, n] > 0 and most[lane] < 0.0:
+                        applies[case, start + lane] = False
+        for n in range(carried):
+            for lane in range(width):
+                _carry(forms[start + lane, n], registers[outputs[n], :, lane], n == 0)
+
+
+@_compiled
+def judge(low: Any, high: Any, parameters: Any, inequality: Any, forms: Any, proved: Any, score: Any) -> None:
+    """Whether the matrices of an ``inequality`` are negative definite on each of N boxes, ``proved`` (N,), and what
+    each dimension adds to what is not known, ``score`` (N, 5) (:eq:`box-bound`).
+
+    The program is over the first four coordinates and the ``forms`` of :func:`survey`; its outputs are matrices by
+    their six entries.
+    """
+    code, number, places, factors, outputs, count = inequality
+    d = FOLLOWED + 1
+    registers = np.zeros((count, rows(d), LANES))
+    entries = np.zeros((6, rows(d), LANES))
+    own = np.zeros((len(parameters), LANES))
+    held, pull = np.empty(LANES, dtype=np.bool_), np.empty((d, LANES))
+    for start in range(0, len(low), LANES):
+        width = min(LANES, len(low) - start)
+        _load(registers, own, low, high, parameters, start, d - 1, d)
+        # By element: assigned whole, Numba compiles the words of an error about shapes, for seconds.
+        for n in range(forms.shape[1]):
+            for k in range(forms.shape[2]):
+                for lane in range(LANES):
+                    registers[FOLLOWED + n, k, lane] = forms[min(start + lane, len(low) - 1), n, k]
+            sum_up(registers[FOLLOWED + n], d)
+        run_program(code, number, places, factors, registers, own, d)
+        pull[:] = 0.0
+        held[:] = True
+        for n in range(0, len(outputs), 6):
+            for m in range(6):
+                for k in range(entries.shape[1]):
+                    for lane in range(LANES):
+                        entries[m, k, lane] = registers[outputs[n + m], k, lane]
+            negative(entries, d, held, pull)
+        _add_spread(pull[FOLLOWED], registers, outputs)
+        for lane in range(width):
+            proved[start + lane] = held[lane]
+            for k in range(d):
+                score[start + lane, k] = pull[k, lane]
+
+
+@_compiled
+def _load(
+    registers: Any, own: Any, low: Any, high: Any, parameters: Any, start: int, coordinates: int, d: int
+) -> None:  # fmt: skip
+    """The coordinates of boxes as forms, their widths rounded up, and the boxes' parameters."""
+    for lane in range(LANES):
+        box = min(start + lane, len(low) - 1)
+        for k in range(len(parameters)):
+            own[k, lane] = parameters[k, box]
+        for k in range(coordinates):
+            least, most = low[box, k], high[box, k]
+            middle = 0.5 * (least + most)
+            registers[k, :, lane] = 0.0
+            registers[k, 0, lane] = middle
+            rounding = 1e-16 * abs(middle) if most > least else 0.0
+            registers[k, 1 + k, lane] = 0.5 * (most - least) * (1.0 + 1e-15) + rounding
+    for k in range(coordinates):
+        sum_up(registers[k], d)
+
+
+@_compiled
+def _carry(target: Any, source: Any, as_one: bool) -> None:
+    """A form (rows(6),) over all coordinates as one (rows(5),) over the first four; what the others do is bounded, and
+    that bound becomes a quantity of its own (``as_one``) or rest."""
+    d, d_2 = COORDINATES, FOLLOWED + 1
+    target[:] = 0.0
+    target[0] = source[0]
+    bound = 0.0
+    for k in range(d):
+        if k < FOLLOWED:
+            target[1 + k] = source[1 + k]
+        else:
+            bound += abs(source[1 + k])
+    n, n_2 = 1 + d, 1 + d_2
+    for i in range(d):
+        for j in range(i, d):
+            if j < FOLLOWED:
+                target[n_2] = source[n]
+            else:
+                bound += abs(source[n])
+            n += 1
+            if j <= FOLLOWED:
+                n_2 += 1
+    for k in range(d):
+        if k < FOLLOWED:
+            target[n_2 + k] = source[n + k]
+        else:
+            bound += source[n + k]
+    target[1 + FOLLOWED if as_one else n_2 + FOLLOWED] = bound
+
+
+@_compiled
+def _add_spread(score: Any, registers: Any, outputs: Any) -> None:
+    """How far the matrices of the polygon's corners lie apart: what smaller errors would buy."""
+    for m in range(6):
+        for lane in range(LANES):
+            least, most = np.inf, -np.inf
+            for n in range(m, len(outputs), 6):
+                value = registers[outputs[n], 0, lane]
+                least, most = min(least, value), max(most, value)
+            score[lane] += SEEN * 0.5 * (most - least)

@@ -1,0 +1,163 @@
+"""Boxes of estimated grids, powers and errors: the region cut along the schedule's pieces, and what differs from box to
+box."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.certificate.region import Region, System
+from vsgdesign.equations.power_flow import POWER_MARGIN
+from vsgdesign.frames import PHASES
+from vsgdesign.runtime.closed_form import ClosedFormSchedule
+from vsgdesign.runtime.table import TableSchedule
+
+Array = NDArray[np.float64]
+
+UNIT = np.array([0.2, 0.5, 1.0, 0.5, 0.5, 0.5])
+"""A size for each coordinate: how boxes are cut where nothing better is known."""
+
+ERROR_PARAMETERS = 4
+"""Of a box: the largest and least 1/(1 + error) of R, then of L; a table's columns follow."""
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """N boxes of estimates, (N, 6) limits each, and the piece of the schedule, ``piece`` (N,), that each lies in."""
+
+    low: Array
+    high: Array
+    piece: NDArray[np.intp]
+
+    def __len__(self) -> int:
+        return len(self.low)
+
+    def take(self, index: Any) -> Boxes:
+        """Some of the boxes."""
+        return Boxes(self.low[index], self.high[index], self.piece[index])
+
+    def halves(self, dimension: NDArray[np.intp]) -> Boxes:
+        """Each cut in the middle of its dimension."""
+        rows = np.arange(len(self))
+        middle = 0.5 * (self.low[rows, dimension] + self.high[rows, dimension])
+        low, high = self.low.copy(), self.high.copy()
+        low[rows, dimension], high[rows, dimension] = middle, middle
+        return Boxes(
+            np.concatenate([self.low, low]), np.concatenate([high, self.high]), np.concatenate([self.piece, self.piece])
+        )
+
+
+def encloses(system: System) -> bool:
+    """Whether the schedule's gains can be enclosed: normalised parameters that are constant or a table's."""
+    return isinstance(system.schedule, (ClosedFormSchedule, TableSchedule))
+
+
+def whole_region(system: System, region: Region) -> Boxes:
+    """All estimates of the region's grids, by pieces of the schedule: a table's cells, and what lies beyond its axes.
+
+    Coordinates (:eq:`box-coordinates`): |Ẑ_g|/Z_base or, for a table on the reactance basis, X̂_g/Z_base; atan(X̂/R̂);
+    p = P|Ẑ_g|/V² and q = Q|Ẑ_g|/V²; both errors.
+    """
+    e, c = region.error, system.study.converter
+    ratio = np.array([region.x_over_r[0] * (1.0 - e) / (1.0 + e), region.x_over_r[1] * (1.0 + e) / (1.0 - e)])
+    size = np.array([(1.0 - e) / region.scr[1], (1.0 + e) / region.scr[0]])
+    if (basis := basis_of(system)) != system.study.scr_basis:
+        # |Z| is at least X, by 1/sin of the angle.
+        sines = np.sin(np.arctan(region.x_over_r))
+        size = size * (sines if basis == "reactance" else 1.0 / sines[::-1])
+    widest = size[1] / (np.sin(np.arctan(ratio[0])) if basis == "reactance" else 1.0)
+    # No more than the static limit leaves: |Z||S|/V² ≤ PHASES/1.3, and |Ẑ| ≤ (1 + error)|Z| at the rated frequency.
+    slow = min(system.study.grid_source.omega_g / c.omega_n, 1.0)
+    most = PHASES / POWER_MARGIN * (1.0 + e) / slow
+    largest = PHASES * widest / (c.S_rated * c.V_min_pu**2)
+    powers = [np.clip([min(x[0] * largest, 0.0), max(x[1] * largest, 0.0)], -most, most) for x in (region.P, region.Q)]
+    rest_low = [powers[0][0], powers[1][0], -e, -e]
+    rest_high = [powers[0][1], powers[1][1], e, e]
+    first, second = [size], [np.arctan(ratio)]
+    if isinstance(system.schedule, TableSchedule):
+        first = _pieces(1.0 / system.schedule.scr[::-1], *size)
+        second = _pieces(np.arctan(1.0 / system.schedule.r_over_x[::-1]), *np.arctan(ratio))
+    low, high = [], []
+    for one in first:
+        for other in second:
+            low.append([one[0], other[0], *rest_low])
+            high.append([one[1], other[1], *rest_high])
+    return Boxes(np.array(low), np.array(high), np.arange(len(low)))
+
+
+def points_of(system: System, region: Region, places: Array) -> Array:
+    """Places (N, 6) in the boxes' coordinates as points of :class:`System`, (M, 6): those that lie in the region."""
+    c, f, source = system.study.converter, system.study.filter, system.study.grid_source
+    first, angle, p, q, e_R, e_L = places.T
+    size = first if basis_of(system) == "impedance" else first / np.sin(angle)
+    R, X = size * np.cos(angle) / (1.0 + e_R), size * np.sin(angle) / (1.0 + e_L)
+    r = (R + f.R_2 / c.Z_base) / size
+    x = (X + c.omega_n * f.L_2 / c.Z_base) * (source.omega_g / c.omega_n) / size
+    V_sq = (source.V_g_rms / c.V_rated_rms) ** 2 / drop_sq(r, x, p, q)
+    scale = V_sq / (size * PHASES) * c.S_rated
+    weakness = X if system.study.scr_basis == "reactance" else np.hypot(R, X)
+    points = np.stack([weakness, np.arctan2(X, R), p * scale, q * scale, e_R, e_L], axis=1)
+    low, high = region.limits
+    return points[((points >= low) & (points <= high)).all(axis=1)]
+
+
+def drop_sq(r: Any, x: Any, p: Any, q: Any) -> Any:
+    """(V_g/V)² behind a path r + jx in |Ẑ_g|, p and q in V²/|Ẑ_g| (:eq:`box-coordinates`): numbers or symbols."""
+    along, across = 1.0 - (r * p + x * q) * (1.0 / PHASES), (x * p - r * q) * (1.0 / PHASES)
+    return along * along + across * across
+
+
+def basis_of(system: System) -> str:
+    """The SCR's basis whose reciprocal is the first coordinate."""
+    schedule = system.schedule
+    return schedule.scr_basis if isinstance(schedule, TableSchedule) else system.study.scr_basis
+
+
+def _pieces(nodes: Array, low: float, high: float) -> list[Array]:
+    """The intervals into which an axis cuts [low, high]."""
+    cuts = [low, *(float(node) for node in nodes if low < node < high), high]
+    return [np.array(pair) for pair in pairwise(cuts)]
+
+
+def parameters_of(system: System, boxes: Boxes, pieces: Boxes) -> Array:
+    """What differs from box to box, (m, N): bounds of 1/(1 + error), and the table's columns as
+    c_0 + c_1 x + c_2 y + c_3 xy in x = 1/first coordinate and y = R̂/X̂ of its piece."""
+    errors = [1.0 / (1.0 + boxes.high[:, 4]), 1.0 / (1.0 + boxes.low[:, 4]), 1.0 / (1.0 + boxes.high[:, 5]),
+              1.0 / (1.0 + boxes.low[:, 5])]  # fmt: skip
+    schedule = system.schedule
+    if not isinstance(schedule, TableSchedule):
+        return np.array(errors)
+    x = 0.5 * (1.0 / pieces.low[:, 0] + 1.0 / pieces.high[:, 0])
+    y = 1.0 / np.tan(0.5 * (pieces.low[:, 1] + pieces.high[:, 1]))
+    columns = [_bilinear(schedule, column, x, y) for column in schedule.columns]
+    return np.concatenate([np.array(errors), *(column[:, boxes.piece] for column in columns)])
+
+
+def _bilinear(schedule: TableSchedule, values: Array, x: Array, y: Array) -> Array:
+    """c_0 … c_3, (4, N), of a column in the cells that hold (x, y); beyond an axis the edge is held."""
+    (i, x_0, x_1, flat_x), (j, y_0, y_1, flat_y) = _cell(schedule.scr, x), _cell(schedule.r_over_x, y)
+    i_2, j_2 = np.minimum(i + 1, len(schedule.scr) - 1), np.minimum(j + 1, len(schedule.r_over_x) - 1)
+    v00, v01, v10, v11 = values[i, j], values[i, j_2], values[i_2, j], values[i_2, j_2]
+    low_x, low_y = x < schedule.scr[0], y < schedule.r_over_x[0]
+    # Held at an edge: both ends are the edge's.
+    v00, v10 = np.where(flat_x & ~low_x, v10, v00), np.where(flat_x & low_x, v00, v10)
+    v01, v11 = np.where(flat_x & ~low_x, v11, v01), np.where(flat_x & low_x, v01, v11)
+    v00, v01 = np.where(flat_y & ~low_y, v01, v00), np.where(flat_y & low_y, v00, v01)
+    v10, v11 = np.where(flat_y & ~low_y, v11, v10), np.where(flat_y & low_y, v10, v11)
+    width = (x_1 - x_0) * (y_1 - y_0)
+    c_3 = (v11 - v10 - v01 + v00) / width
+    c_1 = ((v10 - v00) * y_1 - (v11 - v01) * y_0) / width
+    c_2 = ((v01 - v00) * x_1 - (v11 - v10) * x_0) / width
+    return np.array([v00 - c_1 * x_0 - c_2 * y_0 - c_3 * x_0 * y_0, c_1, c_2, c_3])
+
+
+def _cell(axis: Array, at: Array) -> tuple[NDArray[np.intp], Array, Array, NDArray[np.bool_]]:
+    """The interval of an axis that holds a place, its ends, and whether the place lies beyond the axis."""
+    k = np.clip(np.searchsorted(axis, at, side="right") - 1, 0, max(len(axis) - 2, 0))
+    low, high = axis[k], axis[np.minimum(k + 1, len(axis) - 1)]
+    flat = (at < axis[0]) | (at > axis[-1]) | (len(axis) == 1)
+    return k, low, np.where(high > low, high, low + 1.0), flat

@@ -1,0 +1,343 @@
+"""A proof over a region: a quadratic Lyapunov function for every grid, operating point and estimate error.
+
+One function for all where the grid may jump, one that depends on the grid where its speed is bounded. Found at points,
+by a cutting plane; verified at fresh points, by eigenvalues; proved between the points, on boxes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.study_table import table_of
+from vsgdesign.certificate.boxes import encloses
+from vsgdesign.certificate.lyapunov import Family, Fit, best_fit, residual
+from vsgdesign.certificate.proof import Outcome, prove
+from vsgdesign.certificate.region import (
+    AtDesignPoint,
+    MeasuredSchedule,
+    Region,
+    System,
+    nodes,
+    random_points,
+    region_faults,
+)
+from vsgdesign.certificate.results import (
+    GAP_FREE,
+    GRIDDED,
+    Certificate,
+    Counterexample,
+    Gap,
+    NoFunctionError,
+    growing_mode,
+)
+from vsgdesign.certificate.search import worst_points
+from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
+from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.runtime.of_study import follows_measured, schedule_of
+
+Array = NDArray[np.float64]
+
+_TOLERANCE = 0.005
+"""Of the largest decay that any cell allows: how finely the decay is looked for."""
+
+_ROOM = 0.985
+"""Share of the fitted decay that is claimed: what is left lets boxes of a size be proved."""
+
+_SHARES = (0.95, 0.85, 0.7, 0.5)
+"""Of the decay that holds at the points: what is tried to be proved between them, one after another."""
+
+_BUDGET = 1_500_000
+"""Boxes that are looked at before the proof is called gridded: some fifteen seconds on two cores."""
+
+_ATTEMPTS = 12
+"""Functions that are tried on boxes."""
+
+_HARDENINGS = 6
+"""Searches for points at which a function does not hold, before it is tried on boxes."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How P depends on the grid within a region (:eq:`certificate-coordinates`)."""
+
+    region: Region
+    moving: bool
+    """Whether P depends on the grid; False: one P for all."""
+
+    @property
+    def _middle(self) -> Array:
+        low, high = self._limits
+        return 0.5 * (low + high)
+
+    @property
+    def _radius(self) -> Array:
+        low, high = self._limits
+        return np.maximum(0.5 * (high - low), 1e-9)
+
+    @property
+    def _limits(self) -> tuple[Array, Array]:
+        (scr_low, scr_high), (ratio_low, ratio_high) = self.region.scr, self.region.x_over_r
+        return np.array([1.0 / scr_high, 1.0 / ratio_high]), np.array([1.0 / scr_low, 1.0 / ratio_low])
+
+    def weights(self, weakness: Any, r_over_x: Any) -> tuple[list[Any], list[list[Any]]]:
+        """1, ρ_1, ρ_2 from 1/SCR and R/X of points or boxes, and 0, dρ_1/dt, dρ_2/dt for the four ways of moving."""
+        if not self.moving:
+            return [1.0], [[0.0]]
+        raw = [weakness, r_over_x]
+        rho = [(raw[k] - self._middle[k]) * (1.0 / self._radius[k]) for k in range(2)]
+        speed = [raw[k] * (self.region.rate / self._radius[k]) for k in range(2)]
+        ways = [[0.0, speed[0] * one, speed[1] * other] for one in (-1.0, 1.0) for other in (-1.0, 1.0)]
+        return [1.0, *rho], ways
+
+    def family(self, points: Array) -> Family:
+        """The same for many points, for the solver."""
+        here, ways = self.weights(points[:, 0], 1.0 / np.tan(points[:, 1]))
+        count = len(points)
+
+        def column(values: list[Any]) -> Array:
+            return np.stack([np.broadcast_to(np.asarray(v, dtype=float), (count,)) for v in values], axis=-1)
+
+        corners = np.array([[1.0, a, b] for a in (-1.0, 1.0) for b in (-1.0, 1.0)]) if self.moving else np.ones((1, 1))
+        return Family(column(here), np.stack([column(way) for way in ways], axis=1), corners)
+
+
+def certify(
+    study: Study, spec: ControllerSpec, region: Region, *, schedule: MeasuredSchedule | None = None,
+    decay: float | None = None, nodes_per_axis: int = 15, fresh: int = 20_000, seed: int = 0, budget: int = _BUDGET,
+    progress: Callable[[str, float], None] | None = None,
+) -> Certificate | Counterexample:  # fmt: skip
+    """The largest decay that one Lyapunov function proves over the region, or a counterexample; or the proof of a
+    ``decay`` (1/s) that is asked for, in less time.
+
+    ``schedule``: the gains to prove; None: those of the controller, from its table where it has one. An infinite
+    ``region.rate`` asks for one function for all (:eq:`certificate`), a finite one for P(ρ)
+    (:eq:`affine-lyapunov`). Points outside the static limits (:eq:`static-limits`) are not part of the region. A
+    counterexample is returned where a cell is unstable by itself. Raises StudyError where the region or the decay is
+    wrong, InfeasibleStudyError where the region is empty, where the controller is not scheduled, or where every cell
+    is stable but no function of the kind exists.
+    """
+    system, motion = _prepared(study, spec, region, schedule, decay)
+    rng = np.random.default_rng(seed)
+    points = np.concatenate([nodes(region, nodes_per_axis), random_points(region, fresh, rng)])
+    # A cell that is unstable is a counterexample, also where others have no gains at all.
+    with_gains = system.matrices(points, partial=True)
+    if len(with_gains[0]) and isinstance(found := _slowest(system, motion, spec.name, *with_gains), Counterexample):
+        return found
+    verify, A_fresh = system.matrices(random_points(region, fresh, rng))
+    boxes = budget if encloses(system) else 0
+    attempt = proofs = 0
+    while True:
+        points, A = system.matrices(points)
+        found = _fitted(system, motion, spec.name, points, A)
+        if isinstance(found, Counterexample):
+            return found
+        # Where it holds worst is looked for, and joins in.
+        if attempt < _HARDENINGS:
+            attempt += 1
+            P, goal = found.P, decay or _SHARES[0] * found.decay
+            worst, worth = worst_points(
+                system, region, lambda at, A, P=P, goal=goal: residual(A, motion.family(at), P, goal), points, A, rng
+            )
+            if worth[0] >= 0.0:
+                points = np.concatenate([points, worst[worth >= 0.0]])
+                continue
+        # Verified where nothing was fitted: new points, and a decay that gives way until it holds there.
+        every, matrices = np.concatenate([points, verify]), np.concatenate([A, A_fresh])
+        sampled, largest = _verified(matrices, motion.family(every), found, spec.name)
+        if decay is not None and decay > sampled:
+            raise InfeasibleStudyError(
+                f"controller {spec.name}: decay = {decay:g} 1/s does not hold, at most {sampled:.3g} 1/s does. Ask for "
+                "less, or shrink the region, the error or the rate."
+            )
+        if not boxes:
+            outcome = None
+            break
+        decays = [share * sampled for share in _SHARES] if decay is None else [decay]
+        outcome = _proved(system, motion, found.P, decays, region, boxes, progress, seed + proofs)
+        boxes -= outcome.seen
+        proofs += 1
+        if len(outcome.broken) == 0:
+            break
+        # The boxes found points at which the function does not hold: it is fitted to those, too, and if no boxes are
+        # left what is claimed holds at them at least.
+        points = np.concatenate([points, outcome.broken])
+        boxes = 0 if proofs == _ATTEMPTS else max(boxes, 0)
+    if progress is not None:
+        progress("certificate", 1.0)
+    complete = outcome is not None and len(outcome.left) == 0
+    claimed = outcome.decay if outcome is not None and complete else sampled if decay is None else decay
+    if claimed != sampled:
+        largest = float(residual(matrices, motion.family(every), found.P, claimed).max())
+    gap = Gap() if complete else _gap(outcome, largest)
+    return Certificate(
+        spec.name, region, claimed, sampled, found.P, system.scale, GAP_FREE if complete else GRIDDED, gap, len(A),
+        len(A_fresh), outcome.proved if outcome else 0, len(found.active), largest,
+    )  # fmt: skip
+
+
+def _verified(A: Array, family: Family, found: Fit, name: str) -> tuple[float, float]:
+    """A decay that holds at all cells, at most _ROOM of the fitted one, and the largest eigenvalue there."""
+    decay = _ROOM * found.decay
+    largest = float(residual(A, family, found.P, decay).max())
+    while largest >= 0.0 and decay > 1e-3:
+        decay *= 0.98
+        largest = float(residual(A, family, found.P, decay).max())
+    if largest >= 0.0:
+        raise InfeasibleStudyError(
+            f"controller {name}: what holds on the grid does not hold between its nodes. Shrink the region."
+        )
+    return decay, largest
+
+
+def largest_rate(
+    study: Study, spec: ControllerSpec, region: Region, decay: float, *, schedule: MeasuredSchedule | None = None,
+    highest: float = 1e3, **options: Any,
+) -> Certificate | Counterexample:  # fmt: skip
+    """The certificate of the largest rate (to 5 %) at which a decay still holds, up to ``highest`` (1/s).
+
+    Options are those of :func:`certify`. Raises InfeasibleStudyError where the decay does not hold even at rest.
+    """
+    low, high = 1e-3, highest
+    quick = {**options, "budget": 0}
+
+    def holds(rate: float) -> bool:
+        try:
+            found = certify(study, spec, replace(region, rate=rate), schedule=schedule, **quick)
+        except InfeasibleStudyError:
+            return False
+        return isinstance(found, Certificate) and found.decay >= decay
+
+    if not holds(low):
+        raise InfeasibleStudyError(
+            f"controller {spec.name}: decay = {decay:g} 1/s does not hold even on a grid at rest. Ask for less."
+        )
+    while high / low > 1.05:
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return certify(study, spec, replace(region, rate=low), schedule=schedule, **options)
+
+
+def region_of(
+    study: Study, controller: str | None, scr: tuple[float, float] | None, x_over_r: tuple[float, float] | None,
+    P_pu: tuple[float, float] | None = None, Q_pu: tuple[float, float] | None = None, error: float | None = None,
+    rate: float = np.inf,
+) -> tuple[ControllerSpec, Region]:  # fmt: skip
+    """A controller by name (None: the last scheduled one) and a region, from limits in per unit of rating.
+
+    What is None is a table's own box, which its certificate covers. For a closed form it is the limits of the study's
+    stability axes, P ±0.9 pu, Q ±0.4 pu and ±20 % of R_g and L_g. Raises StudyError with every fault.
+    """
+    scheduled = [spec for spec in study.controllers if spec.kind == "scheduled"]
+    chosen = [spec for spec in scheduled if controller in (None, spec.name)]
+    S = study.converter.S_rated
+    whole = _whole_region(study, chosen[-1] if chosen else None)
+    region = Region(
+        whole.scr if scr is None else scr,
+        whole.x_over_r if x_over_r is None else x_over_r,
+        whole.P if P_pu is None else (P_pu[0] * S, P_pu[1] * S),
+        whole.Q if Q_pu is None else (Q_pu[0] * S, Q_pu[1] * S),
+        whole.error if error is None else error,
+        rate,
+    )
+    faults = region_faults(region)
+    if not chosen:
+        names = ", ".join(spec.name for spec in scheduled) or "none"
+        value = "" if controller is None else f'"{controller}"'
+        faults.insert(0, Fault("controller", value, "no such scheduled controller", f"The study has: {names}."))
+    if faults:
+        raise StudyError(study.name, faults)
+    return chosen[-1], region
+
+
+def _whole_region(study: Study, spec: ControllerSpec | None) -> Region:
+    """The box of a controller's table, built or to be built; else the study's stability axes with common limits."""
+    asked = study.specification
+    if spec is not None and spec.schedule == "table":
+        table = table_of(study, spec)
+        if table is not None and table.base.scr_basis == study.scr_basis:
+            box = table.validity
+            return Region(box.scr, box.x_over_r, box.P, box.Q, box.error)
+        if table is None and asked is not None and asked.scr_basis == study.scr_basis:
+            box, error = asked.box, max(asked.box.error_R, asked.box.error_X)
+            P, Q = ((min(powers), max(powers)) for powers in (box.P, box.Q))
+            return Region((asked.scr[0], asked.scr[-1]), (asked.x_over_r[0], asked.x_over_r[-1]), P, Q, error)
+    axes, S = study.stability, study.converter.S_rated
+    scr, x_over_r = (axes.scr[0], axes.scr[-1]), (axes.x_over_r[0], axes.x_over_r[-1])
+    return Region(scr, x_over_r, (-0.9 * S, 0.9 * S), (-0.4 * S, 0.4 * S), 0.2)
+
+
+def _prepared(
+    study: Study, spec: ControllerSpec, region: Region, schedule: MeasuredSchedule | None, decay: float | None
+) -> tuple[System, Motion]:
+    faults = region_faults(region)
+    if decay is not None and not 0.0 < decay < np.inf:
+        faults.append(Fault("decay", f"{decay:g}", "must be more than zero, in 1/s"))
+    if faults:
+        raise StudyError(study.name, faults)
+    if schedule is None:
+        if spec.gains is not None or spec.kind != "scheduled":
+            raise InfeasibleStudyError(f"controller {spec.name}: a certificate is made for a scheduled controller.")
+        schedule = schedule_of(study, spec) if follows_measured(spec) else AtDesignPoint(schedule_of(study, spec))
+    return System(study, schedule), Motion(region, bool(np.isfinite(region.rate)))
+
+
+def _fitted(system: System, motion: Motion, name: str, points: Array, A: Array) -> Fit | Counterexample:
+    if len(A) == 0:
+        raise InfeasibleStudyError("the region has no cell within the static limits: widen it, or ask for less power.")
+    slowest = _slowest(system, motion, name, points, A)
+    if isinstance(slowest, Counterexample):
+        return slowest
+    limit, where = slowest
+    best, _ = best_fit(A, motion.family(points), limit, _TOLERANCE)
+    if best is None:
+        kind = "function of this rate" if motion.moving else "common quadratic function"
+        raise NoFunctionError(
+            f"controller {name}: every cell is stable (slowest {limit:.3g} 1/s), but no {kind} exists. "
+            "Shrink the region, the error or the rate.",
+            {**where, "decay": limit},
+        )
+    return best
+
+
+def _slowest(
+    system: System, motion: Motion, name: str, points: Array, A: Array
+) -> tuple[float, dict[str, float]] | Counterexample:
+    """The least decay of all cells and where it is, or the cell that is unstable by itself."""
+    least = np.linalg.eigvals(A).real.max(axis=1)
+    worst = int(np.argmax(least))
+    limit = -float(least[worst])
+    weakness, angle, P, Q, e_R, e_L = (float(v) for v in points[worst])
+    scr, ratio = 1.0 / weakness, float(np.tan(angle))
+    if limit <= 0.0:
+        value, trajectory = growing_mode(A[worst], system.scale)
+        return Counterexample(name, motion.region, scr, ratio, P, Q, e_R, e_L, value, trajectory)
+    return limit, {"scr": scr, "x_over_r": ratio, "P": P, "Q": Q, "error_R": e_R, "error_L": e_L}
+
+
+def _proved(
+    system: System, motion: Motion, P: Array, decays: Sequence[float], region: Region, budget: int,
+    progress: Callable[[str, float], None] | None, seed: int,
+) -> Outcome:  # fmt: skip
+    """The proof on boxes."""
+
+    def failing(points: Array, at: float) -> Array:
+        points, A = system.matrices(points)
+        return points[residual(A, motion.family(points), P, at) >= 0.0]
+
+    return prove(system, region, motion.weights, failing, P, decays, budget, progress, seed)
+
+
+def _gap(outcome: Outcome | None, largest: float) -> Gap:
+    if outcome is None:
+        return Gap(1.0, (1.0,) * 6, -0.5 * largest)
+    low, high = outcome.whole.low.min(axis=0), outcome.whole.high.max(axis=0)
+    width = np.where(high > low, high - low, 1.0)
+    size = (outcome.left.high - outcome.left.low) / width
+    volume = np.where(high > low, size, 1.0).prod(axis=1)
+    k = int(np.argmax(volume))
+    return Gap(float(volume.sum()), tuple(float(v) for v in size[k]), -0.5 * largest)

@@ -1,0 +1,154 @@
+"""From points to the whole region: the inequality on boxes, and on smaller boxes where that is too coarse."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.certificate.box_check import FOLLOWED, judge, survey
+from vsgdesign.certificate.boxes import UNIT, Boxes, parameters_of, points_of, whole_region
+from vsgdesign.certificate.enclosure import BoxPrograms, Weights, programs
+from vsgdesign.certificate.region import Region, System
+from vsgdesign.certificate.taylor_kernel import rows
+from vsgdesign.certificate.tracing import Program
+from vsgdesign.execution.interrupts import interrupts_deferred
+
+Array = NDArray[np.float64]
+
+UNDECIDED, PROVED, EMPTY = 0, 1, 2
+
+_CHUNK = 1024
+
+Failing = Callable[[Array, float], Array]
+"""Points (N, 6) and a decay to those points at which the inequality does not hold."""
+
+_SAMPLES = 4000
+"""Places in undecided boxes that are looked at by eigenvalues after every round of cuts."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How the proof over the boxes ended.
+
+    ``decay``: the last one tried, 1/s. ``seen``: how many boxes were looked at; ``proved``: how many hold the
+    inequality, or nothing within the static limits. ``left``: those that are undecided, of ``whole``. ``broken``:
+    points (M, 6) of the region at which the inequality does not hold at that decay: where there are any, the proof
+    was given up.
+    """
+
+    decay: float
+    seen: int
+    proved: int
+    left: Boxes
+    whole: Boxes
+    broken: Array
+
+
+def prove(
+    system: System, region: Region, weights: Weights, failing: Failing, P: Array, decays: Sequence[float], budget: int,
+    progress: Callable[[str, float], None] | None = None, seed: int = 0,
+) -> Outcome:  # fmt: skip
+    """The largest of some decays (falling) at which the inequality holds in all points of the region that lie within
+    the static limits (:eq:`box-bound`).
+
+    Boxes are cut in half where the bound is too coarse, the largest first, until none is left or the decay's part of
+    ``budget`` boxes was looked at; the next decay goes on with what is left. ``failing`` is asked of places in what is
+    left, so that a function that does not hold everywhere is given up as soon as that is seen.
+    """
+    whole = whole_region(system, region)
+    level, proved, seen, decay = whole, 0, 0, decays[0]
+    rng = np.random.default_rng(seed)
+    broken = np.empty((0, 6))
+    for turn, decay in enumerate(decays):
+        # Half of the boxes for the first of several decays, the other half for giving way step by step.
+        part = 0.5 * (1.0 + turn / (len(decays) - 1)) if len(decays) > 1 else 1.0
+        ready = programs(system, region, weights, P, decay)
+        while len(level) and seen + len(level) <= budget * part and len(broken) == 0:
+            state, dimension = look_at(system, ready, level, whole)
+            undecided = state == UNDECIDED
+            seen += len(level)
+            proved += int((~undecided).sum())
+            level = level.take(undecided).halves(dimension[undecided])
+            broken = failing(points_of(system, region, _places(level, rng)), decay)
+            if progress is not None:
+                progress("certificate", min(seen / budget, 1.0))
+        if len(level) == 0 or len(broken):
+            break
+    return Outcome(decay, seen, proved, level, whole, broken)
+
+
+def _places(boxes: Boxes, rng: np.random.Generator) -> Array:
+    """Corners of some of the boxes and places in them, (M, 6)."""
+    if len(boxes) == 0:
+        return np.empty((0, 6))
+    index = rng.choice(len(boxes), _SAMPLES)
+    share = rng.uniform(0.0, 1.0, (_SAMPLES, 6))
+    share[::2] = np.round(share[::2])
+    return boxes.low[index] + share * (boxes.high[index] - boxes.low[index])
+
+
+def look_at(
+    system: System, ready: BoxPrograms, boxes: Boxes, pieces: Boxes
+) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+    """For each box: whether the inequality is undecided, proved, or asked of no point; and the coordinate to cut.
+
+    Chunks of boxes are shared among the machine's cores; what comes out does not depend on how many there are.
+    """
+    state, dimension = np.zeros(len(boxes), dtype=np.int64), np.zeros(len(boxes), dtype=np.intp)
+    parameters = parameters_of(system, boxes, pieces)
+
+    def look(start: int) -> None:
+        part = slice(start, start + _CHUNK)
+        low, high = boxes.low[part], boxes.high[part]
+        state[part], dimension[part] = _look(ready, low, high, np.ascontiguousarray(parameters[:, part]))
+
+    starts = range(0, len(boxes), _CHUNK)
+    if len(starts) <= 1:  # the first round always: here the code is compiled
+        with interrupts_deferred():
+            list(map(look, starts))
+        return state, dimension
+    threads = ThreadPoolExecutor(os.cpu_count())
+    try:
+        list(threads.map(look, starts))
+    finally:
+        threads.shutdown(cancel_futures=True)
+    return state, dimension
+
+
+def _look(ready: BoxPrograms, low: Array, high: Array, parameters: Array) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+    count = len(low)
+    signs = ready.signs
+    carried = len(ready.situation.outputs) - len(ready.conditions) - signs.shape[1]
+    empty, applies = np.zeros(count, dtype=np.bool_), np.zeros((len(signs), count), dtype=np.bool_)
+    forms = np.zeros((count, carried, rows(FOLLOWED + 1)))
+    survey(low, high, parameters, _arrays(ready.situation), ready.conditions, signs, empty, applies, forms)
+    proved, score = np.ones(count, dtype=np.bool_), np.zeros((count, FOLLOWED + 1))
+    for case, inequality in enumerate(ready.inequalities):
+        some = np.flatnonzero(applies[case] & ~empty)
+        if len(some) == 0:
+            continue
+        held, pull = np.zeros(len(some), dtype=np.bool_), np.zeros((len(some), FOLLOWED + 1))
+        judge(low[some], high[some], np.ascontiguousarray(parameters[:, some]), _arrays(inequality), forms[some],
+              held, pull)  # fmt: skip
+        proved[some] &= held
+        score[some] = np.maximum(score[some], pull)  # NaN stays
+    return np.where(empty, EMPTY, np.where(proved, PROVED, UNDECIDED)), _to_cut(low, high, score)
+
+
+def _to_cut(low: Array, high: Array, score: Array) -> NDArray[np.intp]:
+    """The coordinate that leaves most unknown; the widest where there is no bound at all. Of the errors, the wider."""
+    width = (high - low) / UNIT
+    errors = np.where(width[:, 4] >= width[:, 5], 4, 5)
+    followed = np.column_stack([width[:, :FOLLOWED], np.maximum(width[:, 4], width[:, 5])])
+    finite = np.isfinite(score).all(axis=1, keepdims=True)
+    chosen = np.argmax(np.where(followed > 0.0, np.where(finite, score, followed), -1.0), axis=1)
+    return np.where(chosen < FOLLOWED, chosen, errors)
+
+
+def _arrays(program: Program) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], Array, NDArray[np.int64], int]:
+    return program.code, program.number, program.places, program.factors, program.outputs, program.registers

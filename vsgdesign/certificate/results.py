@@ -1,0 +1,127 @@
+"""What a certificate says, as data and as a document."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.files import plain
+from vsgdesign.certificate.region import STATES, Region
+from vsgdesign.errors import InfeasibleStudyError
+
+Array = NDArray[np.float64]
+
+GAP_FREE = "gap-free"
+GRIDDED = "gridded"
+
+
+@dataclass(frozen=True)
+class Gap:
+    """What a gridded proof leaves open; all zero in one without gaps.
+
+    ``share``: of the region's volume, where the inequality is not proved between the points. ``box``: the largest
+    box left, as a share of the region along SCR⁻¹, atan X/R, P, Q and both errors. ``decay``: 1/s by which the
+    slowest fresh point is better than what is claimed.
+    """
+
+    share: float = 0.0
+    box: tuple[float, ...] = (0.0,) * 6
+    decay: float = 0.0
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """V = xᵀP(ρ)x decays at least as e^{−2·decay·t} along every change of grid and estimate within the region.
+
+    x = (δ, ω_i, V) as deviations over ``scale``. ``P`` (K, 3, 3): P_0 alone for a common function; else
+    P(ρ) = P_0 + ρ_1 P_1 + ρ_2 P_2 with the ρ of :eq:`certificate-coordinates`, and the grid changes no faster than
+    ``region.rate``. ``proof``: ``gap-free`` (all points of the region) or ``gridded`` (cells and random points,
+    with what the boxes leave open as ``gap``). ``checked`` and ``fresh`` count the cells and the random points at
+    which eigenvalues verified the inequality, ``boxes`` the boxes on which it was proved, ``largest`` is the
+    largest eigenvalue relative to P(ρ) found, in 1/s (negative: it holds).
+    """
+
+    controller: str
+    region: Region
+    decay: float
+    sampled: float
+    """1/s that holds at every cell and random point; more than ``decay`` where the boxes needed room."""
+    P: Array
+    scale: Array
+    proof: str
+    gap: Gap
+    checked: int
+    fresh: int
+    boxes: int
+    vertices: int
+    largest: float
+
+    def as_document(self) -> dict[str, Any]:
+        """JSON's types, the same for the same inputs: what a gain table keeps. An infinite rate is null."""
+        return plain({
+            "certified": True, "controller": self.controller, "region": asdict(self.region), "decay": self.decay,
+            "sampled": self.sampled,
+            "proof": self.proof, "gap": asdict(self.gap), "P": self.P, "scale": self.scale, "states": STATES,
+            "checked": self.checked, "fresh": self.fresh, "boxes": self.boxes, "vertices": self.vertices,
+            "largest": self.largest,
+        })  # fmt: skip
+
+
+class NoFunctionError(InfeasibleStudyError):
+    """Every cell that was looked at is stable, and no function of the kind exists. ``slowest``: the slowest of them,
+    with its SCR, X/R, P (W), Q (var), errors and decay (1/s)."""
+
+    def __init__(self, text: str, slowest: dict[str, float]) -> None:
+        super().__init__(text)
+        self.slowest = slowest
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The growing mode's response: times (s) and x = (δ in rad, ω_i in rad/s, V in V) as deviations, (M, 3)."""
+
+    t_s: Array
+    x: Array
+
+
+@dataclass(frozen=True)
+class Counterexample:
+    """A cell of the region that no certificate can cover, its least stable eigenvalue (1/s) and how it grows."""
+
+    controller: str
+    region: Region
+    scr: float
+    x_over_r: float
+    P: float
+    Q: float
+    error_R: float
+    error_L: float
+    eigenvalue: complex
+    trajectory: Trajectory
+
+    def as_document(self) -> dict[str, Any]:
+        """JSON's types."""
+        names = ("scr", "x_over_r", "P", "Q", "error_R", "error_L")
+        return plain({
+            "certified": False, "controller": self.controller, "region": asdict(self.region),
+            **{name: getattr(self, name) for name in names},
+            "eigenvalue": {"real": self.eigenvalue.real, "imag": self.eigenvalue.imag},
+            "trajectory": {"t_s": self.trajectory.t_s, **dict(zip(STATES, self.trajectory.x.T, strict=True))},
+        })  # fmt: skip
+
+
+def growing_mode(A: Array, scale: Array, periods: float = 4.0, count: int = 201) -> tuple[complex, Trajectory]:
+    """The least stable eigenvalue of a scaled A (3, 3), and its mode from 1 % of the scale on: a few periods, or a
+    few time constants where it does not swing."""
+    values, vectors = np.linalg.eig(A.astype(complex))
+    k = int(np.argmax(np.real(values)))
+    value, vector = complex(values[k]), vectors[:, k]
+    vector = 0.01 * vector / vector[np.argmax(np.abs(vector))]
+    swing = abs(value.imag) > 1e-9 * abs(value)
+    length = periods * (2.0 * np.pi / abs(value.imag) if swing else 1.0 / max(abs(value.real), 1e-9))
+    t_s = np.linspace(0.0, length, count)
+    growth: Any = np.exp(value * t_s)[:, None] * vector
+    return value, Trajectory(t_s, growth.real * scale)

@@ -1,0 +1,109 @@
+"""What every verb shares: arguments, exit codes, JSON, progress. Heavy rooms are imported by who needs them."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import wraps
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+
+from vsgdesign.errors import VsgDesignError
+from vsgdesign.execution.signals import Stop, signals_raise
+
+if TYPE_CHECKING:
+    from vsgdesign.parameters import Study
+
+EXIT_IMPOSSIBLE = 1
+EXIT_WRONG_INPUT = 2
+
+STUDY = click.argument("study_file", metavar="STUDY.toml", type=click.Path())
+JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on standard output.")
+BRIDGE = click.option("--bridge", type=click.Choice(["averaged", "pwm"]), help="Override the study's bridge model.")
+
+
+def _exit_code(error: VsgDesignError) -> int:
+    from vsgdesign.errors import ArtifactError, StudyError
+
+    return EXIT_WRONG_INPUT if isinstance(error, StudyError | ArtifactError) else EXIT_IMPOSSIBLE
+
+
+def verb(function: Callable[..., None]) -> Callable[..., None]:
+    """Turns the project's errors into one message on standard error and the documented exit code."""
+
+    @wraps(function)
+    def wrapped(*args: Any, **kwargs: Any) -> None:
+        stop = Stop()
+        try:
+            with signals_raise() as stop:
+                function(*args, **kwargs)
+                sys.stdout.flush()
+        except KeyboardInterrupt:
+            _end(f"{stop.word}: nothing was written", stop.exit_code)
+        except Interrupted as interrupted:
+            _end(f"{stop.word}: {interrupted}", stop.exit_code)
+        except Exception as error:
+            if stop.number is not None:  # what a signal met on its way made something else of it
+                _end(f"{stop.word}: nothing was written", stop.exit_code)
+            if isinstance(error, VsgDesignError):
+                _end(f"error: {error}", _exit_code(error))
+            if not isinstance(error, OSError) or not _of_the_disk(error):
+                raise
+            _end(f"error: cannot write: {error.strerror}. Give what is written a place with room.", EXIT_WRONG_INPUT)
+
+    return wrapped
+
+
+class Interrupted(Exception):
+    """A signal came, and more is to be said than that nothing was written."""
+
+
+def _end(message: str, code: int) -> NoReturn:
+    """A last line on standard error, which may be gone with its terminal, and the exit code."""
+    with suppress(OSError):
+        click.echo(message, err=True)
+    try:
+        sys.stdout.flush()
+    except OSError:  # a full disk: what is left in the buffer would be tried again, and complained of, at the exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(code)
+
+
+def _of_the_disk(error: OSError) -> bool:
+    from vsgdesign.artifacts.staging import OF_THE_DISK
+
+    return error.errno in OF_THE_DISK
+
+
+def load(study_file: str, quiet: bool = False) -> Study:
+    """The study of a file. Inner loops that it leaves to be designed are designed, once, and kept beside it."""
+    from vsgdesign.pipeline.opening import open_study
+
+    def say(sentence: str) -> None:
+        click.echo(sentence, err=True)
+
+    with progress(quiet) as report:
+        return open_study(study_file, progress=report, say=say)
+
+
+def print_json(document: Any) -> None:
+    """A document as JSON on standard output."""
+    from vsgdesign.artifacts.files import plain
+
+    click.echo(json.dumps(plain(document), indent=1, ensure_ascii=False))
+
+
+@contextmanager
+def progress(quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
+    """A progress bar per stage on standard error where that is a terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from vsgdesign.cli.console.scenario import progress_bars
+
+    with progress_bars() as report:
+        yield report

@@ -1,0 +1,43 @@
+"""The verb that compares fixed, closed-form and table gains under one specification."""
+
+from __future__ import annotations
+
+import click
+
+from vsgdesign.cli.common import JSON, STUDY, load, print_json, progress, verb
+
+
+@click.command()
+@STUDY
+@click.option("--out", default=None, metavar="DIR", help="Folder for the report.  [default: out/NAME-comparison]")
+@click.option("--emt/--no-emt", default=True, show_default=True, help="Also simulate steps with the real inner loops.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the search for fixed gains.")
+@click.option(
+    "--workers",
+    type=click.IntRange(1),
+    default=None,
+    metavar="N",
+    help="Processes for tables.  [default: one per core]",
+)
+@JSON
+@verb
+def compare(study_file: str, out: str | None, emt: bool, seed: int, workers: int | None, as_json: bool) -> None:
+    """The study's controllers and the best single fixed tuning of each structure, on the same grids.
+
+    The [specification] says what to keep, and over what. Gain tables that the study asks for are built first.
+    """
+    from pathlib import Path
+
+    from vsgdesign.pipeline.comparison import report_comparison
+
+    study = load(study_file)
+    folder = Path("out") / f"{study.name}-comparison" if out is None else Path(out)
+    with progress(quiet=as_json) as tell:
+        document = report_comparison(study, folder, emt=emt, seed=seed, workers=workers, progress=tell)
+    if as_json:
+        print_json(document)
+        return
+    from vsgdesign.cli.console.compare import comparison_table
+
+    comparison_table(document)
+    click.echo(f"report: {folder / 'report.html'}")

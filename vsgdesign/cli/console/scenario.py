@@ -1,0 +1,184 @@
+"""Tables and progress bars for a terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from vsgdesign.artifacts.table_summary import table_lines
+from vsgdesign.artifacts.table_text import certificate_sentence
+
+if TYPE_CHECKING:
+    from vsgdesign.certificate import Certificate, Counterexample
+
+
+@contextmanager
+def progress_bars() -> Iterator[Callable[[str, float], None]]:
+    """One bar for each stage that reports, on standard error."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        tasks: dict[str, Any] = {}
+
+        def report(what: str, share: float) -> None:
+            if what not in tasks:
+                tasks[what] = progress.add_task(what, total=1.0)
+            progress.update(tasks[what], completed=share)
+
+        yield report
+
+
+def new_console() -> Console:
+    """The terminal at its own width; where there is none (a pipe, a log), wide enough for every table."""
+    console = Console()
+    return console if console.is_terminal else Console(width=160)
+
+
+def new_table(title: str, headings: Sequence[str], left: Sequence[str] = ()) -> Table:
+    table = Table(title=escape(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in headings:
+        table.add_column(escape(heading), justify="left" if heading in left else "right", overflow="fold")
+    return table
+
+
+_NO_TIME = {
+    "measured": "not settled", "not settled": "not settled", "window too short": "too short", "unstable": "unstable",
+    "no steady state": "no rest",
+}  # fmt: skip
+"""What stands in place of a settling time, by the status of the event."""
+
+
+def results_tables(results: dict[str, Any]) -> None:
+    """The figures of every reference step and disturbance of a run, on the raw signal."""
+    headings = ("controller", "at", "event", "signal", "overshoot", "settles 2 %", "rise", "peak current")
+    table = new_table(results["study"]["title"], headings, left=("controller", "event", "signal"))
+    reasons: dict[str, list[str]] = {}
+    for name, controller in results["controllers"].items():
+        for event in controller["events"]:
+            if event["reason"] is not None:
+                who = f"{name}, {event['t_s']:g} s, {event['signal']}"
+                reasons.setdefault(event["reason"], []).append(who)
+            if event["kind"] == "disturbance" and event["settling_time_s"] == 0.0:
+                continue  # the other signal never left its band: nothing to see
+            table.add_row(
+                name,
+                f"{event['t_s']:g} s",
+                escape(event["name"]),
+                event["signal"],
+                _cell(event["overshoot_pct"], ".1f", " %"),
+                _cell(event["settling_time_s"], ".3f", " s", none=_NO_TIME[event["status"]]),
+                _cell(event["rise_time_s"], ".3f", " s"),
+                _cell(event["peak_current_pu"], ".2f", " pu"),
+            )
+    console = new_console()
+    for name, controller in results["controllers"].items():
+        if controller["table"] is not None:
+            lines = (escape(line) for line in table_lines(name, controller["table"]))
+            console.print("\n".join(lines), highlight=False, soft_wrap=True)
+    console.print(table if table.row_count else f"{escape(results['study']['title'])}: no event to measure")
+    for reason, who in reasons.items():
+        console.print(f"{escape('; '.join(who))}: {escape(reason)}", soft_wrap=True)
+    for name, controller in results["controllers"].items():
+        limit = (controller["estimate"] or {}).get("rate_limit")
+        if limit and limit["held_s"]:
+            from vsgdesign.report.scenario.estimate_tables import rate_limit_text
+
+            console.print(escape(rate_limit_text(name, *limit.values())))
+
+
+def stability_tables(document: dict[str, Any]) -> None:
+    """Worst cases over the maps and the close looks of every controller."""
+    console = new_console()
+    worst = new_table(
+        f"{document['study']['title']}: worst cells over the maps (SCR on the {document['scr_basis']} basis)",
+        ("controller", "model", "quantity", "value", "misses gate", "where"),
+        left=("controller", "model", "quantity", "where"),
+    )
+    close = new_table(
+        "at the study's grids, full order",
+        ("controller", "grid", "least stable mode", "damping", "disk margin", "GM P", "PM P", "GM Q", "PM Q", "M_s"),
+        left=("controller", "grid"),
+    )
+    for name, controller in document["controllers"].items():
+        for model, rows in controller["worst"].items():
+            for row in rows:
+                missing = row["value"] is None or math.isnan(row["value"])
+                share = row["share_below"]
+                worst.add_row(
+                    name,
+                    model,
+                    row["quantity"],
+                    "unstable" if missing and row["where"] else _cell(row["value"], ".3g", f" {row['unit']}".rstrip()),
+                    "–" if share is None or math.isnan(share) else f"{100.0 * share:.0f} %",
+                    row["where"],
+                )
+        for cell in controller["cells"]:
+            mode, margins = cell["modes"][0], cell["margins"]["full_order"]
+            loops = margins["loops"]
+            close.add_row(
+                name,
+                cell["label"] + (" !" if cell["outside_the_limits"] else ""),
+                f"{mode['real']:.3g} ± {abs(mode['imag']):.3g}j",
+                f"{margins['least_damping']:.3f}",
+                _finite(margins["disk_margin_output"], ".2f", ""),
+                _finite(loops["P"]["gain_margin_db"], ".1f", " dB"),
+                _finite(loops["P"]["phase_margin_deg"], ".1f", "°"),
+                _finite(loops["Q"]["gain_margin_db"], ".1f", " dB"),
+                _finite(loops["Q"]["phase_margin_deg"], ".1f", "°"),
+                _finite(margins["M_s"], ".2f", ""),
+            )
+    console.print(worst)
+    for name, controller in document["controllers"].items():
+        counts = [f"{one['outside']} of {one['cells']}" for one in controller["outside_the_limits"].values()]
+        if any(one["outside"] for one in controller["outside_the_limits"].values()):
+            shown = " and ".join(dict.fromkeys(counts))
+            console.print(
+                f"{escape(name)}: {shown} cells are outside the converter's limits of voltage or current and count for "
+                "nothing above"
+            )
+    console.print(close)
+    for name, controller in document["controllers"].items():
+        for cell in controller["cells"]:
+            if cell["outside_the_limits"]:
+                console.print(f"! {escape(name)}, {cell['label']}: outside the limits, {cell['outside_the_limits']}")
+    verdicts = [row["verdict"] for row in document["verdicts"]]
+    counts = ", ".join(f"{verdicts.count(kind)} {kind}" for kind in dict.fromkeys(verdicts))
+    console.print(f"gates (ours, no grid code): {counts}")
+
+
+def certificate_text(found: Certificate | Counterexample) -> str:
+    """What was proved, or the cell that forbids it; then how well it was looked at."""
+    from vsgdesign.certificate import Certificate
+
+    text = f"{found.controller}: {certificate_sentence(found.as_document())}"
+    if not isinstance(found, Certificate):
+        return text
+    boxes = f"Proved on {found.boxes} {'box' if found.boxes == 1 else 'boxes'}. " if found.boxes else ""
+    spare = "" if found.proof == "gap-free" else f", the slowest of which has {found.gap.decay:.2g} 1/s to spare"
+    return (
+        f"{text}\n{boxes}Verified at {found.checked} cells and {found.fresh} fresh random points{spare}; "
+        f"{found.vertices} vertices decide."
+    )
+
+
+def _finite(value: float | None, form: str, unit: str) -> str:
+    """A figure, ∞ for no crossing, a dash for none."""
+    if value is None or math.isnan(value):
+        return "–"
+    return "∞" if math.isinf(value) else f"{value:{form}}{unit}"
+
+
+def _cell(value: float | None, form: str, unit: str, none: str = "–") -> str:
+    return none if value is None else f"{value:{form}}{unit}"

@@ -1,0 +1,195 @@
+"""Verbs of the impedance estimator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from vsgdesign.cli.common import JSON, STUDY, Interrupted, load, print_json, progress, verb
+from vsgdesign.errors import counted
+
+_RECIPE = click.option("--recipe", default=None, metavar="NAME|FILE.toml",
+                       help="Packaged (published, continuous, wide) or a file.  "
+                            "[default: of the study, else published]")  # fmt: skip
+_SEED = click.option("--seed", type=click.IntRange(0), default=None, help="[default: of the study, else 0]")
+_WORKERS = click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Processes.")
+
+
+@click.group()
+def estimator() -> None:
+    """Grid impedance from measured windows."""
+
+
+@estimator.command()
+@STUDY
+@_RECIPE
+@click.option("--out", required=True, metavar="FILE.npz", help="Where to write the windows.")
+@_SEED
+@_WORKERS
+@JSON
+@verb
+def windows(study_file: str, recipe: str | None, out: str, seed: int | None, workers: int, as_json: bool) -> None:
+    """Make a data set of windows from EMT. An interrupted call goes on where it was."""
+    from vsgdesign.estimator.recipes import load_recipe
+    from vsgdesign.estimator.sampling import describe_sampling, sampling_document, with_sampling
+    from vsgdesign.estimator.scenarios import describe_draws
+    from vsgdesign.estimator.windows import generate_windows
+    from vsgdesign.parameters.estimator import EstimatorSpec
+
+    study = load(study_file)
+    spec = study.estimator or EstimatorSpec()
+    made_of = load_recipe(spec.recipe if recipe is None else recipe)
+    try:
+        with progress(quiet=as_json) as tell:
+            drawn_from = spec.seed if seed is None else seed
+            data = generate_windows(study, made_of, drawn_from, out=out, workers=workers, progress=tell)
+    except KeyboardInterrupt:
+        raise Interrupted("finished blocks are kept, the same command goes on from them") from None
+    scenarios, sampled = made_of.scenarios, with_sampling(made_of, study.converter)
+    if as_json:
+        print_json({
+            "file": out, "sha256": data.hash, "windows": len(data), "scenarios": scenarios,
+            "synchronised": data.synchronised, "shape": data.windows.shape, "draws": data.draws,
+            "window": sampling_document(sampled, study.converter), "header": data.header,
+        })  # fmt: skip
+    else:
+        shape = (
+            f"{counted(len(data), 'window')} of {data.windows.shape[1]} values from {counted(scenarios, 'scenario')}"
+        )
+        click.echo(f"{out}: {shape}, sha256 {data.hash[:12]}")
+        _echo_windows(describe_sampling(sampled, study.converter), describe_draws(data.draws))
+        if data.synchronised:
+            click.echo("synchronised with the grid's phase, as published: no converter in the field has that signal")
+
+
+@estimator.command()
+@STUDY
+@click.option("--out", required=True, metavar="FILE.json", help="Where to write the weights.")
+@_RECIPE
+@_SEED
+@click.option("--hidden", type=click.IntRange(1, 64), default=None,
+              help="Hidden units.  [default: of the study, else of the recipe]")  # fmt: skip
+@click.option("--components", type=click.IntRange(0, 1000), default=None,
+              help="Principal components; 0: all above the noise.  "
+                   "[default: of the study, else of the recipe]")  # fmt: skip
+@click.option("--windows", default=None, metavar="FILE.npz", help="Keep the windows too.")
+@_WORKERS
+@JSON
+@verb
+def train(
+    study_file: str, out: str, recipe: str | None, seed: int | None, hidden: int | None, components: int | None,
+    windows: str | None, workers: int, as_json: bool,
+) -> None:  # fmt: skip
+    """Make windows, train a network on them and write its weights."""
+    from dataclasses import replace
+
+    from vsgdesign.parameters.estimator import EstimatorSpec
+    from vsgdesign.pipeline.training import train_weights_file
+
+    study = load(study_file)
+    given = {"recipe": recipe, "seed": seed, "hidden": hidden, "components": components}
+    changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    spec = replace(study.estimator or EstimatorSpec(), **changes)
+    try:
+        with progress(quiet=as_json) as tell:
+            document = train_weights_file(study, spec, out, windows=windows, workers=workers, progress=tell)
+    except KeyboardInterrupt:
+        if windows is None:
+            raise
+        raise Interrupted("finished windows are kept, the same command goes on from them") from None
+    if as_json:
+        print_json(document)
+        return
+    from vsgdesign.estimator.scenarios import describe_draws
+
+    test = document["parts"]["test"]["correlation"]
+    click.echo(
+        f"{out}: recipe {document['recipe']}, {counted(document['epochs'], 'epoch')}, {document['stop']}; on the "
+        f"windows for test R = {test['R_g']:.6f} (R_g), {test['L_g']:.6f} (L_g)"
+    )
+    click.echo(f"error of Z on grids that it was not trained on: {_errors(document['parts']['test']['errors'])}")
+    _echo_windows(document["window"]["text"], describe_draws(document["draws"]))
+    if document["synchronised"]:
+        click.echo("synchronised with the grid's phase, as published: no converter in the field has that signal")
+
+
+_FOLDER = click.option("--out", required=True, metavar="FOLDER", help="Where to write results and report.")
+_WEIGHTS = click.option("--weights", "weights", multiple=True, metavar="FILE.json",
+                        help="A network to compare; more than once for several.")  # fmt: skip
+_RECIPES = click.option("--recipe", "recipes", multiple=True, metavar="NAME|FILE.toml",
+                        help="Train a network of this recipe and compare it; more than once for several.  "
+                             "[default: without --weights: published, and continuous with noise]")  # fmt: skip
+
+
+@estimator.command()
+@STUDY
+@_FOLDER
+@_WEIGHTS
+@_RECIPES
+@_SEED
+@_WORKERS
+@JSON
+@verb
+def compare(
+    study_file: str, out: str, weights: tuple[str, ...], recipes: tuple[str, ...], seed: int | None, workers: int,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Classical methods and networks on the same windows: error beside its bound, disturbance, delay."""
+    from vsgdesign.pipeline.estimator import report_comparison
+
+    _report(report_comparison, study_file, out, as_json, weights=weights, recipes=recipes, seed=seed, workers=workers)
+
+
+@estimator.command()
+@STUDY
+@_FOLDER
+@_WEIGHTS
+@_RECIPES
+@_SEED
+@_WORKERS
+@JSON
+@verb
+def stress(
+    study_file: str, out: str, weights: tuple[str, ...], recipes: tuple[str, ...], seed: int | None, workers: int,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """The same methods where frequency, phase, voltage, X/R, SCR, noise or harmonics are not as trained."""
+    from vsgdesign.pipeline.estimator import report_stress
+
+    _report(report_stress, study_file, out, as_json, weights=weights, recipes=recipes, seed=seed, workers=workers)
+
+
+def _report(
+    make: Callable[..., dict[str, Any]], study_file: str, out: str, as_json: bool, *, seed: int | None, **networks: Any
+) -> None:
+    from vsgdesign.parameters.estimator import EstimatorSpec
+
+    study = load(study_file)
+    drawn_from = (study.estimator or EstimatorSpec()).seed if seed is None else seed
+    with progress(quiet=as_json) as tell:
+        document = make(study, out, seed=drawn_from, progress=tell, **networks)
+    if as_json:
+        print_json(document)
+    else:
+        for sentence in document["left_out"]:
+            click.echo(sentence)
+        click.echo(f"report: {Path(out) / 'report.html'}")
+
+
+def _errors(found: dict[str, dict[str, tuple[float, float]]]) -> str:
+    """Median and 95th percentile at rest and after a change, of what there are windows of."""
+    parts = [
+        f"{words} {100.0 * found[kind]['Z'][0]:.2g} % (95th percentile {100.0 * found[kind]['Z'][1]:.2g} %)"
+        for kind, words in (("rest", "at rest"), ("after_change", "after a change"))
+        if found[kind]["Z"][0] >= 0.0
+    ]
+    return ", ".join(parts)
+
+
+def _echo_windows(sampling: str, drawn_again: str) -> None:
+    click.echo(f"windows of {sampling}")
+    if drawn_again:
+        click.echo(drawn_again)

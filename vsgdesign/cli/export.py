@@ -1,0 +1,57 @@
+"""Verbs that make what goes into the controller: C99 and ONNX."""
+
+from __future__ import annotations
+
+import click
+
+from vsgdesign.cli.common import JSON, load, print_json, verb
+from vsgdesign.errors import counted
+
+
+@click.group()
+def export() -> None:
+    """Code for the controller, from gain tables and network weights."""
+
+
+@export.command(name="c")
+@click.argument("table_file", metavar="TABLE.json", type=click.Path())
+@click.option("--weights", default=None, metavar="W.json", type=click.Path(), help="Also the impedance estimator.")
+@click.option("--out", required=True, metavar="FOLDER", help="Where to write; a folder with other files is refused.")
+@click.option("--study", "study_file", default=None, metavar="STUDY.toml", help="Refuse a table of another study.")
+@click.option("--v-limit", type=float, default=None, metavar="V", help="Sensor's limit.  [default: 4 rated peaks]")
+@click.option("--i-limit", type=float, default=None, metavar="A", help="Sensor's limit.  [default: 4 rated peaks]")
+@click.option("--grid-phase", is_flag=True, help="Windows will start at the grid phase that was trained with.")
+@click.option("--rate", type=float, default=None, metavar="1/s", help="Rate of SCR and R/X.  [default: certified]")
+@JSON
+@verb
+def c(
+    table_file: str, weights: str | None, out: str, study_file: str | None, v_limit: float | None,
+    i_limit: float | None, grid_phase: bool, rate: float | None, as_json: bool,
+) -> None:  # fmt: skip
+    """C99 of scheduler, power loops and network, with a self-test and hashes of everything."""
+    from vsgdesign.export import export_c_files
+
+    study = None if study_file is None else load(study_file)
+    made = export_c_files(
+        table_file, out, weights=weights, study=study, v_limit=v_limit, i_limit=i_limit,
+        grid_phase=grid_phase, **({} if rate is None else {"rate": rate}),
+    )  # fmt: skip
+    if as_json:
+        print_json({"folder": str(made.folder)} | made.manifest)
+        return
+    files = counted(len(made.manifest["files"]), "file")
+    click.echo(f"{made.folder}: {files} of table {made.manifest['table']['name']}")
+    click.echo(f"next: make -C {made.folder} test")
+
+
+@export.command()
+@click.argument("weights_file", metavar="W.json", type=click.Path())
+@click.option("--out", required=True, metavar="FILE.onnx", help="Where to write.")
+@click.option("--double", is_flag=True, help="Double instead of single precision.")
+@verb
+def onnx(weights_file: str, out: str, double: bool) -> None:
+    """ONNX of the impedance estimator with its scaling inside: V and A in, ohm and henry out."""
+    from vsgdesign.export.onnx_model import export_onnx
+
+    digest = export_onnx(weights_file, out, double=double)
+    click.echo(f"{out}: of weights {digest[:12]}")

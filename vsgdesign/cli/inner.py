@@ -1,0 +1,41 @@
+"""The verb that shows a study's inner loops, and designs them where the study leaves them open."""
+
+from __future__ import annotations
+
+import click
+
+from vsgdesign.cli.common import JSON, STUDY, load, print_json, progress, verb
+
+
+@click.command()
+@STUDY
+@click.option("--out", default=None, metavar="DIR", help="Also write a page with maps into this folder.")
+@click.option(
+    "--what-if/--no-what-if", default=True, show_default=True, help="Also ask what sampling, delay and L_2 would buy."
+)
+@JSON
+@verb
+def inner(study_file: str, out: str | None, what_if: bool, as_json: bool) -> None:
+    """Inner loops over the study's grids: what they keep, what limits them, what would buy more.
+
+    Gains that the study leaves to be designed are designed once and kept beside it, for every verb.
+    """
+    from vsgdesign.pipeline.inner import assess_inner_loops, inner_document, report_inner_loops
+    from vsgdesign.pipeline.opening import inner_loops_file
+
+    study = load(study_file, quiet=as_json)
+    with progress(quiet=as_json) as tell:
+        if out is None:
+            found = assess_inner_loops(study, what_if=what_if, progress=tell)
+        else:
+            found = report_inner_loops(study, out, what_if=what_if, progress=tell)
+    document = inner_document(found)
+    if as_json:
+        print_json(document)
+        return
+    from vsgdesign.cli.console.inner import inner_tables
+
+    kept = inner_loops_file(study_file)
+    inner_tables(document, str(kept) if found.designed and kept.exists() else None)
+    if out is not None:
+        click.echo(f"report: {out}/report.html")

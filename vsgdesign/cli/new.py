@@ -1,0 +1,121 @@
+"""The verb that writes a study from a datasheet: from a file, or asked for on the terminal."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from vsgdesign.cli.common import EXIT_WRONG_INPUT, JSON, Interrupted, print_json, verb
+
+if TYPE_CHECKING:
+    from vsgdesign.datasheet import Datasheet, Sheet
+
+_BACK = ("back", "<")
+
+
+@click.command()
+@click.option("--from", "sheet_file", default=None, metavar="FILE", type=click.Path(),
+              help="A datasheet as .csv or .toml.  [default: asks on the terminal]")  # fmt: skip
+@click.option("--out", default="study.toml", show_default=True, metavar="FILE.toml", type=click.Path(),
+              help="The study to write; a file that is there is never overwritten.")  # fmt: skip
+@JSON
+@verb
+def new(sheet_file: str | None, out: str, as_json: bool) -> None:
+    """Write a study from a converter's datasheet: ratings, filter, sampling, current limit, grids.
+
+    Its inner loops and its gain table are left to be designed: `vsgdesign run` does that and all the rest. What the
+    datasheet does not say is assumed, listed here and written into the study.
+    """
+    from vsgdesign.artifacts.new_file import check_new, write_new_text
+    from vsgdesign.datasheet import read_sheet, resolve, study_text
+
+    path = check_new(out)
+    if sheet_file is not None:
+        sheet, origin = read_sheet(sheet_file), Path(sheet_file).name
+    elif not sys.stdin.isatty():
+        click.echo("error: there is no terminal to ask on. Give a datasheet: vsgdesign new --from FILE.csv", err=True)
+        sys.exit(EXIT_WRONG_INPUT)
+    else:
+        try:
+            sheet, origin = _asked(), "answers on the terminal"
+        except click.Abort:  # Ctrl-C or Ctrl-D at a prompt
+            click.echo(err=True)
+            raise Interrupted("nothing was written") from None
+    converter = resolve(sheet)
+    text = study_text(converter, origin)
+    _check(text, sheet.source)
+    write_new_text(path, text)
+    if as_json:
+        print_json({
+            "study": str(path), "title": converter.title, "assumed": [vars(item) for item in converter.assumptions],
+            "read": converter.remarks, "notes": list(converter.notes), "not_used": list(converter.unused),
+        })  # fmt: skip
+    else:
+        _tell(path, converter)
+
+
+def _check(text: str, source: str) -> None:
+    """What the study's own reader finds, before anything is written."""
+    from vsgdesign.equations.inner_loops import InnerLoopGains
+    from vsgdesign.parameters import study_from_text
+
+    study_from_text(text, source, inner_loops=lambda _: (InnerLoopGains(*[math.nan] * 4), math.nan))
+
+
+def _asked() -> Sheet:
+    """A datasheet from answers. Each is checked at once; ``back`` asks for the one before again."""
+    from vsgdesign.datasheet.questions import answer_faults, answered_sheet, entry_of, next_question
+    from vsgdesign.datasheet.reading import Entry
+
+    click.echo("From the datasheet, with units. Enter takes what stands in brackets; back goes back; Ctrl-C ends.\n")
+    answers: list[Entry] = []
+    asked: list[str] = []
+    while (field := next_question(answers, asked)) is not None:
+        offered = f"[{field.missing}]" if field.missing else f"(such as {field.example})"
+        text = click.prompt(f"{field.question} {offered}", default="", show_default=False).strip()
+        if text.casefold() in _BACK:
+            if asked:
+                last = asked.pop()
+                answers = [entry for entry in answers if entry_of_field(entry.key) != last]
+            continue
+        if not text and not field.missing:
+            click.echo(f"  It must be given, for example {field.example}.")
+            continue
+        left_out = text.casefold() in ("", "none", "no", "-") and field.name != "delay"
+        if text and not left_out:
+            answer = entry_of(field, text)
+            faults = answer_faults(answers, answer)
+            if faults:
+                for fault in faults:
+                    click.echo(f"  {fault}")
+                continue
+            answers.append(answer)
+        asked.append(field.name)
+    click.echo()
+    return answered_sheet(answers)
+
+
+def entry_of_field(key: str) -> str:
+    """The question that an answer belongs to."""
+    return "scr" if key in ("short_circuit_power", "grid_impedance") else key
+
+
+def _tell(path: Path, converter: Datasheet) -> None:
+    click.echo(f"{path}: {converter.title}")
+    if converter.remarks:
+        click.echo("read:")
+        for field, text in converter.remarks.items():
+            click.echo(f"  {field}: {text}")
+    if converter.assumptions:
+        click.echo("assumed, because the datasheet does not say it:")
+        for assumption in converter.assumptions:
+            click.echo(f"  {assumption.field}: {assumption.text}")
+    for note in converter.notes:
+        click.echo(f"note: {note}")
+    if converter.unused:
+        click.echo("not used: " + ", ".join(converter.unused))
+    click.echo(f"next: vsgdesign run {path}")

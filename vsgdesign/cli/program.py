@@ -1,0 +1,261 @@
+"""The command line. Verbs only; heavy rooms are imported by the verb that needs them."""
+
+from __future__ import annotations
+
+from vsgdesign.execution.signals import signals_end
+
+with signals_end():  # Ctrl-C while modules are loaded is one line, too
+    import sys
+    from typing import Any
+
+    import click
+
+    from vsgdesign import __version__
+    from vsgdesign.cli.common import BRIDGE as _BRIDGE
+    from vsgdesign.cli.common import EXIT_IMPOSSIBLE, EXIT_WRONG_INPUT
+    from vsgdesign.cli.common import JSON as _JSON
+    from vsgdesign.cli.common import STUDY as _STUDY
+    from vsgdesign.cli.common import load as _load
+    from vsgdesign.cli.common import print_json as _print_json
+    from vsgdesign.cli.common import progress as _progress
+    from vsgdesign.cli.common import verb as _verb
+    from vsgdesign.cli.compare import compare
+    from vsgdesign.cli.estimator import estimator
+    from vsgdesign.cli.export import export
+    from vsgdesign.cli.inner import inner
+    from vsgdesign.cli.new import new
+    from vsgdesign.cli.table import table
+    from vsgdesign.errors import counted
+
+
+class _Program(click.Group):
+    """The verbs; until one begins, and when it has ended, a signal ends the process in one line."""
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        with signals_end():
+            return super().main(*args, **kwargs)
+
+
+@click.group(cls=_Program, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="vsgdesign")
+def main() -> None:
+    """From a converter's datasheet to a gain schedule for grid-forming control, proven in EMT simulation.
+
+    Exit codes: 0 done, 1 the study asks for something impossible, 2 wrong input, 130 interrupted.
+    """
+
+
+@main.command()
+@_STUDY
+@click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME]")
+@_BRIDGE
+@_JSON
+@_verb
+def run(study_file: str, out: str | None, bridge: str | None, as_json: bool) -> None:
+    """Simulate every controller and write time series, figures, results.json and report.html."""
+    _run(study_file, out, bridge, as_json, report=True)
+
+
+@main.command()
+@_STUDY
+@click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-simulation]")
+@_BRIDGE
+@_JSON
+@_verb
+def simulate(study_file: str, out: str | None, bridge: str | None, as_json: bool) -> None:
+    """Simulate only: time series and results.json, no figures."""
+    _run(study_file, out, bridge, as_json, report=False)
+
+
+@main.command()
+@_STUDY
+@_JSON
+@_verb
+def design(study_file: str, as_json: bool) -> None:
+    """Operating points, gains, margins, inertia and droop of every controller on every grid."""
+    from dataclasses import asdict
+
+    from vsgdesign.artifacts.study_table import table_of
+    from vsgdesign.design import design_closed_form, distinct_grids
+
+    study = _load(study_file)
+    known = [spec for spec in study.controllers if spec.schedule != "table" or table_of(study, spec) is not None]
+    missing = [
+        f"{spec.name}: its gain table is not built yet. vsgdesign run builds it, vsgdesign table build keeps it."
+        for spec in study.controllers
+        if spec not in known
+    ]
+    designs = [design_closed_form(study, spec, grid) for spec in known for grid in distinct_grids(study)]
+    if as_json:
+        _print_json({
+            "study": study.name,
+            "hash": study.hash,
+            "designs": [
+                asdict(d) | {"gains": d.gains.named(), "inertia_s": d.inertia_s, "droop_W_per_Hz": d.droop_W_per_Hz}
+                for d in designs
+            ],
+            "missing": missing,
+        })  # fmt: skip
+    else:
+        from vsgdesign.cli.console.design import design_tables
+
+        design_tables(study, designs, missing)
+
+
+@main.command()
+@_STUDY
+@click.option("--evidence/--no-evidence", default=False, help="Also simulate small steps in EMT.  [default: no]")
+@_JSON
+@_verb
+def margins(study_file: str, evidence: bool, as_json: bool) -> None:
+    """Modes and margins over the study's grids: worst cases, close looks and gates, on the terminal."""
+    from vsgdesign.pipeline import assess_study, stability_document
+
+    study = _load(study_file)
+    with _progress(quiet=as_json) as progress:
+        document = stability_document(assess_study(study, evidence=evidence, progress=progress))
+    if as_json:
+        _print_json(document)
+        return
+    from vsgdesign.cli.console.scenario import stability_tables
+
+    stability_tables(document)
+
+
+@main.command()
+@_STUDY
+@click.option("--out", default=None, metavar="DIR", help="Folder for the report.  [default: out/NAME-stability]")
+@click.option("--pdf", is_flag=True, help='Also write report.pdf (needs the extra "pdf").')
+@_JSON
+@_verb
+def report(study_file: str, out: str | None, pdf: bool, as_json: bool) -> None:
+    """Stability-margin report: maps, modes, margins, impedance and EMT evidence as one HTML page, with CSV."""
+    from pathlib import Path
+
+    from vsgdesign.pipeline import report_stability
+
+    study = _load(study_file)
+    folder = Path("out") / f"{study.name}-stability" if out is None else Path(out)
+    with _progress(quiet=as_json) as progress:
+        document = report_stability(study, folder, pdf=pdf, progress=progress)
+    if as_json:
+        _print_json(document)
+        return
+    from vsgdesign.cli.console.scenario import stability_tables
+
+    stability_tables(document)
+    click.echo(f"report: {folder / 'report.html'}")
+
+
+@main.command()
+@_STUDY
+@click.option("--controller", default=None, metavar="NAME", help="A scheduled controller.  [default: the last one]")
+@click.option(
+    "--scr", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the table's, else the axes]"
+)
+@click.option(
+    "--x-over-r", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the table's, else the axes]"
+)
+@click.option("--p-pu", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the table's, else ±0.9]")
+@click.option("--q-pu", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the table's, else ±0.4]")
+@click.option(
+    "--error", type=float, default=None, help="Relative error of R_g and of L_g.  [default: the table's, else 0.2]"
+)
+@click.option(
+    "--rate", type=float, default=float("inf"), help="Largest |d ln SCR/dt| and |d ln(X/R)/dt|, 1/s.  [default: inf]"
+)
+@click.option("--decay", type=float, default=None, help="Prove this decay, 1/s.  [default: the largest]")
+@click.option("--boxes", type=click.IntRange(0), default=1_500_000, show_default=True, help="Most boxes to prove on.")
+@_JSON
+@_verb
+def certify(
+    study_file: str, controller: str | None, scr: tuple[float, float] | None, x_over_r: tuple[float, float] | None,
+    p_pu: tuple[float, float] | None, q_pu: tuple[float, float] | None, error: float | None, rate: float,
+    decay: float | None,
+    boxes: int, as_json: bool,
+) -> None:  # fmt: skip
+    """One Lyapunov function for a whole region of grids, powers and estimate errors, or a counterexample."""
+    import tempfile
+    from dataclasses import replace
+    from pathlib import Path
+
+    from vsgdesign.certificate import Certificate, certify, region_of
+    from vsgdesign.pipeline.table import with_tables
+
+    study = _load(study_file)
+    spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate)
+    with _progress(quiet=as_json) as progress, tempfile.TemporaryDirectory() as folder:
+        ready = with_tables(replace(study, controllers=(spec,)), Path(folder) / study.name, progress=progress)
+        found = certify(study, ready.controllers[0], region, decay=decay, budget=boxes, progress=progress)
+    if as_json:
+        _print_json(found.as_document())
+    else:
+        from vsgdesign.cli.console.scenario import certificate_text
+
+        click.echo(certificate_text(found))
+    if not isinstance(found, Certificate):
+        sys.exit(EXIT_IMPOSSIBLE)
+
+
+@main.command()
+@_STUDY
+@_JSON
+@_verb
+def validate(study_file: str, as_json: bool) -> None:
+    """Check a study file and the files that it names, and report every fault at once."""
+    from vsgdesign.errors import StudyError
+    from vsgdesign.pipeline.named_files import check_named_files
+    from vsgdesign.pipeline.opening import check_study
+
+    try:
+        study, inner_loops = check_study(study_file)
+        check_named_files(study, study_file)
+    except StudyError as error:
+        if not as_json:
+            raise
+        faults = [vars(fault) for fault in error.faults]
+        _print_json({"valid": False, "source": error.source, "faults": faults})
+        sys.exit(EXIT_WRONG_INPUT)
+    if as_json:
+        document = {"valid": True, "study": study.name, "hash": study.hash}
+        _print_json(document | ({"inner_loops": inner_loops} if inner_loops else {}))
+    else:
+        counts = [(len(study.controllers), "controller"), (len(study.events), "event")]
+        shown = ", ".join(counted(count, word) for count, word in counts)
+        click.echo(f"{study_file}: valid ({shown})")
+        if inner_loops:
+            click.echo(inner_loops)
+
+
+def _warn(text: str) -> None:
+    click.echo(f"warning: {text}", err=True)
+
+
+def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, report: bool) -> None:
+    from pathlib import Path
+
+    from vsgdesign.pipeline import run_study
+
+    study = _load(study_file)
+    name = study.name if report else f"{study.name}-simulation"
+    folder = Path("out") / name if out is None else Path(out)
+    with _progress(quiet=as_json) as progress:
+        results = run_study(study, folder, bridge=bridge, report=report, progress=progress, warn=_warn)
+    if as_json:
+        _print_json(results)
+        return
+    from vsgdesign.cli.console.scenario import results_tables
+
+    results_tables(results)
+    click.echo(f"results: {folder / ('report.html' if report else 'results.json')}")
+
+
+main.add_command(compare)
+main.add_command(estimator)
+main.add_command(export)
+main.add_command(inner)
+main.add_command(new)
+main.add_command(table)
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,155 @@
+"""Verbs of gain tables: build, show, check, compare, report."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from vsgdesign.cli.common import (
+    EXIT_IMPOSSIBLE,
+    JSON,
+    STUDY,
+    Interrupted,
+    load,
+    print_json,
+    progress,
+    verb,
+)
+
+_FILE = click.argument("table_file", metavar="TABLE.json", type=click.Path())
+
+
+@click.group()
+def table() -> None:
+    """Gain tables: gains over SCR and X/R with what they promise, in one guarded file."""
+
+
+@table.command()
+@STUDY
+@click.option("--controller", default=None, metavar="NAME", help="Whose table.  [default: the last one]")
+@click.option("--out", default=None, metavar="FILE.json", help="[default: out/STUDY-CONTROLLER.json]")
+@click.option(
+    "--workers", type=click.IntRange(1), default=None, metavar="N", help="Processes.  [default: one per core]"
+)
+@click.option("--cluster", default=None, metavar="local|ADDRESS", help='A Dask cluster (needs the extra "cluster").')
+@click.option("--points", type=click.IntRange(1), default=None, metavar="N",
+              help="Random grids of each look between nodes.  [default: 2000]")  # fmt: skip
+@click.option("--fresh", is_flag=True, help="Do not go on from the cells of an interrupted build.")
+@JSON
+@verb
+def build(
+    study_file: str, controller: str | None, out: str | None, workers: int | None, cluster: str | None,
+    points: int | None, fresh: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """Design a table under the study's [specification]: every node, then between the nodes.
+
+    An interrupted or killed build goes on from its finished cells and ends with the same file.
+    """
+    from pathlib import Path
+
+    from vsgdesign.pipeline.table import build_table_file, cells_folder
+
+    if cluster not in (None, "local") and workers is not None:
+        raise click.UsageError("--workers is for processes of this machine; a cluster at an address has its own")
+    study = load(study_file)
+    default = Path("out") / f"{study.name}-{controller or study.controllers[-1].name}.json"
+    file = default if out is None else Path(out)
+    try:
+        with progress(quiet=as_json) as tell:
+            document = build_table_file(
+                study, file, controller=controller, workers=workers, cluster=cluster, fresh=fresh, points=points,
+                progress=tell,
+            )  # fmt: skip
+    except KeyboardInterrupt:
+        kept = len(list(cells_folder(file).glob("*.json")))
+        cells = "1 finished cell is" if kept == 1 else f"{kept} finished cells are"
+        raise Interrupted(f"{cells} kept, the same command goes on from there") from None
+    if as_json:
+        print_json(document)
+    else:
+        from vsgdesign.cli.console.table import built_text
+
+        click.echo(built_text(document))
+
+
+@table.command()
+@_FILE
+@JSON
+@verb
+def show(table_file: str, as_json: bool) -> None:
+    """What a table is for, its gains, its margins and its certificate, cell by cell."""
+    from vsgdesign.artifacts.gain_table import table_document
+    from vsgdesign.artifacts.gain_table_file import read_table_file
+
+    found = read_table_file(table_file)
+    if as_json:
+        print_json(table_document(found) | {"sha256": found.sha256})
+        return
+    from vsgdesign.cli.console.table import table_overview
+
+    table_overview(found)
+
+
+@table.command()
+@_FILE
+@click.option("--study", "study_file", default=None, metavar="STUDY.toml", help="Also hold it against its study.")
+@JSON
+@verb
+def check(table_file: str, study_file: str | None, as_json: bool) -> None:
+    """Read a table and analyse every node anew. Exit code 1 where something is not as it says."""
+    from vsgdesign.artifacts.gain_table_file import read_table_file
+    from vsgdesign.stability.gain_table import check_table
+
+    found = read_table_file(table_file)
+    outcome = check_table(found, None if study_file is None else load(study_file))
+    if as_json:
+        print_json({"good": outcome.good, "table": found.name, "sha256": found.sha256} | vars(outcome))
+    else:
+        from vsgdesign.cli.console.table import check_text
+
+        click.echo(check_text(table_file, found, outcome))
+    if not outcome.good:
+        sys.exit(EXIT_IMPOSSIBLE)
+
+
+@table.command()
+@click.argument("table_files", metavar="TABLE.json...", nargs=-1, required=True, type=click.Path())
+@JSON
+@verb
+def compare(table_files: tuple[str, ...], as_json: bool) -> None:
+    """Two or more tables on the grids of the first: margins they give there, gains, differences."""
+    from vsgdesign.artifacts.gain_table_file import read_table_file
+    from vsgdesign.stability.gain_table import compare_tables
+
+    if len(table_files) < 2:
+        raise click.UsageError("give at least two tables to compare")
+    compared = compare_tables([read_table_file(path) for path in table_files])
+    from vsgdesign.cli.console.table import comparison_document, comparison_tables
+
+    if as_json:
+        print_json(comparison_document(compared, table_files))
+    else:
+        comparison_tables(compared, table_files)
+
+
+@table.command()
+@_FILE
+@click.option("--out", default=None, metavar="DIR", help="Folder for the report.  [default: out/NAME-table]")
+@JSON
+@verb
+def report(table_file: str, out: str | None, as_json: bool) -> None:
+    """Figures and one page: gain surfaces, margin maps, active constraints, certificate, stale schedules."""
+    from pathlib import Path
+
+    from vsgdesign.artifacts.gain_table_file import read_table_file
+    from vsgdesign.pipeline.table import report_table
+
+    found = read_table_file(table_file)
+    folder = Path("out") / f"{Path(table_file).stem}-table" if out is None else Path(out)
+    with progress(quiet=as_json) as tell:
+        document = report_table(found, folder, inputs=[table_file], progress=tell)
+    if as_json:
+        print_json(document)
+    else:
+        click.echo(f"report: {folder / 'report.html'}")

@@ -1,0 +1,1 @@
+"""How long work runs: worker processes, threads, progress, interruptions and signals."""

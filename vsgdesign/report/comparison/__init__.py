@@ -1,0 +1,1 @@
+"""Figure and page of a comparison of controllers."""

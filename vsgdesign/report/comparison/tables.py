@@ -1,0 +1,184 @@
+"""Tables of a comparison, for the page."""
+
+from __future__ import annotations
+
+import math
+
+from vsgdesign.design.comparison import BEST_FIXED, CLOSED_FORM, GIVEN, TABLE, Comparison, summary_of
+from vsgdesign.parameters.specification import UNBOUNDED_H
+from vsgdesign.report.page.table import GAIN_UNITS, Table
+from vsgdesign.report.quantities import DASH, number, plain, plain_quantity
+from vsgdesign.report.stability.gains import used_gains
+
+ORIGINS = {BEST_FIXED: "best fixed", GIVEN: "fixed", CLOSED_FORM: "closed form", TABLE: "table"}
+
+
+def promises_table(comparison: Comparison) -> Table:
+    """Which share of the grids each contender keeps, and the worst of every figure over all of them."""
+    spec = comparison.specification
+    rows, flagged = [], set()
+    for k, compared in enumerate(comparison.contenders):
+        s = summary_of(compared)
+        exact, wrong = s["worst_exact"], s["worst_wrong"]
+        rows.append((
+            label(s["name"]), s["structure"].replace("_", "-"), ORIGINS[s["origin"]],
+            share(s["kept_exact"]), share(s["kept_wrong"]), share(s["shares"]["unstable"]),
+            share(s["kept_exact_ideal"]), share(s["kept_wrong_ideal"]),
+            *(reached(side["overshoot"], 100.0) for side in (exact, wrong)),
+            *(reached(side["settling_time"]) for side in (exact, wrong)),
+            *(reached(side["disk_margin"]) for side in (exact, wrong)),
+            *((span(s["inertia_s"]),) if bounds_inertia(comparison) else ()), breaks(s["broken"]),
+        ))  # fmt: skip
+        if s["kept_wrong"] < 1.0:
+            flagged.add(k)
+    inertia = ((inertia_asked(comparison), 1),) if bounds_inertia(comparison) else ()
+    head = (
+        "Gains", "Structure", "From", "exact", error_of(comparison), "unstable", "exact", error_of(comparison),
+        *(("exact", "wrong") * 3), *("" for _ in inertia), "on grids",
+    )  # fmt: skip
+    groups = (
+        ("", 3), ("grids kept [%]", 3), ("with ideal inner loops [%]", 2),
+        (f"overshoot ≤ {plain(100.0 * spec.overshoot)} [%]", 2),
+        (f"settling ≤ {plain(spec.settling_time)} [s]", 2), (f"disk margin ≥ {plain(spec.disk_margin)}", 2), *inertia,
+        ("breaks, exact estimate", 1),
+    )  # fmt: skip
+    notes = (
+        "Kept: every promise, with the real inner loops, delay and sampling (full-order model) and with ideal ones. "
+        "Overshoot, settling and disk margin are those with ideal inner loops. "
+        "Worst over all grids, powers, and (wrong) estimates. ∞: on some grid a loop is unstable or has no gains, "
+        "or a step does not settle. Fixed gains know no estimate. A coloured row does not meet the specification "
+        "everywhere.",
+    )
+    return Table("What each keeps", head, tuple(rows), texts=3, groups=groups, notes=notes,
+                 flagged=frozenset(flagged))  # fmt: skip
+
+
+def services_table(comparison: Comparison) -> Table:
+    """Droop and inertia over the grids, and steps in EMT."""
+    rows = []
+    for compared in comparison.contenders:
+        s = summary_of(compared)
+        emt, asked = s["emt"], s["droop_asked_W_per_Hz"]
+        rows.append((
+            label(s["name"]), span(s["droop_W_per_Hz"], 1e3), DASH if asked is None else number(asked / 1e3),
+            span(s["inertia_s"]), f"{emt['steps'] - emt['not_settled']} of {emt['steps']}" if emt["steps"] else DASH,
+            number(100.0 * emt["overshoot"]), number(emt["settling_time"]),
+        ))  # fmt: skip
+    head = ("Gains", "delivered", "asked", "H [s]", "settled", "overshoot [%]", "settling [s]")
+    groups = (("", 1), ("P–f droop [kW/Hz]", 2), ("", 1), ("steps in EMT", 3))
+    notes = (
+        "Ranges over the grids. Without a droop of its own to ask for, a structure has the one that its damping needs. "
+        "EMT: averaged bridge, real inner loops, exact impedance; the worst overshoot and settling of the steps that "
+        "settle.",
+    )
+    return Table("Droop, inertia, EMT", head, tuple(rows), groups=groups, notes=notes)
+
+
+def tunings_table(comparison: Comparison) -> Table | None:
+    """Gains of the fixed contenders; None where there is none."""
+    fixed = [c.contender for c in comparison.contenders if c.contender.gains is not None]
+    if not fixed:
+        return None
+    used = {name for c in fixed if c.gains is not None for name in used_gains(c.gains)}
+    names = [name for name in GAIN_UNITS if name in used]
+    rows = tuple((label(c.name), *(number(float(getattr(c.gains, name)), 4) for name in names)) for c in fixed)
+    return Table("Fixed gains", ("Gains", *(f"{name} [{GAIN_UNITS[name]}]" for name in names)), rows)
+
+
+def specification_table(comparison: Comparison) -> Table:
+    """What is asked, and over what."""
+    spec, box = comparison.specification, comparison.specification.box
+    rows = (
+        ("Overshoot", f"≤ {plain(100.0 * spec.overshoot)} %"),
+        ("2 % settling", f"≤ {plain_quantity(spec.settling_time, 's')}"),
+        ("Disk margin", f"≥ {plain(spec.disk_margin)}"),
+        ("Damping ratio", f"≥ {plain(spec.damping_ratio)}"),
+        *((("Inertia constant H", inertia_asked(comparison).partition(" ")[2]),) if bounds_inertia(comparison) else ()),
+        ("SCR", f"{plain(comparison.scr[0])} to {plain(comparison.scr[-1])} ({spec.scr_basis} basis)"),
+        ("X/R", f"{plain(comparison.x_over_r[0])} to {plain(comparison.x_over_r[-1])}"),
+        ("P", f"{plain_quantity(min(box.P), 'W')} to {plain_quantity(max(box.P), 'W')}"),
+        ("Q", f"{plain_quantity(min(box.Q), 'var')} to {plain_quantity(max(box.Q), 'var')}"),
+        ("Estimate", f"R within ±{plain(100.0 * box.error_R)} %, X within ±{plain(100.0 * box.error_X)} %"),
+        ("Grids", f"{len(comparison.contenders[0].grids)} compared, {len(comparison.outside)} outside the limits"),
+    )  # fmt: skip
+    return Table("What is asked", ("Quantity", "Value"), rows, texts=2)
+
+
+def verdicts(comparison: Comparison) -> list[str]:
+    """A sentence for each contender: does it meet the specification, and if not, where it ends."""
+    return [verdict_of(comparison, k) for k in range(len(comparison.contenders))]
+
+
+def verdict_of(comparison: Comparison, k: int) -> str:
+    """The sentence of one contender."""
+    s = summary_of(comparison.contenders[k])
+    name, error = label(s["name"]), error_of(comparison)
+    reasons = breaks(s["broken"])
+    if s["kept_wrong"] == 1.0:
+        return f"{name} meets the specification on every grid, also with the estimate wrong by {error}."
+    if s["kept_exact"] == 1.0:
+        return (
+            f"{name} meets the specification on every grid with an exact estimate, on {share(s['kept_wrong'])} % of "
+            f"them with {error} of error."
+        )
+    text = f"{name} does not meet the specification: it does on {share(s['kept_exact'])} % of the grids"
+    if s["origin"] in (CLOSED_FORM, TABLE):
+        text += f" with an exact estimate and on {share(s['kept_wrong'])} % with {error} of error"
+    unstable = s["shares"]["unstable"]
+    text += f"; on {share(unstable)} % it is unstable or has no gains" if unstable > 0.0 else ""
+    if s["kept_exact_ideal"] > s["kept_exact"]:
+        text += f". With ideal inner loops it would on {share(s['kept_exact_ideal'])} %"
+    return f"{text}. Grids that break a promise: {reasons}."
+
+
+def bounds_inertia(comparison: Comparison) -> bool:
+    """Whether the specification asks for a least or a largest H."""
+    return comparison.specification.H_min > 0.0 or comparison.specification.H_max < UNBOUNDED_H
+
+
+def inertia_asked(comparison: Comparison) -> str:
+    """H from 2 to 8 s, as it is asked for."""
+    spec = comparison.specification
+    if spec.H_max >= UNBOUNDED_H:
+        return f"H ≥ {plain(spec.H_min)} s"
+    return f"H ≤ {plain(spec.H_max)} s" if spec.H_min <= 0.0 else f"H {plain(spec.H_min)} to {plain(spec.H_max)} s"
+
+
+BREAKS = {
+    "unstable": "unstable", "overshoot": "overshoot", "settling_time": "settling", "disk_margin": "disk margin",
+    "damping_ratio": "damping", "H_min": "H too small", "H_max": "H too large",
+}  # fmt: skip
+
+
+def breaks(counts: dict[str, int]) -> str:
+    """Promises by the number of grids that break them."""
+    return ", ".join(f"{BREAKS[name]} {count}" for name, count in counts.items()) or DASH
+
+
+def label(name: str) -> str:
+    """A contender's name as a reader wants it."""
+    return name.replace("_", " ")
+
+
+def error_of(comparison: Comparison) -> str:
+    """The estimate's error, ±20 %."""
+    box = comparison.specification.box
+    return f"±{plain(100.0 * max(box.error_R, box.error_X))} %"
+
+
+def share(value: float) -> str:
+    """Percent of the grids; 100 only where it is all of them, 0 only where it is none."""
+    return f"{min(max(100.0 * value, 1.0), 99.0):.0f}" if 0.0 < value < 1.0 else f"{100.0 * value:.0f}"
+
+
+def reached(value: float, factor: float = 1.0) -> str:
+    """A figure; infinity as such."""
+    return "∞" if math.isinf(value) else number(factor * value)
+
+
+def span(limits: tuple[float, float] | None, factor: float = 1.0) -> str:
+    """A range, one number where its ends are the same."""
+    if limits is None:
+        return DASH
+    low, high = (number(value / factor) for value in limits)
+    return low if low == high else f"{low} to {high}"

@@ -1,0 +1,43 @@
+"""Figures to files: SVG and PNG, small and the same on every run."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from pathlib import Path
+
+from vsgdesign.report.drawing.style import look
+from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
+
+_PATH = re.compile(r'(?<= d=")[^"]*')
+_LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
+_SPACE = re.compile(r"\s+")
+_IMAGE_ID = re.compile(r' id="image[0-9a-f]+"')
+_FAMILY = re.compile("'DejaVu Sans'(, sans-serif)?")
+
+
+def write_figure(named: NamedFigure, folder: Path) -> WrittenFigure:
+    """One figure as NAME.svg and NAME.png."""
+    svg, png = folder / f"{named.name}.svg", folder / f"{named.name}.png"
+    buffer = io.StringIO()
+    with look(), warnings.catch_warnings():
+        # A controller may have any letters in its name; a missing glyph costs a box in the PNG, no more.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        named.figure.savefig(
+            buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None}
+        )
+        named.figure.savefig(png, format="png", metadata={"Software": None})
+    svg.write_text(compact(buffer.getvalue()), encoding="utf-8", newline="\n")
+    return WrittenFigure(named.name, named.title, named.caption, svg, png, named.part)
+
+
+def compact(svg: str) -> str:
+    """The same drawing with path coordinates to a hundredth of a point, and a font list that every system has."""
+    svg = _PATH.sub(lambda match: _LONG_NUMBER.sub(_rounded, _SPACE.sub(" ", match.group()).strip()), svg)
+    svg = _IMAGE_ID.sub("", svg)  # equal images would have equal ids, and nothing refers to them
+    return _FAMILY.sub("'DejaVu Sans', Verdana, sans-serif", svg)
+
+
+def _rounded(match: re.Match[str]) -> str:
+    return f"{float(match.group()):.2f}".rstrip("0").rstrip(".")

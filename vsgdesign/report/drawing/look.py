@@ -1,0 +1,313 @@
+"""Colours, scales and cells of the stability maps: one look for all of them."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.report.drawing.style import TEXT_PT, text_width
+from vsgdesign.report.quantities import plain
+
+Array = NDArray[np.float64]
+
+UNSTABLE: dict[str, Any] = {"facecolor": "#3A2A45", "edgecolor": "#F2F2F2", "hatch": "//////", "linewidth": 0.0}
+NO_POINT: dict[str, Any] = {"facecolor": "#ECECEC", "edgecolor": "#ECECEC", "linewidth": 0.0}
+GATE_LINE: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "zorder": 5}
+CROSS: dict[str, Any] = {"marker": "x", "markersize": 2.6, "markeredgewidth": 0.6, "color": "#8A8A8A", "linestyle": ""}
+OUTSIDE: dict[str, Any] = {"marker": "o", "markersize": 3.0, "markeredgewidth": 0.7, "markerfacecolor": "#FFFFFF",
+                           "markeredgecolor": "#000000", "linestyle": "", "zorder": 6}  # fmt: skip
+PARTIAL: dict[str, Any] = {"marker": ".", "markersize": 3.0, "color": "#000000", "linestyle": "", "zorder": 6}
+
+
+MOST_VECTORS = 1100
+"""Cells of one figure up to which each is a shape of its own; more become an image, which keeps files small."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How a quantity becomes a colour: the gate in the middle, worse on one side, better on the other.
+
+    Without a gate, one ramp. Values beyond the ends take the end's colour.
+    """
+
+    low: float
+    high: float
+    gate: float | None = None
+    larger_is_better: bool = True
+    log: bool = False
+    ticks: tuple[float, ...] = ()
+
+    def __call__(self, values: Any) -> Array:
+        """Place on the colour bar, 0 to 1."""
+        f = np.log if self.log else np.asarray
+        anchors, places = [self.low, self.high], [0.0, 1.0]
+        if self.gate is not None:
+            anchors, places = [self.low, self.gate, self.high], [0.0, 0.5, 1.0]
+        values = np.asarray(values, dtype=float)
+        known = np.where(np.isnan(values), self.low, np.clip(values, self.low, self.high))
+        return np.where(np.isnan(values), np.nan, np.interp(f(known), f(anchors), places))
+
+    def passes(self, values: Array) -> NDArray[np.bool_]:
+        """Which values meet the gate; False for NaN."""
+        if self.gate is None:
+            return np.zeros(np.shape(values), dtype=bool)
+        with np.errstate(invalid="ignore"):
+            return values >= self.gate if self.larger_is_better else values <= self.gate
+
+    def shown_ticks(self) -> list[float]:
+        """Ticks that have room on the bar: ends and gate first."""
+        inside = [t for t in self.ticks if self.low <= t <= self.high]
+        first = [] if self.gate is None else [self.gate]
+        chosen: list[float] = []
+        for tick in (*first, *inside):
+            if all(abs(float(self(tick) - self(other))) > 0.07 for other in chosen):
+                chosen.append(tick)
+        return sorted(chosen)
+
+    def colours(self) -> Any:
+        """The colour map that goes with it."""
+        if self.gate is None:
+            return _ramp_map()
+        return _gate_map(self.larger_is_better)
+
+
+def gate_scale(
+    low: float, high: float, gate: float, ticks: Sequence[float], *, larger_is_better: bool = True, log: bool = False
+) -> Scale:
+    """A scale with its gate strictly inside, wherever a study puts it."""
+    if log:
+        low, high = min(low, gate / 2.0), max(high, 2.0 * gate)
+    else:
+        low, high = min(low, gate - 0.1 * (high - low)), max(high, 1.5 * gate)
+    return Scale(low, high, gate, larger_is_better, log, tuple(ticks))
+
+
+@functools.cache
+def _gate_map(larger_is_better: bool) -> Any:
+    from matplotlib.colors import ListedColormap
+
+    worse = _oklch(np.linspace(0.46, 0.89, 64), np.linspace(0.125, 0.085, 64), np.linspace(45.0, 75.0, 64))
+    better = _oklch(np.linspace(0.91, 0.40, 64), np.linspace(0.045, 0.115, 64), np.linspace(225.0, 258.0, 64))
+    colours = np.concatenate([worse, better])
+    return ListedColormap(colours if larger_is_better else colours[::-1], name="gate")
+
+
+@functools.cache
+def _ramp_map() -> Any:
+    import matplotlib
+
+    return matplotlib.colormaps["cividis"]
+
+
+def _oklch(L: Array, C: Array, h_deg: Array) -> Array:
+    """sRGB of OKLCh colours: even steps of L look even."""
+    a, b = C * np.cos(np.radians(h_deg)), C * np.sin(np.radians(h_deg))
+    lms = (
+        np.stack([
+            L + 0.3963377774 * a + 0.2158037573 * b,
+            L - 0.1055613458 * a - 0.0638541728 * b,
+            L - 0.0894841775 * a - 1.2914855480 * b,
+        ])
+        ** 3
+    )  # fmt: skip
+    to_rgb = np.array(
+        [
+            [4.0767416621, -3.3077115913, 0.2309699292],
+            [-1.2684380046, 2.6097574011, -0.3413193965],
+            [-0.0041960863, -0.7034186147, 1.7076147010],
+        ]
+    )
+    linear = np.clip(to_rgb @ lms, 0.0, 1.0)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055).T
+
+
+def edges(values: Array, log: bool = True) -> Array:
+    """Borders between cells around values: half-way, on the axis's own scale."""
+    v = np.log(values) if log else np.asarray(values, dtype=float)
+    if len(v) == 1:
+        half = np.log(1.25) if log else 0.5
+        found = np.array([v[0] - half, v[0] + half])
+    else:
+        middle = 0.5 * (v[1:] + v[:-1])
+        found = np.concatenate([[v[0] - (middle[0] - v[0])], middle, [v[-1] + (v[-1] - middle[-1])]])
+    return np.exp(found) if log else found
+
+
+def value_ticks(
+    axis: Any, values: Sequence[float], length_in: float, log: bool, along: bool, factor: float = 1.0
+) -> None:
+    """Ticks at the values themselves; labels at those that have room, ends and round numbers first.
+
+    ``along``: labels lie along the axis (a horizontal one). ``factor`` turns values into what is written.
+    """
+    from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator
+
+    border = edges(np.asarray(values, dtype=float), log)
+    scale = np.log if log else np.asarray
+    span = float(scale(border[-1]) - scale(border[0]))
+    texts = [plain(factor * v, 3) for v in values]
+    place = [float(scale(v) - scale(border[0])) / span * length_in for v in values]
+    size = [text_width(t) if along else TEXT_PT / 72.0 for t in texts]
+
+    def rank(k: int) -> tuple[int, int]:
+        ends = 0 if k in (0, len(values) - 1) else 1
+        return ends, 0 if float(f"{factor * values[k]:.0e}") == factor * values[k] and texts[k][0] in "−0125" else 1
+
+    chosen: list[int] = []
+    for k in sorted(range(len(values)), key=rank):
+        if all(abs(place[k] - place[j]) > 0.5 * (size[k] + size[j]) + (0.06 if along else 0.02) for j in chosen):
+            chosen.append(k)
+    chosen.sort()
+    axis.set_major_locator(FixedLocator([values[k] for k in chosen]))
+    axis.set_major_formatter(lambda value, _position: plain(factor * value, 3))
+    rest = [v for k, v in enumerate(values) if k not in chosen]
+    axis.set_minor_locator(FixedLocator(rest) if rest else NullLocator())
+    axis.set_minor_formatter(NullFormatter())
+
+
+def decades(axis: Any, most: int = 12) -> None:
+    """Plain powers of ten on a logarithmic axis, without minor ticks: both cost matplotlib much time."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    axis.set_major_locator(LogLocator(numticks=most))
+    axis.set_major_formatter(lambda value, _position: power_of_ten(value))
+    axis.set_minor_locator(NullLocator())
+
+
+def plain_numbers(*axes: Any) -> None:
+    """Tick labels of linear axes as plain text, which is much faster set than formulas."""
+    from matplotlib.ticker import ScalarFormatter
+
+    for one in axes:
+        for axis in (one.xaxis, one.yaxis):
+            if isinstance(axis.get_major_formatter(), ScalarFormatter):
+                axis.set_major_formatter(ScalarFormatter(useOffset=False, useMathText=False))
+
+
+def power_of_ten(value: float) -> str:
+    """A tick of a logarithmic axis; with its sign, and zero, for a symmetric one."""
+    if value < 0.0:
+        return "−" + power_of_ten(-value)
+    if value == 0.0 or 1e-3 <= value < 9e3:
+        return f"{value:g}"
+    return "10" + str(round(float(np.log10(value)))).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+@dataclass(frozen=True)
+class Cells:
+    """One panel's cells: values over (x, y), and what else there is to say of each."""
+
+    x: Array
+    y: Array
+    values: Array
+    unstable: NDArray[np.bool_]
+    missing: NDArray[np.bool_]
+    partial: NDArray[np.bool_]
+    """Some of the operating points of a cell could not be analysed, or lie outside the converter's limits."""
+    x_log: bool = True
+    y_log: bool = True
+    outside: NDArray[np.bool_] | None = None
+    """The value is of operating points outside the converter's limits; None: of none."""
+
+
+def draw_cells(axes: Any, cells: Cells, scale: Scale, width_in: float, height_in: float, raster: bool = False) -> None:
+    """Colours, unstable and missing cells, and the staircase between cells that meet the gate and those that do not."""
+    from matplotlib.collections import PolyCollection
+
+    x, y = edges(cells.x, cells.x_log), edges(cells.y, cells.y_log)
+    axes.grid(False)
+    axes.set_xscale("log" if cells.x_log else "linear")
+    axes.set_yscale("log" if cells.y_log else "linear")
+    shown = np.where(cells.unstable | cells.missing, np.nan, scale(cells.values))
+    axes.pcolormesh(
+        x, y, np.ma.masked_invalid(shown.T), cmap=scale.colours(), vmin=0.0, vmax=1.0, zorder=1,
+        edgecolors="face", linewidth=0.4, rasterized=raster, clip_on=False,
+    )  # fmt: skip
+    for mask, style in ((cells.missing, NO_POINT), (cells.unstable, UNSTABLE)):
+        if mask.any():
+            boxes = [_box(x, y, i, j) for i, j in np.argwhere(mask)]
+            axes.add_collection(PolyCollection(boxes, zorder=2, **style))
+    _marks(axes, cells, cells.missing, CROSS)
+    _marks(axes, cells, cells.partial & ~cells.missing, PARTIAL)
+    if cells.outside is not None:
+        _marks(axes, cells, cells.outside & ~cells.missing, OUTSIDE)
+    _gate_line(axes, x, y, cells, scale)
+    axes.set_xlim(x[0], x[-1])
+    axes.set_ylim(y[0], y[-1])
+    value_ticks(axes.xaxis, cells.x.tolist(), width_in, cells.x_log, along=True, factor=1.0 if cells.x_log else 100.0)
+    value_ticks(axes.yaxis, cells.y.tolist(), height_in, cells.y_log, along=False, factor=1.0 if cells.y_log else 100.0)
+    axes.tick_params(which="both", direction="out")
+
+
+def _box(x: Array, y: Array, i: int, j: int) -> list[tuple[float, float]]:
+    return [(x[i], y[j]), (x[i + 1], y[j]), (x[i + 1], y[j + 1]), (x[i], y[j + 1])]
+
+
+def _marks(axes: Any, cells: Cells, mask: NDArray[np.bool_], style: dict[str, Any]) -> None:
+    places = np.argwhere(mask)
+    if len(places):
+        axes.plot(cells.x[places[:, 0]], cells.y[places[:, 1]], **style)
+
+
+def _gate_line(axes: Any, x: Array, y: Array, cells: Cells, scale: Scale) -> None:
+    from matplotlib.collections import LineCollection
+
+    if scale.gate is None:
+        return
+    good = scale.passes(cells.values) & ~cells.unstable & ~cells.missing
+    known = ~cells.missing
+    lines = []
+    for i, j in np.argwhere((good[1:] != good[:-1]) & known[1:] & known[:-1]):
+        lines.append([(x[i + 1], y[j]), (x[i + 1], y[j + 1])])
+    for i, j in np.argwhere((good[:, 1:] != good[:, :-1]) & known[:, 1:] & known[:, :-1]):
+        lines.append([(x[i], y[j + 1]), (x[i + 1], y[j + 1])])
+    if lines:
+        axes.add_collection(LineCollection(lines, capstyle="projecting", **GATE_LINE))
+
+
+def colour_bar(figure: Any, place: Sequence[float], scale: Scale, label: str, beyond: tuple[bool, bool]) -> None:
+    """A bar with its own ticks; ``beyond``: whether values lie below and above its ends."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    width, height = (float(size) for size in figure.get_size_inches())
+    left, bottom, w, h = place
+    axes = figure.add_axes((left / width, bottom / height, w / width, h / height))
+    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[beyond]
+    mappable = ScalarMappable(Normalize(0.0, 1.0), scale.colours())
+    bar = figure.colorbar(mappable, cax=axes, extend=extend, extendfrac=0.03)
+    ticks = scale.shown_ticks()
+    bar.set_ticks([float(scale(t)) for t in ticks], labels=[plain(t, 3) for t in ticks])
+    bar.set_label(label, labelpad=3.0)
+    bar.outline.set_linewidth(0.5)
+    bar.solids.set_edgecolor("face")
+    axes.grid(False)
+    if scale.gate is not None:
+        axes.axhline(float(scale(scale.gate)), color="#000000", linewidth=1.1)
+
+
+def legend_patches(
+    unstable: bool, missing: bool, partial: bool, gate: str | None, outside: bool = False
+) -> list[tuple[Any, str]]:
+    """(handle, label) of what the panels hold besides colours."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    entries: list[tuple[Any, str]] = []
+    if gate is not None:
+        entries.append((Line2D([], [], color="#000000", linewidth=1.1), gate))
+    if unstable:
+        entries.append((Patch(**{**UNSTABLE, "hatch": "////////"}), "unstable"))
+    if missing:
+        patch = Line2D([], [], **{**CROSS, "markersize": 4.0}, markerfacecolor="none")
+        entries.append((patch, "not analysed: no operating point or no gains"))
+    if partial:
+        entries.append((Line2D([], [], **{**PARTIAL, "markersize": 4.0}), "of some (P, Q) only"))
+    if outside:
+        entries.append((Line2D([], [], **{**OUTSIDE, "markersize": 4.0}), "outside the converter's limits"))
+    return entries

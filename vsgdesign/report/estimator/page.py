@@ -1,0 +1,161 @@
+"""The pages of the estimator: the comparison of methods, and the stress page with its conclusion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from vsgdesign.estimator.baselines.record import SIGNAL_SETS
+from vsgdesign.estimator.comparison import WITHIN, Comparison
+from vsgdesign.estimator.stress import Stress
+from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.page.html import write_html
+from vsgdesign.report.page.table import Table
+from vsgdesign.report.quantities import DASH, number, plain
+
+
+def write_comparison_page(study: str, found: Comparison, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
+    """Error beside bound, disturbance, delay."""
+    parts = (  # heading, tables, part of the figures (0: none), words
+        ("Error and bound", [accuracy_table(found)], 1, ()),
+        ("Disturbance", [], 2, ()),
+        ("After a change of grid", [delay_table(found)], 3, ()),
+    )
+    return write_html(
+        out_path, "estimator.html.j2", figures, title="Impedance estimators compared", study=study,
+        conclusion=comparison_conclusion(found), parts=parts, weights=found.weights,
+    )  # fmt: skip
+
+
+def write_stress_page(study: str, found: Stress, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
+    """Error against everything that a field does to an estimator."""
+    parts = (
+        ("What a field estimator needs", [], 0, needs()),
+        ("Where each method breaks", [], 1, ()),
+        ("Errors", [stress_table(found, k) for k in range(len(found.results))], 0, ()),
+    )
+    return write_html(
+        out_path, "estimator.html.j2", figures, title="Impedance estimators under stress", study=study,
+        conclusion=stress_conclusion(found), parts=parts, weights=found.weights,
+    )  # fmt: skip
+
+
+def accuracy_table(found: Comparison) -> Table:
+    """Rms error and bound on every SCR."""
+    rows = []
+    for one in found.accuracy:
+        cells = (
+            f"{number(100.0 * rms, 2)} ({DASH if not math.isfinite(bound) else number(100.0 * bound, 2)})"
+            for rms, bound in zip(one.rms, one.bound, strict=True)
+        )
+        rows.append((one.method, SIGNAL_SETS[one.signals], *cells))
+    head = ("Method", "Signals", *(f"SCR {plain(scr)}" for scr in found.settings.scr))
+    notes = (
+        "Rms error of Z in %, in brackets the Cramér–Rao bound of the signals. The bound of the windows about a power "
+        "step takes the grid's phasor for constant: an error of its frequency is not in it, nor a bias of the samples.",
+    )
+    return Table("Rms error and bound [%]", head, tuple(rows), texts=2, notes=notes)
+
+
+def delay_table(found: Comparison) -> Table:
+    """Time to find the grid again."""
+    pairs = list(dict.fromkeys(step.scr for step in found.grid_steps))
+    if not pairs:
+        return Table("Time to within 10 % after a change of grid [ms]", ("Method",), ())
+    rows = []
+    for name in dict.fromkeys(step.method for step in found.grid_steps):
+        cells = []
+        for pair in pairs:
+            step = next(s for s in found.grid_steps if s.method == name and s.scr == pair)
+            cells += [_delay_text(float(np.median(step.delay))), _delay_text(max(step.delay))]
+        rows.append((name, *cells))
+    head = ("Method", *("median", "worst") * len(pairs))
+    groups = (("", 1), *((f"SCR {plain(a)} to {plain(b)}", 2) for a, b in pairs))
+    observed = 1e3 * float(found.grid_steps[0].t_s[-1])
+    notes = (
+        f"Until the error stays within {plain(100.0 * WITHIN)} %; > T: not within the T = {observed:.0f} ms seen.",
+    )
+    return Table("Time to within 10 % after a change of grid [ms]", head, tuple(rows), groups=groups, notes=notes)
+
+
+def _delay_text(delay: float) -> str:
+    return f"{1e3 * delay:.0f}" if math.isfinite(delay) else "> T"
+
+
+def stress_table(found: Stress, index: int) -> Table:
+    """One axis."""
+    one = found.results[index]
+    rows = tuple(
+        (name, *(number(100.0 * value, 2) for value in errors))
+        for name, errors in zip(found.methods, one.rms, strict=True)
+    )
+    flagged = frozenset(k for k, errors in enumerate(one.rms) if errors.max() > WITHIN)
+    unit = "" if one.axis.unit == "1" else f" [{one.axis.unit}]"
+    head = ("Method", *(plain(value) for value in one.axis.values))
+    notes = (f"Rms error of Z in %. Marked: more than {plain(100.0 * WITHIN)} % somewhere.",)
+    return Table(f"{one.axis.title}{unit}", head, rows, notes=notes, flagged=flagged)
+
+
+def comparison_conclusion(found: Comparison) -> list[str]:
+    """In sentences: who is best, how far from the bound, who is fast, what the probes cost."""
+    sentences = list(found.left_out)
+    for one in found.accuracy:
+        worst = 100.0 * float(one.rms.max())
+        ratio = np.median(one.rms / one.bound) if np.isfinite(one.bound).all() else math.nan
+        beside = f", {number(float(ratio), 2)} times its bound (median)" if math.isfinite(ratio) else ""
+        low = number(100.0 * float(one.rms.min()), 2)
+        sentences.append(f"{one.method}: rms error of Z {low} to {number(worst, 2)} %{beside}.")
+    for one in found.disturbances:
+        where = int(np.argmax(one.P))
+        sentences.append(
+            f"{one.method} moves P by up to {number(100.0 * float(one.P[where]), 2)} % and Q by up to "
+            f"{number(100.0 * float(one.Q.max()), 2)} % of the rating (SCR {plain(found.settings.scr[where])})."
+        )
+    return sentences
+
+
+_AXIS_WORDS = {
+    "frequency": "another grid frequency",
+    "shift": "a shifted window",
+    "V_g": "another grid voltage",
+    "x_over_r": "another X/R",
+    "scr": "another SCR",
+    "noise": "sensor noise",
+    "frequency_error": "a wrong grid frequency",
+    "harmonics": "harmonics",
+}
+
+
+def stress_conclusion(found: Stress) -> list[str]:
+    """In sentences: for every method, which axes it bears."""
+    sentences = list(found.left_out)
+    for k, name in enumerate(found.methods):
+        breaks = [_AXIS_WORDS[one.axis.name] for one in found.results if one.rms[k].max() > WITHIN]
+        worst = max(float(one.rms[k].max()) for one in found.results)
+        if breaks:
+            sentences.append(f"{name}: off by more than 10 % with {', '.join(breaks)}.")
+        else:
+            sentences.append(f"{name}: within 10 % everywhere (worst {number(100.0 * worst, 2)} %).")
+    return sentences
+
+
+def needs() -> tuple[str, ...]:
+    """What follows for a converter in the field."""
+    return (
+        "A signal that makes the grid visible. One steady window with unknown grid phase says nothing of R_g and L_g, "
+        "however good the estimator: the information is singular. The converter must move its own voltage, and "
+        "know that it was itself who moved.",
+        "No passive measurement. It asks for the grid's frequency to a tenth of a millihertz over the second that a "
+        "power step takes; no grid is that steady.",
+        "No trust in the grid's phase, frequency or voltage. A network that was trained on synchronised windows takes "
+        "them for constants: a shift of one sample or a hundredth of a hertz is read as another grid.",
+        "Lines beside the harmonics. A probe whose lines share no frequency with the fundamental and its harmonics "
+        "is blind to them. A network that never saw them is not.",
+        "Few components, or training on the sensors that it will have. On ideal samples a network may lean on "
+        "differences that noise covers: with 11 principal components 0.01 % of noise costs it 13 %, with 6 nothing.",
+        "Both R_g and L_g. With X/R fixed in training the two outputs are one number.",
+        "A covariance with every estimate, and silence where the bound says that nothing can be known.",
+    )

@@ -1,0 +1,163 @@
+"""Maps of a gain table: its margins, its normalised parameters, its gains."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.report.drawing.look import Cells, Scale, gate_scale
+from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
+from vsgdesign.report.drawing.surfaces import MOST, Surface, surface_figure, surface_scale
+from vsgdesign.report.figure_types import NamedFigure
+from vsgdesign.report.page.table import GAIN_UNITS
+from vsgdesign.report.quantities import plain
+from vsgdesign.report.stability.gains import gain_symbol, used_gains
+from vsgdesign.stability.gain_table import FIGURES, WHOLE_BOX, WORST, figure_of
+
+Array = NDArray[np.float64]
+
+MARGINS, GAINS = 2, 3
+"""Parts of the page."""
+
+SYMBOLS = {
+    "k_1": "$k_1$", "d_1": "$d_1$", "k_2": "$k_2$", "H": "$H$", "zeta": "ζ", "q": "$q$",
+    "share_P": r"$\lambda_P$", "share_Q": r"$\lambda_Q$",
+}  # fmt: skip
+UNITS = {"k_1": "1/s²", "d_1": "1/s", "k_2": "1/s", "H": "s"}
+
+_ASKED = {
+    "overshoot": ("overshoot", 100.0), "settling": ("settling_time", 1.0), "disk": ("disk_margin", 1.0),
+    "least": ("damping_ratio", 1.0),
+}  # fmt: skip
+"""First word of a margin: the key of the specification that bounds it, and the factor to its unit."""
+
+
+def scr_label(table: GainTable) -> str:
+    """Label of the SCR axis."""
+    return f"SCR, {table.base.scr_basis} basis [1]"
+
+
+def table_cells(table: GainTable, values: Array) -> Cells:
+    """Values of a table as cells; those without a number are crossed, unstable ones hatched."""
+    decay = table.margins.get("decay_1_s")
+    unstable = np.zeros(table.shape, dtype=bool) if decay is None else np.asarray(decay <= 0.0)
+    missing = np.isnan(values) & ~unstable
+    return Cells(table.scr, table.x_over_r, values, unstable, missing, np.zeros(table.shape, dtype=bool))
+
+
+def in_order(table: GainTable) -> list[str]:
+    """Names of a table's margins without ``worst_``: those understood first, then the rest."""
+    names = {name.removeprefix(WORST) for name in table.margins}
+    return [name for name in FIGURES if name in names] + sorted(names - FIGURES.keys())
+
+
+def margin_keys(name: str) -> tuple[str, str]:
+    """Where a margin is kept: at the design point, and at the worst of the box."""
+    return ("", name) if name in WHOLE_BOX else (name, WORST + name)
+
+
+def limit_of(table: GainTable, name: str) -> float | None:
+    """What the specification asks of a margin, in the margin's unit; None where it says nothing."""
+    key, factor = _ASKED.get(name.split("_")[0], ("", 1.0))
+    value = table.specification.get(key)
+    if table.law == "inertia" and key in ("overshoot", "settling_time"):
+        return None  # with this law the settling time is a time scale, no promise
+    return factor * value if isinstance(value, int | float) and not isinstance(value, bool) and value > 0.0 else None
+
+
+def margin_figures(table: GainTable) -> Iterator[NamedFigure]:
+    """A figure for each margin: at the design point, and beside it the worst of the box where it is known."""
+    for name in in_order(table):
+        kinds = zip(margin_keys(name), ("design point", "worst of the box"), strict=True)
+        shown = [(key, kind) for key, kind in kinds if key in table.margins]
+        cells = [table_cells(table, table.margins[key]) for key, _ in shown]
+        known = np.concatenate([c.values[np.isfinite(c.values) & ~c.unstable] for c in cells])
+        if len(known) == 0:
+            continue
+        figure, limit = figure_of(name), limit_of(table, name)
+        smaller_is_better = name.startswith(("overshoot", "settling"))
+        scale = _margin_scale(known, limit, smaller_is_better, name)
+        asked = None
+        if limit is not None:
+            unit = "" if figure.unit == "1" else f" {figure.unit}"
+            asked = f"asked for: {'at most' if smaller_is_better else 'at least'} {plain(limit)}{unit}"
+        panels = [Panel(kind, c) for (_, kind), c in zip(shown, cells, strict=True)]
+        sides = " Blue cells keep what the specification asks for, orange ones do not." if asked else ""
+        caption = (
+            "How to read: each cell is a node of the table, its colour what is stored for it."
+            f"{sides} Design point: P = {plain(table.P_design / 1e3)} kW, Q = {plain(table.Q_design / 1e3)} kvar, "
+            "exact grid. Crosses: outside."
+        )
+        label = f"{figure.title} [{figure.unit}]"
+        frame = Frame(
+            f"table_{_file_name(name)}",
+            figure.title,
+            caption,
+            scr_label(table),
+            "X/R [1]",
+            label,
+            MARGINS,
+            gate_label=asked,
+        )
+        yield map_figure(frame, [panels], scale)
+
+
+def _margin_scale(known: Array, limit: float | None, smaller_is_better: bool, name: str) -> Scale:
+    if limit is None:
+        return surface_scale(known)
+    low, high = min(0.0, float(known.min())), float(known.max())
+    if name.startswith("settling"):
+        low = min(float(known.min()), 0.5 * limit)
+    decades = range(int(np.floor(np.log10(limit))) - 1, int(np.floor(np.log10(limit))) + 3)
+    ticks = [m * 10.0**d for d in decades for m in (1.0, 2.0, 5.0, 1.5, 3.0, 7.0, 1.2, 0.8, 4.0, 6.0)]
+    return gate_scale(low, max(high, 1.2 * limit), limit, (0.0, *ticks), larger_is_better=not smaller_is_better)
+
+
+def gain_surfaces(table: GainTable) -> Iterator[NamedFigure]:
+    """Normalised parameters that vary, then the SI gains at the design point that do."""
+    parameters = table.parameters
+    surfaces = [
+        Surface(SYMBOLS[name], SYMBOLS[name], UNITS.get(name, "1"), values) for name, values in parameters.items()
+    ]
+    caption = (
+        "How to read: what the schedule says of each grid; between the nodes it is interpolated in SCR and R/X. "
+        "Cells outside have the numbers of their nearest designed neighbour."
+    )
+    yield from _in_fours(table, "table_parameters", "Normalised parameters", caption, surfaces, list(parameters))
+    caption = (
+        "How to read: the gains that follow from the normalised parameters at the design point on the exact grid, one "
+        "colour scale a gain, logarithmic where all values are positive. At other powers the controller takes the "
+        "Jacobian anew. Crosses: outside."
+    )
+    used = used_gains(table.gains)
+    surfaces = [Surface(gain_symbol(n), gain_symbol(n), GAIN_UNITS[n], getattr(table.gains, n)) for n in used]
+    yield from _in_fours(table, "table_gains", "Gains at the design point", caption, surfaces, used)
+
+
+def varies(values: Array) -> bool:
+    """Whether a quantity is not the same in every cell that has it."""
+    known = values[np.isfinite(values)]
+    return len(known) > 0 and bool(np.ptp(known) > 1e-9 * np.abs(known).max())
+
+
+def _in_fours(
+    table: GainTable, name: str, title: str, caption: str, surfaces: list[Surface], names: list[str]
+) -> Iterator[NamedFigure]:
+    drawn = [surface for surface in surfaces if varies(surface.values)]
+    same = [
+        f"{n} = {plain(float(np.nanmax(s.values)))}" for n, s in zip(names, surfaces, strict=True) if s not in drawn
+    ]
+    rest = f" The same in every cell: {', '.join(same)}." if same else ""
+    for first in range(0, len(drawn), MOST):
+        suffix = f"_{first // MOST + 1}" if len(drawn) > MOST else ""
+        part = drawn[first : first + MOST]
+        yield surface_figure(
+            (name + suffix, title, caption + rest), table.scr, table.x_over_r, part, scr_label(table), GAINS
+        )
+
+
+def _file_name(name: str) -> str:
+    return "".join(c if c.isalnum() else "_" for c in name)

@@ -1,0 +1,192 @@
+"""The page of a gain table: one HTML file, nothing fetched."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.table_text import (
+    between_text,
+    causes_text,
+    certificate_failed,
+    certificate_sentence,
+    missed_text,
+)
+from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.gain_table.maps import in_order, limit_of, margin_keys
+from vsgdesign.report.page.html import write_html
+from vsgdesign.report.page.table import Table
+from vsgdesign.report.quantities import DASH, number, plain, plain_quantity
+from vsgdesign.stability.gain_table import figure_of
+
+LAWS = {
+    "poles": "poles: k_1, d_1 and k_2 are scheduled",
+    "inertia": "inertia: H and ζ are scheduled, k_1 and d_1 follow from A",
+}
+
+_BOX_UNITS = {"P": "W", "Q": "var", "V_g_rms": "V", "omega_g": "rad/s", "rate": "1/s"}
+SPECIFICATION_UNITS = {
+    "settling_time": "s", "H": "s", "H_min": "s", "H_max": "s", "bandwidth_max": "1/s",
+    **{f"box.{name}": unit for name, unit in _BOX_UNITS.items()},
+}  # fmt: skip
+CERTIFICATE_UNITS = {
+    "decay": "1/s", "sampled": "1/s", "gap.decay": "1/s", "largest": "1/s",
+    **{f"region.{name}": unit for name, unit in _BOX_UNITS.items()},
+}  # fmt: skip
+
+
+def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
+    """Write the page, with the figures' SVG text as it lies on disk."""
+    return write_html(
+        out_path,
+        "gain_table.html.j2",
+        figures,
+        gain_table=table,
+        verdict=verdict_of(table),
+        identity=identity_table(table),
+        margins=margins_table(table),
+        specification=open_table("Specification", table.specification, SPECIFICATION_UNITS),
+        proof=certificate_sentence(table.certificate),
+        causes=causes_table(table),
+        certificate=None
+        if table.certificate is None
+        else open_table("Certificate", table.certificate, CERTIFICATE_UNITS),
+        made=open_table("Made with", table.provenance | table.inputs),
+    )
+
+
+def verdict_of(table: GainTable) -> str:
+    """Counts of cells and what is proved, in one paragraph; a proof that failed comes first."""
+    met, relaxed, outside = (int((table.status == status).sum()) for status in ("met", "relaxed", "outside"))
+    total = table.status.size
+    first = f"{met} of {total} cells keep every promise of the specification."
+    if relaxed:
+        why = f" ({causes_text(table.causes)})" if table.causes else ""
+        first += f" In {relaxed} a promise is relaxed{why}; which one, its price and its cause are in part 4."
+    if outside:
+        first += (
+            f" {outside} {'is' if outside == 1 else 'are'} outside: no operating point, or beyond the static limits."
+        )
+    if table.between is not None:
+        look = between_text(table.between)
+        first += f" {look[0].upper()}{look[1:]}."
+    proof = certificate_sentence(table.certificate)
+    return f"{proof} {first}" if certificate_failed(table.certificate) else f"{first} {proof}"
+
+
+def identity_table(table: GainTable) -> Table:
+    """Structure, law, base and validity."""
+    b, v = table.base, table.validity
+    droops = f"D_q = {number(table.D_q, 4)} var/V"
+    if table.structure == "angle_damped":
+        droops = f"D_p = {number(table.D_p, 4)} W·s/rad, {droops}"
+    if table.structure == "published":
+        droops = "D_p and D_q belong to the schedule"
+    rows = (
+        ("Structure", table.structure.replace("_", "-")),
+        ("Law", LAWS[table.law]),
+        ("Study", table.study),
+        ("Designed from", f"design hash {table.design_hash[:16]}…" if table.design_hash else "not kept"),
+        ("Converter", f"{plain_quantity(b.S_rated, 'VA')}, {plain_quantity(b.V_rated_rms, 'V')} phase rms, "
+                      f"{plain(b.omega_n / (2.0 * math.pi))} Hz"),
+        ("Grid-side inductor", "none" if b.L_2 == b.R_2 == 0.0 else
+         f"{plain_quantity(b.L_2, 'H')}, {plain_quantity(b.R_2, 'Ω')}"),
+        ("Power filters", f"P {_filter(b.tau_P)}, Q {_filter(b.tau_Q)}"),
+        ("Droop", droops),
+        ("Axes", f"{len(table.scr)} SCR ({b.scr_basis} basis) × {len(table.x_over_r)} X/R"),
+        ("Design point", f"{plain_quantity(table.P_design, 'W')}, {plain_quantity(table.Q_design, 'var')}"),
+        ("Valid for", f"SCR {_range(v.scr)}, X/R {_range(v.x_over_r)}"),
+        ("", f"P {_range(v.P, 1e3)} kW, Q {_range(v.Q, 1e3)} kvar, V {_range(v.V_rms)} V"),
+        ("", f"R̂ and X̂ within ±{plain(100.0 * v.error)} %"),
+    )  # fmt: skip
+    return Table("What it is for", ("Quantity", "Value"), rows, texts=2)
+
+
+def margins_table(table: GainTable) -> Table:
+    """The range of every margin over the cells, at the design point and at the worst of the box."""
+    rows = []
+    for name in in_order(table):
+        figure, limit = figure_of(name), limit_of(table, name)
+        asked = (
+            DASH if limit is None else f"{'≤' if name.startswith(('overshoot', 'settling')) else '≥'} {plain(limit)}"
+        )
+        ranges = [_limits(table, key) for key in margin_keys(name)]
+        rows.append((f"{figure.title} [{figure.unit}]", asked, *ranges[0], *ranges[1]))
+    head = ("Margin", "Asked for", "least", "median", "largest", "least", "median", "largest")
+    groups = (("", 2), ("design point", 3), ("worst of the box", 3))
+    return Table("Margins over the cells", head, tuple(rows), groups=groups)
+
+
+def causes_table(table: GainTable) -> Table:
+    """Why each relaxed cell is relaxed, and what it would keep without that."""
+    names = (("settling_time", "settles [s]"), ("overshoot", "overshoot [%]"), ("disk_margin", "disk margin [1]"),
+             ("damping_ratio", "damping [1]"), ("H", "H [s]"))  # fmt: skip
+    rows = []
+    for cause in table.causes:
+        keeps = cause["keeps"] or {}
+        figures = [number(keeps.get(name)) if name != "overshoot" else _share(keeps.get(name)) for name, _ in names]
+        missed = missed_text(cause["missed"]).replace("_", " ")
+        limit = DASH if not cause["limit"] else f"{cause['limit']}, {_share(cause['limit_use'])} %"
+        rows.append((cause["cause"], plain(cause["scr"]), plain(cause["x_over_r"]), missed, limit, *figures))
+    head = (
+        "Cause",
+        "SCR",
+        "X/R",
+        "instead of what was asked",
+        "nearest static limit, use",
+        *(title for _, title in names),
+    )
+    groups = (("", 5), ("without the cause it would keep", len(names)))
+    return Table("Why cells are relaxed", head, tuple(rows), groups=groups)
+
+
+def _share(value: float | None) -> str:
+    return number(None if value is None else 100.0 * value)
+
+
+def open_table(title: str, content: dict[str, Any], units: Mapping[str, str] = MappingProxyType({})) -> Table:
+    """Names, with the units that are known, and values of an open dictionary, one row each; nested ones with a dot."""
+    rows = tuple((f"{name} [{units[name]}]" if name in units else name, value) for name, value in _flat("", content))
+    return Table(title, ("Name", "Value"), rows, texts=2)
+
+
+def _flat(prefix: str, content: dict[str, Any]) -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    for key, value in content.items():
+        if isinstance(value, dict):
+            rows += _flat(f"{prefix}{key}.", value)
+        elif isinstance(value, list) and any(isinstance(item, list) for item in value):
+            rows.append((prefix + key, "matrix, in the file"))
+        elif isinstance(value, list):
+            rows.append((prefix + key, ", ".join(_text(item) for item in value)))
+        else:
+            rows.append((prefix + key, _text(value)))
+    return rows
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool) or value is None:
+        return {True: "yes", False: "no", None: DASH}[value]
+    return plain(float(value), 5) if isinstance(value, int | float) else str(value)
+
+
+def _limits(table: GainTable, name: str) -> tuple[str, str, str]:
+    values = table.margins.get(name, np.full(1, np.nan))
+    known = values[np.isfinite(values)]
+    if len(known) == 0:
+        return DASH, DASH, DASH
+    return number(float(known.min())), number(float(np.median(known))), number(float(known.max()))
+
+
+def _range(pair: tuple[float, float], factor: float = 1.0) -> str:
+    return f"{plain(pair[0] / factor)} to {plain(pair[1] / factor)}"
+
+
+def _filter(tau: float) -> str:
+    return "unfiltered" if tau == 0.0 else plain_quantity(tau, "s")

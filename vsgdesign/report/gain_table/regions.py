@@ -1,0 +1,224 @@
+"""Where a gain table's promises end: active constraints, their price, the certified region, stale schedules."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.table_text import certificate_failed
+from vsgdesign.parameters.study import Gates
+from vsgdesign.report.drawing.look import NO_POINT, Cells, edges, value_ticks
+from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
+from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure
+from vsgdesign.report.drawing.surfaces import surface_scale
+from vsgdesign.report.figure_types import NamedFigure
+from vsgdesign.report.gain_table.maps import scr_label, table_cells
+from vsgdesign.report.quantities import plain
+from vsgdesign.report.stability.maps import DAMPING, DISK
+from vsgdesign.stability.gain_table import stale_margins
+
+CONSTRAINTS, CERTIFICATE, STALE = 4, 5, 6
+"""Parts of the page."""
+
+_NONE = "no constraint active"
+_FREE = "#F3F6F9"
+_HATCH: dict[str, Any] = {"facecolor": "none", "edgecolor": "#FFFFFF", "hatch": "\\\\\\\\\\\\", "linewidth": 0.0}
+_WIDTH, _LEFT, _BOTTOM, _TOP = 3.4, 0.5, 0.36, 0.08
+
+
+def constraint_figures(table: GainTable) -> Iterator[NamedFigure]:
+    """Which constraint is active where, and what it costs where it costs something."""
+    yield active_figure(table)
+    if np.nanmax(np.abs(table.price)) > 0.0:
+        caption = (
+            "How to read: what the active constraint costs in each cell, in the unit of the design's objective. "
+            "Crosses: outside."
+        )
+        frame = Frame(
+            "table_price", "Price of the active constraint", caption, scr_label(table), "X/R [1]",
+            "Price [objective's unit]", CONSTRAINTS,
+        )  # fmt: skip
+        known = table.price[np.isfinite(table.price)]
+        yield map_figure(frame, [[Panel("", table_cells(table, table.price))]], surface_scale(known))
+
+
+def active_figure(table: GainTable) -> NamedFigure:
+    """The active constraint of each cell, with relaxed cells hatched."""
+    with look():
+        return _draw_active(table)
+
+
+def _kind(active: str) -> str:
+    """What limits a cell, without the value that would have to be allowed: cells are coloured by kind."""
+    return active.split(" → ")[0].split(":")[0].replace("_", " ") or _NONE
+
+
+def _draw_active(table: GainTable) -> NamedFigure:
+    from matplotlib.collections import PolyCollection
+    from matplotlib.patches import Patch
+
+    height = 0.62 * _WIDTH
+    figure = new_figure(PAGE_IN, _BOTTOM + height + _TOP)
+    axes = _plane(figure, table, height)
+    x, y = edges(table.scr), edges(table.x_over_r)
+    words = np.vectorize(_kind, otypes=[object])(table.active).astype(str)
+    kinds = sorted(set(words[table.valid].tolist()), key=lambda word: (word == _NONE, word))
+    colours = {word: _FREE if word == _NONE else _lighter(COLOURS[k % len(COLOURS)]) for k, word in enumerate(kinds)}
+    entries: list[tuple[Any, str]] = []
+    for word in kinds:
+        cells = np.argwhere(table.valid & (words == word))
+        boxes = [_corners(x, y, i, j) for i, j in cells]
+        axes.add_collection(
+            PolyCollection(boxes, facecolor=colours[word], edgecolor="#FFFFFF", linewidth=0.4, zorder=1)
+        )
+        entries.append((Patch(facecolor=colours[word], edgecolor="#999999", linewidth=0.4), f"{word} ({len(cells)})"))
+    relaxed = np.argwhere(table.status == "relaxed")
+    if len(relaxed):
+        boxes = [_corners(x, y, i, j) for i, j in relaxed]
+        axes.add_collection(PolyCollection(boxes, zorder=2, **_HATCH))
+        patch = Patch(facecolor="#9A9A9A", edgecolor="#FFFFFF", hatch="\\\\\\\\\\\\\\\\", linewidth=0.0)
+        entries.append((patch, f"hatched: a promise was relaxed ({len(relaxed)})"))
+    outside = np.argwhere(~table.valid)
+    if len(outside):
+        boxes = [_corners(x, y, i, j) for i, j in outside]
+        axes.add_collection(PolyCollection(boxes, zorder=2, **NO_POINT))
+        axes.plot(table.scr[outside[:, 0]], table.x_over_r[outside[:, 1]], "x", markersize=2.6, color="#8A8A8A")
+        entries.append((Patch(**{**NO_POINT, "edgecolor": "#999999", "linewidth": 0.4}), f"outside ({len(outside)})"))
+    _legend(figure, entries, height)
+    caption = (
+        "How to read: the colour says which constraint keeps the design of a cell from being better; in brackets the "
+        "number of cells."
+    )
+    return NamedFigure("table_active", "Active constraints", caption, figure, CONSTRAINTS)
+
+
+def certificate_figure(table: GainTable) -> NamedFigure | None:
+    """Where the certificate holds, or was sought and not found, over the table's nodes; None without a region."""
+    region = None if table.certificate is None else table.certificate.get("region")
+    if not isinstance(region, dict) or not all(_is_pair(region.get(name)) for name in ("scr", "x_over_r")):
+        return None
+    with look():
+        return _draw_certificate(table, region["scr"], region["x_over_r"])
+
+
+def _draw_certificate(table: GainTable, scr: list[float], x_over_r: list[float]) -> NamedFigure:
+    from matplotlib.patches import Rectangle
+
+    height = 0.62 * _WIDTH
+    figure = new_figure(PAGE_IN, _BOTTOM + height + _TOP)
+    axes = _plane(figure, table, height)
+    certificate = table.certificate or {}
+    failed = certificate_failed(certificate)
+    decay = certificate.get("decay")
+    proved = f"certified: decay ≥ {plain(float(decay), 3)} 1/s" if isinstance(decay, int | float) else "certified"
+    shade = {"facecolor": "#CFE3F1", "edgecolor": COLOURS[0], "linewidth": 1.2, "zorder": 1}
+    if failed:
+        proved, shade = "not certified", {**shade, "facecolor": "none", "edgecolor": COLOURS[1], "hatch": "//"}
+    entries: list[tuple[Any, str]] = []
+    v = table.validity
+    for low, high, style, text in (
+        (scr, x_over_r, shade, proved),
+        (v.scr, v.x_over_r, {"facecolor": "none", "edgecolor": "#222222", "linestyle": (0, (4, 2)), "zorder": 2},
+         "validity box of the table"),
+    ):  # fmt: skip
+        patch = Rectangle((low[0], high[0]), low[1] - low[0], high[1] - high[0], **style)
+        axes.add_patch(patch)
+        entries.append((patch, text))
+    for status, style in (
+        ("met", {"marker": "o", "color": COLOURS[2]}), ("relaxed", {"marker": "s", "color": COLOURS[1]}),
+        ("outside", {"marker": "x", "color": "#8A8A8A"}),
+    ):  # fmt: skip
+        nodes = np.argwhere(table.status == status)
+        if len(nodes):
+            (line,) = axes.plot(
+                table.scr[nodes[:, 0]], table.x_over_r[nodes[:, 1]], linestyle="", markersize=3.0, zorder=3, **style
+            )
+            entries.append((line, f"node, {status} ({len(nodes)})"))
+    cell = certificate if "eigenvalue" in certificate else certificate.get("slowest", {})
+    if failed and {"scr", "x_over_r"} <= cell.keys():
+        (mark,) = axes.plot([cell["scr"]], [cell["x_over_r"]], "*", markersize=11.0, color=COLOURS[1], zorder=4)
+        entries.append((mark, "counterexample: unstable" if "eigenvalue" in certificate else "slowest cell"))
+    _legend(figure, entries, height)
+    if failed:
+        caption = (
+            "How to read: for the hatched region, with the certificate's powers and errors of the estimate, no proof "
+            "was found. Dots are the nodes of the table; the star is the grid that the sentence above names."
+        )
+        return NamedFigure("table_certificate", "Region without a proof", caption, figure, CERTIFICATE)
+    caption = (
+        "How to read: one Lyapunov function holds for every grid of the shaded region, within the certificate's powers "
+        "and errors of the estimate. Dots are the nodes of the table; the certificate is about the interpolated gains."
+    )
+    return NamedFigure("table_certificate", "Certified region", caption, figure, CERTIFICATE)
+
+
+def stale_figures(table: GainTable) -> Iterator[NamedFigure]:
+    """Damping and disk margin where the gains are those for another SCR, at a low, a middle and a high X/R."""
+    if len(table.scr) < 2:
+        return
+    columns = sorted({0, len(table.x_over_r) // 2, len(table.x_over_r) - 1})
+    nowhere = np.zeros((len(table.scr),) * 2, dtype=bool)
+    for quantity, name in ((DAMPING, "least_damping"), (DISK, "disk_margin")):
+        panels = []
+        for column in columns:
+            ratio = float(table.x_over_r[column])
+            values = stale_margins(table, ratio, name)
+            stable = stale_margins(table, ratio, "decay_1_s")
+            unstable, missing = np.asarray(stable <= 0.0), np.isnan(stable)
+            cells = Cells(table.scr, table.scr, values, unstable, missing, nowhere)
+            panels.append(Panel(f"X/R {plain(ratio, 3)}", cells))
+        gates = Gates()
+        caption = (
+            "How to read: the grid has the SCR of the horizontal axis, the gains are still those for the SCR of the "
+            "vertical one; on the diagonal they fit. Above it the grid has become weaker than the schedule knows, "
+            f"below it stronger. Colour: {quantity.how}. Reduced model at the design point. After a jump of the grid "
+            "the loop is in such a cell until the estimate follows."
+        )
+        frame = Frame(
+            f"table_stale_{quantity.name}", f"Stale schedule: {quantity.title.lower()}", caption,
+            f"True {scr_label(table)}", "SCR that the gains are for [1]", quantity.label, STALE, 0.92,
+            None if quantity.gate_text is None else quantity.gate_text(gates),
+        )  # fmt: skip
+        yield map_figure(frame, [panels], quantity.scale(gates))
+
+
+def _plane(figure: Any, table: GainTable, height: float) -> Any:
+    axes = add_axes(figure, _LEFT, _BOTTOM, _WIDTH, height)
+    axes.grid(False)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    x, y = edges(table.scr), edges(table.x_over_r)
+    axes.set_xlim(x[0], x[-1])
+    axes.set_ylim(y[0], y[-1])
+    value_ticks(axes.xaxis, table.scr.tolist(), _WIDTH, True, along=True)
+    value_ticks(axes.yaxis, table.x_over_r.tolist(), height, True, along=False)
+    axes.set_xlabel(scr_label(table))
+    axes.set_ylabel("X/R [1]")
+    axes.tick_params(which="both", direction="out")
+    return axes
+
+
+def _legend(figure: Any, entries: list[tuple[Any, str]], height: float) -> None:
+    total = _BOTTOM + height + _TOP
+    figure.legend(
+        *zip(*entries, strict=True), loc="upper left", handleheight=1.1, labelspacing=0.5,
+        bbox_to_anchor=((_LEFT + _WIDTH + 0.2) / PAGE_IN, (_BOTTOM + height) / total),
+    )  # fmt: skip
+
+
+def _corners(x: Any, y: Any, i: int, j: int) -> list[tuple[float, float]]:
+    return [(x[i], y[j]), (x[i + 1], y[j]), (x[i + 1], y[j + 1]), (x[i], y[j + 1])]
+
+
+def _lighter(colour: str) -> tuple[float, float, float]:
+    from matplotlib.colors import to_rgb
+
+    red, green, blue = (0.35 + 0.65 * part for part in to_rgb(colour))
+    return red, green, blue
+
+
+def _is_pair(value: object) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(isinstance(v, int | float) and v > 0.0 for v in value)

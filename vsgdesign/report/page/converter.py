@@ -1,0 +1,105 @@
+"""The converter, its filter and its controllers as tables: the same on every page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Protocol
+
+from vsgdesign.frames import phase_to_ll
+from vsgdesign.parameters.study import ControllerSpec, Grid, Study
+from vsgdesign.report.page.table import Table
+from vsgdesign.report.quantities import number, plain, plain_quantity
+
+
+class HasStudy(Protocol):
+    """Any result that knows its study."""
+
+    @property
+    def study(self) -> Study:
+        """The study that it is a result of."""
+        ...
+
+
+def grid_label(result: HasStudy, grid: Grid) -> str:
+    """SCR and X/R of a grid."""
+    converter = result.study.converter
+    ratio = grid.x_over_r(converter.omega_n)
+    return f"SCR {plain(grid.scr(converter, result.study.scr_basis), 3)}, X/R {plain(ratio, 3)}"
+
+
+def converter_table(result: HasStudy) -> Table:
+    """Ratings, bridge, inner loops and measurement."""
+    study, c, g = result.study, result.study.converter, result.study.inner_gains
+    limit = "none" if c.current_limit_pu is None else f"{plain(c.current_limit_pu)} pu of the rated peak"
+    rows = (
+        ("Rated power", plain_quantity(c.S_rated, "VA")),
+        ("Rated voltage", f"{plain_quantity(c.V_rated_rms, 'V')} phase rms "
+                          f"({plain_quantity(phase_to_ll(c.V_rated_rms), 'V')} line to line)"),
+        ("Nominal frequency", f"{plain(c.omega_n / (2.0 * math.pi))} Hz"),
+        ("Dc link", plain_quantity(c.V_dc, "V")),
+        ("Carrier frequency", plain_quantity(c.f_sw, "Hz")),
+        ("Sampling period", f"{plain_quantity(c.T_s, 's')} ({c.samples_per_carrier} per carrier period)"),
+        ("Computation delay", "none" if c.delay_samples == 0 else f"{c.delay_samples} sample"),
+        ("Modulation", "sine-triangle with min-max zero sequence" if c.zero_sequence else "sine-triangle"),
+        ("Current limit", limit),
+        ("Voltage limits", f"{plain(c.V_min_pu)} to {plain(c.V_max_pu)} pu"),
+        ("Voltage loop", f"K_pv = {number(g.K_pv)} A/V, K_iv = {number(g.K_iv)} A/(V·s)"),
+        ("Current loop", f"K_pc = {number(g.K_pc)} V/A, K_ic = {number(g.K_ic)} V/(A·s)"),
+        ("Transient impedance", "none" if g.R_t == g.X_t == 0.0 else f"R {plain(g.R_t / c.Z_base)} pu, "
+                                f"X {plain(g.X_t / c.Z_base)} pu above {plain(study.omega_t / (2.0 * math.pi))} Hz"),
+        ("Current prediction", "none" if g.kappa == 0.0 else f"κ = {plain(g.kappa)} sampling periods"),
+        ("Power filters", f"P {_time_constant(study.tau_P)}, Q {_time_constant(study.tau_Q)}"),
+    )  # fmt: skip
+    return Table("Converter", ("Quantity", "Value"), rows, texts=2)
+
+
+def filter_table(result: HasStudy) -> Table:
+    """Filter and grid at the start."""
+    study, f = result.study, result.study.filter
+    rows = [
+        ("Converter-side inductor", f"{plain_quantity(f.L_1, 'H')}, {_ohm(f.R_1)}"),
+        ("Capacitor", plain_quantity(f.C, "F")),
+    ]
+    if f.R_c:
+        rows.append(("In series with it", _ohm(f.R_c)))
+    if f.L_2:
+        rows.append(("Grid-side inductor", f"{plain_quantity(f.L_2, 'H')}, {_ohm(f.R_2)}"))
+    grid, source = study.grid, study.grid_source
+    rows += [
+        ("Grid at the start", f"{grid_label(result, grid)} ({study.scr_basis} basis)"),
+        ("", f"R_g = {_ohm(grid.R_g)}, L_g = {plain_quantity(grid.L_g, 'H')}"),
+        ("Grid source at the start", f"{plain_quantity(source.V_g_rms, 'V')} phase rms, "
+                                     f"{plain(source.omega_g / (2.0 * math.pi), 5)} Hz"),
+    ]  # fmt: skip
+    return Table("Filter and grid", ("Quantity", "Value"), tuple(rows), texts=2)
+
+
+def _time_constant(tau: float) -> str:
+    return "unfiltered" if tau == 0.0 else plain_quantity(tau, "s")
+
+
+def _ohm(value: float) -> str:
+    return "0 Ω" if value == 0.0 else plain_quantity(value, "Ω")
+
+
+def specs_table(result: HasStudy, specs: Sequence[ControllerSpec]) -> Table:
+    """What controllers are and aim at."""
+    rows = []
+    for spec in specs:
+        if spec.kind == "scheduled":
+            every = f"every {plain_quantity(spec.update_period, 's')}" if spec.update_period else "after every window"
+            how = f"rescheduled {every} from " + (
+                "the true grid impedance" if spec.estimate == "truth" else "the network's estimate of the grid"
+            )
+        elif spec.gains is not None:
+            how = "given in the study"
+        else:
+            how = f"closed form for {grid_label(result, spec.design_grid or result.study.grid)}"
+        target = spec.target
+        rows.append((
+            spec.name, how, f"{plain(target.settling_time)} s", plain(target.damping_ratio),
+            plain(target.droop_ratio), plain_quantity(target.P, "W"), plain_quantity(target.Q, "var"),
+        ))  # fmt: skip
+    head = ("Controller", "Power-loop gains", "Target settling time", "ξ", "D_q/D", "Design P", "Design Q")
+    return Table("Controllers", head, tuple(rows), texts=2)

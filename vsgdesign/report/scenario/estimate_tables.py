@@ -1,0 +1,175 @@
+"""Tables and words about the estimated grid and the network that estimates it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from vsgdesign.errors import counted
+from vsgdesign.metrics.estimation import FOUND_PCT
+from vsgdesign.parameters.study import Grid
+from vsgdesign.report.page.converter import grid_label
+from vsgdesign.report.page.table import Table
+from vsgdesign.report.quantities import DASH, number, percent, plain, plain_quantity
+from vsgdesign.runtime.guards import SchedulerSettings
+from vsgdesign.simulation import ScenarioResult
+from vsgdesign.simulation.judging import Judgement
+
+if TYPE_CHECKING:
+    from vsgdesign.estimator.trained import TrainedEstimator
+
+
+def network_table(result: ScenarioResult, trained: TrainedEstimator | None) -> Table:
+    """What the network is and what it was trained on."""
+    spec = result.study.estimator
+    weights = None if spec is None else spec.weights
+    if spec is None or weights is None:
+        raise ValueError("a scenario with estimates has a network")
+    network, window, recipe = weights.network, weights.window, weights.recipe
+    (R_low, R_high), (L_low, L_high) = weights.trained_on["R_g"], weights.trained_on["L_g"]
+    rows = [
+        ("Network", f"{network.W_1.shape[1]}–{len(network.b_1)}–2, tanh, linear outputs R_g and L_g"),
+        ("Windows", f"{window.samples} samples every {plain_quantity(window.sample_interval, 's')} of v_pcc and i_pcc, "
+                    f"{window.channels.replace('_', ' ')}"),
+        ("Trained on", f"recipe {recipe.get('name', DASH)}, {recipe.get('bridge', DASH)} bridge, seed {weights.seed}"),
+        ("Trained range", f"R_g {number(R_low)} to {number(R_high)} Ω, L_g {number(1e3 * L_low)} to "
+                          f"{number(1e3 * L_high)} mH"),
+        ("Grid phase", "lent by the simulator: no converter in the field has it" if window.synchronised
+                       else "not used"),
+        ("Weights", weights.hash[:12] + (f" from {spec.weights_file}" if spec.weights_file else "")),
+    ]  # fmt: skip
+    if trained is not None:
+        rows.append(
+            ("Training", f"{counted(trained.epochs, 'epoch')} on {counted(trained.components, 'principal component')}")
+        )
+    return Table("The network", ("Quantity", "Value"), tuple(rows), texts=2)
+
+
+def training_table(trained: TrainedEstimator) -> Table:
+    """How good the network is on each part of its windows."""
+    rows = tuple(
+        (
+            name,
+            str(len(part.truth)),
+            number(part.mse),
+            *(_correlation(value) for value in part.correlation),
+            *(_within(part.errors[kind]["Z"]) for kind in ("rest", "after_change")),
+        )
+        for name, part in trained.parts.items()
+    )
+    head = ("Part", "Windows", "Mean squared error", "1 − R, R_g", "1 − R, L_g", "Z at rest", "Z after a change")
+    notes = (
+        "Mean squared error: of the outputs scaled to −1 … 1. R: correlation of outputs and targets. Z: median of "
+        "|Ẑ − Z|/|Z|, and 95th percentile.",
+    )
+    return Table("The network on its windows", head, rows, notes=notes)
+
+
+def _within(error: tuple[float, float]) -> str:
+    median, most = error
+    return f"{number(100.0 * median, 2)} %, {number(100.0 * most, 2)} %" if median >= 0.0 else DASH
+
+
+def _correlation(value: float) -> str:
+    return number(1.0 - value, 2)
+
+
+def rest_table(result: ScenarioResult, judged: Judgement) -> Table:
+    """Errors at rest."""
+    rows = tuple(
+        (
+            f"{plain(rest.begin_s, 5)} … {plain(rest.end_s, 5)}", grid_label(result, Grid(rest.R_g, rest.L_g)),
+            _signed(rest.R_mean_pct), _signed(rest.L_mean_pct), number(rest.R_worst_pct, 2),
+            number(rest.L_worst_pct, 2),
+        )
+        for rest in judged.rest
+    )  # fmt: skip
+    head = ("Time [s]", "Grid", "R_g, mean", "L_g, mean", "R_g, worst", "L_g, worst")
+    notes = ("In the last second before each event and the end (of a short stretch: its last quarter).",)
+    return Table(f"Error of {judged.name}'s estimate at rest [%]", head, rows, 2, notes=notes)
+
+
+def _signed(value: float) -> str:
+    return f"+{number(value, 2)}" if value > 0.0 else number(value, 2)
+
+
+def changes_table(judged: Judgement) -> Table:
+    """How each change of grid was followed."""
+    rows = tuple(
+        (f"{plain(change.t_s, 5)} s", _count(change.found_windows), _count(change.kept_windows),
+         percent(change.worst_pct))
+        for change in judged.changes
+    )  # fmt: skip
+    head = ("Change of grid", "Found [windows]", "For good [windows]", "Largest error later [%]")
+    notes = (
+        f"Windows up to the first estimate within {plain(FOUND_PCT)} % of the new R_g and L_g, and up to the one from "
+        "which on all are, until the next event. Largest error: after the first whole window on the new grid.",
+    )
+    return Table(f"Changes of grid as {judged.name} sees them", head, rows, notes=notes)
+
+
+def _count(value: int | None) -> str:
+    return DASH if value is None else str(value)
+
+
+def truth_table(judged: Judgement) -> Table:
+    """Reference steps with the estimate beside the same controller with the truth."""
+    rows = tuple(
+        (
+            f"{step.name} at {plain(step.t_s, 5)} s", number(step.settling_time_s, 4),
+            number(step.settling_time_truth_s, 4), percent(step.overshoot_pct), percent(step.overshoot_truth_pct),
+        )
+        for step in judged.steps
+    )  # fmt: skip
+    head = ("Step", "estimate", "truth", "estimate", "truth")
+    groups = (("", 1), ("Settling time [s]", 2), ("Overshoot [%]", 2))
+    return Table(f"{judged.name} beside {judged.twin}", head, rows, groups=groups)
+
+
+def estimate_text(result: ScenarioResult, judgements: Sequence[Judgement]) -> list[str]:
+    """What the estimate was worth, in words."""
+    spec = result.study.estimator
+    weights = None if spec is None else spec.weights
+    paragraphs = []
+    for judged in judgements:
+        total = len(judged.log.status)
+        believed = judged.statuses.get("ok", 0)
+        text = f"{judged.name} estimates the grid once in {plain_quantity(judged.log.period, 's')}; {total} windows"
+        text += ", all within what the network knows." if believed == total else f", {believed} of them within "
+        if believed != total:
+            others = ", ".join(f"{count} {status}" for status, count in judged.statuses.items() if status != "ok")
+            text += f"what the network knows ({others})."
+        errors = [max(abs(rest.R_mean_pct), abs(rest.L_mean_pct)) for rest in judged.rest]
+        if errors:
+            text += f" At rest it is off by {number(min(errors), 2)} to {number(max(errors), 2)} %."
+        if judged.steps:
+            late = [
+                abs(step.settling_time_s - step.settling_time_truth_s)
+                for step in judged.steps
+                if step.settling_time_s is not None and step.settling_time_truth_s is not None
+            ]
+            over = [abs((s.overshoot_pct or 0.0) - (s.overshoot_truth_pct or 0.0)) for s in judged.steps]
+            if late:
+                text += (
+                    f" Beside {judged.twin}, which knows the truth, its steps settle within {number(max(late), 2)} s "
+                    f"of the same time and overshoot within {number(max(over), 2)} percentage points."
+                )
+        limit = rate_limit_text(judged.name, *judged.rate_limit) if judged.rate_limit else ""
+        paragraphs.append(f"{text} {limit}".rstrip())
+    if weights is not None and weights.window.synchronised:
+        paragraphs.append(
+            "The windows are synchronised with the grid's own voltage, as published, and the simulator lends its "
+            "phase. No converter in the field has that signal: these figures are the scheme's at its best."
+        )
+    return paragraphs
+
+
+def rate_limit_text(name: str, rate: float, held_s: float, total_s: float) -> str:
+    """That the rate limit of a table's scheduler (1/s) held gains back, for how long, and what to do."""
+    held = (
+        f"The scheduler of {name} held the gains behind the estimate for {plain(held_s, 3)} s of "
+        f"{plain(total_s, 3)} s: it lets their SCR and R/X change by {plain(100.0 * rate, 3)} % per second."
+    )
+    if rate >= SchedulerSettings.rate:
+        return held
+    return f"{held} That is the rate that the table's certificate is good for; one for faster changes lifts it."

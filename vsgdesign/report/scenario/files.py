@@ -1,0 +1,33 @@
+"""Every figure of a scenario, as files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vsgdesign.report.drawing.files import write_figure
+from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.scenario.bode_figures import bode_figures
+from vsgdesign.report.scenario.estimate_figures import estimate_figures
+from vsgdesign.report.scenario.figures import scenario_figures
+from vsgdesign.simulation import ScenarioResult
+
+if TYPE_CHECKING:
+    from vsgdesign.estimator.trained import TrainedEstimator
+
+
+def all_figures(result: ScenarioResult, trained: TrainedEstimator | None = None) -> Iterator[NamedFigure]:
+    """Every figure of a scenario, and of the training of its network, one at a time."""
+    yield from scenario_figures(result)
+    yield from estimate_figures(result)
+    if trained is not None:
+        from vsgdesign.report.estimator.training_figures import training_figures
+
+        yield from training_figures(trained)
+    yield from bode_figures(result)
+
+
+def write_all(result: ScenarioResult, folder: Path, trained: TrainedEstimator | None = None) -> list[WrittenFigure]:
+    """Write every figure of a scenario into an existing folder."""
+    return [write_figure(figure, folder) for figure in all_figures(result, trained)]

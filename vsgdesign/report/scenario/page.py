@@ -1,0 +1,153 @@
+"""The report of a scenario: one HTML file with everything in it, nothing fetched and nothing executed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts.table_summary import table_lines, table_summary
+from vsgdesign.artifacts.table_text import certificate_sentence
+from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.inner.page import inner_part
+from vsgdesign.report.inner.words import headline
+from vsgdesign.report.page.converter import converter_table, filter_table
+from vsgdesign.report.page.html import write_html
+from vsgdesign.report.quantities import plain, plain_quantity
+from vsgdesign.report.scenario import estimate_tables, promise_tables, tables
+from vsgdesign.report.scenario.verdict import explanation, step_outcomes, verdict
+from vsgdesign.simulation import ScenarioResult
+from vsgdesign.simulation.judging import judge_estimates
+from vsgdesign.simulation.promises import promises_kept
+from vsgdesign.simulation.rest import WHERE_TO_LOOK
+
+if TYPE_CHECKING:
+    from vsgdesign.estimator.trained import TrainedEstimator
+
+
+def write_page(
+    result: ScenarioResult, figures: Sequence[WrittenFigure], out_path: Path, trained: TrainedEstimator | None = None,
+    inner: dict[str, Any] | None = None,
+) -> Path:  # fmt: skip
+    """Write the page of a scenario, with the figures' SVG text as it lies on disk."""
+    outcomes, kept = step_outcomes(result), promises_kept(result)
+    study = result.study
+    return write_html(
+        out_path,
+        "report.html.j2",
+        figures,
+        study=study,
+        scenario=_scenario(result),
+        warnings=[*(one.message for one in result.instabilities), *([WHERE_TO_LOOK] if result.instabilities else [])],
+        verdict=[*verdict(result, outcomes), *promise_tables.promise_sentences(kept), *_designed(result, inner)],
+        explanation=explanation(outcomes),
+        targets=tables.targets_table(outcomes) if outcomes else None,
+        promises=promise_tables.promises_table(kept),
+        setting=(converter_table(result), filter_table(result)),
+        controllers=tables.controllers_table(result),
+        events=tables.events_table(result) if study.events else None,
+        tables=[
+            line
+            for c in result.controllers
+            if c.spec.table is not None
+            for line in table_lines(c.spec.name, table_summary(study, c.spec.table))
+        ],
+        inner=None if inner is None else inner_part(inner),
+        operating_points=tables.operating_points_table(result),
+        estimate=_estimate(result, trained),
+        gains=[tables.gains_table(result, controller) for controller in result.controllers],
+        margins=tables.margins_table(result),
+        metrics=[tables.metrics_table(result, controller) for controller in result.controllers if controller.events],
+        metrics_notes=tables.METRICS_NOTES,
+        limits=limits_of_validity(result),
+    )
+
+
+def _designed(result: ScenarioResult, inner: dict[str, Any] | None) -> list[str]:
+    """What was designed for this run, and whether it is proved: one sentence each."""
+    tables = [(c.spec.name, c.spec.table) for c in result.controllers if c.spec.table is not None]
+    said = [f"{name}: {certificate_sentence(table.certificate)}" for name, table in tables]
+    return said if inner is None else [*said, headline(inner)]
+
+
+def _estimate(result: ScenarioResult, trained: TrainedEstimator | None) -> dict[str, Any] | None:
+    """What the page says of estimates, None where there are none."""
+    judgements = judge_estimates(result)
+    if not judgements:
+        return None
+    about = [estimate_tables.network_table(result, trained)]
+    if trained is not None:
+        about.append(estimate_tables.training_table(trained))
+    found = []
+    for judged in judgements:
+        found.append(estimate_tables.rest_table(result, judged))
+        if judged.changes:
+            found.append(estimate_tables.changes_table(judged))
+        if judged.steps:
+            found.append(estimate_tables.truth_table(judged))
+    return {"text": estimate_tables.estimate_text(result, judgements), "network": about, "tables": found}
+
+
+def _scenario(result: ScenarioResult) -> str:
+    study = result.study
+    names = ", ".join(controller.spec.name for controller in result.controllers)
+    count = len(study.events)
+    events = "no events" if count == 0 else f"{count} event{'s' if count > 1 else ''}"
+    plural = "s" if len(result.controllers) > 1 else ""
+    bridges = " and ".join(sorted({_bridge(controller.bridge) for controller in result.controllers}))
+    return (
+        f"{plain(study.simulation.duration)} s of electromagnetic-transient simulation with {bridges}, {events}, "
+        f"controller{plural} {names}, on a {plain_quantity(study.converter.S_rated, 'VA')} converter."
+    )
+
+
+def _bridge(bridge: str) -> str:
+    return "an averaged bridge" if bridge == "averaged" else "a switched bridge (PWM)"
+
+
+def limits_of_validity(result: ScenarioResult) -> list[str]:
+    """What the simulation leaves out, as far as it bears on the numbers of this report."""
+    study = result.study
+    bridges = {controller.bridge for controller in result.controllers}
+    items = []
+    if "averaged" in bridges:
+        items.append(
+            "The bridge is averaged over a sampling period: no switching ripple, no dead time, no device losses."
+        )
+    if "pwm" in bridges:
+        items.append(
+            "The bridge switches ideally at the exact instants of its modulation: no dead time, no device losses. "
+            "Figures of the instantaneous signal contain the ripple; targets are judged on the one-cycle mean."
+        )
+    items += [
+        f"The dc link is an ideal source of {plain_quantity(study.converter.V_dc, 'V')}, nothing behind it.",
+        "The grid is an ideal three-phase source behind one balanced R–L branch; no other converter or load is near.",
+        "Inductors do not saturate, capacitors and measurements are ideal; "
+        f"the controller is sampled every {plain_quantity(study.converter.T_s, 's')}.",
+    ]
+    knowing = [c.spec.name for c in result.controllers if c.spec.kind == "scheduled" and c.estimates is None]
+    if knowing:
+        items.append(
+            f"Gains of {', '.join(knowing)} come from the true grid impedance, as it was up to each update; "
+            "the error of an impedance estimator is not included."
+        )
+    estimating = [c for c in result.controllers if c.estimates is not None]
+    if estimating:
+        items.append(
+            f"{', '.join(c.spec.name for c in estimating)} measures v_pcc and i_pcc without noise or quantisation and "
+            "begins with the gains of the true grid at the start."
+        )
+        weights = None if study.estimator is None else study.estimator.weights
+        trained_with = None if weights is None else weights.recipe.get("bridge")
+        if any(c.bridge == "pwm" for c in estimating) and trained_with == "averaged":
+            items.append(
+                "The network was trained with an averaged bridge: samples of a switched one are biased, and so is "
+                "its estimate."
+            )
+    if study.converter.current_limit_pu is None:
+        items.append("No current limit acts: currents beyond the rating are simulated as if the converter bore them.")
+    items.append(
+        f"Settling times and overshoots are read from a signal logged every "
+        f"{plain_quantity(study.simulation.log_interval, 's')}, up to the next event or the end."
+    )
+    return items

@@ -1,0 +1,73 @@
+"""Margins against what each controller was asked for: a table, and a sentence for the verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from vsgdesign.report.page.table import Table
+from vsgdesign.report.quantities import DASH, number, plain
+from vsgdesign.simulation.promises import Kept
+
+PROMISES = {
+    "damping_ratio": "damping ratio", "disk_margin": "disk margin", "gain_margin_db": "gain margin [dB]",
+    "phase_margin_deg": "phase margin [°]", "M_s": "peak sensitivity M_s",
+}  # fmt: skip
+
+
+def promises_table(kept: Sequence[Kept]) -> Table | None:
+    """Every margin that a controller was asked for, where the scenario rests, with ideal and with real inner loops."""
+    rows, flagged = [], set()
+    for index, one in enumerate(kept):
+        sign = "≥" if one.at_least else "≤"
+        results = [DASH] * 2 if one.excuse else ["met" if met else "missed" for met in (one.kept_ideal, one.kept)]
+        if "missed" in results:
+            flagged.add(index)
+        rows.append((
+            one.controller, f"{plain(one.t_s, 5)} s", PROMISES[one.name], one.source, one.excuse,
+            f"{sign} {plain(one.limit)}", _reached(one.ideal), results[0], _reached(one.full_order), results[1],
+        ))  # fmt: skip
+    if not rows:
+        return None
+    head = (
+        "Controller", "From", "Promise", "Asked by", "Not judged, as", "Limit", "Value", "Result", "Value", "Result",
+    )  # fmt: skip
+    groups = (("", 6), ("Ideal inner loops", 2), ("Real inner loops", 2))
+    notes = (
+        "At the operating point that holds from that instant on, with the gains that the controller has there. Ideal: "
+        "the coupled model of the power loops. Real: the full-order model with inner loops, delay and sampling, which "
+        "is the one that counts. A table's damping ratio is a promise of its power loops.",
+    )
+    return Table("Margins against what was asked for", head, tuple(rows), 5, groups, notes, frozenset(flagged))
+
+
+def promise_sentences(kept: Sequence[Kept]) -> list[str]:
+    """A sentence for each controller that misses a margin it was asked for, worst first named; none where all hold."""
+    sentences = []
+    for name in dict.fromkeys(one.controller for one in kept):
+        judged = [one for one in kept if one.controller == name and not one.excuse]
+        missed = [one for one in judged if not one.kept]
+        if not missed:
+            continue
+        worst = max(missed, key=_distance)
+        sign = "at least" if worst.at_least else "at most"
+        sentences.append(
+            f"With the real inner loops {name} misses {len(missed)} of the {len(judged)} margins that it was asked "
+            f"for, with ideal ones {sum(not one.kept_ideal for one in judged)}; worst from {plain(worst.t_s)} s on: "
+            f"{PROMISES[worst.name].partition(' [')[0]} {_reached(worst.full_order)} (ideal "
+            f"{_reached(worst.ideal)}) where {worst.source} ask{'' if worst.source.endswith('gates') else 's'} for "
+            f"{sign} {plain(worst.limit)}."
+        )
+    return sentences
+
+
+def _distance(one: Kept) -> float:
+    """How far a promise is missed, over its limit; an unstable loop is farthest."""
+    value = one.full_order
+    return math.inf if math.isnan(value) else abs(value - one.limit) / abs(one.limit)
+
+
+def _reached(value: float) -> str:
+    if math.isnan(value):
+        return "unstable"
+    return "∞" if math.isinf(value) else number(value)

@@ -1,0 +1,133 @@
+"""The quantities that are drawn over a scenario, taken from its results."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.frames import clarke, peak_to_rms
+from vsgdesign.metrics import EventMetrics, one_cycle_mean
+from vsgdesign.report.drawing.decimation import Trace, ripple_level
+from vsgdesign.report.quantities import prefix_for
+from vsgdesign.simulation import ControllerResult, ScenarioResult
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One quantity of all controllers, in a unit fit for an axis."""
+
+    name: str
+    title: str
+    axis_label: str
+    unit: str
+    caption: str
+    traces: tuple[Trace, ...]
+    smallest_range: float
+    """The axis spans at least this much, so that rounding errors are not blown up."""
+    target: tuple[Array, Array] | None = None
+    """(t_s, value) of what the quantity should follow, as a polygon line."""
+    target_label: str = "reference"
+    band: tuple[float, float] | None = None
+    band_label: str = ""
+    per_unit: float | None = None
+    """Value of one pu, for a second axis."""
+    metrics_name: str | None = None
+    """The signal of the event metrics, for the bands of steps."""
+    si_factor: float = 1.0
+
+
+def signals(result: ScenarioResult) -> Iterator[Signal]:
+    """Active power, reactive power, voltage and frequency, one after the other."""
+    yield _power(result, "P_pcc", "active_power", "Active power", "W")
+    yield _power(result, "Q_pcc", "reactive_power", "Reactive power", "var")
+    yield _voltage(result)
+    yield _frequency(result)
+
+
+def events_of(controller: ControllerResult, signal: str) -> dict[float, EventMetrics]:
+    """The figures of one signal by the time of their event."""
+    return {event.t_s: event for event in controller.events if event.signal == signal}
+
+
+def _traces(result: ScenarioResult, values: list[Array], factor: float) -> tuple[Trace, ...]:
+    traces = []
+    for controller, y in zip(result.controllers, values, strict=True):
+        t = controller.series["t_s"]
+        scaled = y / factor
+        mean = one_cycle_mean(scaled, samples_per_cycle(result, t))
+        traces.append(Trace(t, scaled, mean, ripple_level(scaled, mean) if controller.bridge == "pwm" else 0.0))
+    return tuple(traces)
+
+
+def samples_per_cycle(result: ScenarioResult, t: Array) -> int:
+    """Logged samples in one cycle of the nominal frequency."""
+    if len(t) < 2:
+        return 1
+    return max(round(2.0 * math.pi / result.study.converter.omega_n / (t[1] - t[0])), 1)
+
+
+def _power(result: ScenarioResult, series: str, name: str, title: str, unit: str) -> Signal:
+    values = [controller.series[series] for controller in result.controllers]
+    largest = max(float(np.max(np.abs(y))) for y in values)
+    factor, prefix = prefix_for(largest)
+    column = 1 if series == "P_pcc" else 2
+    changes = result.timeline.references
+    t_ref, reference = _staircase([c[0] for c in changes], [c[column] for c in changes], _duration(result))
+    return Signal(
+        name, title, title, f"{prefix}{unit}",
+        f"{title} at the point of common coupling, positive into the grid",
+        _traces(result, values, factor), 0.01 * result.study.converter.S_rated / factor,
+        target=(t_ref, reference / factor), metrics_name=series, si_factor=factor,
+    )  # fmt: skip
+
+
+def _voltage(result: ScenarioResult) -> Signal:
+    values = []
+    for controller in result.controllers:
+        series = controller.series
+        alpha, beta = clarke(series["v_pcc_a"], series["v_pcc_b"], series["v_pcc_c"])
+        values.append(peak_to_rms(np.hypot(alpha, beta)))
+    converter = result.study.converter
+    factor, prefix = prefix_for(converter.V_rated_rms)
+    low, high = converter.V_limits_rms
+    return Signal(
+        "voltage", "Voltage", "Voltage, phase rms", f"{prefix}V",
+        "Phase voltage at the point of common coupling (rms, from the length of the voltage vector)",
+        _traces(result, values, factor), 0.01 * converter.V_rated_rms / factor,
+        band=(low / factor, high / factor),
+        band_label=f"limits {converter.V_min_pu:g} … {converter.V_max_pu:g} pu",
+        per_unit=converter.V_rated_rms / factor, si_factor=factor,
+    )  # fmt: skip
+
+
+def _frequency(result: ScenarioResult) -> Signal:
+    turn = 2.0 * math.pi
+    values = [controller.series["omega"] / turn for controller in result.controllers]
+    t_grid: list[float] = []
+    f_grid: list[float] = []
+    sources = result.timeline.sources
+    ends = [source.t_s for source in sources[1:]] + [_duration(result)]
+    for source, end_s in zip(sources, ends, strict=True):
+        t_grid += [source.t_s, end_s]
+        f_grid += [source.omega / turn, (source.omega + source.omega_slope * (end_s - source.t_s)) / turn]
+    return Signal(
+        "frequency", "Frequency", "Frequency", "Hz", "Frequency of each converter's power loop",
+        _traces(result, values, 1.0), 0.01, target=(np.array(t_grid), np.array(f_grid)), target_label="grid source",
+    )  # fmt: skip
+
+
+def _duration(result: ScenarioResult) -> float:
+    return result.study.simulation.duration
+
+
+def _staircase(times: list[float], values: list[float], end_s: float) -> tuple[Array, Array]:
+    """Corners of a piecewise constant quantity up to ``end_s``."""
+    edges = [*times, end_s]
+    t = np.repeat(edges, 2)[1:-1]
+    return t, np.repeat(np.asarray(values, dtype=float), 2)

@@ -1,0 +1,223 @@
+"""The tables of the report, as texts ready to be set."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from vsgdesign.metrics import EventMetrics, ResponseMetrics
+from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
+from vsgdesign.report.page.converter import grid_label, specs_table
+from vsgdesign.report.page.table import GAIN_UNITS, Table
+from vsgdesign.report.quantities import DASH, number, percent, plain, prefix_for, quantity
+from vsgdesign.report.scenario.margins import distinct_grids, loops_on_grids
+from vsgdesign.report.scenario.verdict import RULE, StepOutcome, coupling
+from vsgdesign.simulation import ControllerResult, ScenarioResult
+from vsgdesign.simulation.gains import settled_changes
+
+
+def controllers_table(result: ScenarioResult) -> Table:
+    """What each controller is and aims at."""
+    return specs_table(result, [controller.spec for controller in result.controllers])
+
+
+def events_table(result: ScenarioResult) -> Table:
+    """The events by number."""
+    rows = tuple((str(n + 1), f"{plain(e.t_s, 5)} s", e.name) for n, e in enumerate(result.study.events))
+    return Table("Events", ("No.", "Time", "Event"), rows, texts=3)
+
+
+def operating_points_table(result: ScenarioResult) -> Table:
+    """Where the converter sits after every change; voltage outside its limits in words."""
+    c = result.study.converter
+    low, high = c.V_limits_rms
+    rows, flagged = [], set()
+    powers = [abs(row.point.P) for row in result.operating_points if row.point is not None]
+    p_factor, p_prefix = prefix_for(max(powers, default=1.0))
+    reasons = []
+    for index, row in enumerate(result.operating_points):
+        point = row.point
+        where = (plain(row.t_s, 5), grid_label(result, row.grid), number(row.grid.R_g), number(row.grid.L_g * 1e3))
+        if point is None:
+            reasons.append(f"From {plain(row.t_s, 5)} s on: {row.reason}")
+            rows.append((*where, *[DASH] * 4, "none", *[DASH] * 6))
+            continue
+        words = "within"
+        if not point.V_within_limits:
+            flagged.add(index)
+            words = f"above {plain(c.V_max_pu)} pu" if point.V_rms > high else f"below {plain(c.V_min_pu)} pu"
+            words = words if not low <= point.V_rms <= high else "outside"
+        rows.append((
+            *where, number(point.P / p_factor), number(point.Q / p_factor), number(point.V_rms, 4),
+            number(point.V_rms / c.V_rated_rms), words, number(math.degrees(point.delta)),
+            number(point.A), number(point.B), number(point.C), number(point.D), number(coupling(row)),
+        ))  # fmt: skip
+    head = (
+        "From [s]", "Grid", "R_g [Ω]", "L_g [mH]", f"P [{p_prefix}W]", f"Q [{p_prefix}var]", "V [V]", "V [pu]",
+        "V limits", "δ [°]", "A [W/rad]", "B [W/V]", "C [var/rad]", "D [var/V]", "c",
+    )  # fmt: skip
+    notes = (
+        "At the references, without voltage droop. A = ∂P/∂δ, B = ∂P/∂V, C = ∂Q/∂δ, D = ∂Q/∂V, c = BC/(AD); V in "
+        f"phase rms at the filter capacitor. SCR on the {result.study.scr_basis} basis.",
+        *reasons,
+    )
+    return Table(
+        "After each change of grid, source or reference",
+        head,
+        tuple(rows),
+        texts=2,
+        notes=notes,
+        flagged=frozenset(flagged),
+    )
+
+
+def gains_table(result: ScenarioResult, controller: ControllerResult) -> Table:
+    """A controller's gains over time; of gains that follow an estimate or what is measured, which never stand still,
+    those that hold before an event."""
+    changes, notes = controller.gain_changes, ()
+    if controller.moves:
+        instants = [event.t_s for event in result.study.events]
+        changes = settled_changes(changes, instants, result.study.simulation.duration)
+        notes = (
+            f"{len(changes)} of {len(controller.gain_changes)} changes: the first, and those that hold when an event "
+            "comes and at the end.",
+        )
+    used = [name for name in GAIN_UNITS if any(name in change.gains.named() for change in changes)]
+    rows = tuple(
+        (plain(change.t_s, 6), *(number(getattr(change.gains, name), 4) for name in used)) for change in changes
+    )
+    head = ("From [s]", *(f"{name} [{GAIN_UNITS[name]}]" for name in used))
+    return Table(f"Gains of {controller.spec.name}", head, rows, notes=notes)
+
+
+def margins_table(result: ScenarioResult) -> Table:
+    """Crossover and margins of each open P loop on each grid."""
+    rows = []
+    grids = [grid_label(result, grid) for grid in distinct_grids(result)]
+    for controller in result.controllers:
+        if controller.estimates is not None:
+            continue  # as with the truth, as far as the estimate is right
+        loops = {loop.label: loop for loop in loops_on_grids(result, controller)}
+        for label in grids:
+            loop = loops.get(label)
+            margins = None if loop is None else loop.margins
+            rows.append((
+                controller.spec.name, label,
+                number(None if margins is None else margins.crossover_rad_s),
+                DASH if margins is None else percent(margins.phase_margin_deg),
+                DASH if margins is None or margins.delay_margin_s is None else quantity(margins.delay_margin_s, "s"),
+            ))  # fmt: skip
+    head = ("Controller", "Grid", "Crossover [rad/s]", "Phase margin [°]", "Delay margin")
+    notes = (
+        "Of the P loop alone, without coupling, at the operating point of the design. Margins of one loop say nothing "
+        f"about the coupled system. {DASH}: this grid does not carry the power of the design, or the loop has no "
+        "crossover.",
+    )
+    return Table("Margins of the open active-power loop", head, tuple(rows), texts=2, notes=notes)
+
+
+def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
+    """Each reference step against its target, beside what the uncoupled loop would do."""
+    rows, flagged = [], set()
+    for index, outcome in enumerate(outcomes):
+        uncoupled = outcome.uncoupled
+        if outcome.misses:
+            flagged.add(index)
+        rows.append((
+            outcome.controller.spec.name, f"{outcome.metrics.name} at {plain(outcome.metrics.t_s, 5)} s",
+            _asked(outcome.target_settling_time_s, plain),
+            _settled(outcome.metrics, outcome.settling_time_s, outcome.window_s),
+            _met(outcome, outcome.settles),
+            _asked(outcome.target_overshoot_pct, percent), percent(outcome.measured_overshoot_pct),
+            _met(outcome, outcome.stays_below),
+            number(uncoupled.omega_n if uncoupled else None),
+            number(uncoupled.damping_ratio if uncoupled else None),
+            number(uncoupled.settling_time_s if uncoupled else None),
+            percent(uncoupled.overshoot_pct if uncoupled else None),
+            number(outcome.coupling),
+        ))  # fmt: skip
+    head = (
+        "Controller", "Step", "Target", "Measured", "Result", "Target", "Measured", "Result",
+        "ω_n [rad/s]", "ξ", "Settling [s]", "Overshoot [%]", "c",
+    )  # fmt: skip
+    groups = (("", 2), ("Settling time [s]", 3), ("Overshoot [%]", 3), ("The same loop without coupling", 4), ("", 1))
+    notes = (
+        f"{RULE} {DASH} instead of a target: none was asked for. > T: not settled within the T observed.",
+        *_reasons([outcome.metrics for outcome in outcomes], [outcome.controller.spec.name for outcome in outcomes]),
+        f"Without coupling: ω_n = √(K_ip·A) and ξ = K_ip·D_p/(2ω_n) for P; for Q a first-order pole K_iq·(D + D_q) and "
+        f"no ξ ({DASH}); with A and D at the operating point after the step.",
+    )
+    return Table("Reference steps against their targets", head, tuple(rows), 2, groups, notes, frozenset(flagged))
+
+
+def _asked(value: float | None, form: Callable[[float], str]) -> str:
+    return DASH if value is None else form(value)
+
+
+def _met(outcome: StepOutcome, met: bool) -> str:
+    if not outcome.judged:
+        return "not promised" if outcome.excuse else "not known"
+    return "met" if met else "missed"
+
+
+def metrics_table(result: ScenarioResult, controller: ControllerResult) -> Table:
+    """Figures of every event of one controller, on the instantaneous signal and on its one-cycle mean."""
+    starts = sorted({event.t_s for event in result.study.events})
+    ends = dict(zip(starts, [*starts[1:], result.study.simulation.duration], strict=False))
+    largest = max((abs(event.raw.peak_deviation or 0.0) for event in controller.events), default=1.0)
+    factor, prefix = prefix_for(largest)
+    rows = []
+    for event in controller.events:
+        window = ends[event.t_s] - event.t_s
+        rows.append((
+            f"{plain(event.t_s, 5)} s", event.name, _signal(event),
+            *_figures(event, event.raw, window, factor), *_figures(event, event.one_cycle_mean, window, factor),
+            number(event.peak_current_pu),
+        ))  # fmt: skip
+    part = ("Overshoot [%]", "Settling [s]", "Rise [s]", f"Peak deviation [{prefix}W, {prefix}var]", "ITAE [s²]")
+    head = ("Time", "Event", "Signal", *part, *part, "Peak current [pu]")
+    groups = (("", 3), ("Instantaneous", 5), ("One-cycle mean", 5), ("", 1))
+    notes = tuple(_reasons(controller.events))
+    return Table(f"Events of {controller.spec.name}", head, tuple(rows), texts=3, groups=groups, notes=notes)
+
+
+METRICS_NOTES = (
+    f"{DASH}: the figure has no meaning there: overshoot and rise time belong to a step of the signal's own "
+    "reference, and a response that does not reach 90 % of its step has no rise time; a window that is too short, or "
+    "has no stable end, has no figures. > T: still outside its band when the next event came after T. Bands of the "
+    "settling time: 2 % of the step; for a disturbance 2 % of the rated power. The value that a response ends at is "
+    "the computed steady state, droops included; with a switched bridge it is the mean of the window's last whole "
+    "cycles. Peak deviation: from that value. ITAE: ∫ t·|error| dt, the error "
+    "relative to the step, or to the rated power for a disturbance. Peak current: largest length of the current "
+    "vector over the rated peak.",
+)
+"""What the dashes and the columns of the metrics tables mean."""
+
+
+def _signal(event: EventMetrics) -> str:
+    return ("P" if event.signal == "P_pcc" else "Q") + (", step" if event.kind == "step" else "")
+
+
+def _figures(event: EventMetrics, metrics: ResponseMetrics, window_s: float, factor: float) -> tuple[str, ...]:
+    peak = metrics.peak_deviation
+    return (
+        percent(metrics.overshoot_pct), _settled(event, metrics.settling_time_s, window_s), number(metrics.rise_time_s),
+        number(None if peak is None else peak / factor), number(metrics.itae_s2),
+    )  # fmt: skip
+
+
+def _settled(event: EventMetrics, settling_time_s: float | None, window_s: float) -> str:
+    if event.status not in (MEASURED, NOT_SETTLED):
+        return event.status
+    return f"> {plain(window_s)}" if settling_time_s is None else number(settling_time_s)
+
+
+def _reasons(events: Sequence[EventMetrics], names: Sequence[str] = ()) -> list[str]:
+    """Why events have no figures, each once."""
+    found: dict[str, None] = {}
+    for k, event in enumerate(events):
+        if event.reason is not None:
+            who = f"{names[k]}, " if names else ""
+            signal = "P" if event.signal == "P_pcc" else "Q"
+            found[f"{who}{event.name} at {plain(event.t_s, 5)} s, {signal}: {event.reason}."] = None
+    return list(found)

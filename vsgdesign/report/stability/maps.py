@@ -1,0 +1,256 @@
+"""Heat maps over SCR and X/R: margins of every controller in both models, settling, gains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.parameters.study import Gates, Study
+from vsgdesign.report.drawing.look import Cells, Scale, gate_scale
+from vsgdesign.report.drawing.panels import Frame, Panel, groups, map_figure
+from vsgdesign.report.figure_types import NamedFigure
+from vsgdesign.report.page.table import GAIN_UNITS
+from vsgdesign.report.quantities import plain
+from vsgdesign.report.stability.gains import gain_figures, used_gains
+from vsgdesign.simulation.stability_result import StabilityResult
+from vsgdesign.stability.assessment import ControllerAssessment
+from vsgdesign.stability.maps import MarginMap
+from vsgdesign.stability.margins import MarginTable
+
+Array = NDArray[np.float64]
+
+CIRCLES = (
+    "Circles: the steady state is outside the converter's limits of voltage or current, so the cell is shown and "
+    "counts for no worst case."
+)
+
+MODEL_NAMES = {"reduced": "reduced", "full_order": "full order"}
+_MOST_COLUMNS = 3
+PART = 3
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One column of the margin tables and how it is drawn."""
+
+    name: str
+    title: str
+    label: str
+    column: Callable[[MarginTable], Array]
+    scale: Callable[[Gates], Scale]
+    gate_text: Callable[[Gates], str] | None
+    how: str
+    larger_is_better: bool = True
+
+
+def disk_margin_of(table: MarginTable) -> Array:
+    """The smaller of the disk margins at the plant's output and at its input."""
+    return np.minimum(table.disk_output.value, table.disk_input.value)
+
+
+def gain_margin_of(table: MarginTable) -> Array:
+    """The smaller gain margin of the two loops, dB."""
+    return np.minimum(table.loop_P.gain_margin_db, table.loop_Q.gain_margin_db)
+
+
+def phase_margin_of(table: MarginTable) -> Array:
+    """The smaller phase margin of the two loops, degrees."""
+    return np.minimum(table.loop_P.phase_margin_deg, table.loop_Q.phase_margin_deg)
+
+
+DAMPING = Quantity(
+    "damping", "Least damping ratio", "Least damping ratio ζ [1]", lambda t: t.least_damping,
+    lambda g: gate_scale(0.0, 1.0, g.damping_ratio, (0.0, 0.1, 0.2, 0.5, 0.7, 1.0)),
+    lambda g: f"gate ζ = {plain(g.damping_ratio)}",
+    "the least damping ratio over all modes of a cell, −Re s/|s|",
+)  # fmt: skip
+DISK = Quantity(
+    "disk_margin", "Disk margin", "Disk margin α [1]", disk_margin_of,
+    lambda _: Scale(0.0, 2.0, ticks=(0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)), None,
+    "the smaller of the balanced multi-loop disk margins at the plant's output and input; α allows gain changes by "
+    "(1 + α/2)/(1 − α/2) and phase changes by 2·atan(α/2) in both loops at once. It has no gate",
+)  # fmt: skip
+GAIN_MARGIN = Quantity(
+    "gain_margin", "Gain margin", "Gain margin, worse loop [dB]", gain_margin_of,
+    lambda g: gate_scale(0.0, 30.0, g.gain_margin_db, (0.0, 3.0, 10.0, 20.0, 30.0, 40.0, 60.0)),
+    lambda g: f"gate {plain(g.gain_margin_db)} dB",
+    "the smaller gain margin of the P and the Q loop, each with the other closed; a loop without phase crossing has "
+    "an infinite one and takes the end's colour",
+)  # fmt: skip
+PHASE_MARGIN = Quantity(
+    "phase_margin", "Phase margin", "Phase margin, worse loop [°]", phase_margin_of,
+    lambda g: gate_scale(0.0, 90.0, g.phase_margin_deg, (0.0, 10.0, 20.0, 45.0, 60.0, 90.0, 120.0, 180.0)),
+    lambda g: f"gate {plain(g.phase_margin_deg)}°",
+    "the smaller phase margin of the P and the Q loop, each with the other closed",
+)  # fmt: skip
+M_S = Quantity(
+    "M_s", "Peak sensitivity", "Peak sensitivity $M_s$ [1]", lambda t: t.M_s.value,
+    lambda g: gate_scale(1.0, 10.0, g.M_s, (1.0, 1.5, 3.0, 5.0, 10.0, 20.0), larger_is_better=False, log=True),
+    lambda g: f"gate $M_s$ = {plain(g.M_s)}",
+    "the peak over frequency of the largest singular value of the sensitivity at the plant's output; small is good",
+    larger_is_better=False,
+)  # fmt: skip
+QUANTITIES = (DAMPING, DISK, GAIN_MARGIN, PHASE_MARGIN, M_S)
+
+
+def baseline_first(result: StabilityResult) -> list[tuple[int, ControllerAssessment]]:
+    """(index, assessment), fixed gains before scheduled ones."""
+    numbered = list(enumerate(result.assessments))
+    return sorted(numbered, key=lambda item: item[1].spec.kind != "fixed")
+
+
+def worst_over_powers(field: MarginMap, column: Array, larger_is_better: bool = True) -> Cells:
+    """A column of a map over SCR × X/R, the worst over its operating points within the converter's limits.
+
+    Where no operating point that can be analysed is within the limits, the worst of the others, marked so.
+    """
+    values, stable = field.field(column), field.stable
+    known = ~np.isnan(stable)
+    within = known & field.cells.inside.reshape(field.shape)
+    missing = np.array(~np.any(known, axis=2))
+    outside = np.array(~np.any(within, axis=2)) & ~missing
+    counted = np.where(outside[..., None], known, within)
+    unstable = np.any((stable == 0.0) & counted, axis=2)
+    fill = np.inf if larger_is_better else -np.inf
+    left = np.isnan(values) | ~counted
+    filled = np.where(left, fill, values)
+    worst = filled.min(axis=2) if larger_is_better else filled.max(axis=2)
+    seen = np.any(~left, axis=2)
+    partial = np.array(np.any(counted, axis=2) & ~np.all(counted, axis=2)) & ~outside
+    shown = np.where(seen, worst, np.nan)
+    return Cells(field.axes[0][1], field.axes[1][1], shown, unstable, missing, partial, outside=outside)
+
+
+def map_figures(result: StabilityResult) -> Iterator[NamedFigure]:
+    """Part 3: every quantity, then settling, then the scheduled gains."""
+    for quantity in QUANTITIES:
+        yield from _quantity_figures(result, quantity)
+    yield from _settling_figures(result)
+    for index, a in baseline_first(result):
+        if a.spec.kind == "scheduled":
+            yield from _gain_figures(result, index, a)
+
+
+def _name(base: str, part: int, count: int) -> str:
+    return base if count == 1 else f"{base}_{part + 1}"
+
+
+def _quantity_figures(result: StabilityResult, quantity: Quantity) -> Iterator[NamedFigure]:
+    gates = result.study.stability.gates
+    parts = groups(baseline_first(result), _MOST_COLUMNS)
+    for k, part in enumerate(parts):
+        rows = [
+            [
+                Panel(
+                    f"{a.spec.name} ({a.spec.kind}), {MODEL_NAMES[field.model]}",
+                    worst_over_powers(field, quantity.column(field.table), quantity.larger_is_better),
+                    f"map.{index}.{field.model}",
+                )
+                for index, a in part
+                for field in (pick(a),)
+            ]
+            for pick in (lambda a: a.reduced, lambda a: a.full_order)
+        ]
+        if len(part) == 1:
+            rows = [[row[0] for row in rows]]
+        gate = None if quantity.gate_text is None else quantity.gate_text(gates)
+        caption = (
+            f"How to read: each cell is a grid, its colour {quantity.how}. "
+            f"{_sides(gate)}{_powers(result.study)}{_left_out(part)}"
+        )
+        frame = Frame(
+            _name(f"map_{quantity.name}", k, len(parts)), quantity.title, caption, *axis_labels(result.study),
+            quantity.label, PART, gate_label=gate,
+        )  # fmt: skip
+        yield map_figure(frame, rows, quantity.scale(gates))
+
+
+def axis_labels(study: Study) -> tuple[str, str]:
+    """Labels of the SCR and X/R axes."""
+    return f"SCR, {study.scr_basis} basis [1]", "X/R [1]"
+
+
+def _sides(gate: str | None) -> str:
+    if gate is None:
+        return ""
+    gate = gate.replace("$M_s$", "M_s").replace("gate ", "", 1)
+    return (
+        f"Blue cells meet our gate ({gate}), orange ones miss it, and the black line runs between them; "
+        "unstable cells have no margin. "
+    )
+
+
+def _powers(study: Study) -> str:
+    s = study.stability
+    count = len(s.P) * len(s.Q)
+    if count == 1:
+        return f"At P = {plain(s.P[0] / 1e3)} kW, Q = {plain(s.Q[0] / 1e3)} kvar."
+    return (
+        f"Each cell shows the worst of those of its {count} operating points (P, Q) that are within the converter's "
+        "limits; it is unstable if one of them is."
+    )
+
+
+def _left_out(part: Sequence[tuple[int, ControllerAssessment]]) -> str:
+    """Why cells are not analysed, in the words of the analysis; and what circles are."""
+    reasons = dict.fromkeys(
+        fault.partition(":")[0]
+        for _, a in part
+        for field in (a.reduced, a.full_order)
+        for fault in field.faults
+        if fault
+    )
+    text = f" Crosses: {'; '.join(reasons)}." if reasons else ""
+    if any(not field.cells.inside[field.analysed].all() for _, a in part for field in (a.reduced, a.full_order)):
+        text += f" {CIRCLES}"
+    return text
+
+
+def settling_cells(a: ControllerAssessment) -> Cells:
+    """The longer 2 % settling time of the P and the Q step of the reduced model; infinite if not settled."""
+    times = np.array([
+        max(np.inf if r is None or r.settling_time_s is None else r.settling_time_s for r in pair)
+        for pair in zip(a.step_P, a.step_Q, strict=True)
+    ])  # fmt: skip
+    return worst_over_powers(a.reduced, times, larger_is_better=False)
+
+
+def _settling_figures(result: StabilityResult) -> Iterator[NamedFigure]:
+    gates = result.study.stability.gates
+    gate = gates.settling_time
+    ticks = tuple(gate * f for f in (0.2, 0.5, 2.0, 5.0, 10.0))
+    scale = gate_scale(0.2 * gate, 10.0 * gate, gate, ticks, larger_is_better=False, log=True)
+    parts = groups(baseline_first(result), _MOST_COLUMNS)
+    for k, part in enumerate(parts):
+        panels = [
+            Panel(f"{a.spec.name} ({a.spec.kind}), reduced", settling_cells(a), f"map.{index}.reduced")
+            for index, a in part
+        ]
+        text = f"gate {plain(gate)} s"
+        caption = (
+            "How to read: each cell is a grid, its colour the longer of the 2 % settling times of a P and of a Q step, "
+            f"each against its own final value, of the reduced model. {_sides(text)}{_powers(result.study)} Steps that "
+            f"do not settle within 12 s take the end's colour.{_left_out(part)}"
+        )
+        frame = Frame(
+            _name("map_settling", k, len(parts)), "Settling time", caption, *axis_labels(result.study),
+            "Settling time [s]", PART, gate_label=text,
+        )  # fmt: skip
+        yield map_figure(frame, [panels], scale)
+
+
+def _gain_figures(result: StabilityResult, index: int, a: ControllerAssessment) -> Iterator[NamedFigure]:
+    fixed = [other for other in result.assessments if other.spec.kind == "fixed"]
+    baseline = "; ".join(f"{other.spec.name}: {_fixed_gains(other)}" for other in fixed)
+    more = f" The fixed gains, the same on every grid, are {baseline}." if baseline else ""
+    yield from gain_figures(result, index, a, more)
+
+
+def _fixed_gains(a: ControllerAssessment) -> str:
+    gains = a.reduced.cells.gains._asdict()
+    return ", ".join(
+        f"{name} = {plain(float(gains[name][0]), 3)} {GAIN_UNITS[name]}" for name in used_gains(a.reduced.cells.gains)
+    )

@@ -1,0 +1,105 @@
+"""The verdict in a paragraph a controller, from numbers alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsgdesign.model.full_order import PARAMETERS
+from vsgdesign.parameters.study import Study
+from vsgdesign.report.quantities import number
+from vsgdesign.report.stability.tables import complex_text, state_symbol
+from vsgdesign.simulation.stability_result import StabilityResult
+from vsgdesign.stability.assessment import ControllerAssessment
+from vsgdesign.stability.cells import full_order_cells
+from vsgdesign.stability.loci import Mode, ModeSensitivity, mode_sensitivities, modes
+from vsgdesign.stability.maps import MarginMap
+from vsgdesign.stability.verdict import OWN, PASS, Verdict, counted_rows, describe_cell, left_out
+
+_MOVED = tuple(name for name in PARAMETERS if name not in ("omega_0", "omega_g", "V_n", "P_ref", "Q_ref", "V_g"))
+"""Parameters of the design and of the circuit."""
+
+
+@dataclass(frozen=True)
+class WorstMode:
+    """The mode that limits a map: where, and what is behind it."""
+
+    where: str
+    mode: Mode
+    sensitivities: tuple[ModeSensitivity, ...]
+
+
+def worst_mode(study: Study, field: MarginMap) -> WorstMode | None:
+    """The most unstable mode of a full-order map's cells within the converter's limits, or else the least damped one;
+    None without any."""
+    table = counted_rows(field)
+    if len(table.stable) == 0:
+        return None
+    unstable = not bool(table.stable.all())
+    k = int(np.argmax(table.spectral_abscissa) if unstable else np.argmin(table.least_damping))
+    flat = int(field.analysed[field.counted][k])
+    model = full_order_cells(study, field.cells.take(np.array([flat])))
+    if len(model.index) == 0:
+        return None
+    found = modes(model.states, model.A[0], model.T_s)
+    mode = found[0] if unstable else min((m for m in found if np.isfinite(m.s)), key=lambda m: m.damping)
+    return WorstMode(describe_cell(field, flat), mode, mode_sensitivities(model, 0, mode.s, _MOVED))
+
+
+def verdict_text(result: StabilityResult) -> list[str]:
+    """Paragraphs: how many gates are met, what limits each controller, and what the verdict is not."""
+    sentences = [_controller(result, a) for a in result.assessments]
+    sentences.append(
+        "All gates are internal ones of vsgdesign and no grid code's; what grid codes and test frameworks ask for is "
+        "listed as informational or as not assessed, never as a pass."
+    )
+    return sentences
+
+
+def _controller(result: StabilityResult, a: ControllerAssessment) -> str:
+    own = [row for row in result.verdicts if row.controller == a.spec.name and row.source == OWN]
+    field, table = a.full_order, counted_rows(a.full_order)
+    head = f"Controller {a.spec.name} ({a.spec.kind} gains) meets {_count(own)}"
+    cells = len(field.faults)
+    outside = len(left_out(field))
+    faulty = sum(bool(fault) and not beyond for fault, beyond in zip(field.faults, field.cells.outside, strict=True))
+    if len(table.stable) == 0:
+        reason = "" if outside == cells else f", {_reason(field)}"
+        beyond = f"; {outside} of {cells} are outside the converter's limits" if outside else ""
+        return f"{head}: none of its {cells} cells could be analysed within the limits{reason}{beyond}."
+    analysed = len(table.stable)
+    parts = [f"{outside} of {cells} are outside the converter's limits"] if outside else []
+    parts += [f"{faulty} of {cells} could not be analysed"] if faulty else []
+    part = f" ({'; '.join(parts)})" if parts else ""
+    text = f"{head}: in the full-order model {int(table.stable.sum())} of {analysed} analysed cells are stable{part}"
+    reduced = counted_rows(a.reduced)
+    if len(reduced.stable) and reduced.stable.sum() != table.stable.sum():
+        text += f", in the reduced one {int(reduced.stable.sum())} of {len(reduced.stable)}"
+    worst = worst_mode(result.study, field)
+    if worst is None:
+        return f"{text}."
+    mode = worst.mode
+    kind = "an unstable mode" if mode.s.real >= 0.0 else f"a mode of damping ratio {number(mode.damping)}"
+    frequency = (
+        "without oscillation" if abs(mode.s.imag) < 1e-9 else f"at {number(abs(mode.s.imag) / (2.0 * math.pi))} Hz"
+    )
+    states = ", ".join(f"{state_symbol(state)} ({100.0 * share:.0f} %)" for state, share in mode.participation[:3])
+    moved = ", ".join(s.parameter for s in worst.sensitivities[:3])
+    return (
+        f"{text}. Its worst cell is {worst.where}, limited by {kind} {frequency} (s = {complex_text(mode.s)} 1/s), in "
+        f"which {states} take part most; of circuit and controller parameters {moved} move it most for the same "
+        "relative change."
+    )
+
+
+def _count(own: Sequence[Verdict]) -> str:
+    met = sum(row.verdict == PASS for row in own)
+    return f"{met} of its {len(own)} gates"
+
+
+def _reason(field: MarginMap) -> str:
+    reasons = dict.fromkeys(fault for fault in field.faults if fault)
+    return "; ".join(reasons) if len(reasons) <= 2 else f"{next(iter(reasons))}; and {len(reasons) - 1} other reasons"
