@@ -66,9 +66,13 @@ def timed_table(
     with tempfile.TemporaryDirectory() as folder:
         begin = time.perf_counter()
         built = build_table(
-            study, study.controllers[-1], Path(folder), executor=executor, refinements=refinements,
+            study,
+            study.controllers[-1],
+            Path(folder),
+            executor=executor,
+            refinements=refinements,
             certificate=certificate,
-        )  # fmt: skip
+        )
         return time.perf_counter() - begin, built
 
 

@@ -83,10 +83,15 @@ def published(bridge: str, anchors: tuple[float, float], targets: tuple[float, f
     if bridge == "averaged":
         rows.append(Row(bridge, f"{what}: simulate()", whole_call, "RT", 3.8, DPSIM, None, OVERHEAD))
     rows += [
-        Row(bridge, f"{what}: run_scenario(), 2 controllers", real_time_factor(everything, simulated), "RT",
-            limit="the loop; named series and figures of every event"),
+        Row(
+            bridge,
+            f"{what}: run_scenario(), 2 controllers",
+            real_time_factor(everything, simulated),
+            "RT",
+            limit="the loop; named series and figures of every event",
+        ),
         Row(bridge, f"{what}: one control step", scaled(figure(inside), 1e9 / steps), "ns", limit=CHAIN[bridge]),
-    ]  # fmt: skip
+    ]
     return rows
 
 
@@ -152,10 +157,20 @@ def _controller_loop(count, state, refs, power_gains, inner_gains, settings):
         v_alpha = 150.0 + 1e-9 * output.v_b_alpha
         v_beta = 1e-9 * output.v_b_beta
         state = ControllerState(
-            following.theta, state.omega_i, state.V, state.P_f, state.Q_f, 0.5 * following.xi_vd, 0.5 * following.xi_vq,
-            0.5 * following.xi_id, 0.5 * following.xi_iq, following.i_f_d, following.i_f_q,
-            following.u_alpha, following.u_beta,
-        )  # fmt: skip
+            following.theta,
+            state.omega_i,
+            state.V,
+            state.P_f,
+            state.Q_f,
+            0.5 * following.xi_vd,
+            0.5 * following.xi_vq,
+            0.5 * following.xi_id,
+            0.5 * following.xi_iq,
+            following.i_f_d,
+            following.i_f_q,
+            following.u_alpha,
+            following.u_beta,
+        )
     return v_alpha + state.xi_vd + state.xi_id
 
 
@@ -164,9 +179,14 @@ def scaling() -> list[Row]:
     study = load_study(PUBLISHED)
     _, shortest = timed_simulate(with_simulation(study, duration=1e-3), "averaged")
     rows = [
-        Row("scaling", "averaged, 5 kVA LC, 1 ms: simulate(), which is its set-up", scaled(figure(shortest), 1e3), "ms",
-            limit="matrix exponentials of the plant, the steady state"),
-    ]  # fmt: skip
+        Row(
+            "scaling",
+            "averaged, 5 kVA LC, 1 ms: simulate(), which is its set-up",
+            scaled(figure(shortest), 1e3),
+            "ms",
+            limit="matrix exponentials of the plant, the steady state",
+        ),
+    ]
     for duration in (1.0, 10.0, 60.0):
         _, whole = timed_simulate(with_simulation(study, duration=duration), "averaged")
         per_second = scaled(figure(whole), 1e3 / duration)
@@ -180,5 +200,9 @@ def scaling() -> list[Row]:
 
 
 BENCHMARKS: dict[str, Callable[[], list[Row]]] = {
-    "averaged": averaged, "pwm": pwm, "lcl": lcl, "controller": controller, "scaling": scaling,
-}  # fmt: skip
+    "averaged": averaged,
+    "pwm": pwm,
+    "lcl": lcl,
+    "controller": controller,
+    "scaling": scaling,
+}

@@ -71,11 +71,10 @@ def epoch() -> list[Row]:
     torch.set_num_threads(threads)
     what = f"Levenberg–Marquardt epoch, {WINDOWS} windows, 8 tanh units, 2 outputs"
     return [
-        Row("epoch", f"{what}, 200 inputs", both, "s", anchor, whose, 0.5,
-            "one product of 1608 × 3500 × 1608"),
+        Row("epoch", f"{what}, 200 inputs", both, "s", anchor, whose, 0.5, "one product of 1608 × 3500 × 1608"),
         Row("epoch", f"{what}, 10 components", ten, "ms", 1e3 * anchor, whose, 10.0, "tanh and sums over windows"),
         Row("epoch", f"{what}, 30 components", thirty, "ms", 1e3 * anchor, whose, 10.0, "the same product, 248 wide"),
-    ]  # fmt: skip
+    ]
 
 
 def training() -> list[Row]:
@@ -119,8 +118,18 @@ def estimate() -> list[Row]:
             estimator.estimate(v, i)
 
     one = scaled(figure(repeat(several)), 1e6 / count)
-    return [Row("estimate", "one estimate from 200 samples, checks and all", one, "us", 13.0,
-                "NumPy, network and table without checks", 20.0, "NumPy's calls")]  # fmt: skip
+    return [
+        Row(
+            "estimate",
+            "one estimate from 200 samples, checks and all",
+            one,
+            "us",
+            13.0,
+            "NumPy, network and table without checks",
+            20.0,
+            "NumPy's calls",
+        )
+    ]
 
 
 def certified() -> list[Row]:
@@ -144,5 +153,8 @@ def certified() -> list[Row]:
 
 
 BENCHMARKS: dict[str, Callable[[], list[Row]]] = {
-    "epoch": epoch, "training": training, "estimate": estimate, "certified": certified,
-}  # fmt: skip
+    "epoch": epoch,
+    "training": training,
+    "estimate": estimate,
+    "certified": certified,
+}

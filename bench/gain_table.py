@@ -39,12 +39,22 @@ def gain_tables() -> list[Row]:
     margins = [float(value) for value in run_python(["-c", ANALYSE], threads).output.split()]
     return [
         Row("table", "12 × 10 cells read and verified", scaled(figure(read), 1e3), "ms", limit="JSON, SHA-256 twice"),
-        Row("table", "gains of one estimate and measurement", scaled(figure(one), 1e3), "us",
-            limit="NumPy's overhead on scalars; in C some 30 operations"),
+        Row(
+            "table",
+            "gains of one estimate and measurement",
+            scaled(figure(one), 1e3),
+            "us",
+            limit="NumPy's overhead on scalars; in C some 30 operations",
+        ),
         Row("table", "gains of 10,000 estimates, each", scaled(figure(many), 100.0), "us", limit="NumPy's passes"),
-        Row("table", "120 nodes analysed anew: margins and both steps", figure(margins), "s",
-            limit="10,000 points a step, 500 frequencies; one core"),
-    ]  # fmt: skip
+        Row(
+            "table",
+            "120 nodes analysed anew: margins and both steps",
+            figure(margins),
+            "s",
+            limit="10,000 points a step, 500 frequencies; one core",
+        ),
+    ]
 
 
 BENCHMARKS: dict[str, Callable[[], list[Row]]] = {"table": gain_tables}

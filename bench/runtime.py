@@ -42,28 +42,50 @@ def in_python(scheduler: Scheduler) -> list[Row]:
     load = [float(run_python(["-c", IMPORT]).output) for _ in range(7)]
     return [
         Row("runtime", "import beyond NumPy", scaled(figure(load), 1e3), "CPU-ms", target=30.0, limit="modules"),
-        Row("runtime", "one step in Python: guards and table", scaled(figure(table), 1e3), "us",
-            limit="Python's own overhead a call"),
-        Row("runtime", "one step in Python: network, guards, table", scaled(figure(network), 1e3), "us", 13.0,
-            "NumPy, network and table without guards", 40.0, "of which the network is a third"),
-    ]  # fmt: skip
+        Row(
+            "runtime",
+            "one step in Python: guards and table",
+            scaled(figure(table), 1e3),
+            "us",
+            limit="Python's own overhead a call",
+        ),
+        Row(
+            "runtime",
+            "one step in Python: network, guards, table",
+            scaled(figure(network), 1e3),
+            "us",
+            13.0,
+            "NumPy, network and table without guards",
+            40.0,
+            "of which the network is a third",
+        ),
+    ]
 
 
 def in_c(folder: Path) -> list[Row]:
     """The same in C, single precision, plain -O2."""
     program = folder.parent / "timing"
     source = Path(__file__).resolve().parents[1] / "tests" / "export" / "timing.c"
-    run_compiler(["gcc", "-std=c99", "-O2", f"-I{folder}", str(source), str(folder / "vsg_data.c"), "-o", str(program),
-                  "-lm"])  # fmt: skip
+    run_compiler(
+        ["gcc", "-std=c99", "-O2", f"-I{folder}", str(source), str(folder / "vsg_data.c"), "-o", str(program), "-lm"]
+    )
     said = [subprocess.run([str(program)], capture_output=True, text=True, check=True).stdout for _ in range(7)]
     runs = np.array([[float(line) for line in text.split()] for text in said])
     lookup, estimate, window = (figure(column.tolist()) for column in runs.T)
     return [
         Row("runtime", "C, table lookup alone: six columns", lookup, "ns", target=20.0, limit="two divisions"),
         Row("runtime", "C, one step: guards and table", estimate, "ns", limit="ten divisions, one after another"),
-        Row("runtime", "C, one step: 200–8–2 network, guards, table", scaled(window, 1e-3), "us", 1.5,
-            "C float32 -O2; 0.46 us with four accumulators", 0.6, "1,600 products, eight tanh"),
-    ]  # fmt: skip
+        Row(
+            "runtime",
+            "C, one step: 200–8–2 network, guards, table",
+            scaled(window, 1e-3),
+            "us",
+            1.5,
+            "C float32 -O2; 0.46 us with four accumulators",
+            0.6,
+            "1,600 products, eight tanh",
+        ),
+    ]
 
 
 def size(folder: Path) -> list[Row]:
@@ -102,12 +124,26 @@ def against_python() -> list[Row]:
                 statuses += difference.statuses
     count = f"{CALLS:,} calls × {len(KINDS)} kinds"
     return [
-        Row("runtime", f"C double against Python, {count}", figure([max(worst[True])]), "rel.", 4e-15,
-            "motulator-export, double", 1e-12, "rounding"),
-        Row("runtime", f"C single against Python, {count}", figure([max(worst[False])]), "rel.", target=2e-6,
-            limit="rounding, gains near the limit of the grid"),
+        Row(
+            "runtime",
+            f"C double against Python, {count}",
+            figure([max(worst[True])]),
+            "rel.",
+            4e-15,
+            "motulator-export, double",
+            1e-12,
+            "rounding",
+        ),
+        Row(
+            "runtime",
+            f"C single against Python, {count}",
+            figure([max(worst[False])]),
+            "rel.",
+            target=2e-6,
+            limit="rounding, gains near the limit of the grid",
+        ),
         Row("runtime", "… statuses that differ, both", figure([float(statuses)]), "calls", target=0.0),
-    ]  # fmt: skip
+    ]
 
 
 def through_the_network(folder: Path, scheduler: Scheduler) -> list[Row]:
@@ -120,9 +156,15 @@ def through_the_network(folder: Path, scheduler: Scheduler) -> list[Row]:
         sizes = gain_sizes(wanted.gains)
         worst = max(worst, *(abs(a - b) / s for a, b, s in zip(wanted.gains, got.gains, sizes, strict=True) if s))
     return [
-        Row("runtime", f"C single against Python, {WINDOWS:,} windows through the network", figure([worst]), "rel.",
-            target=2e-6, limit=f"{statuses} statuses differ"),
-    ]  # fmt: skip
+        Row(
+            "runtime",
+            f"C single against Python, {WINDOWS:,} windows through the network",
+            figure([worst]),
+            "rel.",
+            target=2e-6,
+            limit=f"{statuses} statuses differ",
+        ),
+    ]
 
 
 def in_the_loop() -> list[Row]:
@@ -144,8 +186,16 @@ def in_the_loop() -> list[Row]:
             error = np.abs(simulate(study, c).log - wanted) / np.abs(wanted).max(axis=0)
             same = sum(a[1:3] == b[1:3] for a, b in zip(python.answers, c.answers, strict=True))
             what = f"60 s published, C {'double' if double else 'single'} in the loop: worst sample over peak"
-            rows.append(Row("runtime", what, figure([float(error.max())]), "rel.", target=1e-12 if double else 2e-6,
-                            limit=f"{same} of {len(c.answers)} statuses alike"))  # fmt: skip
+            rows.append(
+                Row(
+                    "runtime",
+                    what,
+                    figure([float(error.max())]),
+                    "rel.",
+                    target=1e-12 if double else 2e-6,
+                    limit=f"{same} of {len(c.answers)} statuses alike",
+                )
+            )
     return rows
 
 

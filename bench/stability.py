@@ -103,9 +103,7 @@ def one_disk_margin() -> tuple[Callable[[], object], Callable[[], object]]:
 def one_cell(s: Study) -> CellSet:
     """The study's own grid."""
     g = s.grid
-    return cells_under(
-        s, gain_law(s, s.controllers[0]), g.R_g, g.L_g, 0.4 * s.converter.S_rated, 0.0
-    )  # fmt: skip
+    return cells_under(s, gain_law(s, s.controllers[0]), g.R_g, g.L_g, 0.4 * s.converter.S_rated, 0.0)
 
 
 def measured() -> dict[str, Any]:

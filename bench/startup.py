@@ -35,9 +35,14 @@ def start() -> list[Row]:
     beyond = figure([max(value - bare.value, 0.0) * 1e3 for value in shipped])
     return [
         Row("start", "vsgdesign --help, CPU time", figure(help_), "s", target=0.2, limit="Python and click"),
-        Row("start", "import vsgdesign.runtime, CPU time beyond NumPy's", beyond, "ms",
-            limit=f"dataclasses; NumPy itself takes {1e3 * bare.value:.0f} ms"),
-    ]  # fmt: skip
+        Row(
+            "start",
+            "import vsgdesign.runtime, CPU time beyond NumPy's",
+            beyond,
+            "ms",
+            limit=f"dataclasses; NumPy itself takes {1e3 * bare.value:.0f} ms",
+        ),
+    ]
 
 
 def compilation() -> list[Row]:
@@ -65,9 +70,15 @@ def memory() -> list[Row]:
     base = figure([run_python(["-c", code]).peak_mb for _ in range(5)])
     whole = figure([run_python([*command, "simulate", PUBLISHED, "--json", "--out"]).peak_mb for _ in range(5)])
     return [
-        Row("memory", "vsgdesign simulate, published, 2 × 60 s logged at 200 us, peak", whole, "MB", target=500.0,
-            limit=f"13 logged columns and 18 series of 3e5 doubles; imports alone {base.value:.0f} MB"),
-    ]  # fmt: skip
+        Row(
+            "memory",
+            "vsgdesign simulate, published, 2 × 60 s logged at 200 us, peak",
+            whole,
+            "MB",
+            target=500.0,
+            limit=f"13 logged columns and 18 series of 3e5 doubles; imports alone {base.value:.0f} MB",
+        ),
+    ]
 
 
 BENCHMARKS: dict[str, Callable[[], list[Row]]] = {"start": start, "compilation": compilation, "memory": memory}

@@ -111,8 +111,11 @@ def run_python(arguments: Sequence[str], environment: Mapping[str, str] | None =
     with tempfile.TemporaryDirectory() as folder:
         run = subprocess.run(
             [sys.executable, "-S", "-c", starter, *arguments],
-            capture_output=True, text=True, check=True, env=os.environ | dict(environment or {}) | {"OUT": folder},
-        )  # fmt: skip
+            capture_output=True,
+            text=True,
+            check=True,
+            env=os.environ | dict(environment or {}) | {"OUT": folder},
+        )
     code, cpu_s, peak = run.stderr.splitlines()[-1].split()
     if code != "0":
         raise RuntimeError(f"{arguments} ended with {code}: {run.stderr}")
@@ -125,6 +128,9 @@ def environment() -> dict[str, str]:
     versions = {name: metadata.version(name) for name in ("vsgdesign", "numpy", "numba")}
     load = f"{os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else "unknown"
     return {
-        "python": platform.python_version(), **versions, "machine": platform.machine(),
-        "cores": str(os.cpu_count()), "load before": load,
-    }  # fmt: skip
+        "python": platform.python_version(),
+        **versions,
+        "machine": platform.machine(),
+        "cores": str(os.cpu_count()),
+        "load before": load,
+    }

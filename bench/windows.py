@@ -36,11 +36,22 @@ def online() -> list[Row]:
     )
     what = "averaged, 5 kVA LC, 60 s with 3,000 updates: one update"
     return [
-        Row("online", f"{what}, cut of the run", figure([1e6 * (cuts - uncut) / updates]), "us",
-            limit="a call of the compiled loop: 19 arguments unpacked"),
-        Row("online", f"{what}, its window of 100 samples", figure([1e6 * (asked - cuts) / updates]), "us", target=50.0,
-            limit="some 20 calls of NumPy"),
-    ]  # fmt: skip
+        Row(
+            "online",
+            f"{what}, cut of the run",
+            figure([1e6 * (cuts - uncut) / updates]),
+            "us",
+            limit="a call of the compiled loop: 19 arguments unpacked",
+        ),
+        Row(
+            "online",
+            f"{what}, its window of 100 samples",
+            figure([1e6 * (asked - cuts) / updates]),
+            "us",
+            target=50.0,
+            limit="some 20 calls of NumPy",
+        ),
+    ]
 
 
 def windows() -> list[Row]:

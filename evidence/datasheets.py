@@ -86,9 +86,11 @@ def travel(number: int) -> dict[str, Any]:
             Path("sheet.csv").write_text(sheet(np.random.default_rng([SEED, number])))
             Path("closed.toml").write_text(ABOVE)
             for arguments in (
-                ["new", "--from", "sheet.csv"], ["validate", "closed.toml"],
-                ["inner", "closed.toml", "--no-what-if", "--json"], ["simulate", "closed.toml", "--json"],
-            ):  # fmt: skip
+                ["new", "--from", "sheet.csv"],
+                ["validate", "closed.toml"],
+                ["inner", "closed.toml", "--no-what-if", "--json"],
+                ["simulate", "closed.toml", "--json"],
+            ):
                 result = CliRunner().invoke(command_line, arguments)
                 found["codes"][arguments[0]] = result.exit_code
                 if result.exception is not None and not isinstance(result.exception, SystemExit):

@@ -59,13 +59,20 @@ def measure(case: str) -> dict[str, Any]:
     by_rule = score_inner_loops(c, f, rule, math.pi * 50.0, BOX, scr=GRIDS, x_over_r=GRIDS)
     steps = emt_steps(study, design.gains, design.omega_t)
     return {
-        "case": case, "t": design.t, "search_t": design.search_t, "sampling_ratio": design.sampling_ratio,
-        "limiting": design.limiting.name, "promises": {p.name: p.value for p in design.promises},
+        "case": case,
+        "t": design.t,
+        "search_t": design.search_t,
+        "sampling_ratio": design.sampling_ratio,
+        "limiting": design.limiting.name,
+        "promises": {p.name: p.value for p in design.promises},
         "decay_over_omega_n": next(p.value for p in design.promises if p.name == "decay") / c.omega_n,
-        "stable_49": int(score.stable.sum()), "rule_stable_49": int(by_rule.stable.sum()),
-        "full_order": [full.stable, full.analysed], "full_order_grids": [full.stable_grids, full.grids],
-        "steps": steps, "seconds": design.seconds,
-    }  # fmt: skip
+        "stable_49": int(score.stable.sum()),
+        "rule_stable_49": int(by_rule.stable.sum()),
+        "full_order": [full.stable, full.analysed],
+        "full_order_grids": [full.stable_grids, full.grids],
+        "steps": steps,
+        "seconds": design.seconds,
+    }
 
 
 def emt_steps(study: Study, gains: InnerLoopGains, omega_t: float) -> dict[str, Any]:
@@ -83,27 +90,38 @@ def emt_steps(study: Study, gains: InnerLoopGains, omega_t: float) -> dict[str, 
             later.append(delay)
             more.append(overshoot)
     return {
-        "steps": len(later), "without_operating_point": missing, "latest_s": max(later),
+        "steps": len(later),
+        "without_operating_point": missing,
+        "latest_s": max(later),
         "most_overshoot_pct": max(more),
-    }  # fmt: skip
+    }
 
 
 HEAD = (
     "| converter | f_s/f_r | rule | t | ζ | σ/ω_n | disk | sensors | noise | ζ ± 20 % | stable | full order | "
     "EMT later, more | s |"
-)  # fmt: skip
+)
 
 
 def row(one: dict[str, Any]) -> str:
     """One line of the documents' table."""
     p, steps = one["promises"], one["steps"]
     cells = (
-        f"`{one['case']}`", f"{one['sampling_ratio']:.1f}", f"{one['rule_stable_49']}/49", f"{one['t']:.2f}",
-        f"{p['damping']:.2f}", f"{one['decay_over_omega_n']:.3f}", f"{p['disk']:.2f}", f"{p['sensors']:.2f}",
-        f"{p['noise']:.1f}", f"{p['tolerance']:.2f}", f"{one['stable_49']}/49",
+        f"`{one['case']}`",
+        f"{one['sampling_ratio']:.1f}",
+        f"{one['rule_stable_49']}/49",
+        f"{one['t']:.2f}",
+        f"{p['damping']:.2f}",
+        f"{one['decay_over_omega_n']:.3f}",
+        f"{p['disk']:.2f}",
+        f"{p['sensors']:.2f}",
+        f"{p['noise']:.1f}",
+        f"{p['tolerance']:.2f}",
+        f"{one['stable_49']}/49",
         "{}/{}".format(*one["full_order"]),
-        f"{1e3 * steps['latest_s']:.0f} ms, {steps['most_overshoot_pct']:.2f} %", f"{one['seconds']:.1f}",
-    )  # fmt: skip
+        f"{1e3 * steps['latest_s']:.0f} ms, {steps['most_overshoot_pct']:.2f} %",
+        f"{one['seconds']:.1f}",
+    )
     return f"| {' | '.join(cells)} |"
 
 
@@ -117,5 +135,7 @@ def main(folder: Path) -> None:
             print(row(one), flush=True)
     (folder / "inner_loops.json").write_text(json.dumps(rows, indent=1))
     reached = [one["t"] for one in rows]
-    print(f"t ≥ 1 at {sum(t >= 1.0 for t in reached)}, ≥ 0.7 at {sum(t >= 0.7 for t in reached)}, ≥ 0.45 at "
-          f"{sum(t >= 0.45 for t in reached)} of {len(reached)}")  # fmt: skip
+    print(
+        f"t ≥ 1 at {sum(t >= 1.0 for t in reached)}, ≥ 0.7 at {sum(t >= 0.7 for t in reached)}, ≥ 0.45 at "
+        f"{sum(t >= 0.45 for t in reached)} of {len(reached)}"
+    )

@@ -36,17 +36,29 @@ def table(
     columns = {name: np.broadcast_to(chosen[name], shape) for name in COLUMNS[law]}
     time_scale = 1.0 if law == "inertia" else 1.5
     content: dict[str, Any] = {
-        "name": "closed form", "structure": structure, "law": law, "study": "published", "study_hash": "0" * 64,
-        "base": PUBLISHED_BASE, "D_p": 318.3 if structure == "angle_damped" else 0.0,
-        "D_q": 0.0 if structure == "published" else 90.9, "P_design": 4500.0, "Q_design": 1000.0,
-        "time_scale": time_scale, "scr": scr, "x_over_r": x_over_r,
-        "columns": to_dimensionless(columns, time_scale), "gains": PowerLoopGains(*[np.full(shape, np.nan)] * 8),
-        "status": np.full(shape, "met"), "active": np.full(shape, ""), "price": np.zeros(shape),
+        "name": "closed form",
+        "structure": structure,
+        "law": law,
+        "study": "published",
+        "study_hash": "0" * 64,
+        "base": PUBLISHED_BASE,
+        "D_p": 318.3 if structure == "angle_damped" else 0.0,
+        "D_q": 0.0 if structure == "published" else 90.9,
+        "P_design": 4500.0,
+        "Q_design": 1000.0,
+        "time_scale": time_scale,
+        "scr": scr,
+        "x_over_r": x_over_r,
+        "columns": to_dimensionless(columns, time_scale),
+        "gains": PowerLoopGains(*[np.full(shape, np.nan)] * 8),
+        "status": np.full(shape, "met"),
+        "active": np.full(shape, ""),
+        "price": np.zeros(shape),
         "specification": {"settling_time": time_scale, "overshoot_pct": 1.0},
         "validity": ValidityBox(
             (scr[0], scr[-1]), (x_over_r[0], x_over_r[-1]), (-4500.0, 4500.0), (-2000.0, 2000.0), (93.5, 137.5), 0.2
         ),
-    } | changes  # fmt: skip
+    } | changes
     bare = GainTable(**content)
     A, _, _, D = table_schedule(bare).plant_gains(*table_grids(bare))
     carries = (A > 0.0) & (D > 0.0)

@@ -52,9 +52,13 @@ def emt(study: Study, model: FullOrderModel, event: Event, duration: float, log:
     """Time and P, in W away from the cell's, of an EMT run that starts at rest in the cell."""
     p = dict(zip(PARAMETERS, model.p[0], strict=False))
     simulation = replace(  # averaged: ripple would hide what grows from a disturbance this small
-        study.simulation, bridge="averaged", duration=duration, log_interval=log, P_ref=float(p["P_ref"]),
+        study.simulation,
+        bridge="averaged",
+        duration=duration,
+        log_interval=log,
+        P_ref=float(p["P_ref"]),
         Q_ref=float(p["Q_ref"]),
-    )  # fmt: skip
+    )
     run = replace(study, grid=Grid(float(p["R_g"]), float(p["L_g"])), events=(event,), simulation=simulation)
     series = run_scenario(run).controllers[0].series
     return series["t_s"], series["P_pcc"] - P
@@ -99,9 +103,7 @@ def draw_maps(study: Study) -> Any:
             at = SCR.index(cell[0]), X_OVER_R.index(cell[1])
             axes.add_patch(Rectangle((at[0] - 0.5, at[1] - 0.5), 1, 1, fill=False, edgecolor="k", linewidth=1.4))
             box = {"facecolor": "k", "edgecolor": "none", "pad": 1.0}
-            axes.text(
-                at[0] - 0.46, at[1] + 0.44, name, ha="left", va="top", fontsize=6, color="w", bbox=box
-            )  # fmt: skip
+            axes.text(at[0] - 0.46, at[1] + 0.44, name, ha="left", va="top", fontsize=6, color="w", bbox=box)
         axes.set_xlim(-0.5, len(SCR) - 0.5)
         axes.set_ylim(-0.5, len(X_OVER_R) - 0.5)
         axes.set_xticks(range(len(SCR)), [f"{value:g}" for value in SCR])
@@ -114,8 +116,10 @@ def draw_maps(study: Study) -> Any:
             Patch(facecolor=colours(0.8), label="disk margin α [–], as numbered"),
             Patch(facecolor=UNSTABLE, hatch="//", edgecolor="white", label="unstable"),
         ],
-        loc="lower left", bbox_to_anchor=(0.55 / PAGE_IN, 0.03), ncols=2,
-    )  # fmt: skip
+        loc="lower left",
+        bbox_to_anchor=(0.55 / PAGE_IN, 0.03),
+        ncols=2,
+    )
     return figure
 
 

@@ -17,9 +17,13 @@ def random_weights(
     x = rng.standard_normal((50, n)) * np.where(np.arange(n) < n // 2, 200.0, 20.0) + 3.0
     y = np.column_stack([rng.uniform(0.5, 3.5, 50), rng.uniform(1.5e-3, 11e-3, 50)])
     network = Network(
-        rng.standard_normal((h, n)) / np.sqrt(n), rng.standard_normal(h), 0.1 * rng.standard_normal((2, h)),
-        0.1 * rng.standard_normal(2), fit_scaling(x), fit_scaling(y),
-    )  # fmt: skip
+        rng.standard_normal((h, n)) / np.sqrt(n),
+        rng.standard_normal(h),
+        0.1 * rng.standard_normal((2, h)),
+        0.1 * rng.standard_normal(2),
+        fit_scaling(x),
+        fit_scaling(y),
+    )
     return NetworkWeights(
         network=network,
         window=window,

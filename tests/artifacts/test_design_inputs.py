@@ -57,16 +57,19 @@ OTHER = {
     "specification.box.P was [-4500, 4500] in its design, the study has [-4500, 4000]": ('"4.5 kW"', '"4 kW"'),
     "controller.structure was angle_damped in its design, the study has decoupled": ("angle_damped", "decoupled"),
     "converter.delay_samples was zero or not given in its design, the study has 1": (
-        "[filter]", "[converter]\ndelay_samples = 1\n\n[filter]",
+        "[filter]",
+        "[converter]\ndelay_samples = 1\n\n[filter]",
     ),
     "power_loops.tau_P was zero or not given in its design, the study has 0.01": (
-        "[filter]", '[power_loops]\ntau_P = "10 ms"\n\n[filter]',
+        "[filter]",
+        '[power_loops]\ntau_P = "10 ms"\n\n[filter]',
     ),
     "inner_loops.K_ff was 1 in its design, the study has 0.5": (
-        "[filter]", "[inner_loops]\ncurrent_feedforward = 0.5\n\n[filter]",
+        "[filter]",
+        "[inner_loops]\ncurrent_feedforward = 0.5\n\n[filter]",
     ),
     "grid.V_g_rms was 110 in its design, the study has 99": ("[filter]", "[grid]\nV_g_pu = 0.9\n\n[filter]"),
-}  # fmt: skip
+}
 
 
 def text(*changes: tuple[str, str]) -> str:

@@ -35,13 +35,18 @@ def random_table(seed: int, structure: str = "angle_damped", law: str = "poles")
     shape = (3, 2)
     parameters = {name: rng.uniform(0.3, 9.0, shape) for name in COLUMNS[law]}
     return table(
-        structure, law, np.sort(rng.uniform(1.5, 20.0, 3)), np.sort(rng.uniform(0.3, 9.0, 2)), parameters,
+        structure,
+        law,
+        np.sort(rng.uniform(1.5, 20.0, 3)),
+        np.sort(rng.uniform(0.3, 9.0, 2)),
+        parameters,
         margins={"overshoot_P_pct": rng.uniform(0.0, 2.0, shape), "disk_margin": rng.uniform(1.0, 2.0, shape)},
         active=np.array([["settling", ""], ["Größe", "[1, 2]"], ["a,\n b", '"']]),
         specification={"settling_time": 1.5, "box": {"P": (-4500.0, 4500), "n": 3}, "named": None},
         certificate={"decay": rng.uniform(), "P": rng.uniform(size=(3, 3)), "holds": np.bool_(True)},
-        provenance={"vsgdesign": "0.1.0"}, inputs={"study": "ab"},
-    )  # fmt: skip
+        provenance={"vsgdesign": "0.1.0"},
+        inputs={"study": "ab"},
+    )
 
 
 @pytest.mark.parametrize(
@@ -186,7 +191,7 @@ def setter(*keys: Any, to: Any) -> Callable[[dict[str, Any]], None]:
         (lambda document: document.pop("price"), "price is missing"),
         (lambda document: document["gains"].pop("k_Q"), "gains.k_Q"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_table_is_refused_though_its_hash_fits(
     tmp_path: Path, change: Callable[[dict[str, Any]], Any], says: str
 ) -> None:
@@ -208,14 +213,19 @@ def test_reformatted_text_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (b"", "not JSON"), (b"\x89PNG\r\n", "not text"), (b"[1, 2]\n", "not a gain table"),
+        (b"", "not JSON"),
+        (b"\x89PNG\r\n", "not text"),
+        (b"[1, 2]\n", "not a gain table"),
         (b"{}\n", "not a gain table"),
-        (b'{"kind": NaN}\n', "holds NaN"), (b'{"kind": -Infinity}\n', "holds -Infinity"), (b"study = 1\n", "not JSON"),
-        (b'{"kind": 1e999}\n', "holds 1e999"), (b'{"kind": ' + b"1" * 5000 + b"}\n", "not JSON"),
+        (b'{"kind": NaN}\n', "holds NaN"),
+        (b'{"kind": -Infinity}\n', "holds -Infinity"),
+        (b"study = 1\n", "not JSON"),
+        (b'{"kind": 1e999}\n', "holds 1e999"),
+        (b'{"kind": ' + b"1" * 5000 + b"}\n", "not JSON"),
         (b'{"kind": "vsgdesign gain table", "schema": 1, "name": "\\ud800"}\n', "not what its sha256 says"),
         (b"[" * 100_000, "nested too deeply"),
     ],
-)  # fmt: skip
+)
 def test_foreign_files(tmp_path: Path, content: bytes, says: str) -> None:
     path = tmp_path / "t.json"
     path.write_bytes(content)

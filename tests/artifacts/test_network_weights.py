@@ -107,7 +107,7 @@ def rewritten(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
         (lambda d: d["trained_on"].pop("R_g"), "trained_on.R_g: is missing"),
         (lambda d: d["trained_on"].update(P=[2.0, 1.0]), "trained_on.P"),
     ],
-)  # fmt: skip
+)
 def test_refusals(file: Path, change: Callable[[dict[str, Any]], object], says: str) -> None:
     rewritten(file, change)
     with pytest.raises(ArtifactError, match=f"(?s){says}"):

@@ -32,9 +32,12 @@ CASES: dict[str, Any] = {
     "slow": PROVED | {"proof": "gap-free", "region": REGION | {"rate": 0.05}},
     "unstable": {"certified": False, "region": REGION, "eigenvalue": {"real": 0.5, "imag": -6.0}, **CELL},
     "no function": {
-        "certified": False, "region": REGION, "reason": "No common function exists.", "slowest": CELL | {"decay": 0.4},
+        "certified": False,
+        "region": REGION,
+        "reason": "No common function exists.",
+        "slowest": CELL | {"decay": 0.4},
     },
-}  # fmt: skip
+}
 SAYS = {
     "none": "There is no certificate: no proof was made for this table.",
     "gap-free": "Certified, gap-free (every point of the region is proved). Over SCR 2 to 8, X/R 0.3 to 3, "
@@ -67,14 +70,31 @@ def test_every_page_and_verb_says_the_same_and_a_failed_proof_first(tmp_path: Pa
     write_table_file(made, tmp_path / "t.json")
     shown = call("table", "show", tmp_path / "t.json").stdout
     summary = certificate_summary(CASES[case])
-    built = built_text({
-        "file": "t.json", "table": {"name": "t", "scr": [1.0], "x_over_r": [1.0], "sha256": "0"}, "added": [],
-        "certificate": summary, "cells": {"met": 1}, "relaxed": [], "between": between, "causes": [],
-    })  # fmt: skip
-    run = "\n".join(table_lines("t", {
-        "certificate": summary, "nodes": [2, 2], "status": {"met": 4}, "between": between, "causes": [],
-        "not_of_this_study": [],
-    }))  # fmt: skip
+    built = built_text(
+        {
+            "file": "t.json",
+            "table": {"name": "t", "scr": [1.0], "x_over_r": [1.0], "sha256": "0"},
+            "added": [],
+            "certificate": summary,
+            "cells": {"met": 1},
+            "relaxed": [],
+            "between": between,
+            "causes": [],
+        }
+    )
+    run = "\n".join(
+        table_lines(
+            "t",
+            {
+                "certificate": summary,
+                "nodes": [2, 2],
+                "status": {"met": 4},
+                "between": between,
+                "causes": [],
+                "not_of_this_study": [],
+            },
+        )
+    )
     page = verdict_of(made)
     c = (export_c_files(tmp_path / "t.json", tmp_path / "c").folder / "INTEGRATION.md").read_text(encoding="utf-8")
     report = call("table", "report", tmp_path / "t.json", "--out", tmp_path / "page", "--json")

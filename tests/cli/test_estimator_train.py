@@ -36,8 +36,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def with_network(folder: Path, **lines: object) -> Path:
-    text = "".join(f"{name} = {json.dumps(str(value) if isinstance(value, Path) else value)}\n"
-                   for name, value in lines.items())  # fmt: skip
+    text = "".join(
+        f"{name} = {json.dumps(str(value) if isinstance(value, Path) else value)}\n" for name, value in lines.items()
+    )
     return study_file(folder, SMALL + NETWORK + text)
 
 
@@ -61,9 +62,13 @@ def test_a_run_trains_reports_and_leaves_its_weights(folder: Path, tmp_path: Pat
     assert {"network.estimates.csv", "estimator.weights.json"} <= {path.name for path in out.iterdir()}
     figures = {path.stem for path in (out / "figures").iterdir()}
     assert {
-        "estimate_resistance", "estimate_inductance", "estimate_error", "error_histogram", "regression",
+        "estimate_resistance",
+        "estimate_inductance",
+        "estimate_error",
+        "error_histogram",
+        "regression",
         "training_progress",
-    } <= figures  # fmt: skip
+    } <= figures
     results = json.loads((out / "results.json").read_text(encoding="utf-8"))
     assert results["controllers"]["fixed"]["estimate"] is None
     estimate = results["controllers"]["network"]["estimate"]
@@ -181,8 +186,11 @@ def test_a_60_hz_converter_trains_and_runs_without_a_word_about_windows(folder: 
     results = as_json("simulate", study, "--out", tmp_path / "out")
     estimate, network = results["controllers"]["network"]["estimate"], results["estimator"]
     assert network["window"] == {
-        "samples": 100, "sample_interval_s": pytest.approx(1 / 6000), "period_s": pytest.approx(1 / 60), "cycles": 1,
-    }  # fmt: skip
+        "samples": 100,
+        "sample_interval_s": pytest.approx(1 / 6000),
+        "period_s": pytest.approx(1 / 60),
+        "cycles": 1,
+    }
     # Six cycles of 60 Hz in 0.1 s, each with its answer; its twin is told every 20 ms.
     assert (estimate["windows"], estimate["with_the_truth"]) == (6, "truth")
     draws = network["training"]["draws"]

@@ -29,15 +29,15 @@ def test_a_folder(verb: str, tmp_path: Path) -> None:
     ("content", "problem"),
     [
         (b"duration = ", "cannot be read as TOML"),
-        (b"{ \"json\": true }", "this is JSON. Write it as TOML"),
+        (b'{ "json": true }', "this is JSON. Write it as TOML"),
         (b"a = 1\na = 2\n", "cannot be read as TOML"),
         (b"\xff\xfe\x00", "is not UTF-8 text"),
         (b"", "missing table"),
-        (b'base = "case:nobody2025"\n', "no such case. Known: \"case:"),
+        (b'base = "case:nobody2025"\n', 'no such case. Known: "case:'),
         (b'base = "small.toml"\n', "bases on top of one another (a circle?)"),
         (b'base = "elsewhere.toml"\n', "there is no such file"),
     ],
-)  # fmt: skip
+)
 def test_not_a_study(content: bytes, problem: str, tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_bytes(content)
     assert problem in failure(2, "simulate", tmp_path / "small.toml", "--out", tmp_path / "out")

@@ -48,9 +48,14 @@ def test_every_missing_section_at_once(tmp_path: Path) -> None:
     """And other faults beside them: none hides another."""
     message = failure(2, "validate", study_file(tmp_path, 'colour = "red"\n[power_loops]\ntau_P = "1 m"\n'))
     for said in (
-        "converter: missing table", "filter: missing table", "grid: missing table", "simulation: missing table",
-        "controllers: none given", "colour: unknown field", 'power_loops.tau_P = "1 m"',
-    ):  # fmt: skip
+        "converter: missing table",
+        "filter: missing table",
+        "grid: missing table",
+        "simulation: missing table",
+        "controllers: none given",
+        "colour: unknown field",
+        'power_loops.tau_P = "1 m"',
+    ):
         assert said in message, said
 
 

@@ -77,8 +77,9 @@ def test_files_are_relative_to_what_names_them(tmp_path: Path) -> None:
     for place in ("a", "b/c"):
         home = tmp_path / place
         with_table(home / "lab")
-        (home / "lab" / "base.toml").write_text((home / "lab" / "mine.toml").read_text() + NETWORK
-                                                + 'weights = "w.json"\n')  # fmt: skip
+        (home / "lab" / "base.toml").write_text(
+            (home / "lab" / "mine.toml").read_text() + NETWORK + 'weights = "w.json"\n'
+        )
         (home / "top.toml").write_text('base = "lab/base.toml"\nstudy = { name = "top" }\n')
         study = load_study(home / "top.toml")
         assert Path(str(study.controllers[2].table_file)).resolve() == (home / "lab" / "tables" / "t.json").resolve()
@@ -169,8 +170,12 @@ def test_a_tables_region_is_its_own(tmp_path: Path) -> None:
     assert made is not None
     box = made.validity
     assert (region.scr, region.x_over_r, region.P, region.Q, region.error) == (
-        box.scr, box.x_over_r, box.P, box.Q, box.error,
-    )  # fmt: skip
+        box.scr,
+        box.x_over_r,
+        box.P,
+        box.Q,
+        box.error,
+    )
     _, narrower = region_of(study, "tabled", (5.0, 6.0), None, None, (0.0, 0.1))
     assert (narrower.scr, narrower.x_over_r) == ((5.0, 6.0), box.x_over_r)
     assert (0.0, 0.1 * study.converter.S_rated) == narrower.Q

@@ -55,10 +55,14 @@ def test_a_file_is_never_overwritten(tmp_path: Path) -> None:
     study.write_text("mine")
     (tmp_path / "link.toml").symlink_to(tmp_path / "nowhere.toml")
     for out, said in (
-        ("study.toml", "is there already"), ("link.toml", "is there already"), (".", "is a folder"),
-        ("absent/study.toml", "there is no folder"), ("a" * 300, "File name too long"),
-        ("study.toml/study.toml", "there is no folder"), ("/proc/study.toml", "cannot write"),
-    ):  # fmt: skip
+        ("study.toml", "is there already"),
+        ("link.toml", "is there already"),
+        (".", "is a folder"),
+        ("absent/study.toml", "there is no folder"),
+        ("a" * 300, "File name too long"),
+        ("study.toml/study.toml", "there is no folder"),
+        ("/proc/study.toml", "cannot write"),
+    ):
         code, output = run("--from", str(sheet), "--out", str(tmp_path / out))
         assert code == 2
         assert said in output
@@ -110,9 +114,14 @@ class Terminal:
         self.master, slave = pty.openpty()
         command = [sys.executable, "-m", "vsgdesign.cli.program", "new", *arguments]
         self.process = subprocess.Popen(
-            command, cwd=folder, stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
+            command,
+            cwd=folder,
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            start_new_session=True,
             preexec_fn=_own_terminal,
-        )  # fmt: skip
+        )
         os.close(slave)
         self.seen = ""
 
@@ -158,8 +167,13 @@ def test_a_study_from_answers(here: Path) -> None:
         ("called", "Bench"), ("from", ""),
     ):  # fmt: skip
         terminal.expect(question)
-        if text or question not in ("is not a number", "It must be given", "Did you mean 480 V?", "makes at most",
-                                    "rms or peak"):  # fmt: skip
+        if text or question not in (
+            "is not a number",
+            "It must be given",
+            "Did you mean 480 V?",
+            "makes at most",
+            "rms or peak",
+        ):
             terminal.answer(text)
     terminal.expect("next: vsgdesign run mine.toml")
     assert terminal.close() == 0

@@ -17,14 +17,21 @@ from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.pipeline import run as running
 
 FOLDER_VERBS = (
-    ("run", "small.toml"), ("simulate", "small.toml"), ("report", "small.toml"), ("compare", "small.toml"),
-    ("estimator", "compare", "small.toml"), ("estimator", "stress", "small.toml"),
-    ("table", "report", "t.json"), ("export", "c", "t.json"),
-)  # fmt: skip
+    ("run", "small.toml"),
+    ("simulate", "small.toml"),
+    ("report", "small.toml"),
+    ("compare", "small.toml"),
+    ("estimator", "compare", "small.toml"),
+    ("estimator", "stress", "small.toml"),
+    ("table", "report", "t.json"),
+    ("export", "c", "t.json"),
+)
 FILE_VERBS = (
-    ("table", "build", "small.toml"), ("estimator", "train", "small.toml"), ("estimator", "windows", "small.toml"),
+    ("table", "build", "small.toml"),
+    ("estimator", "train", "small.toml"),
+    ("estimator", "windows", "small.toml"),
     ("export", "onnx", "w.json"),
-)  # fmt: skip
+)
 
 
 @pytest.fixture

@@ -55,8 +55,11 @@ def test_events(results: dict[str, Any]) -> None:
     for controller in results["controllers"].values():
         events = controller["events"]
         assert [(e["t_s"], e["signal"]) for e in events] == [
-            (0.1, "P_pcc"), (0.1, "Q_pcc"), (0.2, "P_pcc"), (0.2, "Q_pcc"),
-        ]  # fmt: skip
+            (0.1, "P_pcc"),
+            (0.1, "Q_pcc"),
+            (0.2, "P_pcc"),
+            (0.2, "Q_pcc"),
+        ]
         for event in events:
             assert {"name", "kind", "overshoot_pct", "settling_time_s", "rise_time_s", "peak_current_pu"} <= set(event)
             assert {"overshoot_pct", "settling_time_s", "rise_time_s"} <= set(event["one_cycle_mean"])

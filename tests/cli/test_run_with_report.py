@@ -14,8 +14,14 @@ def test_run(tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert str(out / "report.html") in result.stdout
     assert {path.name for path in out.iterdir()} == {
-        "fixed.csv", "fixed.npz", "scheduled.csv", "scheduled.npz", "results.json", "report.html", "figures",
-    }  # fmt: skip
+        "fixed.csv",
+        "fixed.npz",
+        "scheduled.csv",
+        "scheduled.npz",
+        "results.json",
+        "report.html",
+        "figures",
+    }
     figures = {path.name for path in (out / "figures").iterdir()}
     assert {"active_power.svg", "active_power.png", "reactive_power.svg", "gains.svg", "bode_P.svg"} <= figures
     assert all(path.stat().st_size > 1000 for path in (out / "figures").iterdir())

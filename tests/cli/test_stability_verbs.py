@@ -20,8 +20,16 @@ AXES = "\n[stability]\nscr = [2, 8]\nx_over_r = [1]\nerrors = [-0.1, 0, 0.1]\n"
 ONE = SMALL.replace('[[controllers]]\nname = "scheduled"\nkind = "scheduled"\n', "")
 ONE = ONE[: ONE.index("[[events]]")]
 KEYS = {
-    "schema", "study", "provenance", "gates", "axes", "scr_basis", "verdicts", "controllers", "timing_s",
-}  # fmt: skip
+    "schema",
+    "study",
+    "provenance",
+    "gates",
+    "axes",
+    "scr_basis",
+    "verdicts",
+    "controllers",
+    "timing_s",
+}
 
 
 @pytest.fixture(scope="module")
@@ -32,9 +40,12 @@ def document(tmp_path_factory: pytest.TempPathFactory) -> dict:
 def test_margins_as_json(document: dict) -> None:
     assert set(document) >= KEYS
     assert document["axes"] == {
-        "scr": [2.0, 8.0], "x_over_r": [1.0], "P": document["axes"]["P"], "Q": document["axes"]["Q"],
+        "scr": [2.0, 8.0],
+        "x_over_r": [1.0],
+        "P": document["axes"]["P"],
+        "Q": document["axes"]["Q"],
         "errors": [-0.1, 0.0, 0.1],
-    }  # fmt: skip
+    }
     assert set(document["controllers"]) == {"fixed", "scheduled"}
     for controller in document["controllers"].values():
         assert {"kind", "worst", "between_nodes", "x_over_r_limit", "cells"} <= set(controller)
@@ -69,8 +80,10 @@ def test_report_writes_a_folder_whose_links_lead_somewhere(tmp_path: Path) -> No
     links = {unquote(link) for link in re.findall(r'<a href="([^#"]+)"', text)}
     assert links == {path.name for path in out.glob("*.csv")}
     assert {path.name for path in out.iterdir() if path.suffix != ".csv"} == {
-        "figures", "report.html", "results.json",
-    }  # fmt: skip
+        "figures",
+        "report.html",
+        "results.json",
+    }
     assert {path.suffix for path in (out / "figures").iterdir()} == {".svg", ".png"}
 
 

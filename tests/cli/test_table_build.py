@@ -107,10 +107,12 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(
 @pytest.mark.parametrize(
     ("number", "code", "word", "whole"),
     [
-        (signal.SIGINT, 130, "interrupted", True), (signal.SIGTERM, 143, "terminated", False),
-        (signal.SIGTERM, 143, "terminated", True), (signal.SIGHUP, 129, "hung up", True),
+        (signal.SIGINT, 130, "interrupted", True),
+        (signal.SIGTERM, 143, "terminated", False),
+        (signal.SIGTERM, 143, "terminated", True),
+        (signal.SIGHUP, 129, "hung up", True),
     ],
-)  # fmt: skip
+)
 def test_interruption_keeps_finished_cells(
     number: int, code: int, word: str, whole: bool, study_file: Path, tmp_path: Path
 ) -> None:
@@ -163,10 +165,12 @@ def test_as_json_and_over_a_table_of_before(
     assert document["between"]["broken"][0]["reached"] == {"disk_margin": 0.9}
     shown = call("table", "build", study_file, "--out", undisturbed, "--workers", "1").stdout
     for part in (
-        "nodes added between: scr 4.24264", "not as specified, feasible with overshoot 0.07, settling_time ∞",
-        "the inner loops or the filter are unstable at 320 rad/s", f"{POINTS} promised, 1 broken",
+        "nodes added between: scr 4.24264",
+        "not as specified, feasible with overshoot 0.07, settling_time ∞",
+        "the inner loops or the filter are unstable at 320 rad/s",
+        f"{POINTS} promised, 1 broken",
         "breaks its promise with disk_margin 0.9",
-    ):  # fmt: skip
+    ):
         assert part in shown, part
 
 
@@ -181,8 +185,9 @@ def test_fresh_does_not_look_at_old_cells(study_file: Path, tmp_path: Path, monk
 
     monkeypatch.setattr(building, "build_table", look)
     for fresh, kept in ((False, 1), (True, 0)):
-        assert f"{kept} finished cell" in failure(130, "table", "build", study_file, "--out", out,
-                                                   "--workers", "1", *["--fresh"] * fresh)  # fmt: skip
+        assert f"{kept} finished cell" in failure(
+            130, "table", "build", study_file, "--out", out, "--workers", "1", *["--fresh"] * fresh
+        )
 
 
 def test_the_second_of_two_builds_says_that_another_is_at_work(
@@ -217,14 +222,17 @@ def test_faults_are_told_before_the_work(study_file: Path, tmp_path: Path) -> No
     out = ("--out", tmp_path / "t.json")
     for code, says, arguments in (
         (2, "specification: missing table", (plain, *out)),
-        (2, 'controller = "nobody": unknown. The study has: published, decoupled, angle_damped',
-         (study_file, "--controller", "nobody", *out)),
+        (
+            2,
+            'controller = "nobody": unknown. The study has: published, decoupled, angle_damped',
+            (study_file, "--controller", "nobody", *out),
+        ),
         (2, "is not a folder", (study_file, "--out", foreign / "t.json")),
         (2, "it is a device or a pipe", (study_file, "--out", "/dev/full")),
         (2, "it is a folder", (study_file, "--out", tmp_path)),
         (2, "is not a gain table as it was written, and is left untouched", (study_file, "--out", foreign)),
         (1, "no scheduler answers", (study_file, *out, "--cluster", "nonsense://x")),
         (2, "a cluster at an address has its own", (study_file, *out, "--cluster", "x:1", "--workers", "2")),
-    ):  # fmt: skip
+    ):
         assert says in failure(code, "table", "build", *arguments), says
     assert sorted(path.name for path in tmp_path.iterdir()) == ["foreign.json", "plain.toml"]

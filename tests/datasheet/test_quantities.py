@@ -57,14 +57,22 @@ def test_one_value(text: str, bases: tuple[str, ...], value: float, base: str, w
 @pytest.mark.parametrize(
     ("text", "bases", "ends"),
     [
-        ("1.5 to 20", RATIO, (1.5, 20.0)), ("1.5-20", RATIO, (1.5, 20.0)), ("1.5 - 20", RATIO, (1.5, 20.0)),
-        ("1,5 – 20", RATIO, (1.5, 20.0)), ("1.5…20", RATIO, (1.5, 20.0)), ("1.5 .. 20", RATIO, (1.5, 20.0)),
-        ("0,3 bis 20", RATIO, (0.3, 20.0)), ("5", RATIO, (5.0,)), ("[1.5, 20]", RATIO, (1.5, 20.0)),
-        ("5 - 40 MVA", ("VA",), (5e6, 40e6)), ("500 kVA to 4 MVA", ("VA",), (5e5, 4e6)),
-        ("20 mohm to 0.3 ohm", ("ohm", "1"), (0.02, 0.3)), ("1e-2 - 3e-1 ohm", ("ohm", "1"), (0.01, 0.3)),
+        ("1.5 to 20", RATIO, (1.5, 20.0)),
+        ("1.5-20", RATIO, (1.5, 20.0)),
+        ("1.5 - 20", RATIO, (1.5, 20.0)),
+        ("1,5 – 20", RATIO, (1.5, 20.0)),
+        ("1.5…20", RATIO, (1.5, 20.0)),
+        ("1.5 .. 20", RATIO, (1.5, 20.0)),
+        ("0,3 bis 20", RATIO, (0.3, 20.0)),
+        ("5", RATIO, (5.0,)),
+        ("[1.5, 20]", RATIO, (1.5, 20.0)),
+        ("5 - 40 MVA", ("VA",), (5e6, 40e6)),
+        ("500 kVA to 4 MVA", ("VA",), (5e5, 4e6)),
+        ("20 mohm to 0.3 ohm", ("ohm", "1"), (0.02, 0.3)),
+        ("1e-2 - 3e-1 ohm", ("ohm", "1"), (0.01, 0.3)),
         ("700-1000 Vdc", VOLTAGE, (700.0, 1000.0)),
     ],
-)  # fmt: skip
+)
 def test_a_range(text: str, bases: tuple[str, ...], ends: tuple[float, ...]) -> None:
     assert read_amount(text, bases, ranged=True).values == pytest.approx(ends, rel=1e-12)
 
@@ -72,11 +80,19 @@ def test_a_range(text: str, bases: tuple[str, ...], ends: tuple[float, ...]) -> 
 @pytest.mark.parametrize(
     ("text", "comma", "value"),
     [
-        ("12,5", False, 12.5), ("12.5", False, 12.5), ("1.250,5", False, 1250.5), ("1,250.5", False, 1250.5),
-        ("1,250", True, 1.25), ("1.250", False, 1.25), ("0,250", False, 0.25), ("1.250.000", True, 1.25e6),
-        ("1'250", False, 1250.0), ("-3", False, -3.0), (".5", False, 0.5),
+        ("12,5", False, 12.5),
+        ("12.5", False, 12.5),
+        ("1.250,5", False, 1250.5),
+        ("1,250.5", False, 1250.5),
+        ("1,250", True, 1.25),
+        ("1.250", False, 1.25),
+        ("0,250", False, 0.25),
+        ("1.250.000", True, 1.25e6),
+        ("1'250", False, 1250.0),
+        ("-3", False, -3.0),
+        (".5", False, 0.5),
     ],
-)  # fmt: skip
+)
 def test_a_number(text: str, comma: bool, value: float) -> None:
     assert read_number(text, comma) == value
 
@@ -95,11 +111,17 @@ def test_what_may_be_a_thousand_or_a_fraction_is_asked(text: str, comma: bool, a
 @pytest.mark.parametrize(
     ("text", "bases", "said"),
     [
-        ("ten", RATING, "not a number"), ("nan", RATING, "not a number"), ("inf kVA", RATING, "not a number"),
-        ("", RATING, "not a"), ("5 mH", CAPACITOR, "not a unit of this field"), ("5 uF", INDUCTOR, "H, mH or uH"),
-        ("480 V banana", VOLTAGE, "banana"), ("1e999 V", VOLTAGE, "finite"), ("1-2-3", RATIO, "range"),
+        ("ten", RATING, "not a number"),
+        ("nan", RATING, "not a number"),
+        ("inf kVA", RATING, "not a number"),
+        ("", RATING, "not a"),
+        ("5 mH", CAPACITOR, "not a unit of this field"),
+        ("5 uF", INDUCTOR, "H, mH or uH"),
+        ("480 V banana", VOLTAGE, "banana"),
+        ("1e999 V", VOLTAGE, "finite"),
+        ("1-2-3", RATIO, "range"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_quantity(text: str, bases: tuple[str, ...], said: str) -> None:
     with pytest.raises(AmountError, match=said):
         read_amount(text, bases, ranged=text == "1-2-3")

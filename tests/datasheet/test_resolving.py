@@ -17,10 +17,24 @@ from vsgdesign.errors import StudyError
 from vsgdesign.parameters import study_from_text
 
 SIMPLE = {
-    "rating": "100 kVA", "voltage": "400 V L-L", "frequency": "50 Hz", "dc_link": "750 V", "carrier": "10 kHz",
-    "sampling": "twice", "delay": "1", "pwm": "SVPWM", "current_limit": "1.5 pu", "L_1": "0.4 mH", "R_1": "4 mohm",
-    "C": "60 uF star", "R_c": "0", "L_2": "0.1 mH", "R_2": "1 mohm", "scr": "1.5 to 20", "x_over_r": "0.3 to 20",
-}  # fmt: skip
+    "rating": "100 kVA",
+    "voltage": "400 V L-L",
+    "frequency": "50 Hz",
+    "dc_link": "750 V",
+    "carrier": "10 kHz",
+    "sampling": "twice",
+    "delay": "1",
+    "pwm": "SVPWM",
+    "current_limit": "1.5 pu",
+    "L_1": "0.4 mH",
+    "R_1": "4 mohm",
+    "C": "60 uF star",
+    "R_c": "0",
+    "L_2": "0.1 mH",
+    "R_2": "1 mohm",
+    "scr": "1.5 to 20",
+    "x_over_r": "0.3 to 20",
+}
 OMEGA_50, OMEGA_60 = 100.0 * math.pi, 120.0 * math.pi
 
 
@@ -72,8 +86,15 @@ def test_five_datasheets_by_hand(tmp_path: Path) -> None:
     assert c.scr == pytest.approx((3.0, 16.0), rel=1e-12)
     assert pytest.approx(0.12 * Z / 30.0, rel=1e-3) == c.R_1
     assert {item.field for item in c.assumptions} == {
-        "voltage", "dc_link", "delay", "R_1", "R_c", "transformer", "R_2", "x_over_r",
-    }  # fmt: skip
+        "voltage",
+        "dc_link",
+        "delay",
+        "R_1",
+        "R_c",
+        "transformer",
+        "R_2",
+        "x_over_r",
+    }
 
     d = found["supply"]
     assert d.S_rated == pytest.approx(100e3, rel=1e-12)
@@ -107,10 +128,16 @@ def test_per_unit_kvar_and_farad_agree() -> None:
 @pytest.mark.parametrize(
     ("voltage", "expected"),
     [
-        ("480 Vac", 480.0), ("480 V L-L", 480.0), ("0.48 kV", 480.0), ("480Y/277 V", 480.0), ("277/480 V", 480.0),
-        ("277.128 V L-N", 480.0), (480, 480.0), ("480", 480.0),
+        ("480 Vac", 480.0),
+        ("480 V L-L", 480.0),
+        ("0.48 kV", 480.0),
+        ("480Y/277 V", 480.0),
+        ("277/480 V", 480.0),
+        ("277.128 V L-N", 480.0),
+        (480, 480.0),
+        ("480", 480.0),
     ],
-)  # fmt: skip
+)
 def test_voltages(voltage: object, expected: float) -> None:
     assert of(voltage=voltage, dc_link="900 V").V_rated_ll_rms == pytest.approx(expected, rel=1e-5)
 
@@ -123,21 +150,38 @@ def test_a_voltage_that_does_not_say_which_is_an_assumption() -> None:
 @pytest.mark.parametrize(
     ("pwm", "expected"),
     [
-        ("SPWM", "sine_triangle"), ("sine-triangle", "sine_triangle"), ("Sinusoidal PWM", "sine_triangle"),
-        ("SVPWM", "min_max"), ("SVM", "min_max"), ("space vector modulation", "min_max"), ("min-max", "min_max"),
-        ("third harmonic injection", "min_max"), ("THIPWM", "min_max"), ("DPWM", "min_max"),
+        ("SPWM", "sine_triangle"),
+        ("sine-triangle", "sine_triangle"),
+        ("Sinusoidal PWM", "sine_triangle"),
+        ("SVPWM", "min_max"),
+        ("SVM", "min_max"),
+        ("space vector modulation", "min_max"),
+        ("min-max", "min_max"),
+        ("third harmonic injection", "min_max"),
+        ("THIPWM", "min_max"),
+        ("DPWM", "min_max"),
         ("Space Vector PWM (SVPWM)", "min_max"),
     ],
-)  # fmt: skip
+)
 def test_kinds_of_pwm(pwm: str, expected: str) -> None:
     assert of(pwm=pwm).modulation == expected
 
 
 @pytest.mark.parametrize(
     ("sampling", "expected"),
-    [("once", 1), ("twice per carrier", 2), (2, 2), ("4", 4), ("20 kHz", 2), ("10 kHz", 1), ("50 us", 2), (20000, 2),
-     ("asymmetric", 2), ("single update", 1)],
-)  # fmt: skip
+    [
+        ("once", 1),
+        ("twice per carrier", 2),
+        (2, 2),
+        ("4", 4),
+        ("20 kHz", 2),
+        ("10 kHz", 1),
+        ("50 us", 2),
+        (20000, 2),
+        ("asymmetric", 2),
+        ("single update", 1),
+    ],
+)
 def test_sampling(sampling: object, expected: int) -> None:
     assert of(sampling=sampling).samples_per_carrier == expected
 
@@ -149,13 +193,24 @@ def test_delays(delay: object, expected: int) -> None:
 
 def test_every_assumption_is_said() -> None:
     """With nothing but what must be given, everything else is an assumption, and nothing else is."""
-    bare = of(**dict.fromkeys(
-        ("sampling", "delay", "pwm", "current_limit", "R_1", "R_c", "L_2", "R_2", "scr", "x_over_r")
-    ), voltage="400 V", C="60 uF")  # fmt: skip
+    bare = of(
+        **dict.fromkeys(("sampling", "delay", "pwm", "current_limit", "R_1", "R_c", "L_2", "R_2", "scr", "x_over_r")),
+        voltage="400 V",
+        C="60 uF",
+    )
     assert {item.field for item in bare.assumptions} == {
-        "voltage", "pwm", "sampling", "delay", "current_limit", "R_1", "capacitor_connection", "R_c", "filter", "scr",
+        "voltage",
+        "pwm",
+        "sampling",
+        "delay",
+        "current_limit",
+        "R_1",
+        "capacitor_connection",
+        "R_c",
+        "filter",
+        "scr",
         "x_over_r",
-    }  # fmt: skip
+    }
     assert of().assumptions == ()
     assert of(rating="100 kW").assumptions[0].field == "power_factor"
 
@@ -247,9 +302,10 @@ def test_columns_and_separators_do_not_matter(tmp_path: Path) -> None:
         "mac.csv": INDUSTRIAL.replace("\n", "\r\n"),
         "comments.csv": "# a comment\n\n" + INDUSTRIAL,
         "sections.csv": INDUSTRIAL.replace("L1,", "Filter,,\nL1,"),
-        "swapped.csv": "\n".join(",".join([*line.split(",")[1:], line.split(",")[0]]) for line in INDUSTRIAL.split("\n")
-                                 if line).replace("Value,Unit,Parameter", "Value,Unit,Parameter"),
-    }  # fmt: skip
+        "swapped.csv": "\n".join(
+            ",".join([*line.split(",")[1:], line.split(",")[0]]) for line in INDUSTRIAL.split("\n") if line
+        ).replace("Value,Unit,Parameter", "Value,Unit,Parameter"),
+    }
     for name, text in texts.items():
         (tmp_path / name).write_text(text, encoding="utf-8", newline="")
     expected = asdict(resolve(read_sheet(write_all(tmp_path)["industrial"])))
@@ -266,13 +322,17 @@ def test_one_converter_a_row(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"", "is empty"), (b"\xef\xbb\xbf  \r\n", "is empty"), (b"\x00\x01\x02" * 50, "is not text"),
-        (bytes(range(128, 256)) * 20, "is not text"), (b"PK\x03\x04" + b"x" * 99, "spreadsheet"),
-        (b"hello\nworld\n", "no line has two columns"), (b"a,b\n" * 300_000, "larger than 1 MB"),
+        (b"", "is empty"),
+        (b"\xef\xbb\xbf  \r\n", "is empty"),
+        (b"\x00\x01\x02" * 50, "is not text"),
+        (bytes(range(128, 256)) * 20, "is not text"),
+        (b"PK\x03\x04" + b"x" * 99, "spreadsheet"),
+        (b"hello\nworld\n", "no line has two columns"),
+        (b"a,b\n" * 300_000, "larger than 1 MB"),
         (b"Rating,12,5 kVA\nVoltage,400,V\n", "a comma between columns and in a number"),
         (b"\xff\xfe\x00", "is not text"),
     ],
-)  # fmt: skip
+)
 def test_files_that_are_no_datasheet(tmp_path: Path, content: bytes, said: str) -> None:
     path = tmp_path / "sheet.csv"
     path.write_bytes(content)

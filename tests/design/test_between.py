@@ -29,8 +29,15 @@ GRID = np.array([[4.2, 1.7], [9.0, 3.0], [5.0, 1.2]])
 
 def constant_table(**changes: np.ndarray) -> GainTable:
     box = ValidityBox((3.0, 12.0), (1.0, 4.0), (-4500.0, 4500.0), (-2000.0, 2000.0), (93.5, 137.5), 0.2)
-    made = table(scr=SPEC.scr, x_over_r=SPEC.x_over_r, parameters=PARAMETERS, base=base_of(STUDY, "impedance"),
-                 validity=box, D_p=LAW.D_p, D_q=LAW.D_q)  # fmt: skip
+    made = table(
+        scr=SPEC.scr,
+        x_over_r=SPEC.x_over_r,
+        parameters=PARAMETERS,
+        base=base_of(STUDY, "impedance"),
+        validity=box,
+        D_p=LAW.D_p,
+        D_q=LAW.D_q,
+    )
     return with_node_gains(replace(made, **changes))
 
 

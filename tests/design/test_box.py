@@ -54,10 +54,7 @@ def test_a_power_beyond_the_limits_is_drawn_in_until_it_lies_on_them(grid: tuple
     """24 halvings of the share: a part in 1e6 more is outside."""
     s = of_truth(WIDE, *grid)
     apparent = np.hypot(s.P, s.Q)
-    drawn_in = [
-        k for k in range(len(s))
-        if apparent[k] > 1.0 and not np.isclose(np.abs([s.P[k]]), [0.0, 4500.0]).any()
-    ]  # fmt: skip
+    drawn_in = [k for k in range(len(s)) if apparent[k] > 1.0 and not np.isclose(np.abs([s.P[k]]), [0.0, 4500.0]).any()]
     for k in drawn_in:
         more = {"P": s.P[k : k + 1] * (1.0 + 1e-6), "Q": s.Q[k : k + 1] * (1.0 + 1e-6)}
         one = s.take(np.array([k]))

@@ -54,11 +54,20 @@ WEAK = ("scr = [3, 6]\nx_over_r = [1, 3]", "scr = [1.2, 3]\nx_over_r = [0.3, 10]
 CASES: dict[str, tuple[str, float, float]] = {
     DELAY: (text(EXACT, SLOW_SAMPLES), 6.0, 1.0),
     INNER: (LABORATORY, 8.0, 6.0),
-    ERROR: (text(("error = 0.2", "error = 0.4"), STIFF, ("1.3 s", "0.8 s"), ("margin = 1.0", "margin = 1.2"),
-                 ("scr = [3, 6]\nx_over_r = [1, 3]", "scr = [1.5, 6]\nx_over_r = [0.5, 10]")), 1.5, 0.5),
+    ERROR: (
+        text(
+            ("error = 0.2", "error = 0.4"),
+            STIFF,
+            ("1.3 s", "0.8 s"),
+            ("margin = 1.0", "margin = 1.2"),
+            ("scr = [3, 6]\nx_over_r = [1, 3]", "scr = [1.5, 6]\nx_over_r = [0.5, 10]"),
+        ),
+        1.5,
+        0.5,
+    ),
     LIMIT: (text(EXACT, STIFF, WEAK, ("margin = 1.0", "margin = 1.3")), 1.2, 0.3),
     NONE: (text(EXACT, STIFF, ("1.3 s", "0.05 s")), 3.0, 1.0),
-}  # fmt: skip
+}
 
 
 def task_of(study: Study, scr: float, x_over_r: float) -> CellTask:

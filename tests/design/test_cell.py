@@ -57,8 +57,9 @@ def test_no_design_of_a_grid_has_more_inertia_and_keeps_the_promises(designed: C
     v = variables("angle_damped", SPEC)
     centre = v.of(designed.normalised)
     steps = np.linspace(-0.8, 0.8, 9)
-    y = np.array([[centre[0] + 2 * a, centre[1] + b, centre[2] + c, 1.0, 1.0]
-                  for a in steps for b in steps for c in steps])  # fmt: skip
+    y = np.array(
+        [[centre[0] + 2 * a, centre[1] + b, centre[2] + c, 1.0, 1.0] for a in steps for b in steps for c in steps]
+    )
     s = scenarios(STUDY, 6.0, 3.0)
     found = evaluate(law(STUDY), v.normalised(y), s, SETTLING)
     kept = found["disk_margin"].min(axis=1) >= min(designed.figures.disk_margin, MARGIN_AIM * SPEC.disk_margin)
@@ -157,8 +158,6 @@ def test_constant_inertia_is_what_a_frequency_ramp_meets() -> None:
         def ramp(t: float, x: np.ndarray, A: np.ndarray = A, B: np.ndarray = B) -> np.ndarray:
             return A @ x + B * rocof * t
 
-        end = solve_ivp(
-            ramp, (0.0, 25.0 * slowest), np.zeros(len(A)), method="LSODA", rtol=1e-10, atol=1e-12
-        ).y[:, -1]  # fmt: skip
+        end = solve_ivp(ramp, (0.0, 25.0 * slowest), np.zeros(len(A)), method="LSODA", rtol=1e-10, atol=1e-12).y[:, -1]
         H = -(C @ end) * study.converter.omega_n / (2.0 * study.converter.S_rated * rocof)
         assert pytest.approx(2.0, rel=1e-6) == H

@@ -54,8 +54,11 @@ def test_a_node_that_keeps_nothing_counts_little() -> None:
     off = CENTRE + np.array([1.0, 0.0, 0.0, 0.0, 0.0])
     found = []
     for missed in ({}, {"overshoot": 0.1}):
-        records = [record(s, x, off if (s, x) == (3.0, 1.0) else CENTRE, missed if (s, x) == (3.0, 1.0) else None)
-                   for s in SCR for x in RATIO]  # fmt: skip
+        records = [
+            record(s, x, off if (s, x) == (3.0, 1.0) else CENTRE, missed if (s, x) == (3.0, 1.0) else None)
+            for s in SCR
+            for x in RATIO
+        ]
         found.append(surface(V, TABLE, records, np.array([3.0]), np.array([1.0]))[0] - CENTRE)
     assert found[0][1:] == pytest.approx(np.zeros(4), abs=1e-12)
     assert 0.0 < found[1][0] < 0.2 * found[0][0] < 0.2
@@ -68,11 +71,16 @@ def test_nodes_around_a_broken_promise_and_their_neighbours_are_rough() -> None:
     around = rough_nodes(TABLE, records, (point,), True)
     assert around == [k for k in range(12) if k // 3 >= 1]  # rows 4.5 and 6 and their neighbour, all columns
     grids = ((5.0, 1.5),)
-    found = [k for k, (s, x) in enumerate((s, x) for s in SCR for x in RATIO)
-             if broken_beside(TABLE, (point,), (s, x)) == grids]  # fmt: skip
+    found = [
+        k
+        for k, (s, x) in enumerate((s, x) for s in SCR for x in RATIO)
+        if broken_beside(TABLE, (point,), (s, x)) == grids
+    ]
     assert found == [7, 8, 10, 11]  # of 4.5 and 6, X/R 1 and 2
-    alone = [replace(r, design=replace(r.design, shortfalls={"overshoot": 0.1})) if k == 0 and r.design else r
-             for k, r in enumerate(records)]  # fmt: skip
+    alone = [
+        replace(r, design=replace(r.design, shortfalls={"overshoot": 0.1})) if k == 0 and r.design else r
+        for k, r in enumerate(records)
+    ]
     assert rough_nodes(TABLE, alone, (), True) == [0, 1, 3, 4]
     assert rough_nodes(TABLE, alone, (), False) == []
     lost = [replace(r, inner_rad_s=320.0) if k == 0 else r for k, r in enumerate(alone)]

@@ -43,10 +43,16 @@ upper = any_float | st.just(float("inf"))
 lower = any_float | st.just(float("-inf"))
 figures = st.builds(Figures, upper, upper, upper, upper, upper, lower, lower, upper)
 designs = st.builds(
-    CellDesign, st.builds(NormalisedGains, *[any_float] * 6), figures, any_float, st.sampled_from(["", "overshoot"]),
-    any_float, st.dictionaries(st.sampled_from(["overshoot", "settling_time"]), upper), st.integers(0, 99),
+    CellDesign,
+    st.builds(NormalisedGains, *[any_float] * 6),
+    figures,
+    any_float,
+    st.sampled_from(["", "overshoot"]),
+    any_float,
+    st.dictionaries(st.sampled_from(["overshoot", "settling_time"]), upper),
     st.integers(0, 99),
-)  # fmt: skip
+    st.integers(0, 99),
+)
 records = st.builds(CellRecord, any_float, any_float, st.none() | designs, st.none() | figures, st.none() | any_float)
 
 
@@ -98,10 +104,13 @@ def test_a_damaged_cell_is_designed_again(
 def test_a_cell_of_another_question_is_not_taken(alone: tuple[Path, list[CellRecord]], tmp_path: Path) -> None:
     other = replace(TASKS[0], seed=1)
     keys = {
-        TASKS[0].key, other.key, replace(TASKS[0], scr=6.1).key, replace(TASKS[0], centre=CENTRE[::-1]).key,
+        TASKS[0].key,
+        other.key,
+        replace(TASKS[0], scr=6.1).key,
+        replace(TASKS[0], centre=CENTRE[::-1]).key,
         replace(TASKS[0], spec=replace(SPEC, overshoot=0.1)).key,
         replace(TASKS[0], target=replace(TASKS[0].target, Q_droop=0.1)).key,
-    }  # fmt: skip
+    }
     assert len(keys) == 6
     assert replace(TASKS[0], spec=replace(SPEC, scr=(3.0, 4.0, 6.0))).key == TASKS[0].key
     write_record(tmp_path, other.key, alone[1][0])
@@ -191,9 +200,13 @@ def test_processes_end_with_the_one_they_work_for(tmp_path: Path, how: str, code
     script = tmp_path / "script.py"
     script.write_text(WAITS, encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "-P", str(script), how], capture_output=True, text=True, timeout=50.0, cwd=ROOT,
+        [sys.executable, "-P", str(script), how],
+        capture_output=True,
+        text=True,
+        timeout=50.0,
+        cwd=ROOT,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    )
     assert done.returncode in (code, -2)  # an interruption nobody takes ends with the signal
     assert done.stdout == "begun\n"
     assert done.stderr.count("Traceback") == (0 if how == "kill" else 1)

@@ -103,9 +103,7 @@ def test_beyond_the_largest_scale_there_is_no_operating_point(
 ) -> None:
     if abs(direction - angle) < 0.1:  # along Z itself there is no limit
         return
-    P, Q, R, X = (
-        S * math.cos(direction), S * math.sin(direction), Z_abs * math.cos(angle), Z_abs * math.sin(angle)
-    )  # fmt: skip
+    P, Q, R, X = (S * math.cos(direction), S * math.sin(direction), Z_abs * math.cos(angle), Z_abs * math.sin(angle))
     scale = largest_scale(P, Q, V_g, R, X)
     for s, feasible in ((scale * (1.0 - 1e-6), True), (scale * (1.0 + 1e-6), False)):
         assert (operating_point_discriminant(s * P, s * Q, V_g, R, X)[1] >= 0.0) == feasible

@@ -41,9 +41,15 @@ RANGES: dict[str, tuple[float, float]] = {
     "S_rated": (1e3, 1e6), "dc_voltage": (300.0, 900.0), "zero_sequence": (0.0, 1.0),
 }  # fmt: skip
 BY_PREFIX: tuple[tuple[str, tuple[float, float]], ...] = (
-    ("V_", (90.0, 130.0)), ("v_", (-200.0, 200.0)), ("i_", (-30.0, 30.0)), ("xi_", (-20.0, 20.0)),
-    ("L_", (1e-4, 1e-2)), ("R_", (0.01, 3.0)), ("P", (-4e3, 4e3)), ("Q", (-2e3, 2e3)),
-)  # fmt: skip
+    ("V_", (90.0, 130.0)),
+    ("v_", (-200.0, 200.0)),
+    ("i_", (-30.0, 30.0)),
+    ("xi_", (-20.0, 20.0)),
+    ("L_", (1e-4, 1e-2)),
+    ("R_", (0.01, 3.0)),
+    ("P", (-4e3, 4e3)),
+    ("Q", (-2e3, 2e3)),
+)
 ONE_LETTER = {"a": (-200.0, 200.0), "R": (0.1, 2.0), "X": (0.1, 2.0)}
 FLAGS = ("zero_sequence", "angle_damped", "by_inertia")
 """Arguments that choose between formulas and are never symbols."""
@@ -69,9 +75,16 @@ def draw(name: str, rng: np.random.Generator) -> float:
     if found is None:
         found = next((limits for prefix, limits in BY_PREFIX if name.startswith(prefix)), None)
     if found is None:
-        found = {"b": ONE_LETTER["a"], "c": ONE_LETTER["a"], "x": ONE_LETTER["a"], "y": ONE_LETTER["a"],
-                 "alpha": ONE_LETTER["a"], "beta": ONE_LETTER["a"], "x_pk": ONE_LETTER["a"],
-                 "x_rms": ONE_LETTER["a"]}[name]  # fmt: skip
+        found = {
+            "b": ONE_LETTER["a"],
+            "c": ONE_LETTER["a"],
+            "x": ONE_LETTER["a"],
+            "y": ONE_LETTER["a"],
+            "alpha": ONE_LETTER["a"],
+            "beta": ONE_LETTER["a"],
+            "x_pk": ONE_LETTER["a"],
+            "x_rms": ONE_LETTER["a"],
+        }[name]
     return float(rng.uniform(*found))
 
 

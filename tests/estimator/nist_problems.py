@@ -19,17 +19,19 @@ MODELS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
     "Chwirut": lambda b, x: exp(-b[0] * x) / (b[1] + b[2] * x),
     "DanWood": lambda b, x: b[0] * x ** b[1],
     "ENSO": lambda b, x: (
-        b[0] + b[1] * cos(math.pi * x / 6) + b[2] * sin(math.pi * x / 6)
-        + b[4] * cos(2 * math.pi * x / b[3]) + b[5] * sin(2 * math.pi * x / b[3])
-        + b[7] * cos(2 * math.pi * x / b[6]) + b[8] * sin(2 * math.pi * x / b[6])
+        b[0]
+        + b[1] * cos(math.pi * x / 6)
+        + b[2] * sin(math.pi * x / 6)
+        + b[4] * cos(2 * math.pi * x / b[3])
+        + b[5] * sin(2 * math.pi * x / b[3])
+        + b[7] * cos(2 * math.pi * x / b[6])
+        + b[8] * sin(2 * math.pi * x / b[6])
     ),
     "Eckerle4": lambda b, x: b[0] / b[1] * exp(-0.5 * ((x - b[2]) / b[1]) ** 2),
     "Gauss": lambda b, x: (
         b[0] * exp(-b[1] * x) + b[2] * exp(-((x - b[3]) ** 2) / b[4] ** 2) + b[5] * exp(-((x - b[6]) ** 2) / b[7] ** 2)
     ),
-    "Hahn1": lambda b, x: (
-        (b[0] + b[1] * x + b[2] * x**2 + b[3] * x**3) / (1 + b[4] * x + b[5] * x**2 + b[6] * x**3)
-    ),
+    "Hahn1": lambda b, x: (b[0] + b[1] * x + b[2] * x**2 + b[3] * x**3) / (1 + b[4] * x + b[5] * x**2 + b[6] * x**3),
     "Kirby2": lambda b, x: (b[0] + b[1] * x + b[2] * x**2) / (1 + b[3] * x + b[4] * x**2),
     "Lanczos": lambda b, x: b[0] * exp(-b[1] * x) + b[2] * exp(-b[3] * x) + b[4] * exp(-b[5] * x),
     "MGH09": lambda b, x: b[0] * (x**2 + x * b[1]) / (x**2 + x * b[2] + b[3]),
@@ -42,7 +44,7 @@ MODELS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
     "Rat42": lambda b, x: b[0] / (1 + exp(b[1] - b[2] * x)),
     "Rat43": lambda b, x: b[0] / (1 + exp(b[1] - b[2] * x)) ** (1 / b[3]),
     "Roszman1": lambda b, x: b[0] - b[1] * x - torch.arctan(b[2] / (x - b[3])) / math.pi,
-}  # fmt: skip
+}
 MODELS["Thurber"] = MODELS["Hahn1"]
 """By problem, or by family: Gauss for Gauss1 to Gauss3."""
 

@@ -32,9 +32,19 @@ def record(i: np.ndarray, v: np.ndarray) -> Record:
     turn = np.exp(1j * OMEGA * H * np.arange(W * N))
     truth = [np.full((1, W), value) for value in (TRUE.R_g, TRUE.L_g)]
     return Record(
-        (v * turn)[None], (i * turn)[None], np.zeros((1, W, 2 * N)), np.array([OMEGA]), truth[0], truth[1],
-        (SensorNoise(0.0, 0.0),), H, N, V, 7.26, OMEGA,
-    )  # fmt: skip
+        (v * turn)[None],
+        (i * turn)[None],
+        np.zeros((1, W, 2 * N)),
+        np.array([OMEGA]),
+        truth[0],
+        truth[1],
+        (SensorNoise(0.0, 0.0),),
+        H,
+        N,
+        V,
+        7.26,
+        OMEGA,
+    )
 
 
 def z(omega: float | np.ndarray) -> np.ndarray:

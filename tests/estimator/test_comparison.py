@@ -142,8 +142,10 @@ def test_pages_and_figures(tmp_path: Path) -> None:
     figures = write_all(comparison_figures(compared()), tmp_path)
     page = write_comparison_page("A study", compared(), figures, tmp_path / "a.html").read_text()
     assert {figure.name for figure in figures} == {
-        "estimator_accuracy", "estimator_disturbance", "estimator_grid_step_2_8",
-    }  # fmt: skip
+        "estimator_accuracy",
+        "estimator_disturbance",
+        "estimator_grid_step_2_8",
+    }
     for figure in figures:
         assert f'id="figure-{figure.name}"' in page
     assert "> T" in {row[0]: row for row in delay_table(compared()).rows}["Constant guess"]

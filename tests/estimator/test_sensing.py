@@ -31,10 +31,16 @@ def distorted(timeline: Timeline, T_s: float, samples: int) -> Timeline:
     phase, V = np.unwrap(np.angle(vector)), np.abs(vector) / np.sqrt(2.0)
     omega = (slope / vector).imag
     segments = [
-        SourceSegment(t[k], V[k], (V[k + 1] - V[k]) / T_s, omega[k],
-                      2.0 * (phase[k + 1] - phase[k] - omega[k] * T_s) / T_s**2, phase[k])
+        SourceSegment(
+            t[k],
+            V[k],
+            (V[k + 1] - V[k]) / T_s,
+            omega[k],
+            2.0 * (phase[k + 1] - phase[k] - omega[k] * T_s) / T_s**2,
+            phase[k],
+        )
         for k in range(samples - 1)
-    ]  # fmt: skip
+    ]
     return replace(timeline, sources=(base, *segments))
 
 

@@ -47,9 +47,14 @@ def test_steady_windows_obey_ohms_law_of_their_labels(kind: str) -> None:
     """
     study = lc_study("1 s") if kind == "lc" else lcl_study("1 s")
     recipe = replace(
-        SMALL, after=0, before=2, x_over_r=log_uniform(0.7, 3.0), V_g_pu=uniform(0.97, 1.03),
-        f_g_pu=uniform(0.999, 1.001), phase=uniform(0.0, 6.28),
-    )  # fmt: skip
+        SMALL,
+        after=0,
+        before=2,
+        x_over_r=log_uniform(0.7, 3.0),
+        V_g_pu=uniform(0.97, 1.03),
+        f_g_pu=uniform(0.999, 1.001),
+        phase=uniform(0.0, 6.28),
+    )
     data = generate_windows(study, recipe, 5)
     assert impedance_error(data).max() < (2e-5 if kind == "lc" else 2e-3)
     assert len(np.unique(data.L_g)) == len(np.unique(data.V_g_rms)) == len(np.unique(data.omega_g)) == 6

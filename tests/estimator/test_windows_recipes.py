@@ -56,9 +56,16 @@ def test_a_file_replaces_fields_of_a_packaged_one(tmp_path: Path) -> None:
         'bridge = "averaged"\n'
     )
     expected = replace(
-        PUBLISHED, name="noisy", scr=log_uniform(2.0, 20.0), noise_v=one_of(0.005), phase=uniform(0.0, np.pi / 2.0),
-        scenarios=40, sample_interval=100e-6, samples=200, bridge="averaged",
-    )  # fmt: skip
+        PUBLISHED,
+        name="noisy",
+        scr=log_uniform(2.0, 20.0),
+        noise_v=one_of(0.005),
+        phase=uniform(0.0, np.pi / 2.0),
+        scenarios=40,
+        sample_interval=100e-6,
+        samples=200,
+        bridge="averaged",
+    )
     found = load_recipe(path)
     assert found.phase.values == pytest.approx(expected.phase.values)
     assert replace(found, phase=expected.phase) == expected

@@ -73,8 +73,11 @@ def random_calls(scheduler: Scheduler, count: int, seed: int) -> Calls:
     values = np.where(hit, rng.choice([*edges, *near], values.shape), values)
     with np.errstate(over="ignore"):
         values = values.astype(np.float32).astype(float)
-    steps = rng.choice([20_000, 19_999, 0, 1, 55_000, 600_000, -5, 2**31 - 1, 2**31], count,
-                       p=[0.9, 0.03, 0.01, 0.01, 0.02, 0.01, 0.01, 0.005, 0.005])  # fmt: skip
+    steps = rng.choice(
+        [20_000, 19_999, 0, 1, 55_000, 600_000, -5, 2**31 - 1, 2**31],
+        count,
+        p=[0.9, 0.03, 0.01, 0.01, 0.02, 0.01, 0.01, 0.005, 0.005],
+    )
     said = np.where(rng.random(count) < 0.03, NO_ESTIMATE, NO_REASON)
     return Calls(said.tolist(), values, (np.cumsum(steps) % 2**32).tolist())
 

@@ -141,13 +141,24 @@ def test_known_answers_hold(compiled: CompiledC) -> None:
 def test_the_closed_form_without_a_table(double: bool, tmp_path: Path) -> None:
     """A table of one node."""
     schedule = ClosedFormSchedule(
-        P=4500.0, Q=1000.0, V_g_rms=110.0, omega=PUBLISHED_BASE.omega_n, settling_time=1.0, damping_ratio=1.0,
+        P=4500.0,
+        Q=1000.0,
+        V_g_rms=110.0,
+        omega=PUBLISHED_BASE.omega_n,
+        settling_time=1.0,
+        damping_ratio=1.0,
         droop_ratio=0.01,
-    )  # fmt: skip
+    )
     limits = box_settings(
-        scr=(1.5, 20.0), r_over_x=(0.1, 2.0), P=(-4500.0, 4500.0), Q=(-2e3, 2e3), V_rms=(93.5, 137.5), S_rated=5e3,
-        V_rated_rms=110.0, omega=PUBLISHED_BASE.omega_n,
-    )  # fmt: skip
+        scr=(1.5, 20.0),
+        r_over_x=(0.1, 2.0),
+        P=(-4500.0, 4500.0),
+        Q=(-2e3, 2e3),
+        V_rms=(93.5, 137.5),
+        S_rated=5e3,
+        V_rated_rms=110.0,
+        omega=PUBLISHED_BASE.omega_n,
+    )
     scheduler = closed_form_scheduler(schedule, limits, V_n_rms=110.0, S_rated=5e3)
     made = export_c(scheduler, Origin("closed form", "0" * 64, "published", "0" * 64), tmp_path / "c")
     compiled = built(made.folder, double)

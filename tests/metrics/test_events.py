@@ -26,9 +26,13 @@ AT_2500 = EndState(2500.0, 1.0 / TAU)
 
 
 def measure(
-    t_s: float, end_s: float, y: np.ndarray, steps: bool = True, current: np.ndarray | None = None,
+    t_s: float,
+    end_s: float,
+    y: np.ndarray,
+    steps: bool = True,
+    current: np.ndarray | None = None,
     end: EndState = AT_2500,
-) -> EventMetrics:  # fmt: skip
+) -> EventMetrics:
     current = np.zeros_like(y) if current is None else current
     return measure_event(EventWindow("event", t_s, end_s, steps), "P_pcc", T, y, current, RATING, PER_CYCLE, end)
 

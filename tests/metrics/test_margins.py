@@ -101,10 +101,13 @@ def on_grid(at: SensitivityAt, count: int, omega: Array) -> Complex:
     return np.stack([at(np.full(len(omega), k), omega) for k in range(count)])
 
 
-@pytest.mark.parametrize(("find", "value", "sign"), [
-    (disk_margin, disk_margin_per_frequency, -1.0),
-    (peak_sensitivity, largest_singular_value, 1.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("find", "value", "sign"),
+    [
+        (disk_margin, disk_margin_per_frequency, -1.0),
+        (peak_sensitivity, largest_singular_value, 1.0),
+    ],
+)
 def test_refined_peaks(find, value, sign: float) -> None:
     """Never worse than a grid point, and within 1e-6 of a grid 20 times as fine around it (then ten times more)."""
     count, omega = 25, np.geomspace(1e-2, 1e3, 200)
@@ -119,9 +122,11 @@ def test_refined_peaks(find, value, sign: float) -> None:
         best = int(np.argmax(grid[k]))
         low, high = omega[max(best - 1, 0)], omega[min(best + 1, len(omega) - 1)]
         fine = np.geomspace(low, high, 401)
-        found = sign * value(at(np.full(len(fine), k), fine)).max() if sign > 0 else -value(
-            at(np.full(len(fine), k), fine)
-        ).min()  # fmt: skip
+        found = (
+            sign * value(at(np.full(len(fine), k), fine)).max()
+            if sign > 0
+            else -value(at(np.full(len(fine), k), fine)).min()
+        )
         assert sign * peak.value[k] >= found - 1e-12
         assert sign * peak.value[k] == pytest.approx(found, rel=1e-4)
         step = (fine[1] / fine[0]) ** 2

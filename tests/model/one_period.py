@@ -101,7 +101,12 @@ class OnePeriod:
         for name, value in zip(("i_s", "v_c", "i_g"), x, strict=True):
             following[f"{name}_d"], following[f"{name}_q"] = float(value.real), float(value.imag)
         outputs = {
-            "P": P, "Q": Q, "omega": omega, "V": z["V"], "delta": z["delta"],
-            "v_b_d": applied.real, "v_b_q": applied.imag,
-        }  # fmt: skip
+            "P": P,
+            "Q": Q,
+            "omega": omega,
+            "V": z["V"],
+            "delta": z["delta"],
+            "v_b_d": applied.real,
+            "v_b_q": applied.imag,
+        }
         return following, outputs

@@ -21,9 +21,12 @@ GAINS = PowerLoopGains(K_ip=0.00767, D_p=2087.0, K_iq=0.115, D_q=0.687)
 def random_point(rng: np.random.Generator) -> dict[str, float]:
     Z, angle = rng.uniform(0.3, 6.0), rng.uniform(0.2, 1.5)
     return {
-        "delta": rng.uniform(-0.4, 0.6), "V": V_N * rng.uniform(0.85, 1.2), "V_g": V_N * rng.uniform(0.9, 1.1),
-        "R": Z * np.cos(angle), "X": Z * np.sin(angle),
-    }  # fmt: skip
+        "delta": rng.uniform(-0.4, 0.6),
+        "V": V_N * rng.uniform(0.85, 1.2),
+        "V_g": V_N * rng.uniform(0.9, 1.1),
+        "R": Z * np.cos(angle),
+        "X": Z * np.sin(angle),
+    }
 
 
 def random_gains(rng: np.random.Generator) -> PowerLoopGains:

@@ -46,17 +46,32 @@ def turning_states(study: Study, run: Simulation, gains, refs: tuple[float, floa
     controller, waiting = SampledController(study), np.zeros(len(theta), complex)
     for k in range(len(theta) - 1):
         state = State(
-            theta[k], omega[k], V[k], complex(P_f[k], Q_f[k]), complex(xi_vd[k], xi_vq[k]),
-            complex(xi_id[k], xi_iq[k]), complex(i_f_d[k], i_f_q[k]),
-        )  # fmt: skip
+            theta[k],
+            omega[k],
+            V[k],
+            complex(P_f[k], Q_f[k]),
+            complex(xi_vd[k], xi_vq[k]),
+            complex(xi_id[k], xi_iq[k]),
+            complex(i_f_d[k], i_f_q[k]),
+        )
         i_s, v_c, i_g = (complex(complex_[n][k]) for n in ("i_s", "v_c", "i_g"))
         v = v_c + study.filter.R_c * (i_s - i_g)
         _, waiting[k + 1], _ = controller.step(state, v, i_s, i_g, refs, gains)
     values = {
-        "delta": np.angle(np.exp(1j * theta) * turn), "omega_i": omega, "V": V, "P_f": P_f, "Q_f": Q_f,
-        "xi_vd": xi_vd, "xi_vq": xi_vq, "xi_id": xi_id, "xi_iq": xi_iq, "i_f_d": i_f_d, "i_f_q": i_f_q,
-        "pending_d": (waiting * turn).real, "pending_q": (waiting * turn).imag,
-    }  # fmt: skip
+        "delta": np.angle(np.exp(1j * theta) * turn),
+        "omega_i": omega,
+        "V": V,
+        "P_f": P_f,
+        "Q_f": Q_f,
+        "xi_vd": xi_vd,
+        "xi_vq": xi_vq,
+        "xi_id": xi_id,
+        "xi_iq": xi_iq,
+        "i_f_d": i_f_d,
+        "i_f_q": i_f_q,
+        "pending_d": (waiting * turn).real,
+        "pending_q": (waiting * turn).imag,
+    }
     for n, x in complex_.items():
         values |= {f"{n}_d": (x * turn).real, f"{n}_q": (x * turn).imag}
     return np.stack([values[n] for n in names], axis=1)[1:]
@@ -199,8 +214,11 @@ def test_the_exponential_inside(case: str, scr: float, ratio: float) -> None:
 def test_names() -> None:
     """What structure has which states, and that names are not repeated."""
     for delay, filter_P, filter_Q, transient in (
-        (0, False, False, False), (0, True, False, True), (1, False, True, False), (1, True, True, True),
-    ):  # fmt: skip
+        (0, False, False, False),
+        (0, True, False, True),
+        (1, False, True, False),
+        (1, True, True, True),
+    ):
         names = full_order_map(delay, filter_P, filter_Q, transient, 6).states
         assert len(set(names)) == len(names) == 13 + 2 * delay + filter_P + filter_Q + 2 * transient
         assert ("i_f_d" in names) == ("i_f_q" in names) == transient

@@ -84,10 +84,18 @@ def test_the_voltage_limits_are_a_flag() -> None:
     assert not solve_operating_point(*asked, (151.0, 200.0)).V_within_limits
 
 
-@pytest.mark.parametrize(("V_g", "Q", "R", "X"), [
-    (110.0, 1000.0, 3.63, 3.63), (110.0, 0.0, 0.0, 3.0), (110.0, -800.0, 0.5, 4.0), (110.0, 500.0, 3.0, 0.3),
-    (19e3, 2e6, 5.0, 60.0), (19e3, 0.0, 0.02, 0.3), (400.0, 1e4, 0.01, 0.2),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("V_g", "Q", "R", "X"),
+    [
+        (110.0, 1000.0, 3.63, 3.63),
+        (110.0, 0.0, 0.0, 3.0),
+        (110.0, -800.0, 0.5, 4.0),
+        (110.0, 500.0, 3.0, 0.3),
+        (19e3, 2e6, 5.0, 60.0),
+        (19e3, 0.0, 0.02, 0.3),
+        (400.0, 1e4, 0.01, 0.2),
+    ],
+)
 def test_feasible_powers_are_the_zeros_of_the_discriminant(V_g: float, Q: float, R: float, X: float) -> None:
     """On both ends, from 110 V to 33 kV: found again by bisection, and by walking over the edge."""
     low, high = feasible_powers(Q, V_g, R, X)
@@ -157,9 +165,7 @@ def test_a_refusal_names_the_shortfall_and_remedies_that_work(
         with pytest.raises(NoOperatingPointError):
             solve_operating_point(1.01 * s * P, 1.01 * s * Q, V_g, R, X)
     step = math.copysign(1e-4 * (abs(Q) + 1.0), 1.0 if remedy.group(3) == "raise" else -1.0)
-    assert (
-        operating_point_discriminant(P, Q + step, V_g, R, X)[1] > operating_point_discriminant(P, Q, V_g, R, X)[1]
-    )  # fmt: skip
+    assert operating_point_discriminant(P, Q + step, V_g, R, X)[1] > operating_point_discriminant(P, Q, V_g, R, X)[1]
 
 
 def test_droop_equation_holds() -> None:
@@ -260,7 +266,9 @@ def test_where_the_grid_itself_is_what_forbids_it_the_message_says_so() -> None:
 
 @pytest.mark.parametrize("P", [0.0, 2000.0])
 def test_a_source_without_voltage_has_no_operating_point(P: float) -> None:
-    for asked in (lambda: solve_operating_point(P, 0.0, 0.0, 1.0, 3.5),
-                  lambda: solve_with_droop(P, 0.0, 10.0, 110.0, 0.0, 1.0, 3.5)):  # fmt: skip
+    for asked in (
+        lambda: solve_operating_point(P, 0.0, 0.0, 1.0, 3.5),
+        lambda: solve_with_droop(P, 0.0, 10.0, 110.0, 0.0, 1.0, 3.5),
+    ):
         with pytest.raises(NoOperatingPointError, match="bolted fault"):
             asked()

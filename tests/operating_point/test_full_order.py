@@ -80,15 +80,30 @@ def typical(s: Situation, column: int) -> float:
     if value > 0.0:
         return value
     return {
-        "L_2": grid.L_g, "R_2": grid.R_g, "R_1": grid.R_g, "R_c": grid.R_g,
-        "R_t": 0.1 * s.study.converter.Z_base, "X_t": 0.1 * s.study.converter.Z_base, "kappa": 1.0,
-        "K_pq": gains.K_ip, "K_qp": gains.K_iq, "k_P": 1.0 / gains.D_p, "k_Q": 1.0 / gains.D_p,
-    }[PARAMETERS[column]]  # fmt: skip
+        "L_2": grid.L_g,
+        "R_2": grid.R_g,
+        "R_1": grid.R_g,
+        "R_c": grid.R_g,
+        "R_t": 0.1 * s.study.converter.Z_base,
+        "X_t": 0.1 * s.study.converter.Z_base,
+        "kappa": 1.0,
+        "K_pq": gains.K_ip,
+        "K_qp": gains.K_iq,
+        "k_P": 1.0 / gains.D_p,
+        "k_Q": 1.0 / gains.D_p,
+    }[PARAMETERS[column]]
 
 
-@pytest.mark.parametrize(("case", "delay", "tau"), [
-    (PUBLISHED, 0, 0.0), (PUBLISHED, 1, 0.003), (LABORATORY, 0, 0.003), (LABORATORY, 1, 0.0), (UTILITY, 1, 0.002),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("case", "delay", "tau"),
+    [
+        (PUBLISHED, 0, 0.0),
+        (PUBLISHED, 1, 0.003),
+        (LABORATORY, 0, 0.003),
+        (LABORATORY, 1, 0.0),
+        (UTILITY, 1, 0.002),
+    ],
+)
 def test_every_parameter_against_differences(case: str, delay: int, tau: float) -> None:
     """dA/dp, and dλ/dp of every mode: by central differences of steady states solved anew.
 

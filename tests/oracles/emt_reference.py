@@ -176,9 +176,7 @@ class SampledController:
     ) -> tuple[State, complex, complex]:
         """Next state, bridge voltage asked for (αβ), and the unfiltered complex power."""
         S = 1.5 * v * i_g.conjugate()
-        S_f = s.S_f + complex(
-            self.smoothing[0] * (S.real - s.S_f.real), self.smoothing[1] * (S.imag - s.S_f.imag)
-        )  # fmt: skip
+        S_f = s.S_f + complex(self.smoothing[0] * (S.real - s.S_f.real), self.smoothing[1] * (S.imag - s.S_f.imag))
         P_ref, Q_ref = refs
         acceleration = gains.K_ip * (P_ref - S_f.real + gains.D_p * (self.omega_0 - s.omega))
         rise = gains.K_iq * (Q_ref - S_f.imag + gains.D_q * (self.V_n - s.V))
@@ -195,9 +193,15 @@ class SampledController:
         v_b = self._shorten(wanted, self.v_max, "voltage")
         xi_i = s.xi_i + self.T * self.current_pi[1] * (error + (v_b - wanted) / self.current_pi[0])
         following = State(
-            s.theta + self.T * s.omega, s.omega + self.T * acceleration, s.V + self.T * rise, S_f, xi_v, xi_i,
-            s.i_f + self.used_to * (i_g - s.i_f), v_b * self.lead / frame,
-        )  # fmt: skip
+            s.theta + self.T * s.omega,
+            s.omega + self.T * acceleration,
+            s.V + self.T * rise,
+            S_f,
+            xi_v,
+            xi_i,
+            s.i_f + self.used_to * (i_g - s.i_f),
+            v_b * self.lead / frame,
+        )
         return following, following.asked, S
 
     def _shorten(self, vector: complex, limit: float, which: str) -> complex:
@@ -281,9 +285,11 @@ def run_reference(study: Study, gain_changes: Sequence[Any], pwm: bool, start: S
     atol = _ABSOLUTE_PU * np.array([I_pk, V_pk, I_pk])
     x, state, waiting = start.plant.astype(complex), start.controller, start.waiting
     trace = Trace(
-        np.empty((samples, 3), complex), *(np.empty(samples, complex) for _ in range(2)),
-        *(np.empty(samples) for _ in range(3)), *(np.empty(samples, complex) for _ in range(4)),
-    )  # fmt: skip
+        np.empty((samples, 3), complex),
+        *(np.empty(samples, complex) for _ in range(2)),
+        *(np.empty(samples) for _ in range(3)),
+        *(np.empty(samples, complex) for _ in range(4)),
+    )
     for k in range(samples):
         now = (k + _COINCIDENT) * T
         trace.plant[k] = x

@@ -39,9 +39,9 @@ def test_mean_bridge_voltage_is_the_reference(build) -> None:
     study = build("1 ms")
     v_ref = 140.0 * cmath.exp(2.1j)
     T = study.converter.T_s
-    mean = sum(
-        (end - begin) * v for k in (0, 1) for begin, end, v in bridge_pieces(v_ref, study, k, True, [])
-    ) / (2.0 * T)  # fmt: skip
+    mean = sum((end - begin) * v for k in (0, 1) for begin, end, v in bridge_pieces(v_ref, study, k, True, [])) / (
+        2.0 * T
+    )
     assert abs(mean - v_ref) < 1e-10
 
 

@@ -29,10 +29,19 @@ def test_every_fault_is_reported_at_once() -> None:
         document = changed(path, value, document)
     found = {fault.field: fault for fault in faults_of(document)}
     expected = {
-        "converter.S_rated", "converter.f_n", "filter.L_1", "filter.kind", "inner_loops.current_response_time",
-        "grid.scr", "power_loops.droop_ratio", "simulation.duration", "events[2].P_ref", "controllers[0].kind",
-        "controllers[1].updat_period", "nonsense",
-    }  # fmt: skip
+        "converter.S_rated",
+        "converter.f_n",
+        "filter.L_1",
+        "filter.kind",
+        "inner_loops.current_response_time",
+        "grid.scr",
+        "power_loops.droop_ratio",
+        "simulation.duration",
+        "events[2].P_ref",
+        "controllers[0].kind",
+        "controllers[1].updat_period",
+        "nonsense",
+    }
     assert found.keys() == expected
     for fault in found.values():
         assert fault.problem
@@ -43,7 +52,7 @@ def test_a_wrong_unit_shows_value_limits_and_what_was_read() -> None:
     fault = the_fault(changed("filter.L_1", 1), "filter.L_1")
     assert str(fault) == (
         "filter.L_1 = 1: outside 100 nH to 500 mH (read as 1 H). Check the unit: a bare number is SI."
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize(
@@ -76,14 +85,18 @@ def test_an_unknown_section_names_its_neighbour() -> None:
 
 @pytest.mark.parametrize(
     ("field", "section"),
-    [(field, section) for section, fields in {
-        "converter": ("S_rated", "f_n", "V_dc", "f_sw"),
-        "filter": ("kind", "L_1", "R_1", "C"),
-        "inner_loops": ("current_response_time", "voltage_response_time"),
-        "grid": ("scr", "x_over_r"),
-        "simulation": ("duration", "P_ref", "Q_ref"),
-    }.items() for field in fields],
-)  # fmt: skip
+    [
+        (field, section)
+        for section, fields in {
+            "converter": ("S_rated", "f_n", "V_dc", "f_sw"),
+            "filter": ("kind", "L_1", "R_1", "C"),
+            "inner_loops": ("current_response_time", "voltage_response_time"),
+            "grid": ("scr", "x_over_r"),
+            "simulation": ("duration", "P_ref", "Q_ref"),
+        }.items()
+        for field in fields
+    ],
+)
 def test_a_missing_field_is_asked_for_once(section: str, field: str) -> None:
     fault = the_fault(changed(f"{section}.{field}", MISSING), f"{section}.{field}")
     assert fault.problem == "missing"
@@ -133,8 +146,11 @@ def test_an_event_keeps_what_it_does_not_change() -> None:
             {"time": 5.0, "grid": {"scr": 4.0}},
         ]
         study = build(document)
-        seen = [(e.grid.scr(study.converter, basis), e.grid.x_over_r(study.converter.omega_n))
-                for e in study.events if e.grid is not None]  # fmt: skip
+        seen = [
+            (e.grid.scr(study.converter, basis), e.grid.x_over_r(study.converter.omega_n))
+            for e in study.events
+            if e.grid is not None
+        ]
         for (scr, ratio), (expected_scr, expected_ratio) in zip(
             seen[:3], [(5.0, 3.0), (5.0, 0.5), (7.0, 0.5)], strict=True
         ):

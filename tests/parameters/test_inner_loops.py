@@ -91,13 +91,22 @@ def test_every_fault_at_once_and_nothing_is_designed_then() -> None:
     text = CASE.replace('"2 kW"', '"2 kV"') + own
     found = faults(text)
     assert [line.partition(":")[0] for line in found] == [
-        "inner_loops.K_pc", "inner_loops.scr", "inner_loops.seed", "inner_loops.foo", "simulation.P_ref",
-    ]  # fmt: skip
+        "inner_loops.K_pc",
+        "inner_loops.scr",
+        "inner_loops.seed",
+        "inner_loops.foo",
+        "simulation.P_ref",
+    ]
 
 
-@pytest.mark.parametrize(("lines", "field"), [
-    ("scr = [1, 2]\n", "inner_loops.scr"), ("seed = 3\n", "inner_loops.seed"), ("design = 1\n", "inner_loops.design"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("lines", "field"),
+    [
+        ("scr = [1, 2]\n", "inner_loops.scr"),
+        ("seed = 3\n", "inner_loops.seed"),
+        ("design = 1\n", "inner_loops.design"),
+    ],
+)
 def test_a_design_of_given_gains_is_a_fault(lines: str, field: str) -> None:
     assert any(line.startswith(field) for line in faults(CASE + "[inner_loops]\n" + lines))
 

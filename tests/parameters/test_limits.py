@@ -27,11 +27,9 @@ PLAIN = case_document()
 PHASE_TO_PHASE = document_with(("converter.V_rated_rms", MISSING), ("converter.V_rated_ll_rms", "190.5 V"))
 LCL = document_with(
     ("filter.kind", "LCL"), ("filter.L_2", "0.5 mH"), ("filter.R_2", "20 mohm"), ("filter.R_c", "2 ohm")
-)  # fmt: skip
+)
 GIVEN_GAINS = document_with(("inner_loops", {"K_pc": 12.6, "K_ic": 3.9e4, "K_pv": 0.0628, "K_iv": 19.7}))
-TRANSIENT = document_with(
-    ("inner_loops.transient_resistance_pu", 0.08), ("inner_loops.transient_corner", "25 Hz")
-)  # fmt: skip
+TRANSIENT = document_with(("inner_loops.transient_resistance_pu", 0.08), ("inner_loops.transient_corner", "25 Hz"))
 OHMS = document_with(("grid", {"R_g": 3.6, "L_g": 0.0116}))
 FIXED_GAINS = document_with(
     ("controllers.0", {"name": "a", "kind": "fixed", "gains": GAINS}),
@@ -134,9 +132,14 @@ def test_limits(document: dict[str, Any], path: str, low: float, high: float) ->
 
 
 CHOICES = [
-    ("converter.modulation", PLAIN), ("filter.kind", PLAIN), ("grid.scr_basis", PLAIN), ("simulation.bridge", PLAIN),
-    ("simulation.start", PLAIN), ("controllers.0.kind", PLAIN), ("power_loops.structure", PLAIN),
-]  # fmt: skip
+    ("converter.modulation", PLAIN),
+    ("filter.kind", PLAIN),
+    ("grid.scr_basis", PLAIN),
+    ("simulation.bridge", PLAIN),
+    ("simulation.start", PLAIN),
+    ("controllers.0.kind", PLAIN),
+    ("power_loops.structure", PLAIN),
+]
 
 
 @pytest.mark.parametrize(("path", "document"), CHOICES, ids=[path for path, _ in CHOICES])
@@ -188,6 +191,9 @@ def test_just_inside_the_rules() -> None:
     """The rules do not bite where they should not."""
     assert build(changed("converter.V_dc", 311.2)).converter.V_dc == 311.2
     assert build(document_with(("converter.V_dc", 270.0), ("converter.modulation", "min_max")))
-    assert build(document_with(("converter.f_sw", 1250.0), ("controllers.1.update_period", "20 ms"),
-                               ("simulation.log_interval", "400 us")))  # fmt: skip
+    assert build(
+        document_with(
+            ("converter.f_sw", 1250.0), ("controllers.1.update_period", "20 ms"), ("simulation.log_interval", "400 us")
+        )
+    )
     assert build(changed("simulation.log_interval", "50 us")).simulation.log_interval == 50e-6

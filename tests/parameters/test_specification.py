@@ -51,9 +51,18 @@ def test_defaults() -> None:
 
 def test_units() -> None:
     spec = read(
-        settling_time="800 ms", overshoot="4 %", P=["-4 kW", "4 kW"], Q=["-1.5 kvar", 1000], error="20 %", error_X=0.1,
-        f_g=["49.5 Hz", "50.5 Hz"], V_g_pu=[0.95, 1.05], H_min="100 ms", scr=[2, 8], x_over_r=[0.5, 5],
-    )  # fmt: skip
+        settling_time="800 ms",
+        overshoot="4 %",
+        P=["-4 kW", "4 kW"],
+        Q=["-1.5 kvar", 1000],
+        error="20 %",
+        error_X=0.1,
+        f_g=["49.5 Hz", "50.5 Hz"],
+        V_g_pu=[0.95, 1.05],
+        H_min="100 ms",
+        scr=[2, 8],
+        x_over_r=[0.5, 5],
+    )
     assert (spec.settling_time, spec.overshoot) == (0.8, pytest.approx(0.04))
     assert (spec.box.P, spec.box.Q) == ((-4000.0, 4000.0), (-1500.0, 1000.0))
     assert (spec.box.error_R, spec.box.error_X) == (0.2, 0.1)
@@ -118,30 +127,65 @@ def test_the_strictest_margin_counts() -> None:
 
 
 def test_every_fault_at_once() -> None:
-    faults = faults_of(document(
-        aim="speed", settling_time="1 V", overshoot=float("nan"), scr=[5, 2], x_over_r=[1], P=[], error=-0.1,
-        H_min="3 s", H_max="2 s", disc_margin=1.0, f_g=["50 Hz", float("inf")],
-    ))  # fmt: skip
+    faults = faults_of(
+        document(
+            aim="speed",
+            settling_time="1 V",
+            overshoot=float("nan"),
+            scr=[5, 2],
+            x_over_r=[1],
+            P=[],
+            error=-0.1,
+            H_min="3 s",
+            H_max="2 s",
+            disc_margin=1.0,
+            f_g=["50 Hz", float("inf")],
+        )
+    )
     by_field = {fault.field: str(fault) for fault in faults}
     assert set(by_field) == {
-        f"specification.{name}" for name in
-        ("aim", "settling_time", "overshoot", "scr", "x_over_r", "P", "error", "H_max", "disc_margin", "f_g.1")
-    }  # fmt: skip
+        f"specification.{name}"
+        for name in (
+            "aim",
+            "settling_time",
+            "overshoot",
+            "scr",
+            "x_over_r",
+            "P",
+            "error",
+            "H_max",
+            "disc_margin",
+            "f_g.1",
+        )
+    }
     for name, says in {
-        "aim": "settling", "scr": "must increase", "x_over_r": "at least two nodes", "P": "at least one value",
-        "H_max": "3 s", "disc_margin": "Did you mean disk_margin?",
-    }.items():  # fmt: skip
+        "aim": "settling",
+        "scr": "must increase",
+        "x_over_r": "at least two nodes",
+        "P": "at least one value",
+        "H_max": "3 s",
+        "disc_margin": "Did you mean disk_margin?",
+    }.items():
         assert says in by_field[f"specification.{name}"], name
 
 
 @pytest.mark.parametrize(
     ("field", "low", "high"),
     [
-        ("settling_time", 1e-3, 1e3), ("overshoot", 0.001, 1.0), ("damping_ratio", 0.0, 1.0), ("disk_margin", 0.0, 1.9),
-        ("gain_margin_db", 0.0, 60.0), ("phase_margin_deg", 0.0, 89.0), ("error", 0.0, 0.9), ("error_R", 0.0, 0.9),
-        ("error_X", 0.0, 0.9), ("H_min", 0.0, 1e3), ("H_max", 0.0, 1e6), ("bandwidth_max", 1e-2, 1e5),
+        ("settling_time", 1e-3, 1e3),
+        ("overshoot", 0.001, 1.0),
+        ("damping_ratio", 0.0, 1.0),
+        ("disk_margin", 0.0, 1.9),
+        ("gain_margin_db", 0.0, 60.0),
+        ("phase_margin_deg", 0.0, 89.0),
+        ("error", 0.0, 0.9),
+        ("error_R", 0.0, 0.9),
+        ("error_X", 0.0, 0.9),
+        ("H_min", 0.0, 1e3),
+        ("H_max", 0.0, 1e6),
+        ("bandwidth_max", 1e-2, 1e5),
     ],
-)  # fmt: skip
+)
 def test_limits(field: str, low: float, high: float) -> None:
     for inside in (low, high):
         read(**{field: inside})

@@ -12,10 +12,23 @@ from vsgdesign.parameters.units import UnitError, format_quantity, parse_quantit
 
 PREFIXES = {"p": -12, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
 PREFIXED = [
-    ("V", "V"), ("A", "A"), ("W", "W"), ("VA", "VA"), ("var", "var"), ("var", "VAr"), ("var", "VAR"), ("Hz", "Hz"),
-    ("s", "s"), ("H", "H"), ("F", "F"), ("ohm", "ohm"), ("ohm", "Ohm"), ("ohm", "\u03a9"), ("ohm", "\u2126"),
+    ("V", "V"),
+    ("A", "A"),
+    ("W", "W"),
+    ("VA", "VA"),
+    ("var", "var"),
+    ("var", "VAr"),
+    ("var", "VAR"),
+    ("Hz", "Hz"),
+    ("s", "s"),
+    ("H", "H"),
+    ("F", "F"),
+    ("ohm", "ohm"),
+    ("ohm", "Ohm"),
+    ("ohm", "\u03a9"),
+    ("ohm", "\u2126"),
     ("rad", "rad"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("prefix", PREFIXES)

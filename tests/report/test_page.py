@@ -95,11 +95,14 @@ def test_every_row_of_every_table_is_on_the_page(made):
     result = made.result
     outcomes = step_outcomes(result)
     expected = [
-        converter.converter_table(result), converter.filter_table(result), tables.controllers_table(result),
-        tables.operating_points_table(result), tables.margins_table(result),
+        converter.converter_table(result),
+        converter.filter_table(result),
+        tables.controllers_table(result),
+        tables.operating_points_table(result),
+        tables.margins_table(result),
         *(tables.gains_table(result, controller) for controller in result.controllers),
         *(tables.metrics_table(result, controller) for controller in result.controllers if controller.events),
-    ]  # fmt: skip
+    ]
     expected += [tables.targets_table(outcomes)] if outcomes else []
     expected += [tables.events_table(result)] if made.study.events else []
     for table in expected:
@@ -231,9 +234,17 @@ def test_yardsticks_of_second_order_loops():
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0.0, "0"), (9.996, "10.0"), (-0.00767, "−0.00767"), (123456.0, "123456"), (1.5e7, "1.50·10⁷"), (None, "–"),
-     (float("nan"), "–"), (2e-9, "2.00·10⁻⁹")],
-)  # fmt: skip
+    [
+        (0.0, "0"),
+        (9.996, "10.0"),
+        (-0.00767, "−0.00767"),
+        (123456.0, "123456"),
+        (1.5e7, "1.50·10⁷"),
+        (None, "–"),
+        (float("nan"), "–"),
+        (2e-9, "2.00·10⁻⁹"),
+    ],
+)
 def test_numbers_have_sensible_digits(value, text):
     assert number(value) == text
 

@@ -22,9 +22,17 @@ UNIT = re.compile(r"\[[^\]]+\]$")
 def test_which_figures_there_are() -> None:
     one_of_each = {"between_nodes", "nfp", "nichols", "passivity", "nyquist"}
     assert set(drawn("plain")) == MAPS | one_of_each | {
-        "map_gains_2", "stale_damping_2", "stale_disk_margin_2", "estimate_error_2", "error_box_2",
-        "loci_1", "loci_2", "admittance_1", "admittance_2", "steps_1",
-    }  # fmt: skip
+        "map_gains_2",
+        "stale_damping_2",
+        "stale_disk_margin_2",
+        "estimate_error_2",
+        "error_box_2",
+        "loci_1",
+        "loci_2",
+        "admittance_1",
+        "admittance_2",
+        "steps_1",
+    }
     assert set(drawn("unstable")) == MAPS | one_of_each | {"loci_1", "admittance_1"}
     assert set(drawn("faulty")) == MAPS | {"stale_damping_1", "stale_disk_margin_1", "estimate_error_1", "error_box_1"}
 

@@ -70,9 +70,15 @@ def test_every_verdict_is_a_row(made: Made) -> None:
     assert made.result.verdicts
     for v in made.result.verdicts:
         row = (
-            v.controller, v.source, v.confidence or "ours", v.test,
-            v.value or "–", v.limit or "–", v.verdict, v.evidence,
-        )  # fmt: skip
+            v.controller,
+            v.source,
+            v.confidence or "ours",
+            v.test,
+            v.value or "–",
+            v.limit or "–",
+            v.verdict,
+            v.evidence,
+        )
         assert [words(cell) for cell in row] in shown, row
     # Ours are marked as ours, and what is of others never passes.
     for v in made.result.verdicts:
@@ -114,13 +120,17 @@ ABSENT = {
     "plain": ["Envelopes of grid-code tests", "not assessed yet"],
     "odd": ["the worst of those of its 4 operating points", "No small step was simulated"],
     "unstable": [
-        "no controller of the study is scheduled", "an unstable mode", "the full-order model is unstable there",
+        "no controller of the study is scheduled",
+        "an unstable mode",
+        "the full-order model is unstable there",
     ],
     "faulty": [
-        "none of its 4 cells could be analysed within the limits", "No grid of the scenario could be looked at closely",
-        "no cell within the converter's limits could be analysed", "No eigenvalue could be drawn",
+        "none of its 4 cells could be analysed within the limits",
+        "No grid of the scenario could be looked at closely",
+        "no cell within the converter's limits could be analysed",
+        "No eigenvalue could be drawn",
     ],
-}  # fmt: skip
+}
 
 
 def test_what_is_not_there_is_said(made: Made) -> None:

@@ -32,13 +32,18 @@ SPECIFICATION = {"aim": "settling", "settling_time": 1.05, "overshoot": 0.01, "d
 def rich() -> GainTable:
     """Everything that a table may have: all statuses, constraints, worst margins, a certificate."""
     made = table(
-        scr=(0.4, 2.0, 8.0), x_over_r=(0.3, 1.0, 20.0), specification=SPECIFICATION,
+        scr=(0.4, 2.0, 8.0),
+        x_over_r=(0.3, 1.0, 20.0),
+        specification=SPECIFICATION,
         parameters={"k_1": np.linspace(14.0, 17.0, 9).reshape(3, 3)},
         certificate={
-            "proof": "gap-free", "decay": 2.1, "region": {"scr": [2.0, 8.0], "x_over_r": [0.5, 20.0]}, "P": [[1.0]],
+            "proof": "gap-free",
+            "decay": 2.1,
+            "region": {"scr": [2.0, 8.0], "x_over_r": [0.5, 20.0]},
+            "P": [[1.0]],
         },
         provenance={"vsgdesign": "0.1.0"},
-    )  # fmt: skip
+    )
     assert not made.valid.all()
     margins = nominal_margins(made)
     margins["worst_overshoot_P_pct"] = 1.3 * margins["overshoot_P_pct"]
@@ -64,10 +69,21 @@ def drawn(name: str) -> dict[str, NamedFigure]:
 def test_which_figures_there_are() -> None:
     always = {"table_active", "table_stale_damping", "table_stale_disk_margin"}
     assert set(drawn("rich")) == always | {
-        "table_overshoot_P_pct", "table_settling_P_s", "table_overshoot_Q_pct", "table_settling_Q_s", "table_mine",
-        "table_disk_margin", "table_least_damping", "table_decay_1_s", "table_H_s",
-        "table_parameters", "table_gains_1", "table_gains_2", "table_price", "table_certificate",
-    }  # fmt: skip
+        "table_overshoot_P_pct",
+        "table_settling_P_s",
+        "table_overshoot_Q_pct",
+        "table_settling_Q_s",
+        "table_mine",
+        "table_disk_margin",
+        "table_least_damping",
+        "table_decay_1_s",
+        "table_H_s",
+        "table_parameters",
+        "table_gains_1",
+        "table_gains_2",
+        "table_price",
+        "table_certificate",
+    }
     assert set(drawn("bare")) == always | {"table_least_damping", "table_decay_1_s", "table_gains"}
 
 
@@ -100,9 +116,12 @@ def legend_of(name: str, figure: str) -> list[str]:
 def test_the_constraint_map_counts_its_cells() -> None:
     valid, outside = int(rich().valid.sum()), int((~rich().valid).sum())
     assert legend_of("rich", "table_active") == [
-        "disk margin (1)", "overshoot (1)", f"no constraint active ({valid - 2})",
-        "hatched: a promise was relaxed (1)", f"outside ({outside})",
-    ]  # fmt: skip
+        "disk margin (1)",
+        "overshoot (1)",
+        f"no constraint active ({valid - 2})",
+        "hatched: a promise was relaxed (1)",
+        f"outside ({outside})",
+    ]
     assert legend_of("bare", "table_active") == ["no constraint active (4)"]
 
 
@@ -202,8 +221,11 @@ def test_a_folder_with_all_of_it(tmp_path: Path) -> None:
     told: list[str] = []
     document = report_table(bare(), tmp_path / "out", progress=lambda what, _share: told.append(what))
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "report.html", "results.json", "table.json", "figures",
-    }  # fmt: skip
+        "report.html",
+        "results.json",
+        "table.json",
+        "figures",
+    }
     assert read_table_file(tmp_path / "out" / "table.json").sha256 == bare().sha256
     assert document["cells"] == {"met": 4, "relaxed": 0, "outside": 0}
     assert document["check"]["good"] is False  # unstable at X/R 0.3, and says so

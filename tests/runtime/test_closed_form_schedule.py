@@ -31,10 +31,16 @@ kind = "scheduled"
 def schedule(settling_time: float = 1.0, damping_ratio: float = 1.0, **changes: float) -> ClosedFormSchedule:
     return ClosedFormSchedule(
         **{
-            "P": P, "Q": Q, "V_g_rms": V_G, "omega": OMEGA, "settling_time": settling_time,
-            "damping_ratio": damping_ratio, "droop_ratio": 0.01,
-        } | changes
-    )  # fmt: skip
+            "P": P,
+            "Q": Q,
+            "V_g_rms": V_G,
+            "omega": OMEGA,
+            "settling_time": settling_time,
+            "damping_ratio": damping_ratio,
+            "droop_ratio": 0.01,
+        }
+        | changes
+    )
 
 
 def power(V: float, delta: float, R: float, X: float) -> complex:

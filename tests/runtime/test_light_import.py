@@ -19,9 +19,15 @@ def imported(statement: str) -> set[str]:
 
 @pytest.mark.parametrize(
     "module",
-    ["vsgdesign.runtime", "vsgdesign.equations.controller", "vsgdesign.frames", "vsgdesign.parameters",
-     "vsgdesign.artifacts", "vsgdesign.metrics"],
-)  # fmt: skip
+    [
+        "vsgdesign.runtime",
+        "vsgdesign.equations.controller",
+        "vsgdesign.frames",
+        "vsgdesign.parameters",
+        "vsgdesign.artifacts",
+        "vsgdesign.metrics",
+    ],
+)
 def test_light(module: str) -> None:
     names = imported(f"import {module}")
     assert "vsgdesign" in names

@@ -279,13 +279,28 @@ def test_known_grid_at_the_start() -> None:
 
 def test_the_closed_form_needs_no_table() -> None:
     schedule = ClosedFormSchedule(
-        P=4500.0, Q=1000.0, V_g_rms=110.0, omega=OMEGA, settling_time=1.0, damping_ratio=1.0, droop_ratio=0.01,
-        structure="angle_damped", D_p=318.3, D_q=90.9, S_rated=5e3,
-    )  # fmt: skip
+        P=4500.0,
+        Q=1000.0,
+        V_g_rms=110.0,
+        omega=OMEGA,
+        settling_time=1.0,
+        damping_ratio=1.0,
+        droop_ratio=0.01,
+        structure="angle_damped",
+        D_p=318.3,
+        D_q=90.9,
+        S_rated=5e3,
+    )
     limits = box_settings(
-        scr=(1.5, 20.0), r_over_x=(0.1, 3.0), P=(-4500.0, 4500.0), Q=(-2e3, 2e3), V_rms=(93.5, 137.5), S_rated=5e3,
-        V_rated_rms=110.0, omega=OMEGA,
-    )  # fmt: skip
+        scr=(1.5, 20.0),
+        r_over_x=(0.1, 3.0),
+        P=(-4500.0, 4500.0),
+        Q=(-2e3, 2e3),
+        V_rms=(93.5, 137.5),
+        S_rated=5e3,
+        V_rated_rms=110.0,
+        omega=OMEGA,
+    )
     scheduler = closed_form_scheduler(schedule, limits, V_n_rms=110.0)
     answer = settle(scheduler, 4.0, 0.7)
     assert answer.status == FRESH
@@ -349,11 +364,15 @@ def test_states_of_something_else_are_refused() -> None:
     scheduler = made()
     good = scheduler.state()
     for change, named in (
-        ({"schema": 2}, "schema 2"), ({"made_for": "x"}, "another table"), ({"age": -1}, "state.age"),
-        ({"gains": [1.0]}, "eight numbers"), ({"scr": None}, "state.scr"),
+        ({"schema": 2}, "schema 2"),
+        ({"made_for": "x"}, "another table"),
+        ({"age": -1}, "state.age"),
+        ({"gains": [1.0]}, "eight numbers"),
+        ({"scr": None}, "state.scr"),
         ({"scr": 50.0}, "outside the schedule's box"),
-        ({"filled": 3}, "state.window"), ({"window": "x"}, "state.window"),
-    ):  # fmt: skip
+        ({"filled": 3}, "state.window"),
+        ({"window": "x"}, "state.window"),
+    ):
         with pytest.raises(ArtifactError, match=named):
             scheduler.restore(good | change)
     with pytest.raises(ArtifactError, match="schema"):

@@ -149,10 +149,24 @@ def test_a_constant_table_is_the_closed_form(structure: str, law: str) -> None:
     """The same law through another door: a table of the closed form's constants on any grid, any measurement."""
     made = table(structure, law, scr=SCR, x_over_r=RATIO)
     closed = ClosedFormSchedule(
-        P=4500.0, Q=1000.0, V_g_rms=110.0, omega=OMEGA, settling_time=1.0, damping_ratio=1.0, droop_ratio=0.01,
-        structure=structure, law=law, k_1=15.8, d_1=6.6, k_2=4.0, H=2.0, zeta=0.7, D_p=made.D_p, D_q=made.D_q,
+        P=4500.0,
+        Q=1000.0,
+        V_g_rms=110.0,
+        omega=OMEGA,
+        settling_time=1.0,
+        damping_ratio=1.0,
+        droop_ratio=0.01,
+        structure=structure,
+        law=law,
+        k_1=15.8,
+        d_1=6.6,
+        k_2=4.0,
+        H=2.0,
+        zeta=0.7,
+        D_p=made.D_p,
+        D_q=made.D_q,
         S_rated=5e3,
-    )  # fmt: skip
+    )
     for at in ((2.5, 0.8), (11.0, 6.0)):
         measured = (*grid(*at), 2.2e3, 700.0, 114.0)
         np.testing.assert_allclose(

@@ -69,9 +69,15 @@ def library_start(study: Study, gains: Sequence[GainChange]) -> Start:
     start = steady_state(study, study.grid, study.grid_source, spec.P_ref, spec.Q_ref, gains[0].gains, phase)
     x, s, pending = start.plant, start.controller, start.pending
     state = State(
-        s.theta, s.omega_i, s.V, complex(s.P_f, s.Q_f), complex(s.xi_vd, s.xi_vq), complex(s.xi_id, s.xi_iq),
-        complex(s.i_f_d, s.i_f_q), complex(s.u_alpha, s.u_beta),
-    )  # fmt: skip
+        s.theta,
+        s.omega_i,
+        s.V,
+        complex(s.P_f, s.Q_f),
+        complex(s.xi_vd, s.xi_vq),
+        complex(s.xi_id, s.xi_iq),
+        complex(s.i_f_d, s.i_f_q),
+        complex(s.u_alpha, s.u_beta),
+    )
     return Start(x[0::2] + 1j * x[1::2], state, complex(*pending))
 
 
@@ -186,9 +192,13 @@ def test_transient_reactance_and_prediction(bridge: str) -> None:
     assert reference.current_limited > 0
 
 
-@pytest.mark.parametrize(("case", "P_ref", "log"), [
-    ("lab_12kva_lcl", "6 kW", '"50 us"'), ("utility_1mva_60hz", "500 kW", repr(1.0 / 6000.0)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("case", "P_ref", "log"),
+    [
+        ("lab_12kva_lcl", "6 kW", '"50 us"'),
+        ("utility_1mva_60hz", "500 kW", repr(1.0 / 6000.0)),
+    ],
+)
 def test_cases_that_come_with_the_package(case: str, P_ref: str, log: str) -> None:
     text = f"""
 base = "case:{case}"
@@ -253,10 +263,17 @@ grid = {{ scr = {draw(2.0, 15.0)} }}
 f_g = {draw(49.5, 50.5)}
 """
     study = lcl_study(
-        "10 ms", events, log=repr(T_s), f_sw=repr(f_sw), samples_per_carrier=str(samples_per_carrier),
+        "10 ms",
+        events,
+        log=repr(T_s),
+        f_sw=repr(f_sw),
+        samples_per_carrier=str(samples_per_carrier),
         current_feedforward=repr(draw(0.0, 1.0)),
-        delay_samples=str(rng.integers(0, 2)), modulation=str(rng.choice(['"min_max"', '"sine_triangle"'])),
-        V_dc=repr(draw(420.0, 800.0)), R_c=repr(draw(0.0, 6.0)), L_2=repr(draw(1e-4, 2e-3)),
+        delay_samples=str(rng.integers(0, 2)),
+        modulation=str(rng.choice(['"min_max"', '"sine_triangle"'])),
+        V_dc=repr(draw(420.0, 800.0)),
+        R_c=repr(draw(0.0, 6.0)),
+        L_2=repr(draw(1e-4, 2e-3)),
         transient_resistance_pu=repr(draw(0.0, 0.2)),
-    )  # fmt: skip
+    )
     compare(study, [GainChange(0.0, GAINS), GainChange(5.003e-3, FAST_GAINS)], "pwm")

@@ -158,10 +158,18 @@ def test_everything_that_does_not_fit_is_refused_at_once() -> None:
     with pytest.raises(ArtifactError) as caught:
         run_scenario(study_with(weights, text=TEXT.replace('"neural"', '"neural", update_period = 0.02')))
     for words in (
-        "controller network", "update_period = 20 ms", "100 × 170 µs = 17 ms", "sample_interval = 170 µs",
-        "sampling period, 50 µs", "S_rated = 5000 VA", "1e+06 VA", "f_n = 50 Hz", "with 60 Hz", "grid_phase = false",
+        "controller network",
+        "update_period = 20 ms",
+        "100 × 170 µs = 17 ms",
+        "sample_interval = 170 µs",
+        "sampling period, 50 µs",
+        "S_rated = 5000 VA",
+        "1e+06 VA",
+        "f_n = 50 Hz",
+        "with 60 Hz",
+        "grid_phase = false",
         "no converter in the field",
-    ):  # fmt: skip
+    ):
         assert words in str(caught.value)
 
 

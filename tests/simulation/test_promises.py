@@ -29,9 +29,14 @@ SOFT = {"k_1": 3.6**2, "d_1": 2.0 * 0.8 * 3.6, "k_2": 3.6}
 def study_with(asked: Mapping[str, object], *events: Event) -> Study:
     study = replace(robust_study(), scr_basis="impedance")
     made = table(
-        scr=(3.0, 6.0), x_over_r=(1.0, 3.0), parameters=SOFT, D_p=318.3, D_q=90.9, specification=asked,
+        scr=(3.0, 6.0),
+        x_over_r=(1.0, 3.0),
+        parameters=SOFT,
+        D_p=318.3,
+        D_q=90.9,
+        specification=asked,
         status=np.full((2, 2), "met"),
-    )  # fmt: skip
+    )
     spec = replace(controller(study), name="table", schedule="table", table=made)
     run = replace(study.simulation, duration=3.0, bridge="averaged", P_ref=1500.0, Q_ref=0.0)
     grid = grid_from_scr(5.0, 2.0, "impedance", study.converter)

@@ -56,8 +56,11 @@ def test_gains_follow_a_step_of_the_grid(tmp_path: Path) -> None:
     last, window = simulation.gain_changes[-1].gains, simulation.final_state
     expected = scheduler.lookup.gains(
         scheduler.lookup.normalised(*scheduler.lookup.coordinates(grid.R_g, grid.L_g)),  # type: ignore[arg-type]
-        *scheduler.lookup.coordinates(grid.R_g, grid.L_g), window.P_f, window.Q_f, window.V,
-    )  # fmt: skip
+        *scheduler.lookup.coordinates(grid.R_g, grid.L_g),
+        window.P_f,
+        window.Q_f,
+        window.V,
+    )
     np.testing.assert_allclose(last, expected, rtol=0.05)  # powers of one window earlier
     # ω does not jump where the gains do: its largest change in 2 ms is that of the grid's own step.
     omega = simulation.column("omega")

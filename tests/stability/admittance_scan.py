@@ -68,9 +68,19 @@ def _at(study: Study, cell: Cell, hz: float, settle_s: float, amplitude: float) 
     for axis, direction in enumerate((1.0, 1j)):
         sizes = np.array([peak, 0.5 * amplitude * peak * direction, 0.5 * amplitude * peak * direction])
         sums = _compiled()(
-            round(settle_s / T), window, start.plant[0::2] + 1j * start.plant[1::2], complex(*start.pending),
-            state.copy(), pi.copy(), step, integrals, sizes, bands, constants(study, cell, T), c.delay_samples,
-        )  # fmt: skip
+            round(settle_s / T),
+            window,
+            start.plant[0::2] + 1j * start.plant[1::2],
+            complex(*start.pending),
+            state.copy(),
+            pi.copy(),
+            step,
+            integrals,
+            sizes,
+            bands,
+            constants(study, cell, T),
+            c.delay_samples,
+        )
         for port, target in ((0, v), (1, i)):
             plus, minus = sums[0, port], np.conj(sums[1, port])
             target[:, axis] = plus + minus, -1j * (plus - minus)

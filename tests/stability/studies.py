@@ -84,9 +84,15 @@ def rated(study: Study, names: tuple[str, ...]) -> Array:
     V_pk = np.sqrt(2.0) * c.V_rated_rms
     I_pk = np.sqrt(2.0) * c.S_rated / (3.0 * c.V_rated_rms)
     table = {
-        "i": I_pk, "v": V_pk, "pending": V_pk, "delta": 1.0, "omega": c.omega_n, "V": c.V_rated_rms,
-        "P": c.S_rated, "Q": c.S_rated,
-    }  # fmt: skip
+        "i": I_pk,
+        "v": V_pk,
+        "pending": V_pk,
+        "delta": 1.0,
+        "omega": c.omega_n,
+        "V": c.V_rated_rms,
+        "P": c.S_rated,
+        "Q": c.S_rated,
+    }
     return np.array(
         [I_pk if n.startswith("xi_v") else V_pk if n.startswith("xi_i") else table[n.split("_")[0]] for n in names]
     )

@@ -96,9 +96,15 @@ def unstable_alone(s: Situation) -> int:
     return int(np.sum(np.abs(z) > 1.0))
 
 
-@pytest.mark.parametrize(("scr", "ratio", "settling", "stable"), [
-    (3.0, 2.0, 0.3, True), (6.0, 1.0, 0.5, True), (15.0, 0.25, 0.2, False), (10.0, 0.4, 0.2, False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("scr", "ratio", "settling", "stable"),
+    [
+        (3.0, 2.0, 0.3, True),
+        (6.0, 1.0, 0.5, True),
+        (15.0, 0.25, 0.2, False),
+        (10.0, 0.4, 0.2, False),
+    ],
+)
 def test_encirclements_are_unstable_modes(scr: float, ratio: float, settling: float, stable: bool) -> None:
     """det(I + Z_g Y) along the axis turns Z − P times around zero, clockwise: Z unstable modes on the grid, P of Y's.
 

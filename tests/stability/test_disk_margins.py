@@ -71,11 +71,13 @@ def cases(which: str, at: str, situations: list[Situation], reduced: list[Couple
         ]
     return [
         (
-            open_full_order(s.model, 0, at), full_order_margins(s.model),
-            lambda w, s=s: FullOrderLoop(s.model, at).on(w)[0], frequency_grid(s.model.T_s),
+            open_full_order(s.model, 0, at),
+            full_order_margins(s.model),
+            lambda w, s=s: FullOrderLoop(s.model, at).on(w)[0],
+            frequency_grid(s.model.T_s),
         )
         for s in situations
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.parametrize("at", BREAKS)

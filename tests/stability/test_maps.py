@@ -189,9 +189,15 @@ def test_an_unknown_model_is_named(study: Study) -> None:
         margin_map(study, gain_law(study, study.controllers[0]), (2.0,), (1.0,), (0.0,), (0.0,), "sampled")
 
 
-@pytest.mark.parametrize(("case", "scr", "ratio"), [
-    (PUBLISHED, 2.0, 1.0), (PUBLISHED, 10.0, 0.5), (LABORATORY, 5.0, 1.0), (LABORATORY, 12.0, 3.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("case", "scr", "ratio"),
+    [
+        (PUBLISHED, 2.0, 1.0),
+        (PUBLISHED, 10.0, 0.5),
+        (LABORATORY, 5.0, 1.0),
+        (LABORATORY, 12.0, 3.0),
+    ],
+)
 def test_both_models_agree_in_the_slow_modes(case: str, scr: float, ratio: float) -> None:
     """Power loops slow against inner loops and network: each reduced mode has a full-order one within 2 % of its size.
 

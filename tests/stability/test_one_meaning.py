@@ -35,9 +35,7 @@ def tabled(structure: str = "angle_damped") -> tuple[Study, ControllerSpec]:
     droop = 318.3 if structure == "angle_damped" else 0.0
     # Designed on every node, also where the grid does not carry the design point.
     columns = {"k_1": 16.0 * rng.uniform(0.8, 1.2, (4, 4)), "k_2": 4.0 * rng.uniform(0.8, 1.2, (4, 4))}
-    made = table(
-        structure, parameters=columns, D_p=droop, status=np.full((4, 4), "met"), D_q=law(study, structure).D_q
-    )  # fmt: skip
+    made = table(structure, parameters=columns, D_p=droop, status=np.full((4, 4), "met"), D_q=law(study, structure).D_q)
     spec = replace(base, schedule="table", table=made)
     return replace(study, controllers=(spec,), events=()), spec
 
@@ -97,7 +95,7 @@ def test_map_optimizer_runtime_and_emt_have_the_same_cell(structure: str) -> Non
         # The comparison.
         np.testing.assert_allclose(
             np.array(contender_of(study, spec).gains_in(s))[:, 0], shipped, rtol=1e-6, atol=1e-15
-        )  # fmt: skip
+        )
         # EMT, at rest from the first sample on.
         if not full.table.stable[0]:
             continue
@@ -174,7 +172,7 @@ def test_a_wrong_estimate_is_taken_at_the_true_operating_point() -> None:
     c = stale.cells
     np.testing.assert_allclose(
         cell_gains(stale, 1), shipped(float(c.R_g[2]), float(c.L_g[2]), float(c.V_rms[0])), rtol=1e-5, atol=1e-15
-    )  # fmt: skip
+    )
 
 
 def test_a_table_is_compared_with_the_gains_that_ship() -> None:
@@ -183,9 +181,7 @@ def test_a_table_is_compared_with_the_gains_that_ship() -> None:
     assert not spec.target.follow_references
     measured = replace(spec, target=replace(spec.target, follow_references=True))
     grids = [(3.0, 1.0)]
-    rows = [
-        compare_on_grids(study, specification(study), contender_of(study, one), grids) for one in (spec, measured)
-    ]  # fmt: skip
+    rows = [compare_on_grids(study, specification(study), contender_of(study, one), grids) for one in (spec, measured)]
     assert rows[0] == rows[1]
 
 

@@ -67,9 +67,12 @@ def emt_response(s: Situation, input_: str, size: float, samples: int) -> Array:
     reference = {input_: size + getattr(cell, input_)}
     spec = replace(study.simulation, duration=(START + samples) * T_s, P_ref=cell.P_ref, Q_ref=cell.Q_ref)
     study = replace(
-        study, grid=cell.grid, grid_source=cell.source or study.grid_source, simulation=spec,
+        study,
+        grid=cell.grid,
+        grid_source=cell.source or study.grid_source,
+        simulation=spec,
         events=(Event(START * T_s, "step", **reference),),
-    )  # fmt: skip
+    )
     run = simulate(study, [GainChange(0.0, cell.gains)], bridge="averaged")
     values = np.stack([run.column(name) for name in ("P", "Q", "omega", "V_rms")], axis=1)
     return values[START:] - values[0]

@@ -41,9 +41,11 @@ def random_converter(rng: np.random.Generator) -> tuple[IdealConverter, float, f
         A, D = 3.0 * V * V * X / Z**2, 3.0 * V * X / Z**2
         settling = 10.0 ** rng.uniform(-0.7, 0.3)
         gains = {
-            "K_ip": (4.0 / settling) ** 2 / A, "D_p": rng.uniform(0.2, 2.0) * A * settling / 4.0,
-            "K_iq": 10.0 ** rng.uniform(-0.5, 0.5) * 4.0 / settling / D, "D_q": rng.uniform(0.0, 0.1) * D,
-        }  # fmt: skip
+            "K_ip": (4.0 / settling) ** 2 / A,
+            "D_p": rng.uniform(0.2, 2.0) * A * settling / 4.0,
+            "K_iq": 10.0 ** rng.uniform(-0.5, 0.5) * 4.0 / settling / D,
+            "D_q": rng.uniform(0.0, 0.1) * D,
+        }
         tau_P, tau_Q = (float(rng.choice([0.0, settling * rng.uniform(0.01, 0.1)])) for _ in "PQ")
         return IdealConverter(R, X, **gains, omega_0=OMEGA_0, V_n=V_N, tau_P=tau_P, tau_Q=tau_Q), delta, V
 

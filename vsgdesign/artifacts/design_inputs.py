@@ -64,8 +64,10 @@ def input_differences(made: Mapping[str, Any], wanted: Mapping[str, Any]) -> lis
     names = [name for name in dict.fromkeys([*its, *mine]) if mine.get(name) != its.get(name)]
     if "specification" not in wanted:
         names = [name for name in names if not name.startswith("specification.")]
-    return [f"{name} was {_shown(mine.get(name))} in its design, the study has {_shown(its.get(name))}"
-            for name in sorted(names)]  # fmt: skip
+    return [
+        f"{name} was {_shown(mine.get(name))} in its design, the study has {_shown(its.get(name))}"
+        for name in sorted(names)
+    ]
 
 
 def study_differences(table: GainTable, study: Study) -> list[str]:

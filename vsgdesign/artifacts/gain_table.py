@@ -185,9 +185,16 @@ def base_of(study: Study, scr_basis: str | None = None) -> TableBase:
     """The base of a table for a study's converter; ``scr_basis``: of the table's axis, if not the study's."""
     c, f = study.converter, study.filter
     return TableBase(
-        c.S_rated, c.V_rated_rms, c.omega_n, study.grid_source.V_g_rms, f.R_2, f.L_2, scr_basis or study.scr_basis,
-        study.tau_P, study.tau_Q,
-    )  # fmt: skip
+        c.S_rated,
+        c.V_rated_rms,
+        c.omega_n,
+        study.grid_source.V_g_rms,
+        f.R_2,
+        f.L_2,
+        scr_basis or study.scr_basis,
+        study.tau_P,
+        study.tau_Q,
+    )
 
 
 def base_differences(base: TableBase, other: TableBase, name: str) -> list[str]:

@@ -156,6 +156,14 @@ def _rows_on_a_line(text: str) -> str:
 
 
 TABLE_FILE = GuardedFile(
-    KIND, SCHEMA, "a gain table", 'written by "vsgdesign table build"', "build the table again",
-    table_document, _from_document, table_faults, _rows_on_a_line, (_from_schema_1,),
-)  # fmt: skip
+    KIND,
+    SCHEMA,
+    "a gain table",
+    'written by "vsgdesign table build"',
+    "build the table again",
+    table_document,
+    _from_document,
+    table_faults,
+    _rows_on_a_line,
+    (_from_schema_1,),
+)

@@ -89,12 +89,14 @@ def _shown(value: Any) -> str:
 
 def _document(record: InnerLoopsRecord) -> dict[str, Any]:
     return {
-        "kind": KIND, "schema": SCHEMA,
+        "kind": KIND,
+        "schema": SCHEMA,
         "gains": plain(record.gains._asdict()) | {"omega_t": float(record.omega_t)},
-        "score": float(record.score), "limiting": record.limiting,
+        "score": float(record.score),
+        "limiting": record.limiting,
         "promises": [plain(asdict(promise)) for promise in record.promises],
         "request": record.request,
-    }  # fmt: skip
+    }
 
 
 def _from_document(document: dict[str, Any]) -> InnerLoopsRecord:
@@ -123,6 +125,12 @@ def _faults(record: InnerLoopsRecord) -> Iterator[str]:
 
 
 INNER_LOOPS_FILE = GuardedFile(
-    KIND, SCHEMA, "a file of designed inner loops", 'written by "vsgdesign inner"', "design them again",
-    _document, _from_document, lambda record: list(_faults(record)),
-)  # fmt: skip
+    KIND,
+    SCHEMA,
+    "a file of designed inner loops",
+    'written by "vsgdesign inner"',
+    "design them again",
+    _document,
+    _from_document,
+    lambda record: list(_faults(record)),
+)

@@ -162,9 +162,11 @@ def _faults(weights: NetworkWeights) -> Iterator[str]:
     network, window = weights.network, weights.window
     h, n, m = len(network.b_1), network.W_1.shape[-1], len(OUTPUTS)
     wanted: dict[str, tuple[Array, tuple[int, ...]]] = {
-        "W_1": (network.W_1, (h, n)), "b_1": (network.b_1, (h,)),
-        "W_2": (network.W_2, (m, h)), "b_2": (network.b_2, (m,)),
-    }  # fmt: skip
+        "W_1": (network.W_1, (h, n)),
+        "b_1": (network.b_1, (h,)),
+        "W_2": (network.W_2, (m, h)),
+        "b_2": (network.b_2, (m,)),
+    }
     for side, size in (("inputs", n), ("outputs", m)):
         scaling = getattr(network, side)
         wanted |= {f"{side}.{f.name}": (getattr(scaling, f.name), (size,)) for f in fields(Scaling)}
@@ -209,6 +211,12 @@ def _fix(instance: Any) -> None:
 
 
 WEIGHTS_FILE = GuardedFile(
-    KIND, SCHEMA, "a trained network", 'written by "vsgdesign estimator train"', "train again",
-    weights_document, _from_document, lambda weights: list(_faults(weights)),
-)  # fmt: skip
+    KIND,
+    SCHEMA,
+    "a trained network",
+    'written by "vsgdesign estimator train"',
+    "train again",
+    weights_document,
+    _from_document,
+    lambda weights: list(_faults(weights)),
+)

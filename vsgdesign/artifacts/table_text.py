@@ -61,11 +61,12 @@ _CURES = {
     "inner loops": ("the inner loops", "With ideal ones"),
     "estimate error": ("the error of the estimate", "With an exact estimate"),
     "inner loops and estimate error": (
-        "the inner loops together with the error of the estimate", "With ideal inner loops and an exact estimate",
+        "the inner loops together with the error of the estimate",
+        "With ideal inner loops and an exact estimate",
     ),
     "static limit": ("the static limit", "With half of the powers"),
     "neighbours": ("the designs beside it, which it has to go well with", "Alone"),
-}  # fmt: skip
+}
 
 
 def cause_text(cause: Document) -> str:

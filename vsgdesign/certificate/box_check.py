@@ -31,9 +31,16 @@ def compile_ahead() -> None:
 
 @_compiled
 def survey(
-    low: Any, high: Any, parameters: Any, situation: Any, conditions: Any, signs: Any, empty: Any, applies: Any,
+    low: Any,
+    high: Any,
+    parameters: Any,
+    situation: Any,
+    conditions: Any,
+    signs: Any,
+    empty: Any,
+    applies: Any,
     forms: Any,
-) -> None:  # fmt: skip
+) -> None:
     """What N boxes hold, limits (N, 6), ``parameters`` (m, N).
 
     ``situation``: program over the six coordinates; its first outputs are 1/V and what else the inequality needs of
@@ -111,9 +118,7 @@ def judge(low: Any, high: Any, parameters: Any, inequality: Any, forms: Any, pro
 
 
 @_compiled
-def _load(
-    registers: Any, own: Any, low: Any, high: Any, parameters: Any, start: int, coordinates: int, d: int
-) -> None:  # fmt: skip
+def _load(registers: Any, own: Any, low: Any, high: Any, parameters: Any, start: int, coordinates: int, d: int) -> None:
     """The coordinates of boxes as forms, their widths rounded up, and the boxes' parameters."""
     for lane in range(LANES):
         box = min(start + lane, len(low) - 1)

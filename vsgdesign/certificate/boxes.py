@@ -126,8 +126,12 @@ def _pieces(nodes: Array, low: float, high: float) -> list[Array]:
 def parameters_of(system: System, boxes: Boxes, pieces: Boxes) -> Array:
     """What differs from box to box, (m, N): bounds of 1/(1 + error), and the table's columns as
     c_0 + c_1 x + c_2 y + c_3 xy in x = 1/first coordinate and y = R̂/X̂ of its piece."""
-    errors = [1.0 / (1.0 + boxes.high[:, 4]), 1.0 / (1.0 + boxes.low[:, 4]), 1.0 / (1.0 + boxes.high[:, 5]),
-              1.0 / (1.0 + boxes.low[:, 5])]  # fmt: skip
+    errors = [
+        1.0 / (1.0 + boxes.high[:, 4]),
+        1.0 / (1.0 + boxes.low[:, 4]),
+        1.0 / (1.0 + boxes.high[:, 5]),
+        1.0 / (1.0 + boxes.low[:, 5]),
+    ]
     schedule = system.schedule
     if not isinstance(schedule, TableSchedule):
         return np.array(errors)

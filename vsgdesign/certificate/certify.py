@@ -107,10 +107,18 @@ class Motion:
 
 
 def certify(
-    study: Study, spec: ControllerSpec, region: Region, *, schedule: MeasuredSchedule | None = None,
-    decay: float | None = None, nodes_per_axis: int = 15, fresh: int = 20_000, seed: int = 0, budget: int = _BUDGET,
+    study: Study,
+    spec: ControllerSpec,
+    region: Region,
+    *,
+    schedule: MeasuredSchedule | None = None,
+    decay: float | None = None,
+    nodes_per_axis: int = 15,
+    fresh: int = 20_000,
+    seed: int = 0,
+    budget: int = _BUDGET,
     progress: Callable[[str, float], None] | None = None,
-) -> Certificate | Counterexample:  # fmt: skip
+) -> Certificate | Counterexample:
     """The largest decay that one Lyapunov function proves over the region, or a counterexample; or the proof of a
     ``decay`` (1/s) that is asked for, in less time.
 
@@ -175,9 +183,20 @@ def certify(
         largest = float(residual(matrices, motion.family(every), found.P, claimed).max())
     gap = Gap() if complete else _gap(outcome, largest)
     return Certificate(
-        spec.name, region, claimed, sampled, found.P, system.scale, GAP_FREE if complete else GRIDDED, gap, len(A),
-        len(A_fresh), outcome.proved if outcome else 0, len(found.active), largest,
-    )  # fmt: skip
+        spec.name,
+        region,
+        claimed,
+        sampled,
+        found.P,
+        system.scale,
+        GAP_FREE if complete else GRIDDED,
+        gap,
+        len(A),
+        len(A_fresh),
+        outcome.proved if outcome else 0,
+        len(found.active),
+        largest,
+    )
 
 
 def _verified(A: Array, family: Family, found: Fit, name: str) -> tuple[float, float]:
@@ -195,9 +214,15 @@ def _verified(A: Array, family: Family, found: Fit, name: str) -> tuple[float, f
 
 
 def largest_rate(
-    study: Study, spec: ControllerSpec, region: Region, decay: float, *, schedule: MeasuredSchedule | None = None,
-    highest: float = 1e3, **options: Any,
-) -> Certificate | Counterexample:  # fmt: skip
+    study: Study,
+    spec: ControllerSpec,
+    region: Region,
+    decay: float,
+    *,
+    schedule: MeasuredSchedule | None = None,
+    highest: float = 1e3,
+    **options: Any,
+) -> Certificate | Counterexample:
     """The certificate of the largest rate (to 5 %) at which a decay still holds, up to ``highest`` (1/s).
 
     Options are those of :func:`certify`. Raises InfeasibleStudyError where the decay does not hold even at rest.
@@ -223,10 +248,15 @@ def largest_rate(
 
 
 def region_of(
-    study: Study, controller: str | None, scr: tuple[float, float] | None, x_over_r: tuple[float, float] | None,
-    P_pu: tuple[float, float] | None = None, Q_pu: tuple[float, float] | None = None, error: float | None = None,
+    study: Study,
+    controller: str | None,
+    scr: tuple[float, float] | None,
+    x_over_r: tuple[float, float] | None,
+    P_pu: tuple[float, float] | None = None,
+    Q_pu: tuple[float, float] | None = None,
+    error: float | None = None,
     rate: float = np.inf,
-) -> tuple[ControllerSpec, Region]:  # fmt: skip
+) -> tuple[ControllerSpec, Region]:
     """A controller by name (None: the last scheduled one) and a region, from limits in per unit of rating.
 
     What is None is a table's own box, which its certificate covers. For a closed form it is the limits of the study's
@@ -320,9 +350,15 @@ def _slowest(
 
 
 def _proved(
-    system: System, motion: Motion, P: Array, decays: Sequence[float], region: Region, budget: int,
-    progress: Callable[[str, float], None] | None, seed: int,
-) -> Outcome:  # fmt: skip
+    system: System,
+    motion: Motion,
+    P: Array,
+    decays: Sequence[float],
+    region: Region,
+    budget: int,
+    progress: Callable[[str, float], None] | None,
+    seed: int,
+) -> Outcome:
     """The proof on boxes."""
 
     def failing(points: Array, at: float) -> Array:

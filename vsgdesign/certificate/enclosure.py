@@ -142,7 +142,7 @@ class _Estimate:
 
 def _voltage(
     system: System, region: Region, p: Symbol, q: Symbol, path: Any, base: Symbol
-) -> tuple[Symbol, list[tuple[Any, float, float]]]:  # fmt: skip
+) -> tuple[Symbol, list[tuple[Any, float, float]]]:
     """1/V per unit within the static limits, and the conditions for those and for P and Q (:eq:`box-coordinates`,
     :eq:`static-limits`): each a quantity with its limits."""
     c = system.study.converter

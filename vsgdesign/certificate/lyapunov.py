@@ -158,9 +158,13 @@ def _solve(A: Array, family: Family, decay: float) -> Array | None:
     settings.verbose = False
     settings.max_threads = 1
     solution = clarabel.DefaultSolver(
-        sparse.csc_matrix((width, width)), cost, sparse.csc_matrix(np.concatenate(blocks)), np.concatenate(offsets),
-        [clarabel.PSDTriangleConeT(n)] * len(blocks), settings,
-    ).solve()  # fmt: skip
+        sparse.csc_matrix((width, width)),
+        cost,
+        sparse.csc_matrix(np.concatenate(blocks)),
+        np.concatenate(offsets),
+        [clarabel.PSDTriangleConeT(n)] * len(blocks),
+        settings,
+    ).solve()
     if solution.status != clarabel.SolverStatus.Solved:
         return None
     x = np.array(solution.x)

@@ -50,9 +50,16 @@ class Outcome:
 
 
 def prove(
-    system: System, region: Region, weights: Weights, failing: Failing, P: Array, decays: Sequence[float], budget: int,
-    progress: Callable[[str, float], None] | None = None, seed: int = 0,
-) -> Outcome:  # fmt: skip
+    system: System,
+    region: Region,
+    weights: Weights,
+    failing: Failing,
+    P: Array,
+    decays: Sequence[float],
+    budget: int,
+    progress: Callable[[str, float], None] | None = None,
+    seed: int = 0,
+) -> Outcome:
     """The largest of some decays (falling) at which the inequality holds in all points of the region that lie within
     the static limits (:eq:`box-bound`).
 
@@ -133,8 +140,15 @@ def _look(ready: BoxPrograms, low: Array, high: Array, parameters: Array) -> tup
         if len(some) == 0:
             continue
         held, pull = np.zeros(len(some), dtype=np.bool_), np.zeros((len(some), FOLLOWED + 1))
-        judge(low[some], high[some], np.ascontiguousarray(parameters[:, some]), _arrays(inequality), forms[some],
-              held, pull)  # fmt: skip
+        judge(
+            low[some],
+            high[some],
+            np.ascontiguousarray(parameters[:, some]),
+            _arrays(inequality),
+            forms[some],
+            held,
+            pull,
+        )
         proved[some] &= held
         score[some] = np.maximum(score[some], pull)  # NaN stays
     return np.where(empty, EMPTY, np.where(proved, PROVED, UNDECIDED)), _to_cut(low, high, score)

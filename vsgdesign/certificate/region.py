@@ -71,9 +71,11 @@ def region_faults(region: Region) -> list[Fault]:
     """Everything that is wrong with a region."""
     faults = []
     for name, (low, high), least, most in (
-        ("scr", region.scr, 0.05, 1e3), ("x-over-r", region.x_over_r, 1e-2, 1e3),
-        ("P", region.P, -np.inf, np.inf), ("Q", region.Q, -np.inf, np.inf),
-    ):  # fmt: skip
+        ("scr", region.scr, 0.05, 1e3),
+        ("x-over-r", region.x_over_r, 1e-2, 1e3),
+        ("P", region.P, -np.inf, np.inf),
+        ("Q", region.Q, -np.inf, np.inf),
+    ):
         if not (least <= low <= high <= most and np.isfinite([low, high]).all()):
             within = f" from {least:g} to {most:g}" if np.isfinite(least) else ""
             faults.append(Fault(name, f"{low:g} {high:g}", f"must be two numbers{within}, the smaller first"))

@@ -61,13 +61,25 @@ class Certificate:
 
     def as_document(self) -> dict[str, Any]:
         """JSON's types, the same for the same inputs: what a gain table keeps. An infinite rate is null."""
-        return plain({
-            "certified": True, "controller": self.controller, "region": asdict(self.region), "decay": self.decay,
-            "sampled": self.sampled,
-            "proof": self.proof, "gap": asdict(self.gap), "P": self.P, "scale": self.scale, "states": STATES,
-            "checked": self.checked, "fresh": self.fresh, "boxes": self.boxes, "vertices": self.vertices,
-            "largest": self.largest,
-        })  # fmt: skip
+        return plain(
+            {
+                "certified": True,
+                "controller": self.controller,
+                "region": asdict(self.region),
+                "decay": self.decay,
+                "sampled": self.sampled,
+                "proof": self.proof,
+                "gap": asdict(self.gap),
+                "P": self.P,
+                "scale": self.scale,
+                "states": STATES,
+                "checked": self.checked,
+                "fresh": self.fresh,
+                "boxes": self.boxes,
+                "vertices": self.vertices,
+                "largest": self.largest,
+            }
+        )
 
 
 class NoFunctionError(InfeasibleStudyError):
@@ -105,12 +117,16 @@ class Counterexample:
     def as_document(self) -> dict[str, Any]:
         """JSON's types."""
         names = ("scr", "x_over_r", "P", "Q", "error_R", "error_L")
-        return plain({
-            "certified": False, "controller": self.controller, "region": asdict(self.region),
-            **{name: getattr(self, name) for name in names},
-            "eigenvalue": {"real": self.eigenvalue.real, "imag": self.eigenvalue.imag},
-            "trajectory": {"t_s": self.trajectory.t_s, **dict(zip(STATES, self.trajectory.x.T, strict=True))},
-        })  # fmt: skip
+        return plain(
+            {
+                "certified": False,
+                "controller": self.controller,
+                "region": asdict(self.region),
+                **{name: getattr(self, name) for name in names},
+                "eigenvalue": {"real": self.eigenvalue.real, "imag": self.eigenvalue.imag},
+                "trajectory": {"t_s": self.trajectory.t_s, **dict(zip(STATES, self.trajectory.x.T, strict=True))},
+            }
+        )
 
 
 def growing_mode(A: Array, scale: Array, periods: float = 4.0, count: int = 201) -> tuple[complex, Trajectory]:

@@ -15,9 +15,13 @@ _KEPT, _TRIES, _ROUNDS = 300, 20, 14
 
 
 def worst_points(
-    system: System, region: Region, shortfall: Callable[[Array, Array], Array], points: Array, A: Array,
+    system: System,
+    region: Region,
+    shortfall: Callable[[Array, Array], Array],
+    points: Array,
+    A: Array,
     rng: np.random.Generator,
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array]:
     """The points (_KEPT, 6) of largest ``shortfall`` near the worst of ``points`` (N, 6), the worst first, and it.
 
     ``shortfall``: points and their state matrices to a number each. Steps in ln SCR, ln X/R, P, Q and the errors get

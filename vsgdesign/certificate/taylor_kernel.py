@@ -63,8 +63,16 @@ def run_program(code: Any, number: Any, places: Any, factors: Any, registers: An
         target, first, last = registers[code[n, 1]], code[n, 2], code[n, 3]
         operation = code[n, 0]
         if operation <= _BLEND:
-            _combine(target, operation == _BLEND, number[n], places[first:last], factors[first:last], registers,
-                     parameters, d)  # fmt: skip
+            _combine(
+                target,
+                operation == _BLEND,
+                number[n],
+                places[first:last],
+                factors[first:last],
+                registers,
+                parameters,
+                d,
+            )
         elif operation == _PRODUCT:
             _multiply(target, registers[first], registers[last], d)
         else:
@@ -137,9 +145,12 @@ def _multiply(target: Any, a: Any, b: Any, d: int) -> None:
     for i in range(d):
         for lane in range(LANES):
             target[last + i, lane] = (
-                a[last + i, lane] * size_b[lane] + b[last + i, lane] * size_a[lane] + even[lane]
-                + abs(a[1 + i, lane]) * per_a[lane] + abs(b[1 + i, lane]) * per_b[lane]
-            )  # fmt: skip
+                a[last + i, lane] * size_b[lane]
+                + b[last + i, lane] * size_a[lane]
+                + even[lane]
+                + abs(a[1 + i, lane]) * per_a[lane]
+                + abs(b[1 + i, lane]) * per_b[lane]
+            )
     for lane in range(LANES):
         target[last, lane] += _ROUNDING * (size_a[lane] + a[total + 2, lane]) * size_b[lane]
     sum_up(target, d)
@@ -212,9 +223,10 @@ def _apply(target: Any, source: Any, operation: int, least: float, scratch: Any,
             moved = source[total, lane]
             share = abs(source[1 + i, lane]) / moved if moved > 0.0 else 1.0 / d
             target[last + i, lane] = (
-                abs(slope[lane]) * deviation[last + i, lane] + abs(bend[lane]) * square[last + i, lane]
+                abs(slope[lane]) * deviation[last + i, lane]
+                + abs(bend[lane]) * square[last + i, lane]
                 + left[lane] * share
-            )  # fmt: skip
+            )
     for lane in range(LANES):
         size = (
             abs(deviation[0, lane]) + deviation[total, lane] + deviation[total + 1, lane] + deviation[total + 2, lane]

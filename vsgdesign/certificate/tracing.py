@@ -214,9 +214,13 @@ def program_of(tracer: Tracer, results: Sequence[Any]) -> Program:
             number.append(numbers[0] if numbers else 0.0)
         free += [register[m] for m in set(operands) if m >= tracer.inputs and last[m] == k]
     return Program(
-        np.array(code, dtype=np.int64).reshape(-1, 4), np.array(number), np.array(places, dtype=np.int64),
-        np.array(factors), np.array([register[k] for k in outputs], dtype=np.int64), count,
-    )  # fmt: skip
+        np.array(code, dtype=np.int64).reshape(-1, 4),
+        np.array(number),
+        np.array(places, dtype=np.int64),
+        np.array(factors),
+        np.array([register[k] for k in outputs], dtype=np.int64),
+        count,
+    )
 
 
 def _last_uses(tracer: Tracer, outputs: Sequence[int]) -> dict[int, int]:

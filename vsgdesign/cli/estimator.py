@@ -11,9 +11,12 @@ import click
 from vsgdesign.cli.common import JSON, STUDY, Interrupted, load, print_json, progress, verb
 from vsgdesign.errors import counted
 
-_RECIPE = click.option("--recipe", default=None, metavar="NAME|FILE.toml",
-                       help="Packaged (published, continuous, wide) or a file.  "
-                            "[default: of the study, else published]")  # fmt: skip
+_RECIPE = click.option(
+    "--recipe",
+    default=None,
+    metavar="NAME|FILE.toml",
+    help="Packaged (published, continuous, wide) or a file.  [default: of the study, else published]",
+)
 _SEED = click.option("--seed", type=click.IntRange(0), default=None, help="[default: of the study, else 0]")
 _WORKERS = click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Processes.")
 
@@ -50,11 +53,19 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, wor
         raise Interrupted("finished blocks are kept, the same command goes on from them") from None
     scenarios, sampled = made_of.scenarios, with_sampling(made_of, study.converter)
     if as_json:
-        print_json({
-            "file": out, "sha256": data.hash, "windows": len(data), "scenarios": scenarios,
-            "synchronised": data.synchronised, "shape": data.windows.shape, "draws": data.draws,
-            "window": sampling_document(sampled, study.converter), "header": data.header,
-        })  # fmt: skip
+        print_json(
+            {
+                "file": out,
+                "sha256": data.hash,
+                "windows": len(data),
+                "scenarios": scenarios,
+                "synchronised": data.synchronised,
+                "shape": data.windows.shape,
+                "draws": data.draws,
+                "window": sampling_document(sampled, study.converter),
+                "header": data.header,
+            }
+        )
     else:
         shape = (
             f"{counted(len(data), 'window')} of {data.windows.shape[1]} values from {counted(scenarios, 'scenario')}"
@@ -70,19 +81,33 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, wor
 @click.option("--out", required=True, metavar="FILE.json", help="Where to write the weights.")
 @_RECIPE
 @_SEED
-@click.option("--hidden", type=click.IntRange(1, 64), default=None,
-              help="Hidden units.  [default: of the study, else of the recipe]")  # fmt: skip
-@click.option("--components", type=click.IntRange(0, 1000), default=None,
-              help="Principal components; 0: all above the noise.  "
-                   "[default: of the study, else of the recipe]")  # fmt: skip
+@click.option(
+    "--hidden",
+    type=click.IntRange(1, 64),
+    default=None,
+    help="Hidden units.  [default: of the study, else of the recipe]",
+)
+@click.option(
+    "--components",
+    type=click.IntRange(0, 1000),
+    default=None,
+    help="Principal components; 0: all above the noise.  [default: of the study, else of the recipe]",
+)
 @click.option("--windows", default=None, metavar="FILE.npz", help="Keep the windows too.")
 @_WORKERS
 @JSON
 @verb
 def train(
-    study_file: str, out: str, recipe: str | None, seed: int | None, hidden: int | None, components: int | None,
-    windows: str | None, workers: int, as_json: bool,
-) -> None:  # fmt: skip
+    study_file: str,
+    out: str,
+    recipe: str | None,
+    seed: int | None,
+    hidden: int | None,
+    components: int | None,
+    windows: str | None,
+    workers: int,
+    as_json: bool,
+) -> None:
     """Make windows, train a network on them and write its weights."""
     from dataclasses import replace
 
@@ -117,11 +142,17 @@ def train(
 
 
 _FOLDER = click.option("--out", required=True, metavar="FOLDER", help="Where to write results and report.")
-_WEIGHTS = click.option("--weights", "weights", multiple=True, metavar="FILE.json",
-                        help="A network to compare; more than once for several.")  # fmt: skip
-_RECIPES = click.option("--recipe", "recipes", multiple=True, metavar="NAME|FILE.toml",
-                        help="Train a network of this recipe and compare it; more than once for several.  "
-                             "[default: without --weights: published, and continuous with noise]")  # fmt: skip
+_WEIGHTS = click.option(
+    "--weights", "weights", multiple=True, metavar="FILE.json", help="A network to compare; more than once for several."
+)
+_RECIPES = click.option(
+    "--recipe",
+    "recipes",
+    multiple=True,
+    metavar="NAME|FILE.toml",
+    help="Train a network of this recipe and compare it; more than once for several.  "
+    "[default: without --weights: published, and continuous with noise]",
+)
 
 
 @estimator.command()
@@ -134,9 +165,14 @@ _RECIPES = click.option("--recipe", "recipes", multiple=True, metavar="NAME|FILE
 @JSON
 @verb
 def compare(
-    study_file: str, out: str, weights: tuple[str, ...], recipes: tuple[str, ...], seed: int | None, workers: int,
+    study_file: str,
+    out: str,
+    weights: tuple[str, ...],
+    recipes: tuple[str, ...],
+    seed: int | None,
+    workers: int,
     as_json: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Classical methods and networks on the same windows: error beside its bound, disturbance, delay."""
     from vsgdesign.pipeline.estimator import report_comparison
 
@@ -153,9 +189,14 @@ def compare(
 @JSON
 @verb
 def stress(
-    study_file: str, out: str, weights: tuple[str, ...], recipes: tuple[str, ...], seed: int | None, workers: int,
+    study_file: str,
+    out: str,
+    weights: tuple[str, ...],
+    recipes: tuple[str, ...],
+    seed: int | None,
+    workers: int,
     as_json: bool,
-) -> None:  # fmt: skip
+) -> None:
     """The same methods where frequency, phase, voltage, X/R, SCR, noise or harmonics are not as trained."""
     from vsgdesign.pipeline.estimator import report_stress
 

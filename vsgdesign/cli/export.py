@@ -25,17 +25,30 @@ def export() -> None:
 @JSON
 @verb
 def c(
-    table_file: str, weights: str | None, out: str, study_file: str | None, v_limit: float | None,
-    i_limit: float | None, grid_phase: bool, rate: float | None, as_json: bool,
-) -> None:  # fmt: skip
+    table_file: str,
+    weights: str | None,
+    out: str,
+    study_file: str | None,
+    v_limit: float | None,
+    i_limit: float | None,
+    grid_phase: bool,
+    rate: float | None,
+    as_json: bool,
+) -> None:
     """C99 of scheduler, power loops and network, with a self-test and hashes of everything."""
     from vsgdesign.export import export_c_files
 
     study = None if study_file is None else load(study_file)
     made = export_c_files(
-        table_file, out, weights=weights, study=study, v_limit=v_limit, i_limit=i_limit,
-        grid_phase=grid_phase, **({} if rate is None else {"rate": rate}),
-    )  # fmt: skip
+        table_file,
+        out,
+        weights=weights,
+        study=study,
+        v_limit=v_limit,
+        i_limit=i_limit,
+        grid_phase=grid_phase,
+        **({} if rate is None else {"rate": rate}),
+    )
     if as_json:
         print_json({"folder": str(made.folder)} | made.manifest)
         return

@@ -18,10 +18,22 @@ _BACK = ("back", "<")
 
 
 @click.command()
-@click.option("--from", "sheet_file", default=None, metavar="FILE", type=click.Path(),
-              help="A datasheet as .csv or .toml.  [default: asks on the terminal]")  # fmt: skip
-@click.option("--out", default="study.toml", show_default=True, metavar="FILE.toml", type=click.Path(),
-              help="The study to write; a file that is there is never overwritten.")  # fmt: skip
+@click.option(
+    "--from",
+    "sheet_file",
+    default=None,
+    metavar="FILE",
+    type=click.Path(),
+    help="A datasheet as .csv or .toml.  [default: asks on the terminal]",
+)
+@click.option(
+    "--out",
+    default="study.toml",
+    show_default=True,
+    metavar="FILE.toml",
+    type=click.Path(),
+    help="The study to write; a file that is there is never overwritten.",
+)
 @JSON
 @verb
 def new(sheet_file: str | None, out: str, as_json: bool) -> None:
@@ -50,10 +62,16 @@ def new(sheet_file: str | None, out: str, as_json: bool) -> None:
     _check(text, sheet.source)
     write_new_text(path, text)
     if as_json:
-        print_json({
-            "study": str(path), "title": converter.title, "assumed": [vars(item) for item in converter.assumptions],
-            "read": converter.remarks, "notes": list(converter.notes), "not_used": list(converter.unused),
-        })  # fmt: skip
+        print_json(
+            {
+                "study": str(path),
+                "title": converter.title,
+                "assumed": [vars(item) for item in converter.assumptions],
+                "read": converter.remarks,
+                "notes": list(converter.notes),
+                "not_used": list(converter.unused),
+            }
+        )
     else:
         _tell(path, converter)
 

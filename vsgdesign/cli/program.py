@@ -87,15 +87,17 @@ def design(study_file: str, as_json: bool) -> None:
     ]
     designs = [design_closed_form(study, spec, grid) for spec in known for grid in distinct_grids(study)]
     if as_json:
-        _print_json({
-            "study": study.name,
-            "hash": study.hash,
-            "designs": [
-                asdict(d) | {"gains": d.gains.named(), "inertia_s": d.inertia_s, "droop_W_per_Hz": d.droop_W_per_Hz}
-                for d in designs
-            ],
-            "missing": missing,
-        })  # fmt: skip
+        _print_json(
+            {
+                "study": study.name,
+                "hash": study.hash,
+                "designs": [
+                    asdict(d) | {"gains": d.gains.named(), "inertia_s": d.inertia_s, "droop_W_per_Hz": d.droop_W_per_Hz}
+                    for d in designs
+                ],
+                "missing": missing,
+            }
+        )
     else:
         from vsgdesign.cli.console.design import design_tables
 
@@ -169,11 +171,18 @@ def report(study_file: str, out: str | None, pdf: bool, as_json: bool) -> None:
 @_JSON
 @_verb
 def certify(
-    study_file: str, controller: str | None, scr: tuple[float, float] | None, x_over_r: tuple[float, float] | None,
-    p_pu: tuple[float, float] | None, q_pu: tuple[float, float] | None, error: float | None, rate: float,
+    study_file: str,
+    controller: str | None,
+    scr: tuple[float, float] | None,
+    x_over_r: tuple[float, float] | None,
+    p_pu: tuple[float, float] | None,
+    q_pu: tuple[float, float] | None,
+    error: float | None,
+    rate: float,
     decay: float | None,
-    boxes: int, as_json: bool,
-) -> None:  # fmt: skip
+    boxes: int,
+    as_json: bool,
+) -> None:
     """One Lyapunov function for a whole region of grids, powers and estimate errors, or a counterexample."""
     import tempfile
     from dataclasses import replace

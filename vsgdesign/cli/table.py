@@ -33,15 +33,26 @@ def table() -> None:
     "--workers", type=click.IntRange(1), default=None, metavar="N", help="Processes.  [default: one per core]"
 )
 @click.option("--cluster", default=None, metavar="local|ADDRESS", help='A Dask cluster (needs the extra "cluster").')
-@click.option("--points", type=click.IntRange(1), default=None, metavar="N",
-              help="Random grids of each look between nodes.  [default: 2000]")  # fmt: skip
+@click.option(
+    "--points",
+    type=click.IntRange(1),
+    default=None,
+    metavar="N",
+    help="Random grids of each look between nodes.  [default: 2000]",
+)
 @click.option("--fresh", is_flag=True, help="Do not go on from the cells of an interrupted build.")
 @JSON
 @verb
 def build(
-    study_file: str, controller: str | None, out: str | None, workers: int | None, cluster: str | None,
-    points: int | None, fresh: bool, as_json: bool,
-) -> None:  # fmt: skip
+    study_file: str,
+    controller: str | None,
+    out: str | None,
+    workers: int | None,
+    cluster: str | None,
+    points: int | None,
+    fresh: bool,
+    as_json: bool,
+) -> None:
     """Design a table under the study's [specification]: every node, then between the nodes.
 
     An interrupted or killed build goes on from its finished cells and ends with the same file.
@@ -58,9 +69,15 @@ def build(
     try:
         with progress(quiet=as_json) as tell:
             document = build_table_file(
-                study, file, controller=controller, workers=workers, cluster=cluster, fresh=fresh, points=points,
+                study,
+                file,
+                controller=controller,
+                workers=workers,
+                cluster=cluster,
+                fresh=fresh,
+                points=points,
                 progress=tell,
-            )  # fmt: skip
+            )
     except KeyboardInterrupt:
         kept = len(list(cells_folder(file).glob("*.json")))
         cells = "1 finished cell is" if kept == 1 else f"{kept} finished cells are"

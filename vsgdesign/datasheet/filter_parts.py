@@ -106,6 +106,7 @@ def check_resonance(rows: Rows, L_1: float, C: float, T_s: float) -> None:
     resonance = 1.0 / (2.0 * math.pi * math.sqrt(L_1 * C)) if L_1 * C > 0.0 else math.nan
     if resonance > 0.5 / T_s:
         rows.fault(
-            "C", f"rings with L_1 at {resonance:.4g} Hz, above half the sampling frequency ({0.5 / T_s:.4g} Hz)",
+            "C",
+            f"rings with L_1 at {resonance:.4g} Hz, above half the sampling frequency ({0.5 / T_s:.4g} Hz)",
             "Check L_1, C, the carrier and their units.",
-        )  # fmt: skip
+        )

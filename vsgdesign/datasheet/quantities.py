@@ -35,11 +35,20 @@ _WORDS = {
 """What may stand behind a unit, and what it says."""
 
 _PHRASES = (
-    (r"line\s*[- ]?to\s*[- ]?line", "ll"), (r"phase\s*[- ]?to\s*[- ]?phase", "ll"), (r"\bl\s*-\s*l\b", "ll"),
-    (r"line\s*[- ]?to\s*[- ]?neutral", "ln"), (r"phase\s*[- ]?to\s*[- ]?neutral", "ln"), (r"\bl\s*-\s*n\b", "ln"),
-    (r"\bph\s*-\s*ph\b", "ll"), (r"\bph\s*-\s*n\b", "ln"), (r"per\s+phase", "perphase"),
-    (r"3\s*-?\s*(?:phase|ph|~|φ)", "3ph"), (r"three\s*-?\s*phase", "3ph"), (r"[Δ∆]", " delta "), (r"δ", " delta "),
-)  # fmt: skip
+    (r"line\s*[- ]?to\s*[- ]?line", "ll"),
+    (r"phase\s*[- ]?to\s*[- ]?phase", "ll"),
+    (r"\bl\s*-\s*l\b", "ll"),
+    (r"line\s*[- ]?to\s*[- ]?neutral", "ln"),
+    (r"phase\s*[- ]?to\s*[- ]?neutral", "ln"),
+    (r"\bl\s*-\s*n\b", "ln"),
+    (r"\bph\s*-\s*ph\b", "ll"),
+    (r"\bph\s*-\s*n\b", "ln"),
+    (r"per\s+phase", "perphase"),
+    (r"3\s*-?\s*(?:phase|ph|~|φ)", "3ph"),
+    (r"three\s*-?\s*phase", "3ph"),
+    (r"[Δ∆]", " delta "),
+    (r"δ", " delta "),
+)
 
 _DIGITS = r"[-+−]?(?:\d[\d\s.,'’]*\d|\d|[.,]\d+)(?:[eE][-+−]?\d+)?"
 _VALUE = re.compile(rf"^\s*({_DIGITS})\s*(.*?)\s*$")
@@ -201,9 +210,18 @@ def _words(tail: str, text: str) -> frozenset[str]:
 
 def _named(bases: tuple[str, ...]) -> str:
     shown = {
-        "H": "H, mH or uH", "F": "F, mF or uF", "ohm": "ohm or mohm", "1": "pu or %", "V": "V or kV",
-        "VA": "VA, kVA or MVA", "W": "kW or MW", "Hz": "Hz or kHz", "A": "A or kA", "var": "kvar", "s": "s or us",
-    }  # fmt: skip
+        "H": "H, mH or uH",
+        "F": "F, mF or uF",
+        "ohm": "ohm or mohm",
+        "1": "pu or %",
+        "V": "V or kV",
+        "VA": "VA, kVA or MVA",
+        "W": "kW or MW",
+        "Hz": "Hz or kHz",
+        "A": "A or kA",
+        "var": "kvar",
+        "s": "s or us",
+    }
     return ", ".join(shown[base] for base in bases)
 
 

@@ -127,9 +127,10 @@ def check_voltages(rows: Rows, V: float, V_dc: float, modulation: str) -> None:
         rows.fault("dc_link", f"makes at most {limit:.4g} V phase peak, and the rated voltage is {peak:.4g} V", advice)
     elif limit > 6.0 * peak:
         rows.fault(
-            "dc_link", f"makes {limit:.4g} V phase peak, {limit / peak:.3g} times the rated voltage's",
+            "dc_link",
+            f"makes {limit:.4g} V phase peak, {limit / peak:.3g} times the rated voltage's",
             "Check both voltages and their units.",
-        )  # fmt: skip
+        )
 
 
 def read_samples(rows: Rows, f_sw: float, f_n: float) -> int:
@@ -147,9 +148,10 @@ def read_samples(rows: Rows, f_sw: float, f_n: float) -> int:
             return 0
     if samples * f_sw < 20.0 * f_n:
         rows.fault(
-            "carrier", f"samples {samples * f_sw / f_n:.3g} times in a cycle of {f_n:.6g} Hz; 20 are the least",
+            "carrier",
+            f"samples {samples * f_sw / f_n:.3g} times in a cycle of {f_n:.6g} Hz; 20 are the least",
             "Check the carrier and its unit.",
-        )  # fmt: skip
+        )
     return samples
 
 
@@ -191,7 +193,8 @@ def read_current_limit(rows: Rows, S: float, V: float) -> float:
     low, high = LIMITS["current_limit"]
     if not math.isnan(rated_rms) and not low <= rms / rated_rms <= high:
         rows.fault(
-            "current_limit", f"is {rms / rated_rms:.4g} pu of {rated_rms:.4g} A rms, outside {low} to {high}",
+            "current_limit",
+            f"is {rms / rated_rms:.4g} pu of {rated_rms:.4g} A rms, outside {low} to {high}",
             "Check it, the rating and the voltage.",
-        )  # fmt: skip
+        )
     return rms / rated_rms

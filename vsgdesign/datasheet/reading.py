@@ -19,11 +19,25 @@ _LARGEST = 1_000_000
 """Bytes; a datasheet has some hundred."""
 
 _HEADINGS = {
-    "key": {"field", "parameter", "quantity", "name", "item", "property", "größe", "groesse", "grösse", "bezeichnung",
-            "description", "characteristic", "key", "parametername"},
+    "key": {
+        "field",
+        "parameter",
+        "quantity",
+        "name",
+        "item",
+        "property",
+        "größe",
+        "groesse",
+        "grösse",
+        "bezeichnung",
+        "description",
+        "characteristic",
+        "key",
+        "parametername",
+    },
     "value": {"value", "wert", "rating", "data", "val", "nominal", "typ", "typical"},
     "unit": {"unit", "units", "einheit", "einheiten", "dim"},
-}  # fmt: skip
+}
 _SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars"}
 
 
@@ -122,10 +136,17 @@ def _read_csv(text: str, source: str, remarks: tuple[str, ...]) -> Sheet:
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     separator = _separator(lines)
     if separator is None:
-        raise StudyError(source, [Fault(
-            "datasheet", f'"{source}"', "no line has two columns",
-            "Write one field a line: name, value, unit, with commas, semicolons or tabs between them.",
-        )])  # fmt: skip
+        raise StudyError(
+            source,
+            [
+                Fault(
+                    "datasheet",
+                    f'"{source}"',
+                    "no line has two columns",
+                    "Write one field a line: name, value, unit, with commas, semicolons or tabs between them.",
+                )
+            ],
+        )
     rows: list[tuple[int, list[str]]] = []
     reader = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
     try:
@@ -145,10 +166,14 @@ def _read_csv(text: str, source: str, remarks: tuple[str, ...]) -> Sheet:
         if unit < 0 and len(cells) > value + 1:
             written_unit = cells[value + 1]
             if separator == "," and re.fullmatch(r"[-+]?\d+", written) and re.match(r"\d", written_unit):
-                faults.append(Fault(
-                    name, f'"{written},{written_unit}"', f"line {number} has a comma between columns and in a number",
-                    'Put the value in quotes, "' + f'{written},{written_unit}", or use semicolons between columns.',
-                ))  # fmt: skip
+                faults.append(
+                    Fault(
+                        name,
+                        f'"{written},{written_unit}"',
+                        f"line {number} has a comma between columns and in a number",
+                        'Put the value in quotes, "' + f'{written},{written_unit}", or use semicolons between columns.',
+                    )
+                )
                 continue
             if not is_unit(written_unit):
                 written_unit = ""  # a column of remarks

@@ -14,12 +14,24 @@ from vsgdesign.errors import Fault
 from vsgdesign.parameters.units import format_quantity
 
 LIMITS = {
-    "rating": (100.0, 100e6), "voltage": (30.0, 50e3), "frequency": (10.0, 1000.0), "dc_link": (10.0, 200e3),
-    "carrier": (300.0, 1e6), "power_factor": (0.1, 1.0), "inductor_x_over_r": (3.0, 1000.0),
-    "current_limit": (0.8, 5.0), "L_1": (0.005, 0.8), "L_2": (0.001, 0.8),
-    "transformer": (0.005, 0.3), "C": (0.002, 1.0), "R_1": (0.0, 0.1),
-    "R_2": (0.0, 0.1), "R_c": (0.0, 1.0), "scr": (0.5, 1000.0), "x_over_r": (0.05, 100.0),
-}  # fmt: skip
+    "rating": (100.0, 100e6),
+    "voltage": (30.0, 50e3),
+    "frequency": (10.0, 1000.0),
+    "dc_link": (10.0, 200e3),
+    "carrier": (300.0, 1e6),
+    "power_factor": (0.1, 1.0),
+    "inductor_x_over_r": (3.0, 1000.0),
+    "current_limit": (0.8, 5.0),
+    "L_1": (0.005, 0.8),
+    "L_2": (0.001, 0.8),
+    "transformer": (0.005, 0.3),
+    "C": (0.002, 1.0),
+    "R_1": (0.0, 0.1),
+    "R_2": (0.0, 0.1),
+    "R_c": (0.0, 1.0),
+    "scr": (0.5, 1000.0),
+    "x_over_r": (0.05, 100.0),
+}
 """Plausibility limits: SI, of the filter and the current in per unit."""
 
 _ANY_CONVERTER = {"H": (1e-7, 0.5), "F": (1e-8, 0.1), "ohm": (0.0, 100.0)}
@@ -52,10 +64,14 @@ class Rows:
         name, word = found
         if name in self.given:
             other = self.given[name]
-            self.faults.append(Fault(
-                _where(entry), _shown(entry), f"says {name} a second time, after {_where(other)} = {_shown(other)}",
-                "Keep one of them.",
-            ))  # fmt: skip
+            self.faults.append(
+                Fault(
+                    _where(entry),
+                    _shown(entry),
+                    f"says {name} a second time, after {_where(other)} = {_shown(other)}",
+                    "Keep one of them.",
+                )
+            )
             return
         self.given[name] = entry
         self.beside[name] = word

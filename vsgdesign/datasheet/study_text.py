@@ -18,16 +18,27 @@ _WIDTH = 118
 def study_text(sheet: Datasheet, origin: str) -> str:
     """The study as TOML. ``origin`` says where the data were read: a file's name or the terminal."""
     parts = (
-        _head(sheet, origin), _converter(sheet), _filter(sheet), _INNER, _grid(sheet), _power_loops(sheet),
-        _specification(sheet), _CONTROLLERS, _scenario(sheet),
-    )  # fmt: skip
+        _head(sheet, origin),
+        _converter(sheet),
+        _filter(sheet),
+        _INNER,
+        _grid(sheet),
+        _power_loops(sheet),
+        _specification(sheet),
+        _CONTROLLERS,
+        _scenario(sheet),
+    )
     return "\n".join(parts)
 
 
 def _head(sheet: Datasheet, origin: str) -> str:
     lines = _comment(f"{sheet.title}: written by `vsgdesign new` from {origin}.")
-    lines += ["#", "# vsgdesign run FILE     inner loops, gain table with its certificate, scenario, report, C",
-              "# vsgdesign inner FILE   the inner loops alone, and what limits them", "#"]  # fmt: skip
+    lines += [
+        "#",
+        "# vsgdesign run FILE     inner loops, gain table with its certificate, scenario, report, C",
+        "# vsgdesign inner FILE   the inner loops alone, and what limits them",
+        "#",
+    ]
     if sheet.assumptions:
         lines.append("# The datasheet does not say, so this is assumed. Correct what you know better:")
         for assumption in sheet.assumptions:
@@ -138,10 +149,13 @@ def _scenario(sheet: Datasheet) -> str:
     step = 0.2 * sheet.S_rated * min(1.0, sheet.scr[0] / 1.5)
     scr = middle(sheet.scr)
     events = [
-        (1, f'P_ref = "{_power(2.0 * step, "W")}"'), (5, f"grid = {{ scr = {sheet.scr[0]:.6g} }}"),
-        (9, f'Q_ref = "{_power(0.5 * step, "var")}"'), (13, f"grid = {{ scr = {scr:.6g} }}"),
-        (17, f"grid = {{ scr = {sheet.scr[1]:.6g} }}"), (21, f'P_ref = "{_power(1.5 * step, "W")}"'),
-    ]  # fmt: skip
+        (1, f'P_ref = "{_power(2.0 * step, "W")}"'),
+        (5, f"grid = {{ scr = {sheet.scr[0]:.6g} }}"),
+        (9, f'Q_ref = "{_power(0.5 * step, "var")}"'),
+        (13, f"grid = {{ scr = {scr:.6g} }}"),
+        (17, f"grid = {{ scr = {sheet.scr[1]:.6g} }}"),
+        (21, f'P_ref = "{_power(1.5 * step, "W")}"'),
+    ]
     text = f"""\
 [simulation]
 duration = "25 s"
@@ -187,6 +201,10 @@ def _one_line(text: str) -> str:
 
 def _comment(text: str, first: str = "# ", further: str = "# ") -> list[str]:
     return textwrap.wrap(
-        _one_line(text), _WIDTH, initial_indent=first, subsequent_indent=further, break_long_words=False,
+        _one_line(text),
+        _WIDTH,
+        initial_indent=first,
+        subsequent_indent=further,
+        break_long_words=False,
         break_on_hyphens=False,
-    )  # fmt: skip
+    )

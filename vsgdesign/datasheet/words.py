@@ -37,8 +37,13 @@ CONNECTIONS = {
 }
 
 FILTERS = {
-    "lc": "LC", "lcl": "LCL", "lcfilter": "LC", "lclfilter": "LCL", "lctransformer": "LCL", "lcandtransformer": "LCL",
-}  # fmt: skip
+    "lc": "LC",
+    "lcl": "LCL",
+    "lcfilter": "LC",
+    "lclfilter": "LCL",
+    "lctransformer": "LCL",
+    "lcandtransformer": "LCL",
+}
 
 _TIMES = {
     **dict.fromkeys(("once", "single", "singleupdate", "oncepercarrier", "symmetric", "symmetrical", "einfach",
@@ -48,8 +53,21 @@ _TIMES = {
 }  # fmt: skip
 
 _NO_DELAY = ("none", "no", "zero", "nodelay", "immediate", "keine", "without")
-_ONE_DELAY = ("one", "onesample", "1sample", "oneperiod", "1period", "yes", "onestep", "1ts", "ts",
-              "onesamplingperiod", "1samplingperiod", "einabtastschritt", "1step")  # fmt: skip
+_ONE_DELAY = (
+    "one",
+    "onesample",
+    "1sample",
+    "oneperiod",
+    "1period",
+    "yes",
+    "onestep",
+    "1ts",
+    "ts",
+    "onesamplingperiod",
+    "1samplingperiod",
+    "einabtastschritt",
+    "1step",
+)
 _SAMPLES = re.compile(r"\s*[·*]?\s*(?:T_?s|samples?|(?:sampling )?periods?|steps?|Abtastschritte?)\s*$", re.I)
 
 

@@ -61,16 +61,24 @@ class BetweenCheck:
 def between_document(checked: BetweenCheck) -> dict[str, Any]:
     """What a table keeps of its last look between the nodes."""
     return {
-        "points": len(checked.points) + checked.outside, "seed": checked.seed, "outside": checked.outside,
+        "points": len(checked.points) + checked.outside,
+        "seed": checked.seed,
+        "outside": checked.outside,
         "promised": checked.promised,
         "broken": [{"scr": p.scr, "x_over_r": p.x_over_r, "reached": p.missed} for p in checked.broken],
-    }  # fmt: skip
+    }
 
 
 def check_between(
-    study: Study, law: LawOfStudy, spec: Specification, table: GainTable, *, count: int = POINTS, seed: int = 0,
+    study: Study,
+    law: LawOfStudy,
+    spec: Specification,
+    table: GainTable,
+    *,
+    count: int = POINTS,
+    seed: int = 0,
     each: Each = map,
-) -> BetweenCheck:  # fmt: skip
+) -> BetweenCheck:
     """The table at random grids, uniform in the logarithms of SCR and X/R, over all scenarios of the box."""
     rng = np.random.default_rng(seed)
     low = np.log([table.scr[0], table.x_over_r[0]])
@@ -105,8 +113,9 @@ def _check(
         stop = start + len(boxes[k])
         part = Evaluation(
             {name: values[None, start:stop] for name, values in found.figures.items()},
-            found.damping_ratio[None, start:stop], found.abscissa[None, start:stop],
-        )  # fmt: skip
+            found.damping_ratio[None, start:stop],
+            found.abscissa[None, start:stop],
+        )
         figures = worst(part)
         missed = shortfalls(spec, figures, np.inf if spec.settles else float(spec.H or 0.0))
         missed.pop("H_max", None)
@@ -117,9 +126,15 @@ def _check(
 
 
 def probe(
-    study: Study, law: LawOfStudy, spec: Specification, table: GainTable, *, count: int = POINTS, seed: int = 0,
+    study: Study,
+    law: LawOfStudy,
+    spec: Specification,
+    table: GainTable,
+    *,
+    count: int = POINTS,
+    seed: int = 0,
     each: Each = map,
-) -> tuple[PointCheck, ...]:  # fmt: skip
+) -> tuple[PointCheck, ...]:
     """Grids at which a promise is broken: of the middles of every edge and rectangle, and of random grids."""
     scr, ratio = np.log(table.scr), np.log(table.x_over_r)
     halves = [np.sort(np.concatenate([axis, 0.5 * (axis[1:] + axis[:-1])])) for axis in (scr, ratio)]

@@ -111,9 +111,10 @@ def _with_less_power(task: CellTask) -> CellTask:
     box, target = task.spec.box, task.target
     less = replace(box, P=tuple(_POWER_SHARE * p for p in box.P), Q=tuple(_POWER_SHARE * q for q in box.Q))
     return replace(
-        task, spec=replace(task.spec, box=less),
+        task,
+        spec=replace(task.spec, box=less),
         target=replace(target, P=_POWER_SHARE * target.P, Q=_POWER_SHARE * target.Q),
-    )  # fmt: skip
+    )
 
 
 def _kept(record: CellRecord) -> dict[str, float] | None:
@@ -124,15 +125,20 @@ def _kept(record: CellRecord) -> dict[str, float] | None:
     ours = design.figures
     worse = replace(
         ours,
-        overshoot_P=max(ours.overshoot_P, full.overshoot_P), overshoot_Q=max(ours.overshoot_Q, full.overshoot_Q),
-        settling_P=max(ours.settling_P, full.settling_P), settling_Q=max(ours.settling_Q, full.settling_Q),
+        overshoot_P=max(ours.overshoot_P, full.overshoot_P),
+        overshoot_Q=max(ours.overshoot_Q, full.overshoot_Q),
+        settling_P=max(ours.settling_P, full.settling_P),
+        settling_Q=max(ours.settling_Q, full.settling_Q),
         disk_margin=min(ours.disk_margin, full.disk_margin),
-    )  # fmt: skip
+    )
     return _figures(worse, design.inertia)
 
 
 def _figures(f: Figures, inertia: float) -> dict[str, float]:
     return {
-        "settling_time": f.settling_time, "overshoot": f.overshoot, "disk_margin": f.disk_margin,
-        "damping_ratio": f.damping_ratio, "H": inertia,
-    }  # fmt: skip
+        "settling_time": f.settling_time,
+        "overshoot": f.overshoot,
+        "disk_margin": f.disk_margin,
+        "damping_ratio": f.damping_ratio,
+        "H": inertia,
+    }

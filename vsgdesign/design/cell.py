@@ -59,9 +59,14 @@ class CellDesign:
 
 
 def design_cell(
-    law: LawOfStudy, spec: Specification, s: Scenarios, centre: Array, seed: int = 0, ceiling: Array | None = None,
+    law: LawOfStudy,
+    spec: Specification,
+    s: Scenarios,
+    centre: Array,
+    seed: int = 0,
+    ceiling: Array | None = None,
     pull: float = 1.0,
-) -> CellDesign:  # fmt: skip
+) -> CellDesign:
     """The robust design of one grid over its scenarios (at least one), near ``centre`` where the figures allow.
 
     ``ceiling``: upper bounds of y below those of the specification. ``pull``: how much more than usual being near the

@@ -196,9 +196,12 @@ def compare_on_grids(
     gains = contender.gains_in(joined)
     usable = np.flatnonzero(np.all([np.isfinite(value) for value in gains], axis=0))
     part = evaluate_gains(
-        PowerLoopGains(*(value[usable] for value in gains)), joined.take(usable), spec.settling_time, study.tau_P,
+        PowerLoopGains(*(value[usable] for value in gains)),
+        joined.take(usable),
+        spec.settling_time,
+        study.tau_P,
         study.tau_Q,
-    )  # fmt: skip
+    )
     row_of = np.full(len(joined), -1)
     row_of[usable] = np.arange(len(usable))
     rows, start = [], 0
@@ -222,10 +225,22 @@ def compare_on_grids(
                 seen = full_order_figures(study, _taken(gains, span), box, spec.settling_time).worst()
             real.append(seen)
             lost.append({} if whole is None or seen is None else _lost(spec, whole, seen, inertia))
-        rows.append(GridFigures(
-            scr, x_over_r, figures[0], figures[1], missed[0], missed[1], real[0], real[1], lost[0], lost[1], first.D_p,
-            inertia,
-        ))  # fmt: skip
+        rows.append(
+            GridFigures(
+                scr,
+                x_over_r,
+                figures[0],
+                figures[1],
+                missed[0],
+                missed[1],
+                real[0],
+                real[1],
+                lost[0],
+                lost[1],
+                first.D_p,
+                inertia,
+            )
+        )
     return tuple(rows)
 
 
@@ -314,6 +329,7 @@ def _range(values: Sequence[float]) -> tuple[float, float] | None:
 
 def _part(e: Evaluation, index: NDArray[Any]) -> Evaluation:
     return Evaluation(
-        {name: values[None, index] for name, values in e.figures.items()}, e.damping_ratio[None, index],
+        {name: values[None, index] for name, values in e.figures.items()},
+        e.damping_ratio[None, index],
         e.abscissa[None, index],
-    )  # fmt: skip
+    )

@@ -46,9 +46,18 @@ class LawOfStudy:
         """The gains that the runtime has in each scenario: estimated grid, measured P, Q, V. Arrays broadcast."""
         A, B, C, D = scheduled_jacobian(s.P, s.Q, s.V_rms, s.R_hat, s.X_hat)
         return structure_gains(
-            A, B, C, D, normalised, self.D_p, self.D_q, self.S_rated, self.omega_n,
-            self.structure == "angle_damped", self.law == "inertia",
-        )  # fmt: skip
+            A,
+            B,
+            C,
+            D,
+            normalised,
+            self.D_p,
+            self.D_q,
+            self.S_rated,
+            self.omega_n,
+            self.structure == "angle_damped",
+            self.law == "inertia",
+        )
 
 
 def law_of(study: Study, target: ClosedFormTarget, aim: str) -> LawOfStudy:
@@ -58,9 +67,15 @@ def law_of(study: Study, target: ClosedFormTarget, aim: str) -> LawOfStudy:
     D_q = c.S_rated / (target.Q_droop * c.V_rated_rms) if target.Q_droop > 0.0 else 0.0
     published, damped = target.structure == "published", target.structure == "angle_damped"
     return LawOfStudy(
-        target.structure, "inertia" if aim == "inertia" else "poles",
-        D_p if damped else 0.0, 0.0 if published else D_q, c.S_rated, c.omega_n, study.tau_P, study.tau_Q,
-    )  # fmt: skip
+        target.structure,
+        "inertia" if aim == "inertia" else "poles",
+        D_p if damped else 0.0,
+        0.0 if published else D_q,
+        c.S_rated,
+        c.omega_n,
+        study.tau_P,
+        study.tau_Q,
+    )
 
 
 @dataclass(frozen=True)
@@ -89,9 +104,7 @@ def evaluate(law: LawOfStudy, designs: NormalisedGains, s: Scenarios, settling_t
     return _shaped(evaluate_pairs(law, NormalisedGains(*every), repeated, settling_time), shape)
 
 
-def evaluate_fixed(
-    gains: PowerLoopGains, s: Scenarios, settling_time: float, tau_P: float, tau_Q: float
-) -> Evaluation:  # fmt: skip
+def evaluate_fixed(gains: PowerLoopGains, s: Scenarios, settling_time: float, tau_P: float, tau_Q: float) -> Evaluation:
     """Figures (M, S) of M sets of gains (arrays of shape (M,), or scalars for one), each the same in S scenarios."""
     every, repeated, shape = _crossed(gains, s)
     return _shaped(evaluate_gains(PowerLoopGains(*every), repeated, settling_time, tau_P, tau_Q), shape)
@@ -102,9 +115,7 @@ def evaluate_pairs(law: LawOfStudy, normalised: NormalisedGains, s: Scenarios, s
     return evaluate_gains(law.gains(normalised, s), s, settling_time, law.tau_P, law.tau_Q)
 
 
-def evaluate_gains(
-    gains: PowerLoopGains, s: Scenarios, settling_time: float, tau_P: float, tau_Q: float
-) -> Evaluation:  # fmt: skip
+def evaluate_gains(gains: PowerLoopGains, s: Scenarios, settling_time: float, tau_P: float, tau_Q: float) -> Evaluation:
     """Figures (S,) of one set of gains per scenario, arrays (S,) or scalars."""
     gains = PowerLoopGains(*(np.broadcast_to(np.asarray(value, dtype=float), s.P.shape) for value in gains))
     model = coupled_model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, gains, tau_P=tau_P, tau_Q=tau_Q)
@@ -112,10 +123,18 @@ def evaluate_gains(
     abscissa = eigenvalues.real.max(axis=1)
     with interrupts_deferred():
         table = figures(
-            model.A, np.ascontiguousarray(model.B[:, :, :2]), np.ascontiguousarray(model.C[:, :2]), model.A_K,
-            model.B_K, model.C_K, model.J, final_Q(model.J, gains.D_q), abscissa < 0.0, settling_time,
+            model.A,
+            np.ascontiguousarray(model.B[:, :, :2]),
+            np.ascontiguousarray(model.C[:, :2]),
+            model.A_K,
+            model.B_K,
+            model.C_K,
+            model.J,
+            final_Q(model.J, gains.D_q),
+            abscissa < 0.0,
+            settling_time,
             _FREQUENCIES / settling_time,
-        )  # fmt: skip
+        )
     named = {name: table[:, k] for k, name in enumerate(FIGURES)}
     return Evaluation(named, damping_ratio(eigenvalues).min(axis=1), abscissa)
 
@@ -131,5 +150,6 @@ def _crossed(designs: Iterable[Any], s: Scenarios) -> tuple[list[Array], Scenari
 def _shaped(found: Evaluation, shape: tuple[int, int]) -> Evaluation:
     return Evaluation(
         {name: values.reshape(shape) for name, values in found.figures.items()},
-        found.damping_ratio.reshape(shape), found.abscissa.reshape(shape),
-    )  # fmt: skip
+        found.damping_ratio.reshape(shape),
+        found.abscissa.reshape(shape),
+    )

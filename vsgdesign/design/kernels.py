@@ -132,9 +132,11 @@ def _loop_at(A_K: Any, B_K: Any, C_K: Any, J: Any, omega: float, work: Any) -> A
         k21 += C_K[1, i] * work[i, n]
         k22 += C_K[1, i] * work[i, n + 1]
     return (
-        J[0, 0] * k11 + J[0, 1] * k21, J[0, 0] * k12 + J[0, 1] * k22,
-        J[1, 0] * k11 + J[1, 1] * k21, J[1, 0] * k12 + J[1, 1] * k22,
-    )  # fmt: skip
+        J[0, 0] * k11 + J[0, 1] * k21,
+        J[0, 0] * k12 + J[0, 1] * k22,
+        J[1, 0] * k11 + J[1, 1] * k21,
+        J[1, 0] * k12 + J[1, 1] * k22,
+    )
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -156,9 +158,18 @@ def _disk_margin(A_K: Any, B_K: Any, C_K: Any, J: Any, omegas: Any) -> float:
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def figures(
-    A: Any, B: Any, C: Any, A_K: Any, B_K: Any, C_K: Any, J: Any, final_Q: Any, stable: Any, settling: float,
+    A: Any,
+    B: Any,
+    C: Any,
+    A_K: Any,
+    B_K: Any,
+    C_K: Any,
+    J: Any,
+    final_Q: Any,
+    stable: Any,
+    settling: float,
     omegas: Any,
-) -> Any:  # fmt: skip
+) -> Any:
     """FIGURES (N, 7) of N closed loops: A (N, n, n), B (N, n, 2) from (P_ref, Q_ref), C (N, 2, n) to (P, Q).
 
     ``final_Q`` (N,): what Q goes to after a unit step of its reference (its droop keeps some). Unstable loops

@@ -91,8 +91,10 @@ class RobustProgram:
         # H = A ω_0/(2 S k_1) at the design point, in logarithms; stiffness = ln(A ω_0/(2 S)).
         if spec.settles:
             log_inertia = stiffness - y[0] - float(np.log(self.variables.scale[0]))
-            held = [log_inertia + slack[3] - float(np.log(max(spec.H_min, 1e-9))),
-                    float(np.log(spec.H_max)) - log_inertia + slack[3]]  # fmt: skip
+            held = [
+                log_inertia + slack[3] - float(np.log(max(spec.H_min, 1e-9))),
+                float(np.log(spec.H_max)) - log_inertia + slack[3],
+            ]
             price = -log_inertia
         else:
             held = [slack[3], slack[3]]
@@ -100,20 +102,30 @@ class RobustProgram:
         aim = MARGIN_AIM * spec.disk_margin
         short = margin - spec.disk_margin * (_GUARD_MARGIN - _RESERVE[2] * reserve) * (1.0 - slack[2])
         objective = (
-            price + _WEIGHT_SLACK * ca.sum1(slack) + _WEIGHT_RESERVE * reserve + _WEIGHT_MARGIN * (aim - margin)
+            price
+            + _WEIGHT_SLACK * ca.sum1(slack)
+            + _WEIGHT_RESERVE * reserve
+            + _WEIGHT_MARGIN * (aim - margin)
             + pull * ca.sum1(ca.DM(self.variables.pull) * (y - centre) ** 2)
-        )  # fmt: skip
+        )
         g = ca.vertcat(ca.vec(rows), short, *held)
         options = {
             "print_time": False,
             "show_eval_warnings": False,  # IPOPT steps back by itself from where a determinant vanishes
             "ipopt": {
-                "print_level": 0, "sb": "yes", "max_iter": 80, "tol": 1e-5, "acceptable_tol": 1e-3,
-                "acceptable_iter": 5, "hessian_approximation": "limited-memory", "mu_strategy": "adaptive",
+                "print_level": 0,
+                "sb": "yes",
+                "max_iter": 80,
+                "tol": 1e-5,
+                "acceptable_tol": 1e-3,
+                "acceptable_iter": 5,
+                "hessian_approximation": "limited-memory",
+                "mu_strategy": "adaptive",
                 # Many rows, few columns: without these two the linear algebra takes as long as everything else.
-                "limited_memory_aug_solver": "extended", "mumps_pivot_order": 0,
+                "limited_memory_aug_solver": "extended",
+                "mumps_pivot_order": 0,
             },
-        }  # fmt: skip
+        }
         problem = {
             "x": ca.vertcat(y, margin, slack, reserve),
             "p": ca.vertcat(ca.vec(parameters), centre, stiffness, pull),
@@ -170,9 +182,18 @@ def _slot_function(law: LawOfStudy, spec: Specification, v: Variables) -> ca.Fun
     with numpy_on_symbols():
         A_hat, B_hat, C_hat, D_hat = scheduled_jacobian(s.P, s.Q, s.V_rms, s.R_hat, s.X_hat)
         gains = structure_gains(
-            A_hat, B_hat, C_hat, D_hat, v.expression(y, ca.exp), law.D_p, law.D_q, law.S_rated, law.omega_n,
-            law.structure == "angle_damped", law.law == "inertia",
-        )  # fmt: skip
+            A_hat,
+            B_hat,
+            C_hat,
+            D_hat,
+            v.expression(y, ca.exp),
+            law.D_p,
+            law.D_q,
+            law.S_rated,
+            law.omega_n,
+            law.structure == "angle_damped",
+            law.law == "inertia",
+        )
     model = coupled_function(law.tau_P > 0.0, law.tau_Q > 0.0)
     A, B, C, _, A_K, B_K, C_K, J = model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, *gains, law.tau_P, law.tau_Q)
     rows: list[Any] = []

@@ -64,11 +64,18 @@ class CellTask:
         study = replace(self.study, specification=None)
         spec = replace(self.spec, scr=(), x_over_r=())  # of the other nodes only the region's limits have a say
         parts = {
-            "study": resolved_inputs(study, self.target), "specification": asdict(spec),
+            "study": resolved_inputs(study, self.target),
+            "specification": asdict(spec),
             "region": [self.spec.scr[0], self.spec.scr[-1], self.spec.x_over_r[0], self.spec.x_over_r[-1]],
-            "node": [self.scr, self.x_over_r], "centre": self.centre, "seed": self.seed, "pull": self.pull,
-            "reach": self.reach, "beside": self.beside, "versions": provenance(), "code": package_hash(),
-        }  # fmt: skip
+            "node": [self.scr, self.x_over_r],
+            "centre": self.centre,
+            "seed": self.seed,
+            "pull": self.pull,
+            "reach": self.reach,
+            "beside": self.beside,
+            "versions": provenance(),
+            "code": package_hash(),
+        }
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
@@ -210,9 +217,13 @@ def record_of(document: dict[str, Any]) -> CellRecord:
         design = CellDesign(**fields)
     full = document["full_order"]
     return CellRecord(
-        document["scr"], document["x_over_r"], design, None if full is None else _figures(full),
-        document["inner_rad_s"], document["ideal"],
-    )  # fmt: skip
+        document["scr"],
+        document["x_over_r"],
+        design,
+        None if full is None else _figures(full),
+        document["inner_rad_s"],
+        document["ideal"],
+    )
 
 
 def _figures(document: dict[str, Any]) -> Figures:

@@ -186,7 +186,9 @@ def with_hard(law: LawOfStudy, spec: Specification, s: Scenarios, centre: Array,
 def _ranked(ground: Ground, y: Array) -> NDArray[np.intp]:
     """Scenarios, the nominal one first, then the worst for every figure in turn."""
     e = ground.evaluate(y)
-    orders = [np.argsort(-e[name].max(axis=0), kind="stable") for name in
-              ("overshoot_P", "settling_P", "overshoot_Q", "settling_Q")]  # fmt: skip
+    orders = [
+        np.argsort(-e[name].max(axis=0), kind="stable")
+        for name in ("overshoot_P", "settling_P", "overshoot_Q", "settling_Q")
+    ]
     orders += [np.argsort(e["disk_margin"].min(axis=0), kind="stable")]
     return np.array(list(dict.fromkeys([NOMINAL, *np.stack(orders, axis=1).ravel().tolist()])))

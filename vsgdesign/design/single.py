@@ -64,9 +64,15 @@ class FixedTuning:
 
 
 def best_fixed(
-    study: Study, target: ClosedFormTarget, grids: Sequence[tuple[float, float]], *, seed: int = 0,
-    population: int = POPULATION, generations: int = GENERATIONS, progress: Progress | None = None,
-) -> FixedTuning:  # fmt: skip
+    study: Study,
+    target: ClosedFormTarget,
+    grids: Sequence[tuple[float, float]],
+    *,
+    seed: int = 0,
+    population: int = POPULATION,
+    generations: int = GENERATIONS,
+    progress: Progress | None = None,
+) -> FixedTuning:
     """The gains of a structure that are least bad at the worst of all grids (SCR, X/R) and powers of the specification.
 
     Differential evolution over the structure's own gains in SI (droops that the structure leaves free are the
@@ -106,8 +112,12 @@ def best_fixed(
     ranked = np.argsort(begin, kind="stable")[:population]
     rng = np.random.default_rng(seed)
     start = seeds[ranked[np.arange(population) % len(ranked)]]
-    start = np.clip(start + np.where(np.arange(population)[:, None] < len(ranked) // 2, 0.0, 0.3)
-                    * rng.standard_normal(start.shape), low, high)  # fmt: skip
+    start = np.clip(
+        start
+        + np.where(np.arange(population)[:, None] < len(ranked) // 2, 0.0, 0.3) * rng.standard_normal(start.shape),
+        low,
+        high,
+    )
     starts: Any = start
     designs, active = len(seeds), _spread(len(s), _HARD)
     winners = [seeds[ranked[0]]]
@@ -115,9 +125,16 @@ def best_fixed(
         tell(f"best fixed tuning, {law.structure}", k / ROUNDS)
         few = s.take(active)
         found = differential_evolution(
-            lambda x, few=few: costs(x.T, few), list(zip(low, high, strict=True)), init=starts, maxiter=generations,
-            rng=np.random.default_rng(rng.integers(2**63)), polish=False, updating="deferred", vectorized=True, tol=0.0,
-        )  # fmt: skip
+            lambda x, few=few: costs(x.T, few),
+            list(zip(low, high, strict=True)),
+            init=starts,
+            maxiter=generations,
+            rng=np.random.default_rng(rng.integers(2**63)),
+            polish=False,
+            updating="deferred",
+            vectorized=True,
+            tol=0.0,
+        )
         designs += int(found.nfev)
         starts = np.clip(found.population, low, high)
         winners.append(starts[0])

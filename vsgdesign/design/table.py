@@ -82,9 +82,17 @@ class BuiltTable:
 
 
 def build_table(
-    study: Study, controller: ControllerSpec, folder: Path, *, executor: Executor | None = None, seed: int = 0,
-    refinements: int = REFINEMENTS, points: int = POINTS, certificate: bool = True, progress: Progress | None = None,
-) -> BuiltTable:  # fmt: skip
+    study: Study,
+    controller: ControllerSpec,
+    folder: Path,
+    *,
+    executor: Executor | None = None,
+    seed: int = 0,
+    refinements: int = REFINEMENTS,
+    points: int = POINTS,
+    certificate: bool = True,
+    progress: Progress | None = None,
+) -> BuiltTable:
     """The gain table of a controller under the study's specification.
 
     ``folder`` keeps finished cells: a build that was killed goes on from them and gives the same bytes.
@@ -110,9 +118,16 @@ def build_table(
 
 
 def _build(
-    study: Study, controller: ControllerSpec, spec: Specification, folder: Path, executor: Executor | None, seed: int,
-    refinements: int, points: int, progress: Progress | None,
-) -> BuiltTable:  # fmt: skip
+    study: Study,
+    controller: ControllerSpec,
+    spec: Specification,
+    folder: Path,
+    executor: Executor | None,
+    seed: int,
+    refinements: int,
+    points: int,
+    progress: Progress | None,
+) -> BuiltTable:
     tell, each = progress or silent, each_of(executor)
     law = law_of(study, controller.target, spec.aim)
     v = variables(law.structure, spec)
@@ -197,14 +212,21 @@ def _build(
 
 
 def _causes(
-    table: GainTable, tasks: Sequence[CellTask], records: Sequence[CellRecord], lost: dict[int, dict[str, float]],
-    each: Each, tell: Progress,
-) -> tuple[Cause, ...]:  # fmt: skip
+    table: GainTable,
+    tasks: Sequence[CellTask],
+    records: Sequence[CellRecord],
+    lost: dict[int, dict[str, float]],
+    each: Each,
+    tell: Progress,
+) -> tuple[Cause, ...]:
     """Why cells are relaxed, in the table's order: of those that miss a promise themselves at most _EXPLAINED."""
     missing = [k for k, record in enumerate(records) if record.missed]
     some = missing[:: max(-(-len(missing) // _EXPLAINED), 1)]
-    found = {k: explained_between(records[k], lost[k]) for k in sorted(lost)
-             if not records[k].missed and records[k].design is not None}  # fmt: skip
+    found = {
+        k: explained_between(records[k], lost[k])
+        for k in sorted(lost)
+        if not records[k].missed and records[k].design is not None
+    }
     tell("find causes", 0.0)
     for done, (k, cause) in enumerate(
         zip(some, each(explain_pair, [(tasks[k], records[k]) for k in some]), strict=True)
@@ -257,17 +279,23 @@ def _some(boxes: list[Scenarios]) -> list[Scenarios]:
 
 
 def assemble(
-    study: Study, controller: ControllerSpec, spec: Specification, law: LawOfStudy, scr: Array, x_over_r: Array,
+    study: Study,
+    controller: ControllerSpec,
+    spec: Specification,
+    law: LawOfStudy,
+    scr: Array,
+    x_over_r: Array,
     records: Sequence[CellRecord],
-) -> GainTable:  # fmt: skip
+) -> GainTable:
     """The table of designed cells, row by row over scr × x_over_r."""
     shape = (len(scr), len(x_over_r))
     designs = [record.design for record in records]
     valid = np.array([d is not None for d in designs]).reshape(shape)
 
     def cells(value: Any, outside: float = np.nan) -> Array:
-        return np.array([outside if d is None else value(d, r) for d, r in zip(designs, records, strict=True)],
-                        dtype=float).reshape(shape)  # fmt: skip
+        return np.array(
+            [outside if d is None else value(d, r) for d, r in zip(designs, records, strict=True)], dtype=float
+        ).reshape(shape)
 
     normalised = {
         name: fill_outside(cells(lambda d, _, k=k: float(d.normalised[k]), 0.0), valid)
@@ -289,9 +317,13 @@ def assemble(
     base = base_of(study, spec.scr_basis)
     box = spec.box
     validity = ValidityBox(
-        (float(scr[0]), float(scr[-1])), (float(x_over_r[0]), float(x_over_r[-1])), (min(box.P), max(box.P)),
-        (min(box.Q), max(box.Q)), study.converter.V_limits_rms, max(box.error_R, box.error_X),
-    )  # fmt: skip
+        (float(scr[0]), float(scr[-1])),
+        (float(x_over_r[0]), float(x_over_r[-1])),
+        (min(box.P), max(box.P)),
+        (min(box.Q), max(box.Q)),
+        study.converter.V_limits_rms,
+        max(box.error_R, box.error_X),
+    )
     table = GainTable(
         name=controller.name, structure=law.structure, law=law.law, study=study.name, study_hash=study.hash,
         base=base, D_p=law.D_p, D_q=law.D_q, P_design=controller.target.P, Q_design=controller.target.Q,

@@ -49,10 +49,15 @@ class FullOrderFigures:
     def worst(self) -> Figures:
         """The worst over the scenarios."""
         return Figures(
-            float(np.max(self.overshoot_P)), float(np.max(self.settling_P)), float(np.max(self.overshoot_Q)),
-            float(np.max(self.settling_Q)), float(np.max(self.cross_peak)), float(np.min(self.disk_margin)),
-            float(np.min(self.damping_ratio)), float(np.max(self.abscissa)),
-        )  # fmt: skip
+            float(np.max(self.overshoot_P)),
+            float(np.max(self.settling_P)),
+            float(np.max(self.overshoot_Q)),
+            float(np.max(self.settling_Q)),
+            float(np.max(self.cross_peak)),
+            float(np.min(self.disk_margin)),
+            float(np.min(self.damping_ratio)),
+            float(np.max(self.abscissa)),
+        )
 
 
 def full_order_figures(study: Study, gains: PowerLoopGains, s: Scenarios, settling_time: float) -> FullOrderFigures:
@@ -88,11 +93,12 @@ def _cells(study: Study, gains: PowerLoopGains, s: Scenarios) -> list[Cell]:
         Cell(
             Grid(float(s.R[k] - f.R_2), float(s.X[k] / s.omega_g[k] - f.L_2)),
             PowerLoopGains(*(float(value[k]) for value in gains)),
-            float(P_ref[k]), float(Q_ref[k]),
+            float(P_ref[k]),
+            float(Q_ref[k]),
             GridSource(float(s.V_g_rms[k]), float(s.omega_g[k])),
         )
         for k in range(len(s))
-    ]  # fmt: skip
+    ]
 
 
 def _responses(

@@ -103,9 +103,13 @@ def power_stage(
 
 
 def voltage_stage(
-    theta: Any, V_rms: Any, state: ControllerState, measured: Measurement, gains: InnerLoopGains,
+    theta: Any,
+    V_rms: Any,
+    state: ControllerState,
+    measured: Measurement,
+    gains: InnerLoopGains,
     settings: ControllerSettings,
-) -> Any:  # fmt: skip
+) -> Any:
     """Inner loops of one sample for the voltage V∠θ: v_b_alpha, v_b_beta, then the next (ξ_v, ξ_i, i_f), each d, q."""
     cosine = np.cos(theta)
     sine = np.sin(theta)
@@ -116,16 +120,40 @@ def voltage_stage(
         i_g_d, i_g_q, state.i_f_d, state.i_f_q, gains, settings.smoothing_t
     )
     i_ref_d, i_ref_q, xi_vd, xi_vq = voltage_loop(
-        rms_to_peak(V_rms), drop_d, drop_q, v_d, v_q, i_g_d, i_g_q, state.xi_vd, state.xi_vq,
-        gains, settings.omega_C, settings.i_max_pk, settings.T_s,
-    )  # fmt: skip
+        rms_to_peak(V_rms),
+        drop_d,
+        drop_q,
+        v_d,
+        v_q,
+        i_g_d,
+        i_g_q,
+        state.xi_vd,
+        state.xi_vq,
+        gains,
+        settings.omega_C,
+        settings.i_max_pk,
+        settings.T_s,
+    )
     # The voltage stands still in αβ while the frame turns: in the middle of its period it is half a period behind.
     u_d, u_q = rotate_back(state.u_alpha, state.u_beta, cosine, sine)
     u_d, u_q = rotate_back(u_d, u_q, settings.half_cos, settings.half_sin)
     v_b_d, v_b_q, xi_id, xi_iq = current_loop(
-        i_ref_d, i_ref_q, i_s_d, i_s_q, v_d, v_q, u_d, u_q, state.xi_id, state.xi_iq,
-        gains, settings.omega_L, settings.T_over_L, settings.v_max_pk, settings.T_s,
-    )  # fmt: skip
+        i_ref_d,
+        i_ref_q,
+        i_s_d,
+        i_s_q,
+        v_d,
+        v_q,
+        u_d,
+        u_q,
+        state.xi_id,
+        state.xi_iq,
+        gains,
+        settings.omega_L,
+        settings.T_over_L,
+        settings.v_max_pk,
+        settings.T_s,
+    )
     lead_d, lead_q = rotate(v_b_d, v_b_q, settings.advance_cos, settings.advance_sin)
     v_b_alpha, v_b_beta = rotate(lead_d, lead_q, cosine, sine)
     return v_b_alpha, v_b_beta, xi_vd, xi_vq, xi_id, xi_iq, i_f_d, i_f_q

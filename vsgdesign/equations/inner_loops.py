@@ -36,9 +36,7 @@ def limit_length(x: Any, y: Any, limit: Any) -> Any:
     return x * scale, y * scale
 
 
-def transient_impedance(
-    i_g_d: Any, i_g_q: Any, i_f_d: Any, i_f_q: Any, gains: InnerLoopGains, smoothing: Any
-) -> Any:  # fmt: skip
+def transient_impedance(i_g_d: Any, i_g_q: Any, i_f_d: Any, i_f_q: Any, gains: InnerLoopGains, smoothing: Any) -> Any:
     """Voltage that a change of the grid current takes off the reference (:eq:`transient-impedance`).
 
     i_f is the grid current behind its low-pass. Returns (drop_d, drop_q, i_f_d, i_f_q): V, and the new i_f in A.
@@ -52,7 +50,7 @@ def transient_impedance(
 
 def predicted_current(
     i_d: Any, i_q: Any, v_d: Any, v_q: Any, u_d: Any, u_q: Any, kappa: Any, omega_L: Any, T_over_L: Any
-) -> Any:  # fmt: skip
+) -> Any:
     """Converter current a share κ of one period ahead (:eq:`current-prediction`).
 
     u is the bridge voltage that acts from this sample on, computed one sample ago. With κ = 0 the current is returned
@@ -63,9 +61,20 @@ def predicted_current(
 
 
 def voltage_loop(
-    v_ref: Any, drop_d: Any, drop_q: Any, v_d: Any, v_q: Any, i_g_d: Any, i_g_q: Any, xi_d: Any, xi_q: Any,
-    gains: InnerLoopGains, omega_C: Any, i_max_pk: Any, T_s: Any,
-) -> Any:  # fmt: skip
+    v_ref: Any,
+    drop_d: Any,
+    drop_q: Any,
+    v_d: Any,
+    v_q: Any,
+    i_g_d: Any,
+    i_g_q: Any,
+    xi_d: Any,
+    xi_q: Any,
+    gains: InnerLoopGains,
+    omega_C: Any,
+    i_max_pk: Any,
+    T_s: Any,
+) -> Any:
     """Converter-current reference from the voltage error (:eq:`voltage-loop`).
 
     PI per axis, grid-current feed-forward, ωC cross-coupling, circular current limit; what the limit takes
@@ -84,9 +93,22 @@ def voltage_loop(
 
 
 def current_loop(
-    i_ref_d: Any, i_ref_q: Any, i_d: Any, i_q: Any, v_d: Any, v_q: Any, u_d: Any, u_q: Any, xi_d: Any, xi_q: Any,
-    gains: InnerLoopGains, omega_L: Any, T_over_L: Any, v_max_pk: Any, T_s: Any,
-) -> Any:  # fmt: skip
+    i_ref_d: Any,
+    i_ref_q: Any,
+    i_d: Any,
+    i_q: Any,
+    v_d: Any,
+    v_q: Any,
+    u_d: Any,
+    u_q: Any,
+    xi_d: Any,
+    xi_q: Any,
+    gains: InnerLoopGains,
+    omega_L: Any,
+    T_over_L: Any,
+    v_max_pk: Any,
+    T_s: Any,
+) -> Any:
     """Bridge voltage from the error of the predicted current (:eq:`current-loop`).
 
     PI per axis, capacitor-voltage feed-forward, ωL cross-coupling, circular voltage limit with the same

@@ -52,9 +52,7 @@ def decoupled_gains(
     return PowerLoopGains(k_1 * w11, d_1 / (k_1 * w11), k_2 * w22, D_q, k_1 * w12, k_2 * w21, 0.0, 0.0)
 
 
-def voltage_row(
-    A: Any, B: Any, C: Any, D: Any, k_2: Any, D_p: Any, D_q: Any, share_P: Any, share_Q: Any
-) -> Any:  # fmt: skip
+def voltage_row(A: Any, B: Any, C: Any, D: Any, k_2: Any, D_p: Any, D_q: Any, share_P: Any, share_Q: Any) -> Any:
     """sigma, v1, v2: the V row of the angle-damped structure (:eq:`voltage-row`), K_qp = k_2 v1 and K_iq = k_2 v2.
 
     The droop is part of e_P, so a moving δ pushes V by K_qp D_p δ̇. With A − k_2 D_p in place of A this row answers
@@ -71,9 +69,19 @@ def voltage_row(
 
 
 def angle_damped_gains(
-    A: Any, B: Any, C: Any, D: Any, k_1: Any, d_1: Any, k_2: Any, D_p: Any, D_q: Any, share_P: Any, share_Q: Any,
+    A: Any,
+    B: Any,
+    C: Any,
+    D: Any,
+    k_1: Any,
+    d_1: Any,
+    k_2: Any,
+    D_p: Any,
+    D_q: Any,
+    share_P: Any,
+    share_Q: Any,
     D_p_V: Any,
-) -> PowerLoopGains:  # fmt: skip
+) -> PowerLoopGains:
     """The angle-damped structure (:eq:`angle-damped-gains`): both droops free, damping through the angle.
 
     What the droop D_p damps already, k_1 w11 D_p, is taken off d_1, so δ moves by s² + d_1 s + k_1 on every
@@ -102,9 +110,18 @@ def effective_inertia(gains: PowerLoopGains, S_rated: Any, omega_0: Any) -> Any:
 
 
 def structure_gains(
-    A: Any, B: Any, C: Any, D: Any, normalised: NormalisedGains, D_p: Any, D_q: Any, S_rated: Any, omega_0: Any,
-    angle_damped: bool, by_inertia: bool,
-) -> PowerLoopGains:  # fmt: skip
+    A: Any,
+    B: Any,
+    C: Any,
+    D: Any,
+    normalised: NormalisedGains,
+    D_p: Any,
+    D_q: Any,
+    S_rated: Any,
+    omega_0: Any,
+    angle_damped: bool,
+    by_inertia: bool,
+) -> PowerLoopGains:
     """Gains of every structure under either law (:eq:`structure-gains`).
 
     The published structure is the decoupled one with shares 0, D_q = 0 and q > 0; the other structures have
@@ -118,7 +135,17 @@ def structure_gains(
     if angle_damped:
         # A V row without the droop's part would change the inertia, which law ``inertia`` promises.
         return angle_damped_gains(
-            A, B, C, D, k_1, d_1, normalised.k_2, D_p, droop, normalised.share_P, normalised.share_Q,
+            A,
+            B,
+            C,
+            D,
+            k_1,
+            d_1,
+            normalised.k_2,
+            D_p,
+            droop,
+            normalised.share_P,
+            normalised.share_Q,
             0.0 if by_inertia else D_p,
-        )  # fmt: skip
+        )
     return decoupled_gains(A, B, C, D, k_1, d_1, normalised.k_2, droop, normalised.share_P, normalised.share_Q)

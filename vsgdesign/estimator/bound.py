@@ -45,9 +45,14 @@ def phasor_variance(deviation: float, samples: int, channels: str = "alpha_beta"
 
 
 def fisher_information(
-    i: ArrayLike, omega: ArrayLike, v_variance: float, i_variance: float, R_g: float, L_g: float,
+    i: ArrayLike,
+    omega: ArrayLike,
+    v_variance: float,
+    i_variance: float,
+    R_g: float,
+    L_g: float,
     nuisance: ArrayLike | None = None,
-) -> Array:  # fmt: skip
+) -> Array:
     """(2, 2) information on (R_g, L_g) from M phasors of v and i (:eq:`fisher-information`).
 
     ``i`` (M,) are the true currents (A peak), ``omega`` their angular frequencies in the stationary frame, the
@@ -91,9 +96,17 @@ def bound_of_known_ratio(information: Array, R_g: float, L_g: float) -> Bound:
 
 
 def steady_window_bound(
-    i: complex, omega: float, noise: SensorNoise, samples: int, R_g: float, L_g: float, *,
-    channels: str = "phase_a", known_ratio: bool = False, known_phase: bool = True,
-) -> Bound:  # fmt: skip
+    i: complex,
+    omega: float,
+    noise: SensorNoise,
+    samples: int,
+    R_g: float,
+    L_g: float,
+    *,
+    channels: str = "phase_a",
+    known_ratio: bool = False,
+    known_phase: bool = True,
+) -> Bound:
     """One steady window (:eq:`bound-steady`). With the grid's phasor known it is the published set-up; without it
     there is nothing to know."""
     v_variance, i_variance = (phasor_variance(deviation, samples, channels) for deviation in (noise.v, noise.i))

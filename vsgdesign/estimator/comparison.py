@@ -68,14 +68,26 @@ class ComparisonSettings:
         """Runs with a power step: at rest, then the only thing that a passive method can learn from. Windows are
         sampled as ``window`` says; None: as the converter has it."""
         made = replace(
-            PUBLISHED, name="comparison", scr=one_of(*self.scr), x_over_r=one_of(self.x_over_r),
-            P_pu=one_of(self.P_pu), Q_pu=one_of(self.Q_pu), P_step_pu=one_of(self.P_step_pu), Q_step_pu=one_of(0.0),
-            settle=SETTLE, before=BEFORE, after=AFTER, every=1, skip=0,
-            noise_v=one_of(self.noise), noise_i=one_of(self.noise),
-            adc_bits=self.adc_bits, scenarios=len(self.scr),
+            PUBLISHED,
+            name="comparison",
+            scr=one_of(*self.scr),
+            x_over_r=one_of(self.x_over_r),
+            P_pu=one_of(self.P_pu),
+            Q_pu=one_of(self.Q_pu),
+            P_step_pu=one_of(self.P_step_pu),
+            Q_step_pu=one_of(0.0),
+            settle=SETTLE,
+            before=BEFORE,
+            after=AFTER,
+            every=1,
+            skip=0,
+            noise_v=one_of(self.noise),
+            noise_i=one_of(self.noise),
+            adc_bits=self.adc_bits,
+            scenarios=len(self.scr),
             samples=0 if window is None else window.samples,
             sample_interval=0.0 if window is None else window.sample_interval,
-        )  # fmt: skip
+        )
         return check_recipe(made, "comparison")
 
 
@@ -137,9 +149,12 @@ def all_methods(
     """Every classical method for the windows of a sampled recipe, then each network by name."""
     guess = grid_from_scr(guess_scr, 1.0, "reactance", study.converter)
     classical: tuple[Method, ...] = (
-        ConstantGuess(guess), TwoWindows(), RecursiveLeastSquares(guess), ExtendedKalmanFilter(guess),
+        ConstantGuess(guess),
+        TwoWindows(),
+        RecursiveLeastSquares(guess),
+        ExtendedKalmanFilter(guess),
         *probing_methods(study.converter, recipe),
-    )  # fmt: skip
+    )
     return *classical, *(NeuralMethod(weights, name) for name, weights in networks.items())
 
 
@@ -153,9 +168,12 @@ def probing_methods(converter: Converter, recipe: WindowRecipe) -> tuple[Injecti
     periods = round(recipe.update_period / T_s)
     long = -(-3 // cycles)
     injection = Injection(
-        frequency_hz=1.5 * nominal_hz, nominal_hz=nominal_hz, window_cycles=cycles,
-        hold=_near_a_millisecond(2 * periods, T_s), name=f"{1.5 * nominal_hz:.3g} Hz injection",
-    )  # fmt: skip
+        frequency_hz=1.5 * nominal_hz,
+        nominal_hz=nominal_hz,
+        window_cycles=cycles,
+        hold=_near_a_millisecond(2 * periods, T_s),
+        name=f"{1.5 * nominal_hz:.3g} Hz injection",
+    )
     sequence = PseudoRandomSequence(
         cycles=long * cycles, nominal_hz=nominal_hz, hold=_near_a_millisecond(long * periods, T_s)
     )
@@ -191,15 +209,23 @@ def comparison_recipe(study: Study, settings: ComparisonSettings, windows: dict[
 def with_sensors(recipe: WindowRecipe, settings: ComparisonSettings) -> WindowRecipe:
     """A recipe through the sensors of a comparison, so that a network has seen their noise."""
     return replace(
-        recipe, name=f"{recipe.name}_sensors", noise_v=one_of(settings.noise), noise_i=one_of(settings.noise),
+        recipe,
+        name=f"{recipe.name}_sensors",
+        noise_v=one_of(settings.noise),
+        noise_i=one_of(settings.noise),
         adc_bits=settings.adc_bits,
-    )  # fmt: skip
+    )
 
 
 def train_networks(
-    study: Study, recipes: Sequence[WindowRecipe] = (), settings: ComparisonSettings | None = None, *, seed: int = 0,
-    workers: int = 1, progress: Progress = silent,
-) -> list[tuple[str, NetworkWeights]]:  # fmt: skip
+    study: Study,
+    recipes: Sequence[WindowRecipe] = (),
+    settings: ComparisonSettings | None = None,
+    *,
+    seed: int = 0,
+    workers: int = 1,
+    progress: Progress = silent,
+) -> list[tuple[str, NetworkWeights]]:
     """Name and network of each recipe; of none: the published one, and one of continuous grids that has seen noise.
     Made here and now, some seconds each."""
     from vsgdesign.estimator.trained import train_estimator
@@ -218,9 +244,11 @@ def train_networks(
 
 
 def compare_methods(
-    study: Study, networks: dict[str, NetworkWeights], settings: ComparisonSettings | None = None,
+    study: Study,
+    networks: dict[str, NetworkWeights],
+    settings: ComparisonSettings | None = None,
     progress: Progress = silent,
-) -> Comparison:  # fmt: skip
+) -> Comparison:
     """Run, measure and judge. Grids that the converter cannot be run on are left out. Raises StudyError for settings
     that make no recipe, InfeasibleStudyError where no grid is left, ArtifactError for weights of other windows."""
     settings, left_out = runnable_settings(study, settings or ComparisonSettings())
@@ -322,14 +350,22 @@ def _disturbance(name: str, plain: Sequence[Run], probed: Sequence[Run]) -> Dist
 
 
 def _grid_steps(
-    study: Study, recipe: WindowRecipe, pair: tuple[float, float], methods: Sequence[Method],
-    settings: ComparisonSettings, progress: Progress,
-) -> list[GridStep]:  # fmt: skip
+    study: Study,
+    recipe: WindowRecipe,
+    pair: tuple[float, float],
+    methods: Sequence[Method],
+    settings: ComparisonSettings,
+    progress: Progress,
+) -> list[GridStep]:
     ratio = max(pair[0] / pair[1], pair[1] / pair[0])
     changed = replace(
-        recipe, name="grid_step", scr=one_of(*pair), P_step_pu=one_of(0.0), grid_step_share=1.0,
+        recipe,
+        name="grid_step",
+        scr=one_of(*pair),
+        P_step_pu=one_of(0.0),
+        grid_step_share=1.0,
         grid_step_ratio=max(1.01 * ratio, recipe.grid_step_ratio),
-    )  # fmt: skip
+    )
     by_probe = probed_runs(study, [(changed, 0)], methods, settings.seed, progress)
     steps = []
     for method in methods:

@@ -121,9 +121,12 @@ STOPS = {
 
 
 def minimise(
-    problem: Problem, start: Tensor | State, damping: Damping | None = None, scores: Scores | None = None,
+    problem: Problem,
+    start: Tensor | State,
+    damping: Damping | None = None,
+    scores: Scores | None = None,
     progress: Progress = silent,
-) -> Fit:  # fmt: skip
+) -> Fit:
     """Search from a point, or go on from a state, until one of ``STOPS``.
 
     ``scores`` are computed once an epoch; their first, if it is not NaN, decides what is best and may stop the

@@ -84,10 +84,11 @@ def _given_steps(recipe: WindowRecipe, converter: Converter, rate: float) -> int
         return round(steps)
     near = sorted({max(math.floor(steps), 1), math.ceil(steps)})
     fault = Fault(
-        "sample_interval", f"{recipe.sample_interval * 1e6:g} µs",
+        "sample_interval",
+        f"{recipe.sample_interval * 1e6:g} µs",
         f"no whole number of the converter's control periods of {converter.T_s * 1e6:.6g} µs",
         "Leave it out, or give " + " or ".join(f"{k / rate * 1e6:.9g} µs" for k in near) + ".",
-    )  # fmt: skip
+    )
     raise StudyError(f"recipe {recipe.name}", [fault])
 
 
@@ -95,26 +96,31 @@ def _contradiction(recipe: WindowRecipe, samples: int, interval: float, cycles: 
     length = f"{samples} samples every {interval * 1e6:.6g} µs"
     given = "samples and sample_interval" if recipe.samples and recipe.sample_interval else "sample_interval"
     return Fault(
-        "cycles", str(cycles), f"{length} miss {cycles} nominal cycles by {missed:.3g} of one",
+        "cycles",
+        str(cycles),
+        f"{length} miss {cycles} nominal cycles by {missed:.3g} of one",
         f"Leave cycles out, or {given}.",
-    )  # fmt: skip
+    )
 
 
 def _too_long(recipe: WindowRecipe, converter: Converter) -> Fault:
     cycles = recipe.cycles or MOST_CYCLES
     longest = 2.0 * math.pi * cycles / converter.omega_n / 4.0
     return Fault(
-        "sample_interval", f"{recipe.sample_interval:g} s",
-        f"leaves fewer than 4 samples in {cycles} nominal cycles", f"Give at most {longest:.3g} s, or leave it out.",
-    )  # fmt: skip
+        "sample_interval",
+        f"{recipe.sample_interval:g} s",
+        f"leaves fewer than 4 samples in {cycles} nominal cycles",
+        f"Give at most {longest:.3g} s, or leave it out.",
+    )
 
 
 def _too_slow(converter: Converter, per_cycle: float) -> Fault:
     return Fault(
-        "converter.f_sw", f"{converter.f_sw:g} Hz",
+        "converter.f_sw",
+        f"{converter.f_sw:g} Hz",
         f"{per_cycle:.3g} control periods in a cycle of the grid are too few for a window (least: {LEAST_PER_CYCLE})",
         "Raise f_sw or samples_per_carrier.",
-    )  # fmt: skip
+    )
 
 
 def missed_cycles(recipe: WindowRecipe, converter: Converter) -> float:
@@ -146,7 +152,10 @@ def describe_sampling(recipe: WindowRecipe, converter: Converter) -> str:
 def sampling_document(recipe: WindowRecipe, converter: Converter) -> dict[str, float | int | str]:
     """The same in JSON's types."""
     return {
-        "samples": recipe.samples, "sample_interval_s": recipe.sample_interval, "period_s": recipe.update_period,
-        "cycles": recipe.cycles, "missed_cycles": missed_cycles(recipe, converter),
+        "samples": recipe.samples,
+        "sample_interval_s": recipe.sample_interval,
+        "period_s": recipe.update_period,
+        "cycles": recipe.cycles,
+        "missed_cycles": missed_cycles(recipe, converter),
         "text": describe_sampling(recipe, converter),
-    }  # fmt: skip
+    }

@@ -31,8 +31,8 @@ _ADVICE = {
     "current": "Ask for less P_pu and Q_pu, or raise current_limit_pu of the converter",
     "voltage limits": "Raise the low end of scr, ask for less Q_pu, or widen V_min_pu and V_max_pu of the converter",
     "unstable": "Lower the high end of scr or x_over_r: with these inner loops and gains there are modes that grow "
-                "(vsgdesign margins shows where)",
-}  # fmt: skip
+    "(vsgdesign margins shows where)",
+}
 
 _WORDS = {
     "no operating point": "have no operating point",

@@ -23,9 +23,13 @@ Array = NDArray[np.float64]
 
 
 def measured_channels(
-    converter: Converter, recipe: WindowRecipe, vectors: Array, theta: Array, noise: tuple[float, float],
+    converter: Converter,
+    recipe: WindowRecipe,
+    vectors: Array,
+    theta: Array,
+    noise: tuple[float, float],
     rng: np.random.Generator,
-) -> Array:  # fmt: skip
+) -> Array:
     """(N, 2·C·n) windows as the sensors deliver them from (N, 2, 2, n): voltage and current, α and β, samples.
 
     Noise and quantisation act on each phase's sensor, before any transformation; ``theta`` (N, n) is the
@@ -99,7 +103,9 @@ def background(
     ]
     amplitudes = {order: value * rms_to_peak(source.V_g_rms) for order, value in scenario.harmonics.items()}
     turned = source.omega_g * recipe.sample_interval * np.arange(recipe.samples)
-    return np.array([
-        background_vectors(phasors[int(later)], amplitudes, window.source_phase + turned)
-        for window, later in zip(windows, after, strict=True)
-    ])  # fmt: skip
+    return np.array(
+        [
+            background_vectors(phasors[int(later)], amplitudes, window.source_phase + turned)
+            for window, later in zip(windows, after, strict=True)
+        ]
+    )

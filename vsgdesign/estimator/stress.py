@@ -116,9 +116,12 @@ class Stress:
 
 
 def stress_methods(
-    study: Study, networks: dict[str, NetworkWeights], settings: ComparisonSettings | None = None,
-    axes: tuple[StressAxis, ...] | None = None, progress: Progress = silent,
-) -> Stress:  # fmt: skip
+    study: Study,
+    networks: dict[str, NetworkWeights],
+    settings: ComparisonSettings | None = None,
+    axes: tuple[StressAxis, ...] | None = None,
+    progress: Progress = silent,
+) -> Stress:
     """Run every value of every axis (None: :func:`stress_axes`); otherwise SCR 8, and ideal sensors as published.
     Raises as :func:`vsgdesign.estimator.comparison.compare_methods`."""
     settings, _ = runnable_settings(study, nominal_settings(settings or STRESS_SETTINGS))

@@ -62,9 +62,17 @@ class TrainedEstimator:
 
 
 def train_estimator(
-    study: Study, recipe: WindowRecipe, *, seed: int = 0, hidden: int | None = None, components: int | None = None,
-    starts: int | None = None, out: str | Path | None = None, workers: int = 1, progress: Progress = silent,
-) -> TrainedEstimator:  # fmt: skip
+    study: Study,
+    recipe: WindowRecipe,
+    *,
+    seed: int = 0,
+    hidden: int | None = None,
+    components: int | None = None,
+    starts: int | None = None,
+    out: str | Path | None = None,
+    workers: int = 1,
+    progress: Progress = silent,
+) -> TrainedEstimator:
     """Make the windows of a recipe, train a network on them and judge it. What is None is the recipe's.
 
     The same arguments give the same weights. ``out`` keeps the windows, and finished blocks of an interrupted call.
@@ -126,7 +134,9 @@ def train_on(
         recipe=dict(data.header["recipe"]),
         seed=seed,
         training={
-            "settings": asdict(settings), "stop": training.stop, "epochs": training.epochs,
+            "settings": asdict(settings),
+            "stop": training.stop,
+            "epochs": training.epochs,
             "components": training.components,
             "parts": {
                 name: {"mse": part.mse, "correlation": part.correlation, "errors": _finite(part.errors)}
@@ -136,7 +146,7 @@ def train_on(
             "draws": data.draws,
         },
         provenance=dict(provenance()),
-    )  # fmt: skip
+    )
     history = {name: np.array([getattr(line, name) for line in training.history], dtype=float) for name in HISTORY}
     return TrainedEstimator(
         weights,

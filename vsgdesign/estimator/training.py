@@ -86,9 +86,14 @@ class Training:
 
 
 def train_network(
-    inputs: Array, targets: Array, split: Split, settings: TrainingSettings | None = None, seed: int = 0,
-    progress: Progress = silent, resume: Checkpoint | None = None,
-) -> Training:  # fmt: skip
+    inputs: Array,
+    targets: Array,
+    split: Split,
+    settings: TrainingSettings | None = None,
+    seed: int = 0,
+    progress: Progress = silent,
+    resume: Checkpoint | None = None,
+) -> Training:
     """Train on windows (N, n) and their R_g, L_g (N, 2), Ω and H, of which ``split`` says what is for what.
 
     The same seed gives the same network. KeyboardInterrupt, from outside or from ``progress``, gives the best by
@@ -114,9 +119,14 @@ def _threads(count: int) -> Iterator[None]:
 
 
 def _train(
-    inputs: Array, targets: Array, split: Split, settings: TrainingSettings, seed: int, progress: Progress,
+    inputs: Array,
+    targets: Array,
+    split: Split,
+    settings: TrainingSettings,
+    seed: int,
+    progress: Progress,
     resume: Checkpoint | None,
-) -> Training:  # fmt: skip
+) -> Training:
     fingerprint = _fingerprint(inputs, targets, split, settings, seed)
     if resume is not None and resume.fingerprint != fingerprint:
         raise ArtifactError("the checkpoint is of other data, settings or another seed: start anew.")
@@ -143,9 +153,14 @@ def _train(
 
 
 def _search(
-    problem: NetworkProblem, settings: TrainingSettings, seed: int, fingerprint: str, resume: Checkpoint | None,
-    scores: Any, progress: Progress,
-) -> tuple[Fit, Checkpoint]:  # fmt: skip
+    problem: NetworkProblem,
+    settings: TrainingSettings,
+    seed: int,
+    fingerprint: str,
+    resume: Checkpoint | None,
+    scores: Any,
+    progress: Progress,
+) -> tuple[Fit, Checkpoint]:
     """The best fit of the starts, and where to go on."""
     at, state, best = (0, None, None) if resume is None else (resume.start, resume.state, resume.best)
     while True:

@@ -63,9 +63,15 @@ class _TwoGains:
 
 
 def generate_windows(
-    study: Study, recipe: WindowRecipe, seed: int, *, out: str | Path | None = None, workers: int = 1,
-    executor: Executor | None = None, progress: Progress | None = None,
-) -> DataSet:  # fmt: skip
+    study: Study,
+    recipe: WindowRecipe,
+    seed: int,
+    *,
+    out: str | Path | None = None,
+    workers: int = 1,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> DataSet:
     """The windows of a recipe on a study's converter, and their file if ``out`` is given.
 
     The study gives converter, filter, inner loops and the target of the gains; grid, source, set points and
@@ -112,10 +118,16 @@ def _header(study: Study, recipe: WindowRecipe, seed: int) -> dict[str, Any]:
     loops = (study.inner_gains, study.omega_t, study.target, study.tau_P, study.tau_Q)
     used = (c, study.filter, *loops, study.grid_source.V_g_rms)
     return {
-        "recipe": recipe.document(), "seed": seed, "synchronised": recipe.synchronised,
-        "study": study.name, "converter_hash": hashlib.sha256(repr(used).encode()).hexdigest(),
-        "S_rated": c.S_rated, "V_rated_rms": c.V_rated_rms, "omega_n": c.omega_n, "T_s": c.T_s,
-    }  # fmt: skip
+        "recipe": recipe.document(),
+        "seed": seed,
+        "synchronised": recipe.synchronised,
+        "study": study.name,
+        "converter_hash": hashlib.sha256(repr(used).encode()).hexdigest(),
+        "S_rated": c.S_rated,
+        "V_rated_rms": c.V_rated_rms,
+        "omega_n": c.omega_n,
+        "T_s": c.T_s,
+    }
 
 
 class _Parts:
@@ -188,12 +200,15 @@ def record_windows(
     if recipe.after:
         events.append(Event(change_s, "change", grid=scenario.grids[1], P_ref=P_new, Q_ref=Q_new))
     spec = replace(
-        study.simulation, duration=(kept[-1] + 1) * period, bridge=recipe.bridge, start="steady_state",
-        log_interval=recipe.sample_interval, P_ref=P_ref, Q_ref=Q_ref,
-    )  # fmt: skip
-    case = replace(
-        study, grid=scenario.grids[0], grid_source=scenario.source, simulation=spec, events=tuple(events)
-    )  # fmt: skip
+        study.simulation,
+        duration=(kept[-1] + 1) * period,
+        bridge=recipe.bridge,
+        start="steady_state",
+        log_interval=recipe.sample_interval,
+        P_ref=P_ref,
+        Q_ref=Q_ref,
+    )
+    case = replace(study, grid=scenario.grids[0], grid_source=scenario.source, simulation=spec, events=tuple(events))
     recorder = Recorder(_TwoGains(scenario.gains, change_s, period, recipe.sample_interval))
     simulate(case, recorder, probe=probe)
     windows = [recorder.windows[k] for k in kept]

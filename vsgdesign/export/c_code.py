@@ -34,12 +34,27 @@ SCHEMA = 1
 MANIFEST = "manifest.json"
 
 REASON_NAMES = (
-    "NONE", "TIME", "NOT_FINITE", "RANGE", "SATURATED", "NO_ESTIMATE", "IMPLAUSIBLE", "JUMP", "UNDESIGNED",
-)  # fmt: skip
+    "NONE",
+    "TIME",
+    "NOT_FINITE",
+    "RANGE",
+    "SATURATED",
+    "NO_ESTIMATE",
+    "IMPLAUSIBLE",
+    "JUMP",
+    "UNDESIGNED",
+)
 FILES = (
-    "vsg.h", "vsg.c", "vsg_data.h", "vsg_data.c", "vsg_power.c", "vsg_selftest.c", "Makefile", "CMakeLists.txt",
+    "vsg.h",
+    "vsg.c",
+    "vsg_data.h",
+    "vsg_data.c",
+    "vsg_power.c",
+    "vsg_selftest.c",
+    "Makefile",
+    "CMakeLists.txt",
     "INTEGRATION.md",
-)  # fmt: skip
+)
 
 _BLOCK = 20
 """Samples that are summed before they join the whole: single precision keeps a digit more."""
@@ -69,9 +84,16 @@ class Origin:
 
 
 def export_c_files(
-    table: str | Path, out: str | Path, *, weights: str | Path | None = None, study: Study | None = None,
-    v_limit: float | None = None, i_limit: float | None = None, grid_phase: bool = False, **changes: Any,
-) -> ExportedC:  # fmt: skip
+    table: str | Path,
+    out: str | Path,
+    *,
+    weights: str | Path | None = None,
+    study: Study | None = None,
+    v_limit: float | None = None,
+    i_limit: float | None = None,
+    grid_phase: bool = False,
+    **changes: Any,
+) -> ExportedC:
     """C from a table's and a network's file into the folder ``out``.
 
     ``v_limit`` (V) and ``i_limit`` (A) are the sensors' limits, four times the rated peaks where they are not given;
@@ -91,10 +113,13 @@ def export_c_files(
         peak_v = rms_to_peak(base.V_rated_rms)
         peak_i = rms_to_peak(rated_current_rms(base.S_rated, base.V_rated_rms))
         estimator = neural_estimator(
-            trained, sample_interval=window.sample_interval, channels=window.channels, grid_phase=grid_phase,
+            trained,
+            sample_interval=window.sample_interval,
+            channels=window.channels,
+            grid_phase=grid_phase,
             v_limit=float(np.float32(4.0 * peak_v if v_limit is None else v_limit)),
             i_limit=float(np.float32(4.0 * peak_i if i_limit is None else i_limit)),
-        )  # fmt: skip
+        )
         changes = window_settings(window.samples * window.sample_interval) | changes
         origin = replace(
             origin, weights_sha256=trained.hash, channels=window.channels, sample_interval=window.sample_interval
@@ -125,18 +150,23 @@ def export_c(scheduler: Scheduler, origin: Origin, out: str | Path, *, inputs: I
     check_folder_target(out, KIND, inputs, MANIFEST)  # before the work rather than after it
     texts = render(scheduler, origin)
     estimator = scheduler.estimator
-    manifest = plain({
-        "schema": SCHEMA,
-        "table": {"name": origin.table, "sha256": origin.table_sha256, "certificate": origin.certificate},
-        "study": {"name": origin.study, "hash": origin.study_hash},
-        "weights": None if estimator is None else {"sha256": origin.weights_sha256},
-        "generator": {"vsgdesign": __version__, "sha256": generator_hash()},
-        "settings": asdict(scheduler.settings),
-        "network": None if estimator is None else {
-            "shape": [2 * estimator.samples * estimator.components, len(estimator.b_1), 2],
-            "v_limit": estimator.v_limit, "i_limit": estimator.i_limit,
-        },
-    })  # fmt: skip
+    manifest = plain(
+        {
+            "schema": SCHEMA,
+            "table": {"name": origin.table, "sha256": origin.table_sha256, "certificate": origin.certificate},
+            "study": {"name": origin.study, "hash": origin.study_hash},
+            "weights": None if estimator is None else {"sha256": origin.weights_sha256},
+            "generator": {"vsgdesign": __version__, "sha256": generator_hash()},
+            "settings": asdict(scheduler.settings),
+            "network": None
+            if estimator is None
+            else {
+                "shape": [2 * estimator.samples * estimator.components, len(estimator.b_1), 2],
+                "v_limit": estimator.v_limit,
+                "i_limit": estimator.i_limit,
+            },
+        }
+    )
     with staged_folder(out, KIND, inputs=inputs, record=MANIFEST) as folder:
         for name, text in texts.items():
             write_text(folder / name, text)
@@ -152,9 +182,13 @@ def render(scheduler: Scheduler, origin: Origin) -> dict[str, str]:
         return (resources.files("vsgdesign.export") / "templates" / name).read_text(encoding="utf-8")
 
     environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(read), trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-        keep_trailing_newline=True, autoescape=False,
-    )  # fmt: skip
+        loader=jinja2.FunctionLoader(read),
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
     content = _content(scheduler, origin)
     return {name: environment.get_template(f"{name}.j2").render(content) for name in FILES}
 
@@ -186,25 +220,38 @@ def _content(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
             f"Table {origin.table} of study {origin.study}, sha256 {origin.table_sha256[:12]}: {lookup.structure}, law "
             f"{lookup.law}."
         ),
-        "version": __version__, "certificate": " ".join(origin.certificate.split()),
-        "reasons": REASONS, "reason_names": REASON_NAMES,
-        "tick_text": f"{c.tick * 1e6:.6g} us a tick", "update_text": f"{c.update_ticks * c.tick * 1e3:.6g} ms",
-        "table_sha256": origin.table_sha256, "weights_sha256": origin.weights_sha256,
-        "impedance": lookup.scr_basis == "impedance", "by_inertia": lookup.law == "inertia",
-        "angle_damped": lookup.structure == "angle_damped", "some_undesigned": not all(map(all, designed)),
+        "version": __version__,
+        "certificate": " ".join(origin.certificate.split()),
+        "reasons": REASONS,
+        "reason_names": REASON_NAMES,
+        "tick_text": f"{c.tick * 1e6:.6g} us a tick",
+        "update_text": f"{c.update_ticks * c.tick * 1e3:.6g} ms",
+        "table_sha256": origin.table_sha256,
+        "weights_sha256": origin.weights_sha256,
+        "impedance": lookup.scr_basis == "impedance",
+        "by_inertia": lookup.law == "inertia",
+        "angle_damped": lookup.structure == "angle_damped",
+        "some_undesigned": not all(map(all, designed)),
         "constants": list(_constants(scheduler)),
-        "scr": braces(lookup.scr), "r_over_x": braces(lookup.r_over_x),
+        "scr": braces(lookup.scr),
+        "r_over_x": braces(lookup.r_over_x),
         "nodes": braces([[node or (0.0,) * 6 for node in row] for row in lookup.nodes]),
         "designed": braces([[f"{int(good)}U" for good in row] for row in designed]),
         "known": [
             {
-                "ticks": one.ticks, "hold": int(one.hold), "status": one.status, "reason": one.reason,
-                "given": braces(one.given), "answer": braces(one.answer), "size": braces(one.size),
+                "ticks": one.ticks,
+                "hold": int(one.hold),
+                "status": one.status,
+                "reason": one.reason,
+                "given": braces(one.given),
+                "answer": braces(one.answer),
+                "size": braces(one.size),
             }
             for one in known
         ],
-        "figures": list(_figures(scheduler, origin).items()), "network": None,
-    }  # fmt: skip
+        "figures": list(_figures(scheduler, origin).items()),
+        "network": None,
+    }
     if estimator is not None:
         content |= _network(estimator, origin)
     return content
@@ -235,9 +282,13 @@ def _constants(scheduler: Scheduler) -> Iterable[tuple[str, str]]:
         yield "BLOCK", f"{_BLOCK}U"
         (R_low, L_low), (R_high, L_high) = estimator.least, estimator.largest
         for name, value in (
-            ("TRAINED_R_LOW", R_low), ("TRAINED_R_HIGH", R_high), ("TRAINED_L_LOW", L_low),
-            ("TRAINED_L_HIGH", L_high), ("V_LIMIT", estimator.v_limit), ("I_LIMIT", estimator.i_limit),
-        ):  # fmt: skip
+            ("TRAINED_R_LOW", R_low),
+            ("TRAINED_R_HIGH", R_high),
+            ("TRAINED_L_LOW", L_low),
+            ("TRAINED_L_HIGH", L_high),
+            ("V_LIMIT", estimator.v_limit),
+            ("I_LIMIT", estimator.i_limit),
+        ):
             yield name, f"VSG_C({literal(value)})"
 
 
@@ -248,18 +299,24 @@ def _network(estimator: NeuralEstimator, origin: Origin) -> dict[str, Any]:
     components = {"phase_a": "phase A", "alpha_beta": "alpha, then beta", "dq": "d, then q"}
     return {
         "network": {
-            "samples": estimator.samples, "components": estimator.components,
+            "samples": estimator.samples,
+            "components": estimator.components,
             "channels": components.get(origin.channels, origin.channels),
             "interval_text": f"{origin.sample_interval * 1e6:.6g} us",
-            "w1_v": braces(estimator.W_1[:, :half].T.tolist()), "w1_i": braces(estimator.W_1[:, half:].T.tolist()),
-            "b1": braces(estimator.b_1.tolist()), "w2": braces(estimator.W_2.tolist()),
+            "w1_v": braces(estimator.W_1[:, :half].T.tolist()),
+            "w1_i": braces(estimator.W_1[:, half:].T.tolist()),
+            "b1": braces(estimator.b_1.tolist()),
+            "w2": braces(estimator.W_2.tolist()),
             "b2": braces(estimator.b_2.tolist()),
         },
-        "v_step": literal(steps[0]), "i_step": literal(steps[1]), "windows": windows,
+        "v_step": literal(steps[0]),
+        "i_step": literal(steps[1]),
+        "windows": windows,
         "windows_text": braces([[R, L] for R, L, _ in windows]),
         "window_reasons": braces([f"{reason}U" for _, _, reason in windows]),
-        "R_size": literal(R_high - R_low), "L_size": literal(L_high - L_low),
-    }  # fmt: skip
+        "R_size": literal(R_high - R_low),
+        "L_size": literal(L_high - L_low),
+    }
 
 
 def _figures(scheduler: Scheduler, origin: Origin) -> Mapping[str, str]:

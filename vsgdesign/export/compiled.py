@@ -150,9 +150,14 @@ class CompiledPower:
     """The power loops of the compiled C, with the methods of :class:`vsgdesign.runtime.PowerController`."""
 
     def __init__(
-        self, made: CompiledC, gains: PowerLoopGains, refs: References, T_s: float, smoothing_P: float,
+        self,
+        made: CompiledC,
+        gains: PowerLoopGains,
+        refs: References,
+        T_s: float,
+        smoothing_P: float,
         smoothing_Q: float,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._ffi, self._library = made.ffi, made.library
         self._power, self._voltage = made.ffi.new("vsg_power_t *"), made.ffi.new("vsg_voltage_t *")
         self._library.vsg_power_init(

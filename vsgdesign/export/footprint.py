@@ -10,8 +10,15 @@ from pathlib import Path
 from vsgdesign.export.compiled import STRICT, run_compiler
 
 COMPILER = "arm-none-eabi-gcc"
-TARGET = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-Os", "-ffunction-sections",
-          "-fdata-sections")  # fmt: skip
+TARGET = (
+    "-mcpu=cortex-m4",
+    "-mthumb",
+    "-mfpu=fpv4-sp-d16",
+    "-mfloat-abi=hard",
+    "-Os",
+    "-ffunction-sections",
+    "-fdata-sections",
+)
 LINK = ("--specs=nano.specs", "--specs=nosys.specs", "-nostartfiles", "-Wl,--gc-sections", "-Wl,-e,main")
 
 _MAIN = """#include "vsg.h"
@@ -54,8 +61,10 @@ def measure_footprint(folder: str | Path) -> Footprint:
     text = _MAIN.format(
         window="static vsg_window_t w;" if network else "",
         pushed="        (void)vsg_push(&w, (const vsg_real_t *)&x[0], (const vsg_real_t *)&x[1]);\n"
-        "        vsg_update_pushed(&s, &w, p.P_f, p.Q_f, p.V_rms, (uint32_t)x[2], &a);" if network else "",
-    )  # fmt: skip
+        "        vsg_update_pushed(&s, &w, p.P_f, p.Q_f, p.V_rms, (uint32_t)x[2], &a);"
+        if network
+        else "",
+    )
     with tempfile.TemporaryDirectory(prefix="vsg") as name:
         build = Path(name)
         (build / "main.c").write_text(text, encoding="utf-8")

@@ -45,10 +45,13 @@ def known_answers(scheduler: Scheduler) -> list[KnownAnswer]:
     calls += [(20_000 * k, False, (R, L, P, Q, V)) for k in range(1, 9)]
     calls += [(20_000 * k, False, (1.01 * R, 1.01 * L, P, -Q, V)) for k in range(9, 11)]
     calls += [
-        (220_000, False, (R, L, 20.0 * P, Q, V)), (240_000, False, (R, L, 2.0 * c.power_range, Q, V)),
-        (260_000, False, (-100.0 * R, L, P, Q, V)), (280_000, False, (R, -L, P, Q, V)),
-        (5, False, (R, L, P, Q, V)), (20_005, False, (R, L, P, Q, 1.9 * c.V_rms[1])),
-    ]  # fmt: skip
+        (220_000, False, (R, L, 20.0 * P, Q, V)),
+        (240_000, False, (R, L, 2.0 * c.power_range, Q, V)),
+        (260_000, False, (-100.0 * R, L, P, Q, V)),
+        (280_000, False, (R, -L, P, Q, V)),
+        (5, False, (R, L, P, Q, V)),
+        (20_005, False, (R, L, P, Q, 1.9 * c.V_rms[1])),
+    ]
     calls += [(20_005 + 20_000 * k, False, (R_weak, L_weak, P, Q, V)) for k in range(1, 12)]
     calls += [(240_005 + 400_000 * k, True, (0.0, 0.0, P, Q, V)) for k in range(1, 4)]
     known: list[KnownAnswer] = []

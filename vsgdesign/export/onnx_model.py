@@ -38,22 +38,33 @@ def onnx_bytes(weights: NetworkWeights, *, double: bool = False) -> bytes:
         helper.make_node("Add", ["mixed", "b_2"], ["grid"]),
     ]
     graph = helper.make_graph(
-        nodes, "grid impedance",
+        nodes,
+        "grid impedance",
         [helper.make_tensor_value_info("window", kind, ["N", weights.window.length])],
         [helper.make_tensor_value_info("grid", kind, ["N", 2])],
         [numpy_helper.from_array(values, name) for name, values in constants.items()],
-    )  # fmt: skip
+    )
     model = helper.make_model(
-        graph, producer_name=PRODUCER, producer_version=__version__, opset_imports=[helper.make_opsetid("", OPSET)],
+        graph,
+        producer_name=PRODUCER,
+        producer_version=__version__,
+        opset_imports=[helper.make_opsetid("", OPSET)],
         ir_version=9,
-    )  # fmt: skip
+    )
     window = weights.window
-    helper.set_model_props(model, {
-        "channels": window.channels, "samples": str(window.samples), "sample_interval_s": repr(window.sample_interval),
-        "synchronised": str(window.synchronised).lower(), "outputs": "R_g in ohm, L_g in henry",
-        "trained_R_g": " ".join(map(repr, weights.trained_on["R_g"])),
-        "trained_L_g": " ".join(map(repr, weights.trained_on["L_g"])), "weights_sha256": weights.hash,
-    })  # fmt: skip
+    helper.set_model_props(
+        model,
+        {
+            "channels": window.channels,
+            "samples": str(window.samples),
+            "sample_interval_s": repr(window.sample_interval),
+            "synchronised": str(window.synchronised).lower(),
+            "outputs": "R_g in ohm, L_g in henry",
+            "trained_R_g": " ".join(map(repr, weights.trained_on["R_g"])),
+            "trained_L_g": " ".join(map(repr, weights.trained_on["L_g"])),
+            "weights_sha256": weights.hash,
+        },
+    )
     return _sealed(model)
 
 

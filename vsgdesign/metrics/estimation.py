@@ -84,9 +84,16 @@ def errors_at_rest(
 
 
 def changes_seen(
-    t_s: Array, R_g: Array, L_g: Array, R_g_hat: Array, L_g_hat: Array, period: float, changes: Sequence[float],
-    instants: Sequence[float], end_s: float,
-) -> tuple[ChangeSeen, ...]:  # fmt: skip
+    t_s: Array,
+    R_g: Array,
+    L_g: Array,
+    R_g_hat: Array,
+    L_g_hat: Array,
+    period: float,
+    changes: Sequence[float],
+    instants: Sequence[float],
+    end_s: float,
+) -> tuple[ChangeSeen, ...]:
     """How each change of grid was followed, up to the next of the instants (events) or the end."""
     worse = np.maximum(
         np.abs(relative_errors_pct(R_g, R_g_hat)), np.abs(relative_errors_pct(L_g, L_g_hat))

@@ -87,9 +87,15 @@ class EventMetrics:
 
 
 def measure_event(
-    window: EventWindow, signal: str, t: Array, y: Array, current_pu: Array, rating: float, samples_per_cycle: int,
+    window: EventWindow,
+    signal: str,
+    t: Array,
+    y: Array,
+    current_pu: Array,
+    rating: float,
+    samples_per_cycle: int,
     end: EndState,
-) -> EventMetrics:  # fmt: skip
+) -> EventMetrics:
     """Figures of one signal in one window.
 
     ``t`` (s), ``y`` and ``current_pu`` (length of the current vector over the rated peak) are the whole run.
@@ -150,10 +156,17 @@ def measure_event(
         return found if status == MEASURED else replace(found, settling_time_s=None)
 
     return EventMetrics(
-        window.name, window.t_s, signal, "step" if is_step else "disturbance",
-        measure(y[begin:stop]), measure(mean), float(np.max(current_pu[begin:stop])),
-        status, reason, needs,
-    )  # fmt: skip
+        window.name,
+        window.t_s,
+        signal,
+        "step" if is_step else "disturbance",
+        measure(y[begin:stop]),
+        measure(mean),
+        float(np.max(current_pu[begin:stop])),
+        status,
+        reason,
+        needs,
+    )
 
 
 def time_needed(since: Array, error: Array, decay: float, moved_s: float = 0.0, share: float = 1.0) -> float:

@@ -58,9 +58,14 @@ def step_response(t: Array, y: Array, initial: float, final: float, band: float 
     rise = None if first_10 is None or first_90 is None else first_90 - first_10
     error = np.abs(progress - 1.0)
     return ResponseMetrics(
-        initial, final, overshoot, settling_time(t, error, band), rise,
-        float(np.max(np.abs(y - final))), float(np.trapezoid(t * error, t)),
-    )  # fmt: skip
+        initial,
+        final,
+        overshoot,
+        settling_time(t, error, band),
+        rise,
+        float(np.max(np.abs(y - final))),
+        float(np.trapezoid(t * error, t)),
+    )
 
 
 def disturbance_response(
@@ -69,9 +74,14 @@ def disturbance_response(
     """A response to something else than a step of this signal. ``band`` is a fraction of ``reference``."""
     error = np.abs(y - final) / reference
     return ResponseMetrics(
-        initial, final, None, settling_time(t, error, band), None,
-        float(np.max(error)) * reference, float(np.trapezoid(t * error, t)),
-    )  # fmt: skip
+        initial,
+        final,
+        None,
+        settling_time(t, error, band),
+        None,
+        float(np.max(error)) * reference,
+        float(np.trapezoid(t * error, t)),
+    )
 
 
 def settling_time(t: Array, error: Array, band: float) -> float | None:

@@ -101,9 +101,17 @@ def coupled_function(filter_P: bool, filter_Q: bool, coupling: bool = True) -> c
 
 
 def coupled_model(
-    delta: Array, V_rms: Array, V_g_rms: Array, R: Array, X: Array, gains: PowerLoopGains,
-    *, tau_P: float = 0.0, tau_Q: float = 0.0, coupling: bool = True,
-) -> CoupledModel:  # fmt: skip
+    delta: Array,
+    V_rms: Array,
+    V_g_rms: Array,
+    R: Array,
+    X: Array,
+    gains: PowerLoopGains,
+    *,
+    tau_P: float = 0.0,
+    tau_Q: float = 0.0,
+    coupling: bool = True,
+) -> CoupledModel:
     """The coupled model at N operating points (arrays of shape (N,), or scalars).
 
     tau_P, tau_Q: time constants of the power filters in s; zero leaves the state out. ``coupling=False`` drops

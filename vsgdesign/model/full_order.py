@@ -21,8 +21,13 @@ from vsgdesign.frames import instantaneous_power, rms_to_peak, rotate_back
 from vsgdesign.model.tracing import numpy_on_symbols
 
 PARAMETERS = (
-    *FilterGrid._fields, *PowerLoopGains._fields, *InnerLoopGains._fields, *References._fields, "V_g", "omega_g",
-)  # fmt: skip
+    *FilterGrid._fields,
+    *PowerLoopGains._fields,
+    *InnerLoopGains._fields,
+    *References._fields,
+    "V_g",
+    "omega_g",
+)
 """Names of the map's parameters, SI: circuit, gains, references, V_g (phase rms) and ω_g (rad/s)."""
 
 SETTINGS = ControllerSettings._fields
@@ -119,11 +124,17 @@ def _one_period(names: tuple[str, ...], z: ca.SX, p: ca.SX, u: ca.SX, squarings:
     # takes is the one that waits out the delay.
     i_g = rotate_back(state["i_g_d"], state["i_g_q"], np.cos(state["delta"]), np.sin(state["delta"]))
     controller = ControllerState(
-        state["delta"], state["omega_i"], state["V"], state.get("P_f", P), state.get("Q_f", Q),
+        state["delta"],
+        state["omega_i"],
+        state["V"],
+        state.get("P_f", P),
+        state.get("Q_f", Q),
         **{name: state[name] for name in _INTEGRATORS},
-        i_f_d=state.get("i_f_d", i_g[0]), i_f_q=state.get("i_f_q", i_g[1]),
-        u_alpha=state.get("pending_d", 0.0), u_beta=state.get("pending_q", 0.0),
-    )  # fmt: skip
+        i_f_d=state.get("i_f_d", i_g[0]),
+        i_f_q=state.get("i_f_q", i_g[1]),
+        u_alpha=state.get("pending_d", 0.0),
+        u_beta=state.get("pending_q", 0.0),
+    )
     omega, theta, omega_i, V, P_f, Q_f = power_stage(
         controller, P + push["P_meas"], Q + push["Q_meas"], refs, power_gains, settings
     )
@@ -142,9 +153,12 @@ def _one_period(names: tuple[str, ...], z: ca.SX, p: ca.SX, u: ca.SX, squarings:
     following = {
         **{f"{n}_{a}": plant[k][j] for k, n in enumerate(("i_s", "v_c", "i_g")) for j, a in enumerate("dq")},
         "delta": theta - settings.T_s * omega_g,
-        "omega_i": omega_i, "V": V, "P_f": P_f, "Q_f": Q_f,
+        "omega_i": omega_i,
+        "V": V,
+        "P_f": P_f,
+        "Q_f": Q_f,
         **dict(zip((*_INTEGRATORS, "i_f_d", "i_f_q"), remembered, strict=True)),
-    }  # fmt: skip
+    }
     pending = rotate_back(v_b_d, v_b_q, turn_cos, turn_sin)
     following |= {"pending_d": pending[0], "pending_q": pending[1]}
     outputs = ca.vertcat(P + push["P_meas"], Q + push["Q_meas"], omega, controller.V, controller.theta, *applied)

@@ -19,9 +19,14 @@ _TOLERANCE = 1e-10
 
 
 def rest_with_measured_gains(
-    study: Study, grid: Grid, source: GridSource, P_ref: float, Q_ref: float, gains_of: GainsOfMeasured,
+    study: Study,
+    grid: Grid,
+    source: GridSource,
+    P_ref: float,
+    Q_ref: float,
+    gains_of: GainsOfMeasured,
     phase: float = 0.0,
-) -> tuple[SampledState, PowerLoopGains]:  # fmt: skip
+) -> tuple[SampledState, PowerLoopGains]:
     """The steady state under gains that are those of its own P, Q and V, and these gains.
 
     Where the droops do not depend on the measured values the first answer is the last; else gains and steady state are

@@ -88,9 +88,16 @@ def parameter_values(study: Study, cell: Cell) -> list[float]:
     source = cell.source or study.grid_source
     c = study.converter
     return [
-        *study.circuit(cell.grid), *cell.gains, *study.inner_gains,
-        cell.P_ref, cell.Q_ref, c.omega_n, c.V_rated_rms, source.V_g_rms, source.omega_g,
-    ]  # fmt: skip
+        *study.circuit(cell.grid),
+        *cell.gains,
+        *study.inner_gains,
+        cell.P_ref,
+        cell.Q_ref,
+        c.omega_n,
+        c.V_rated_rms,
+        source.V_g_rms,
+        source.omega_g,
+    ]
 
 
 def pack(states: Sequence[str], start: SampledState) -> list[float]:
@@ -98,9 +105,11 @@ def pack(states: Sequence[str], start: SampledState) -> list[float]:
     s = start.controller
     values = {
         **dict(zip(("i_s_d", "i_s_q", "v_c_d", "v_c_q", "i_g_d", "i_g_q"), start.plant, strict=True)),
-        "pending_d": start.pending[0], "pending_q": start.pending[1],
-        "delta": s.theta, **s._asdict(),
-    }  # fmt: skip
+        "pending_d": start.pending[0],
+        "pending_q": start.pending[1],
+        "delta": s.theta,
+        **s._asdict(),
+    }
     return [float(values[name]) for name in states]
 
 

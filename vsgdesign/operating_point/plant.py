@@ -110,8 +110,10 @@ def _source_response(
     r = resolvent @ q
     turn = np.exp(1j * omega * h)
     # s·e^{jωs}: (p0 s − q) e^{jωs};  s²·e^{jωs}: (p0 s² − 2 q s + 2 r) e^{jωs}.
-    return np.array([
-        p0 * turn - transition @ p0,
-        (p0 * h - q) * turn + transition @ q,
-        (p0 * h * h - 2.0 * q * h + 2.0 * r) * turn - transition @ (2.0 * r),
-    ])  # fmt: skip
+    return np.array(
+        [
+            p0 * turn - transition @ p0,
+            (p0 * h - q) * turn + transition @ q,
+            (p0 * h * h - 2.0 * q * h + 2.0 * r) * turn - transition @ (2.0 * r),
+        ]
+    )

@@ -79,10 +79,20 @@ def steady_state(
     xi_i = v_b_dq - v - 1j * settings.omega_L * i_s
     P, Q = instantaneous_power(v.real, v.imag, i_g.real, i_g.imag)
     state = ControllerState(
-        float(theta), float(omega_i), float(V), float(P), float(Q),
-        float(xi_v.real), float(xi_v.imag), float(xi_i.real), float(xi_i.imag), float(i_g.real), float(i_g.imag),
-        float(v_b.real), float(v_b.imag),
-    )  # fmt: skip
+        float(theta),
+        float(omega_i),
+        float(V),
+        float(P),
+        float(Q),
+        float(xi_v.real),
+        float(xi_v.imag),
+        float(xi_i.real),
+        float(xi_i.imag),
+        float(i_g.real),
+        float(i_g.imag),
+        float(v_b.real),
+        float(v_b.imag),
+    )
     return SampledState(_interleave(x), state, np.array([v_b.real, v_b.imag]))
 
 

@@ -42,9 +42,12 @@ UPDATE_PERIOD = 0.02
 
 
 def build_study(
-    document: dict[str, Any], default_name: str, content_hash: str, faults: list[Fault],
+    document: dict[str, Any],
+    default_name: str,
+    content_hash: str,
+    faults: list[Fault],
     inner_loops: InnerLoopSource | None = None,
-) -> Study:  # fmt: skip
+) -> Study:
     """A Study from a merged document. Faults are appended; the result is meaningless if there are any.
 
     ``inner_loops`` is asked for gains where the study leaves them to be designed; without it that is a fault.
@@ -85,15 +88,19 @@ def build_study(
 
 def _designed(
     request: InnerLoopRequest, source: InnerLoopSource | None, faults: list[Fault]
-) -> tuple[InnerLoopGains, float]:  # fmt: skip
+) -> tuple[InnerLoopGains, float]:
     """The gains of a request; meaningless where there are faults, since then there is nothing to design for."""
     if source is not None and not faults:
         return source(request)
     if not faults:
-        faults.append(Fault(
-            "inner_loops", "", "the gains are to be designed, and load_study designs none",
-            "Open the study with vsgdesign.pipeline.open_study, or give the gains.",
-        ))  # fmt: skip
+        faults.append(
+            Fault(
+                "inner_loops",
+                "",
+                "the gains are to be designed, and load_study designs none",
+                "Open the study with vsgdesign.pipeline.open_study, or give the gains.",
+            )
+        )
     return InnerLoopGains(*[math.nan] * 4), math.nan
 
 
@@ -131,11 +138,12 @@ def _read_converter(table: TableReader) -> Converter:
     )
     if rms_to_peak(V_rated_rms) > converter.v_max_pk:
         table.fault(
-            "V_dc", f"{V_dc:.6g} V",
+            "V_dc",
+            f"{V_dc:.6g} V",
             f"too low: the bridge makes at most {converter.v_max_pk:.4g} V peak and the rated voltage is "
             f"{rms_to_peak(V_rated_rms):.4g} V peak",
             'Raise V_dc, or set modulation = "min_max" (+15 %).',
-        )  # fmt: skip
+        )
     if f_sw * converter.samples_per_carrier < 20.0 * f_n:
         table.fault("f_sw", f"{f_sw:.6g} Hz", f"samples fewer than 20 times a cycle of {f_n:.6g} Hz", "Raise f_sw.")
     table.finish()
@@ -258,18 +266,22 @@ def _read_controllers(
             for field in _OF_CLOSED_FORMS if schedule == "table" else ():
                 if table.has(field):
                     table.fault(
-                        field, table.table[field], 'has no say with schedule = "table": the table is designed to the '
-                        "[specification]", "Leave it out, or say it there.",
-                    )  # fmt: skip
+                        field,
+                        table.table[field],
+                        'has no say with schedule = "table": the table is designed to the [specification]',
+                        "Leave it out, or say it there.",
+                    )
             table_file = table.text("table", default=None)
             if table_file is not None:
                 if schedule != "table":
                     table.fault("table", table_file, 'is used by schedule = "table" alone', 'Add schedule = "table".')
             elif schedule == "table" and not root.has("specification"):
                 table.fault(
-                    "schedule", schedule, "there is neither a table nor a specification to design one to",
+                    "schedule",
+                    schedule,
+                    "there is neither a table nor a specification to design one to",
                     'Add a [specification] section, or table = "FILE.json".',
-                )  # fmt: skip
+                )
             estimate = table.choice("estimate", ("truth", "neural"), default="truth")
             if estimate == "neural" and not root.has("estimator"):
                 table.fault("estimate", estimate, "there is no network to estimate with", "Add an [estimator] section.")
@@ -279,10 +291,11 @@ def _read_controllers(
             steps = period / converter.T_s
             if not math.isnan(steps) and abs(steps - round(steps)) > 1e-6 * steps:
                 table.fault(
-                    "update_period", f"{period:.6g} s",
+                    "update_period",
+                    f"{period:.6g} s",
                     f"not a whole number of sampling periods ({converter.T_s:.6g} s)",
                     f"Use {round(steps) * converter.T_s:.9g}.",
-                )  # fmt: skip
+                )
         specs.append(
             ControllerSpec(name, kind, own_target, gains, design_grid, period, schedule, table_file, estimate=estimate)
         )

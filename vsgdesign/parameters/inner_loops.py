@@ -25,9 +25,12 @@ InnerLoopSource = Callable[[InnerLoopRequest], tuple[InnerLoopGains, float]]
 TIMES = ("current_response_time", "voltage_response_time")
 GAINS = ("K_pc", "K_ic", "K_pv", "K_iv")
 ADDITIONS = (
-    "current_feedforward", "transient_resistance_pu", "transient_reactance_pu", "transient_corner",
+    "current_feedforward",
+    "transient_resistance_pu",
+    "transient_reactance_pu",
+    "transient_corner",
     "current_prediction",
-)  # fmt: skip
+)
 GIVEN = (*TIMES, "damping_ratio", *GAINS, *ADDITIONS)
 """Fields of given gains."""
 
@@ -60,9 +63,13 @@ def read_inner_loops(table: TableReader | None, filter_: Filter, converter: Conv
 
 
 def request_of(
-    reading: Reading, converter: Converter, filter_: Filter, basis: str, target: ClosedFormTarget,
+    reading: Reading,
+    converter: Converter,
+    filter_: Filter,
+    basis: str,
+    target: ClosedFormTarget,
     specification: Specification | None,
-) -> InnerLoopRequest:  # fmt: skip
+) -> InnerLoopRequest:
     """What the inner loops are designed for: their own grids, else the specification's, else the default ones."""
     scr = reading.scr or (specification.scr if specification else DEFAULT_SCR)
     x_over_r = reading.x_over_r or (specification.x_over_r if specification else DEFAULT_X_OVER_R)
@@ -83,9 +90,11 @@ def request_of(
 def _read_request(table: TableReader, given: list[str]) -> Reading:
     for field in given:
         table.fault(
-            field, table.table[field], "the gains are to be designed (design = true)",
+            field,
+            table.table[field],
+            "the gains are to be designed (design = true)",
             "Remove it, or say design = false and give all gains.",
-        )  # fmt: skip
+        )
     ranges: list[tuple[float, ...] | None] = []
     for field, low, high in (("scr", 0.05, 1e4), ("x_over_r", 1e-3, 1e4)):
         values = table.quantities(field, "1", low, high, ()) or None
@@ -122,17 +131,21 @@ def _read_gains(table: TableReader, filter_: Filter, converter: Converter) -> Re
     )
     if gains.kappa > 0.0 and converter.delay_samples == 0:
         table.fault(
-            "current_prediction", f"{gains.kappa:.6g}", "there is no delay to predict over",
+            "current_prediction",
+            f"{gains.kappa:.6g}",
+            "there is no delay to predict over",
             "Remove it, or set delay_samples = 1 in [converter].",
-        )  # fmt: skip
+        )
     f_n = converter.omega_n / (2.0 * math.pi)
     corner_hz = table.quantity("transient_corner", "Hz", 0.01 * f_n, 10.0 * f_n, default=0.5 * f_n)
     if table.has("transient_corner") and not (
         table.has("transient_resistance_pu") or table.has("transient_reactance_pu")
     ):
         table.fault(
-            "transient_corner", table.table["transient_corner"], "there is no transient impedance to turn on above it",
+            "transient_corner",
+            table.table["transient_corner"],
+            "there is no transient impedance to turn on above it",
             "Add transient_resistance_pu (0.08 is a first guess), or leave the corner out.",
-        )  # fmt: skip
+        )
     table.finish()
     return Reading(gains, 2.0 * math.pi * corner_hz)

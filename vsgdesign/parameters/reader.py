@@ -49,9 +49,14 @@ class TableReader:
         self.faults.append(Fault(self.name(field), shown, problem, advice))
 
     def quantity(
-        self, field: str, dimension: str, low: float = -math.inf, high: float = math.inf,
-        default: Any = REQUIRED, hint: str = "",
-    ) -> Any:  # fmt: skip
+        self,
+        field: str,
+        dimension: str,
+        low: float = -math.inf,
+        high: float = math.inf,
+        default: Any = REQUIRED,
+        hint: str = "",
+    ) -> Any:
         """A quantity in SI within [low, high]."""
         raw = self._raw(field, default, f'a quantity in {dimension}; for example {field} = "…{_suffix(dimension)}"')
         if raw is _MISSING:
@@ -138,9 +143,11 @@ class TableReader:
             self.fault(field, name, "may hold letters, digits, '-', '_' and '.' only", "It becomes a file name.")
         elif field in self.table and len(name.encode()) > LONGEST_NAME:
             self.fault(
-                field, f"{name[:20]}…", f"has {len(name.encode())} bytes, more than {LONGEST_NAME}",
+                field,
+                f"{name[:20]}…",
+                f"has {len(name.encode())} bytes, more than {LONGEST_NAME}",
                 "It becomes a part of file names. Give a shorter one.",
-            )  # fmt: skip
+            )
         return name
 
     def section(self, field: str) -> TableReader:

@@ -61,10 +61,11 @@ def read_simulation(table: TableReader, converter: Converter) -> SimulationSpec:
     _check_multiple(table, "log_interval", log_interval, T_s)
     if spec.duration > _MOST_ROWS * spec.log_interval > 0.0:
         table.fault(
-            "log_interval", f"{log_interval:.6g} s",
+            "log_interval",
+            f"{log_interval:.6g} s",
             f"logs {spec.duration / log_interval:.3g} samples, more than {_MOST_ROWS:.0e}: several GB of memory",
             f"Use {math.ceil(spec.duration / _MOST_ROWS / T_s) * T_s:.6g} or more, or a shorter duration.",
-        )  # fmt: skip
+        )
     table.finish()
     return spec
 
@@ -106,11 +107,16 @@ def read_events(
         if over > 0.0 and V_g_pu is None and f_g is None:
             table.fault("over", f"{over:.6g} s", "ramps nothing", "It belongs to V_g_pu or f_g.")
         event = Event(
-            t_s, "", new_grid,
+            t_s,
+            "",
+            new_grid,
             None if V_g_pu is None else V_g_pu * converter.V_rated_rms,
             None if f_g is None else 2.0 * math.pi * f_g,
-            over, jump, P_ref, Q_ref,
-        )  # fmt: skip
+            over,
+            jump,
+            P_ref,
+            Q_ref,
+        )
         given = _given(table, event, converter, basis)
         for earlier_t, earlier, values in said:
             if abs(t_s - earlier_t) <= _SAME_INSTANT:

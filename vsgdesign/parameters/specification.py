@@ -93,9 +93,11 @@ def read_specification(
     error = table.quantity("error", "1", 0.0, 0.9, default=0.0)
     if table.has("error") and table.has("error_R") and table.has("error_X"):
         table.fault(
-            "error", table.table["error"], "has no say beside error_R and error_X, which are both given",
+            "error",
+            table.table["error"],
+            "has no say beside error_R and error_X, which are both given",
             "Leave one of the three out.",
-        )  # fmt: skip
+        )
     omega_g = tuple(2.0 * math.pi * f for f in table.quantities("f_g", "Hz", 10.0, 1000.0, (_hz(source.omega_g),)))
     V_g_pu = table.quantities("V_g_pu", "1", 0.5, 1.5, (source.V_g_rms / converter.V_rated_rms,))
     box = DesignBox(

@@ -12,7 +12,7 @@ DEFAULT_ERRORS = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
 
 def read_stability(
     table: TableReader | None, converter: Converter, target: ClosedFormTarget, settling_time: float
-) -> StabilitySpec:  # fmt: skip
+) -> StabilitySpec:
     """The section, or its defaults: SCR 1.2–20 × X/R 0.5–20 at the design point of the power loops.
 
     ``settling_time`` (s) is what the study asks of its steps: the gate's default.

@@ -37,9 +37,14 @@ SETTLINGS = 4.0
 
 
 def report_comparison(
-    study: Study, out: str | Path, *, emt: bool = True, seed: int = 0, workers: int | None = None,
+    study: Study,
+    out: str | Path,
+    *,
+    emt: bool = True,
+    seed: int = 0,
+    workers: int | None = None,
     progress: Progress | None = None,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Compare and leave results.json, comparison.csv, figures and report.html in ``out``; returns results.json.
 
     Gain tables that the study asks for and that no file has are built first. The folder appears when everything is
@@ -179,10 +184,19 @@ def _details(compared: Compared) -> dict[str, Any]:
 _FIGURES = ("overshoot", "settling_time", "cross_peak", "disk_margin", "damping_ratio")
 
 CSV_HEADER = (
-    "contender", "structure", "origin", "scr", "x_over_r", "state",
+    "contender",
+    "structure",
+    "origin",
+    "scr",
+    "x_over_r",
+    "state",
     *(f"{name} {side}" for side in ("exact", "wrong") for name in _FIGURES),
-    "missed exact", "missed wrong", "droop [W/Hz]", "H [s]", "state with ideal inner loops",
-)  # fmt: skip
+    "missed exact",
+    "missed wrong",
+    "droop [W/Hz]",
+    "H [s]",
+    "state with ideal inner loops",
+)
 
 
 def csv_rows(comparison: Comparison) -> Iterator[list[object]]:

@@ -21,9 +21,16 @@ T = TypeVar("T")
 
 
 def report_comparison(
-    study: Study, out: str | Path, *, weights: tuple[str, ...] = (), recipes: tuple[str, ...] = (), seed: int = 0,
-    workers: int = 1, settings: ComparisonSettings | None = None, progress: Progress | None = None,
-) -> dict[str, Any]:  # fmt: skip
+    study: Study,
+    out: str | Path,
+    *,
+    weights: tuple[str, ...] = (),
+    recipes: tuple[str, ...] = (),
+    seed: int = 0,
+    workers: int = 1,
+    settings: ComparisonSettings | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
     """Leave results.json, figures and report.html in ``out``; returns the content of results.json.
 
     ``weights`` are files of networks to compare, ``recipes`` names or files of recipes of which one each is trained
@@ -52,9 +59,16 @@ def report_comparison(
 
 
 def report_stress(
-    study: Study, out: str | Path, *, weights: tuple[str, ...] = (), recipes: tuple[str, ...] = (), seed: int = 0,
-    workers: int = 1, settings: ComparisonSettings | None = None, progress: Progress | None = None,
-) -> dict[str, Any]:  # fmt: skip
+    study: Study,
+    out: str | Path,
+    *,
+    weights: tuple[str, ...] = (),
+    recipes: tuple[str, ...] = (),
+    seed: int = 0,
+    workers: int = 1,
+    settings: ComparisonSettings | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
     """The same for the stress page."""
     from vsgdesign.estimator.runnable import nominal_settings
     from vsgdesign.estimator.stress import STRESS_SETTINGS, stress_methods
@@ -83,10 +97,17 @@ def report_stress(
 
 
 def _report(
-    verb: str, study: Study, out: str | Path, networks: tuple[tuple[str, ...], tuple[str, ...], int, int],
-    settings: ComparisonSettings, progress: Progress | None, find: Callable[..., T],
-    document: Callable[[T], dict[str, Any]], figures_of: Callable[[T], Any], write_page: Callable[..., Any],
-) -> dict[str, Any]:  # fmt: skip
+    verb: str,
+    study: Study,
+    out: str | Path,
+    networks: tuple[tuple[str, ...], tuple[str, ...], int, int],
+    settings: ComparisonSettings,
+    progress: Progress | None,
+    find: Callable[..., T],
+    document: Callable[[T], dict[str, Any]],
+    figures_of: Callable[[T], Any],
+    write_page: Callable[..., Any],
+) -> dict[str, Any]:
     from vsgdesign.estimator.runnable import runnable_settings
     from vsgdesign.report.estimator.figures import write_all
 

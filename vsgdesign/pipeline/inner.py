@@ -44,9 +44,7 @@ class InnerAssessment:
         return self.score.t >= 1.0 and self.full_order.passed
 
 
-def assess_inner_loops(
-    study: Study, *, what_if: bool = True, progress: Progress | None = None
-) -> InnerAssessment:  # fmt: skip
+def assess_inner_loops(study: Study, *, what_if: bool = True, progress: Progress | None = None) -> InnerAssessment:
     """Score the study's inner gains on the grids that they serve, and (``what_if``) what would buy more.
 
     The grids are those of the study's request; for given gains those of its specification, else SCR 1.2 to 20 and
@@ -69,10 +67,18 @@ def assess_inner_loops(
     tell("score the inner loops", 1.0)
     alternatives = None
     if what_if:
-        alternatives = tuple(what_would_help(
-            converter, filter_, box, study.inner_gains, study.omega_t, settling_time=request.settling_time,
-            seed=request.seed, progress=progress,
-        ))  # fmt: skip
+        alternatives = tuple(
+            what_would_help(
+                converter,
+                filter_,
+                box,
+                study.inner_gains,
+                study.omega_t,
+                settling_time=request.settling_time,
+                seed=request.seed,
+                progress=progress,
+            )
+        )
     resonance_hz = highest_resonance(converter, filter_, box) / (2.0 * math.pi)
     return InnerAssessment(study, request, score, check, resonance_hz, alternatives)
 
@@ -85,7 +91,7 @@ def _as_if_asked(study: Study) -> InnerLoopRequest:
 
 def report_inner_loops(
     study: Study, out: str | Path, *, what_if: bool = True, progress: Progress | None = None
-) -> InnerAssessment:  # fmt: skip
+) -> InnerAssessment:
     """Assess, and leave results.json, inner.csv, figures and report.html in ``out``.
 
     The folder appears when everything is done. Raises ArtifactError.
@@ -112,8 +118,11 @@ def inner_document(found: InnerAssessment) -> dict[str, Any]:
         "study": {"name": study.name, "title": study.title, "hash": study.hash},
         "designed": found.designed,
         "request": {
-            "scr": found.request.scr, "x_over_r": found.request.x_over_r, "scr_basis": found.request.scr_basis,
-            "settling_time": found.request.settling_time, "seed": found.request.seed,
+            "scr": found.request.scr,
+            "x_over_r": found.request.x_over_r,
+            "scr_basis": found.request.scr_basis,
+            "settling_time": found.request.settling_time,
+            "seed": found.request.seed,
         },
         "gains": {**study.inner_gains._asdict(), "omega_t": study.omega_t},
         "kept": found.kept,
@@ -123,26 +132,40 @@ def inner_document(found: InnerAssessment) -> dict[str, Any]:
         "grids": {"stable": int(score.stable.sum()), "of": int(score.stable.size)},
         "full_order": asdict(check),
         "sampling": {
-            "rate_hz": 1.0 / study.converter.T_s, "highest_resonance_hz": found.resonance_hz,
+            "rate_hz": 1.0 / study.converter.T_s,
+            "highest_resonance_hz": found.resonance_hz,
             "ratio": 1.0 / (study.converter.T_s * found.resonance_hz),
         },
         "map": {"scr": score.scr, "x_over_r": score.x_over_r, "score": score.t_map.tolist()},
-        "alternatives": None if found.alternatives is None else [
+        "alternatives": None
+        if found.alternatives is None
+        else [
             {
-                "name": one.name, "change": one.change, "score": one.t, "kept": one.kept,
-                "limiting": asdict(one.limiting), "sampling_ratio": one.sampling_ratio,
+                "name": one.name,
+                "change": one.change,
+                "score": one.t,
+                "kept": one.kept,
+                "limiting": asdict(one.limiting),
+                "sampling_ratio": one.sampling_ratio,
             }
             for one in found.alternatives
         ],
-    }  # fmt: skip
+    }
 
 
 def _rows(found: InnerAssessment) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
     score = found.score
     header = (
-        "SCR", "X/R", "score", "damping ratio", "decay [1/s]", "disk margin", "all-sensor margin", "noise gain",
+        "SCR",
+        "X/R",
+        "score",
+        "damping ratio",
+        "decay [1/s]",
+        "disk margin",
+        "all-sensor margin",
+        "noise gain",
         "damping ratio, L_1 and C off",
-    )  # fmt: skip
+    )
     rows: list[tuple[object, ...]] = [
         (scr, x_over_r, float(score.t_map[i, j]), *(float(values[i, j]) for values in score.maps))
         for i, scr in enumerate(score.scr)

@@ -56,8 +56,10 @@ def _recipe_faults(study: Study, recipe: str) -> list[Fault]:
     try:
         made_of = load_recipe(recipe)
     except StudyError as error:
-        return [Fault(f"estimator.recipe: {fault.field}", fault.value, fault.problem, fault.advice)
-                for fault in error.faults]  # fmt: skip
+        return [
+            Fault(f"estimator.recipe: {fault.field}", fault.value, fault.problem, fault.advice)
+            for fault in error.faults
+        ]
     if study.estimator is not None and any(spec.estimate == "neural" for spec in study.controllers):
         try:
             check_fit(study, study.estimator, made_of)

@@ -117,9 +117,13 @@ def design_record(request: InnerLoopRequest, progress: Progress | None = None) -
     from vsgdesign.design.inner import GridBox, design_inner_loops
 
     design = design_inner_loops(
-        request.converter, request.filter, GridBox(request.scr, request.x_over_r, request.scr_basis),
-        settling_time=request.settling_time, seed=request.seed, progress=progress,
-    )  # fmt: skip
+        request.converter,
+        request.filter,
+        GridBox(request.scr, request.x_over_r, request.scr_basis),
+        settling_time=request.settling_time,
+        seed=request.seed,
+        progress=progress,
+    )
     return InnerLoopsRecord(
         request=request_document(request),
         gains=design.gains,

@@ -29,9 +29,15 @@ from vsgdesign.stability.words import shares_of
 
 
 def run_study(
-    study: Study, out: str | Path, *, bridge: str | None = None, report: bool = True, workers: int | None = None,
-    progress: Progress | None = None, warn: Callable[[str], None] | None = None,
-) -> dict[str, Any]:  # fmt: skip
+    study: Study,
+    out: str | Path,
+    *,
+    bridge: str | None = None,
+    report: bool = True,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
     """Simulate every controller and leave time series, results, figures and a report in ``out``.
 
     Gain tables that the study asks for are designed first, on ``workers`` processes (None: one per core), then its
@@ -61,9 +67,11 @@ def run_study(
         _export(study, folder)
         begin = time.perf_counter()
         result = run_scenario(
-            study, bridge=bridge, warn=warn,
+            study,
+            bridge=bridge,
+            warn=warn,
             progress=lambda name, t_s: tell(f"simulate {name}", t_s / study.simulation.duration),
-        )  # fmt: skip
+        )
         timing["simulate"] = time.perf_counter() - begin
         begin = time.perf_counter()
         for done, controller in enumerate(result.controllers):
@@ -104,10 +112,11 @@ def _export(study: Study, folder: Path) -> None:
             continue
         network = None if spec.estimate == "truth" else estimator
         export_c_files(
-            folder / f"{spec.name}.table.json", folder / f"{spec.name}.c",
+            folder / f"{spec.name}.table.json",
+            folder / f"{spec.name}.c",
             weights=None if network is None else folder / "estimator.weights.json",
             grid_phase=network is not None and network.grid_phase,
-        )  # fmt: skip
+        )
 
 
 def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict[str, Any]:
@@ -150,15 +159,20 @@ def _instability(study: Study, one: Instability) -> dict[str, Any]:
         "end_s": one.end_s,
         "event": one.event,
         "grid": {
-            "R_g": grid.R_g, "L_g": grid.L_g, "scr": grid.scr(c, study.scr_basis), "x_over_r": grid.x_over_r(c.omega_n),
+            "R_g": grid.R_g,
+            "L_g": grid.L_g,
+            "scr": grid.scr(c, study.scr_basis),
+            "x_over_r": grid.x_over_r(c.omega_n),
         },
         "mode": {
-            "real": one.mode.s.real, "imag": one.mode.s.imag,
-            "frequency_hz": abs(one.mode.s.imag) / (2.0 * np.pi), "damping_ratio": one.mode.damping,
+            "real": one.mode.s.real,
+            "imag": one.mode.s.imag,
+            "frequency_hz": abs(one.mode.s.imag) / (2.0 * np.pi),
+            "damping_ratio": one.mode.damping,
             "participation": shares_of(one.mode),
         },
         "message": one.message,
-    }  # fmt: skip
+    }
 
 
 def _changes(study: Study, controller: ControllerResult) -> tuple[GainChange, ...]:

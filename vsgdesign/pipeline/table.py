@@ -73,9 +73,16 @@ def _forget(folder: Path) -> None:
 
 
 def build_table_file(
-    study: Study, out: str | Path, *, controller: str | None = None, workers: int | None = None,
-    cluster: str | None = None, fresh: bool = False, points: int | None = None, progress: Progress | None = None,
-) -> dict[str, Any]:  # fmt: skip
+    study: Study,
+    out: str | Path,
+    *,
+    controller: str | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+    fresh: bool = False,
+    points: int | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
     """Design the gain table of a controller (the last one, if none is named) and write it to ``out``.
 
     Returns what was built, in JSON's types. Finished cells are kept beside ``out`` until the file is whole: the same
@@ -118,16 +125,24 @@ def _built_document(built: BuiltTable, out: Path) -> dict[str, Any]:
     return {
         "file": str(out),
         "table": {
-            "name": table.name, "structure": table.structure, "law": table.law, "sha256": table.sha256,
-            "scr": table.scr.tolist(), "x_over_r": table.x_over_r.tolist(), "study": table.study,
-            "study_hash": table.study_hash, "design_hash": table.design_hash,
+            "name": table.name,
+            "structure": table.structure,
+            "law": table.law,
+            "sha256": table.sha256,
+            "scr": table.scr.tolist(),
+            "x_over_r": table.x_over_r.tolist(),
+            "study": table.study,
+            "study_hash": table.study_hash,
+            "design_hash": table.design_hash,
         },
         "certificate": certificate_summary(table.certificate),
         "cells": {status: int((table.status == status).sum()) for status in STATUSES},
         "added": [{"axis": axis, "value": value} for axis, value in built.added],
         "relaxed": [
             {
-                "scr": record.scr, "x_over_r": record.x_over_r, "inner_loops_rad_s": record.inner_rad_s,
+                "scr": record.scr,
+                "x_over_r": record.x_over_r,
+                "inner_loops_rad_s": record.inner_rad_s,
                 "inner_loops_fail": "inner_loops" in record.missed,
                 "would_be_feasible_with": {k: v for k, v in record.missed.items() if k != "inner_loops"},
             }
@@ -136,14 +151,16 @@ def _built_document(built: BuiltTable, out: Path) -> dict[str, Any]:
         ],
         "causes": table.causes,
         "between": {
-            "points": len(between.points) + between.outside, "seed": between.seed, "outside": between.outside,
+            "points": len(between.points) + between.outside,
+            "seed": between.seed,
+            "outside": between.outside,
             "promised": between.promised,
             "broken": [
                 {"scr": p.scr, "x_over_r": p.x_over_r, "reached": p.missed, "figures": asdict(p.figures)}
                 for p in between.broken
             ],
         },
-    }  # fmt: skip
+    }
 
 
 def report_table(
@@ -185,9 +202,13 @@ def report_table(
 
 
 def with_tables(
-    study: Study, out: str | Path, *, workers: int | None = None, certificates: bool = True,
+    study: Study,
+    out: str | Path,
+    *,
+    workers: int | None = None,
+    certificates: bool = True,
     progress: Progress | None = None,
-) -> Study:  # fmt: skip
+) -> Study:
     """The study with the gain table of every controller that asks for one: read where a file is named, else built.
 
     Finished cells wait beside ``out`` while a table is being built. ``certificates``: whether built tables get theirs.

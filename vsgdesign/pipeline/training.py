@@ -44,9 +44,14 @@ def with_estimator(
     recipe = replace(load_recipe(spec.recipe), bridge=bridge or study.simulation.bridge)
     check_fit(study, spec, recipe)
     trained = train_estimator(
-        study, recipe, seed=spec.seed, hidden=spec.hidden, components=spec.components, starts=spec.starts,
+        study,
+        recipe,
+        seed=spec.seed,
+        hidden=spec.hidden,
+        components=spec.components,
+        starts=spec.starts,
         progress=progress or silent,
-    )  # fmt: skip
+    )
     return _with_weights(study, trained.weights), trained
 
 
@@ -65,32 +70,43 @@ def check_fit(study: Study, spec: EstimatorSpec, recipe: WindowRecipe) -> None:
     """Before the work rather than after it. Raises StudyError with every fault."""
     faults = []
     if recipe.synchronised and not spec.grid_phase:
-        faults.append(Fault(
-            "estimator.grid_phase", "false",
-            f"recipe {recipe.name} trains on windows synchronised with the grid's own voltage, which no converter in "
-            "the field can measure",
-            "Give a recipe with a range of phase, or set grid_phase = true to be lent the simulator's own phase.",
-        ))  # fmt: skip
+        faults.append(
+            Fault(
+                "estimator.grid_phase",
+                "false",
+                f"recipe {recipe.name} trains on windows synchronised with the grid's own voltage, which no converter "
+                "in the field can measure",
+                "Give a recipe with a range of phase, or set grid_phase = true to be lent the simulator's own phase.",
+            )
+        )
     from vsgdesign.estimator.sampling import describe_sampling, with_sampling
 
     sampled = with_sampling(recipe, study.converter)
     for controller in study.controllers:
         period = controller.update_period
         if controller.estimate == "neural" and period and not same_period(period, sampled.update_period, study):
-            faults.append(Fault(
-                f"controller {controller.name}.update_period", f"{period:g} s",
-                f"recipe {recipe.name} has windows of {describe_sampling(sampled, study.converter)}",
-                "Leave update_period out: the network answers at the end of every window. Or give the recipe samples "
-                "and sample_interval of that length.",
-            ))  # fmt: skip
+            faults.append(
+                Fault(
+                    f"controller {controller.name}.update_period",
+                    f"{period:g} s",
+                    f"recipe {recipe.name} has windows of {describe_sampling(sampled, study.converter)}",
+                    "Leave update_period out: the network answers at the end of every window. Or give the recipe "
+                    "samples and sample_interval of that length.",
+                )
+            )
     if faults:
         raise StudyError(study.name, faults)
 
 
 def train_weights_file(
-    study: Study, spec: EstimatorSpec, out: str | Path, *, windows: str | Path | None = None, workers: int = 1,
+    study: Study,
+    spec: EstimatorSpec,
+    out: str | Path,
+    *,
+    windows: str | Path | None = None,
+    workers: int = 1,
     progress: Progress | None = None,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Train a network as ``spec`` says and write its weights; returns file, network and training in JSON's types.
 
     ``windows`` keeps the windows as well, with the bridge of the recipe. Raises as :func:`with_estimator`.
@@ -105,9 +121,16 @@ def train_weights_file(
         check_data_target(windows)
     recipe = load_recipe(spec.recipe)
     trained = train_estimator(
-        study, recipe, seed=spec.seed, hidden=spec.hidden, components=spec.components,
-        starts=spec.starts, out=windows, workers=workers, progress=progress or silent,
-    )  # fmt: skip
+        study,
+        recipe,
+        seed=spec.seed,
+        hidden=spec.hidden,
+        components=spec.components,
+        starts=spec.starts,
+        out=windows,
+        workers=workers,
+        progress=progress or silent,
+    )
     write_network_weights(trained.weights, out)
     found = {"file": str(out)} | network_document(trained.weights) | training_document(trained)
     return found | {"window": sampling_document(with_sampling(recipe, study.converter), study.converter)}

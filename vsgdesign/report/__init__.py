@@ -46,9 +46,12 @@ def write_figures(
 
 
 def write_report(
-    result: ScenarioResult, figures: Sequence[WrittenFigure], out_path: str | Path,
-    trained: TrainedEstimator | None = None, inner: dict[str, Any] | None = None,
-) -> Path:  # fmt: skip
+    result: ScenarioResult,
+    figures: Sequence[WrittenFigure],
+    out_path: str | Path,
+    trained: TrainedEstimator | None = None,
+    inner: dict[str, Any] | None = None,
+) -> Path:
     """Write the report of a scenario: one HTML file that holds the text, the tables and the given figures.
 
     ``inner`` is what designed inner loops keep (results.json of the verb ``inner``).

@@ -142,10 +142,16 @@ def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
         box[name] = (max(low for low, _ in pairs), min(high for _, high in pairs))
     x_low, x_high = box.pop("x_over_r")
     return box_settings(
-        **box, r_over_x=(1.0 / x_high, 1.0 / x_low), S_rated=table.base.S_rated, V_rated_rms=table.base.V_rated_rms,
-        omega=table.base.omega_n, scr_basis=table.base.scr_basis, error=table.validity.error,
-        **({"rate": min(float(rate), 10.0)} if isinstance(rate, int | float) else {}), **changes,
-    )  # fmt: skip
+        **box,
+        r_over_x=(1.0 / x_high, 1.0 / x_low),
+        S_rated=table.base.S_rated,
+        V_rated_rms=table.base.V_rated_rms,
+        omega=table.base.omega_n,
+        scr_basis=table.base.scr_basis,
+        error=table.validity.error,
+        **({"rate": min(float(rate), 10.0)} if isinstance(rate, int | float) else {}),
+        **changes,
+    )
 
 
 def window_settings(period: float, tick: float = SchedulerSettings.tick) -> dict[str, int]:
@@ -160,9 +166,19 @@ def window_settings(period: float, tick: float = SchedulerSettings.tick) -> dict
 
 
 def box_settings(
-    *, scr: Pair, r_over_x: Pair, P: Pair, Q: Pair, V_rms: Pair, S_rated: float, V_rated_rms: float, omega: float,
-    scr_basis: str = "impedance", error: float = 0.0, **changes: Any,
-) -> SchedulerSettings:  # fmt: skip
+    *,
+    scr: Pair,
+    r_over_x: Pair,
+    P: Pair,
+    Q: Pair,
+    V_rms: Pair,
+    S_rated: float,
+    V_rated_rms: float,
+    omega: float,
+    scr_basis: str = "impedance",
+    error: float = 0.0,
+    **changes: Any,
+) -> SchedulerSettings:
     """Settings for a box; what is plausible goes ``error`` and a factor of two beyond it."""
     Z_base = V_rated_rms / rated_current_rms(S_rated, V_rated_rms)
     Z_high = 2.0 * (1.0 + error) * Z_base / scr[0]
@@ -171,10 +187,13 @@ def box_settings(
     angle = np.hypot(1.0, r_over_x[1]) if scr_basis == "impedance" else 1.0
     X_low = 0.5 * (1.0 - min(error, 0.9)) * Z_base / scr[1] / angle
     defaults: dict[str, Any] = {
-        "R_g": (-0.1 * R_high, R_high), "L_g": (X_low / omega, X_high / omega),
-        "power_range": 10.0 * S_rated, "voltage_range": 3.0 * V_rated_rms, "safe_scr": scr[1],
+        "R_g": (-0.1 * R_high, R_high),
+        "L_g": (X_low / omega, X_high / omega),
+        "power_range": 10.0 * S_rated,
+        "voltage_range": 3.0 * V_rated_rms,
+        "safe_scr": scr[1],
         "safe_r_over_x": float(np.sqrt(r_over_x[0] * r_over_x[1])),
-    }  # fmt: skip
+    }
     box = {"scr": scr, "r_over_x": r_over_x, "P": P, "Q": Q, "V_rms": V_rms}
     changed = defaults | changes
     changed["safe_scr"] = min(changed["safe_scr"], _single(scr[1], -np.inf))
@@ -185,9 +204,8 @@ def near(scr: float, r_over_x: float, of_scr: float, of_r_over_x: float, share: 
     """Whether a place is within a share of another (:eq:`place-band`)."""
     f = 1.0 + share
     return (
-        scr <= of_scr * f and of_scr <= scr * f
-        and abs(r_over_x - of_r_over_x) <= share * max(abs(of_r_over_x), floor)
-    )  # fmt: skip
+        scr <= of_scr * f and of_scr <= scr * f and abs(r_over_x - of_r_over_x) <= share * max(abs(of_r_over_x), floor)
+    )
 
 
 def limited(goal: float, present: float, factor: float) -> float:

@@ -69,6 +69,9 @@ def interpolate(values: Array, row: Interval, column: Interval, weights: Weights
     At a node one weight is 1 and three are 0, so the node's value comes out exactly.
     """
     return blend(
-        weights, values[row.low, column.low], values[row.low, column.high], values[row.high, column.low],
+        weights,
+        values[row.low, column.low],
+        values[row.low, column.high],
+        values[row.high, column.low],
         values[row.high, column.high],
-    )  # fmt: skip
+    )

@@ -79,9 +79,18 @@ class GainLookup:
         most = (1.0 - LEAST_SHARE) * (limit / (R * R + X * X) * X)
         A, B, C, D = jacobian_from_powers(P, min(max(Q, -most), most), V_rms, R, X)
         gains = structure_gains(
-            A, B, C, D, normalised, self.D_p, self.D_q, self.S_rated, self.omega,
-            self.structure == "angle_damped", self.law == "inertia",
-        )  # fmt: skip
+            A,
+            B,
+            C,
+            D,
+            normalised,
+            self.D_p,
+            self.D_q,
+            self.S_rated,
+            self.omega,
+            self.structure == "angle_damped",
+            self.law == "inertia",
+        )
         return PowerLoopGains(*map(float, gains)) if self.law == "inertia" else gains
 
 
@@ -106,11 +115,21 @@ def gain_lookup(
         for pair in zip(columns, designed, strict=True)
     )
     return GainLookup(
-        scr=tuple(scr.tolist()), r_over_x=tuple(r_over_x.tolist()), nodes=nodes, Z_base=float(Z_base),
-        scr_basis=scr_basis, omega=schedule.omega, R_2=schedule.R_2, L_2=schedule.L_2,
-        structure=schedule.structure, law=schedule.law, S_rated=schedule.S_rated, D_p=schedule.D_p,
-        D_q=0.0 if schedule.structure == "published" else schedule.D_q, V_n_rms=V_n_rms,
-    )  # fmt: skip
+        scr=tuple(scr.tolist()),
+        r_over_x=tuple(r_over_x.tolist()),
+        nodes=nodes,
+        Z_base=float(Z_base),
+        scr_basis=scr_basis,
+        omega=schedule.omega,
+        R_2=schedule.R_2,
+        L_2=schedule.L_2,
+        structure=schedule.structure,
+        law=schedule.law,
+        S_rated=schedule.S_rated,
+        D_p=schedule.D_p,
+        D_q=0.0 if schedule.structure == "published" else schedule.D_q,
+        V_n_rms=V_n_rms,
+    )
 
 
 def locate_one(axis: tuple[float, ...], value: float) -> Interval:

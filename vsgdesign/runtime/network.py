@@ -96,9 +96,15 @@ class NeuralEstimator:
 
 
 def neural_estimator(
-    weights: NetworkWeights, *, sample_interval: float, channels: str = "phase_a", grid_phase: bool = False,
-    v_limit: float = np.inf, i_limit: float = np.inf, margin: float = 0.2,
-) -> NeuralEstimator:  # fmt: skip
+    weights: NetworkWeights,
+    *,
+    sample_interval: float,
+    channels: str = "phase_a",
+    grid_phase: bool = False,
+    v_limit: float = np.inf,
+    i_limit: float = np.inf,
+    margin: float = 0.2,
+) -> NeuralEstimator:
     """The estimator of some weights for windows of a sampling (s) and frame.
 
     ``grid_phase`` says that windows will start at the grid phase that the weights were trained with, known from

@@ -103,6 +103,15 @@ class Schedule(ABC):
     def _from_plant(self, normalised: NormalisedGains, A: Any, B: Any, C: Any, D: Any) -> PowerLoopGains:
         D_q = 0.0 if self.structure == "published" else self.D_q
         return structure_gains(
-            A, B, C, D, normalised, self.D_p, D_q, self.S_rated, self.omega,
-            self.structure == "angle_damped", self.law == "inertia",
-        )  # fmt: skip
+            A,
+            B,
+            C,
+            D,
+            normalised,
+            self.D_p,
+            D_q,
+            self.S_rated,
+            self.omega,
+            self.structure == "angle_damped",
+            self.law == "inertia",
+        )

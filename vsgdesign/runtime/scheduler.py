@@ -89,9 +89,17 @@ def first_state(lookup: GainLookup, settings: SchedulerSettings) -> SchedulerSta
 
 
 def advance(
-    lookup: GainLookup, c: SchedulerSettings, s: SchedulerState, said: int, R_g: float, L_g: float, P: float, Q: float,
-    V_rms: float, ticks: int,
-) -> tuple[SchedulerState, Answer]:  # fmt: skip
+    lookup: GainLookup,
+    c: SchedulerSettings,
+    s: SchedulerState,
+    said: int,
+    R_g: float,
+    L_g: float,
+    P: float,
+    Q: float,
+    V_rms: float,
+    ticks: int,
+) -> tuple[SchedulerState, Answer]:
     """One update: the next state and the answer.
 
     ``said`` is why there is no estimate, NO_REASON where R_g (Ω) and L_g (H) are one. P (W), Q (var) and V (phase rms,
@@ -168,9 +176,21 @@ def advance(
     else:
         status |= HELD
     following = SchedulerState(
-        1, ticks & _MASK, age, count, place_scr, place_r, goal_scr, goal_r, candidate_scr, candidate_r, P, Q, V_rms,
+        1,
+        ticks & _MASK,
+        age,
+        count,
+        place_scr,
+        place_r,
+        goal_scr,
+        goal_r,
+        candidate_scr,
+        candidate_r,
+        P,
+        Q,
+        V_rms,
         gains,
-    )  # fmt: skip
+    )
     return following, Answer(gains, status, reason, place_scr, place_r)
 
 
@@ -334,9 +354,14 @@ def scheduler_of(table: GainTable, estimator: NeuralEstimator | None = None, **c
 
 
 def closed_form_scheduler(
-    schedule: ClosedFormSchedule, settings: SchedulerSettings, *, V_n_rms: float, S_rated: float = 0.0,
-    scr_basis: str = "impedance", estimator: NeuralEstimator | None = None,
-) -> Scheduler:  # fmt: skip
+    schedule: ClosedFormSchedule,
+    settings: SchedulerSettings,
+    *,
+    V_n_rms: float,
+    S_rated: float = 0.0,
+    scr_basis: str = "impedance",
+    estimator: NeuralEstimator | None = None,
+) -> Scheduler:
     """The scheduler of a closed form: the Jacobian from measured P, Q, V, no table.
 
     V_n_rms: nominal voltage, V; S_rated (VA) and ``scr_basis``: what the settings' SCR is counted with.
@@ -345,9 +370,13 @@ def closed_form_scheduler(
 
 
 def load_scheduler(
-    table: str | Path, weights: str | Path | None = None, *, fit: dict[str, Any] | None = None,
-    study: Study | None = None, **changes: Any,
-) -> Scheduler:  # fmt: skip
+    table: str | Path,
+    weights: str | Path | None = None,
+    *,
+    fit: dict[str, Any] | None = None,
+    study: Study | None = None,
+    **changes: Any,
+) -> Scheduler:
     """The scheduler of files. ``fit`` is what :func:`vsgdesign.runtime.network.neural_estimator` wants to know;
     ``study`` refuses a table that was not designed from it. Raises ArtifactError."""
     found = read_table_of(table, study)

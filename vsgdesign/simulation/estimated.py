@@ -54,9 +54,13 @@ class EstimateLog:
         """Columns for a file; ``status`` counts along ALL_STATUSES."""
         numbers = np.array([ALL_STATUSES.index(status) for status in self.status], dtype=float)
         return {
-            "t_s": self.t_s, "R_g": self.R_g, "L_g": self.L_g, "R_g_hat": self.R_g_hat, "L_g_hat": self.L_g_hat,
+            "t_s": self.t_s,
+            "R_g": self.R_g,
+            "L_g": self.L_g,
+            "R_g_hat": self.R_g_hat,
+            "L_g_hat": self.L_g_hat,
             "status": numbers,
-        }  # fmt: skip
+        }
 
 
 class EstimatedScheduler:
@@ -109,10 +113,16 @@ class EstimatedScheduler:
         grids = [timeline.grid_at(t - 0.5 * self.sample_interval) for t in t_s]
         limited = np.array([row[4] for row in self._rows], dtype=bool)
         return EstimateLog(
-            t_s, np.array([grid.R_g for grid in grids]), np.array([grid.L_g for grid in grids]), R_g_hat, L_g_hat,
-            tuple(row[3] for row in self._rows), self.update_period, limited,
+            t_s,
+            np.array([grid.R_g for grid in grids]),
+            np.array([grid.L_g for grid in grids]),
+            R_g_hat,
+            L_g_hat,
+            tuple(row[3] for row in self._rows),
+            self.update_period,
+            limited,
             self._answers.rate,
-        )  # fmt: skip
+        )
 
 
 def weights_of(study: Study, spec: ControllerSpec) -> NetworkWeights:
@@ -174,13 +184,18 @@ def estimator_of(study: Study, spec: ControllerSpec, weights: NetworkWeights) ->
     v_limit, i_limit = (
         math.inf if limit is None else limit * rated
         for limit, rated in (
-            (spec_of.v_limit_pu, rms_to_peak(c.V_rated_rms)), (spec_of.i_limit_pu, c.I_rated_pk),
+            (spec_of.v_limit_pu, rms_to_peak(c.V_rated_rms)),
+            (spec_of.i_limit_pu, c.I_rated_pk),
         )
-    )  # fmt: skip
+    )
     return neural_estimator(
-        weights, sample_interval=window.sample_interval, channels=window.channels, grid_phase=spec_of.grid_phase,
-        v_limit=v_limit, i_limit=i_limit,
-    )  # fmt: skip
+        weights,
+        sample_interval=window.sample_interval,
+        channels=window.channels,
+        grid_phase=spec_of.grid_phase,
+        v_limit=v_limit,
+        i_limit=i_limit,
+    )
 
 
 def window_channels(window: MeasuredWindow, channels: str, synchronised: bool) -> tuple[Array, Array]:

@@ -14,9 +14,20 @@ from vsgdesign.equations.controller import ControllerState, Measurement, control
 from vsgdesign.frames import clarke, clarke_inverse, rotate
 
 LOG_COLUMNS = (
-    "i_s_alpha", "i_s_beta", "v_c_alpha", "v_c_beta", "i_g_alpha", "i_g_beta",
-    "v_g_alpha", "v_g_beta", "P", "Q", "omega", "V_rms", "theta",
-)  # fmt: skip
+    "i_s_alpha",
+    "i_s_beta",
+    "v_c_alpha",
+    "v_c_beta",
+    "i_g_alpha",
+    "i_g_beta",
+    "v_g_alpha",
+    "v_g_beta",
+    "P",
+    "Q",
+    "omega",
+    "V_rms",
+    "theta",
+)
 
 TWO_PI = 2.0 * np.pi
 
@@ -151,10 +162,20 @@ def run_stretch(
         elif theta < -TWO_PI:
             theta += TWO_PI
         state = ControllerState(
-            theta, following.omega_i, following.V, following.P_f, following.Q_f,
-            following.xi_vd, following.xi_vq, following.xi_id, following.xi_iq, following.i_f_d, following.i_f_q,
-            following.u_alpha, following.u_beta,
-        )  # fmt: skip
+            theta,
+            following.omega_i,
+            following.V,
+            following.P_f,
+            following.Q_f,
+            following.xi_vd,
+            following.xi_vq,
+            following.xi_id,
+            following.xi_iq,
+            following.i_f_d,
+            following.i_f_q,
+            following.u_alpha,
+            following.u_beta,
+        )
         if bridge.delay_samples == 0:
             applied_alpha, applied_beta = output.v_b_alpha, output.v_b_beta
         else:

@@ -248,11 +248,20 @@ class OnlineGains:
         v_pcc, i_pcc = pcc_vectors(rows, self._circuit_over(begin, sample))
         omega, _, _ = power_loops(state.omega_i, state.V, state.P_f, state.Q_f, refs, gains)
         return MeasuredWindow(
-            index=sample // self._period - 1, t_s=sample * self._T_s, sample_interval=self._every * self._T_s,
-            v_pcc=v_pcc, i_pcc=i_pcc.copy(), theta=rows[:, 12].copy(),
-            P=state.P_f, Q=state.Q_f, V_rms=state.V, omega=omega, refs=refs, gains=gains,
+            index=sample // self._period - 1,
+            t_s=sample * self._T_s,
+            sample_interval=self._every * self._T_s,
+            v_pcc=v_pcc,
+            i_pcc=i_pcc.copy(),
+            theta=rows[:, 12].copy(),
+            P=state.P_f,
+            Q=state.Q_f,
+            V_rms=state.V,
+            omega=omega,
+            refs=refs,
+            gains=gains,
             source_phase=self._timeline.source_at((begin + 1e-6) * self._T_s).phase,
-        )  # fmt: skip
+        )
 
     def _circuit_over(self, begin: int, end: int) -> FilterGrid:
         grids, T_s = self._timeline.grids, self._T_s

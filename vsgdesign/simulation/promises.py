@@ -47,9 +47,11 @@ def promises_of(study: Study, spec: ControllerSpec) -> Promises:
     the study's gates; gains that are given to the gates, which limit no overshoot."""
     gates, target = study.stability.gates, spec.target
     margins = {
-        "damping_ratio": gates.damping_ratio, "gain_margin_db": gates.gain_margin_db,
-        "phase_margin_deg": gates.phase_margin_deg, "M_s": gates.M_s,
-    }  # fmt: skip
+        "damping_ratio": gates.damping_ratio,
+        "gain_margin_db": gates.gain_margin_db,
+        "phase_margin_deg": gates.phase_margin_deg,
+        "M_s": gates.M_s,
+    }
     if spec.gains is not None:
         return Promises(GATES, gates.settling_time, None, None, **margins)
     if spec.schedule == "table" and spec.table is not None:
@@ -59,9 +61,13 @@ def promises_of(study: Study, spec: ControllerSpec) -> Promises:
         overshoot = None if share is None else 100.0 * float(share)
         time = asked.get("settling_time") if settles else None
         return Promises(
-            TABLE, time, overshoot, overshoot, damping_ratio=asked.get("damping_ratio"),
+            TABLE,
+            time,
+            overshoot,
+            overshoot,
+            damping_ratio=asked.get("damping_ratio"),
             disk_margin=asked.get("disk_margin"),
-        )  # fmt: skip
+        )
     if target.structure == "published":  # Q is a first-order loop there
         return Promises(CLOSED_FORM, target.settling_time, overshoot_of(target.damping_ratio), 0.0, **margins)
     own = overshoot_of(0.5 * target.d_1 / math.sqrt(target.k_1))
@@ -77,9 +83,12 @@ def not_promised(spec: ControllerSpec, study: Study, row: OperatingPointRow | No
     if point is None:
         return ""
     values = {
-        "SCR": (row.grid.scr(c, basis), box.scr, 1.0), "X/R": (row.grid.x_over_r(c.omega_n), box.x_over_r, 1.0),
-        "P": (point.P, box.P, 1e3), "Q": (point.Q, box.Q, 1e3), "V": (point.V_rms, box.V_rms, 1.0),
-    }  # fmt: skip
+        "SCR": (row.grid.scr(c, basis), box.scr, 1.0),
+        "X/R": (row.grid.x_over_r(c.omega_n), box.x_over_r, 1.0),
+        "P": (point.P, box.P, 1e3),
+        "Q": (point.Q, box.Q, 1e3),
+        "V": (point.V_rms, box.V_rms, 1.0),
+    }
     units = {"P": " kW", "Q": " kvar", "V": " V"}
     left = [
         f"{name} {value / unit:.4g} outside {low / unit:.4g} to {high / unit:.4g}{units.get(name, '')}"
@@ -167,9 +176,20 @@ def _of_controller(
                     # A promise of the power loops: how the network's modes are damped is the inner loops' matter.
                     reached = reached[0], reached[0]
                 found.append(
-                    Kept(spec.name, asked_by, row.t_s, row.grid, float(P[k]), float(Q[k]), name, float(limit), at_least,
-                         *reached, excuse)
-                )  # fmt: skip
+                    Kept(
+                        spec.name,
+                        asked_by,
+                        row.t_s,
+                        row.grid,
+                        float(P[k]),
+                        float(Q[k]),
+                        name,
+                        float(limit),
+                        at_least,
+                        *reached,
+                        excuse,
+                    )
+                )
     return sorted(found, key=lambda one: one.t_s)
 
 
@@ -190,9 +210,12 @@ def _rest(
 
 
 _MARGINS = (
-    ("damping_ratio", True), ("disk_margin", True), ("gain_margin_db", True), ("phase_margin_deg", True),
+    ("damping_ratio", True),
+    ("disk_margin", True),
+    ("gain_margin_db", True),
+    ("phase_margin_deg", True),
     ("M_s", False),
-)  # fmt: skip
+)
 
 
 def _figure(table: MarginTable, row: int | None, name: str) -> float:

@@ -252,6 +252,10 @@ def _stacked_plants(study: Study, circuits: tuple[tuple[Grid, float, float], ...
 
 def _source_row(source: SourceSegment) -> list[float]:
     return [
-        math.cos(source.phase), math.sin(source.phase), rms_to_peak(source.V_g_rms),
-        rms_to_peak(source.V_slope), source.omega, source.omega_slope,
-    ]  # fmt: skip
+        math.cos(source.phase),
+        math.sin(source.phase),
+        rms_to_peak(source.V_g_rms),
+        rms_to_peak(source.V_slope),
+        source.omega,
+        source.omega_slope,
+    ]

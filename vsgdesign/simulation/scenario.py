@@ -70,9 +70,12 @@ class ScenarioResult:
 
 
 def run_scenario(
-    study: Study, *, bridge: str | None = None, progress: Callable[[str, float], None] | None = None,
+    study: Study,
+    *,
+    bridge: str | None = None,
+    progress: Callable[[str, float], None] | None = None,
     warn: Callable[[str], None] | None = None,
-) -> ScenarioResult:  # fmt: skip
+) -> ScenarioResult:
     """Check every operating point and the full-order model there, then simulate every controller.
 
     ``progress`` is called with the controller's name and the simulated time in s, ``warn`` before the run with a

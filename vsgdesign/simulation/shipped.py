@@ -45,9 +45,16 @@ class ShippedScheduler:
     """
 
     def __init__(
-        self, runtime: Runtime, *, estimate: GridEstimate | None = None, channels: str = "phase_a",
-        synchronised: bool = False, update_period: float = 20e-3, sample_interval: float = 200e-6, tick: float = 1e-6,
-    ) -> None:  # fmt: skip
+        self,
+        runtime: Runtime,
+        *,
+        estimate: GridEstimate | None = None,
+        channels: str = "phase_a",
+        synchronised: bool = False,
+        update_period: float = 20e-3,
+        sample_interval: float = 200e-6,
+        tick: float = 1e-6,
+    ) -> None:
         self._runtime, self._estimate = runtime, estimate
         self._channels, self._synchronised = channels, synchronised
         self._period, self._interval, self._tick = update_period, sample_interval, tick

@@ -38,9 +38,16 @@ def references_at(study: Study, grid: Grid, gains: PowerLoopGains, P: float, Q: 
 
 
 def simulate_step(
-    study: Study, grid: Grid, gains: PowerLoopGains, P: float, Q: float, signal: str, size: float, duration: float,
+    study: Study,
+    grid: Grid,
+    gains: PowerLoopGains,
+    P: float,
+    Q: float,
+    signal: str,
+    size: float,
+    duration: float,
     every: int | None = None,
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array]:
     """A step of one reference by ``size`` from the steady state at (P, Q), averaged EMT.
 
     Returns time from the step in s and the signal's change in W or var, at every ``every``-th sample (None: 1 ms).
@@ -56,18 +63,30 @@ def simulate_step(
         Q_ref=Q_ref + size if signal == "Q" else None,
     )
     spec = replace(
-        study.simulation, duration=start * interval + duration, bridge="averaged", start="steady_state",
-        log_interval=interval, P_ref=P_ref, Q_ref=Q_ref,
-    )  # fmt: skip
+        study.simulation,
+        duration=start * interval + duration,
+        bridge="averaged",
+        start="steady_state",
+        log_interval=interval,
+        P_ref=P_ref,
+        Q_ref=Q_ref,
+    )
     run = simulate(replace(study, grid=grid, simulation=spec, events=(event,)), [GainChange(0.0, gains)])
     values = run.column(signal)
     return run.t_s[start:] - start * interval, values[start:] - values[start - 1]
 
 
 def emt_step(
-    study: Study, grid: Grid, gains: PowerLoopGains, P: float, Q: float, signal: str,
-    *, size_pu: float = STEP_PU, duration: float = 4.0,
-) -> ResponseMetrics | None:  # fmt: skip
+    study: Study,
+    grid: Grid,
+    gains: PowerLoopGains,
+    P: float,
+    Q: float,
+    signal: str,
+    *,
+    size_pu: float = STEP_PU,
+    duration: float = 4.0,
+) -> ResponseMetrics | None:
     """Figures of ``signal`` ("P" or "Q") after a step of its reference; None where it does not settle within
     ``duration``, where that is too short to know (:eq:`window-needed`), or where it does not start.
 

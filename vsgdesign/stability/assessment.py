@@ -188,11 +188,21 @@ def _focus_cells(study: Study, law: GainLaw, P: float, Q: float) -> tuple[FocusC
         label = _label(study, grid, taken=[cell.label for cell in found])
         found.append(
             FocusCell(
-                label, grid, P, Q, reduced, full, reduced_margins(reduced), full_order_margins(full), found_modes,
-                mode_sensitivities(full, 0, found_modes[0].s), _frequency_view(study, full),
-                PowerLoopGains(*(float(value[0]) for value in cells.gains)), cells.outside[0],
+                label,
+                grid,
+                P,
+                Q,
+                reduced,
+                full,
+                reduced_margins(reduced),
+                full_order_margins(full),
+                found_modes,
+                mode_sensitivities(full, 0, found_modes[0].s),
+                _frequency_view(study, full),
+                PowerLoopGains(*(float(value[0]) for value in cells.gains)),
+                cells.outside[0],
             )
-        )  # fmt: skip
+        )
     return tuple(found)
 
 

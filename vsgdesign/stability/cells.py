@@ -60,9 +60,16 @@ class CellSet:
         gains = PowerLoopGains(*(value[index] for value in self.gains))
         faults, outside = (tuple(texts[k] for k in index) for texts in (self.faults, self.outside))
         return CellSet(
-            self.R_g[index], self.L_g[index], self.P[index], self.Q[index], self.V_rms[index], self.delta[index], gains,
-            faults, outside,
-        )  # fmt: skip
+            self.R_g[index],
+            self.L_g[index],
+            self.P[index],
+            self.Q[index],
+            self.V_rms[index],
+            self.delta[index],
+            gains,
+            faults,
+            outside,
+        )
 
 
 NO_GAINS = "no gains: they are no numbers"
@@ -145,9 +152,16 @@ def reduced_cells(study: Study, cells: CellSet, coupling: bool = True) -> Couple
     X = study.grid_source.omega_g * (study.filter.L_2 + cells.L_g[good])
     gains = PowerLoopGains(*(value[good] for value in cells.gains))
     return coupled_model(
-        cells.delta[good], cells.V_rms[good], np.full(R.shape, study.grid_source.V_g_rms), R, X, gains,
-        tau_P=study.tau_P, tau_Q=study.tau_Q, coupling=coupling,
-    )  # fmt: skip
+        cells.delta[good],
+        cells.V_rms[good],
+        np.full(R.shape, study.grid_source.V_g_rms),
+        R,
+        X,
+        gains,
+        tau_P=study.tau_P,
+        tau_Q=study.tau_Q,
+        coupling=coupling,
+    )
 
 
 def full_order_cells(study: Study, cells: CellSet) -> FullOrderModel:

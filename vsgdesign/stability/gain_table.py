@@ -73,9 +73,14 @@ def figure_of(name: str) -> Figure:
 
 
 def margins_of(
-    base: TableBase, R_g: Array, L_g: Array, P: Any, Q: Any, gains: PowerLoopGains,
+    base: TableBase,
+    R_g: Array,
+    L_g: Array,
+    P: Any,
+    Q: Any,
+    gains: PowerLoopGains,
     names: Sequence[str] = tuple(FIGURES),
-) -> dict[str, Array]:  # fmt: skip
+) -> dict[str, Array]:
     """Nominal margins of FIGURES on grids of any shape, each with its gains; NaN without operating point or gains.
 
     An unstable cell has its damping and decay (negative) and its inertia, no other margin. A step that is not
@@ -91,9 +96,15 @@ def margins_of(
     good = np.flatnonzero(np.isfinite(V_rms) & np.all([np.isfinite(value) for value in flat], axis=0))
     kept = PowerLoopGains(*(value[good] for value in flat))
     model = coupled_model(
-        delta[good], V_rms[good], np.full(len(good), base.V_g_rms), R[good], X[good], kept,
-        tau_P=base.tau_P, tau_Q=base.tau_Q,
-    )  # fmt: skip
+        delta[good],
+        V_rms[good],
+        np.full(len(good), base.V_g_rms),
+        R[good],
+        X[good],
+        kept,
+        tau_P=base.tau_P,
+        tau_Q=base.tau_Q,
+    )
     found: dict[str, Array] = {name: np.full(len(R), np.nan) for name in names}
     if len(good):
         table = reduced_margins(model)

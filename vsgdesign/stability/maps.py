@@ -63,9 +63,14 @@ class MarginMap:
 
 
 def margin_map(
-    study: Study, law: GainLaw, scr: Sequence[float], x_over_r: Sequence[float],
-    P: Sequence[float], Q: Sequence[float], model: str = "reduced",
-) -> MarginMap:  # fmt: skip
+    study: Study,
+    law: GainLaw,
+    scr: Sequence[float],
+    x_over_r: Sequence[float],
+    P: Sequence[float],
+    Q: Sequence[float],
+    model: str = "reduced",
+) -> MarginMap:
     """Margins over SCR × X/R × (P, Q) with the gains that a law has in the steady state of each cell.
 
     The last axis runs over the combinations of P (W) and Q (var), P slowest. ``model``: "reduced" (coupled,
@@ -90,9 +95,15 @@ def stale_schedule_matrix(
 
 
 def estimate_error_map(
-    study: Study, law: GainLaw, scr: Sequence[float], x_over_r: Sequence[float], errors: Sequence[float],
-    P: float, Q: float, model: str = "reduced",
-) -> MarginMap:  # fmt: skip
+    study: Study,
+    law: GainLaw,
+    scr: Sequence[float],
+    x_over_r: Sequence[float],
+    errors: Sequence[float],
+    P: float,
+    Q: float,
+    model: str = "reduced",
+) -> MarginMap:
     """Margins where the schedule is fed R_g(1 + e_R) and L_g(1 + e_L): SCR × X/R × e_R × e_L.
 
     ``errors`` are relative, with sign; both estimates take each of them. P, Q and V are measured, hence those of the

@@ -29,7 +29,7 @@ def reduced_step(model: CoupledModel, input_: str, output: str, t_end: float, dt
 
 def full_order_step(
     model: FullOrderModel, input_: str, output: str, t_end: float, every: int = 1
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array]:
     """Unit step responses (N, K) of the sampled model at every so many samples (K,)."""
     column, row = FULL_INPUTS.index(input_), FULL_OUTPUTS.index(output)
     count = round(t_end / model.T_s) // every + 1

@@ -11,11 +11,23 @@ from vsgdesign.stability.cells import OUTSIDE
 from vsgdesign.stability.maps import MarginMap
 
 _COLUMNS = (
-    "stable", "spectral_abscissa [1/s]", "least_damping [1]", "least_damped [rad/s]",
-    "disk_margin_output [1]", "at [rad/s]", "disk_margin_input [1]", "at [rad/s]", "M_s [1]", "at [rad/s]",
-    "gain_margin_P [dB]", "phase_margin_P [deg]", "delay_margin_P [s]",
-    "gain_margin_Q [dB]", "phase_margin_Q [deg]", "delay_margin_Q [s]",
-)  # fmt: skip
+    "stable",
+    "spectral_abscissa [1/s]",
+    "least_damping [1]",
+    "least_damped [rad/s]",
+    "disk_margin_output [1]",
+    "at [rad/s]",
+    "disk_margin_input [1]",
+    "at [rad/s]",
+    "M_s [1]",
+    "at [rad/s]",
+    "gain_margin_P [dB]",
+    "phase_margin_P [deg]",
+    "delay_margin_P [s]",
+    "gain_margin_Q [dB]",
+    "phase_margin_Q [deg]",
+    "delay_margin_Q [s]",
+)
 
 
 def map_header(field: MarginMap) -> list[str]:
@@ -29,11 +41,23 @@ def map_rows(field: MarginMap) -> Iterator[list[object]]:
     """One row a cell, faulty ones with their reason and no figures."""
     t, c = field.table, field.cells
     columns = [
-        t.stable.astype(float), t.spectral_abscissa, t.least_damping, t.least_damped_rad_s,
-        t.disk_output.value, t.disk_output.omega, t.disk_input.value, t.disk_input.omega, t.M_s.value, t.M_s.omega,
-        t.loop_P.gain_margin_db, t.loop_P.phase_margin_deg, t.loop_P.delay_margin_s,
-        t.loop_Q.gain_margin_db, t.loop_Q.phase_margin_deg, t.loop_Q.delay_margin_s,
-    ]  # fmt: skip
+        t.stable.astype(float),
+        t.spectral_abscissa,
+        t.least_damping,
+        t.least_damped_rad_s,
+        t.disk_output.value,
+        t.disk_output.omega,
+        t.disk_input.value,
+        t.disk_input.omega,
+        t.M_s.value,
+        t.M_s.omega,
+        t.loop_P.gain_margin_db,
+        t.loop_P.phase_margin_deg,
+        t.loop_P.delay_margin_s,
+        t.loop_Q.gain_margin_db,
+        t.loop_Q.phase_margin_deg,
+        t.loop_Q.delay_margin_s,
+    ]
     figures = np.stack(columns, axis=1) if len(t.stable) else np.empty((0, len(columns)))
     row_of = {int(flat): k for k, flat in enumerate(field.analysed)}
     keep = [k for k, (name, _) in enumerate(field.axes) if name != "P, Q"]
@@ -47,11 +71,20 @@ def map_rows(field: MarginMap) -> Iterator[list[object]]:
 
 
 VIEW_HEADER = (
-    "frequency [Hz]", "L_P real", "L_P imag", "L_Q real", "L_Q imag",
+    "frequency [Hz]",
+    "L_P real",
+    "L_P imag",
+    "L_Q real",
+    "L_Q imag",
     *(f"Y_{a}{b} {part} [S]" for a in "dq" for b in "dq" for part in ("real", "imag")),
-    "passivity_index [S]", "nyquist_1 real", "nyquist_1 imag", "nyquist_2 real", "nyquist_2 imag",
-    "NFP real [pu/pu]", "NFP imag [pu/pu]",
-)  # fmt: skip
+    "passivity_index [S]",
+    "nyquist_1 real",
+    "nyquist_1 imag",
+    "nyquist_2 real",
+    "nyquist_2 imag",
+    "NFP real [pu/pu]",
+    "NFP imag [pu/pu]",
+)
 """Column names of :func:`view_rows`."""
 
 

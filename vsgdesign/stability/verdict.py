@@ -134,10 +134,16 @@ def _own_gates(study: Study, a: ControllerAssessment) -> list[Verdict]:
         evidence = f"map_{name}_{'reduced' if label == 'reduced' else 'full_order'}.csv"
         rows.append(
             Verdict(
-                name, OWN, "", f"stable in every cell within the limits ({label})", f"{stable} of {analysed}", "all",
-                NOT_ASSESSED if analysed == 0 else PASS if stable == analysed else FAIL, evidence,
+                name,
+                OWN,
+                "",
+                f"stable in every cell within the limits ({label})",
+                f"{stable} of {analysed}",
+                "all",
+                NOT_ASSESSED if analysed == 0 else PASS if stable == analysed else FAIL,
+                evidence,
             )
-        )  # fmt: skip
+        )
         limits = {
             "least damping ratio": f"≥ {gates.damping_ratio:g}",
             "gain margin": f"≥ {gates.gain_margin_db:g} dB",
@@ -150,11 +156,16 @@ def _own_gates(study: Study, a: ControllerAssessment) -> list[Verdict]:
                 verdict = FAIL if worst.share_below > 0.0 else PASS
                 rows.append(
                     Verdict(
-                        name, OWN, "", f"{worst.quantity}, worst cell ({label})",
+                        name,
+                        OWN,
+                        "",
+                        f"{worst.quantity}, worst cell ({label})",
                         f"{shown} at {worst.where}" if analysed else NOTHING,
-                        limits[worst.quantity], verdict if analysed else NOT_ASSESSED, evidence,
+                        limits[worst.quantity],
+                        verdict if analysed else NOT_ASSESSED,
+                        evidence,
                     )
-                )  # fmt: skip
+                )
     rows.append(_settling(study, a))
     return rows
 
@@ -173,10 +184,15 @@ def _settling(study: Study, a: ControllerAssessment) -> Verdict:
             slowest, where = max(times), describe_cell(a.reduced, int(a.reduced.analysed[k]))
     shown = "not settled" if np.isinf(slowest) else f"{slowest:.3g} s"
     return Verdict(
-        a.spec.name, OWN, "", "2 % settling of P and Q steps, worst cell (reduced)",
+        a.spec.name,
+        OWN,
+        "",
+        "2 % settling of P and Q steps, worst cell (reduced)",
         f"{shown} at {where}" if analysed else NOTHING,
-        f"≤ {limit:g} s", NOT_ASSESSED if not analysed else FAIL if late else PASS, f"map_{a.spec.name}_reduced.csv",
-    )  # fmt: skip
+        f"≤ {limit:g} s",
+        NOT_ASSESSED if not analysed else FAIL if late else PASS,
+        f"map_{a.spec.name}_reduced.csv",
+    )
 
 
 _EXTERNAL = (
@@ -211,23 +227,39 @@ def _external(study: Study, a: ControllerAssessment) -> list[Verdict]:
             verdict = INFORMATIONAL
         rows.append(
             Verdict(
-                a.spec.name, source, confidence, f"grids of the test: {text}", value, "none published for margins",
-                verdict, f"map_{a.spec.name}_full_order.csv",
+                a.spec.name,
+                source,
+                confidence,
+                f"grids of the test: {text}",
+                value,
+                "none published for margins",
+                verdict,
+                f"map_{a.spec.name}_full_order.csv",
             )
-        )  # fmt: skip
+        )
     damping = counted_rows(full).least_damping
     rows.append(
         Verdict(
-            a.spec.name, "IEEE 2800-2022", "recalled", "damping ratio of controlled modes",
+            a.spec.name,
+            "IEEE 2800-2022",
+            "recalled",
+            "damping ratio of controlled modes",
             f"{float(np.min(damping)):.3g} least within the limits (all modes)" if len(damping) else NOTHING,
             "≥ 0.3, to be checked",
-            INFORMATIONAL if len(damping) else NOT_ASSESSED, f"map_{a.spec.name}_full_order.csv",
+            INFORMATIONAL if len(damping) else NOT_ASSESSED,
+            f"map_{a.spec.name}_full_order.csv",
         )
-    )  # fmt: skip
+    )
     rows.append(
         Verdict(
-            a.spec.name, "FNN 2020; GB GC0137", "secondary; recalled", "phase jumps, sags, RoCoF in time domain", "",
-            "", NOT_ASSESSED, "run the scenario with such events",
+            a.spec.name,
+            "FNN 2020; GB GC0137",
+            "secondary; recalled",
+            "phase jumps, sags, RoCoF in time domain",
+            "",
+            "",
+            NOT_ASSESSED,
+            "run the scenario with such events",
         )
-    )  # fmt: skip
+    )
     return rows

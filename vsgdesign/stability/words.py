@@ -7,11 +7,19 @@ import math
 from vsgdesign.stability.loci import Mode
 
 _QUANTITIES = {
-    "i_s": "converter current", "v_c": "capacitor voltage", "i_g": "grid current",
-    "pending": "delayed bridge voltage", "delta": "angle", "omega_i": "frequency integrator",
-    "V": "voltage integrator", "P_f": "P filter", "Q_f": "Q filter", "xi_v": "voltage-loop integrators",
-    "xi_i": "current-loop integrators", "i_f": "low-pass of the transient impedance",
-}  # fmt: skip
+    "i_s": "converter current",
+    "v_c": "capacitor voltage",
+    "i_g": "grid current",
+    "pending": "delayed bridge voltage",
+    "delta": "angle",
+    "omega_i": "frequency integrator",
+    "V": "voltage integrator",
+    "P_f": "P filter",
+    "Q_f": "Q filter",
+    "xi_v": "voltage-loop integrators",
+    "xi_i": "current-loop integrators",
+    "i_f": "low-pass of the transient impedance",
+}
 _LEAST_SHARE = 0.1
 _MOST_NAMED = 3
 

@@ -49,9 +49,14 @@ def ideal_step(study: Study, grid: Grid, gains: PowerLoopGains, P: float, size: 
 
 
 def emt_beside_ideal(
-    converter: Converter, filter_: Filter, gains: InnerLoopGains, omega_t: float, point: tuple[float, float],
-    P_pu: float, size_pu: float = 0.05,
-) -> tuple[float, float]:  # fmt: skip
+    converter: Converter,
+    filter_: Filter,
+    gains: InnerLoopGains,
+    omega_t: float,
+    point: tuple[float, float],
+    P_pu: float,
+    size_pu: float = 0.05,
+) -> tuple[float, float]:
     """By how much EMT settles later (s) and overshoots more (%) than ideal inner loops."""
     study = study_of(converter, filter_, gains, omega_t)
     grid = grid_from_scr(*point, "impedance", converter)

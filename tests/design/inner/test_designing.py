@@ -60,11 +60,22 @@ def test_what_can_be_reached_is_what_is_claimed() -> None:
     t = [
         DESIGNED[case][2]
         for case in (
-            "hoang2025_5kva", "lab_12kva_lcl", "utility_1mva_60hz", "pogaku2007_10kva", "darco2015_2750kva",
-            "yang2020_1mva", "simplus_100kva", "article_10kva_lc_4khz", "sized_1kva_208v_60hz", "sized_30kva_sic",
-            "sized_250kva_480v_60hz", "sized_500kva_storage", "sized_5mva_3300v", "sized_100kva_no_delay",
+            "hoang2025_5kva",
+            "lab_12kva_lcl",
+            "utility_1mva_60hz",
+            "pogaku2007_10kva",
+            "darco2015_2750kva",
+            "yang2020_1mva",
+            "simplus_100kva",
+            "article_10kva_lc_4khz",
+            "sized_1kva_208v_60hz",
+            "sized_30kva_sic",
+            "sized_250kva_480v_60hz",
+            "sized_500kva_storage",
+            "sized_5mva_3300v",
+            "sized_100kva_no_delay",
         )
-    ]  # fmt: skip
+    ]
     assert [sum(value >= least for value in t) >= count for least, count in ((1.0, 6), (0.7, 10), (0.45, 13))] == [
         True
     ] * 3
@@ -133,7 +144,7 @@ def test_the_published_filter_keeps_the_mode_of_the_network_damped() -> None:
 @pytest.mark.parametrize(
     ("case", "point", "P_pu"),
     [("hoang2025_5kva", (20.0, 0.3), 0.1), ("sized_250kva_480v_60hz", (20.0, 20.0), 0.7)],
-)  # fmt: skip
+)
 def test_emt_steps_are_those_of_ideal_inner_loops(case: str, point: tuple[float, float], P_pu: float) -> None:
     gains, omega_t, _ = DESIGNED[case]
     later, more = emt_beside_ideal(*datasheet(case), gains, omega_t, point, P_pu)

@@ -80,11 +80,13 @@ def loop_by_states(c: Converter, f: Filter, law: np.ndarray, point: tuple, z: np
     circuit = circuits(c, f, [point], "impedance")[0]
     # The circuit again from its differential equation and SciPy's exponential.
     Lo, Ro = circuit.L_2 + circuit.L_g, circuit.R_2 + circuit.R_g
-    A = np.array([
-        [-(circuit.R_1 + circuit.R_c) / circuit.L_1, -1 / circuit.L_1, circuit.R_c / circuit.L_1],
-        [1 / circuit.C, 0.0, -1 / circuit.C],
-        [circuit.R_c / Lo, 1 / Lo, -(Ro + circuit.R_c) / Lo],
-    ])  # fmt: skip
+    A = np.array(
+        [
+            [-(circuit.R_1 + circuit.R_c) / circuit.L_1, -1 / circuit.L_1, circuit.R_c / circuit.L_1],
+            [1 / circuit.C, 0.0, -1 / circuit.C],
+            [circuit.R_c / Lo, 1 / Lo, -(Ro + circuit.R_c) / Lo],
+        ]
+    )
     M = np.zeros((4, 4))
     M[:3, :3], M[0, 3] = A * settings.T_s, settings.T_s / circuit.L_1
     E = expm(M)

@@ -18,9 +18,22 @@ def comparison_table(document: dict[str, Any]) -> None:
     error = f"±{100.0 * max(box['error_R'], box['error_X']):.3g} %"
     grids = len(document["contenders"][0]["grids"])
     headings = (
-        "gains", "from", "kept", error, "ideal", error, "unstable", "overshoot [%]", "settling [s]",
-        "disk margin", "droop [kW/Hz]", "H [s]", "EMT [%]", "EMT [s]", "EMT fails",
-    )  # fmt: skip
+        "gains",
+        "from",
+        "kept",
+        error,
+        "ideal",
+        error,
+        "unstable",
+        "overshoot [%]",
+        "settling [s]",
+        "disk margin",
+        "droop [kW/Hz]",
+        "H [s]",
+        "EMT [%]",
+        "EMT [s]",
+        "EMT fails",
+    )
     asked = (
         f"overshoot ≤ {100.0 * spec['overshoot']:.3g} %, settling ≤ {spec['settling_time']:.3g} s, "
         f"disk margin ≥ {spec['disk_margin']:.3g}, damping ratio ≥ {spec['damping_ratio']:.3g}"
@@ -35,14 +48,22 @@ def comparison_table(document: dict[str, Any]) -> None:
     for c in document["contenders"]:
         exact, wrong, emt = c["worst_exact"], c["worst_wrong"], c["emt"]
         table.add_row(
-            escape(c["name"].replace("_", " ")), c["origin"], _share(c["kept_exact"]), _share(c["kept_wrong"]),
-            _share(c["kept_exact_ideal"]), _share(c["kept_wrong_ideal"]),
-            _share(c["shares"]["unstable"]), _pair(exact, wrong, "overshoot", 100.0),
-            _pair(exact, wrong, "settling_time", 1.0), _pair(exact, wrong, "disk_margin", 1.0),
-            _span(c["droop_W_per_Hz"], 1e3), _span(c["inertia_s"], 1.0),
-            _number(emt["overshoot"], 100.0), _number(emt["settling_time"], 1.0),
+            escape(c["name"].replace("_", " ")),
+            c["origin"],
+            _share(c["kept_exact"]),
+            _share(c["kept_wrong"]),
+            _share(c["kept_exact_ideal"]),
+            _share(c["kept_wrong_ideal"]),
+            _share(c["shares"]["unstable"]),
+            _pair(exact, wrong, "overshoot", 100.0),
+            _pair(exact, wrong, "settling_time", 1.0),
+            _pair(exact, wrong, "disk_margin", 1.0),
+            _span(c["droop_W_per_Hz"], 1e3),
+            _span(c["inertia_s"], 1.0),
+            _number(emt["overshoot"], 100.0),
+            _number(emt["settling_time"], 1.0),
             f"{emt['not_settled']} of {emt['steps']}" if emt["steps"] else "–",
-        )  # fmt: skip
+        )
     console = new_console()
     console.print(table)
     console.print(

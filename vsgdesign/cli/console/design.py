@@ -47,17 +47,25 @@ def design_tables(
         where = (d.controller, f"{d.grid.scr(c, study.scr_basis):.3g}", f"{d.grid.x_over_r(c.omega_n):.3g}")
         mark = "" if d.point.V_within_limits else "!"
         points.add_row(
-            *where, f"{d.point.V_rms / c.V_rated_rms:.3f}{mark}", f"{math.degrees(d.point.delta):.2f}",
-            f"{d.point.A:.5g}", f"{d.point.D:.5g}",
-            _angle(d.margins_P.phase_margin_deg), _angle(d.margins_Q.phase_margin_deg),
-        )  # fmt: skip
+            *where,
+            f"{d.point.V_rms / c.V_rated_rms:.3f}{mark}",
+            f"{math.degrees(d.point.delta):.2f}",
+            f"{d.point.A:.5g}",
+            f"{d.point.D:.5g}",
+            _angle(d.margins_P.phase_margin_deg),
+            _angle(d.margins_Q.phase_margin_deg),
+        )
         gains.add_row(*where, *(f"{value:.5g}" for value in d.gains[:4]))
         if any(d.gains[4:]):
             more.add_row(*where, *(f"{value:.4g}" for value in d.gains[4:]))
         system.add_row(
-            *where, f"{d.inertia_s:.3g}", f"{d.droop_W_per_Hz / 1e3:.4g}", _share(c.S_rated, d.gains.D_p * c.omega_n),
-            f"{d.gains.D_q / 1e3:.4g}", _share(c.S_rated, d.gains.D_q * c.V_rated_rms),
-        )  # fmt: skip
+            *where,
+            f"{d.inertia_s:.3g}",
+            f"{d.droop_W_per_Hz / 1e3:.4g}",
+            _share(c.S_rated, d.gains.D_p * c.omega_n),
+            f"{d.gains.D_q / 1e3:.4g}",
+            _share(c.S_rated, d.gains.D_q * c.V_rated_rms),
+        )
     if designs:
         console.print(points)
         if not all(d.point.V_within_limits for d in designs):

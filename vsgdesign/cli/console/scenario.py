@@ -54,9 +54,12 @@ def new_table(title: str, headings: Sequence[str], left: Sequence[str] = ()) -> 
 
 
 _NO_TIME = {
-    "measured": "not settled", "not settled": "not settled", "window too short": "too short", "unstable": "unstable",
+    "measured": "not settled",
+    "not settled": "not settled",
+    "window too short": "too short",
+    "unstable": "unstable",
     "no steady state": "no rest",
-}  # fmt: skip
+}
 """What stands in place of a settling time, by the status of the event."""
 
 

@@ -49,10 +49,17 @@ class FullOrderCheck:
 
 
 def check_full_order(
-    converter: Converter, filter_: Filter, gains: InnerLoopGains, omega_t: float, box: GridBox, *,
-    target: ClosedFormTarget | None = None, settling_time: float = 1.0, grids: Sequence[GridPoint] | None = None,
+    converter: Converter,
+    filter_: Filter,
+    gains: InnerLoopGains,
+    omega_t: float,
+    box: GridBox,
+    *,
+    target: ClosedFormTarget | None = None,
+    settling_time: float = 1.0,
+    grids: Sequence[GridPoint] | None = None,
     powers_pu: Sequence[float] = POWERS_PU,
-) -> FullOrderCheck:  # fmt: skip
+) -> FullOrderCheck:
     """Modes of the sampled full-order model (:eq:`sampled-map`) with closed-form power loops that know the grid.
 
     ``target`` None: the angle-damped closed form for ``settling_time`` s. ``grids`` None: a lattice over the box.
@@ -81,7 +88,13 @@ def check_full_order(
     worst = int(np.argmin(damping)) if len(at) else -1
     scr, x_over_r, P = at[worst] if at else (float("nan"),) * 3
     return FullOrderCheck(
-        cells=len(points) * len(powers_pu), analysed=len(at), stable=int(stable.sum()),
-        grids=len(seen), stable_grids=len(seen - lost), damping=float(damping[worst]) if at else float("nan"),
-        scr=scr, x_over_r=x_over_r, P=P,
-    )  # fmt: skip
+        cells=len(points) * len(powers_pu),
+        analysed=len(at),
+        stable=int(stable.sum()),
+        grids=len(seen),
+        stable_grids=len(seen - lost),
+        damping=float(damping[worst]) if at else float("nan"),
+        scr=scr,
+        x_over_r=x_over_r,
+        P=P,
+    )

@@ -90,10 +90,17 @@ class Alternative:
 
 
 def design_inner_loops(
-    converter: Converter, filter_: Filter, box: GridBox, *, settling_time: float = 1.0, seed: int = 0,
-    progress: Progress | None = None, target: ClosedFormTarget | None = None, effort: Effort | None = None,
+    converter: Converter,
+    filter_: Filter,
+    box: GridBox,
+    *,
+    settling_time: float = 1.0,
+    seed: int = 0,
+    progress: Progress | None = None,
+    target: ClosedFormTarget | None = None,
+    effort: Effort | None = None,
     starts: Sequence[tuple[InnerLoopGains, float]] = (),
-) -> InnerDesign:  # fmt: skip
+) -> InnerDesign:
     """The inner gains with the largest worst score over the box (:eq:`inner-score`), checked with the power loops.
 
     ``settling_time`` (s): the power loops'. ``progress`` is called many times a second and may raise to stop.
@@ -107,27 +114,53 @@ def design_inner_loops(
     begin = time.perf_counter()
     with one_thread():
         found = search(
-            converter, filter_, box, settling_time=settling_time, seed=seed, effort=effort or Effort(),
-            tell=progress or silent, more_starts=starts,
-        )  # fmt: skip
+            converter,
+            filter_,
+            box,
+            settling_time=settling_time,
+            seed=seed,
+            effort=effort or Effort(),
+            tell=progress or silent,
+            more_starts=starts,
+        )
         score = score_of(box, found.promises, targets(converter, settling_time), *FINE)
         full_order = check_full_order(
             converter, filter_, found.gains, found.omega_t, box, target=target, settling_time=settling_time
         )
     resonance = highest_resonance(converter, filter_, box) / (2.0 * math.pi)
     return InnerDesign(
-        gains=found.gains, omega_t=found.omega_t, box=box, settling_time=settling_time, seed=seed,
-        t=found.t, search_t=found.search_t, start_t=found.start_t, promises=score.promises,
-        stable_grids=int(score.stable.sum()), grids=int(score.stable.size), full_order=full_order,
-        resonance_hz=resonance, sampling_ratio=sampling_ratio(converter, filter_, box),
-        searched=found.grids, evaluations=found.evaluations, seconds=time.perf_counter() - begin,
-    )  # fmt: skip
+        gains=found.gains,
+        omega_t=found.omega_t,
+        box=box,
+        settling_time=settling_time,
+        seed=seed,
+        t=found.t,
+        search_t=found.search_t,
+        start_t=found.start_t,
+        promises=score.promises,
+        stable_grids=int(score.stable.sum()),
+        grids=int(score.stable.size),
+        full_order=full_order,
+        resonance_hz=resonance,
+        sampling_ratio=sampling_ratio(converter, filter_, box),
+        searched=found.grids,
+        evaluations=found.evaluations,
+        seconds=time.perf_counter() - begin,
+    )
 
 
 def what_would_help(
-    converter: Converter, filter_: Filter, box: GridBox, gains: InnerLoopGains, omega_t: float, *,
-    settling_time: float = 1.0, seed: int = 0, progress: Progress | None = None, effort: Effort = FEWER,
-) -> list[Alternative]:  # fmt: skip
+    converter: Converter,
+    filter_: Filter,
+    box: GridBox,
+    gains: InnerLoopGains,
+    omega_t: float,
+    *,
+    settling_time: float = 1.0,
+    seed: int = 0,
+    progress: Progress | None = None,
+    effort: Effort = FEWER,
+) -> list[Alternative]:
     """What twice the sampling, no delay and a larger L_2 would buy: each designed anew, the best t first.
 
     The searches are shorter than a design's and begin, among others, with the present ``gains`` (SI) and ``omega_t``
@@ -146,9 +179,15 @@ def what_would_help(
         with one_thread():
             present = gains._replace(kappa=gains.kappa if c.delay_samples else 0.0)
             result = search(
-                c, f, box, settling_time=settling_time, seed=seed, effort=effort, tell=part,
+                c,
+                f,
+                box,
+                settling_time=settling_time,
+                seed=seed,
+                effort=effort,
+                tell=part,
                 more_starts=[(present, omega_t)],
-            )  # fmt: skip
+            )
         score = score_of(box, result.promises, targets(c, settling_time), *FINE)
         ratio = sampling_ratio(c, f, box)
         found.append(Alternative(name, change, c, f, result.t, score.limiting, ratio))

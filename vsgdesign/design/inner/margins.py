@@ -74,9 +74,16 @@ def margins(law: Complex, circuits: Plants, modes: Complex, omega: Array, scales
     weights = np.concatenate([[half[0]], half[1:] + half[:-1], [half[-1]]]) / (omega[-1] - omega[0])
     z = np.exp(1j * omega * circuits.T_s)
     return _margins(
-        np.ascontiguousarray(law), plant.numerator, plant.denominator, plant.late, np.ascontiguousarray(modes), z,
-        weights, scales, circuits.T_s,
-    )  # fmt: skip
+        np.ascontiguousarray(law),
+        plant.numerator,
+        plant.denominator,
+        plant.late,
+        np.ascontiguousarray(modes),
+        z,
+        weights,
+        scales,
+        circuits.T_s,
+    )
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
@@ -119,9 +126,16 @@ def _at(K: Any, G: Any) -> Any:
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _margins(
-    laws: Any, numerators: Any, denominators: Any, late: complex, modes: Any, z: Any, weights: Any, scales: Any,
+    laws: Any,
+    numerators: Any,
+    denominators: Any,
+    late: complex,
+    modes: Any,
+    z: Any,
+    weights: Any,
+    scales: Any,
     T_s: float,
-) -> Any:  # fmt: skip
+) -> Any:
     count_laws, count_plants, points = len(laws), len(numerators), len(z)
     G = np.empty((count_plants, points, MEASURED), dtype=np.complex128)
     for g in range(count_plants):

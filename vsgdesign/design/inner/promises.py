@@ -95,9 +95,15 @@ class Bench:
 
 
 def bench_of(
-    converter: Converter, filter_: Filter, basis: str, grids: Sequence[GridPoint], off_grids: Sequence[GridPoint],
-    *, settling_time: float = 1.0, points: int = POINTS,
-) -> Bench:  # fmt: skip
+    converter: Converter,
+    filter_: Filter,
+    basis: str,
+    grids: Sequence[GridPoint],
+    off_grids: Sequence[GridPoint],
+    *,
+    settling_time: float = 1.0,
+    points: int = POINTS,
+) -> Bench:
     """The bench of ``grids`` (all promises but tolerance) and ``off_grids`` (tolerance), each SCR and X/R."""
     settings = controller_settings(converter, filter_)
     delay, omega = converter.delay_samples, converter.omega_n
@@ -113,9 +119,15 @@ def bench_of(
     both = joined([nominal, off])
     scales = np.array([1.0, 1.0 / converter.Z_base, 1.0 / converter.Z_base])
     return Bench(
-        settings, targets(converter, settling_time), nominal, both, frequencies(settings.T_s, points), scales,
-        tuple(grids), tuple(off_grids),
-    )  # fmt: skip
+        settings,
+        targets(converter, settling_time),
+        nominal,
+        both,
+        frequencies(settings.T_s, points),
+        scales,
+        tuple(grids),
+        tuple(off_grids),
+    )
 
 
 def controller_settings(converter: Converter, filter_: Filter) -> ControllerSettings:

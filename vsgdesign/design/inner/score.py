@@ -73,9 +73,16 @@ def limiting(promises: tuple[PromiseReached, ...]) -> PromiseReached:
 
 
 def score_inner_loops(
-    converter: Converter, filter_: Filter, gains: InnerLoopGains, omega_t: float, box: GridBox, *,
-    settling_time: float = 1.0, scr: int = LATTICE[0], x_over_r: int = LATTICE[1],
-) -> InnerScore:  # fmt: skip
+    converter: Converter,
+    filter_: Filter,
+    gains: InnerLoopGains,
+    omega_t: float,
+    box: GridBox,
+    *,
+    settling_time: float = 1.0,
+    scr: int = LATTICE[0],
+    x_over_r: int = LATTICE[1],
+) -> InnerScore:
     """Every promise of given inner gains (SI, ω_t in rad/s) on ``scr`` × ``x_over_r`` grids (:eq:`inner-score`).
 
     ``settling_time`` (s) is the power loops': the slowest decay is held against it. Raises StudyError with every fault
@@ -109,9 +116,15 @@ def score_of(box: GridBox, promises: Promises, targets: Targets, scr: int, x_ove
     by_grid = Promises(*(value.T for value in promises))  # each grid as a gain set of one grid
     t_map = worst_score(by_grid, targets).reshape(shape)
     return InnerScore(
-        *axes, box.basis, Promises(*(value[0].reshape(shape) for value in promises)), targets, t_map,
-        promises.decay[0].reshape(shape) > 0.0, float(worst_score(promises, targets)[0]), tuple(reached),
-    )  # fmt: skip
+        *axes,
+        box.basis,
+        Promises(*(value[0].reshape(shape) for value in promises)),
+        targets,
+        t_map,
+        promises.decay[0].reshape(shape) > 0.0,
+        float(worst_score(promises, targets)[0]),
+        tuple(reached),
+    )
 
 
 def check_gains(converter: Converter, gains: InnerLoopGains, omega_t: float, settling_time: float) -> None:

@@ -99,9 +99,16 @@ class _Run:
 
 
 def search(
-    converter: Converter, filter_: Filter, box: GridBox, *, settling_time: float, seed: int, effort: Effort,
-    tell: Progress, more_starts: Sequence[tuple[InnerLoopGains, float]] = (),
-) -> Found:  # fmt: skip
+    converter: Converter,
+    filter_: Filter,
+    box: GridBox,
+    *,
+    settling_time: float,
+    seed: int,
+    effort: Effort,
+    tell: Progress,
+    more_starts: Sequence[tuple[InnerLoopGains, float]] = (),
+) -> Found:
     """The gains with the largest t (:eq:`inner-score`). Equal arguments give equal digits; one thread."""
     space = variables(converter, filter_)
     coarse = lattice(box, *COARSE)
@@ -149,9 +156,15 @@ def search(
     gains, omega_t = space.decode(x[None])
     start_t = max(float(worst_score(evaluate(fine, *_as_arrays(*start)), fine.targets)[0]) for start in closed_forms)
     return Found(
-        InnerLoopGains(*(float(value[0]) for value in gains)), float(omega_t[0]), t, search_t, start_t, promises,
-        evaluations, tuple(grids),
-    )  # fmt: skip
+        InnerLoopGains(*(float(value[0]) for value in gains)),
+        float(omega_t[0]),
+        t,
+        search_t,
+        start_t,
+        promises,
+        evaluations,
+        tuple(grids),
+    )
 
 
 def _score_on(space: Variables, bench: Bench) -> Callable[[Array], Array]:

@@ -26,15 +26,29 @@ def angle_damped_target(settling_time: float) -> ClosedFormTarget:
     default = ClosedFormTarget(1.0, 1.0, 0.01, 0.0, 0.0, structure="angle_damped", follow_references=True)
     pace = default.settling_time / settling_time
     return ClosedFormTarget(
-        settling_time, 1.0, 0.01, 0.0, 0.0, structure="angle_damped", follow_references=True,
-        k_1=default.k_1 * pace * pace, d_1=default.d_1 * pace, k_2=default.k_2 * pace,
-    )  # fmt: skip
+        settling_time,
+        1.0,
+        0.01,
+        0.0,
+        0.0,
+        structure="angle_damped",
+        follow_references=True,
+        k_1=default.k_1 * pace * pace,
+        d_1=default.d_1 * pace,
+        k_2=default.k_2 * pace,
+    )
 
 
 def study_of(
-    converter: Converter, filter_: Filter, gains: InnerLoopGains, omega_t: float, box: GridBox | None = None, *,
-    target: ClosedFormTarget | None = None, tau: float = POWER_FILTER,
-) -> Study:  # fmt: skip
+    converter: Converter,
+    filter_: Filter,
+    gains: InnerLoopGains,
+    omega_t: float,
+    box: GridBox | None = None,
+    *,
+    target: ClosedFormTarget | None = None,
+    tau: float = POWER_FILTER,
+) -> Study:
     """A study with one controller on the box's strongest, least resistive grid and a nominal source.
 
     ``gains`` in SI, ``omega_t`` in rad/s, ``tau`` in s. Its hash is empty: it is no file's.
@@ -43,11 +57,22 @@ def study_of(
     target = target or angle_damped_target(1.0)
     c = converter
     return Study(
-        name="inner_loops", title="inner loops", source="", converter=c, filter=filter_, inner_gains=gains,
+        name="inner_loops",
+        title="inner loops",
+        source="",
+        converter=c,
+        filter=filter_,
+        inner_gains=gains,
         grid=grid_from_scr(box.scr[1], box.x_over_r[1], box.basis, c),
-        grid_source=GridSource(c.V_rated_rms, c.omega_n), scr_basis=box.basis, target=target,
-        tau_P=tau, tau_Q=tau, omega_t=omega_t,
+        grid_source=GridSource(c.V_rated_rms, c.omega_n),
+        scr_basis=box.basis,
+        target=target,
+        tau_P=tau,
+        tau_Q=tau,
+        omega_t=omega_t,
         controllers=(ControllerSpec("scheduled", "scheduled", target),),
-        simulation=SimulationSpec(1.0, "averaged", "steady_state", c.T_s, 0.0, 0.0, 0.0), events=(),
-        stability=StabilitySpec((1.0,), (1.0,), (0.0,), (0.0,), (0.0,), Gates()), hash="",
-    )  # fmt: skip
+        simulation=SimulationSpec(1.0, "averaged", "steady_state", c.T_s, 0.0, 0.0, 0.0),
+        events=(),
+        stability=StabilitySpec((1.0,), (1.0,), (0.0,), (0.0,), (0.0,), Gates()),
+        hash="",
+    )

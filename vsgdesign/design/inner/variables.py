@@ -55,21 +55,30 @@ class Variables:
             value[name] = np.exp(value[name])
         K_pc, K_pv = self.K_pc * value["k_c"], value["k_v"] / self.Z_base
         gains = InnerLoopGains(
-            K_pv=K_pv, K_iv=K_pv * value["r_v"] * self.omega_n,
-            K_pc=K_pc, K_ic=K_pc * value["r_c"] * self.omega_n,
-            K_ff=value["K_ff"], R_t=value["R_t"] * self.Z_base, X_t=value["X_t"] * self.Z_base,
+            K_pv=K_pv,
+            K_iv=K_pv * value["r_v"] * self.omega_n,
+            K_pc=K_pc,
+            K_ic=K_pc * value["r_c"] * self.omega_n,
+            K_ff=value["K_ff"],
+            R_t=value["R_t"] * self.Z_base,
+            X_t=value["X_t"] * self.Z_base,
             kappa=value.get("kappa", np.zeros(len(y))),
-        )  # fmt: skip
+        )
         return gains, value["omega_t"] * self.omega_n
 
     def encode(self, gains: InnerLoopGains, omega_t: float) -> Array:
         """The point (n,) of one gain set, moved into the box."""
         value = {
-            "k_c": gains.K_pc / self.K_pc, "k_v": gains.K_pv * self.Z_base,
-            "r_v": gains.K_iv / gains.K_pv / self.omega_n, "r_c": gains.K_ic / gains.K_pc / self.omega_n,
-            "R_t": gains.R_t / self.Z_base, "omega_t": omega_t / self.omega_n,
-            "K_ff": gains.K_ff, "X_t": gains.X_t / self.Z_base, "kappa": gains.kappa,
-        }  # fmt: skip
+            "k_c": gains.K_pc / self.K_pc,
+            "k_v": gains.K_pv * self.Z_base,
+            "r_v": gains.K_iv / gains.K_pv / self.omega_n,
+            "r_c": gains.K_ic / gains.K_pc / self.omega_n,
+            "R_t": gains.R_t / self.Z_base,
+            "omega_t": omega_t / self.omega_n,
+            "K_ff": gains.K_ff,
+            "X_t": gains.X_t / self.Z_base,
+            "kappa": gains.kappa,
+        }
         tiny = np.finfo(float).tiny
         y = [np.log(max(value[n], tiny)) if n in NAMES[:LOGARITHMIC] else value[n] for n in self.names]
         return np.clip((np.array(y, dtype=float) - self.low) / (self.high - self.low), 0.0, 1.0)
@@ -85,7 +94,7 @@ def variables(converter: Converter, filter_: Filter) -> Variables:
 
 def closed_form_starts(
     converter: Converter, filter_: Filter, sampling_ratio: float
-) -> list[tuple[InnerLoopGains, float]]:  # fmt: skip
+) -> list[tuple[InnerLoopGains, float]]:
     """Gains in SI with ω_t in rad/s that the search begins with (:eq:`inner-start`).
 
     With a delay and a low ``sampling_ratio`` (sampling frequency over the highest resonance) there are two.

@@ -59,6 +59,10 @@ def block_equation(record: Record, guess: Grid) -> BlockEquation:
         error = 0.5 * (block_v + Z_sq * block_i) + 2.0 * (guess.L_g / T) ** 2 * block_i
         variance.append(0.5 * error / record.V_base**2)  # of one of two components
     return BlockEquation(
-        0.5 * (v[:, 1:] + v[:, :-1]) / record.V_base, mean_i * scale, slope * scale / record.omega_n,
-        np.array(variance) + _MODEL_VARIANCE, T, per_window,
-    )  # fmt: skip
+        0.5 * (v[:, 1:] + v[:, :-1]) / record.V_base,
+        mean_i * scale,
+        slope * scale / record.omega_n,
+        np.array(variance) + _MODEL_VARIANCE,
+        T,
+        per_window,
+    )

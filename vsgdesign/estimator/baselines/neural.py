@@ -34,7 +34,10 @@ class NeuralMethod:
             self.weights, sample_interval=record.sample_interval, channels=window.channels, grid_phase=True
         )
         half = window.length // 2
-        found = np.array([
-            [estimator.estimate(one[:half], one[half:])[:2] for one in run] for run in record.channels[window.channels]
-        ])  # fmt: skip
+        found = np.array(
+            [
+                [estimator.estimate(one[:half], one[half:])[:2] for one in run]
+                for run in record.channels[window.channels]
+            ]
+        )
         return Estimates(found[:, :, 0], found[:, :, 1])

@@ -164,13 +164,19 @@ def measure(runs: Sequence[Run], draws: int = 1) -> Record:
                 windows.append(taken(channels, run.vectors if channels == "dq" else run.synchronised))
     repeated = [run for run in runs for _ in range(draws)]
     return Record(
-        np.array(v), np.array(i), {name: np.array(windows) for name, windows in seen.items()},
+        np.array(v),
+        np.array(i),
+        {name: np.array(windows) for name, windows in seen.items()},
         np.array([run.omega for run in repeated]),
         np.array([[grid.R_g for grid in run.grids] for run in repeated]),
         np.array([[grid.L_g for grid in run.grids] for run in repeated]),
         tuple(sensor_noise(c, run.noise, run.recipe.adc_bits, run.recipe.adc_range_pu) for run in repeated),
-        first.recipe.sample_interval, n, rms_to_peak(c.V_rated_rms), c.Z_base, c.omega_n,
-    )  # fmt: skip
+        first.recipe.sample_interval,
+        n,
+        rms_to_peak(c.V_rated_rms),
+        c.Z_base,
+        c.omega_n,
+    )
 
 
 def held(values: Array, valid: NDArray[np.bool_]) -> Array:

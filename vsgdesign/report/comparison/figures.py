@@ -48,9 +48,11 @@ def _promises(comparison: Comparison) -> NamedFigure:
     width = (COLUMN_IN - _LEFT - _RIGHT - (_ROW - 1) * _BETWEEN_X) / _ROW
     height = 0.85 * width
     names = (
-        f"kept, estimate wrong by {error_of(comparison)}", "kept, exact estimate only", "not kept",
+        f"kept, estimate wrong by {error_of(comparison)}",
+        "kept, exact estimate only",
+        "not kept",
         "unstable, or no gains",
-    )  # fmt: skip
+    )
     entries = [Patch(linewidth=0.0, **LOOKS[state]) for state in STATES]
     if comparison.outside:
         entries.append(Patch(**NO_POINT))
@@ -70,9 +72,15 @@ def _promises(comparison: Comparison) -> NamedFigure:
         if column == 0:
             axes.set_ylabel("SCR")
     figure.legend(
-        entries, names, ncols=2, loc="lower left", bbox_to_anchor=(_LEFT / COLUMN_IN, 0.02 / total), handleheight=1.0,
-        handlelength=1.4, columnspacing=1.0,
-    )  # fmt: skip
+        entries,
+        names,
+        ncols=2,
+        loc="lower left",
+        bbox_to_anchor=(_LEFT / COLUMN_IN, 0.02 / total),
+        handleheight=1.0,
+        handlelength=1.4,
+        columnspacing=1.0,
+    )
     spec = comparison.specification
     caption = (
         f"Each cell is a grid, at the worst of its powers: overshoot ≤ {plain(100.0 * spec.overshoot)} %, settling ≤ "
@@ -105,6 +113,11 @@ def _panel(axes: Any, comparison: Comparison, compared: Compared) -> None:
         set_ticks(at, [plain(values[k], 2) for k in at])
     axes.set_title(label(compared.contender.name), pad=9.0)
     axes.text(
-        0.0, 1.025, f"{share(compared.share('kept', 'kept_exact'))} %, {share(compared.share('kept'))} %",
-        transform=axes.transAxes, fontsize=TEXT_PT - 1.0, color="#444444", va="bottom",
-    )  # fmt: skip
+        0.0,
+        1.025,
+        f"{share(compared.share('kept', 'kept_exact'))} %, {share(compared.share('kept'))} %",
+        transform=axes.transAxes,
+        fontsize=TEXT_PT - 1.0,
+        color="#444444",
+        va="bottom",
+    )

@@ -20,28 +20,49 @@ def promises_table(comparison: Comparison) -> Table:
     for k, compared in enumerate(comparison.contenders):
         s = summary_of(compared)
         exact, wrong = s["worst_exact"], s["worst_wrong"]
-        rows.append((
-            label(s["name"]), s["structure"].replace("_", "-"), ORIGINS[s["origin"]],
-            share(s["kept_exact"]), share(s["kept_wrong"]), share(s["shares"]["unstable"]),
-            share(s["kept_exact_ideal"]), share(s["kept_wrong_ideal"]),
-            *(reached(side["overshoot"], 100.0) for side in (exact, wrong)),
-            *(reached(side["settling_time"]) for side in (exact, wrong)),
-            *(reached(side["disk_margin"]) for side in (exact, wrong)),
-            *((span(s["inertia_s"]),) if bounds_inertia(comparison) else ()), breaks(s["broken"]),
-        ))  # fmt: skip
+        rows.append(
+            (
+                label(s["name"]),
+                s["structure"].replace("_", "-"),
+                ORIGINS[s["origin"]],
+                share(s["kept_exact"]),
+                share(s["kept_wrong"]),
+                share(s["shares"]["unstable"]),
+                share(s["kept_exact_ideal"]),
+                share(s["kept_wrong_ideal"]),
+                *(reached(side["overshoot"], 100.0) for side in (exact, wrong)),
+                *(reached(side["settling_time"]) for side in (exact, wrong)),
+                *(reached(side["disk_margin"]) for side in (exact, wrong)),
+                *((span(s["inertia_s"]),) if bounds_inertia(comparison) else ()),
+                breaks(s["broken"]),
+            )
+        )
         if s["kept_wrong"] < 1.0:
             flagged.add(k)
     inertia = ((inertia_asked(comparison), 1),) if bounds_inertia(comparison) else ()
     head = (
-        "Gains", "Structure", "From", "exact", error_of(comparison), "unstable", "exact", error_of(comparison),
-        *(("exact", "wrong") * 3), *("" for _ in inertia), "on grids",
-    )  # fmt: skip
+        "Gains",
+        "Structure",
+        "From",
+        "exact",
+        error_of(comparison),
+        "unstable",
+        "exact",
+        error_of(comparison),
+        *(("exact", "wrong") * 3),
+        *("" for _ in inertia),
+        "on grids",
+    )
     groups = (
-        ("", 3), ("grids kept [%]", 3), ("with ideal inner loops [%]", 2),
+        ("", 3),
+        ("grids kept [%]", 3),
+        ("with ideal inner loops [%]", 2),
         (f"overshoot ≤ {plain(100.0 * spec.overshoot)} [%]", 2),
-        (f"settling ≤ {plain(spec.settling_time)} [s]", 2), (f"disk margin ≥ {plain(spec.disk_margin)}", 2), *inertia,
+        (f"settling ≤ {plain(spec.settling_time)} [s]", 2),
+        (f"disk margin ≥ {plain(spec.disk_margin)}", 2),
+        *inertia,
         ("breaks, exact estimate", 1),
-    )  # fmt: skip
+    )
     notes = (
         "Kept: every promise, with the real inner loops, delay and sampling (full-order model) and with ideal ones. "
         "Overshoot, settling and disk margin are those with ideal inner loops. "
@@ -49,8 +70,7 @@ def promises_table(comparison: Comparison) -> Table:
         "or a step does not settle. Fixed gains know no estimate. A coloured row does not meet the specification "
         "everywhere.",
     )
-    return Table("What each keeps", head, tuple(rows), texts=3, groups=groups, notes=notes,
-                 flagged=frozenset(flagged))  # fmt: skip
+    return Table("What each keeps", head, tuple(rows), texts=3, groups=groups, notes=notes, flagged=frozenset(flagged))
 
 
 def services_table(comparison: Comparison) -> Table:
@@ -59,11 +79,17 @@ def services_table(comparison: Comparison) -> Table:
     for compared in comparison.contenders:
         s = summary_of(compared)
         emt, asked = s["emt"], s["droop_asked_W_per_Hz"]
-        rows.append((
-            label(s["name"]), span(s["droop_W_per_Hz"], 1e3), DASH if asked is None else number(asked / 1e3),
-            span(s["inertia_s"]), f"{emt['steps'] - emt['not_settled']} of {emt['steps']}" if emt["steps"] else DASH,
-            number(100.0 * emt["overshoot"]), number(emt["settling_time"]),
-        ))  # fmt: skip
+        rows.append(
+            (
+                label(s["name"]),
+                span(s["droop_W_per_Hz"], 1e3),
+                DASH if asked is None else number(asked / 1e3),
+                span(s["inertia_s"]),
+                f"{emt['steps'] - emt['not_settled']} of {emt['steps']}" if emt["steps"] else DASH,
+                number(100.0 * emt["overshoot"]),
+                number(emt["settling_time"]),
+            )
+        )
     head = ("Gains", "delivered", "asked", "H [s]", "settled", "overshoot [%]", "settling [s]")
     groups = (("", 1), ("P–f droop [kW/Hz]", 2), ("", 1), ("steps in EMT", 3))
     notes = (
@@ -100,7 +126,7 @@ def specification_table(comparison: Comparison) -> Table:
         ("Q", f"{plain_quantity(min(box.Q), 'var')} to {plain_quantity(max(box.Q), 'var')}"),
         ("Estimate", f"R within ±{plain(100.0 * box.error_R)} %, X within ±{plain(100.0 * box.error_X)} %"),
         ("Grids", f"{len(comparison.contenders[0].grids)} compared, {len(comparison.outside)} outside the limits"),
-    )  # fmt: skip
+    )
     return Table("What is asked", ("Quantity", "Value"), rows, texts=2)
 
 
@@ -145,9 +171,14 @@ def inertia_asked(comparison: Comparison) -> str:
 
 
 BREAKS = {
-    "unstable": "unstable", "overshoot": "overshoot", "settling_time": "settling", "disk_margin": "disk margin",
-    "damping_ratio": "damping", "H_min": "H too small", "H_max": "H too large",
-}  # fmt: skip
+    "unstable": "unstable",
+    "overshoot": "overshoot",
+    "settling_time": "settling",
+    "disk_margin": "disk margin",
+    "damping_ratio": "damping",
+    "H_min": "H too small",
+    "H_max": "H too large",
+}
 
 
 def breaks(counts: dict[str, int]) -> str:

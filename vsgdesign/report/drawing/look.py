@@ -19,8 +19,15 @@ UNSTABLE: dict[str, Any] = {"facecolor": "#3A2A45", "edgecolor": "#F2F2F2", "hat
 NO_POINT: dict[str, Any] = {"facecolor": "#ECECEC", "edgecolor": "#ECECEC", "linewidth": 0.0}
 GATE_LINE: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "zorder": 5}
 CROSS: dict[str, Any] = {"marker": "x", "markersize": 2.6, "markeredgewidth": 0.6, "color": "#8A8A8A", "linestyle": ""}
-OUTSIDE: dict[str, Any] = {"marker": "o", "markersize": 3.0, "markeredgewidth": 0.7, "markerfacecolor": "#FFFFFF",
-                           "markeredgecolor": "#000000", "linestyle": "", "zorder": 6}  # fmt: skip
+OUTSIDE: dict[str, Any] = {
+    "marker": "o",
+    "markersize": 3.0,
+    "markeredgewidth": 0.7,
+    "markerfacecolor": "#FFFFFF",
+    "markeredgecolor": "#000000",
+    "linestyle": "",
+    "zorder": 6,
+}
 PARTIAL: dict[str, Any] = {"marker": ".", "markersize": 3.0, "color": "#000000", "linestyle": "", "zorder": 6}
 
 
@@ -108,13 +115,15 @@ def _oklch(L: Array, C: Array, h_deg: Array) -> Array:
     """sRGB of OKLCh colours: even steps of L look even."""
     a, b = C * np.cos(np.radians(h_deg)), C * np.sin(np.radians(h_deg))
     lms = (
-        np.stack([
-            L + 0.3963377774 * a + 0.2158037573 * b,
-            L - 0.1055613458 * a - 0.0638541728 * b,
-            L - 0.0894841775 * a - 1.2914855480 * b,
-        ])
+        np.stack(
+            [
+                L + 0.3963377774 * a + 0.2158037573 * b,
+                L - 0.1055613458 * a - 0.0638541728 * b,
+                L - 0.0894841775 * a - 1.2914855480 * b,
+            ]
+        )
         ** 3
-    )  # fmt: skip
+    )
     to_rgb = np.array(
         [
             [4.0767416621, -3.3077115913, 0.2309699292],
@@ -225,9 +234,18 @@ def draw_cells(axes: Any, cells: Cells, scale: Scale, width_in: float, height_in
     axes.set_yscale("log" if cells.y_log else "linear")
     shown = np.where(cells.unstable | cells.missing, np.nan, scale(cells.values))
     axes.pcolormesh(
-        x, y, np.ma.masked_invalid(shown.T), cmap=scale.colours(), vmin=0.0, vmax=1.0, zorder=1,
-        edgecolors="face", linewidth=0.4, rasterized=raster, clip_on=False,
-    )  # fmt: skip
+        x,
+        y,
+        np.ma.masked_invalid(shown.T),
+        cmap=scale.colours(),
+        vmin=0.0,
+        vmax=1.0,
+        zorder=1,
+        edgecolors="face",
+        linewidth=0.4,
+        rasterized=raster,
+        clip_on=False,
+    )
     for mask, style in ((cells.missing, NO_POINT), (cells.unstable, UNSTABLE)):
         if mask.any():
             boxes = [_box(x, y, i, j) for i, j in np.argwhere(mask)]

@@ -98,9 +98,12 @@ def _map_figure(frame: Frame, rows: Sequence[Sequence[Panel]], scale: Scale) -> 
     colour_bar(figure, place, scale, frame.bar_label, beyond)
     if entries:
         figure.legend(
-            *zip(*entries, strict=True), ncols=min(per_row, len(entries)), loc="lower left",
-            bbox_to_anchor=(_LEFT / total, 0.03 / height), handleheight=1.1,
-        )  # fmt: skip
+            *zip(*entries, strict=True),
+            ncols=min(per_row, len(entries)),
+            loc="lower left",
+            bbox_to_anchor=(_LEFT / total, 0.03 / height),
+            handleheight=1.1,
+        )
     return NamedFigure(frame.name, frame.title, frame.caption, figure, frame.part)
 
 

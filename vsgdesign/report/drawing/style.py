@@ -23,9 +23,15 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 """Okabe and Ito's colour-blind-safe palette (grey instead of its yellow, which white paper swallows)."""
 
 DASHES: tuple[Any, ...] = (
-    "-", (0, (5, 1.2)), (0, (5, 1.2, 1.2, 1.2)), (0, (1.3, 1.1)),
-    (0, (8, 1.5)), (0, (5, 1, 1, 1, 1, 1)), (0, (2.5, 1)), (0, (9, 1.5, 2, 1.5)),
-)  # fmt: skip
+    "-",
+    (0, (5, 1.2)),
+    (0, (5, 1.2, 1.2, 1.2)),
+    (0, (1.3, 1.1)),
+    (0, (8, 1.5)),
+    (0, (5, 1, 1, 1, 1, 1)),
+    (0, (2.5, 1)),
+    (0, (9, 1.5, 2, 1.5)),
+)
 """A line style per colour, so that grey print tells the curves apart too."""
 
 REFERENCE: dict[str, Any] = {"color": "#222222", "linestyle": (0, (2.2, 1.6)), "linewidth": 0.7, "zorder": 2.2}

@@ -114,8 +114,12 @@ def draw_labels(axes: Any, labels: EventLabels, unit: TimeUnit) -> None:
             xycoords=("data", "axes fraction"),
             xytext=(0.0, 2.5 + label.row * LABEL_ROW_IN * 72.0),
             textcoords="offset points",
-            ha=label.align, va="bottom", fontsize=TEXT_PT, color=NOTE_COLOUR, annotation_clip=False,
-        )  # fmt: skip
+            ha=label.align,
+            va="bottom",
+            fontsize=TEXT_PT,
+            color=NOTE_COLOUR,
+            annotation_clip=False,
+        )
 
 
 def whole_scenario(axes: Any, duration_s: float, unit: TimeUnit, label: bool = True) -> None:

@@ -163,8 +163,18 @@ def _grid_step(steps: Sequence[GridStep]) -> NamedFigure:
         axes.set_xlim(t_ms[0], t_ms[-1])
         delay = 1e3 * float(np.median(step.delay))
         words = f"within 10 % after {delay:.0f} ms" if np.isfinite(delay) else "not within 10 %"
-        axes.text(0.96, 0.93, words, transform=axes.transAxes, ha="right", va="top", fontsize=6.5, color=NOTE_COLOUR,
-                  bbox={"facecolor": "#FFFFFF", "edgecolor": "none", "alpha": 0.85, "pad": 1.0}, zorder=5)  # fmt: skip
+        axes.text(
+            0.96,
+            0.93,
+            words,
+            transform=axes.transAxes,
+            ha="right",
+            va="top",
+            fontsize=6.5,
+            color=NOTE_COLOUR,
+            bbox={"facecolor": "#FFFFFF", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
+            zorder=5,
+        )
         axes.set_title(step.method)
         if k >= len(steps) - columns:
             axes.set_xlabel("Time after the change [ms]")
@@ -195,9 +205,12 @@ def _stress(found: Stress) -> NamedFigure:
         axes.set_title(title)
     place = panels[-1].get_position()
     figure.legend(
-        panels[0].lines[: len(found.methods)], found.methods, loc="upper left",
-        bbox_to_anchor=(place.x1 + 0.06, place.y1), ncols=2 if len(found.results) % columns == 1 else 1,
-    )  # fmt: skip
+        panels[0].lines[: len(found.methods)],
+        found.methods,
+        loc="upper left",
+        bbox_to_anchor=(place.x1 + 0.06, place.y1),
+        ncols=2 if len(found.results) % columns == 1 else 1,
+    )
     caption = (
         "How to read: rms error |Ẑ − Z|/|Z|, one quantity at a time taken from its nominal value (dotted); otherwise "
         f"SCR 8, X/R 1, {found.f_n:g} Hz, ideal sensors. Shaded: 10 % and better. "

@@ -25,9 +25,15 @@ def write_comparison_page(study: str, found: Comparison, figures: Sequence[Writt
         ("After a change of grid", [delay_table(found)], 3, ()),
     )
     return write_html(
-        out_path, "estimator.html.j2", figures, title="Impedance estimators compared", study=study,
-        conclusion=comparison_conclusion(found), parts=parts, weights=found.weights,
-    )  # fmt: skip
+        out_path,
+        "estimator.html.j2",
+        figures,
+        title="Impedance estimators compared",
+        study=study,
+        conclusion=comparison_conclusion(found),
+        parts=parts,
+        weights=found.weights,
+    )
 
 
 def write_stress_page(study: str, found: Stress, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
@@ -38,9 +44,15 @@ def write_stress_page(study: str, found: Stress, figures: Sequence[WrittenFigure
         ("Errors", [stress_table(found, k) for k in range(len(found.results))], 0, ()),
     )
     return write_html(
-        out_path, "estimator.html.j2", figures, title="Impedance estimators under stress", study=study,
-        conclusion=stress_conclusion(found), parts=parts, weights=found.weights,
-    )  # fmt: skip
+        out_path,
+        "estimator.html.j2",
+        figures,
+        title="Impedance estimators under stress",
+        study=study,
+        conclusion=stress_conclusion(found),
+        parts=parts,
+        weights=found.weights,
+    )
 
 
 def accuracy_table(found: Comparison) -> Table:

@@ -67,9 +67,12 @@ def _histogram(trained: TrainedEstimator) -> NamedFigure:
             handles = [patches[0] for patches in bars[2]]
             labels = [f"{name} ({len(trained.parts[name].truth)})" for name in PARTS]
             figure.legend(
-                handles, labels, ncols=3, loc="upper left",
+                handles,
+                labels,
+                ncols=3,
+                loc="upper left",
                 bbox_to_anchor=(left / PAGE_IN, 1.0 - 0.05 / (bottom + height + top)),
-            )  # fmt: skip
+            )
     caption = (
         f"Errors of the network on the windows of recipe {trained.weights.recipe.get('name')}, in {_BINS} bins, the "
         "three parts stacked. Windows of one run are in one part only."
@@ -91,9 +94,16 @@ def _regression(trained: TrainedEstimator) -> NamedFigure:
             ends = [low - room, high + room]
             # Thousands of points: as pixels, also where the figure is a drawing.
             axes.plot(
-                truth, estimate, linestyle="", marker="o", markersize=3.0, markerfacecolor="none",
-                markeredgewidth=0.6, color=COLOURS[column], rasterized=True,
-            )  # fmt: skip
+                truth,
+                estimate,
+                linestyle="",
+                marker="o",
+                markersize=3.0,
+                markerfacecolor="none",
+                markeredgewidth=0.6,
+                color=COLOURS[column],
+                rasterized=True,
+            )
             slope, offset = np.polyfit(truth, estimate, 1)
             axes.plot(ends, slope * np.array(ends) + offset, color=COLOURS[column], linewidth=0.9)
             axes.plot(ends, ends, **REFERENCE)
@@ -101,9 +111,14 @@ def _regression(trained: TrainedEstimator) -> NamedFigure:
             axes.set_ylim(ends)
             axes.set_title(f"{name}: R = {_correlation(part.correlation[output])}")
             axes.text(
-                0.95, 0.05, f"slope {slope:.5g}\noffset {offset:+.2g} {unit}".replace("-", "−"),
-                transform=axes.transAxes, ha="right", va="bottom", color=NOTE_COLOUR,
-            )  # fmt: skip
+                0.95,
+                0.05,
+                f"slope {slope:.5g}\noffset {offset:+.2g} {unit}".replace("-", "−"),
+                transform=axes.transAxes,
+                ha="right",
+                va="bottom",
+                color=NOTE_COLOUR,
+            )
             axes.locator_params(nbins=_MOST_TICKS)
             axes.set_xlabel(f"Target ${symbol}_g$ [{unit}]")
             if column == 0:

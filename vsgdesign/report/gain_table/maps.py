@@ -23,15 +23,23 @@ MARGINS, GAINS = 2, 3
 """Parts of the page."""
 
 SYMBOLS = {
-    "k_1": "$k_1$", "d_1": "$d_1$", "k_2": "$k_2$", "H": "$H$", "zeta": "ζ", "q": "$q$",
-    "share_P": r"$\lambda_P$", "share_Q": r"$\lambda_Q$",
-}  # fmt: skip
+    "k_1": "$k_1$",
+    "d_1": "$d_1$",
+    "k_2": "$k_2$",
+    "H": "$H$",
+    "zeta": "ζ",
+    "q": "$q$",
+    "share_P": r"$\lambda_P$",
+    "share_Q": r"$\lambda_Q$",
+}
 UNITS = {"k_1": "1/s²", "d_1": "1/s", "k_2": "1/s", "H": "s"}
 
 _ASKED = {
-    "overshoot": ("overshoot", 100.0), "settling": ("settling_time", 1.0), "disk": ("disk_margin", 1.0),
+    "overshoot": ("overshoot", 100.0),
+    "settling": ("settling_time", 1.0),
+    "disk": ("disk_margin", 1.0),
     "least": ("damping_ratio", 1.0),
-}  # fmt: skip
+}
 """First word of a margin: the key of the specification that bounds it, and the factor to its unit."""
 
 

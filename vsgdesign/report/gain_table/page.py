@@ -32,13 +32,20 @@ LAWS = {
 
 _BOX_UNITS = {"P": "W", "Q": "var", "V_g_rms": "V", "omega_g": "rad/s", "rate": "1/s"}
 SPECIFICATION_UNITS = {
-    "settling_time": "s", "H": "s", "H_min": "s", "H_max": "s", "bandwidth_max": "1/s",
+    "settling_time": "s",
+    "H": "s",
+    "H_min": "s",
+    "H_max": "s",
+    "bandwidth_max": "1/s",
     **{f"box.{name}": unit for name, unit in _BOX_UNITS.items()},
-}  # fmt: skip
+}
 CERTIFICATE_UNITS = {
-    "decay": "1/s", "sampled": "1/s", "gap.decay": "1/s", "largest": "1/s",
+    "decay": "1/s",
+    "sampled": "1/s",
+    "gap.decay": "1/s",
+    "largest": "1/s",
     **{f"region.{name}": unit for name, unit in _BOX_UNITS.items()},
-}  # fmt: skip
+}
 
 
 def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
@@ -93,10 +100,15 @@ def identity_table(table: GainTable) -> Table:
         ("Law", LAWS[table.law]),
         ("Study", table.study),
         ("Designed from", f"design hash {table.design_hash[:16]}…" if table.design_hash else "not kept"),
-        ("Converter", f"{plain_quantity(b.S_rated, 'VA')}, {plain_quantity(b.V_rated_rms, 'V')} phase rms, "
-                      f"{plain(b.omega_n / (2.0 * math.pi))} Hz"),
-        ("Grid-side inductor", "none" if b.L_2 == b.R_2 == 0.0 else
-         f"{plain_quantity(b.L_2, 'H')}, {plain_quantity(b.R_2, 'Ω')}"),
+        (
+            "Converter",
+            f"{plain_quantity(b.S_rated, 'VA')}, {plain_quantity(b.V_rated_rms, 'V')} phase rms, "
+            f"{plain(b.omega_n / (2.0 * math.pi))} Hz",
+        ),
+        (
+            "Grid-side inductor",
+            "none" if b.L_2 == b.R_2 == 0.0 else f"{plain_quantity(b.L_2, 'H')}, {plain_quantity(b.R_2, 'Ω')}",
+        ),
         ("Power filters", f"P {_filter(b.tau_P)}, Q {_filter(b.tau_Q)}"),
         ("Droop", droops),
         ("Axes", f"{len(table.scr)} SCR ({b.scr_basis} basis) × {len(table.x_over_r)} X/R"),
@@ -104,7 +116,7 @@ def identity_table(table: GainTable) -> Table:
         ("Valid for", f"SCR {_range(v.scr)}, X/R {_range(v.x_over_r)}"),
         ("", f"P {_range(v.P, 1e3)} kW, Q {_range(v.Q, 1e3)} kvar, V {_range(v.V_rms)} V"),
         ("", f"R̂ and X̂ within ±{plain(100.0 * v.error)} %"),
-    )  # fmt: skip
+    )
     return Table("What it is for", ("Quantity", "Value"), rows, texts=2)
 
 
@@ -125,8 +137,13 @@ def margins_table(table: GainTable) -> Table:
 
 def causes_table(table: GainTable) -> Table:
     """Why each relaxed cell is relaxed, and what it would keep without that."""
-    names = (("settling_time", "settles [s]"), ("overshoot", "overshoot [%]"), ("disk_margin", "disk margin [1]"),
-             ("damping_ratio", "damping [1]"), ("H", "H [s]"))  # fmt: skip
+    names = (
+        ("settling_time", "settles [s]"),
+        ("overshoot", "overshoot [%]"),
+        ("disk_margin", "disk margin [1]"),
+        ("damping_ratio", "damping [1]"),
+        ("H", "H [s]"),
+    )
     rows = []
     for cause in table.causes:
         keeps = cause["keeps"] or {}

@@ -38,9 +38,14 @@ def constraint_figures(table: GainTable) -> Iterator[NamedFigure]:
             "Crosses: outside."
         )
         frame = Frame(
-            "table_price", "Price of the active constraint", caption, scr_label(table), "X/R [1]",
-            "Price [objective's unit]", CONSTRAINTS,
-        )  # fmt: skip
+            "table_price",
+            "Price of the active constraint",
+            caption,
+            scr_label(table),
+            "X/R [1]",
+            "Price [objective's unit]",
+            CONSTRAINTS,
+        )
         known = table.price[np.isfinite(table.price)]
         yield map_figure(frame, [[Panel("", table_cells(table, table.price))]], surface_scale(known))
 
@@ -121,16 +126,21 @@ def _draw_certificate(table: GainTable, scr: list[float], x_over_r: list[float])
     v = table.validity
     for low, high, style, text in (
         (scr, x_over_r, shade, proved),
-        (v.scr, v.x_over_r, {"facecolor": "none", "edgecolor": "#222222", "linestyle": (0, (4, 2)), "zorder": 2},
-         "validity box of the table"),
-    ):  # fmt: skip
+        (
+            v.scr,
+            v.x_over_r,
+            {"facecolor": "none", "edgecolor": "#222222", "linestyle": (0, (4, 2)), "zorder": 2},
+            "validity box of the table",
+        ),
+    ):
         patch = Rectangle((low[0], high[0]), low[1] - low[0], high[1] - high[0], **style)
         axes.add_patch(patch)
         entries.append((patch, text))
     for status, style in (
-        ("met", {"marker": "o", "color": COLOURS[2]}), ("relaxed", {"marker": "s", "color": COLOURS[1]}),
+        ("met", {"marker": "o", "color": COLOURS[2]}),
+        ("relaxed", {"marker": "s", "color": COLOURS[1]}),
         ("outside", {"marker": "x", "color": "#8A8A8A"}),
-    ):  # fmt: skip
+    ):
         nodes = np.argwhere(table.status == status)
         if len(nodes):
             (line,) = axes.plot(
@@ -178,10 +188,16 @@ def stale_figures(table: GainTable) -> Iterator[NamedFigure]:
             "the loop is in such a cell until the estimate follows."
         )
         frame = Frame(
-            f"table_stale_{quantity.name}", f"Stale schedule: {quantity.title.lower()}", caption,
-            f"True {scr_label(table)}", "SCR that the gains are for [1]", quantity.label, STALE, 0.92,
+            f"table_stale_{quantity.name}",
+            f"Stale schedule: {quantity.title.lower()}",
+            caption,
+            f"True {scr_label(table)}",
+            "SCR that the gains are for [1]",
+            quantity.label,
+            STALE,
+            0.92,
             None if quantity.gate_text is None else quantity.gate_text(gates),
-        )  # fmt: skip
+        )
         yield map_figure(frame, [panels], quantity.scale(gates))
 
 
@@ -204,9 +220,12 @@ def _plane(figure: Any, table: GainTable, height: float) -> Any:
 def _legend(figure: Any, entries: list[tuple[Any, str]], height: float) -> None:
     total = _BOTTOM + height + _TOP
     figure.legend(
-        *zip(*entries, strict=True), loc="upper left", handleheight=1.1, labelspacing=0.5,
+        *zip(*entries, strict=True),
+        loc="upper left",
+        handleheight=1.1,
+        labelspacing=0.5,
         bbox_to_anchor=((_LEFT + _WIDTH + 0.2) / PAGE_IN, (_BOTTOM + height) / total),
-    )  # fmt: skip
+    )
 
 
 def _corners(x: Any, y: Any, i: int, j: int) -> list[tuple[float, float]]:

@@ -41,21 +41,42 @@ def write_inner_figures(score: InnerScore, folder: Path) -> list[WrittenFigure]:
 def inner_figures(score: InnerScore) -> Iterator[NamedFigure]:
     """The score over SCR × X/R, then each promise."""
     yield _map(
-        score, "inner_score", "Score over the grids", score.t_map, 1.0, False, "score [1]",
-        "The score of a grid is the least share of its target that any promise reaches there.", 0,
-    )  # fmt: skip
+        score,
+        "inner_score",
+        "Score over the grids",
+        score.t_map,
+        1.0,
+        False,
+        "score [1]",
+        "The score of a grid is the least share of its target that any promise reaches there.",
+        0,
+    )
     for name, values, target in zip(PROMISES, score.maps, score.targets, strict=True):
         title, unit = PROMISES[name]
         yield _map(
-            score, f"inner_{name}", title[0].upper() + title[1:], np.asarray(values), float(target), name in AT_MOST,
-            f"{title} [{unit}]", "", 1,
-        )  # fmt: skip
+            score,
+            f"inner_{name}",
+            title[0].upper() + title[1:],
+            np.asarray(values),
+            float(target),
+            name in AT_MOST,
+            f"{title} [{unit}]",
+            "",
+            1,
+        )
 
 
 def _map(
-    score: InnerScore, name: str, title: str, values: np.ndarray, target: float, at_most: bool, bar: str,
-    says: str, part: int,
-) -> NamedFigure:  # fmt: skip
+    score: InnerScore,
+    name: str,
+    title: str,
+    values: np.ndarray,
+    target: float,
+    at_most: bool,
+    bar: str,
+    says: str,
+    part: int,
+) -> NamedFigure:
     unstable = ~score.stable
     missing = np.isnan(values) & ~unstable
     nowhere = np.zeros(values.T.shape, dtype=bool)
@@ -69,7 +90,7 @@ def _map(
     asked = f"asked for: {'at most' if at_most else 'at least'} {plain(target)}"
     caption = (
         f"{says} Each cell is a grid of a lattice over the box; blue cells keep what is asked for, orange ones do not."
-    ).strip()  # fmt: skip
+    ).strip()
     frame = Frame(
         name, title, caption, "X/R [1]", f"SCR, {score.basis} basis [1]", bar, part, aspect=0.75, gate_label=asked
     )
@@ -80,19 +101,23 @@ def inner_part(document: dict[str, Any]) -> dict[str, Any]:
     """What a page says of inner loops, from their results.json: the answer, sentences, promises and gains."""
     missed = frozenset(k for k, one in enumerate(document["promises"]) if not (one["score"] or 0.0) >= 1.0)
     promises = Table(
-        "What the inner loops keep, at the worst grid", PROMISE_HEAD, tuple(promise_rows(document)), texts=2,
+        "What the inner loops keep, at the worst grid",
+        PROMISE_HEAD,
+        tuple(promise_rows(document)),
+        texts=2,
         flagged=missed,
         notes=("A coloured row is not kept on every grid. The share is the worst over what is asked.",),
-    )  # fmt: skip
+    )
     gains = Table("Gains of the inner loops, SI, dq components peak", GAIN_HEAD, tuple(gain_rows(document)), texts=2)
     return {
-        "headline": headline(document), "what_for": what_for(document), "explanation": explanation(document),
-        "promises": promises, "gains": gains,
-    }  # fmt: skip
+        "headline": headline(document),
+        "what_for": what_for(document),
+        "explanation": explanation(document),
+        "promises": promises,
+        "gains": gains,
+    }
 
 
-def write_inner_page(
-    study: Study, document: dict[str, Any], figures: Sequence[WrittenFigure], out_path: Path
-) -> Path:  # fmt: skip
+def write_inner_page(study: Study, document: dict[str, Any], figures: Sequence[WrittenFigure], out_path: Path) -> Path:
     """Write the page of what was found (results.json), with the figures' SVG text as it lies on disk."""
     return write_html(out_path, "inner.html.j2", figures, study=study, **inner_part(document))

@@ -34,8 +34,11 @@ def converter_table(result: HasStudy) -> Table:
     limit = "none" if c.current_limit_pu is None else f"{plain(c.current_limit_pu)} pu of the rated peak"
     rows = (
         ("Rated power", plain_quantity(c.S_rated, "VA")),
-        ("Rated voltage", f"{plain_quantity(c.V_rated_rms, 'V')} phase rms "
-                          f"({plain_quantity(phase_to_ll(c.V_rated_rms), 'V')} line to line)"),
+        (
+            "Rated voltage",
+            f"{plain_quantity(c.V_rated_rms, 'V')} phase rms "
+            f"({plain_quantity(phase_to_ll(c.V_rated_rms), 'V')} line to line)",
+        ),
         ("Nominal frequency", f"{plain(c.omega_n / (2.0 * math.pi))} Hz"),
         ("Dc link", plain_quantity(c.V_dc, "V")),
         ("Carrier frequency", plain_quantity(c.f_sw, "Hz")),
@@ -46,11 +49,16 @@ def converter_table(result: HasStudy) -> Table:
         ("Voltage limits", f"{plain(c.V_min_pu)} to {plain(c.V_max_pu)} pu"),
         ("Voltage loop", f"K_pv = {number(g.K_pv)} A/V, K_iv = {number(g.K_iv)} A/(V·s)"),
         ("Current loop", f"K_pc = {number(g.K_pc)} V/A, K_ic = {number(g.K_ic)} V/(A·s)"),
-        ("Transient impedance", "none" if g.R_t == g.X_t == 0.0 else f"R {plain(g.R_t / c.Z_base)} pu, "
-                                f"X {plain(g.X_t / c.Z_base)} pu above {plain(study.omega_t / (2.0 * math.pi))} Hz"),
+        (
+            "Transient impedance",
+            "none"
+            if g.R_t == g.X_t == 0.0
+            else f"R {plain(g.R_t / c.Z_base)} pu, "
+            f"X {plain(g.X_t / c.Z_base)} pu above {plain(study.omega_t / (2.0 * math.pi))} Hz",
+        ),
         ("Current prediction", "none" if g.kappa == 0.0 else f"κ = {plain(g.kappa)} sampling periods"),
         ("Power filters", f"P {_time_constant(study.tau_P)}, Q {_time_constant(study.tau_Q)}"),
-    )  # fmt: skip
+    )
     return Table("Converter", ("Quantity", "Value"), rows, texts=2)
 
 
@@ -69,9 +77,11 @@ def filter_table(result: HasStudy) -> Table:
     rows += [
         ("Grid at the start", f"{grid_label(result, grid)} ({study.scr_basis} basis)"),
         ("", f"R_g = {_ohm(grid.R_g)}, L_g = {plain_quantity(grid.L_g, 'H')}"),
-        ("Grid source at the start", f"{plain_quantity(source.V_g_rms, 'V')} phase rms, "
-                                     f"{plain(source.omega_g / (2.0 * math.pi), 5)} Hz"),
-    ]  # fmt: skip
+        (
+            "Grid source at the start",
+            f"{plain_quantity(source.V_g_rms, 'V')} phase rms, {plain(source.omega_g / (2.0 * math.pi), 5)} Hz",
+        ),
+    ]
     return Table("Filter and grid", ("Quantity", "Value"), tuple(rows), texts=2)
 
 
@@ -97,9 +107,16 @@ def specs_table(result: HasStudy, specs: Sequence[ControllerSpec]) -> Table:
         else:
             how = f"closed form for {grid_label(result, spec.design_grid or result.study.grid)}"
         target = spec.target
-        rows.append((
-            spec.name, how, f"{plain(target.settling_time)} s", plain(target.damping_ratio),
-            plain(target.droop_ratio), plain_quantity(target.P, "W"), plain_quantity(target.Q, "var"),
-        ))  # fmt: skip
+        rows.append(
+            (
+                spec.name,
+                how,
+                f"{plain(target.settling_time)} s",
+                plain(target.damping_ratio),
+                plain(target.droop_ratio),
+                plain_quantity(target.P, "W"),
+                plain_quantity(target.Q, "var"),
+            )
+        )
     head = ("Controller", "Power-loop gains", "Target settling time", "ξ", "D_q/D", "Design P", "Design Q")
     return Table("Controllers", head, tuple(rows), texts=2)

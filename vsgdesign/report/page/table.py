@@ -21,7 +21,13 @@ class Table:
 
 
 GAIN_UNITS = {
-    "K_ip": "rad/(s²·W)", "D_p": "W·s/rad", "K_iq": "V/(s·var)", "D_q": "var/V",
-    "K_pq": "rad/(s²·var)", "K_qp": "V/(s·W)", "k_P": "rad/(s·W)", "k_Q": "rad/(s·var)",
-}  # fmt: skip
+    "K_ip": "rad/(s²·W)",
+    "D_p": "W·s/rad",
+    "K_iq": "V/(s·var)",
+    "D_q": "var/V",
+    "K_pq": "rad/(s²·var)",
+    "K_qp": "V/(s·W)",
+    "k_P": "rad/(s·W)",
+    "k_Q": "rad/(s·var)",
+}
 """Units of the power loops' gains by name."""

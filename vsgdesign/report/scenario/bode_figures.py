@@ -67,9 +67,11 @@ def _bode_figure(name: str, columns: Sequence[tuple[str, str, Sequence[LoopOnGri
         magnitude.set_ylabel("Magnitude [dB]")
         phase.set_ylabel("Phase [°]")
         figure.legend(
-            handles=magnitude.get_lines()[: len(loops)], labels=[_legend(loop) for loop in loops], loc="upper left",
+            handles=magnitude.get_lines()[: len(loops)],
+            labels=[_legend(loop) for loop in loops],
+            loc="upper left",
             bbox_to_anchor=(left / figure_width, (below - _BOTTOM - 0.06) / height),
-        )  # fmt: skip
+        )
         axes_of_magnitude.append(magnitude)
         at = f"{plain_quantity(loops[0].P, 'W')} and {plain_quantity(loops[0].Q, 'var')}"
         targets.setdefault(at, []).append(controller)
@@ -108,9 +110,14 @@ def _draw(magnitude: Any, phase: Any, omega: Any, loops: Sequence[LoopOnGrid]) -
         if crossover is None or margin is None:
             continue
         dot = {
-            "marker": "o", "markersize": 3.6, "markerfacecolor": "white", "markeredgewidth": 0.9, "zorder": 4,
-            "color": line_style(index)["color"], "linestyle": "",
-        }  # fmt: skip
+            "marker": "o",
+            "markersize": 3.6,
+            "markerfacecolor": "white",
+            "markeredgewidth": 0.9,
+            "zorder": 4,
+            "color": line_style(index)["color"],
+            "linestyle": "",
+        }
         stem = {"color": line_style(index)["color"], "linewidth": 0.7, "linestyle": (0, (1, 1)), "zorder": 2.5}
         magnitude.plot([crossover], [0.0], **dot)
         phase.plot([crossover, crossover], [-180.0, margin - 180.0], **stem)

@@ -143,9 +143,17 @@ def _rests_shown(result: ScenarioResult) -> list[RestError]:
 
 
 def _draw(
-    axes: Any, result: ScenarioResult, truth: str, estimate: str, factor: float, begin: float, end: float,
-    origin: float, seconds: float, marked: bool = False,
-) -> None:  # fmt: skip
+    axes: Any,
+    result: ScenarioResult,
+    truth: str,
+    estimate: str,
+    factor: float,
+    begin: float,
+    end: float,
+    origin: float,
+    seconds: float,
+    marked: bool = False,
+) -> None:
     grids = result.timeline.grids
     times = np.array([*(t_s for t_s, _ in grids), result.study.simulation.duration])
     values = np.array([getattr(grid, truth) for _, grid in grids]) / factor
@@ -195,9 +203,12 @@ def _error_figure(result: ScenarioResult) -> NamedFigure:
             error = np.abs(relative_errors_pct(getattr(log, truth), getattr(log, estimate)))
             picks = extreme_indices(np.nan_to_num(error), _COLUMNS)
             axes.step(
-                log.t_s[picks] / unit.seconds, np.maximum(error[picks], 1e-3), where="post", linewidth=0.8,
+                log.t_s[picks] / unit.seconds,
+                np.maximum(error[picks], 1e-3),
+                where="post",
+                linewidth=0.8,
                 **{**line_style(index), "linestyle": "-"},
-            )  # fmt: skip
+            )
         axes.set_yscale("log")
         axes.set_ylabel(f"Error of ${symbol}_g$ [%]")
         mark_events(axes, [event.t_s for event in study.events], unit)
@@ -227,9 +238,11 @@ def _legend(figure: Any, result: ScenarioResult, height: float, truth: bool = Tr
         entries.append((Line2D([], [], **REFERENCE), "truth"))
     columns = _columns([label for _, label in entries])
     figure.legend(
-        *zip(*entries, strict=True), ncols=columns, loc="upper left",
+        *zip(*entries, strict=True),
+        ncols=columns,
+        loc="upper left",
         bbox_to_anchor=(_LEFT / PAGE_IN, 1.0 - 0.05 / height),
-    )  # fmt: skip
+    )
 
 
 def _columns(labels: Sequence[str]) -> int:

@@ -29,15 +29,22 @@ def network_table(result: ScenarioResult, trained: TrainedEstimator | None) -> T
     (R_low, R_high), (L_low, L_high) = weights.trained_on["R_g"], weights.trained_on["L_g"]
     rows = [
         ("Network", f"{network.W_1.shape[1]}–{len(network.b_1)}–2, tanh, linear outputs R_g and L_g"),
-        ("Windows", f"{window.samples} samples every {plain_quantity(window.sample_interval, 's')} of v_pcc and i_pcc, "
-                    f"{window.channels.replace('_', ' ')}"),
+        (
+            "Windows",
+            f"{window.samples} samples every {plain_quantity(window.sample_interval, 's')} of v_pcc and i_pcc, "
+            f"{window.channels.replace('_', ' ')}",
+        ),
         ("Trained on", f"recipe {recipe.get('name', DASH)}, {recipe.get('bridge', DASH)} bridge, seed {weights.seed}"),
-        ("Trained range", f"R_g {number(R_low)} to {number(R_high)} Ω, L_g {number(1e3 * L_low)} to "
-                          f"{number(1e3 * L_high)} mH"),
-        ("Grid phase", "lent by the simulator: no converter in the field has it" if window.synchronised
-                       else "not used"),
+        (
+            "Trained range",
+            f"R_g {number(R_low)} to {number(R_high)} Ω, L_g {number(1e3 * L_low)} to {number(1e3 * L_high)} mH",
+        ),
+        (
+            "Grid phase",
+            "lent by the simulator: no converter in the field has it" if window.synchronised else "not used",
+        ),
         ("Weights", weights.hash[:12] + (f" from {spec.weights_file}" if spec.weights_file else "")),
-    ]  # fmt: skip
+    ]
     if trained is not None:
         rows.append(
             ("Training", f"{counted(trained.epochs, 'epoch')} on {counted(trained.components, 'principal component')}")
@@ -78,12 +85,15 @@ def rest_table(result: ScenarioResult, judged: Judgement) -> Table:
     """Errors at rest."""
     rows = tuple(
         (
-            f"{plain(rest.begin_s, 5)} … {plain(rest.end_s, 5)}", grid_label(result, Grid(rest.R_g, rest.L_g)),
-            _signed(rest.R_mean_pct), _signed(rest.L_mean_pct), number(rest.R_worst_pct, 2),
+            f"{plain(rest.begin_s, 5)} … {plain(rest.end_s, 5)}",
+            grid_label(result, Grid(rest.R_g, rest.L_g)),
+            _signed(rest.R_mean_pct),
+            _signed(rest.L_mean_pct),
+            number(rest.R_worst_pct, 2),
             number(rest.L_worst_pct, 2),
         )
         for rest in judged.rest
-    )  # fmt: skip
+    )
     head = ("Time [s]", "Grid", "R_g, mean", "L_g, mean", "R_g, worst", "L_g, worst")
     notes = ("In the last second before each event and the end (of a short stretch: its last quarter).",)
     return Table(f"Error of {judged.name}'s estimate at rest [%]", head, rows, 2, notes=notes)
@@ -96,10 +106,14 @@ def _signed(value: float) -> str:
 def changes_table(judged: Judgement) -> Table:
     """How each change of grid was followed."""
     rows = tuple(
-        (f"{plain(change.t_s, 5)} s", _count(change.found_windows), _count(change.kept_windows),
-         percent(change.worst_pct))
+        (
+            f"{plain(change.t_s, 5)} s",
+            _count(change.found_windows),
+            _count(change.kept_windows),
+            percent(change.worst_pct),
+        )
         for change in judged.changes
-    )  # fmt: skip
+    )
     head = ("Change of grid", "Found [windows]", "For good [windows]", "Largest error later [%]")
     notes = (
         f"Windows up to the first estimate within {plain(FOUND_PCT)} % of the new R_g and L_g, and up to the one from "
@@ -116,11 +130,14 @@ def truth_table(judged: Judgement) -> Table:
     """Reference steps with the estimate beside the same controller with the truth."""
     rows = tuple(
         (
-            f"{step.name} at {plain(step.t_s, 5)} s", number(step.settling_time_s, 4),
-            number(step.settling_time_truth_s, 4), percent(step.overshoot_pct), percent(step.overshoot_truth_pct),
+            f"{step.name} at {plain(step.t_s, 5)} s",
+            number(step.settling_time_s, 4),
+            number(step.settling_time_truth_s, 4),
+            percent(step.overshoot_pct),
+            percent(step.overshoot_truth_pct),
         )
         for step in judged.steps
-    )  # fmt: skip
+    )
     head = ("Step", "estimate", "truth", "estimate", "truth")
     groups = (("", 1), ("Settling time [s]", 2), ("Overshoot [%]", 2))
     return Table(f"{judged.name} beside {judged.twin}", head, rows, groups=groups)

@@ -105,9 +105,11 @@ def _signal_figure(result: ScenarioResult, signal: Signal) -> NamedFigure:
         place = add_axes(figure, _LEFT + index * (panel + gap), _BOTTOM, panel, _ZOOM_HEIGHT)
         rippled |= _draw_zoom(place, result, signal, zoom, panel, first=index == 0)
     figure.legend(
-        *zip(*entries, strict=True), ncols=columns, loc="upper left",
+        *zip(*entries, strict=True),
+        ncols=columns,
+        loc="upper left",
         bbox_to_anchor=(_LEFT / PAGE_IN, 1.0 - 0.04 / height),
-    )  # fmt: skip
+    )
     return NamedFigure(signal.name, signal.title, _caption(result, signal, zooms, labels, rippled), figure)
 
 
@@ -156,9 +158,14 @@ def _interesting_time(result: ScenarioResult, event: Event, end_s: float) -> flo
 
 
 def _draw_main(
-    axes: Any, signal: Signal, zooms: Sequence[Zoom], events: Sequence[Event], labels: EventLabels,
-    unit: TimeUnit, width_in: float,
-) -> bool:  # fmt: skip
+    axes: Any,
+    signal: Signal,
+    zooms: Sequence[Zoom],
+    events: Sequence[Event],
+    labels: EventLabels,
+    unit: TimeUnit,
+    width_in: float,
+) -> bool:
     for zoom in zooms:
         axes.axvspan(zoom.begin_s / unit.seconds, zoom.end_s / unit.seconds, ymax=0.03, **ZOOM_SPAN)
     mark_events(axes, [event.t_s for event in events], unit)

@@ -70,8 +70,16 @@ def loops_on_grids(result: ScenarioResult, controller: ControllerResult) -> tupl
         else:
             open_loop = coupled_loop(point, gains, study.grid_source.V_g_rms, R, X, loop=0)
         numerator, denominator = (np.trim_zeros(np.ravel(part[0][0]), "f") for part in (open_loop.num, open_loop.den))
-        loops.append(LoopOnGrid(
-            grid_label(result, grid), float(np.hypot(R, X)), target.P, target.Q, gains,
-            numerator, denominator, loop_margins(open_loop),
-        ))  # fmt: skip
+        loops.append(
+            LoopOnGrid(
+                grid_label(result, grid),
+                float(np.hypot(R, X)),
+                target.P,
+                target.Q,
+                gains,
+                numerator,
+                denominator,
+                loop_margins(open_loop),
+            )
+        )
     return tuple(loops)

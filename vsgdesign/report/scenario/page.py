@@ -26,9 +26,12 @@ if TYPE_CHECKING:
 
 
 def write_page(
-    result: ScenarioResult, figures: Sequence[WrittenFigure], out_path: Path, trained: TrainedEstimator | None = None,
+    result: ScenarioResult,
+    figures: Sequence[WrittenFigure],
+    out_path: Path,
+    trained: TrainedEstimator | None = None,
     inner: dict[str, Any] | None = None,
-) -> Path:  # fmt: skip
+) -> Path:
     """Write the page of a scenario, with the figures' SVG text as it lies on disk."""
     outcomes, kept = step_outcomes(result), promises_kept(result)
     study = result.study

@@ -10,9 +10,12 @@ from vsgdesign.report.quantities import DASH, number, plain
 from vsgdesign.simulation.promises import Kept
 
 PROMISES = {
-    "damping_ratio": "damping ratio", "disk_margin": "disk margin", "gain_margin_db": "gain margin [dB]",
-    "phase_margin_deg": "phase margin [°]", "M_s": "peak sensitivity M_s",
-}  # fmt: skip
+    "damping_ratio": "damping ratio",
+    "disk_margin": "disk margin",
+    "gain_margin_db": "gain margin [dB]",
+    "phase_margin_deg": "phase margin [°]",
+    "M_s": "peak sensitivity M_s",
+}
 
 
 def promises_table(kept: Sequence[Kept]) -> Table | None:
@@ -23,15 +26,34 @@ def promises_table(kept: Sequence[Kept]) -> Table | None:
         results = [DASH] * 2 if one.excuse else ["met" if met else "missed" for met in (one.kept_ideal, one.kept)]
         if "missed" in results:
             flagged.add(index)
-        rows.append((
-            one.controller, f"{plain(one.t_s, 5)} s", PROMISES[one.name], one.source, one.excuse,
-            f"{sign} {plain(one.limit)}", _reached(one.ideal), results[0], _reached(one.full_order), results[1],
-        ))  # fmt: skip
+        rows.append(
+            (
+                one.controller,
+                f"{plain(one.t_s, 5)} s",
+                PROMISES[one.name],
+                one.source,
+                one.excuse,
+                f"{sign} {plain(one.limit)}",
+                _reached(one.ideal),
+                results[0],
+                _reached(one.full_order),
+                results[1],
+            )
+        )
     if not rows:
         return None
     head = (
-        "Controller", "From", "Promise", "Asked by", "Not judged, as", "Limit", "Value", "Result", "Value", "Result",
-    )  # fmt: skip
+        "Controller",
+        "From",
+        "Promise",
+        "Asked by",
+        "Not judged, as",
+        "Limit",
+        "Value",
+        "Result",
+        "Value",
+        "Result",
+    )
     groups = (("", 6), ("Ideal inner loops", 2), ("Real inner loops", 2))
     notes = (
         "At the operating point that holds from that instant on, with the gains that the controller has there. Ideal: "

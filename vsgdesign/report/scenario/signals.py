@@ -80,11 +80,17 @@ def _power(result: ScenarioResult, series: str, name: str, title: str, unit: str
     changes = result.timeline.references
     t_ref, reference = _staircase([c[0] for c in changes], [c[column] for c in changes], _duration(result))
     return Signal(
-        name, title, title, f"{prefix}{unit}",
+        name,
+        title,
+        title,
+        f"{prefix}{unit}",
         f"{title} at the point of common coupling, positive into the grid",
-        _traces(result, values, factor), 0.01 * result.study.converter.S_rated / factor,
-        target=(t_ref, reference / factor), metrics_name=series, si_factor=factor,
-    )  # fmt: skip
+        _traces(result, values, factor),
+        0.01 * result.study.converter.S_rated / factor,
+        target=(t_ref, reference / factor),
+        metrics_name=series,
+        si_factor=factor,
+    )
 
 
 def _voltage(result: ScenarioResult) -> Signal:
@@ -97,13 +103,18 @@ def _voltage(result: ScenarioResult) -> Signal:
     factor, prefix = prefix_for(converter.V_rated_rms)
     low, high = converter.V_limits_rms
     return Signal(
-        "voltage", "Voltage", "Voltage, phase rms", f"{prefix}V",
+        "voltage",
+        "Voltage",
+        "Voltage, phase rms",
+        f"{prefix}V",
         "Phase voltage at the point of common coupling (rms, from the length of the voltage vector)",
-        _traces(result, values, factor), 0.01 * converter.V_rated_rms / factor,
+        _traces(result, values, factor),
+        0.01 * converter.V_rated_rms / factor,
         band=(low / factor, high / factor),
         band_label=f"limits {converter.V_min_pu:g} … {converter.V_max_pu:g} pu",
-        per_unit=converter.V_rated_rms / factor, si_factor=factor,
-    )  # fmt: skip
+        per_unit=converter.V_rated_rms / factor,
+        si_factor=factor,
+    )
 
 
 def _frequency(result: ScenarioResult) -> Signal:
@@ -117,9 +128,16 @@ def _frequency(result: ScenarioResult) -> Signal:
         t_grid += [source.t_s, end_s]
         f_grid += [source.omega / turn, (source.omega + source.omega_slope * (end_s - source.t_s)) / turn]
     return Signal(
-        "frequency", "Frequency", "Frequency", "Hz", "Frequency of each converter's power loop",
-        _traces(result, values, 1.0), 0.01, target=(np.array(t_grid), np.array(f_grid)), target_label="grid source",
-    )  # fmt: skip
+        "frequency",
+        "Frequency",
+        "Frequency",
+        "Hz",
+        "Frequency of each converter's power loop",
+        _traces(result, values, 1.0),
+        0.01,
+        target=(np.array(t_grid), np.array(f_grid)),
+        target_label="grid source",
+    )
 
 
 def _duration(result: ScenarioResult) -> float:

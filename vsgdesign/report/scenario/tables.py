@@ -47,15 +47,39 @@ def operating_points_table(result: ScenarioResult) -> Table:
             flagged.add(index)
             words = f"above {plain(c.V_max_pu)} pu" if point.V_rms > high else f"below {plain(c.V_min_pu)} pu"
             words = words if not low <= point.V_rms <= high else "outside"
-        rows.append((
-            *where, number(point.P / p_factor), number(point.Q / p_factor), number(point.V_rms, 4),
-            number(point.V_rms / c.V_rated_rms), words, number(math.degrees(point.delta)),
-            number(point.A), number(point.B), number(point.C), number(point.D), number(coupling(row)),
-        ))  # fmt: skip
+        rows.append(
+            (
+                *where,
+                number(point.P / p_factor),
+                number(point.Q / p_factor),
+                number(point.V_rms, 4),
+                number(point.V_rms / c.V_rated_rms),
+                words,
+                number(math.degrees(point.delta)),
+                number(point.A),
+                number(point.B),
+                number(point.C),
+                number(point.D),
+                number(coupling(row)),
+            )
+        )
     head = (
-        "From [s]", "Grid", "R_g [Ω]", "L_g [mH]", f"P [{p_prefix}W]", f"Q [{p_prefix}var]", "V [V]", "V [pu]",
-        "V limits", "δ [°]", "A [W/rad]", "B [W/V]", "C [var/rad]", "D [var/V]", "c",
-    )  # fmt: skip
+        "From [s]",
+        "Grid",
+        "R_g [Ω]",
+        "L_g [mH]",
+        f"P [{p_prefix}W]",
+        f"Q [{p_prefix}var]",
+        "V [V]",
+        "V [pu]",
+        "V limits",
+        "δ [°]",
+        "A [W/rad]",
+        "B [W/V]",
+        "C [var/rad]",
+        "D [var/V]",
+        "c",
+    )
     notes = (
         "At the references, without voltage droop. A = ∂P/∂δ, B = ∂P/∂V, C = ∂Q/∂δ, D = ∂Q/∂V, c = BC/(AD); V in "
         f"phase rms at the filter capacitor. SCR on the {result.study.scr_basis} basis.",
@@ -101,12 +125,17 @@ def margins_table(result: ScenarioResult) -> Table:
         for label in grids:
             loop = loops.get(label)
             margins = None if loop is None else loop.margins
-            rows.append((
-                controller.spec.name, label,
-                number(None if margins is None else margins.crossover_rad_s),
-                DASH if margins is None else percent(margins.phase_margin_deg),
-                DASH if margins is None or margins.delay_margin_s is None else quantity(margins.delay_margin_s, "s"),
-            ))  # fmt: skip
+            rows.append(
+                (
+                    controller.spec.name,
+                    label,
+                    number(None if margins is None else margins.crossover_rad_s),
+                    DASH if margins is None else percent(margins.phase_margin_deg),
+                    DASH
+                    if margins is None or margins.delay_margin_s is None
+                    else quantity(margins.delay_margin_s, "s"),
+                )
+            )
     head = ("Controller", "Grid", "Crossover [rad/s]", "Phase margin [°]", "Delay margin")
     notes = (
         "Of the P loop alone, without coupling, at the operating point of the design. Margins of one loop say nothing "
@@ -123,23 +152,38 @@ def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
         uncoupled = outcome.uncoupled
         if outcome.misses:
             flagged.add(index)
-        rows.append((
-            outcome.controller.spec.name, f"{outcome.metrics.name} at {plain(outcome.metrics.t_s, 5)} s",
-            _asked(outcome.target_settling_time_s, plain),
-            _settled(outcome.metrics, outcome.settling_time_s, outcome.window_s),
-            _met(outcome, outcome.settles),
-            _asked(outcome.target_overshoot_pct, percent), percent(outcome.measured_overshoot_pct),
-            _met(outcome, outcome.stays_below),
-            number(uncoupled.omega_n if uncoupled else None),
-            number(uncoupled.damping_ratio if uncoupled else None),
-            number(uncoupled.settling_time_s if uncoupled else None),
-            percent(uncoupled.overshoot_pct if uncoupled else None),
-            number(outcome.coupling),
-        ))  # fmt: skip
+        rows.append(
+            (
+                outcome.controller.spec.name,
+                f"{outcome.metrics.name} at {plain(outcome.metrics.t_s, 5)} s",
+                _asked(outcome.target_settling_time_s, plain),
+                _settled(outcome.metrics, outcome.settling_time_s, outcome.window_s),
+                _met(outcome, outcome.settles),
+                _asked(outcome.target_overshoot_pct, percent),
+                percent(outcome.measured_overshoot_pct),
+                _met(outcome, outcome.stays_below),
+                number(uncoupled.omega_n if uncoupled else None),
+                number(uncoupled.damping_ratio if uncoupled else None),
+                number(uncoupled.settling_time_s if uncoupled else None),
+                percent(uncoupled.overshoot_pct if uncoupled else None),
+                number(outcome.coupling),
+            )
+        )
     head = (
-        "Controller", "Step", "Target", "Measured", "Result", "Target", "Measured", "Result",
-        "ω_n [rad/s]", "ξ", "Settling [s]", "Overshoot [%]", "c",
-    )  # fmt: skip
+        "Controller",
+        "Step",
+        "Target",
+        "Measured",
+        "Result",
+        "Target",
+        "Measured",
+        "Result",
+        "ω_n [rad/s]",
+        "ξ",
+        "Settling [s]",
+        "Overshoot [%]",
+        "c",
+    )
     groups = (("", 2), ("Settling time [s]", 3), ("Overshoot [%]", 3), ("The same loop without coupling", 4), ("", 1))
     notes = (
         f"{RULE} {DASH} instead of a target: none was asked for. > T: not settled within the T observed.",
@@ -169,11 +213,16 @@ def metrics_table(result: ScenarioResult, controller: ControllerResult) -> Table
     rows = []
     for event in controller.events:
         window = ends[event.t_s] - event.t_s
-        rows.append((
-            f"{plain(event.t_s, 5)} s", event.name, _signal(event),
-            *_figures(event, event.raw, window, factor), *_figures(event, event.one_cycle_mean, window, factor),
-            number(event.peak_current_pu),
-        ))  # fmt: skip
+        rows.append(
+            (
+                f"{plain(event.t_s, 5)} s",
+                event.name,
+                _signal(event),
+                *_figures(event, event.raw, window, factor),
+                *_figures(event, event.one_cycle_mean, window, factor),
+                number(event.peak_current_pu),
+            )
+        )
     part = ("Overshoot [%]", "Settling [s]", "Rise [s]", f"Peak deviation [{prefix}W, {prefix}var]", "ITAE [s²]")
     head = ("Time", "Event", "Signal", *part, *part, "Peak current [pu]")
     groups = (("", 3), ("Instantaneous", 5), ("One-cycle mean", 5), ("", 1))
@@ -201,9 +250,12 @@ def _signal(event: EventMetrics) -> str:
 def _figures(event: EventMetrics, metrics: ResponseMetrics, window_s: float, factor: float) -> tuple[str, ...]:
     peak = metrics.peak_deviation
     return (
-        percent(metrics.overshoot_pct), _settled(event, metrics.settling_time_s, window_s), number(metrics.rise_time_s),
-        number(None if peak is None else peak / factor), number(metrics.itae_s2),
-    )  # fmt: skip
+        percent(metrics.overshoot_pct),
+        _settled(event, metrics.settling_time_s, window_s),
+        number(metrics.rise_time_s),
+        number(None if peak is None else peak / factor),
+        number(metrics.itae_s2),
+    )
 
 
 def _settled(event: EventMetrics, settling_time_s: float | None, window_s: float) -> str:

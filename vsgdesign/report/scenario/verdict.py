@@ -273,8 +273,9 @@ def _stress(result: ScenarioResult) -> str:
     sentences = []
     worst = max(
         ((event.peak_current_pu, event, c) for c in result.controllers for event in c.events),
-        key=lambda item: item[0], default=None,
-    )  # fmt: skip
+        key=lambda item: item[0],
+        default=None,
+    )
     if worst is not None:
         limit = (
             "no current limit is set"

@@ -35,9 +35,11 @@ def frequency_figures(result: StabilityResult) -> Iterator[NamedFigure]:
     columns.sort(key=lambda item: item[1].spec.kind != "fixed")
     parts = groups(columns, 2)
     makers: tuple[tuple[str, Callable[..., NamedFigure]], ...] = (
-        ("nfp", _nfp_figure), ("nichols", _nichols_figure),
-        ("passivity", _passivity_figure), ("nyquist", _nyquist_figure),
-    )  # fmt: skip
+        ("nfp", _nfp_figure),
+        ("nichols", _nichols_figure),
+        ("passivity", _passivity_figure),
+        ("nyquist", _nyquist_figure),
+    )
     for base, maker in makers:
         for k, part in enumerate(parts):
             with look():
@@ -88,9 +90,12 @@ class _Layout:
         styles = _styles(part)
         handles = [Line2D([], [], **styles[label]) for label in labels]
         self.figure.legend(
-            handles, labels, ncols=self.per_row, loc="lower left",
+            handles,
+            labels,
+            ncols=self.per_row,
+            loc="lower left",
             bbox_to_anchor=(_LEFT / self.total, 0.04 / self.height),
-        )  # fmt: skip
+        )
 
 
 def _styles(part: Sequence[Column]) -> dict[str, dict[str, Any]]:

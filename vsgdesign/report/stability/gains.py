@@ -52,11 +52,14 @@ def gain_figures(result: StabilityResult, index: int, a: ControllerAssessment, b
     )
     surfaces = [
         Surface(
-            symbols(f"{a.spec.name}: ") + gain_symbol(name), gain_symbol(name), GAIN_UNITS[name], getattr(gains, name),
+            symbols(f"{a.spec.name}: ") + gain_symbol(name),
+            gain_symbol(name),
+            GAIN_UNITS[name],
+            getattr(gains, name),
             f"map.{index}.gains.{name}",
         )
         for name in used_gains(gains)
-    ]  # fmt: skip
+    ]
     for first in range(0, len(surfaces), MOST):
         name = f"map_gains_{index + 1}" + (f"_{first // MOST + 1}" if len(surfaces) > MOST else "")
         named = (name, f"Scheduled gains of {a.spec.name}", caption)

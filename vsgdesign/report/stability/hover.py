@@ -66,10 +66,22 @@ def _texts(field: MarginMap, steps: ControllerAssessment | None = None) -> list[
     """One line a cell: stable or not, margins, or the fault."""
     t, c = field.table, field.cells
     several = len(np.unique(c.P)) * len(np.unique(c.Q)) > 1
-    columns = np.stack([
-        t.least_damping, disk_margin_of(t), t.loop_P.gain_margin_db, t.loop_P.phase_margin_deg,
-        t.loop_Q.gain_margin_db, t.loop_Q.phase_margin_deg, t.M_s.value,
-    ], axis=1) if len(t.stable) else np.empty((0, 7))  # fmt: skip
+    columns = (
+        np.stack(
+            [
+                t.least_damping,
+                disk_margin_of(t),
+                t.loop_P.gain_margin_db,
+                t.loop_P.phase_margin_deg,
+                t.loop_Q.gain_margin_db,
+                t.loop_Q.phase_margin_deg,
+                t.M_s.value,
+            ],
+            axis=1,
+        )
+        if len(t.stable)
+        else np.empty((0, 7))
+    )
     row_of = {int(flat): k for k, flat in enumerate(field.analysed)}
     lines = []
     for flat, fault in enumerate(field.faults):

@@ -62,37 +62,53 @@ def phase_margin_of(table: MarginTable) -> Array:
 
 
 DAMPING = Quantity(
-    "damping", "Least damping ratio", "Least damping ratio ζ [1]", lambda t: t.least_damping,
+    "damping",
+    "Least damping ratio",
+    "Least damping ratio ζ [1]",
+    lambda t: t.least_damping,
     lambda g: gate_scale(0.0, 1.0, g.damping_ratio, (0.0, 0.1, 0.2, 0.5, 0.7, 1.0)),
     lambda g: f"gate ζ = {plain(g.damping_ratio)}",
     "the least damping ratio over all modes of a cell, −Re s/|s|",
-)  # fmt: skip
+)
 DISK = Quantity(
-    "disk_margin", "Disk margin", "Disk margin α [1]", disk_margin_of,
-    lambda _: Scale(0.0, 2.0, ticks=(0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)), None,
+    "disk_margin",
+    "Disk margin",
+    "Disk margin α [1]",
+    disk_margin_of,
+    lambda _: Scale(0.0, 2.0, ticks=(0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)),
+    None,
     "the smaller of the balanced multi-loop disk margins at the plant's output and input; α allows gain changes by "
     "(1 + α/2)/(1 − α/2) and phase changes by 2·atan(α/2) in both loops at once. It has no gate",
-)  # fmt: skip
+)
 GAIN_MARGIN = Quantity(
-    "gain_margin", "Gain margin", "Gain margin, worse loop [dB]", gain_margin_of,
+    "gain_margin",
+    "Gain margin",
+    "Gain margin, worse loop [dB]",
+    gain_margin_of,
     lambda g: gate_scale(0.0, 30.0, g.gain_margin_db, (0.0, 3.0, 10.0, 20.0, 30.0, 40.0, 60.0)),
     lambda g: f"gate {plain(g.gain_margin_db)} dB",
     "the smaller gain margin of the P and the Q loop, each with the other closed; a loop without phase crossing has "
     "an infinite one and takes the end's colour",
-)  # fmt: skip
+)
 PHASE_MARGIN = Quantity(
-    "phase_margin", "Phase margin", "Phase margin, worse loop [°]", phase_margin_of,
+    "phase_margin",
+    "Phase margin",
+    "Phase margin, worse loop [°]",
+    phase_margin_of,
     lambda g: gate_scale(0.0, 90.0, g.phase_margin_deg, (0.0, 10.0, 20.0, 45.0, 60.0, 90.0, 120.0, 180.0)),
     lambda g: f"gate {plain(g.phase_margin_deg)}°",
     "the smaller phase margin of the P and the Q loop, each with the other closed",
-)  # fmt: skip
+)
 M_S = Quantity(
-    "M_s", "Peak sensitivity", "Peak sensitivity $M_s$ [1]", lambda t: t.M_s.value,
+    "M_s",
+    "Peak sensitivity",
+    "Peak sensitivity $M_s$ [1]",
+    lambda t: t.M_s.value,
     lambda g: gate_scale(1.0, 10.0, g.M_s, (1.0, 1.5, 3.0, 5.0, 10.0, 20.0), larger_is_better=False, log=True),
     lambda g: f"gate $M_s$ = {plain(g.M_s)}",
     "the peak over frequency of the largest singular value of the sensitivity at the plant's output; small is good",
     larger_is_better=False,
-)  # fmt: skip
+)
 QUANTITIES = (DAMPING, DISK, GAIN_MARGIN, PHASE_MARGIN, M_S)
 
 
@@ -162,9 +178,14 @@ def _quantity_figures(result: StabilityResult, quantity: Quantity) -> Iterator[N
             f"{_sides(gate)}{_powers(result.study)}{_left_out(part)}"
         )
         frame = Frame(
-            _name(f"map_{quantity.name}", k, len(parts)), quantity.title, caption, *axis_labels(result.study),
-            quantity.label, PART, gate_label=gate,
-        )  # fmt: skip
+            _name(f"map_{quantity.name}", k, len(parts)),
+            quantity.title,
+            caption,
+            *axis_labels(result.study),
+            quantity.label,
+            PART,
+            gate_label=gate,
+        )
         yield map_figure(frame, rows, quantity.scale(gates))
 
 
@@ -211,10 +232,12 @@ def _left_out(part: Sequence[tuple[int, ControllerAssessment]]) -> str:
 
 def settling_cells(a: ControllerAssessment) -> Cells:
     """The longer 2 % settling time of the P and the Q step of the reduced model; infinite if not settled."""
-    times = np.array([
-        max(np.inf if r is None or r.settling_time_s is None else r.settling_time_s for r in pair)
-        for pair in zip(a.step_P, a.step_Q, strict=True)
-    ])  # fmt: skip
+    times = np.array(
+        [
+            max(np.inf if r is None or r.settling_time_s is None else r.settling_time_s for r in pair)
+            for pair in zip(a.step_P, a.step_Q, strict=True)
+        ]
+    )
     return worst_over_powers(a.reduced, times, larger_is_better=False)
 
 
@@ -236,9 +259,14 @@ def _settling_figures(result: StabilityResult) -> Iterator[NamedFigure]:
             f"do not settle within 12 s take the end's colour.{_left_out(part)}"
         )
         frame = Frame(
-            _name("map_settling", k, len(parts)), "Settling time", caption, *axis_labels(result.study),
-            "Settling time [s]", PART, gate_label=text,
-        )  # fmt: skip
+            _name("map_settling", k, len(parts)),
+            "Settling time",
+            caption,
+            *axis_labels(result.study),
+            "Settling time [s]",
+            PART,
+            gate_label=text,
+        )
         yield map_figure(frame, [panels], scale)
 
 

@@ -109,10 +109,14 @@ def _loci_figure(result: StabilityResult, index: int, a: ControllerAssessment) -
             plain_numbers(axes)
             if row == 2:
                 axes.set_xlabel("Re s [1/s]")
-        place = figure.add_axes((
-            (x0 + width + 0.08) / total, bottom / figure_height,
-            bar / total, (3.0 * height + 2.0 * between_y) / figure_height,
-        ))  # fmt: skip
+        place = figure.add_axes(
+            (
+                (x0 + width + 0.08) / total,
+                bottom / figure_height,
+                bar / total,
+                (3.0 * height + 2.0 * between_y) / figure_height,
+            )
+        )
         colours = figure.colorbar(drawn, cax=place)
         ticks = [v for v in (0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0) if low <= v <= high] or [low]
         colours.set_ticks(ticks, labels=[plain(v, 3) for v in ticks])
@@ -161,10 +165,16 @@ def _rays(axes: Any, limits: tuple[float, float, float, float], study: Study) ->
             continue
         placed.append(spot)
         axes.annotate(
-            f"{zeta:g}", (x, -slope * x), xytext=(1.5, -1.5) if at_top else (2.0, 1.5), textcoords="offset points",
-            ha="left", va="top" if at_top else "bottom", color="#333333", zorder=4,
+            f"{zeta:g}",
+            (x, -slope * x),
+            xytext=(1.5, -1.5) if at_top else (2.0, 1.5),
+            textcoords="offset points",
+            ha="left",
+            va="top" if at_top else "bottom",
+            color="#333333",
+            zorder=4,
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.4, "alpha": 0.8},
-        )  # fmt: skip
+        )
 
 
 def _between_figure(result: StabilityResult, part: Any, name: str) -> NamedFigure:
@@ -186,13 +196,28 @@ def _between_figure(result: StabilityResult, part: Any, name: str) -> NamedFigur
         stable, grids = a.between.stable, a.between_grids
         unstable_any |= not bool(stable.all())
         axes.scatter(
-            grids[stable, 0], grids[stable, 1], c=scale(a.between.least_damping[stable]), cmap=scale.colours(),
-            vmin=0.0, vmax=1.0, s=11.0, linewidths=0.25, edgecolors="#555555", zorder=3,
-        )  # fmt: skip
+            grids[stable, 0],
+            grids[stable, 1],
+            c=scale(a.between.least_damping[stable]),
+            cmap=scale.colours(),
+            vmin=0.0,
+            vmax=1.0,
+            s=11.0,
+            linewidths=0.25,
+            edgecolors="#555555",
+            zorder=3,
+        )
         axes.plot(
-            grids[~stable, 0], grids[~stable, 1], marker="X", markersize=4.0, linestyle="", zorder=4,
-            markerfacecolor=UNSTABLE["facecolor"], markeredgecolor="white", markeredgewidth=0.3,
-        )  # fmt: skip
+            grids[~stable, 0],
+            grids[~stable, 1],
+            marker="X",
+            markersize=4.0,
+            linestyle="",
+            zorder=4,
+            markerfacecolor=UNSTABLE["facecolor"],
+            markeredgecolor="white",
+            markeredgewidth=0.3,
+        )
         if stable.any():
             worst = int(np.flatnonzero(stable)[np.argmin(a.between.least_damping[stable])])
             axes.plot(

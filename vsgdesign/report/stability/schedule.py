@@ -78,9 +78,16 @@ def _stale_figure(
         f"{_circles(field)}"
     )
     frame = Frame(
-        f"stale_{quantity.name}_{index + 1}", f"Stale schedule of {a.spec.name}: {quantity.title.lower()}", caption,
-        f"True {axis_labels(study)[0]}", "SCR that the gains are for [1]", quantity.label, PART, 0.92, gate,
-    )  # fmt: skip
+        f"stale_{quantity.name}_{index + 1}",
+        f"Stale schedule of {a.spec.name}: {quantity.title.lower()}",
+        caption,
+        f"True {axis_labels(study)[0]}",
+        "SCR that the gains are for [1]",
+        quantity.label,
+        PART,
+        0.92,
+        gate,
+    )
     panel = Panel(f"{a.spec.name}, gains made for another grid", cells, f"map.{index}.stale")
     return map_figure(frame, [[panel]], quantity.scale(gates))
 
@@ -109,10 +116,16 @@ def _error_figure(result: StabilityResult, index: int, a: ControllerAssessment, 
         f"Colour: {DAMPING.how}, full order. Blue cells meet our gate.{more}{_circles(field)}"
     )
     frame = Frame(
-        f"estimate_error_{index + 1}", f"Damping of {a.spec.name} against errors of its grid estimate", caption,
-        "Error of $R_g$ [%]", "Error of $L_g$ [%]", DAMPING.label, PART, 0.95,
+        f"estimate_error_{index + 1}",
+        f"Damping of {a.spec.name} against errors of its grid estimate",
+        caption,
+        "Error of $R_g$ [%]",
+        "Error of $L_g$ [%]",
+        DAMPING.label,
+        PART,
+        0.95,
         DAMPING.gate_text(gates) if DAMPING.gate_text else None,
-    )  # fmt: skip
+    )
     return map_figure(frame, rows, DAMPING.scale(gates))
 
 
@@ -159,9 +172,13 @@ def _draw_boxes(result: StabilityResult, index: int, a: ControllerAssessment, fi
         sizes, worst = worst_over_boxes(field, quantity.column(field.table))
         for j, row in enumerate(shown):
             axes.plot(
-                100.0 * sizes, worst[row], marker="o", markersize=2.4,
-                label=f"SCR {plain(float(field.axes[0][1][row]), 3)}{_star(field, row)}", **line_style(j),
-            )  # fmt: skip
+                100.0 * sizes,
+                worst[row],
+                marker="o",
+                markersize=2.4,
+                label=f"SCR {plain(float(field.axes[0][1][row]), 3)}{_star(field, row)}",
+                **line_style(j),
+            )
         gate = quantity.scale(study.stability.gates).gate
         if gate is not None and quantity.gate_text is not None:
             axes.axhline(gate, color="#000000", linewidth=1.1, zorder=2)
@@ -174,9 +191,10 @@ def _draw_boxes(result: StabilityResult, index: int, a: ControllerAssessment, fi
         axes.set_title(symbols(f"{a.spec.name}, full order"))
         lines = axes.get_lines()[: len(shown)]
     figure.legend(
-        handles=[*lines, *gates], loc="upper left",
+        handles=[*lines, *gates],
+        loc="upper left",
         bbox_to_anchor=((PAGE_IN - right + 0.12) / PAGE_IN, 1.0 - 0.22 / (bottom + height + 0.22)),
-    )  # fmt: skip
+    )
     caption = (
         "How to read: the worst value over all pairs of errors within ± the half-width on the horizontal axis, one "
         f"line a true SCR, at X/R {_study_ratio(study)} and {place_of_design(study)}. Zero: a cell of the box is "

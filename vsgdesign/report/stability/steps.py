@@ -100,10 +100,16 @@ def _figure(
             axes.set_title(evidence.label)
             axes.annotate(
                 f"error: full order {_percent(evidence, 'full_order')}\nreduced {_percent(evidence, 'reduced')}",
-                (1.0, 0.0), xycoords="axes fraction", xytext=(-3.0, 3.0), textcoords="offset points",
-                ha="right", va="bottom", linespacing=1.15,
-                bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8, "alpha": 0.8}, zorder=6,
-            )  # fmt: skip
+                (1.0, 0.0),
+                xycoords="axes fraction",
+                xytext=(-3.0, 3.0),
+                textcoords="offset points",
+                ha="right",
+                va="bottom",
+                linespacing=1.15,
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8, "alpha": 0.8},
+                zorder=6,
+            )
             if column == 0:
                 axes.set_ylabel(f"Δ{evidence.signal} [{prefix}{'W' if evidence.signal == 'P' else 'var'}]")
             else:

@@ -33,17 +33,23 @@ def identity_table(result: StabilityResult) -> Table:
         ("SHA-256 of its resolved document", study.hash),
         *((f"Version of {name}", version) for name, version in provenance().items()),
         ("Base power S", plain_quantity(c.S_rated, "VA")),
-        ("Base voltage V", f"{plain_quantity(c.V_rated_rms, 'V')} phase rms "
-                           f"({plain_quantity(phase_to_ll(c.V_rated_rms), 'V')} line to line)"),
+        (
+            "Base voltage V",
+            f"{plain_quantity(c.V_rated_rms, 'V')} phase rms "
+            f"({plain_quantity(phase_to_ll(c.V_rated_rms), 'V')} line to line)",
+        ),
         ("Base angular frequency ω", f"{plain(c.omega_n, 5)} rad/s ({plain(c.omega_n / (2.0 * math.pi))} Hz)"),
         ("Base impedance Z = V²/S (line to line)", plain_quantity(c.Z_base, "Ω")),
         ("SCR basis", study.scr_basis),
         ("Operating points of the maps, P", ", ".join(plain_quantity(p, "W") for p in s.P)),
         ("Operating points of the maps, Q", ", ".join(plain_quantity(q, "var") for q in s.Q)),
-        ("Map axes", f"SCR {plain(s.scr[0])} to {plain(s.scr[-1])} ({len(s.scr)} values), "
-                     f"X/R {plain(s.x_over_r[0])} to {plain(s.x_over_r[-1])} ({len(s.x_over_r)} values)"),
+        (
+            "Map axes",
+            f"SCR {plain(s.scr[0])} to {plain(s.scr[-1])} ({len(s.scr)} values), "
+            f"X/R {plain(s.x_over_r[0])} to {plain(s.x_over_r[-1])} ({len(s.x_over_r)} values)",
+        ),
         ("Estimate errors", ", ".join(f"{plain(100.0 * e)} %" for e in s.errors)),
-    ]  # fmt: skip
+    ]
     notes = ("At every operating point P and Q are exact at the control point, in spite of droop.",)
     return Table("Identity", ("Quantity", "Value"), tuple(rows), texts=2, notes=notes)
 
@@ -60,8 +66,11 @@ def error_table(result: StabilityResult) -> Table | None:
     return Table(
         "Linear models against EMT, error [%]",
         ("Controller", "Grid", "full order", "reduced", "full order", "reduced"),
-        tuple(rows), 2, (("", 2), ("P step", 2), ("Q step", 2)), notes,
-    )  # fmt: skip
+        tuple(rows),
+        2,
+        (("", 2), ("P step", 2), ("Q step", 2)),
+        notes,
+    )
 
 
 def percent_of(share: float) -> str:
@@ -132,18 +141,41 @@ def focus_table(a: ControllerAssessment) -> Table:
         for name, t in (("reduced", cell.reduced_table), ("full order", cell.full_order_table)):
             disk = min(float(t.disk_output.value[0]), float(t.disk_input.value[0]))
             factor, phase = (float(x) for x in guaranteed_margins(np.array(disk)))
-            rows.append((
-                cell.label + (f", {OUTSIDE}" if cell.outside else ""), name,
-                "yes" if t.stable[0] else "no", number(float(t.least_damping[0])),
-                number(float(t.least_damped_rad_s[0]) / (2.0 * math.pi)), number(disk),
-                _value(20.0 * math.log10(factor), ""), number(phase), number(float(t.M_s.value[0])),
-                *(_value(float(v[0]), "") for loop in (t.loop_P, t.loop_Q)
-                  for v in (loop.gain_margin_db, loop.phase_margin_deg, 1e3 * loop.delay_margin_s)),
-            ))  # fmt: skip
+            rows.append(
+                (
+                    cell.label + (f", {OUTSIDE}" if cell.outside else ""),
+                    name,
+                    "yes" if t.stable[0] else "no",
+                    number(float(t.least_damping[0])),
+                    number(float(t.least_damped_rad_s[0]) / (2.0 * math.pi)),
+                    number(disk),
+                    _value(20.0 * math.log10(factor), ""),
+                    number(phase),
+                    number(float(t.M_s.value[0])),
+                    *(
+                        _value(float(v[0]), "")
+                        for loop in (t.loop_P, t.loop_Q)
+                        for v in (loop.gain_margin_db, loop.phase_margin_deg, 1e3 * loop.delay_margin_s)
+                    ),
+                )
+            )
     head = (
-        "Grid", "Model", "Stable", "ζ", "at [Hz]", "α", "GM [dB]", "PM [°]", "M_s",
-        "GM [dB]", "PM [°]", "DM [ms]", "GM [dB]", "PM [°]", "DM [ms]",
-    )  # fmt: skip
+        "Grid",
+        "Model",
+        "Stable",
+        "ζ",
+        "at [Hz]",
+        "α",
+        "GM [dB]",
+        "PM [°]",
+        "M_s",
+        "GM [dB]",
+        "PM [°]",
+        "DM [ms]",
+        "GM [dB]",
+        "PM [°]",
+        "DM [ms]",
+    )
     groups = (("", 3), ("Least damped", 2), ("Disk margin, guaranteed", 3), ("", 1), ("P loop", 3), ("Q loop", 3))
     notes = (
         f"GM, PM, DM: gain, phase and delay margin of a loop with the other closed; ∞: no crossing; {DASH}: none, as "
@@ -216,11 +248,18 @@ def between_table(assessments: Sequence[ControllerAssessment]) -> Table:
             k = int(np.argmin(t.least_damping))
             worst = number(float(t.least_damping[k]))
             where = f"SCR {plain(float(a.between_grids[k, 0]), 3)}, X/R {plain(float(a.between_grids[k, 1]), 3)}"
-        rows.append((
-            a.spec.name, where or "no grid within the limits could be analysed",
-            str(len(t.stable)), f"{int(t.stable.sum())}", worst, str(len(map_stable)), str(int(map_stable.sum())),
-            number(float(map_damping.min())) if len(map_damping) else DASH,
-        ))  # fmt: skip
+        rows.append(
+            (
+                a.spec.name,
+                where or "no grid within the limits could be analysed",
+                str(len(t.stable)),
+                f"{int(t.stable.sum())}",
+                worst,
+                str(len(map_stable)),
+                str(int(map_stable.sum())),
+                number(float(map_damping.min())) if len(map_damping) else DASH,
+            )
+        )
     head = ("Controller", "Worst random grid", "Analysed", "Stable", "Least ζ", "Analysed", "Stable", "Least ζ")
     groups = (("", 2), ("Random grids", 3), ("Nodes of the map", 3))
     notes = (
