@@ -80,6 +80,7 @@ def draw(name: str, rng: np.random.Generator) -> float:
             "c": ONE_LETTER["a"],
             "x": ONE_LETTER["a"],
             "y": ONE_LETTER["a"],
+            "dx": ONE_LETTER["a"],
             "alpha": ONE_LETTER["a"],
             "beta": ONE_LETTER["a"],
             "x_pk": ONE_LETTER["a"],

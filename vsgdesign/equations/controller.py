@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsgdesign.equations.inner_loops import InnerLoopGains, current_loop, transient_impedance, voltage_loop
+from vsgdesign.equations.integration import advanced
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.frames import instantaneous_power, rms_to_peak, rotate, rotate_back
 
@@ -98,8 +99,10 @@ def power_stage(
     P_f = state.P_f + settings.smoothing_P * (P - state.P_f)
     Q_f = state.Q_f + settings.smoothing_Q * (Q - state.Q_f)
     omega, domega_dt, dV_dt = power_loops(state.omega_i, state.V, P_f, Q_f, refs, gains)
-    theta = state.theta + settings.T_s * omega
-    return omega, theta, state.omega_i + settings.T_s * domega_dt, state.V + settings.T_s * dV_dt, P_f, Q_f
+    theta = advanced(state.theta, settings.T_s * omega)
+    omega_i = advanced(state.omega_i, settings.T_s * domega_dt)
+    V = advanced(state.V, settings.T_s * dV_dt)
+    return omega, theta, omega_i, V, P_f, Q_f
 
 
 def voltage_stage(

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vsgdesign.equations.integration import advanced
+
 
 class InnerLoopGains(NamedTuple):
     """PI gains of the voltage loop (A/V, A/(V·s)) and the current loop (V/A, V/(A·s)), K_ff, R_t and X_t (Ω), and κ.
@@ -87,8 +89,8 @@ def voltage_loop(
     want_q = gains.K_pv * e_q + xi_q + gains.K_ff * i_g_q + omega_C * v_d
     i_ref_d, i_ref_q = limit_length(want_d, want_q, i_max_pk)
     unwind = gains.K_iv / gains.K_pv
-    xi_d = xi_d + T_s * (gains.K_iv * e_d + unwind * (i_ref_d - want_d))
-    xi_q = xi_q + T_s * (gains.K_iv * e_q + unwind * (i_ref_q - want_q))
+    xi_d = advanced(xi_d, T_s * (gains.K_iv * e_d + unwind * (i_ref_d - want_d)))
+    xi_q = advanced(xi_q, T_s * (gains.K_iv * e_q + unwind * (i_ref_q - want_q)))
     return i_ref_d, i_ref_q, xi_d, xi_q
 
 
@@ -121,6 +123,6 @@ def current_loop(
     want_q = gains.K_pc * e_q + xi_q + v_q + omega_L * i_d
     v_b_d, v_b_q = limit_length(want_d, want_q, v_max_pk)
     unwind = gains.K_ic / gains.K_pc
-    xi_d = xi_d + T_s * (gains.K_ic * e_d + unwind * (v_b_d - want_d))
-    xi_q = xi_q + T_s * (gains.K_ic * e_q + unwind * (v_b_q - want_q))
+    xi_d = advanced(xi_d, T_s * (gains.K_ic * e_d + unwind * (v_b_d - want_d)))
+    xi_q = advanced(xi_q, T_s * (gains.K_ic * e_q + unwind * (v_b_q - want_q)))
     return v_b_d, v_b_q, xi_d, xi_q
