@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.parameters.building import build_study
 from vsgdesign.parameters.inner_loops import GIVEN, InnerLoopSource
-from vsgdesign.parameters.study import Study
+from vsgdesign.parameters.study import Study, StudyOrigin
 from vsgdesign.parameters.toml_file import parse_toml, read_toml
 
 _CASE_PREFIX = "case:"
@@ -33,7 +34,8 @@ def load_study(path: str | Path, inner_loops: InnerLoopSource | None = None) -> 
     """
     path = Path(path)
     name = path.stem if path.stem != "study" else (path.resolve().parent.name or path.stem)
-    study = _build(_document(path, _MAX_BASES), str(path), name, path.parent, inner_loops)
+    document = _document(path, _MAX_BASES)
+    study = study_from_document(document, StudyOrigin(document, str(path.parent), str(path), name), inner_loops)
     return replace(study, files=tuple(os.path.abspath(file) for file in (path, *base_files(path))))
 
 
@@ -64,21 +66,36 @@ def study_from_text(
     text: str, source: str = "study text", folder: str | Path = ".", inner_loops: InnerLoopSource | None = None
 ) -> Study:
     """The same from TOML text; relative bases and files are looked up in ``folder``."""
-    document = _merge_bases(parse_toml(text, source), Path(folder), source, _MAX_BASES)
-    return _build(document, source, "study", Path(folder), inner_loops)
+    document = merged_document(parse_toml(text, source), folder, source)
+    return study_from_document(document, StudyOrigin(document, str(folder), source, "study"), inner_loops)
 
 
-def _build(
-    document: dict[str, Any], source: str, default_name: str, folder: Path, inner_loops: InnerLoopSource | None
+def merged_document(document: Mapping[str, Any], folder: str | Path = ".", source: str = "study") -> dict[str, Any]:
+    """A document with its base read and merged; relative paths begin in ``folder``. Raises StudyError."""
+    return _merge_bases(dict(document), Path(folder), source, _MAX_BASES)
+
+
+def study_from_document(
+    document: Mapping[str, Any], origin: StudyOrigin, inner_loops: InnerLoopSource | None = None
 ) -> Study:
+    """The Study of a merged document, which may say more than the one that it came from (``origin``).
+
+    Raises StudyError with every fault.
+    """
     faults: list[Fault] = []
-    study = build_study(_files_in(document, folder), default_name, _hash(document), faults, inner_loops)
+    placed = _files_in(dict(document), Path(origin.folder))
+    study = build_study(placed, origin.default_name, _hash(document), faults, inner_loops)
     if faults:
-        raise StudyError(source, faults)
-    return study
+        raise StudyError(origin.source, faults)
+    return replace(study, origin=origin)
 
 
-def _hash(document: dict[str, Any]) -> str:
+def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """A document with changes on top: tables merge field by field; anything else replaces."""
+    return _merge(dict(below), dict(above))
+
+
+def _hash(document: Mapping[str, Any]) -> str:
     canonical = json.dumps(document, sort_keys=True, separators=(",", ":"), default=str)
     return hashlib.sha256(canonical.encode()).hexdigest()
 
@@ -107,7 +124,7 @@ def _merge_bases(document: dict[str, Any], folder: Path, source: str, depth: int
     return _merge(below, document)
 
 
-_FILES = (("controllers", "table"), ("estimator", "weights"), ("estimator", "recipe"))
+FILES = (("controllers", "table"), ("estimator", "weights"), ("estimator", "recipe"))
 """Section and field of what names a file, relative to the document that says it. A recipe may be a word instead."""
 
 
@@ -121,7 +138,7 @@ def _files_in(document: dict[str, Any], folder: Path) -> dict[str, Any]:
         return table | {field: str(folder / named)}
 
     found = dict(document)
-    for section, field in _FILES:
+    for section, field in FILES:
         tables = found.get(section)
         if isinstance(tables, list):
             found[section] = [placed(table, field) for table in tables]

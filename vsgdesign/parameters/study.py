@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -244,6 +245,19 @@ class StabilitySpec:
 
 
 @dataclass(frozen=True)
+class StudyOrigin:
+    """The document that a study was read from, so that a changed study is checked by the same reader."""
+
+    document: Mapping[str, Any]
+    """Sections and fields as they were written, bases merged."""
+    folder: str
+    """Where relative paths in it begin."""
+    source: str
+    """What messages call it."""
+    default_name: str
+
+
+@dataclass(frozen=True)
 class Study:
     """Everything that a study file says, resolved, checked and in SI."""
 
@@ -275,6 +289,26 @@ class Study:
     """What the inner loops were designed for; None where the study gives their gains."""
     files: tuple[str, ...] = field(default=(), compare=False)
     """Paths of the study file and of the files that it is based on; none for a study from a text."""
+    origin: StudyOrigin | None = field(default=None, compare=False, repr=False)
+    """What it was read from; None for a study that was put together from its parts."""
+
+    def with_changes(self, **sections: Any) -> Study:
+        """A study with sections changed as a study file would say it, checked by the same reader.
+
+        Tables are merged field by field (``simulation={"duration": "6 s"}``); lists (``controllers``, ``events``) are
+        replaced. The present study stays as it is. Raises StudyError with every fault.
+        """
+        from vsgdesign.parameters.changing import changed
+
+        return changed(self, sections)
+
+    def with_controllers(self, *controllers: Mapping[str, Any]) -> Study:
+        """The study with these controllers instead of its own; fields as in a study file's [[controllers]]."""
+        return self.with_changes(controllers=list(controllers))
+
+    def with_events(self, *events: Mapping[str, Any]) -> Study:
+        """The study with these events instead of its own; fields as in a study file's [[events]]."""
+        return self.with_changes(events=list(events))
 
     @property
     def input_files(self) -> tuple[str, ...]:
