@@ -1,3 +1,3 @@
 """vsgdesign: grid-forming converter design, from a datasheet to a gain schedule proven in EMT."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
