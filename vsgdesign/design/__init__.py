@@ -1,4 +1,4 @@
-"""Specification to gains: in closed form today, with a certificate over a region."""
+"""From a specification to gains: closed forms, optimised gain tables, fixed tunings and designed inner loops."""
 
 from vsgdesign.certificate import Certificate, Counterexample, Region, certify
 from vsgdesign.design.closed_form import ClosedFormDesign, design_closed_form, distinct_grids
