@@ -17,10 +17,10 @@ from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.table_summary import table_lines
 from vsgdesign.artifacts.table_text import between_text, certificate_sentence, certificate_summary
 from vsgdesign.certificate.results import Counterexample, growing_mode
-from vsgdesign.cli.console.table import built_text
 from vsgdesign.export import export_c_files
 from vsgdesign.report.gain_table.page import verdict_of
 from vsgdesign.report.gain_table.regions import certificate_figure
+from vsgdesign.report.gain_table.words import built_text
 
 REGION = {"scr": [2.0, 8.0], "x_over_r": [0.3, 3.0], "P": [-4500.0, 4500.0], "Q": [-2e3, 2e3], "error": 0.2}
 CELL = {"scr": 2.0, "x_over_r": 0.3, "P": -2500.0, "Q": 1000.0, "error_R": -0.2, "error_L": 0.0}

@@ -13,7 +13,6 @@ import pytest
 from tests.design.robust_studies import ROOT, TEXT, controller, specification
 from vsgdesign.artifacts import read_table_file, write_table_file
 from vsgdesign.artifacts.table_text import cause_text, causes_text
-from vsgdesign.cli.console.table import heading
 from vsgdesign.design.box import limit_uses, scenarios_of_estimate, within_limits
 from vsgdesign.design.causes import DELAY, ERROR, INNER, LIMIT, NONE, Cause, explain
 from vsgdesign.design.cell import common_design
@@ -23,6 +22,7 @@ from vsgdesign.design.record import CellRecord, CellTask, record_document, recor
 from vsgdesign.design.table import build_table
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.report.gain_table.page import causes_table, verdict_of
+from vsgdesign.report.gain_table.words import heading
 
 LABORATORY = """
 base = "studies/laboratory/study.toml"

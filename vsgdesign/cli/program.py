@@ -199,7 +199,7 @@ def certify(
     if as_json:
         _print_json(found.as_document())
     else:
-        from vsgdesign.cli.console.scenario import certificate_text
+        from vsgdesign.report.gain_table.words import certificate_text
 
         click.echo(certificate_text(found))
     if not isinstance(found, Certificate):

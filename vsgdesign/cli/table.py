@@ -85,7 +85,7 @@ def build(
     if as_json:
         print_json(document)
     else:
-        from vsgdesign.cli.console.table import built_text
+        from vsgdesign.report.gain_table.words import built_text
 
         click.echo(built_text(document))
 
@@ -123,7 +123,7 @@ def check(table_file: str, study_file: str | None, as_json: bool) -> None:
     if as_json:
         print_json({"good": outcome.good, "table": found.name, "sha256": found.sha256} | vars(outcome))
     else:
-        from vsgdesign.cli.console.table import check_text
+        from vsgdesign.report.gain_table.words import check_text
 
         click.echo(check_text(table_file, found, outcome))
     if not outcome.good:

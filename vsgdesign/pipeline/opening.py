@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,6 +33,19 @@ def inner_loops_file(study_file: str | Path) -> Path:
     return path.with_name(f"{path.stem}.inner.json")
 
 
+def kept_records(files: Iterable[str | Path]) -> Iterator[tuple[Path, InnerLoopsRecord]]:
+    """Designed inner loops that lie beside study files, in their order. Raises ArtifactError for a damaged one."""
+    for path in map(inner_loops_file, files):
+        if path.exists():
+            yield path, read_inner_loops_file(path)
+
+
+def kept_record(request: InnerLoopRequest, files: Iterable[str | Path]) -> InnerLoopsRecord | None:
+    """The record of a request that lies beside one of the files, or None."""
+    wanted = request_document(request)
+    return next((record for _, record in kept_records(files) if record.request == wanted), None)
+
+
 @dataclass
 class KeptInnerLoops:
     """Designed inner loops of one study file: read where they are kept, else designed and kept.
@@ -54,10 +67,7 @@ class KeptInnerLoops:
         wanted = request_document(request)
         own = inner_loops_file(self.study_file)
         stale = None
-        for path in (own, *map(inner_loops_file, base_files(self.study_file))):
-            if not path.exists():
-                continue
-            record = read_inner_loops_file(path)
+        for path, record in kept_records((self.study_file, *base_files(self.study_file))):
             if record.request == wanted:
                 self.record, self.file = record, path
                 return record.gains, record.omega_t

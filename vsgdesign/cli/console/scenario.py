@@ -14,10 +14,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from vsgdesign.artifacts.table_summary import table_lines
-from vsgdesign.artifacts.table_text import certificate_sentence
 
 if TYPE_CHECKING:
-    from vsgdesign.certificate import Certificate, Counterexample
+    pass
 
 
 @contextmanager
@@ -159,21 +158,6 @@ def stability_tables(document: dict[str, Any]) -> None:
     verdicts = [row["verdict"] for row in document["verdicts"]]
     counts = ", ".join(f"{verdicts.count(kind)} {kind}" for kind in dict.fromkeys(verdicts))
     console.print(f"gates (ours, no grid code): {counts}")
-
-
-def certificate_text(found: Certificate | Counterexample) -> str:
-    """What was proved, or the cell that forbids it; then how well it was looked at."""
-    from vsgdesign.certificate import Certificate
-
-    text = f"{found.controller}: {certificate_sentence(found.as_document())}"
-    if not isinstance(found, Certificate):
-        return text
-    boxes = f"Proved on {found.boxes} {'box' if found.boxes == 1 else 'boxes'}. " if found.boxes else ""
-    spare = "" if found.proof == "gap-free" else f", the slowest of which has {found.gap.decay:.2g} 1/s to spare"
-    return (
-        f"{text}\n{boxes}Verified at {found.checked} cells and {found.fresh} fresh random points{spare}; "
-        f"{found.vertices} vertices decide."
-    )
 
 
 def _finite(value: float | None, form: str, unit: str) -> str:

@@ -1,0 +1,135 @@
+"""What a gain table is and what is proved of it, in sentences: one text for terminal, page and notebook."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.table_text import (
+    between_text,
+    cause_text,
+    causes_text,
+    certificate_failed,
+    certificate_sentence,
+    inner_loops_text,
+    status_text,
+)
+from vsgdesign.certificate import Certificate, Counterexample
+from vsgdesign.errors import counted
+from vsgdesign.stability.gain_table import TableCheck
+
+
+def heading(table: GainTable) -> Iterator[str]:
+    """Lines that say what the table is, for what, and what was proved; a proof that failed is the first line."""
+    if certificate_failed(table.certificate):
+        yield certificate_sentence(table.certificate)
+    base, v = table.base, table.validity
+    counts = status_text({s: int((table.status == s).sum()) for s in ("met", "relaxed", "outside")})
+    yield f"{table.name}: {table.structure}, law {table.law}, for study {table.study}"
+    yield (
+        f"{len(table.scr)} SCR ({base.scr_basis} basis) × {len(table.x_over_r)} X/R: {counts}. "
+        f"{base.S_rated / 1e3:g} kVA, {base.V_rated_rms:g} V phase, {base.omega_n / (2.0 * math.pi):g} Hz; "
+        f"gains shown at {table.P_design / 1e3:g} kW, {table.Q_design / 1e3:g} kvar"
+    )
+    if table.structure != "published":
+        droop = f"D_p = {table.D_p:.4g} W·s/rad, " if table.structure == "angle_damped" else ""
+        yield f"droop: {droop}D_q = {table.D_q:.4g} var/V"
+    yield (
+        f"valid for SCR {v.scr[0]:g} to {v.scr[1]:g}, X/R {v.x_over_r[0]:g} to {v.x_over_r[1]:g}, "
+        f"P {v.P[0] / 1e3:g} to {v.P[1] / 1e3:g} kW, Q {v.Q[0] / 1e3:g} to {v.Q[1] / 1e3:g} kvar, "
+        f"V {v.V_rms[0]:.4g} to {v.V_rms[1]:.4g} V, R and X known to ±{100.0 * v.error:g} %"
+    )
+    if table.specification:
+        yield "specification: " + ", ".join(f"{k} = {_short(v)}" for k, v in table.specification.items())
+    yield from _why(table.causes)
+    if table.between is not None:
+        yield between_text(table.between)
+    if not certificate_failed(table.certificate):
+        yield certificate_sentence(table.certificate)
+    if table.design_hash:
+        yield f"design hash {table.design_hash}"
+    yield f"sha256 {table.sha256}"
+
+
+def certificate_text(found: Certificate | Counterexample) -> str:
+    """What was proved, or the cell that forbids it; then how well it was looked at."""
+    text = f"{found.controller}: {certificate_sentence(found.as_document())}"
+    if not isinstance(found, Certificate):
+        return text
+    boxes = f"Proved on {found.boxes} {'box' if found.boxes == 1 else 'boxes'}. " if found.boxes else ""
+    spare = "" if found.proof == "gap-free" else f", the slowest of which has {found.gap.decay:.2g} 1/s to spare"
+    return (
+        f"{text}\n{boxes}Verified at {found.checked} cells and {found.fresh} fresh random points{spare}; "
+        f"{found.vertices} vertices decide."
+    )
+
+
+def built_text(document: dict[str, Any], shown: int = 8) -> str:
+    """What a build made: cells, nodes added, promises not kept and at what they would be, at nodes and between."""
+    table, cells, between = document["table"], document["cells"], document["between"]
+    head = f"{document['file']}: {table['name']}, {len(table['scr'])} SCR × {len(table['x_over_r'])} X/R"
+    proof = document["certificate"]
+    lines = [] if proof["certified"] is not False else [f"{table['name']}: {proof['text']}"]
+    lines.append(f"{head}: {status_text(cells)}")
+    if added := document["added"]:
+        lines.append("nodes added between: " + ", ".join(f"{node['axis']} {node['value']:g}" for node in added))
+    lines += _first(document["relaxed"], "would_be_feasible_with", "not as specified, feasible with", shown)
+    broken = between["broken"]
+    lines += _why(document["causes"], shown)
+    lines.append(between_text(between))
+    lines += _first(broken, "reached", "breaks its promise with", shown)
+    if proof["certified"] is not False:
+        lines.append(proof["text"])
+    lines.append(f"sha256 {table['sha256']}")
+    return "\n".join(lines)
+
+
+def _why(causes: Sequence[dict[str, Any]], shown: int = 8) -> list[str]:
+    """The causes of relaxed cells, a line each."""
+    if not causes:
+        return []
+    more = [f"  and {len(causes) - shown} more (--json has all)"] if len(causes) > shown else []
+    return [f"why cells are relaxed: {causes_text(causes)}", *(f"  {cause_text(c)}" for c in causes[:shown]), *more]
+
+
+def _first(places: Sequence[dict[str, Any]], key: str, says: str, shown: int) -> list[str]:
+    lines = []
+    for place in places[:shown]:
+        where = f"  SCR {place['scr']:.4g}, X/R {place['x_over_r']:.4g}"
+        if place.get("inner_loops_fail"):
+            lines.append(f"{where}: {inner_loops_text(place['inner_loops_rad_s'])}")
+            continue
+        values = ", ".join(f"{name} {_limit(value)}" for name, value in place[key].items())
+        lines.append(f"{where}: {says} {values}")
+    return lines if len(places) <= shown else [*lines, f"  and {len(places) - shown} more (--json has all)"]
+
+
+def _limit(value: float | None) -> str:
+    return "∞" if value is None or math.isinf(value) else f"{value:.3g}"
+
+
+def check_text(path: str, table: GainTable, outcome: TableCheck) -> str:
+    """What a check found, a line each."""
+    shown = ", ".join(f"{name} {value:.2g}" for name, value in outcome.largest.items())
+    if not outcome.good:
+        return f"{path}: {counted(len(outcome.faults), 'fault')}\n" + "\n".join(
+            f"  - {fault}" for fault in outcome.faults
+        )
+    lines = [f"{path}: good. {table.name}, {counted(outcome.cells, 'cell')} analysed anew"]
+    if shown:
+        lines.append(f"largest differences of stored margins: {shown}")
+    if outcome.unknown:
+        lines.append(f"carried, not recomputed: {', '.join(outcome.unknown)}")
+    return "\n".join(lines)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.5g}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_short(item) for item in value) + "]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{k}: {_short(v)}" for k, v in value.items()) + "}"
+    return str(value)
