@@ -58,6 +58,11 @@ def test_every_fault_at_once_by_the_same_reader() -> None:
     assert {"events[0].time", "events[0].P_reff", "events[1].time"} <= set(fields)
 
 
+def test_a_grid_that_is_no_table_is_a_fault() -> None:
+    with pytest.raises(StudyError, match=r"events\[0\].grid"):
+        study_from_text(BASE).with_events({"time": 1, "grid": 5})
+
+
 def test_fields_that_were_replaced_directly_are_not_lost_silently() -> None:
     study = study_from_text(BASE)
     with pytest.raises(StudyError, match="with_changes"):

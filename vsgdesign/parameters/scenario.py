@@ -143,7 +143,9 @@ def _given(table: TableReader, event: Event, converter: Converter, basis: str) -
     if event.grid is not None:
         scr, ratio = event.grid.scr(converter, basis), event.grid.x_over_r(converter.omega_n)
         known = {"R_g": event.grid.R_g, "L_g": event.grid.L_g, "scr": scr, "x_over_r": ratio}
-        values |= {f"grid.{name}": value for name, value in known.items() if name in table.table["grid"]}
+        written = table.table["grid"]
+        if isinstance(written, dict):  # the reader has said so where it is not
+            values |= {f"grid.{name}": value for name, value in known.items() if name in written}
     return {name: value for name, value in values.items() if value is not None}
 
 
