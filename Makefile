@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out
 
-.PHONY: paper test lint bench evidence docs clean
+.PHONY: paper test lint bench evidence docs docs-test clean
 
 paper: $(VENV)/.train
 	$(BIN)/vsgdesign run studies/published/study.toml --out $(OUT)/published
@@ -25,7 +25,7 @@ bench: $(VENV)/.dev
 evidence: $(VENV)/.dev
 	$(BIN)/python -m evidence --out $(OUT)/evidence
 
-docs: $(VENV)/.dev
+docs-test: $(VENV)/.dev
 	$(BIN)/python -m pytest tests/docs -n 0
 
 $(VENV)/bin/python:
