@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 
@@ -28,6 +28,19 @@ class Fault:
         shown = f"{self.field} = {self.value}" if self.value else self.field
         advice = f" {self.advice}" if self.advice else ""
         return f"{shown}: {self.problem}.{advice}"
+
+
+class UnknownNameError(VsgDesignError, KeyError):
+    """A name that must be one of those known is none of them."""
+
+    def __init__(self, field: str, value: object, known: Iterable[str]) -> None:
+        self.field = field
+        self.value = value
+        self.known = tuple(known)
+        super().__init__(f"{field} = {value!r}: must be one of {', '.join(self.known)}.")
+
+    def __str__(self) -> str:
+        return str(self.args[0])  # KeyError would show the text in quotes
 
 
 class StudyError(VsgDesignError):

@@ -14,7 +14,7 @@ from vsgdesign.equations.closed_form import (
     voltage_loop_gains,
 )
 from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point
-from vsgdesign.equations.structures import NormalisedGains, structure_gains
+from vsgdesign.equations.structures import PUBLISHED, NormalisedGains
 
 R_G, X_G = 3.64097929, 3.64422703
 
@@ -24,7 +24,7 @@ def power_loop_gains(
 ) -> tuple[float, float, float, float]:
     """K_ip, D_p, K_iq, D_q of the published structure; B and C must have no say."""
     normalised = NormalisedGains(*closed_form_poles(settling_time, damping_ratio), droop_ratio, 0.0, 0.0)
-    gains = structure_gains(A, 91.9, -4840.0, D, normalised, 0.0, 0.0, 5e3, 314.0, False, False)
+    gains = PUBLISHED.gains(A, 91.9, -4840.0, D, normalised, 0.0, 0.0, 5e3, 314.0, False)
     assert gains[4:] == (0.0, 0.0, 0.0, 0.0)
     return gains[:4]
 

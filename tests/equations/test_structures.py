@@ -11,16 +11,20 @@ from vsgdesign.equations.closed_form import closed_form_poles
 from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point, power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless, power_loops
 from vsgdesign.equations.structures import (
+    STRUCTURES,
     NormalisedGains,
     angle_damped_gains,
     decoupled_gains,
     decoupling,
-    structure_gains,
 )
 
 OMEGA_0, V_N = 314.0, 110.0
+POLES = 5e3, OMEGA_0, False
+"""Rating, frequency, and the law with poles."""
 K_1, D_1, K_2 = 15.8, 6.6, 4.0
-SAME_AT_ONE_SECOND = 21.329, 8.2433, np.log(50.0)
+WHOLE = NormalisedGains(K_1, D_1, K_2, 0.0, 1.0, 1.0)
+"""All coupling taken out."""
+SAME_AT_ONE_SECOND = WHOLE._replace(k_1_or_H=21.329, d_1_or_zeta=8.2433, k_2=np.log(50.0))
 """Both polynomials' step responses are at 98 % after 1 s."""
 
 
@@ -69,7 +73,7 @@ def test_angle_damping_places_the_poles_whatever_grid_and_droops(
 ) -> None:
     P, Q, R, X = grid
     J = jacobian_from_powers(P, Q, operating_point(P, Q, V_N, R, X)[0], R, X)
-    gains = angle_damped_gains(*J, K_1, D_1, K_2, D_p, D_q, 1.0, 1.0, D_p)
+    gains = angle_damped_gains(*J, WHOLE, D_p, D_q, *POLES)
     found = np.sort_complex(closed_loop(P, Q, R, X, gains))
     # Differences of a stiff W times kW-sized powers: 1e-5 of the poles' size.
     assert np.abs(found - np.sort_complex(wanted())).max() < 1e-4
@@ -83,7 +87,7 @@ def test_every_step_of_P_and_Q_is_at_98_percent_after_a_second(
     """From the nonlinear equations, small steps, 5 % P-f droop; the poles are those that are at 98 % at 1 s alone."""
     P, Q, R, X = grid
     V_0, delta_0 = (float(value) for value in operating_point(P, Q, V_N, R, X))
-    gains = angle_damped_gains(*jacobian_from_powers(P, Q, V_0, R, X), *SAME_AT_ONE_SECOND, 318.0, D_q, 1.0, 1.0, 318.0)
+    gains = angle_damped_gains(*jacobian_from_powers(P, Q, V_0, R, X), SAME_AT_ONE_SECOND, 318.0, D_q, *POLES)
     omega_i = OMEGA_0 + gains.k_P * P + gains.k_Q * (Q + D_q * V_0)
     for signal in (0, 1):
         step = np.zeros(2)
@@ -109,8 +113,8 @@ def test_no_droop_makes_the_gains_of_the_V_row_grow_without_bound(D_p: float) ->
         J = jacobian_from_powers(P, Q, operating_point(P, Q, V_N, R, X)[0], R, X)
         if J[0] <= 0.0 or J[0] * J[3] <= J[1] * J[2]:
             continue
-        without = angle_damped_gains(*J, K_1, D_1, K_2, 0.0, 0.0, 1.0, 1.0, 0.0)
-        with_droop = angle_damped_gains(*J, K_1, D_1, K_2, D_p, 0.0, 1.0, 1.0, D_p)
+        without = angle_damped_gains(*J, WHOLE, 0.0, 0.0, *POLES)
+        with_droop = angle_damped_gains(*J, WHOLE, D_p, 0.0, *POLES)
         assert abs(with_droop.K_qp / without.K_qp) <= 1.0 / (1.0 - 2.0 ** (2.0 / 3.0) / 3.0) + 1e-9
 
 
@@ -121,7 +125,7 @@ def test_decoupling_places_the_poles_without_P_f_droop_of_its_own(
 ) -> None:
     P, Q, R, X = grid
     J = jacobian_from_powers(P, Q, operating_point(P, Q, V_N, R, X)[0], R, X)
-    gains = decoupled_gains(*J, K_1, D_1, K_2, D_q, 1.0, 1.0)
+    gains = decoupled_gains(*J, WHOLE, 0.0, D_q, *POLES)
     assert gains.K_ip * gains.D_p == pytest.approx(D_1, rel=1e-12)
     found = np.sort_complex(closed_loop(P, Q, R, X, gains))
     assert np.abs(found - np.sort_complex(wanted())).max() < 1e-4
@@ -129,7 +133,7 @@ def test_decoupling_places_the_poles_without_P_f_droop_of_its_own(
 
 def test_the_published_structure_is_the_law_with_four_gains() -> None:
     normalised = NormalisedGains(*closed_form_poles(1.0, 1.0), 0.01, 0.0, 0.0)
-    gains = structure_gains(8348.0, 91.9, -4840.0, 68.7, normalised, 0.0, 0.0, 5e3, OMEGA_0, False, False)
+    gains = STRUCTURES["published"].gains(8348.0, 91.9, -4840.0, 68.7, normalised, 0.0, 0.0, *POLES)
     refs = References(3e3, 1e3, OMEGA_0, V_N)
     omega, domega, dV = power_loops(313.5, 112.0, 2.8e3, 650.0, refs, gains)
     assert omega == 313.5
@@ -148,8 +152,8 @@ def test_no_share_leaves_a_diagonal_and_one_row_can_stay_pure() -> None:
 
 def test_rescheduling_leaves_the_frequency_where_it_is() -> None:
     refs = References(3e3, 1e3, OMEGA_0, V_N)
-    old = angle_damped_gains(8348.0, 91.9, -4840.0, 68.7, K_1, D_1, K_2, 318.0, 909.0, 1.0, 1.0, 318.0)
-    new = angle_damped_gains(24076.0, 217.0, -20845.0, 211.0, K_1, D_1, K_2, 318.0, 909.0, 1.0, 1.0, 318.0)
+    old = angle_damped_gains(8348.0, 91.9, -4840.0, 68.7, WHOLE, 318.0, 909.0, *POLES)
+    new = angle_damped_gains(24076.0, 217.0, -20845.0, 211.0, WHOLE, 318.0, 909.0, *POLES)
     omega_i = 317.0
     before = power_loops(omega_i, 112.0, 2.8e3, 650.0, refs, old)[0]
     moved = bumpless(omega_i, 112.0, 2.8e3, 650.0, old, new)
@@ -171,7 +175,7 @@ def test_a_frequency_ramp_asks_for_the_power_of_the_inertia_constant(
     J = jacobian_from_powers(P, Q, V_0, R, X)
     S, slope, D_q = 5e3, 0.02, 50.0
     normalised = INERTIA._replace(share_P=share_P, share_Q=share_Q)
-    gains = structure_gains(*J, normalised, 0.0, D_q, S, OMEGA_0, True, True)
+    gains = angle_damped_gains(*J, normalised, 0.0, D_q, S, OMEGA_0, True)
     omega_i = OMEGA_0 + gains.k_P * P + gains.k_Q * (Q + D_q * V_0)
     refs = References(P, Q - D_q * (V_N - V_0), OMEGA_0, V_N)
 
@@ -189,7 +193,7 @@ def test_a_frequency_ramp_asks_for_the_power_of_the_inertia_constant(
 
 def test_the_inertia_law_has_the_damping_ratio_it_says() -> None:
     J = (8348.0, 91.9, -4840.0, 68.7)
-    gains = structure_gains(*J, INERTIA, 0.0, 0.0, 5e3, OMEGA_0, False, True)
+    gains = decoupled_gains(*J, INERTIA, 0.0, 0.0, 5e3, OMEGA_0, True)
     # δ alone: s² + K_ip D_p s + K_ip A.
     omega_n = np.sqrt(gains.K_ip * J[0])
     assert gains.K_ip * gains.D_p / (2.0 * omega_n) == pytest.approx(0.7, rel=1e-12)

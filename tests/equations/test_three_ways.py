@@ -32,12 +32,12 @@ RANGES: dict[str, tuple[float, float]] = {
     "omega_0": (310.0, 318.0), "omega_i": (310.0, 318.0), "V_n": (100.0, 120.0), "V": (90.0, 130.0),
     "K_pv": (0.01, 0.1), "K_iv": (5.0, 30.0), "K_pc": (5.0, 20.0), "K_ic": (1e3, 4e4), "K_ff": (0.0, 1.0),
     "R_t": (0.0, 1.0), "X_t": (-1.0, 1.0), "kappa": (0.0, 1.6), "half_cos": (0.99, 1.0), "half_sin": (0.0, 0.1),
-    "T_over_L": (5e-3, 0.1), "Z": (0.1, 10.0),
+    "pace": (0.3, 3.0), "T_over_L": (5e-3, 0.1), "Z": (0.1, 10.0),
     "u_d": (-200.0, 200.0), "u_q": (-200.0, 200.0), "u_alpha": (-200.0, 200.0), "u_beta": (-200.0, 200.0),
     "K_pq": (-1e-2, 1e-2), "K_qp": (-0.5, 0.5), "k_P": (0.0, 1e-3), "k_Q": (-1e-3, 1e-3), "B": (50.0, 500.0),
     "k_1": (5.0, 30.0), "d_1": (3.0, 9.0), "k_2": (2.0, 8.0), "share_P": (0.0, 1.0), "share_Q": (0.0, 1.0),
     "k_1_or_H": (2.0, 30.0), "d_1_or_zeta": (0.5, 9.0), "q": (0.0, 0.05), "H": (1.0, 10.0), "zeta": (0.4, 1.2),
-    "K_ip": (1e-3, 1e-2), "D_p": (500.0, 3000.0), "D_p_V": (0.0, 3000.0), "K_iq": (0.05, 0.5), "D_q": (0.1, 3.0),
+    "K_ip": (1e-3, 1e-2), "D_p": (500.0, 3000.0), "K_iq": (0.05, 0.5), "D_q": (0.1, 3.0),
     "S_rated": (1e3, 1e6), "dc_voltage": (300.0, 900.0), "zero_sequence": (0.0, 1.0),
 }  # fmt: skip
 BY_PREFIX: tuple[tuple[str, tuple[float, float]], ...] = (
@@ -51,7 +51,7 @@ BY_PREFIX: tuple[tuple[str, tuple[float, float]], ...] = (
     ("Q", (-2e3, 2e3)),
 )
 ONE_LETTER = {"a": (-200.0, 200.0), "R": (0.1, 2.0), "X": (0.1, 2.0)}
-FLAGS = ("zero_sequence", "angle_damped", "by_inertia")
+FLAGS = ("zero_sequence", "by_inertia")
 """Arguments that choose between formulas and are never symbols."""
 
 

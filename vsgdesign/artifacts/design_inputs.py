@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.guarded_file import content_hash
+from vsgdesign.equations.structures import STRUCTURES
 
 if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable
@@ -27,10 +28,10 @@ def resolved_inputs(study: Study, target: ClosedFormTarget) -> dict[str, Any]:
     """The values themselves, by section of the study file: converter, filter, loops, source, controller,
     specification. To the last bit: what unfinished cells are kept by."""
     specification = study.specification
-    droops = {}
-    if target.structure != "published":
+    structure, droops = STRUCTURES[target.structure], {}
+    if structure.Q_droop:
         droops["Q_droop"] = target.Q_droop
-    if target.structure == "angle_damped":
+    if structure.P_droop:
         droops["P_droop"] = target.P_droop
     found: dict[str, Any] = {
         "converter": asdict(study.converter),

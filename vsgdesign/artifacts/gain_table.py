@@ -90,7 +90,7 @@ class GainTable:
 
     name: str
     structure: str
-    """``published``, ``decoupled`` or ``angle_damped``."""
+    """A name of equations.structures.STRUCTURES."""
     law: str
     """``poles``: k_1, d_1 are columns. ``inertia``: H (s) and zeta are, k_1 and d_1 follow from them."""
     study: str

@@ -94,7 +94,7 @@ def table_faults(table: GainTable) -> list[str]:
 
 
 def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
-    for name, choices in (("structure", STRUCTURES), ("law", tuple(COLUMNS))):
+    for name, choices in (("structure", tuple(STRUCTURES)), ("law", tuple(COLUMNS))):
         if getattr(table, name) not in choices:
             yield name, f"{getattr(table, name)!r} is unknown; must be one of {', '.join(choices)}"
     if table.base.scr_basis not in SCR_BASES:

@@ -16,7 +16,8 @@ from vsgdesign.design.figures import Figures, shortfalls, worst
 from vsgdesign.design.nlp import KINDS, SLOTS, RobustProgram, robust_program
 from vsgdesign.design.search import Ground, candidates, evolved, hardest, log_stiffness
 from vsgdesign.design.variables import variables
-from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.equations.closed_form import LEAST_BANDWIDTH
+from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.parameters.specification import Specification
 
 Array = NDArray[np.float64]
@@ -32,7 +33,8 @@ _SEARCHED_IN_COMMON = 6
 _PACES = np.geomspace(0.8, 5.0, 8)
 _ZETAS = (0.7, 0.8, 0.9, 1.0, 1.15, 1.3)
 _RATIOS = (0.7, 0.85, 1.0, 1.2, 1.4, 1.7)
-"""Common designs: k_1T²/15.8, d_1/(2√k_1), k_2/√k_1."""
+_START_Q = 0.02
+"""Common designs: k_1T² over that of LEAST_BANDWIDTH, d_1/(2√k_1), k_2/√k_1, and q where it is free."""
 _CAP = 3.0
 
 
@@ -146,12 +148,13 @@ def common_design(law: LawOfStudy, spec: Specification, boxes: Sequence[Scenario
     """
     v = variables(law.structure, spec)
     T = spec.settling_time
-    shares = 0.0 if law.structure == "published" else 1.0
+    share = STRUCTURES[law.structure].start_share
     rows = []
     for pace, zeta, ratio in itertools.product(_PACES, _ZETAS, _RATIOS):
-        root = np.sqrt(15.8 * pace)
-        first = (15.8 * pace / T**2, 2.0 * zeta * root / T) if law.law == "poles" else (float(spec.H or 0.0), zeta)
-        rows.append(v.of(NormalisedGains(*first, ratio * root / T, 0.02, shares, shares)))
+        root = np.sqrt(LEAST_BANDWIDTH.k_1 * pace)
+        poles = LEAST_BANDWIDTH.k_1 * pace / T**2, 2.0 * zeta * root / T
+        first = poles if law.law == "poles" else (float(spec.H or 0.0), zeta)
+        rows.append(v.of(NormalisedGains(*first, ratio * root / T, _START_Q, share, share)))
     y = np.unique(np.array(rows), axis=0)
     total = np.zeros(len(y))
     for lack in each(partial(_lacks, law, spec, y), boxes):

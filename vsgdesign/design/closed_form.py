@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.structures import effective_inertia
+from vsgdesign.equations.structures import STRUCTURES, effective_inertia
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
@@ -20,8 +20,8 @@ class ClosedFormDesign:
     """One controller's gains on one grid, the point they are designed at, and the loops' margins there.
 
     A controller that estimates the grid has the gains of the true one, one with a gain table those of its table.
-    Margins are those of the paper's decoupled loops for the published structure; for the others, those of each
-    loop with the other closed, coupling included.
+    Margins are those of the paper's two loops for a structure that is designed without coupling, the published one;
+    for the others, those of each loop with the other closed, coupling included.
     """
 
     controller: str
@@ -62,7 +62,7 @@ def design_closed_form(study: Study, spec: ControllerSpec, grid: Grid) -> Closed
         gains = PowerLoopGains(*(float(value) for value in found))
     except NoOperatingPointError as error:
         raise InfeasibleStudyError(f"controller {spec.name}: {error}") from error
-    if structure == "published":
+    if STRUCTURES[structure].uncoupled:
         loops = power_loops(gains, point.A, point.D)
         open_P, open_Q = loops.P_open, loops.Q_open
     else:

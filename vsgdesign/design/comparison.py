@@ -16,7 +16,7 @@ from vsgdesign.design.figures import Figures, shortfalls, worst
 from vsgdesign.design.single import FixedTuning
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.structures import effective_inertia
+from vsgdesign.equations.structures import STRUCTURES, effective_inertia
 from vsgdesign.metrics.step_response import ResponseMetrics
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import ControllerSpec, Study
@@ -169,10 +169,9 @@ def comparison_axes(spec: Specification) -> tuple[tuple[float, ...], tuple[float
 
 def contender_of(study: Study, spec: ControllerSpec) -> Contender:
     """A controller of the study as a contender. Raises InfeasibleStudyError for gains that cannot be had."""
-    target = spec.target
-    droop = 0.0
-    if target.structure == "angle_damped" and target.P_droop > 0.0:
-        droop = study.converter.S_rated / (target.P_droop * study.converter.omega_n)
+    target, c = spec.target, study.converter
+    droops = target.P_droop, target.Q_droop
+    droop, _ = STRUCTURES[target.structure].rated_droops(*droops, c.S_rated, c.omega_n, c.V_rated_rms)
     law = gain_law(study, spec)
     if law.fixed is not None:
         return Contender(spec.name, target.structure, GIVEN, droop, gains=law.fixed)

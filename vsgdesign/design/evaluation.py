@@ -13,7 +13,7 @@ from vsgdesign.design.box import Scenarios
 from vsgdesign.design.kernels import FIGURES, figures
 from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.structures import NormalisedGains, structure_gains
+from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.metrics.modes import damping_ratio
 from vsgdesign.model.coupled import coupled_model
@@ -45,32 +45,25 @@ class LawOfStudy:
     def gains(self, normalised: NormalisedGains, s: Scenarios) -> PowerLoopGains:
         """The gains that the runtime has in each scenario: estimated grid, measured P, Q, V. Arrays broadcast."""
         A, B, C, D = scheduled_jacobian(s.P, s.Q, s.V_rms, s.R_hat, s.X_hat)
-        return structure_gains(
-            A,
-            B,
-            C,
-            D,
-            normalised,
-            self.D_p,
-            self.D_q,
-            self.S_rated,
-            self.omega_n,
-            self.structure == "angle_damped",
-            self.law == "inertia",
-        )
+        return self.gains_of_jacobian(A, B, C, D, normalised)
+
+    def gains_of_jacobian(self, A: Any, B: Any, C: Any, D: Any, normalised: NormalisedGains) -> PowerLoopGains:
+        """Gains of a Jacobian (:eq:`structure-gains`); also of symbols."""
+        by_inertia = self.law == "inertia"
+        structure = STRUCTURES[self.structure]
+        return structure.gains(A, B, C, D, normalised, self.D_p, self.D_q, self.S_rated, self.omega_n, by_inertia)
 
 
 def law_of(study: Study, target: ClosedFormTarget, aim: str) -> LawOfStudy:
     """The law of a controller's target under a specification's aim."""
     c = study.converter
-    D_p = c.S_rated / (target.P_droop * c.omega_n) if target.P_droop > 0.0 else 0.0
-    D_q = c.S_rated / (target.Q_droop * c.V_rated_rms) if target.Q_droop > 0.0 else 0.0
-    published, damped = target.structure == "published", target.structure == "angle_damped"
+    droops = target.P_droop, target.Q_droop
+    D_p, D_q = STRUCTURES[target.structure].rated_droops(*droops, c.S_rated, c.omega_n, c.V_rated_rms)
     return LawOfStudy(
         target.structure,
         "inertia" if aim == "inertia" else "poles",
-        D_p if damped else 0.0,
-        0.0 if published else D_q,
+        D_p,
+        D_q,
         c.S_rated,
         c.omega_n,
         study.tau_P,

@@ -21,7 +21,6 @@ from vsgdesign.design.evaluation import LawOfStudy
 from vsgdesign.design.kernels import BAND
 from vsgdesign.design.variables import Variables, variables
 from vsgdesign.equations.power_flow import scheduled_jacobian
-from vsgdesign.equations.structures import structure_gains
 from vsgdesign.model.coupled import coupled_function
 from vsgdesign.model.tracing import numpy_on_symbols
 from vsgdesign.parameters.specification import Specification
@@ -180,20 +179,8 @@ def _slot_function(law: LawOfStudy, spec: Specification, v: Variables) -> ca.Fun
     reserve = ca.SX.sym("reserve")
     s = Scenarios(*(ca.SX.sym(f.name) for f in fields(Scenarios)))
     with numpy_on_symbols():
-        A_hat, B_hat, C_hat, D_hat = scheduled_jacobian(s.P, s.Q, s.V_rms, s.R_hat, s.X_hat)
-        gains = structure_gains(
-            A_hat,
-            B_hat,
-            C_hat,
-            D_hat,
-            v.expression(y, ca.exp),
-            law.D_p,
-            law.D_q,
-            law.S_rated,
-            law.omega_n,
-            law.structure == "angle_damped",
-            law.law == "inertia",
-        )
+        J_hat = scheduled_jacobian(s.P, s.Q, s.V_rms, s.R_hat, s.X_hat)
+        gains = law.gains_of_jacobian(*J_hat, v.expression(y, ca.exp))
     model = coupled_function(law.tau_P > 0.0, law.tau_Q > 0.0)
     A, B, C, _, A_K, B_K, C_K, J = model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, *gains, law.tau_P, law.tau_Q)
     rows: list[Any] = []

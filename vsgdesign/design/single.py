@@ -13,8 +13,9 @@ from vsgdesign.design.box import Scenarios, scenarios_of_truth
 from vsgdesign.design.evaluation import Evaluation, LawOfStudy, evaluate_fixed, law_of
 from vsgdesign.design.figures import Figures, worst
 from vsgdesign.design.variables import variables
+from vsgdesign.equations.closed_form import LEAST_BANDWIDTH
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.structures import NormalisedGains, effective_inertia
+from vsgdesign.equations.structures import STRUCTURES, NormalisedGains, effective_inertia
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.specification import UNBOUNDED_H, Specification
@@ -29,11 +30,6 @@ _HARD = 24
 """Scenarios of the first round; the worst of every round's winner join."""
 _JOINING = 8
 
-_FREE = {
-    "published": ("K_ip", "D_p", "K_iq", "D_q"),
-    "decoupled": ("K_ip", "D_p", "K_iq", "K_pq", "K_qp"),
-    "angle_damped": ("K_ip", "K_iq", "K_pq", "K_qp", "k_P", "k_Q"),
-}
 _OVER = {"K_pq": "K_ip", "K_qp": "K_iq", "k_Q": "k_P"}
 """Gains that are searched for as a share of another, of either sign: W against var, no unit."""
 _SHARE = 4.0
@@ -42,6 +38,9 @@ _DECADES = 1.5
 
 _PACES = (0.3, 0.6, 1.0, 1.6, 3.0)
 """Bandwidths of the closed forms that the search begins with, over the settling time's inverse."""
+
+_START_Q = 0.01
+"""The paper's D_q = D/100, where q is free."""
 
 _CAP = 5.0
 _UNSTABLE = 10.0
@@ -193,11 +192,12 @@ def _costs(spec: Specification, e: Evaluation, inertia: Array) -> Array:
 
 def _closed_forms(law: LawOfStudy, spec: Specification, s: Scenarios) -> PowerLoopGains:
     """Gains of the closed form for every scenario's own Jacobian at every pace, arrays (paces·S,)."""
-    share, q = (0.0, 0.01) if law.structure == "published" else (1.0, 0.0)
+    structure, (k_1, d_1, k_2) = STRUCTURES[law.structure], LEAST_BANDWIDTH
+    share, q = structure.start_share, _START_Q if any(free.name == "q" for free in structure.free) else 0.0
     parts = []
     for pace in _PACES:
         T = spec.settling_time / pace
-        normalised = NormalisedGains(15.8 / T**2, 6.6 / T, 4.0 / T, q, share, share)
+        normalised = NormalisedGains(k_1 / T**2, d_1 / T, k_2 / T, q, share, share)
         parts.append([np.broadcast_to(value, s.P.shape) for value in law.gains(normalised, s)])
     return PowerLoopGains(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
@@ -205,7 +205,7 @@ def _closed_forms(law: LawOfStudy, spec: Specification, s: Scenarios) -> PowerLo
 def _encoded(law: LawOfStudy, gains: PowerLoopGains) -> Array:
     """Rows of search variables: logarithms of gains, shares of those that may be negative."""
     columns = []
-    for name in _FREE[law.structure]:
+    for name in STRUCTURES[law.structure].tuned:
         value = getattr(gains, name)
         over = _OVER.get(name)
         columns.append(np.log(np.maximum(value, 1e-30)) if over is None else value / getattr(gains, over))
@@ -225,7 +225,7 @@ def _bounds(law: LawOfStudy, spec: Specification, s: Scenarios, seeds: Array) ->
     }
     beyond = _DECADES * np.log(10.0)
     low, high = seeds.min(axis=0) - beyond, seeds.max(axis=0) + beyond
-    for k, name in enumerate(_FREE[law.structure]):
+    for k, name in enumerate(STRUCTURES[law.structure].tuned):
         if name in _OVER:
             low[k], high[k] = -_SHARE, _SHARE
         elif name in rates:
@@ -235,7 +235,7 @@ def _bounds(law: LawOfStudy, spec: Specification, s: Scenarios, seeds: Array) ->
 
 def _decoder(law: LawOfStudy) -> Callable[[Array], PowerLoopGains]:
     """Search variables (M, k) → gains, arrays (M,)."""
-    names = _FREE[law.structure]
+    names = STRUCTURES[law.structure].tuned
 
     def decode(y: Array) -> PowerLoopGains:
         values: dict[str, Any] = dict.fromkeys(PowerLoopGains._fields, np.zeros(len(y)))

@@ -13,6 +13,7 @@ from typing import Any
 
 from vsgdesign.design.evaluation import Each
 from vsgdesign.design.record import CellRecord, CellTask, one_thread, read_record, run_task, write_record
+from vsgdesign.equations.structures import STRUCTURES, Structure
 from vsgdesign.errors import WorkerError
 from vsgdesign.execution.processes import worker_processes
 from vsgdesign.execution.progress import Progress, silent
@@ -56,7 +57,7 @@ def _results(tasks: Sequence[tuple[str, CellTask]], executor: Executor | None) -
         for key, task in tasks:
             yield key, run_task(task)
         return
-    futures = {executor.submit(run_task, task): key for key, task in tasks}
+    futures = {executor.submit(_with_structures, STRUCTURES.added, run_task, task): key for key, task in tasks}
     waiting = set(futures)
     try:
         for future in as_completed(futures):
@@ -84,7 +85,7 @@ def each_of(executor: Executor | None) -> Each:
         return map
 
     def each(function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
-        futures = [executor.submit(_alone, function, item) for item in items]
+        futures = [executor.submit(_with_structures, STRUCTURES.added, _alone, function, item) for item in items]
         try:
             for future in futures:
                 yield future.result()
@@ -95,6 +96,13 @@ def each_of(executor: Executor | None) -> Each:
                 future.cancel()
 
     return each
+
+
+def _with_structures(structures: Iterable[Structure], function: Callable[..., Any], *arguments: Any) -> Any:
+    """A fresh process knows the project's own structures alone."""
+    for structure in structures:
+        STRUCTURES.register(structure)
+    return function(*arguments)
 
 
 def _alone(function: Callable[[Any], Any], item: Any) -> Any:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.parameters.specification import Specification
 
 Array = NDArray[np.float64]
@@ -17,8 +17,6 @@ _FIELDS = NormalisedGains._fields
 _POLES = {"k_1_or_H": (1.0, 2e3), "d_1_or_zeta": (1.0, 100.0), "k_2": (0.5, 100.0)}
 """Least and largest, dimensionless (times the settling time's power)."""
 _ZETA = (0.3, 4.0)
-_Q = (1e-4, 1.0)
-_SHARE = (0.0, 1.0)
 _PULL_LOG, _PULL_SHARE = 1.5, 10.0
 """Weights of the distance to the seed. Neighbouring cells then choose alike where the figures hardly care, so that
 what lies between them is like them; partial decoupling is chosen only where it buys much."""
@@ -84,10 +82,7 @@ def variables(structure: str, spec: Specification) -> Variables:
         fixed["k_1_or_H"] = float(spec.H or 0.0)
         entries.append(("d_1_or_zeta", True, *_ZETA, 1.0))
     entries.append(("k_2", True, _POLES["k_2"][0], min(_POLES["k_2"][1], spec.bandwidth_max * T), 1.0 / T))
-    if structure == "published":
-        entries.append(("q", True, *_Q, 1.0))
-    else:
-        entries += [("share_P", False, *_SHARE, 1.0), ("share_Q", False, *_SHARE, 1.0)]
+    entries += [(free.name, free.logarithmic, free.low, free.high, 1.0) for free in STRUCTURES[structure].free]
     names, logarithmic, low, high, scale = zip(*entries, strict=True)
     mask = np.array(logarithmic)
     least, most = (np.where(mask, np.log(np.where(mask, x, 1.0)), x) for x in (np.array(low), np.array(high)))

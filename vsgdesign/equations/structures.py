@@ -1,15 +1,16 @@
-"""Gains of each power-loop structure from the Jacobian A, B, C, D at an operating point, in closed form."""
+"""Power-loop structures: the gains of each from the Jacobian A, B, C, D, and all else in which they differ."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from vsgdesign.equations.closed_form import closed_form_poles
 from vsgdesign.equations.power_loops import PowerLoopGains
-
-STRUCTURES = ("published", "decoupled", "angle_damped")
-"""Power-loop structures that a study or a table may name."""
+from vsgdesign.errors import UnknownNameError
 
 
 class NormalisedGains(NamedTuple):
@@ -28,6 +29,20 @@ class NormalisedGains(NamedTuple):
     share_Q: Any
 
 
+class ClosedFormAim(NamedTuple):
+    """What closed forms are made of: those of a structure take what they need. T_s in s, k_1 in 1/s², d_1 and k_2 in
+    1/s; ``droop_ratio`` is q in D_q = q·D."""
+
+    settling_time: Any
+    damping_ratio: Any
+    droop_ratio: Any
+    k_1: Any
+    d_1: Any
+    k_2: Any
+    share_P: Any
+    share_Q: Any
+
+
 def decoupling(A: Any, B: Any, C: Any, D: Any, D_q: Any, share_P: Any, share_Q: Any) -> Any:
     """w11, w12, w21, w22: inverse of the Jacobian that the loops see (:eq:`decoupling`).
 
@@ -38,18 +53,6 @@ def decoupling(A: Any, B: Any, C: Any, D: Any, D_q: Any, share_P: Any, share_Q: 
     determinant = A * d - b * c
     # 0 − b, not −b: without a share the entry is 0, not −0.
     return d / determinant, (0.0 - b) / determinant, (0.0 - c) / determinant, A / determinant
-
-
-def decoupled_gains(
-    A: Any, B: Any, C: Any, D: Any, k_1: Any, d_1: Any, k_2: Any, D_q: Any, share_P: Any, share_Q: Any
-) -> PowerLoopGains:
-    """The decoupled structure (:eq:`decoupled-gains`): W on the errors, damping through the P–f droop.
-
-    Without coupling left, δ moves by s² + d_1 s + k_1 and V by s + k_2. Without shares and with D_q = q·D it is
-    the published structure.
-    """
-    w11, w12, w21, w22 = decoupling(A, B, C, D, D_q, share_P, share_Q)
-    return PowerLoopGains(k_1 * w11, d_1 / (k_1 * w11), k_2 * w22, D_q, k_1 * w12, k_2 * w21, 0.0, 0.0)
 
 
 def voltage_row(A: Any, B: Any, C: Any, D: Any, k_2: Any, D_p: Any, D_q: Any, share_P: Any, share_Q: Any) -> Any:
@@ -68,33 +71,6 @@ def voltage_row(A: Any, B: Any, C: Any, D: Any, k_2: Any, D_p: Any, D_q: Any, sh
     return sigma, (0.0 - c) / determinant, a / determinant
 
 
-def angle_damped_gains(
-    A: Any,
-    B: Any,
-    C: Any,
-    D: Any,
-    k_1: Any,
-    d_1: Any,
-    k_2: Any,
-    D_p: Any,
-    D_q: Any,
-    share_P: Any,
-    share_Q: Any,
-    D_p_V: Any,
-) -> PowerLoopGains:
-    """The angle-damped structure (:eq:`angle-damped-gains`): both droops free, damping through the angle.
-
-    What the droop D_p damps already, k_1 w11 D_p, is taken off d_1, so δ moves by s² + d_1 s + k_1 on every
-    grid and V by s + k_2. The droop's push on V is taken out of the V row (:eq:`voltage-row`), so that a step of
-    a reference is answered by these two and nothing else. ``D_p_V``: the droop that is taken out there, D_p, or 0 to
-    leave its push in.
-    """
-    w11, w12, _, _ = decoupling(A, B, C, D, D_q, share_P, share_Q)
-    _, v1, v2 = voltage_row(A, B, C, D, k_2, D_p_V, D_q, share_P, share_Q)
-    k_d = d_1 - k_1 * w11 * D_p
-    return PowerLoopGains(k_1 * w11, D_p, k_2 * v2, D_q, k_1 * w12, k_2 * v1, k_d * w11, k_d * w12)
-
-
 def poles_of_inertia(A: Any, H: Any, zeta: Any, S_rated: Any, omega_0: Any) -> Any:
     """k_1 = Aω_0/(2HS) and d_1 = 2ζ√k_1 for an inertia constant H and a damping ratio ζ (:eq:`constant-inertia`).
 
@@ -109,7 +85,33 @@ def effective_inertia(gains: PowerLoopGains, S_rated: Any, omega_0: Any) -> Any:
     return omega_0 / (2.0 * S_rated * (gains.K_ip - gains.K_pq * gains.K_qp / gains.K_iq))
 
 
-def structure_gains(
+def decoupled_gains(
+    A: Any,
+    B: Any,
+    C: Any,
+    D: Any,
+    normalised: NormalisedGains,
+    D_p: Any,  # noqa: ARG001 - every structure's gains take the same arguments
+    D_q: Any,
+    S_rated: Any,
+    omega_0: Any,
+    by_inertia: bool,
+) -> PowerLoopGains:
+    """The decoupled structure (:eq:`decoupled-gains`): W on the errors, damping through the P–f droop.
+
+    Without coupling left, δ moves by s² + d_1 s + k_1 and V by s + k_2. Without shares, with D_q = 0 and q > 0 it is
+    the published structure. D_p is not used: the damping makes it. S_rated (VA) and omega_0 (rad/s) are used by law
+    ``inertia`` alone.
+    """
+    k_1, d_1, k_2 = normalised.k_1_or_H, normalised.d_1_or_zeta, normalised.k_2
+    if by_inertia:
+        k_1, d_1 = poles_of_inertia(A, k_1, d_1, S_rated, omega_0)
+    droop = D_q + normalised.q * D
+    w11, w12, w21, w22 = decoupling(A, B, C, D, droop, normalised.share_P, normalised.share_Q)
+    return PowerLoopGains(k_1 * w11, d_1 / (k_1 * w11), k_2 * w22, droop, k_1 * w12, k_2 * w21, 0.0, 0.0)
+
+
+def angle_damped_gains(
     A: Any,
     B: Any,
     C: Any,
@@ -119,33 +121,189 @@ def structure_gains(
     D_q: Any,
     S_rated: Any,
     omega_0: Any,
-    angle_damped: bool,
     by_inertia: bool,
 ) -> PowerLoopGains:
-    """Gains of every structure under either law (:eq:`structure-gains`).
+    """The angle-damped structure (:eq:`angle-damped-gains`): both droops free, damping through the angle.
 
-    The published structure is the decoupled one with shares 0, D_q = 0 and q > 0; the other structures have
-    q = 0. D_p is used by the angle-damped structure alone. S_rated (VA) and omega_0 (rad/s) are used by law
-    ``inertia`` alone.
+    What the droop D_p damps already, k_1 w11 D_p, is taken off d_1, so δ moves by s² + d_1 s + k_1 on every
+    grid and V by s + k_2. The droop's push on V is taken out of the V row (:eq:`voltage-row`), so that a step of
+    a reference is answered by these two and nothing else; under law ``inertia`` that push is left in. S_rated (VA) and
+    omega_0 (rad/s) are used by law ``inertia`` alone.
     """
-    k_1, d_1 = normalised.k_1_or_H, normalised.d_1_or_zeta
+    k_1, d_1, k_2, D_p_V = normalised.k_1_or_H, normalised.d_1_or_zeta, normalised.k_2, D_p
     if by_inertia:
         k_1, d_1 = poles_of_inertia(A, k_1, d_1, S_rated, omega_0)
+        # A V row without the droop's part would change the inertia, which this law promises.
+        D_p_V = 0.0
     droop = D_q + normalised.q * D
-    if angle_damped:
-        # A V row without the droop's part would change the inertia, which law ``inertia`` promises.
-        return angle_damped_gains(
-            A,
-            B,
-            C,
-            D,
-            k_1,
-            d_1,
-            normalised.k_2,
-            D_p,
-            droop,
-            normalised.share_P,
-            normalised.share_Q,
-            0.0 if by_inertia else D_p,
-        )
-    return decoupled_gains(A, B, C, D, k_1, d_1, normalised.k_2, droop, normalised.share_P, normalised.share_Q)
+    w11, w12, _, _ = decoupling(A, B, C, D, droop, normalised.share_P, normalised.share_Q)
+    _, v1, v2 = voltage_row(A, B, C, D, k_2, D_p_V, droop, normalised.share_P, normalised.share_Q)
+    k_d = d_1 - k_1 * w11 * D_p
+    return PowerLoopGains(k_1 * w11, D_p, k_2 * v2, droop, k_1 * w12, k_2 * v1, k_d * w11, k_d * w12)
+
+
+def published_closed_form(aim: ClosedFormAim) -> NormalisedGains:
+    """Normalised gains of the published structure: a settling time, a damping ratio and q (:eq:`closed-form-gains`)."""
+    k_1, d_1, k_2 = closed_form_poles(aim.settling_time, aim.damping_ratio)
+    return NormalisedGains(k_1, d_1, k_2, aim.droop_ratio, 0.0, 0.0)
+
+
+def placed_closed_form(aim: ClosedFormAim) -> NormalisedGains:
+    """Normalised gains of a structure that takes the coupling out: the poles and shares as they are asked for."""
+    return NormalisedGains(aim.k_1, aim.d_1, aim.k_2, 0.0, aim.share_P, aim.share_Q)
+
+
+StructureGains = Callable[
+    [Any, Any, Any, Any, NormalisedGains, Any, Any, Any, Any, bool],
+    PowerLoopGains,
+]
+"""A, B, C, D, normalised gains, D_p, D_q, S_rated, omega_0, by_inertia to gains (:eq:`structure-gains`)."""
+
+
+class FreeParameter(NamedTuple):
+    """A field of :class:`NormalisedGains` that an optimizer may choose between two limits, by its logarithm or not."""
+
+    name: str
+    low: float
+    high: float
+    logarithmic: bool
+
+
+_SHARES = FreeParameter("share_P", 0.0, 1.0, False), FreeParameter("share_Q", 0.0, 1.0, False)
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A power-loop structure: everything in which one differs from another.
+
+    ``gains`` is a plain function of scalars like every equation (CONTRIBUTING.md): it runs with floats, is traced by
+    CasADi and by the certificate, compiled by Numba and printed as C.
+    """
+
+    name: str
+    """As study files and tables name it."""
+    gains: StructureGains
+    closed_form: Callable[[ClosedFormAim], NormalisedGains]
+    """Normalised gains of closed forms, law ``poles``."""
+    free: tuple[FreeParameter, ...]
+    """What an optimizer may choose besides the poles, which every structure has."""
+    tuned: tuple[str, ...]
+    """Fields of PowerLoopGains that a single fixed tuning may choose; the other gains are zero, the droops given."""
+    start_share: float
+    """Share of the coupling that searches begin with taken out."""
+    P_droop: bool
+    """Whether the P–f droop D_p is the study's to choose; otherwise the gains make it."""
+    Q_droop: bool
+    """Whether the Q–V droop D_q is the study's to choose; otherwise it is q·D."""
+    uncoupled: bool = False
+    """Whether it is designed as the paper's two loops, without the coupling: their margins and responses are then
+    what it promises, in place of those of each loop with the other closed."""
+    follows_references: bool = True
+    """Where closed forms take the Jacobian unless told: at the measured P, Q and V, or at the design point."""
+
+    def __post_init__(self) -> None:
+        if not self.name.isidentifier():
+            raise ValueError(f"structure: name = {self.name!r}: must be letters, digits and underscores")
+        for field, given, known in (
+            ("free", [p.name for p in self.free], NormalisedGains._fields[3:]),
+            ("tuned", self.tuned, PowerLoopGains._fields),
+        ):
+            if unknown := [name for name in given if name not in known]:
+                raise ValueError(f"structure {self.name}: {field} = {unknown}: must be of {', '.join(known)}")
+
+    @property
+    def label(self) -> str:
+        """Its name in a report."""
+        return self.name.replace("_", "-")
+
+    def droops(self, D_p: float, D_q: float) -> tuple[float, float]:
+        """D_p (W·s/rad) and D_q (var/V), each 0 where it is not the study's to choose."""
+        return (D_p if self.P_droop else 0.0), (D_q if self.Q_droop else 0.0)
+
+    def rated_droops(
+        self, P_droop: float, Q_droop: float, S_rated: float, omega_0: float, V_n: float
+    ) -> tuple[float, float]:
+        """:meth:`droops` that answer a deviation of P_droop (Q_droop), per unit, by rated power; 0: no droop."""
+        D_p = S_rated / (P_droop * omega_0) if P_droop > 0.0 else 0.0
+        D_q = S_rated / (Q_droop * V_n) if Q_droop > 0.0 else 0.0
+        return self.droops(D_p, D_q)
+
+
+class Structures(Mapping[str, Structure]):
+    """Structures by name. Reading an unknown name raises UnknownNameError; only :meth:`register` adds one."""
+
+    def __init__(self, structures: Iterable[Structure]) -> None:
+        self._by_name = {structure.name: structure for structure in structures}
+        self._first = tuple(self._by_name.values())
+
+    def __getitem__(self, name: str) -> Structure:
+        if name not in self._by_name:
+            raise UnknownNameError("structure", name, self._by_name)
+        return self._by_name[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._by_name)
+
+    def __len__(self) -> int:
+        return len(self._by_name)
+
+    @property
+    def added(self) -> tuple[Structure, ...]:
+        """Those that were registered later: what another process has to be told."""
+        return tuple(structure for structure in self.values() if structure not in self._first)
+
+    def register(self, structure: Structure) -> Callable[[], None]:
+        """Makes a structure known to studies, tables, designs and exports; returns what takes it out again.
+
+        Raises ValueError where another structure has its name.
+        """
+        if self._by_name.get(structure.name, structure) != structure:
+            raise ValueError(f"structure: {structure.name!r} is the name of another one. Choose a name of its own.")
+        self._by_name[structure.name] = structure
+
+        def forget() -> None:
+            self._by_name.pop(structure.name, None)
+
+        return forget
+
+
+PUBLISHED = Structure(
+    name="published",
+    gains=decoupled_gains,
+    closed_form=published_closed_form,
+    free=(FreeParameter("q", 1e-4, 1.0, True),),
+    tuned=("K_ip", "D_p", "K_iq", "D_q"),
+    start_share=0.0,
+    P_droop=False,
+    Q_droop=False,
+    uncoupled=True,
+    follows_references=False,
+)
+"""The paper's: a diagonal of integrators, with both droops made by the gains."""
+
+DECOUPLED = Structure(
+    name="decoupled",
+    gains=decoupled_gains,
+    closed_form=placed_closed_form,
+    free=_SHARES,
+    tuned=("K_ip", "D_p", "K_iq", "K_pq", "K_qp"),
+    start_share=1.0,
+    P_droop=False,
+    Q_droop=True,
+)
+"""Coupling taken out; the P–f droop does the damping."""
+
+ANGLE_DAMPED = Structure(
+    name="angle_damped",
+    gains=angle_damped_gains,
+    closed_form=placed_closed_form,
+    free=_SHARES,
+    tuned=("K_ip", "K_iq", "K_pq", "K_qp", "k_P", "k_Q"),
+    start_share=1.0,
+    P_droop=True,
+    Q_droop=True,
+)
+"""Coupling taken out, both droops free; the measured powers damp through the angle."""
+
+STRUCTURES = Structures((PUBLISHED, DECOUPLED, ANGLE_DAMPED))
+"""Power-loop structures that a study or a table may name."""

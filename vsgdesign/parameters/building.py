@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from vsgdesign.equations.closed_form import paced
 from vsgdesign.equations.filters import FilterGrid, filter_grid_derivative
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -202,10 +203,9 @@ def _read_grid_section(table: TableReader, converter: Converter) -> tuple[Grid, 
 
 def _read_target(table: TableReader, default: ClosedFormTarget, converter: Converter) -> ClosedFormTarget:
     limit = 2.0 * converter.S_rated
-    structure = table.choice("structure", STRUCTURES, default=default.structure)
+    structure = table.choice("structure", tuple(STRUCTURES), default=default.structure)
     settling_time = table.quantity("settling_time", "s", 0.01, 1000.0, default=default.settling_time)
-    # Poles that settle (2 %) in 1.00 s with 0.2 % overshoot, in time scaled to the settling time.
-    pace = default.settling_time / settling_time
+    k_1, d_1, k_2 = paced(default.k_1, default.d_1, default.k_2, default.settling_time / settling_time)
     at = table.choice("operating_point", ("design", "reference"), default=_operating_point(default, structure))
     return ClosedFormTarget(
         settling_time=settling_time,
@@ -214,9 +214,9 @@ def _read_target(table: TableReader, default: ClosedFormTarget, converter: Conve
         P=table.quantity("P_design", "W", -limit, limit, default=default.P),
         Q=table.quantity("Q_design", "var", -limit, limit, default=default.Q),
         structure=structure,
-        k_1=table.quantity("k_1", "1/s²", 1e-3, 1e6, default=default.k_1 * pace * pace),
-        d_1=table.quantity("d_1", "1/s", 1e-3, 1e4, default=default.d_1 * pace),
-        k_2=table.quantity("k_2", "1/s", 1e-3, 1e4, default=default.k_2 * pace),
+        k_1=table.quantity("k_1", "1/s²", 1e-3, 1e6, default=k_1),
+        d_1=table.quantity("d_1", "1/s", 1e-3, 1e4, default=d_1),
+        k_2=table.quantity("k_2", "1/s", 1e-3, 1e4, default=k_2),
         P_droop=table.quantity("P_droop", "1", 0.0, 1.0, default=default.P_droop),
         Q_droop=table.quantity("Q_droop", "1", 0.0, 1.0, default=default.Q_droop),
         share_P=table.quantity("share_P", "1", 0.0, 1.0, default=default.share_P),
@@ -226,10 +226,10 @@ def _read_target(table: TableReader, default: ClosedFormTarget, converter: Conve
 
 
 def _operating_point(default: ClosedFormTarget, structure: str) -> str:
-    """The published structure designs at one point, as published; the others follow the references."""
-    if structure == default.structure:
-        return "reference" if default.follow_references else "design"
-    return "design" if structure == "published" else "reference"
+    """As the default target has it, or as another structure has it by itself."""
+    same = structure == default.structure or structure not in STRUCTURES  # the reader has told of an unknown name
+    follows = default.follow_references if same else STRUCTURES[structure].follows_references
+    return "reference" if follows else "design"
 
 
 _OF_CLOSED_FORMS = ("settling_time", "damping_ratio", "droop_ratio", "k_1", "d_1", "k_2", "share_P", "share_Q")

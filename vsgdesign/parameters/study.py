@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vsgdesign.equations.closed_form import EQUAL_TIMES
 from vsgdesign.equations.controller import ControllerSettings
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.grid import (
@@ -18,6 +19,7 @@ from vsgdesign.equations.grid import (
 )
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.frames import base_impedance, linear_modulation_limit, rated_current_rms, rms_to_peak
 
 if TYPE_CHECKING:
@@ -149,12 +151,12 @@ class ClosedFormTarget:
     """q in D_q = q·D of the published structure."""
     P: float
     Q: float
-    structure: str = "published"
-    """``published``, ``decoupled`` or ``angle_damped``."""
-    k_1: float = 21.3
-    d_1: float = 8.24
-    k_2: float = 3.91
-    """Pole placement of the other two: δ by s² + d_1 s + k_1, V by s + k_2."""
+    structure: str = PUBLISHED.name
+    """A name of equations.structures.STRUCTURES."""
+    k_1: float = EQUAL_TIMES.k_1
+    d_1: float = EQUAL_TIMES.d_1
+    k_2: float = EQUAL_TIMES.k_2
+    """Pole placement of structures that take the coupling out: δ by s² + d_1 s + k_1, V by s + k_2."""
     P_droop: float = 0.05
     Q_droop: float = 0.05
     """Frequency and voltage deviation, per unit, that rated power answers; 0: no droop."""

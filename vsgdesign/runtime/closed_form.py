@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.equations.closed_form import closed_form_poles
-from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.equations.closed_form import EQUAL_TIMES
+from vsgdesign.equations.structures import STRUCTURES, ClosedFormAim, NormalisedGains
 from vsgdesign.runtime.schedule import Schedule
 
 if TYPE_CHECKING:  # reading study files is no part of what ships
@@ -17,17 +17,17 @@ if TYPE_CHECKING:  # reading study files is no part of what ships
 class ClosedFormSchedule(Schedule):
     """A gain schedule for any structure, target, operating point and filter.
 
-    ``published`` uses ``settling_time``, ``damping_ratio`` and ``droop_ratio`` (:eq:`closed-form-gains`); the
-    other structures the pole placement k_1, d_1, k_2, the droops and the shares of decoupling
+    The structure says which of these it uses: the published one ``settling_time``, ``damping_ratio`` and
+    ``droop_ratio`` (:eq:`closed-form-gains`), the others the pole placement k_1, d_1, k_2 and the shares of decoupling
     (:eq:`decoupled-gains`, :eq:`angle-damped-gains`); law ``inertia`` H (s) and zeta.
     """
 
     settling_time: float
     damping_ratio: float
     droop_ratio: float
-    k_1: float = 21.3
-    d_1: float = 8.24
-    k_2: float = 3.91
+    k_1: float = EQUAL_TIMES.k_1
+    d_1: float = EQUAL_TIMES.d_1
+    k_2: float = EQUAL_TIMES.k_2
     share_P: float = 1.0
     share_Q: float = 1.0
     H: float = 5.0
@@ -35,24 +35,25 @@ class ClosedFormSchedule(Schedule):
 
     def normalised(self, R_g: Any, L_g: Any) -> NormalisedGains:  # noqa: ARG002 - the same on every grid
         """Constant, whatever the grid."""
-        k_1, d_1, k_2, q, share_P, share_Q = self.k_1, self.d_1, self.k_2, 0.0, self.share_P, self.share_Q
-        if self.structure == "published":
-            k_1, d_1, k_2 = closed_form_poles(self.settling_time, self.damping_ratio)
-            q, share_P, share_Q = self.droop_ratio, 0.0, 0.0
+        aim = ClosedFormAim(**{name: getattr(self, name) for name in ClosedFormAim._fields})
+        normalised = STRUCTURES[self.structure].closed_form(aim)
         if self.law == "inertia":
-            k_1, d_1 = self.H, self.zeta
-        return NormalisedGains(k_1, d_1, k_2, q, share_P, share_Q)
+            return normalised._replace(k_1_or_H=self.H, d_1_or_zeta=self.zeta)
+        return normalised
 
 
 def closed_form_schedule(
     study: Study, target: ClosedFormTarget, P: float | None = None, Q: float | None = None
 ) -> ClosedFormSchedule:
     """The schedule of a study's converter for a target; P and Q replace the target's operating point."""
+    c = study.converter
+    droops = target.P_droop, target.Q_droop
+    D_p, D_q = STRUCTURES[target.structure].rated_droops(*droops, c.S_rated, c.omega_n, c.V_rated_rms)
     return ClosedFormSchedule(
         P=target.P if P is None else P,
         Q=target.Q if Q is None else Q,
         V_g_rms=study.grid_source.V_g_rms,
-        omega=study.converter.omega_n,
+        omega=c.omega_n,
         settling_time=target.settling_time,
         damping_ratio=target.damping_ratio,
         droop_ratio=target.droop_ratio,
@@ -62,9 +63,9 @@ def closed_form_schedule(
         k_1=target.k_1,
         d_1=target.d_1,
         k_2=target.k_2,
-        D_p=study.converter.S_rated / (target.P_droop * study.converter.omega_n) if target.P_droop > 0.0 else 0.0,
-        D_q=study.converter.S_rated / (target.Q_droop * study.converter.V_rated_rms) if target.Q_droop > 0.0 else 0.0,
+        D_p=D_p,
+        D_q=D_q,
         share_P=target.share_P,
         share_Q=target.share_Q,
-        S_rated=study.converter.S_rated,
+        S_rated=c.S_rated,
     )

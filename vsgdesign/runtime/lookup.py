@@ -13,7 +13,7 @@ import numpy as np
 from vsgdesign.equations.grid import grid_from_scr_impedance, grid_from_scr_reactance, scr_impedance, scr_reactance
 from vsgdesign.equations.power_flow import LEAST_SHARE, POWER_MARGIN, jacobian_from_powers
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.structures import NormalisedGains, structure_gains
+from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.frames import PHASES, base_impedance
 from vsgdesign.runtime.closed_form import ClosedFormSchedule
 from vsgdesign.runtime.interpolation import Interval, blend, corner_weights
@@ -78,20 +78,11 @@ class GainLookup:
             R, X = share * R, share * X
         most = (1.0 - LEAST_SHARE) * (limit / (R * R + X * X) * X)
         A, B, C, D = jacobian_from_powers(P, min(max(Q, -most), most), V_rms, R, X)
-        gains = structure_gains(
-            A,
-            B,
-            C,
-            D,
-            normalised,
-            self.D_p,
-            self.D_q,
-            self.S_rated,
-            self.omega,
-            self.structure == "angle_damped",
-            self.law == "inertia",
+        by_inertia = self.law == "inertia"
+        gains = STRUCTURES[self.structure].gains(
+            A, B, C, D, normalised, self.D_p, self.D_q, self.S_rated, self.omega, by_inertia
         )
-        return PowerLoopGains(*map(float, gains)) if self.law == "inertia" else gains
+        return PowerLoopGains(*map(float, gains)) if by_inertia else gains
 
 
 def gain_lookup(
@@ -114,6 +105,7 @@ def gain_lookup(
         tuple(tuple(node) if good else None for node, good in zip(*pair, strict=True))
         for pair in zip(columns, designed, strict=True)
     )
+    D_p, D_q = STRUCTURES[schedule.structure].droops(schedule.D_p, schedule.D_q)
     return GainLookup(
         scr=tuple(scr.tolist()),
         r_over_x=tuple(r_over_x.tolist()),
@@ -126,8 +118,8 @@ def gain_lookup(
         structure=schedule.structure,
         law=schedule.law,
         S_rated=schedule.S_rated,
-        D_p=schedule.D_p,
-        D_q=0.0 if schedule.structure == "published" else schedule.D_q,
+        D_p=D_p,
+        D_q=D_q,
         V_n_rms=V_n_rms,
     )
 

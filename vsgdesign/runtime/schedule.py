@@ -15,7 +15,7 @@ from vsgdesign.equations.power_flow import (
     scheduled_jacobian,
 )
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.structures import NormalisedGains, structure_gains
+from vsgdesign.equations.structures import PUBLISHED, STRUCTURES, NormalisedGains
 from vsgdesign.errors import NoOperatingPointError
 
 
@@ -35,7 +35,8 @@ class Schedule(ABC):
     omega: float
     R_2: float = 0.0
     L_2: float = 0.0
-    structure: str = "published"
+    structure: str = PUBLISHED.name
+    """A name of STRUCTURES."""
     law: str = "poles"
     """``inertia``: H (s) and zeta instead of the first two poles (:eq:`constant-inertia`)."""
     S_rated: float = 1.0
@@ -101,17 +102,6 @@ class Schedule(ABC):
         return R_g + self.R_2, self.omega * (L_g + self.L_2)
 
     def _from_plant(self, normalised: NormalisedGains, A: Any, B: Any, C: Any, D: Any) -> PowerLoopGains:
-        D_q = 0.0 if self.structure == "published" else self.D_q
-        return structure_gains(
-            A,
-            B,
-            C,
-            D,
-            normalised,
-            self.D_p,
-            D_q,
-            self.S_rated,
-            self.omega,
-            self.structure == "angle_damped",
-            self.law == "inertia",
-        )
+        structure = STRUCTURES[self.structure]
+        D_p, D_q = structure.droops(self.D_p, self.D_q)
+        return structure.gains(A, B, C, D, normalised, D_p, D_q, self.S_rated, self.omega, self.law == "inertia")

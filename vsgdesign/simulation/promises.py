@@ -10,6 +10,7 @@ import numpy as np
 
 from vsgdesign.equations.closed_form import overshoot_of
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
@@ -68,7 +69,7 @@ def promises_of(study: Study, spec: ControllerSpec) -> Promises:
             damping_ratio=asked.get("damping_ratio"),
             disk_margin=asked.get("disk_margin"),
         )
-    if target.structure == "published":  # Q is a first-order loop there
+    if STRUCTURES[target.structure].uncoupled:  # Q is a first-order loop there
         return Promises(CLOSED_FORM, target.settling_time, overshoot_of(target.damping_ratio), 0.0, **margins)
     own = overshoot_of(0.5 * target.d_1 / math.sqrt(target.k_1))
     return Promises(CLOSED_FORM, target.settling_time, own, own, **margins)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from vsgdesign.design.inner.grids import GridBox
+from vsgdesign.equations.closed_form import EQUAL_TIMES, paced
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.structures import ANGLE_DAMPED
 from vsgdesign.parameters.study import (
     ClosedFormTarget,
     ControllerSpec,
@@ -23,19 +25,18 @@ POWER_FILTER = 5e-3
 
 def angle_damped_target(settling_time: float) -> ClosedFormTarget:
     """The angle-damped closed form, without coupling, at the present references (:eq:`angle-damped-gains`)."""
-    default = ClosedFormTarget(1.0, 1.0, 0.01, 0.0, 0.0, structure="angle_damped", follow_references=True)
-    pace = default.settling_time / settling_time
+    k_1, d_1, k_2 = paced(*EQUAL_TIMES, 1.0 / settling_time)
     return ClosedFormTarget(
         settling_time,
         1.0,
         0.01,
         0.0,
         0.0,
-        structure="angle_damped",
+        structure=ANGLE_DAMPED.name,
         follow_references=True,
-        k_1=default.k_1 * pace * pace,
-        d_1=default.d_1 * pace,
-        k_2=default.k_2 * pace,
+        k_1=k_1,
+        d_1=d_1,
+        k_2=k_2,
     )
 
 

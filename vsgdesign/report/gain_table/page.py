@@ -18,6 +18,7 @@ from vsgdesign.artifacts.table_text import (
     certificate_sentence,
     missed_text,
 )
+from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.gain_table.maps import in_order, limit_of, margin_keys
 from vsgdesign.report.page.html import write_html
@@ -90,13 +91,11 @@ def verdict_of(table: GainTable) -> str:
 def identity_table(table: GainTable) -> Table:
     """Structure, law, base and validity."""
     b, v = table.base, table.validity
-    droops = f"D_q = {number(table.D_q, 4)} var/V"
-    if table.structure == "angle_damped":
-        droops = f"D_p = {number(table.D_p, 4)} W·s/rad, {droops}"
-    if table.structure == "published":
-        droops = "D_p and D_q belong to the schedule"
+    structure = STRUCTURES[table.structure]
+    droops = [f"D_p = {number(table.D_p, 4)} W·s/rad"] if structure.P_droop else []
+    droops += [f"D_q = {number(table.D_q, 4)} var/V"] if structure.Q_droop else []
     rows = (
-        ("Structure", table.structure.replace("_", "-")),
+        ("Structure", structure.label),
         ("Law", LAWS[table.law]),
         ("Study", table.study),
         ("Designed from", f"design hash {table.design_hash[:16]}…" if table.design_hash else "not kept"),
@@ -110,7 +109,7 @@ def identity_table(table: GainTable) -> Table:
             "none" if b.L_2 == b.R_2 == 0.0 else f"{plain_quantity(b.L_2, 'H')}, {plain_quantity(b.R_2, 'Ω')}",
         ),
         ("Power filters", f"P {_filter(b.tau_P)}, Q {_filter(b.tau_Q)}"),
-        ("Droop", droops),
+        ("Droop", ", ".join(droops) or "D_p and D_q belong to the schedule"),
         ("Axes", f"{len(table.scr)} SCR ({b.scr_basis} basis) × {len(table.x_over_r)} X/R"),
         ("Design point", f"{plain_quantity(table.P_design, 'W')}, {plain_quantity(table.Q_design, 'var')}"),
         ("Valid for", f"SCR {_range(v.scr)}, X/R {_range(v.x_over_r)}"),

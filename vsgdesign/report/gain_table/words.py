@@ -17,6 +17,7 @@ from vsgdesign.artifacts.table_text import (
     status_text,
 )
 from vsgdesign.certificate import Certificate, Counterexample
+from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import counted
 from vsgdesign.stability.gain_table import TableCheck
 
@@ -33,9 +34,11 @@ def heading(table: GainTable) -> Iterator[str]:
         f"{base.S_rated / 1e3:g} kVA, {base.V_rated_rms:g} V phase, {base.omega_n / (2.0 * math.pi):g} Hz; "
         f"gains shown at {table.P_design / 1e3:g} kW, {table.Q_design / 1e3:g} kvar"
     )
-    if table.structure != "published":
-        droop = f"D_p = {table.D_p:.4g} W·s/rad, " if table.structure == "angle_damped" else ""
-        yield f"droop: {droop}D_q = {table.D_q:.4g} var/V"
+    structure = STRUCTURES[table.structure]
+    droops = [f"D_p = {table.D_p:.4g} W·s/rad"] if structure.P_droop else []
+    droops += [f"D_q = {table.D_q:.4g} var/V"] if structure.Q_droop else []
+    if droops:
+        yield f"droop: {', '.join(droops)}"
     yield (
         f"valid for SCR {v.scr[0]:g} to {v.scr[1]:g}, X/R {v.x_over_r[0]:g} to {v.x_over_r[1]:g}, "
         f"P {v.P[0] / 1e3:g} to {v.P[1] / 1e3:g} kW, Q {v.Q[0] / 1e3:g} to {v.Q[1] / 1e3:g} kvar, "

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import NoOperatingPointError
 from vsgdesign.operating_point import solve_operating_point
 from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
@@ -65,7 +66,7 @@ def loops_on_grids(result: ScenarioResult, controller: ControllerResult) -> tupl
         # Beyond A = 0 the loop has positive feedback: it has no margin to speak of.
         if point.A <= 0.0:
             continue
-        if target.structure == "published":
+        if STRUCTURES[target.structure].uncoupled:
             open_loop = power_loops(gains, point.A, point.D).P_open
         else:
             open_loop = coupled_loop(point, gains, study.grid_source.V_g_rms, R, X, loop=0)

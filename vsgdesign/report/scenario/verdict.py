@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.metrics.events import MEASURED, NOT_SETTLED, UNSTABLE
 from vsgdesign.report.quantities import number, percent, plain
@@ -158,9 +159,9 @@ def _was_at_rest(result: ScenarioResult, controller: ControllerResult, metrics: 
 def _uncoupled(
     controller: ControllerResult, metrics: EventMetrics, row: OperatingPointRow, end_s: float
 ) -> UncoupledResponse | None:
-    # The paper's decoupled loops are those of the published structure alone.
+    # The paper's two loops are those of a structure that is designed without the coupling.
     point = row.point
-    if controller.spec.target.structure != "published" or point is None:
+    if not STRUCTURES[controller.spec.target.structure].uncoupled or point is None:
         return None
     # The gains at the end of the window: an event that also changes the grid is followed by new ones.
     gains = [change.gains for change in controller.gain_changes if change.t_s < end_s][-1]
@@ -312,7 +313,7 @@ def explanation(outcomes: Sequence[StepOutcome]) -> list[str]:
         and outcome.at_rest
         and outcome.misses
         and not outcome.unstable
-        and outcome.controller.spec.target.structure == "published"
+        and STRUCTURES[outcome.controller.spec.target.structure].uncoupled
         and outcome.promises.source == CLOSED_FORM
     ]
     if not missed:
