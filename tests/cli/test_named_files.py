@@ -16,11 +16,12 @@ from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.network_weights import read_network_weights, write_network_weights
-from vsgdesign.artifacts.study_table import table_of
+from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.artifacts.table_summary import table_lines
 from vsgdesign.certificate import region_of
 from vsgdesign.design import certify
 from vsgdesign.parameters import load_study
+from vsgdesign.pipeline import make_ready
 from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.simulation import run_scenario
 
@@ -57,18 +58,19 @@ def with_table(folder: Path, **changes: float) -> Path:
 
 
 def test_a_loaded_studys_table_is_there(tmp_path: Path) -> None:
-    """No call between loading and a run, a schedule or a certificate; the working folder does not matter."""
+    """One call between loading and a run, a schedule or a certificate; the working folder does not matter."""
     study = load_study(with_table(tmp_path / "there"))
     spec = study.controllers[-1]
     assert spec.table_file == str(tmp_path / "there" / "tables" / "t.json")
-    run = run_scenario(study).controllers[-1]
+    ready = make_ready(study)
+    run = run_scenario(study, ready).controllers[-1]
     assert run.spec.name == "tabled"
-    given = replace(spec, table=table(base=base_of(study, "impedance")))
-    other = run_scenario(replace(study, controllers=(given,))).controllers[0]
+    given = Ready(tables={"tabled": table(base=base_of(study, "impedance"))})
+    other = run_scenario(replace(study, controllers=(spec,)), given).controllers[0]
     assert [change.gains for change in run.gain_changes] == [change.gains for change in other.gain_changes]
-    assert schedule_of(study, spec).structure == "angle_damped"
-    _, region = region_of(study, None, (5.0, 20.0), (1.0, 10.0), (0.0, 0.5), (0.0, 0.2), 0.0)
-    assert certify(study, spec, region, budget=0, nodes_per_axis=4, fresh=100).controller == "tabled"
+    assert schedule_of(study, spec, ready).structure == "angle_damped"
+    _, region = region_of(study, None, (5.0, 20.0), (1.0, 10.0), (0.0, 0.5), (0.0, 0.2), 0.0, ready=ready)
+    assert certify(study, spec, region, ready=ready, budget=0, nodes_per_axis=4, fresh=100).controller == "tabled"
 
 
 def test_files_are_relative_to_what_names_them(tmp_path: Path) -> None:
@@ -105,7 +107,8 @@ def test_weights_of_a_loaded_study_are_there(tmp_path: Path) -> None:
     study_file = tmp_path / "n.toml"
     study_file.write_text(SMALL + NETWORK + 'weights = "w.json"\n')
     write_network_weights(random_weights(), tmp_path / "w.json")
-    run = run_scenario(load_study(study_file)).controllers[-1]
+    study = load_study(study_file)
+    run = run_scenario(study, make_ready(study)).controllers[-1]
     assert run.estimates is not None
     assert len(run.estimates.t_s) == 15
     assert read_network_weights(tmp_path / "w.json").hash == random_weights().hash
@@ -165,10 +168,9 @@ def test_a_tables_region_is_its_own(tmp_path: Path) -> None:
     """What certify asks by default is what the table's certificate covers."""
     study = load_study(with_table(tmp_path / "there"))
     study = replace(study, scr_basis=table().base.scr_basis)
-    spec, region = region_of(study, "tabled", None, None)
-    made = table_of(study, spec)
-    assert made is not None
-    box = made.validity
+    ready = Ready(tables=read_tables(study))
+    _, region = region_of(study, "tabled", None, None, ready=ready)
+    box = ready.tables["tabled"].validity
     assert (region.scr, region.x_over_r, region.P, region.Q, region.error) == (
         box.scr,
         box.x_over_r,
@@ -176,6 +178,6 @@ def test_a_tables_region_is_its_own(tmp_path: Path) -> None:
         box.Q,
         box.error,
     )
-    _, narrower = region_of(study, "tabled", (5.0, 6.0), None, None, (0.0, 0.1))
+    _, narrower = region_of(study, "tabled", (5.0, 6.0), None, None, (0.0, 0.1), ready=ready)
     assert (narrower.scr, narrower.x_over_r) == ((5.0, 6.0), box.x_over_r)
     assert (0.0, 0.1 * study.converter.S_rated) == narrower.Q

@@ -19,6 +19,7 @@ from vsgdesign import __version__
 from vsgdesign.cli.console.design import design_tables
 from vsgdesign.design import design_closed_form
 from vsgdesign.parameters import load_study
+from vsgdesign.pipeline import make_ready
 from vsgdesign.runtime.of_study import gain_law
 
 VERBS = ("run", "simulate", "design", "validate")
@@ -176,7 +177,7 @@ def test_design_of_a_table_that_is_there(tmp_path: Path) -> None:
     assert len(found) == 2  # on both grids of the scenario
     assert document["missing"] == []
     loaded = load_study(study)
-    law = gain_law(loaded, loaded.controllers[-1])
+    law = gain_law(loaded, loaded.controllers[-1], make_ready(loaded))
     for d in found:
         point, grid = d["point"], d["grid"]
         expected = law(grid["R_g"], grid["L_g"], point["P"], point["Q"], point["V_rms"])

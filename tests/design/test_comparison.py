@@ -9,6 +9,7 @@ import pytest
 
 from tests.design.robust_studies import controller, robust_study, specification
 from tests.gain_tables import table
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.design.box import scenarios_of_truth
 from vsgdesign.design.comparison import (
     Compared,
@@ -80,8 +81,8 @@ def test_states() -> None:
 def test_a_table_gives_its_own_gains_at_its_nodes() -> None:
     study = robust_study()
     made = table(scr=(3.0, 6.0), x_over_r=(1.0, 3.0), D_p=contender_of(study, controller(study)).droop)
-    tabled = replace(controller(study), schedule="table", table=made)
-    contender = contender_of(study, tabled)
+    tabled = replace(controller(study), schedule="table")
+    contender = contender_of(study, tabled, Ready(tables={tabled.name: made}))
     gains = gains_at(study, specification(study), contender, 3.0, 1.0, 4500.0, 1000.0)
     assert gains is not None
     for name, values in made.gains._asdict().items():

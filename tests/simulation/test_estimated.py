@@ -13,6 +13,7 @@ from tests.artifacts.networks import random_weights
 from tests.gain_tables import table
 from tests.simulation.studies import GAINS
 from vsgdesign.artifacts.network_weights import Network, NetworkWeights
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import References
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError
 from vsgdesign.parameters import Study, study_from_text
@@ -46,20 +47,18 @@ def always(R_g: float, L_g: float, **changes: Any) -> NetworkWeights:
     return replace(weights, network=constant)
 
 
-def study_with(weights: NetworkWeights, lines: str = "", text: str = TEXT) -> Study:
-    study = study_from_text(text + lines)
-    assert study.estimator is not None
-    return replace(study, estimator=replace(study.estimator, weights=weights))
+def study_with(weights: NetworkWeights, lines: str = "", text: str = TEXT) -> tuple[Study, Ready]:
+    return study_from_text(text + lines), Ready(network=weights)
 
 
-def network_of(study: Study):
-    result = run_scenario(study)
+def network_of(study: Study, ready: Ready):
+    result = run_scenario(study, ready)
     return next(c for c in result.controllers if c.spec.name == "network"), result
 
 
 def test_the_answer_acts_where_its_window_ends_and_goes_through_the_schedule() -> None:
-    study = study_with(always(0.9, 2.9e-3))
-    run, result = network_of(study)
+    study, ready = study_with(always(0.9, 2.9e-3))
+    run, result = network_of(study, ready)
     first, then = run.gain_changes
     truth = schedule_of(study, study.controllers[0])
     assert (first.t_s, first.gains) == (0.0, truth.gains(study.grid.R_g, study.grid.L_g))
@@ -80,15 +79,16 @@ def test_the_answer_acts_where_its_window_ends_and_goes_through_the_schedule() -
 
 def test_the_truth_as_an_estimate_is_the_truth() -> None:
     """The same run as with the true impedance; only its gains are rounded by the network's scaling."""
-    study = replace(study_with(always(3.0, 9e-3)), events=(), grid=Grid(3.0, 9e-3))
-    run, result = network_of(study)
+    study, ready = study_with(always(3.0, 9e-3))
+    study = replace(study, events=(), grid=Grid(3.0, 9e-3))
+    run, result = network_of(study, ready)
     truth = result.controllers[0]
     np.testing.assert_allclose(run.series["P_pcc"], truth.series["P_pcc"], rtol=1e-9)
     np.testing.assert_allclose(run.series["K_ip"], truth.series["K_ip"], rtol=1e-9)
 
 
 def test_a_window_without_an_estimate_holds_the_gains() -> None:
-    run, _ = network_of(study_with(always(0.9, 2.9e-3), "v_limit_pu = 1.0"))
+    run, _ = network_of(*study_with(always(0.9, 2.9e-3), "v_limit_pu = 1.0"))
     log = run.estimates
     assert log is not None
     assert set(log.status) == {"saturated"}
@@ -100,8 +100,8 @@ def test_a_window_without_an_estimate_holds_the_gains() -> None:
 def test_an_estimate_that_has_no_gains_holds_them() -> None:
     """A short grid delivers the 4.5 kW that the design absorbs, 4 Ω and 11 mH do not."""
     text = TEXT.replace('kind = "scheduled"', 'kind = "scheduled", P_design = "-4.5 kW"')
-    study = study_with(always(4.0, 11e-3), "[grid]\nscr = 8\nx_over_r = 1", text)
-    run, _ = network_of(study)
+    study, ready = study_with(always(4.0, 11e-3), "[grid]\nscr = 8\nx_over_r = 1", text)
+    run, _ = network_of(study, ready)
     log = run.estimates
     assert log is not None
     assert set(log.status) == {NO_DESIGN}
@@ -113,12 +113,13 @@ def test_a_table_takes_estimates_too() -> None:
     """Through the scheduler that ships: gains at the measured powers, as soon as its rate limit lets them."""
     text = TEXT.replace('estimate = "neural"', 'estimate = "neural", structure = "angle_damped", P_design = "2 kW"')
     text = text.replace('duration = "0.2 s"', 'duration = "2 s"')
-    study = study_with(always(0.9, 2.9e-3), text=text)
-    made = replace(study.controllers[1], schedule="table", table=table())
+    study, ready = study_with(always(0.9, 2.9e-3), text=text)
+    made = replace(study.controllers[1], schedule="table")
+    ready = ready.with_table(made.name, table())
     study = replace(study, controllers=(made,), tau_P=5e-3, tau_Q=5e-3)
-    run, result = network_of(study)
+    run, result = network_of(study, ready)
     P, Q, V_rms = (float(run.simulation.column(name)[-1]) for name in ("P", "Q", "V_rms"))
-    expected = schedule_of(study, made).gains_measured(0.9, 2.9e-3, P, Q, V_rms)
+    expected = schedule_of(study, made, ready).gains_measured(0.9, 2.9e-3, P, Q, V_rms)
     np.testing.assert_allclose(run.gain_changes[-1].gains, expected, rtol=2e-3)
     assert len({change.gains for change in run.gain_changes}) > 3  # in steps, not in one
     judged = judge_estimates(result)[0]
@@ -134,10 +135,11 @@ def test_a_table_takes_estimates_too() -> None:
 
 def test_the_rate_of_a_certificate_that_holds_gains_back_is_said() -> None:
     text = TEXT.replace('estimate = "neural"', 'estimate = "neural", structure = "angle_damped", P_design = "2 kW"')
-    study = study_with(always(0.9, 2.9e-3), text=text)
+    study, ready = study_with(always(0.9, 2.9e-3), text=text)
     slow = table(certificate={"region": {"rate": 0.05}, "decay": 1.0})
-    study = replace(study, controllers=(replace(study.controllers[1], schedule="table", table=slow),))
-    _, result = network_of(replace(study, tau_P=5e-3, tau_Q=5e-3))
+    study = replace(study, controllers=(replace(study.controllers[1], schedule="table"),))
+    ready = ready.with_table(study.controllers[0].name, slow)
+    _, result = network_of(replace(study, tau_P=5e-3, tau_Q=5e-3), ready)
     (judged,) = judge_estimates(result)
     assert judged.rate_limit is not None
     assert judged.rate_limit[0] == pytest.approx(0.05, rel=1e-6)
@@ -156,7 +158,7 @@ def test_everything_that_does_not_fit_is_refused_at_once() -> None:
         training={"converter": {"S_rated": 1e6, "f_n": 60.0}},
     )
     with pytest.raises(ArtifactError) as caught:
-        run_scenario(study_with(weights, text=TEXT.replace('"neural"', '"neural", update_period = 0.02')))
+        run_scenario(*study_with(weights, text=TEXT.replace('"neural"', '"neural", update_period = 0.02')))
     for words in (
         "controller network",
         "update_period = 20 ms",
@@ -210,8 +212,8 @@ def test_dq_is_seen_from_the_converter() -> None:
 
 
 def test_the_scheduler_forgets_its_last_run() -> None:
-    study = study_with(always(0.9, 2.9e-3))
-    scheduler = EstimatedScheduler(study, study.controllers[1])
+    study, ready = study_with(always(0.9, 2.9e-3))
+    scheduler = EstimatedScheduler(study, study.controllers[1], ready)
     angle = 2.0 * math.pi * np.arange(100) / 100
     for _ in range(2):
         scheduler.first_gains()

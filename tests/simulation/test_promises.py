@@ -11,6 +11,7 @@ import pytest
 
 from tests.design.robust_studies import controller, robust_study
 from tests.gain_tables import table
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters import Event, Study
 from vsgdesign.parameters.study import Grid, grid_from_scr
@@ -26,7 +27,7 @@ ASKED = {"aim": "settling", "settling_time": 1.3, "overshoot": 0.05, "disk_margi
 SOFT = {"k_1": 3.6**2, "d_1": 2.0 * 0.8 * 3.6, "k_2": 3.6}
 
 
-def study_with(asked: Mapping[str, object], *events: Event) -> Study:
+def study_with(asked: Mapping[str, object], *events: Event) -> tuple[Study, Ready]:
     study = replace(robust_study(), scr_basis="impedance")
     made = table(
         scr=(3.0, 6.0),
@@ -37,15 +38,15 @@ def study_with(asked: Mapping[str, object], *events: Event) -> Study:
         specification=asked,
         status=np.full((2, 2), "met"),
     )
-    spec = replace(controller(study), name="table", schedule="table", table=made)
+    spec = replace(controller(study), name="table", schedule="table")
     run = replace(study.simulation, duration=3.0, bridge="averaged", P_ref=1500.0, Q_ref=0.0)
     grid = grid_from_scr(5.0, 2.0, "impedance", study.converter)
-    return replace(study, controllers=(spec,), events=events, simulation=run, grid=grid)
+    return replace(study, controllers=(spec,), events=events, simulation=run, grid=grid), Ready(tables={"table": made})
 
 
 @functools.cache
 def soft_step() -> ScenarioResult:
-    return run_scenario(study_with(ASKED, Event(0.2, "more", P_ref=1750.0)))
+    return run_scenario(*study_with(ASKED, Event(0.2, "more", P_ref=1750.0)))
 
 
 def test_a_table_is_judged_by_its_own_specification() -> None:
@@ -59,15 +60,14 @@ def test_a_table_is_judged_by_its_own_specification() -> None:
     text = " ".join(verdict(result, [step]))
     assert TABLE in text
     assert "5.0 % overshoot" in text
-    strict = replace(result, study=study_with({**ASKED, "overshoot": 0.002}))
-    spec = strict.study.controllers[0]
-    strict = replace(result, controllers=(replace(result.controllers[0], spec=spec),))
+    strict = replace(result, ready=study_with({**ASKED, "overshoot": 0.002})[1])
     (step,) = step_outcomes(strict)
     assert step.misses
 
 
 def test_constant_inertia_promises_no_settling_time() -> None:
-    promises = promises_of(robust_study(), study_with({**ASKED, "aim": "inertia"}).controllers[0])
+    study, ready = study_with({**ASKED, "aim": "inertia"})
+    promises = promises_of(study, study.controllers[0], ready)
     assert promises.settling_time is None
     assert promises.overshoot_pct is None
     assert promises.disk_margin == 1.0
@@ -90,7 +90,7 @@ def test_nothing_is_promised_outside_the_tables_box() -> None:
     """The step comes on SCR 12, beyond the table's 6: said, and neither met nor missed."""
     strong = grid_from_scr(12.0, 2.0, "impedance", robust_study().converter)
     events = (Event(0.1, "stronger", grid=Grid(strong.R_g, strong.L_g)), Event(0.6, "more", P_ref=1750.0))
-    result = run_scenario(study_with(ASKED, *events))
+    result = run_scenario(*study_with(ASKED, *events))
     (step,) = step_outcomes(result)
     assert step.excuse == "SCR 12 outside 3 to 6"
     assert not step.judged
@@ -113,8 +113,7 @@ def test_margins_are_held_to_the_specification_with_both_models() -> None:
     assert first.ideal != first.full_order
     limit = first.full_order + 0.5 * (first.ideal - first.full_order)  # what ideal inner loops keep, real ones do not
     assert first.ideal > first.full_order
-    asked = study_with({**ASKED, "disk_margin": limit}).controllers[0]
-    strict = replace(result, controllers=(replace(result.controllers[0], spec=asked),))
+    strict = replace(result, ready=study_with({**ASKED, "disk_margin": limit})[1])
     missed = [one for one in promises_kept(strict) if not one.kept]
     assert all(one.kept_ideal for one in missed if one.t_s == 0.0)
     assert missed

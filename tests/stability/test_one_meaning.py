@@ -9,6 +9,7 @@ import pytest
 
 from tests.design.robust_studies import controller, law, robust_study, specification
 from tests.gain_tables import table
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.comparison import compare_on_grids, contender_of
 from vsgdesign.design.evaluation import evaluate_pairs
@@ -27,7 +28,7 @@ from vsgdesign.stability.verdict import describe_cell, left_out, worst_cases
 SEED = 5
 
 
-def tabled(structure: str = "angle_damped") -> tuple[Study, ControllerSpec]:
+def tabled(structure: str = "angle_damped") -> tuple[Study, ControllerSpec, Ready]:
     """The robust study, alone with a controller that has a table of that structure; normalised columns that vary."""
     study = replace(robust_study(), scr_basis="impedance")
     base = controller(study, structure)
@@ -36,8 +37,8 @@ def tabled(structure: str = "angle_damped") -> tuple[Study, ControllerSpec]:
     # Designed on every node, also where the grid does not carry the design point.
     columns = {"k_1": 16.0 * rng.uniform(0.8, 1.2, (4, 4)), "k_2": 4.0 * rng.uniform(0.8, 1.2, (4, 4))}
     made = table(structure, parameters=columns, D_p=droop, status=np.full((4, 4), "met"), D_q=law(study, structure).D_q)
-    spec = replace(base, schedule="table", table=made)
-    return replace(study, controllers=(spec,), events=()), spec
+    spec = replace(base, schedule="table")
+    return replace(study, controllers=(spec,), events=()), spec, Ready(tables={spec.name: made})
 
 
 def random_cells(study: Study, count: int) -> list[tuple[float, float, float, float]]:
@@ -69,13 +70,12 @@ def scenario(study: Study, field: MarginMap) -> Scenarios:
 @pytest.mark.parametrize("structure", ["angle_damped", "published"])
 def test_map_optimizer_runtime_and_emt_have_the_same_cell(structure: str) -> None:
     """Gains to 1e-6 (limits of the runtime are rounded to float32), modes to 1e-5, in random cells."""
-    study, spec = tabled(structure)
-    made, schedule = spec.table, table_schedule(spec.table)
+    study, spec, ready = tabled(structure)
+    made = ready.tables[spec.name]
+    schedule, shown = table_schedule(made), gain_law(study, spec, ready)
     rule = law(robust_study(), structure)
     for scr, ratio, P, Q in random_cells(study, 4):
-        reduced, full = (
-            margin_map(study, gain_law(study, spec), [scr], [ratio], [P], [Q], m) for m in ("reduced", "full_order")
-        )
+        reduced, full = (margin_map(study, shown, [scr], [ratio], [P], [Q], m) for m in ("reduced", "full_order"))
         assert full.faults == (None,), (full.faults, scr, ratio, P, Q)
         R_g, L_g, V = (float(value[0]) for value in (full.cells.R_g, full.cells.L_g, full.cells.V_rms))
         # What ships.
@@ -94,7 +94,7 @@ def test_map_optimizer_runtime_and_emt_have_the_same_cell(structure: str) -> Non
         assert whole.abscissa[0] == pytest.approx(full.table.spectral_abscissa[0], rel=1e-5, abs=1e-6)
         # The comparison.
         np.testing.assert_allclose(
-            np.array(contender_of(study, spec).gains_in(s))[:, 0], shipped, rtol=1e-6, atol=1e-15
+            np.array(contender_of(study, spec, ready).gains_in(s))[:, 0], shipped, rtol=1e-6, atol=1e-15
         )
         # EMT, at rest from the first sample on.
         if not full.table.stable[0]:
@@ -105,7 +105,7 @@ def test_map_optimizer_runtime_and_emt_have_the_same_cell(structure: str) -> Non
             study.simulation, duration=0.1, start="steady_state", bridge="averaged", P_ref=P_ref, Q_ref=Q_ref
         )
         there = replace(study, grid=here, simulation=run_spec)
-        run = simulate(there, gain_feed(there, spec, build_timeline(there)))
+        run = simulate(there, gain_feed(there, spec, build_timeline(there), ready))
         assert len(run.gain_changes) > 1
         for change in (run.gain_changes[0], run.gain_changes[-1]):
             np.testing.assert_allclose(change.gains, shipped, rtol=1e-6, atol=1e-15)
@@ -134,8 +134,8 @@ def test_a_closed_form_is_at_its_design_point_or_at_what_is_measured() -> None:
 
 def test_powers_of_the_other_sign_have_gains_of_their_own() -> None:
     """SCR 2, X/R 0.5, P = −0.5 pu: the design point's gains are other gains, with another margin."""
-    study, spec = tabled()
-    rule = gain_law(study, spec)
+    study, spec, ready = tabled()
+    rule = gain_law(study, spec, ready)
     one = margin_map(study, rule, [2.0], [0.5], [-2500.0], [0.0])
     grid = grid_from_scr(2.0, 0.5, study.scr_basis, study.converter)
     at_design = rule.schedule.gains_over(grid.R_g, grid.L_g)
@@ -145,20 +145,20 @@ def test_powers_of_the_other_sign_have_gains_of_their_own() -> None:
 
 def test_a_grid_that_cannot_carry_the_design_point_is_analysed() -> None:
     """The runtime has gains there: what is measured is within reach, whatever the design point is."""
-    study, spec = tabled()
-    strained = replace(spec, table=replace(spec.table, P_design=9e4))
-    field = margin_map(study, gain_law(study, strained), [1.6, 5.0], [0.5, 3.0], [500.0], [0.0], "full_order")
+    study, spec, ready = tabled()
+    strained = ready.with_table(spec.name, replace(ready.tables[spec.name], P_design=9e4))
+    field = margin_map(study, gain_law(study, spec, strained), [1.6, 5.0], [0.5, 3.0], [500.0], [0.0], "full_order")
     assert field.faults == (None,) * 4
 
 
 def test_a_wrong_estimate_is_taken_at_the_true_operating_point() -> None:
     """Errors of ±20 %, and another SCR: what the runtime says once its place has arrived, also beyond its box."""
-    study, spec = tabled()
-    rule, errors = gain_law(study, spec), (-0.2, 0.0, 0.2)
+    study, spec, ready = tabled()
+    rule, errors = gain_law(study, spec, ready), (-0.2, 0.0, 0.2)
     P, Q = -1200.0, 500.0
 
     def shipped(R_hat: float, L_hat: float, V: float) -> PowerLoopGains:
-        runtime = scheduler_of(spec.table, hysteresis=0.0, confirm=1)
+        runtime = scheduler_of(ready.tables[spec.name], hysteresis=0.0, confirm=1)
         for _ in range(40):
             runtime.update_estimate(R_hat, L_hat, P, Q, V)
         return runtime.gains
@@ -177,19 +177,22 @@ def test_a_wrong_estimate_is_taken_at_the_true_operating_point() -> None:
 
 def test_a_table_is_compared_with_the_gains_that_ship() -> None:
     """The published structure's operating point is its design point by default; its table follows what is measured."""
-    study, spec = tabled("published")
+    study, spec, ready = tabled("published")
     assert not spec.target.follow_references
     measured = replace(spec, target=replace(spec.target, follow_references=True))
     grids = [(3.0, 1.0)]
-    rows = [compare_on_grids(study, specification(study), contender_of(study, one), grids) for one in (spec, measured)]
+    rows = [
+        compare_on_grids(study, specification(study), contender_of(study, one, ready), grids)
+        for one in (spec, measured)
+    ]
     assert rows[0] == rows[1]
 
 
 def test_a_cell_outside_the_limits_is_shown_and_never_the_worst() -> None:
     """P = 1 pu into a resistive grid of SCR 2 lifts the voltage far above its limit."""
-    study, spec = tabled()
+    study, spec, ready = tabled()
     c = study.converter
-    field = margin_map(study, gain_law(study, spec), [2.0, 20.0], [0.5, 5.0], [4500.0], [1000.0])
+    field = margin_map(study, gain_law(study, spec, ready), [2.0, 20.0], [0.5, 5.0], [4500.0], [1000.0])
     V_pu = (field.cells.V_rms / c.V_rated_rms).reshape(2, 2)
     assert V_pu[0, 0] > c.V_max_pu
     outside = np.array([reason is not None for reason in field.cells.outside]).reshape(2, 2)
@@ -201,6 +204,6 @@ def test_a_cell_outside_the_limits_is_shown_and_never_the_worst() -> None:
     beyond = {describe_cell(field, int(k)) for k in np.flatnonzero(outside)}
     assert not {worst.where for worst in worst_cases(study, field)} & beyond
     limited = replace(study, converter=replace(c, current_limit_pu=0.5, V_max_pu=9.0))
-    strained = margin_map(limited, gain_law(limited, spec), [20.0], [5.0], [4500.0], [1000.0])
+    strained = margin_map(limited, gain_law(limited, spec, ready), [20.0], [5.0], [4500.0], [1000.0])
     assert "current" in str(strained.cells.outside[0])
     assert all(worst.where == "" and worst.share_below == 0.0 for worst in worst_cases(limited, strained))

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.parameters import Study, load_study
 from vsgdesign.parameters.study import grid_from_scr
-from vsgdesign.pipeline.training import with_estimator
+from vsgdesign.pipeline.training import make_network
 from vsgdesign.simulation import run_scenario
 from vsgdesign.simulation.judging import Judgement, judge_estimates
 
@@ -22,13 +23,14 @@ STUDIES = Path(__file__).resolve().parents[2] / "studies"
 
 
 @pytest.fixture(scope="module")
-def continuous() -> Study:
-    study, trained = with_estimator(load_study(STUDIES / "continuous" / "study.toml"))
+def continuous() -> tuple[Study, Ready]:
+    study = load_study(STUDIES / "continuous" / "study.toml")
+    network, trained = make_network(study)
     assert trained is not None
     assert trained.stop == "goal"
     for part in trained.parts.values():
         assert min(part.correlation) > 0.9999
-    return study
+    return study, Ready(network=network)
 
 
 def on_grids(study: Study, *scr: float) -> Study:
@@ -39,10 +41,10 @@ def on_grids(study: Study, *scr: float) -> Study:
     return replace(study, grid=grids[0], events=events)
 
 
-def judged(study: Study) -> Judgement:
+def judged(study: Study, ready: Ready) -> Judgement:
     """AVSG-ANN beside AVSG."""
     pair = tuple(spec for spec in study.controllers if spec.name in ("AVSG", "AVSG-ANN"))
-    (one,) = judge_estimates(run_scenario(replace(study, controllers=pair)))
+    (one,) = judge_estimates(run_scenario(replace(study, controllers=pair), ready))
     return one
 
 
@@ -64,9 +66,9 @@ def as_with_the_truth(one: Judgement) -> None:
             assert step.settling_time_s == pytest.approx(step.settling_time_truth_s, abs=0.05)
 
 
-def test_trained_on_every_grid(continuous: Study) -> None:
-    one = judged(continuous)
-    errors = worst_at_rest(one, continuous)
+def test_trained_on_every_grid(continuous: tuple[Study, Ready]) -> None:
+    one = judged(*continuous)
+    errors = worst_at_rest(one, continuous[0])
     assert set(errors) == {2.0, 8.0, 20.0}
     assert errors[2.0] <= 0.5
     assert errors[8.0] <= 1.0
@@ -81,16 +83,16 @@ def test_trained_on_every_grid(continuous: Study) -> None:
     as_with_the_truth(one)
 
 
-def test_trained_on_every_grid_on_grids_it_never_saw(continuous: Study) -> None:
-    study = on_grids(continuous, 3.0, 5.0, 12.0)
-    errors = worst_at_rest(judged(study), study)
+def test_trained_on_every_grid_on_grids_it_never_saw(continuous: tuple[Study, Ready]) -> None:
+    study = on_grids(continuous[0], 3.0, 5.0, 12.0)
+    errors = worst_at_rest(judged(study, continuous[1]), study)
     assert set(errors) == {3.0, 5.0, 12.0}
     assert max(errors.values()) <= 1.0
 
 
 def test_trained_on_five_grids() -> None:
-    study, _ = with_estimator(load_study(STUDIES / "published" / "study.toml"))
-    one = judged(study)
+    study = load_study(STUDIES / "published" / "study.toml")
+    one = judged(study, Ready(network=make_network(study)[0]))
     errors = worst_at_rest(one, study)
     assert errors[2.0] <= 0.5
     assert errors[8.0] <= 1.0

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.network_weights import NetworkWeights
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.design.table import build_table
 from vsgdesign.estimator.recipes import named_recipe
 from vsgdesign.estimator.trained import train_estimator
@@ -53,21 +55,17 @@ def shortened(study: Study, duration: float) -> Study:
     return replace(study, simulation=replace(study.simulation, duration=duration), events=events)
 
 
-def with_small_tables(study: Study, folder: Path) -> Study:
-    """The study with tables of two by two nodes where it asks for tables: enough to run, not to promise anything."""
+def small_tables(study: Study, folder: Path) -> dict[str, GainTable]:
+    """Tables of two by two nodes where a study asks for tables: enough to run, not to promise anything."""
     if study.specification is None:
-        return study
+        return {}
     box = replace(study.specification.box, error_R=0.0, error_X=0.0)
     small = replace(study, specification=replace(study.specification, scr=(4.0, 8.0), x_over_r=(3.0, 5.0), box=box))
-    controllers = tuple(
-        replace(
-            spec, table=build_table(small, spec, folder / spec.name, refinements=0, points=20, certificate=False).table
-        )
-        if spec.schedule == "table"
-        else spec
+    return {
+        spec.name: build_table(small, spec, folder / spec.name, refinements=0, points=20, certificate=False).table
         for spec in study.controllers
-    )
-    return replace(study, controllers=controllers)
+        if spec.schedule == "table"
+    }
 
 
 @pytest.fixture(scope="module")
@@ -81,10 +79,8 @@ def network() -> NetworkWeights:
 @pytest.mark.parametrize("path", FILES, ids=name)
 def test_every_controller_goes_through_every_event(path: Path, tmp_path: Path, network: NetworkWeights) -> None:
     """Two seconds of it: nothing diverges, the current stays within what the converter could carry."""
-    study = with_small_tables(shortened(load_study(path), 2.0), tmp_path)
-    if study.estimator is not None:
-        study = replace(study, estimator=replace(study.estimator, weights=network))
-    result = run_scenario(study)
+    study = shortened(load_study(path), 2.0)
+    result = run_scenario(study, Ready(tables=small_tables(study, tmp_path), network=network))
     assert len(result.controllers) == len(study.controllers)
     for controller in result.controllers:
         for values in controller.series.values():

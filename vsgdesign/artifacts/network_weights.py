@@ -92,6 +92,11 @@ class WindowFormat:
     synchronised: bool
 
     @property
+    def period(self) -> float:
+        """Time from one window's first sample to the next window's, s."""
+        return self.samples * self.sample_interval
+
+    @property
     def length(self) -> int:
         """Numbers in a window."""
         return 2 * CHANNELS.get(self.channels, 0) * self.samples

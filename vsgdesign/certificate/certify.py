@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.study_table import table_of
+from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.certificate.boxes import encloses
 from vsgdesign.certificate.lyapunov import Family, Fit, best_fit, residual
 from vsgdesign.certificate.proof import Outcome, prove
@@ -111,6 +111,7 @@ def certify(
     spec: ControllerSpec,
     region: Region,
     *,
+    ready: Ready = NOTHING,
     schedule: MeasuredSchedule | None = None,
     decay: float | None = None,
     nodes_per_axis: int = 15,
@@ -122,14 +123,14 @@ def certify(
     """The largest decay that one Lyapunov function proves over the region, or a counterexample; or the proof of a
     ``decay`` (1/s) that is asked for, in less time.
 
-    ``schedule``: the gains to prove; None: those of the controller, from its table where it has one. An infinite
-    ``region.rate`` asks for one function for all (:eq:`certificate`), a finite one for P(ρ)
-    (:eq:`affine-lyapunov`). Points outside the static limits (:eq:`static-limits`) are not part of the region. A
-    counterexample is returned where a cell is unstable by itself. Raises StudyError where the region or the decay is
-    wrong, InfeasibleStudyError where the region is empty, where the controller is not scheduled, or where every cell
-    is stable but no function of the kind exists.
+    ``ready`` has the controller's gain table, where it takes its gains from one; ``schedule``: other gains to prove
+    than the controller's. An infinite ``region.rate`` asks for one function for all (:eq:`certificate`), a finite one
+    for P(ρ) (:eq:`affine-lyapunov`). Points outside the static limits (:eq:`static-limits`) are not part of the
+    region. A counterexample is returned where a cell is unstable by itself. Raises StudyError where the region or the
+    decay is wrong, InfeasibleStudyError where the region is empty, where the controller is not scheduled or its table
+    is not there, or where every cell is stable but no function of the kind exists.
     """
-    system, motion = _prepared(study, spec, region, schedule, decay)
+    system, motion = _prepared(study, spec, region, ready, schedule, decay)
     rng = np.random.default_rng(seed)
     points = np.concatenate([nodes(region, nodes_per_axis), random_points(region, fresh, rng)])
     # A cell that is unstable is a counterexample, also where others have no gains at all.
@@ -256,6 +257,7 @@ def region_of(
     Q_pu: tuple[float, float] | None = None,
     error: float | None = None,
     rate: float = np.inf,
+    ready: Ready = NOTHING,
 ) -> tuple[ControllerSpec, Region]:
     """A controller by name (None: the last scheduled one) and a region, from limits in per unit of rating.
 
@@ -265,7 +267,7 @@ def region_of(
     scheduled = [spec for spec in study.controllers if spec.kind == "scheduled"]
     chosen = [spec for spec in scheduled if controller in (None, spec.name)]
     S = study.converter.S_rated
-    whole = _whole_region(study, chosen[-1] if chosen else None)
+    whole = _whole_region(study, chosen[-1] if chosen else None, ready)
     region = Region(
         whole.scr if scr is None else scr,
         whole.x_over_r if x_over_r is None else x_over_r,
@@ -284,11 +286,11 @@ def region_of(
     return chosen[-1], region
 
 
-def _whole_region(study: Study, spec: ControllerSpec | None) -> Region:
+def _whole_region(study: Study, spec: ControllerSpec | None, ready: Ready) -> Region:
     """The box of a controller's table, built or to be built; else the study's stability axes with common limits."""
     asked = study.specification
     if spec is not None and spec.schedule == "table":
-        table = table_of(study, spec)
+        table = ready.tables.get(spec.name)
         if table is not None and table.base.scr_basis == study.scr_basis:
             box = table.validity
             return Region(box.scr, box.x_over_r, box.P, box.Q, box.error)
@@ -302,7 +304,12 @@ def _whole_region(study: Study, spec: ControllerSpec | None) -> Region:
 
 
 def _prepared(
-    study: Study, spec: ControllerSpec, region: Region, schedule: MeasuredSchedule | None, decay: float | None
+    study: Study,
+    spec: ControllerSpec,
+    region: Region,
+    ready: Ready,
+    schedule: MeasuredSchedule | None,
+    decay: float | None,
 ) -> tuple[System, Motion]:
     faults = region_faults(region)
     if decay is not None and not 0.0 < decay < np.inf:
@@ -312,7 +319,9 @@ def _prepared(
     if schedule is None:
         if spec.gains is not None or spec.kind != "scheduled":
             raise InfeasibleStudyError(f"controller {spec.name}: a certificate is made for a scheduled controller.")
-        schedule = schedule_of(study, spec) if follows_measured(spec) else AtDesignPoint(schedule_of(study, spec))
+        schedule = schedule_of(study, spec, ready)
+        if not follows_measured(spec):
+            schedule = AtDesignPoint(schedule)
     return System(study, schedule), Motion(region, bool(np.isfinite(region.rate)))
 
 

@@ -75,17 +75,18 @@ def design(study_file: str, as_json: bool) -> None:
     """Operating points, gains, margins, inertia and droop of every controller on every grid."""
     from dataclasses import asdict
 
-    from vsgdesign.artifacts.study_table import table_of
+    from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.design import design_closed_form, distinct_grids
 
     study = _load(study_file)
-    known = [spec for spec in study.controllers if spec.schedule != "table" or table_of(study, spec) is not None]
+    ready = Ready(tables=read_tables(study))
+    known = [spec for spec in study.controllers if spec.schedule != "table" or spec.name in ready.tables]
     missing = [
         f"{spec.name}: its gain table is not built yet. vsgdesign run builds it, vsgdesign table build keeps it."
         for spec in study.controllers
         if spec not in known
     ]
-    designs = [design_closed_form(study, spec, grid) for spec in known for grid in distinct_grids(study)]
+    designs = [design_closed_form(study, spec, grid, ready) for spec in known for grid in distinct_grids(study)]
     if as_json:
         _print_json(
             {
@@ -184,18 +185,18 @@ def certify(
     as_json: bool,
 ) -> None:
     """One Lyapunov function for a whole region of grids, powers and estimate errors, or a counterexample."""
-    import tempfile
     from dataclasses import replace
-    from pathlib import Path
 
+    from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.certificate import Certificate, certify, region_of
-    from vsgdesign.pipeline.table import with_tables
+    from vsgdesign.pipeline.table import make_tables
 
     study = _load(study_file)
-    spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate)
-    with _progress(quiet=as_json) as progress, tempfile.TemporaryDirectory() as folder:
-        ready = with_tables(replace(study, controllers=(spec,)), Path(folder) / study.name, progress=progress)
-        found = certify(study, ready.controllers[0], region, decay=decay, budget=boxes, progress=progress)
+    named = Ready(tables=read_tables(study))
+    spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate, named)
+    with _progress(quiet=as_json) as progress:
+        ready = Ready(tables=make_tables(replace(study, controllers=(spec,)), progress=progress))
+        found = certify(study, spec, region, ready=ready, decay=decay, budget=boxes, progress=progress)
     if as_json:
         _print_json(found.as_document())
     else:

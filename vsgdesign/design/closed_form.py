@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES, effective_inertia
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
-from vsgdesign.runtime.of_study import follows_measured, gain_law, schedule_of, table_of
+from vsgdesign.runtime.of_study import follows_measured, gain_law, schedule_of
 from vsgdesign.stability.loops import coupled_loop
 
 
@@ -44,21 +45,21 @@ def distinct_grids(study: Study) -> tuple[Grid, ...]:
     return tuple(dict.fromkeys([study.grid, *(event.grid for event in study.events if event.grid is not None)]))
 
 
-def design_closed_form(study: Study, spec: ControllerSpec, grid: Grid) -> ClosedFormDesign:
+def design_closed_form(study: Study, spec: ControllerSpec, grid: Grid, ready: Ready = NOTHING) -> ClosedFormDesign:
     """A controller on a grid of the scenario: scheduled gains are made for it, fixed ones for their own grid.
 
     Raises InfeasibleStudyError where the design point does not exist on a grid, or a table is not there.
     """
-    table = table_of(study, spec) if spec.kind == "scheduled" else None
+    table = ready.table(spec)
     structure = spec.target.structure if table is None else table.structure
     made_for = grid if spec.kind == "scheduled" else (spec.design_grid or study.grid)
     R, X = study.path_to_grid(grid)
     limits = study.converter.V_limits_rms
     try:
         if spec.gains is None and not follows_measured(spec):
-            schedule_of(study, spec).gains(made_for.R_g, made_for.L_g)  # says why there are none
+            schedule_of(study, spec, ready).gains(made_for.R_g, made_for.L_g)  # says why there are none
         point = solve_operating_point(spec.target.P, spec.target.Q, study.grid_source.V_g_rms, R, X, limits)
-        found = gain_law(study, spec)(grid.R_g, grid.L_g, spec.target.P, spec.target.Q, point.V_rms)
+        found = gain_law(study, spec, ready)(grid.R_g, grid.L_g, spec.target.P, spec.target.Q, point.V_rms)
         gains = PowerLoopGains(*(float(value) for value in found))
     except NoOperatingPointError as error:
         raise InfeasibleStudyError(f"controller {spec.name}: {error}") from error

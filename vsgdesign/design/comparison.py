@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.design.box import NOMINAL, Scenarios, scenarios_of_truth
 from vsgdesign.design.evaluation import Evaluation, evaluate_gains
 from vsgdesign.design.figures import Figures, shortfalls, worst
@@ -167,12 +168,12 @@ def comparison_axes(spec: Specification) -> tuple[tuple[float, ...], tuple[float
     return refined(spec.scr), refined(spec.x_over_r)
 
 
-def contender_of(study: Study, spec: ControllerSpec) -> Contender:
+def contender_of(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> Contender:
     """A controller of the study as a contender. Raises InfeasibleStudyError for gains that cannot be had."""
     target, c = spec.target, study.converter
     droops = target.P_droop, target.Q_droop
     droop, _ = STRUCTURES[target.structure].rated_droops(*droops, c.S_rated, c.omega_n, c.V_rated_rms)
-    law = gain_law(study, spec)
+    law = gain_law(study, spec, ready)
     if law.fixed is not None:
         return Contender(spec.name, target.structure, GIVEN, droop, gains=law.fixed)
     return Contender(spec.name, target.structure, TABLE if spec.schedule == "table" else CLOSED_FORM, droop, law=law)

@@ -120,7 +120,7 @@ def export_c_files(
             v_limit=float(np.float32(4.0 * peak_v if v_limit is None else v_limit)),
             i_limit=float(np.float32(4.0 * peak_i if i_limit is None else i_limit)),
         )
-        changes = window_settings(window.samples * window.sample_interval) | changes
+        changes = window_settings(window.period) | changes
         origin = replace(
             origin, weights_sha256=trained.hash, channels=window.channels, sample_interval=window.sample_interval
         )

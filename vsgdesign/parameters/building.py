@@ -246,8 +246,8 @@ def _read_controllers(
             table.fault("name", name, *taken)
         kind = table.choice("kind", ("fixed", "scheduled"))
         own_target = _read_target(table, target, converter)
-        gains, design_grid, period, schedule, table_file = None, None, 0.02, "closed_form", None
-        estimate = "truth"
+        gains, design_grid, schedule, table_file, estimate = None, None, "closed_form", None, "truth"
+        period: float | None = UPDATE_PERIOD
         if kind == "fixed":
             gains_table = table.child("gains")
             if gains_table is not None:
@@ -286,9 +286,9 @@ def _read_controllers(
             if estimate == "neural" and not root.has("estimator"):
                 table.fault("estimate", estimate, "there is no network to estimate with", "Add an [estimator] section.")
             period = table.quantity("update_period", "s", converter.T_s, simulation.duration, default=None)
-            if period is None:
-                period = 0.0 if estimate == "neural" else _default_update_period(converter)
-            steps = period / converter.T_s
+            if period is None and estimate != "neural":
+                period = _default_update_period(converter)
+            steps = 0.0 if period is None else period / converter.T_s
             if not math.isnan(steps) and abs(steps - round(steps)) > 1e-6 * steps:
                 table.fault(
                     "update_period",
@@ -297,7 +297,17 @@ def _read_controllers(
                     f"Use {round(steps) * converter.T_s:.9g}.",
                 )
         specs.append(
-            ControllerSpec(name, kind, own_target, gains, design_grid, period, schedule, table_file, estimate=estimate)
+            ControllerSpec(
+                name=name,
+                kind=kind,
+                target=own_target,
+                gains=gains,
+                design_grid=design_grid,
+                update_period=period,
+                schedule=schedule,
+                table_file=table_file,
+                estimate=estimate,
+            )
         )
         table.finish()
     if not specs and root.table.get("controllers", []) == []:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from vsgdesign.parameters.reader import TableReader
 
@@ -14,7 +13,7 @@ _TRAINED = ("recipe", "seed", "hidden", "components", "starts")
 """Fields that only training uses."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class EstimatorSpec:
     """One network for every controller with ``estimate = "neural"``."""
 
@@ -34,8 +33,6 @@ class EstimatorSpec:
     v_limit_pu: float | None = None
     i_limit_pu: float | None = None
     """Where the sensors saturate, pu of the rated peaks; None: nowhere."""
-    weights: Any = None
-    """The network (artifacts.network_weights.NetworkWeights) once read or trained."""
 
 
 def read_estimator(table: TableReader | None) -> EstimatorSpec | None:

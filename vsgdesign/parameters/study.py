@@ -167,7 +167,7 @@ class ClosedFormTarget:
     """Take the Jacobian at the measured P, Q and V, which follow the references, instead of at (P, Q)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ControllerSpec:
     """One controller to simulate: fixed gains, or gains rescheduled from the grid impedance."""
 
@@ -178,15 +178,13 @@ class ControllerSpec:
     gains: PowerLoopGains | None = None
     """Given gains of a fixed controller; None: designed in closed form at ``design_grid``."""
     design_grid: Grid | None = None
-    update_period: float = 0.02
-    """Time between two updates of a scheduled controller, s; 0: the length of the window of the network that it
-    estimates with (filled in once the network is there)."""
+    update_period: float | None = 0.02
+    """Time between two updates of a scheduled controller, s; None: the length of the window of the network that it
+    estimates with."""
     schedule: str = "closed_form"
     """Of a scheduled controller: ``closed_form``, or ``table`` (designed to the study's specification)."""
     table_file: str | None = None
     """Where its gain table is; None: it is built."""
-    table: Any = None
-    """Its gain table (artifacts.gain_table.GainTable) once read or built."""
     estimate: str = "truth"
     """What a scheduled controller knows of the grid: the ``truth``, or what the study's ``neural`` network says."""
 
@@ -261,7 +259,10 @@ class StudyOrigin:
 
 @dataclass(frozen=True)
 class Study:
-    """Everything that a study file says, resolved, checked and in SI."""
+    """Everything that a study file says, resolved, checked and in SI.
+
+    What is designed or trained for it lies beside it (:class:`vsgdesign.artifacts.ready.Ready`).
+    """
 
     name: str
     title: str

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from vsgdesign.pipeline.margins import StabilityResult, assess_study, report_stability, stability_document
     from vsgdesign.pipeline.opening import open_study
+    from vsgdesign.pipeline.ready import make_ready
     from vsgdesign.pipeline.run import results_document, run_study
 
 _HOMES = {
     "StabilityResult": "margins",
     "assess_study": "margins",
+    "make_ready": "ready",
     "open_study": "opening",
     "report_stability": "margins",
     "results_document": "run",
@@ -30,6 +32,7 @@ def __getattr__(name: str) -> Any:
 __all__ = [
     "StabilityResult",
     "assess_study",
+    "make_ready",
     "open_study",
     "report_stability",
     "results_document",

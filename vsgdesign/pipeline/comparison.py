@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign.artifacts import provenance, staged_folder, write_record
+from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.artifacts.tables import write_table
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import Study, grid_from_scr
-from vsgdesign.pipeline.table import with_tables
+from vsgdesign.pipeline.table import make_tables
 
 if TYPE_CHECKING:  # the optimizer's libraries are loaded by who compares
     from vsgdesign.design.comparison import Compared, Comparison, Contender, EmtStep
@@ -55,8 +56,8 @@ def report_comparison(
     tell = progress or silent
     with staged_folder(out, VERB, inputs=study.input_files) as folder:
         # Nothing here asks for the tables' certificates, and a refused one takes longest.
-        study = with_tables(study, out, workers=workers, certificates=False, progress=progress)
-        comparison = compare_study(study, emt=emt, seed=seed, progress=progress)
+        ready = Ready(tables=make_tables(study, out, workers=workers, certificates=False, progress=progress))
+        comparison = compare_study(study, ready, emt=emt, seed=seed, progress=progress)
         tell("draw figures", 0.0)
         figures = write_comparison_figures(comparison, folder / "figures")
         tell("draw figures", 1.0)
@@ -65,12 +66,14 @@ def report_comparison(
         return write_record(folder, comparison_document(comparison), VERB)
 
 
-def compare_study(study: Study, *, emt: bool = True, seed: int = 0, progress: Progress | None = None) -> Comparison:
+def compare_study(
+    study: Study, ready: Ready = NOTHING, *, emt: bool = True, seed: int = 0, progress: Progress | None = None
+) -> Comparison:
     """The controllers of a study and the best fixed tuning of each of their structures, under its specification.
 
     On the specification's nodes and between them, from the coupled model; steps in averaged EMT on a few grids.
-    Tables must be there (:func:`vsgdesign.pipeline.table.with_tables`). Raises InfeasibleStudyError without a
-    specification with the aim ``settling``.
+    ``ready`` has the gain tables that the controllers ask for (:func:`vsgdesign.pipeline.table.make_tables`). Raises
+    InfeasibleStudyError without a specification with the aim ``settling``, and where a table is not there.
     """
     from vsgdesign.design.comparison import (
         BEST_FIXED,
@@ -100,9 +103,9 @@ def compare_study(study: Study, *, emt: bool = True, seed: int = 0, progress: Pr
             if structure in {other.structure for other, _ in contenders}:
                 continue
             found = best_fixed(study, controller.target, nodes, seed=seed, progress=progress)
-            like = contender_of(study, controller)
+            like = contender_of(study, controller, ready)
             contenders.append((Contender(f"best_{structure}", structure, BEST_FIXED, like.droop, found.gains), found))
-        contenders += [(contender_of(study, controller), None) for controller in study.controllers]
+        contenders += [(contender_of(study, controller, ready), None) for controller in study.controllers]
         contenders = _by_structure(contenders)
         compared: list[Compared] = []
         for k, (contender, tuning) in enumerate(contenders):

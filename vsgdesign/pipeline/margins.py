@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -11,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts import provenance, staged_folder, write_record
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.tables import write_table
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.study import ControllerSpec
-from vsgdesign.pipeline.table import with_tables
+from vsgdesign.pipeline.table import make_tables
 from vsgdesign.simulation.evidence import StepEvidence, step_evidence
 from vsgdesign.simulation.stability_result import StabilityResult, frequency_file, map_file, maps_of, step_file
 from vsgdesign.stability.assessment import ControllerAssessment, FocusCell, assess
@@ -26,19 +26,21 @@ from vsgdesign.stability.verdict import clause_matrix, left_out, worst_cases
 VERB = "vsgdesign report"
 
 
-def assess_study(study: Study, *, evidence: bool = True, progress: Progress | None = None) -> StabilityResult:
+def assess_study(
+    study: Study, ready: Ready | None = None, *, evidence: bool = True, progress: Progress | None = None
+) -> StabilityResult:
     """Assess every controller of a study; with ``evidence``, also small EMT steps at each of its stable grids.
 
-    Gain tables that the study asks for are read or designed first.
+    ``ready`` has the gain tables that the study asks for; None: they are read or designed first.
     """
     tell = progress or silent
-    with tempfile.TemporaryDirectory() as folder:
-        study = with_tables(study, Path(folder) / study.name, progress=progress)
+    if ready is None:
+        ready = Ready(tables=make_tables(study, progress=progress))
     begin = time.perf_counter()
     assessments = tuple(
-        assess(study, spec, lambda what, share: tell(f"assess {what}", share))
+        assess(study, spec, ready, lambda what, share: tell(f"assess {what}", share))
         for spec in study.controllers
-        if spec.estimate == "truth" or not _knows_the_truth(study, spec)
+        if spec.estimate == "truth" or not _knows_the_truth(study, ready, spec)
     )
     timing = {"assess": time.perf_counter() - begin}
     begin = time.perf_counter()
@@ -50,12 +52,15 @@ def assess_study(study: Study, *, evidence: bool = True, progress: Progress | No
             found[name, cell.label] = step_evidence(study, cell)
         tell("simulate small steps", 1.0)
         timing["evidence"] = time.perf_counter() - begin
-    return StabilityResult(study, assessments, found, clause_matrix(study, assessments), timing)
+    return StabilityResult(study, assessments, found, clause_matrix(study, assessments), timing, ready)
 
 
-def _knows_the_truth(study: Study, spec: ControllerSpec) -> bool:
+def _knows_the_truth(study: Study, ready: Ready, spec: ControllerSpec) -> bool:
     """Whether another controller is the same but for its estimate: margins are those of the gains for a grid."""
-    return any(replace(spec, name=other.name, estimate="truth") == other for other in study.controllers)
+    return any(
+        replace(spec, name=other.name, estimate="truth") == other and ready.table(spec) == ready.table(other)
+        for other in study.controllers
+    )
 
 
 def report_stability(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vsgdesign.artifacts.network_weights import read_network_weights
-from vsgdesign.artifacts.study_table import table_of
+from vsgdesign.artifacts.ready import read_named_table
 from vsgdesign.errors import ArtifactError, Fault, StudyError
 from vsgdesign.parameters.study import Study
 
@@ -17,7 +17,7 @@ def check_named_files(study: Study, source: str) -> None:
     faults: list[Fault] = []
     for k, spec in enumerate(study.controllers):
         try:
-            table_of(study, spec)
+            read_named_table(study, spec)
         except ArtifactError as error:
             faults.append(_fault(f"controllers[{k}].table", str(spec.table_file), error))
     faults += _estimator_faults(study)

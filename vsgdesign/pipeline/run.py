@@ -12,14 +12,15 @@ import numpy as np
 
 from vsgdesign.artifacts import provenance, staged_folder, write_csv, write_npz, write_record, write_table_file
 from vsgdesign.artifacts.network_weights import write_network_weights
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.table_summary import table_summary
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.operating_point import OperatingPoint
 from vsgdesign.parameters import Study
 from vsgdesign.pipeline.inner import assess_inner_loops, inner_document
-from vsgdesign.pipeline.table import with_tables
-from vsgdesign.pipeline.training import judgement_document, network_document, training_document, with_estimator
+from vsgdesign.pipeline.table import make_tables
+from vsgdesign.pipeline.training import judgement_document, make_network, network_document, training_document
 from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
 from vsgdesign.simulation.gains import GainChange, settled_changes
 from vsgdesign.simulation.judging import judge_estimates
@@ -53,21 +54,21 @@ def run_study(
     timing: dict[str, float] = {}
     verb = "vsgdesign run" if report else "vsgdesign simulate"
     with staged_folder(out, verb, inputs=study.input_files) as folder:
-        study = with_tables(study, out, workers=workers, progress=progress)
-        for spec in study.controllers:
-            if spec.table is not None:
-                write_table_file(spec.table, folder / f"{spec.name}.table.json")
-                timing["tables"] = time.perf_counter() - begin
+        tables = make_tables(study, out, workers=workers, progress=progress)
+        for name, table in tables.items():
+            write_table_file(table, folder / f"{name}.table.json")
+            timing["tables"] = time.perf_counter() - begin
         begin = time.perf_counter()
-        study, trained = with_estimator(study, bridge=bridge, progress=progress)
-        network = None if study.estimator is None else study.estimator.weights
+        network, trained = make_network(study, bridge=bridge, progress=progress)
         if network is not None:
             write_network_weights(network, folder / "estimator.weights.json")
             timing["estimator"] = time.perf_counter() - begin
-        _export(study, folder)
+        ready = Ready(tables=tables, network=network)
+        _export(study, ready, folder)
         begin = time.perf_counter()
         result = run_scenario(
             study,
+            ready,
             bridge=bridge,
             warn=warn,
             progress=lambda name, t_s: tell(f"simulate {name}", t_s / study.simulation.duration),
@@ -102,13 +103,13 @@ def run_study(
         return write_record(folder, document, verb)
 
 
-def _export(study: Study, folder: Path) -> None:
+def _export(study: Study, ready: Ready, folder: Path) -> None:
     """C of every gain table, with the network where the study has one: ready to compile, beside what it was made of."""
     from vsgdesign.export import export_c_files
 
     estimator = study.estimator
     for spec in study.controllers:
-        if spec.table is None:
+        if spec.name not in ready.tables:
             continue
         network = None if spec.estimate == "truth" else estimator
         export_c_files(
@@ -135,7 +136,7 @@ def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict
             for change in _changes(study, c)
         ],
         "promises": [_kept(one) for one in promises_kept(result)],
-        "controllers": {c.spec.name: _controller(study, c, judged.get(c.spec.name)) for c in result.controllers},
+        "controllers": {c.spec.name: _controller(result, c, judged.get(c.spec.name)) for c in result.controllers},
         "timing_s": timing_s,
     }
 
@@ -183,13 +184,14 @@ def _changes(study: Study, controller: ControllerResult) -> tuple[GainChange, ..
     return settled_changes(controller.gain_changes, instants, study.simulation.duration)
 
 
-def _controller(study: Study, controller: ControllerResult, judged: dict[str, Any] | None) -> dict[str, Any]:
+def _controller(result: ScenarioResult, controller: ControllerResult, judged: dict[str, Any] | None) -> dict[str, Any]:
+    study, table = result.study, result.ready.table(controller.spec)
     return {
         "kind": controller.spec.kind,
         "bridge": controller.bridge,
         "structure": controller.spec.target.structure,
         "schedule": controller.spec.schedule if controller.spec.kind == "scheduled" else None,
-        "table": None if controller.spec.table is None else table_summary(study, controller.spec.table),
+        "table": None if table is None else table_summary(study, table),
         "target": asdict(controller.spec.target),
         "gains": [{"t_s": change.t_s, **change.gains.named()} for change in _changes(study, controller)],
         "gain_changes": len(controller.gain_changes),

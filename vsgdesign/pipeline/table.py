@@ -5,16 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts import staged_folder, write_record, write_table_file
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.gain_table_file import TABLE_FILE
 from vsgdesign.artifacts.locks import LockedError, locked
+from vsgdesign.artifacts.ready import read_named_table
 from vsgdesign.artifacts.staging import cannot_write, parents_made
-from vsgdesign.artifacts.study_table import table_of
 from vsgdesign.artifacts.table_text import certificate_summary
 from vsgdesign.errors import ArtifactError, Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
@@ -201,38 +202,50 @@ def report_table(
         return write_record(folder, document, REPORT)
 
 
-def with_tables(
+def make_tables(
     study: Study,
-    out: str | Path,
+    out: str | Path | None = None,
     *,
     workers: int | None = None,
     certificates: bool = True,
     progress: Progress | None = None,
-) -> Study:
-    """The study with the gain table of every controller that asks for one: read where a file is named, else built.
+) -> dict[str, GainTable]:
+    """The gain table of every controller that asks for one, by its name: read where a file is named, else built.
 
-    Finished cells wait beside ``out`` while a table is being built. ``certificates``: whether built tables get theirs.
-    Raises ArtifactError for a file that is no table or is not this converter's, and the errors of
-    :func:`vsgdesign.design.table.build_table`.
+    Finished cells wait beside ``out`` while a table is being built; None: in a temporary folder, and an interrupted
+    build starts again. ``certificates``: whether built tables get theirs. Raises ArtifactError for a file that is no
+    table or is not this converter's, and the errors of :func:`vsgdesign.design.table.build_table`.
     """
-    controllers = []
-    for spec in study.controllers:
-        if spec.schedule != "table" or spec.table is not None:
-            controllers.append(spec)
-            continue
-        if spec.table_file is not None:
-            table = table_of(study, spec)
-        else:
-            from vsgdesign.design.sweep import executor_of
-            from vsgdesign.design.table import build_table
+    tables = {}
+    with ExitStack() as held:
+        for spec in study.controllers:
+            if spec.schedule != "table":
+                continue
+            table = read_named_table(study, spec)
+            if table is None:
+                if out is None:
+                    out = Path(held.enter_context(TemporaryDirectory())) / study.name
+                table = _built_table(study, spec, out, workers, certificates, progress)
+            tables[spec.name] = table
+    return tables
 
-            place = Path(os.path.realpath(out))
-            cells = place.with_name(f"{place.name}.{spec.name}")
-            with (
-                _cells(cells, f'the table of controller {spec.name} for "{out}"') as folder,
-                executor_of(workers) as executor,
-            ):
-                built = build_table(study, spec, folder, executor=executor, certificate=certificates, progress=progress)
-                table = built.table
-        controllers.append(replace(spec, table=table))
-    return replace(study, controllers=tuple(controllers))
+
+def _built_table(
+    study: Study,
+    spec: ControllerSpec,
+    out: str | Path,
+    workers: int | None,
+    certificates: bool,
+    progress: Progress | None,
+) -> GainTable:
+    from vsgdesign.design.sweep import executor_of
+    from vsgdesign.design.table import build_table
+
+    place = Path(os.path.realpath(out))
+    cells = place.with_name(f"{place.name}.{spec.name}")
+    with (
+        _cells(cells, f'the table of controller {spec.name} for "{out}"') as folder,
+        executor_of(workers) as executor,
+    ):
+        built = build_table(study, spec, folder, executor=executor, certificate=certificates, progress=progress)
+        return built.table

@@ -24,20 +24,21 @@ if TYPE_CHECKING:  # the estimator's room is loaded by who trains
     from vsgdesign.simulation.judging import Judgement
 
 
-def with_estimator(
+def make_network(
     study: Study, *, bridge: str | None = None, progress: Progress | None = None
-) -> tuple[Study, TrainedEstimator | None]:
-    """The study with its network where a controller asks for one, and how it was trained if it was.
+) -> tuple[NetworkWeights | None, TrainedEstimator | None]:
+    """The network of a study, None where no controller asks for one; and how it was trained, if it was.
 
-    Windows to train on are taken with the bridge of the run: a switched bridge biases samples of v_pcc, and the
-    network has to have seen that. Raises StudyError where recipe and study do not fit, ArtifactError for a file that
-    is no network, and the errors of :func:`vsgdesign.estimator.trained.train_estimator`.
+    It is read where the study names a file. Windows to train on are taken with the bridge of the run: a switched
+    bridge biases samples of v_pcc, and the network has to have seen that. Raises StudyError where recipe and study do
+    not fit, ArtifactError for a file that is no network, and the errors of
+    :func:`vsgdesign.estimator.trained.train_estimator`.
     """
     spec = study.estimator
-    if spec is None or spec.weights is not None or all(c.estimate != "neural" for c in study.controllers):
-        return study, None
+    if spec is None or all(c.estimate != "neural" for c in study.controllers):
+        return None, None
     if spec.weights_file is not None:
-        return _with_weights(study, read_network_weights(spec.weights_file)), None
+        return read_network_weights(spec.weights_file), None
     from vsgdesign.estimator.recipes import load_recipe
     from vsgdesign.estimator.trained import train_estimator
 
@@ -52,18 +53,7 @@ def with_estimator(
         starts=spec.starts,
         progress=progress or silent,
     )
-    return _with_weights(study, trained.weights), trained
-
-
-def _with_weights(study: Study, weights: NetworkWeights) -> Study:
-    """The study with a network; controllers that leave their update period to its window have that."""
-    spec = study.estimator or EstimatorSpec()
-    period = weights.window.samples * weights.window.sample_interval
-    controllers = tuple(
-        replace(one, update_period=period) if one.estimate == "neural" and one.update_period == 0.0 else one
-        for one in study.controllers
-    )
-    return replace(study, estimator=replace(spec, weights=weights), controllers=controllers)
+    return trained.weights, trained
 
 
 def check_fit(study: Study, spec: EstimatorSpec, recipe: WindowRecipe) -> None:
@@ -109,7 +99,7 @@ def train_weights_file(
 ) -> dict[str, Any]:
     """Train a network as ``spec`` says and write its weights; returns file, network and training in JSON's types.
 
-    ``windows`` keeps the windows as well, with the bridge of the recipe. Raises as :func:`with_estimator`.
+    ``windows`` keeps the windows as well, with the bridge of the recipe. Raises as :func:`make_network`.
     """
     from vsgdesign.estimator.data_set import check_data_target
     from vsgdesign.estimator.recipes import load_recipe
@@ -149,7 +139,7 @@ def network_document(weights: NetworkWeights) -> dict[str, Any]:
         "window": {
             "samples": weights.window.samples,
             "sample_interval_s": weights.window.sample_interval,
-            "period_s": weights.window.samples * weights.window.sample_interval,
+            "period_s": weights.window.period,
             "cycles": weights.recipe.get("cycles"),
         },
         "hidden": len(weights.network.b_1),

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vsgdesign.artifacts.study_table import table_of
+from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.guards import SchedulerSettings, settings_of
 from vsgdesign.runtime.schedule import Schedule
@@ -19,21 +18,13 @@ if TYPE_CHECKING:  # reading study files is no part of what ships
     from vsgdesign.parameters.study import ControllerSpec, Study
 
 
-def schedule_of(study: Study, spec: ControllerSpec) -> Schedule:
-    """The schedule: a table's, else the closed form. A table that the controller names as a file is read.
+def schedule_of(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> Schedule:
+    """The schedule: that of the controller's table, else the closed form.
 
-    Raises InfeasibleStudyError for a table that is not there yet, ArtifactError for a file that is no table of this
-    converter.
+    Raises InfeasibleStudyError where the controller needs a table that is not in ``ready``.
     """
-    if spec.schedule != "table":
-        return closed_form_schedule(study, spec.target)
-    table = table_of(study, spec)
-    if table is None:
-        raise InfeasibleStudyError(
-            f"controller {spec.name}: its gain table is not there. vsgdesign run builds it; vsgdesign table build "
-            'keeps it, and table = "FILE.json" in the study uses it.'
-        )
-    return table_schedule(table)
+    table = ready.table(spec)
+    return closed_form_schedule(study, spec.target) if table is None else table_schedule(table)
 
 
 def follows_measured(spec: ControllerSpec) -> bool:
@@ -84,16 +75,15 @@ class ControllerGains:
         return "no gains: the design point does not exist on this grid"
 
 
-def gain_law(study: Study, spec: ControllerSpec) -> ControllerGains:
+def gain_law(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> ControllerGains:
     """The gains that a controller of the study has: of a known or estimated grid and measured powers.
 
     Raises the errors of :func:`schedule_of`, and NoOperatingPointError for fixed gains whose design grid does not carry
     the design point.
     """
-    spec = replace(spec, table=table_of(study, spec))
-    schedule = schedule_of(study, spec)
+    schedule = schedule_of(study, spec, ready)
     if spec.kind == "fixed":
         grid = spec.design_grid or study.grid
         return ControllerGains(schedule, spec.gains or schedule.gains(grid.R_g, grid.L_g))
-    settings = settings_of(spec.table) if spec.schedule == "table" else None
-    return ControllerGains(schedule, None, follows_measured(spec), settings)
+    table = ready.table(spec)
+    return ControllerGains(schedule, None, follows_measured(spec), None if table is None else settings_of(table))

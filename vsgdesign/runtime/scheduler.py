@@ -385,7 +385,7 @@ def load_scheduler(
     from vsgdesign.artifacts.network_weights import read_network_weights
 
     trained = read_network_weights(weights)
-    window = window_settings(trained.window.samples * trained.window.sample_interval)
+    window = window_settings(trained.window.period)
     return scheduler_of(found, neural_estimator(trained, **(fit or {})), **(window | changes))
 
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
+from vsgdesign.artifacts.network_weights import NetworkWeights
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError
 from vsgdesign.frames import rms_to_peak, rotate, rotate_back
@@ -73,18 +74,18 @@ class EstimatedScheduler:
     For one run at a time: it remembers.
     """
 
-    def __init__(self, study: Study, spec: ControllerSpec) -> None:
-        weights = weights_of(study, spec)
+    def __init__(self, study: Study, spec: ControllerSpec, ready: Ready) -> None:
+        weights = ready.network_of(spec)
         self._estimator = estimator_of(study, spec, weights)
         self._window = weights.window
         self._study, self._spec = study, spec
-        self._answers = ScheduledAnswers(study, spec, self._estimator)
+        self._answers = ScheduledAnswers(study, spec, ready, self._estimator)
         self._rows: list[tuple[float, float, float, str, bool]] = []
 
     @property
     def update_period(self) -> float:
         """Length of the network's window, s: that of the controller, or as near as whole control periods allow."""
-        return self._window.samples * self._window.sample_interval
+        return self._window.period
 
     @property
     def sample_interval(self) -> float:
@@ -125,20 +126,6 @@ class EstimatedScheduler:
         )
 
 
-def weights_of(study: Study, spec: ControllerSpec) -> NetworkWeights:
-    """The network of a study, read where it names a file. Raises InfeasibleStudyError where it is not there yet,
-    ArtifactError for a file that is no network."""
-    estimator = study.estimator
-    if estimator is not None and estimator.weights is None and estimator.weights_file is not None:
-        return read_network_weights(estimator.weights_file)
-    if estimator is None or estimator.weights is None:
-        raise InfeasibleStudyError(
-            f"controller {spec.name}: the network that it estimates with is not there. vsgdesign run trains it; "
-            'vsgdesign estimator train keeps it, and weights = "FILE.json" in [estimator] uses it.'
-        )
-    return estimator.weights
-
-
 def same_period(period: float, length: float, study: Study) -> bool:
     """Whether an update period is the length of a window: the same number of control periods (s both)."""
     T_s = study.converter.T_s
@@ -150,7 +137,7 @@ def estimator_of(study: Study, spec: ControllerSpec, weights: NetworkWeights) ->
     spec_of, c, window = study.estimator, study.converter, weights.window
     if spec_of is None:
         raise InfeasibleStudyError(f"controller {spec.name}: the study has no [estimator] section.")
-    length = window.samples * window.sample_interval
+    length = window.period
     faults = []
     if spec.update_period and not same_period(spec.update_period, length, study):
         faults.append(

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from vsgdesign.artifacts.study_table import table_of
+from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
@@ -25,10 +23,16 @@ class ScheduledAnswers:
     all, where it has a table, else of its closed form. For one run at a time: the scheduler remembers.
     """
 
-    def __init__(self, study: Study, spec: ControllerSpec, estimator: NeuralEstimator | None = None) -> None:
-        spec = replace(spec, table=table_of(study, spec))
-        self._study, self._spec, self._law = study, spec, gain_law(study, spec)
-        self._runtime = None if spec.table is None else scheduler_of(spec.table, estimator)
+    def __init__(
+        self,
+        study: Study,
+        spec: ControllerSpec,
+        ready: Ready = NOTHING,
+        estimator: NeuralEstimator | None = None,
+    ) -> None:
+        self._study, self._spec, self._law = study, spec, gain_law(study, spec, ready)
+        table = ready.table(spec)
+        self._runtime = None if table is None else scheduler_of(table, estimator)
 
     @property
     def rate(self) -> float | None:
@@ -89,9 +93,9 @@ class ScheduledAnswers:
 class KnownGridScheduler:
     """An online scheduler that is told the true grid at every update, as it was up to that instant."""
 
-    def __init__(self, study: Study, spec: ControllerSpec, timeline: Timeline) -> None:
-        self._answers, self._timeline = ScheduledAnswers(study, spec), timeline
-        self._period, self._T_s = spec.update_period, study.converter.T_s
+    def __init__(self, study: Study, spec: ControllerSpec, timeline: Timeline, ready: Ready = NOTHING) -> None:
+        self._answers, self._timeline = ScheduledAnswers(study, spec, ready), timeline
+        self._period, self._T_s = ready.update_period(spec) or study.converter.T_s, study.converter.T_s
 
     @property
     def update_period(self) -> float:
@@ -113,11 +117,13 @@ class KnownGridScheduler:
         return self._answers.to(window, grid.R_g, grid.L_g)[0]
 
 
-def gain_feed(study: Study, spec: ControllerSpec, timeline: Timeline) -> tuple[GainChange, ...] | OnlineScheduler:
+def gain_feed(
+    study: Study, spec: ControllerSpec, timeline: Timeline, ready: Ready = NOTHING
+) -> tuple[GainChange, ...] | OnlineScheduler:
     """What a run is given for a controller that knows the true grid: changes that are known beforehand, or the
     scheduler that follows what is measured."""
     if follows_measured(spec):
-        return KnownGridScheduler(study, spec, timeline)
+        return KnownGridScheduler(study, spec, timeline, ready)
     return gain_changes(study, spec, timeline)
 
 

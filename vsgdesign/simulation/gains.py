@@ -38,11 +38,12 @@ def gain_changes(study: Study, spec: ControllerSpec, timeline: Timeline) -> tupl
             return (GainChange(0.0, spec.gains),)
         grid = spec.design_grid or study.grid
         return (GainChange(0.0, _gains(schedule, grid, f"controller {spec.name}, design grid")),)
+    period = spec.update_period or study.converter.T_s
     changes: list[GainChange] = []
     for t_event in sorted({t for t, _ in timeline.grids}):
-        updates = 0 if t_event == 0.0 else math.floor(t_event / spec.update_period + 1e-9) + 1
+        updates = 0 if t_event == 0.0 else math.floor(t_event / period + 1e-9) + 1
         grid, where = timeline.grid_at(t_event), f"controller {spec.name}, grid from {t_event:g} s"
-        change = GainChange(updates * spec.update_period, _gains(schedule, grid, where))
+        change = GainChange(updates * period, _gains(schedule, grid, where))
         # Two changes between two updates: only the last is ever seen.
         changes = [earlier for earlier in changes if earlier.t_s < change.t_s] + [change]
     return tuple(changes)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, replace
 
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.metrics.estimation import ChangeSeen, RestError, changes_seen, errors_at_rest
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
@@ -60,7 +61,7 @@ def judge_estimates(result: ScenarioResult) -> tuple[Judgement, ...]:
         if log is None:
             continue
         rows = (log.t_s, log.R_g, log.L_g, log.R_g_hat, log.L_g_hat)
-        twin = next((other for other in result.controllers if _is_twin(controller, other)), None)
+        twin = next((other for other in result.controllers if _is_twin(controller, other, result.ready)), None)
         found.append(
             Judgement(
                 controller.spec.name,
@@ -75,9 +76,10 @@ def judge_estimates(result: ScenarioResult) -> tuple[Judgement, ...]:
     return tuple(found)
 
 
-def _is_twin(controller: ControllerResult, other: ControllerResult) -> bool:
+def _is_twin(controller: ControllerResult, other: ControllerResult, ready: Ready) -> bool:
     changes = {"name": other.spec.name, "estimate": "truth", "update_period": other.spec.update_period}
-    return other.estimates is None and replace(controller.spec, **changes) == other.spec
+    alike = replace(controller.spec, **changes) == other.spec
+    return other.estimates is None and alike and ready.table(controller.spec) == ready.table(other.spec)
 
 
 def _against(controller: ControllerResult, twin: ControllerResult) -> tuple[StepAgainstTruth, ...]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.closed_form import overshoot_of
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
@@ -16,7 +17,6 @@ from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
 from vsgdesign.runtime.of_study import ControllerGains, gain_law
 from vsgdesign.simulation.scenario import OperatingPointRow, ScenarioResult
-from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.stability.cells import cells_under, full_order_cells, reduced_cells
 from vsgdesign.stability.margins import MarginTable, full_order_margins, reduced_margins
 
@@ -43,7 +43,7 @@ class Promises:
     M_s: float | None = None
 
 
-def promises_of(study: Study, spec: ControllerSpec) -> Promises:
+def promises_of(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> Promises:
     """A table is held to its specification; a closed form, fixed on its design grid or scheduled, to its own poles and
     the study's gates; gains that are given to the gates, which limit no overshoot."""
     gates, target = study.stability.gates, spec.target
@@ -55,8 +55,9 @@ def promises_of(study: Study, spec: ControllerSpec) -> Promises:
     }
     if spec.gains is not None:
         return Promises(GATES, gates.settling_time, None, None, **margins)
-    if spec.schedule == "table" and spec.table is not None:
-        asked = spec.table.specification
+    table = ready.table(spec)
+    if table is not None:
+        asked = table.specification
         settles = asked.get("aim", "settling") == "settling"
         share = asked.get("overshoot") if settles else None
         overshoot = None if share is None else 100.0 * float(share)
@@ -75,14 +76,11 @@ def promises_of(study: Study, spec: ControllerSpec) -> Promises:
     return Promises(CLOSED_FORM, target.settling_time, own, own, **margins)
 
 
-def not_promised(spec: ControllerSpec, study: Study, row: OperatingPointRow | None) -> str:
+def not_promised(table: GainTable | None, study: Study, row: OperatingPointRow | None) -> str:
     """Why a table promises nothing at an operating point: which of its box is left; empty where it promises."""
-    if spec.kind == "fixed" or spec.schedule != "table" or spec.table is None or row is None:
+    if table is None or row is None or row.point is None:
         return ""
-    box, basis, c = spec.table.validity, spec.table.base.scr_basis, study.converter
-    point = row.point
-    if point is None:
-        return ""
+    box, basis, c, point = table.validity, table.base.scr_basis, study.converter, row.point
     values = {
         "SCR": (row.grid.scr(c, basis), box.scr, 1.0),
         "X/R": (row.grid.x_over_r(c.omega_n), box.x_over_r, 1.0),
@@ -142,15 +140,14 @@ def promises_kept(result: ScenarioResult) -> tuple[Kept, ...]:
     """
     found: list[Kept] = []
     for controller in result.controllers:
-        found += _of_controller(result.study, controller.spec, result.operating_points, result.timeline)
+        found += _of_controller(result, controller.spec)
     return tuple(found)
 
 
-def _of_controller(
-    study: Study, spec: ControllerSpec, points: Sequence[OperatingPointRow], timeline: Timeline
-) -> list[Kept]:
-    law, promises, found = gain_law(study, spec), promises_of(study, spec), []
-    points = [row for row in points if row.point is not None]
+def _of_controller(result: ScenarioResult, spec: ControllerSpec) -> list[Kept]:
+    study, timeline, ready = result.study, result.timeline, result.ready
+    law, promises, found = gain_law(study, spec, ready), promises_of(study, spec, ready), []
+    points = [row for row in result.operating_points if row.point is not None]
     sources = [timeline.source_at(row.t_s) for row in points]
     asked_by = promises.source if promises.source == TABLE else GATES
     for V_g, omega in dict.fromkeys((source.V_g_rms, source.omega) for source in sources):
@@ -166,7 +163,7 @@ def _of_controller(
         row_full = {int(good[k]): j for j, k in enumerate(model.index)}
         faults = {int(good[k]): fault for k, fault in enumerate(model.faults)}
         for k, row in enumerate(rows):
-            excuse = not_promised(spec, study, row) or cells.outside[k] or rests[k][2] or cells.faults[k]
+            excuse = not_promised(ready.table(spec), study, row) or cells.outside[k] or rests[k][2] or cells.faults[k]
             excuse = excuse or faults.get(k) or ""
             for name, at_least in _MARGINS:
                 limit = getattr(promises, name)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
@@ -115,17 +116,16 @@ def rests(study: Study, timeline: Timeline, changes: Sequence[GainChange]) -> tu
     return tuple(found)
 
 
-def expected_rests(study: Study, timeline: Timeline, spec: ControllerSpec) -> tuple[Rest, ...]:
+def expected_rests(study: Study, timeline: Timeline, spec: ControllerSpec, ready: Ready = NOTHING) -> tuple[Rest, ...]:
     """:func:`rests` before a run: a controller that estimates the grid is given the gains of the true one, one whose
     gains follow what it measures those of its own steady state.
 
     Empty where it has none on some grid of the scenario.
     """
     try:
-        # A network that sets its own pace leaves the period at zero: the grid is then known a sample after it changes.
-        known = replace(spec, estimate="truth", update_period=spec.update_period or study.converter.T_s)
+        known = replace(spec, estimate="truth", update_period=ready.update_period(spec))
         if follows_measured(known):
-            return rests(study, timeline, _measured_changes(study, timeline, known))
+            return rests(study, timeline, _measured_changes(study, timeline, known, ready))
         return rests(study, timeline, gain_changes(study, known, timeline))
     except InfeasibleStudyError:
         if spec.estimate == "truth":
@@ -133,10 +133,10 @@ def expected_rests(study: Study, timeline: Timeline, spec: ControllerSpec) -> tu
         return ()
 
 
-def _measured_changes(study: Study, timeline: Timeline, spec: ControllerSpec) -> tuple[GainChange, ...]:
+def _measured_changes(study: Study, timeline: Timeline, spec: ControllerSpec, ready: Ready) -> tuple[GainChange, ...]:
     """The gains of the steady state after every event, where they follow the measured P, Q and V; without a steady
     state those at the references, so that :func:`rests` says what is missing."""
-    law, changes = gain_law(study, spec), []
+    law, changes = gain_law(study, spec, ready), []
     instants = sorted({0.0, *(event.t_s for event in study.events)})
     for t_s, end_s in zip(instants, [*instants[1:], study.simulation.duration], strict=True):
         grid, source = timeline.grid_at(t_s), timeline.source_at(end_s - 1e-9)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.frames import clarke, clarke_inverse, instantaneous_power
@@ -67,10 +68,13 @@ class ScenarioResult:
     controllers: tuple[ControllerResult, ...]
     instabilities: tuple[Instability, ...] = ()
     """Where the full-order model says that a controller is unstable."""
+    ready: Ready = NOTHING
+    """The gain tables and the network that the controllers ran with."""
 
 
 def run_scenario(
     study: Study,
+    ready: Ready = NOTHING,
     *,
     bridge: str | None = None,
     progress: Callable[[str, float], None] | None = None,
@@ -80,16 +84,16 @@ def run_scenario(
 
     ``progress`` is called with the controller's name and the simulated time in s, ``warn`` before the run with a
     sentence on every instability that it is going to show. Raises InfeasibleStudyError
-    naming the instant at which the scenario asks for what its grid cannot carry, or a controller whose network is
-    not there; ArtifactError where the network does not fit.
+    naming the instant at which the scenario asks for what its grid cannot carry, or a controller whose gain table or
+    network is not in ``ready``; ArtifactError where the network does not fit.
     """
     timeline = build_timeline(study)
     points = operating_points(study, timeline)
     feeds = [
-        EstimatedScheduler(study, spec) if spec.estimate == "neural" else gain_feed(study, spec, timeline)
+        EstimatedScheduler(study, spec, ready) if spec.estimate == "neural" else gain_feed(study, spec, timeline, ready)
         for spec in study.controllers
     ]
-    expected = [expected_rests(study, timeline, spec) for spec in study.controllers]
+    expected = [expected_rests(study, timeline, spec, ready) for spec in study.controllers]
     pairs = zip(study.controllers, expected, strict=True)
     unstable = tuple(one for spec, found in pairs for one in instabilities(study, spec, found))
     if warn is not None and unstable:
@@ -106,7 +110,7 @@ def run_scenario(
             found = rests(study, timeline, run.gain_changes)
         events = measure_events(study, series, found, switched=used == "pwm")
         results.append(ControllerResult(spec, used, run.gain_changes, run, series, events, estimates))
-    return ScenarioResult(study, timeline, points, tuple(results), unstable)
+    return ScenarioResult(study, timeline, points, tuple(results), unstable, ready)
 
 
 def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[float], None]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.evidence import StepEvidence
 from vsgdesign.stability.assessment import ControllerAssessment
@@ -24,6 +25,8 @@ class StabilityResult:
     evidence: dict[tuple[str, str], tuple[StepEvidence, StepEvidence]]
     verdicts: tuple[Verdict, ...]
     timing_s: dict[str, float]
+    ready: Ready = NOTHING
+    """The gain tables that the controllers were assessed with."""
 
 
 def slug(label: str) -> str:

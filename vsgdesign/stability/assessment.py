@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.progress import Progress, silent
@@ -110,14 +111,17 @@ class ControllerAssessment:
     """Per SCR of the study's grids, the X/R at which the reduced model loses stability; None: nowhere."""
 
 
-def assess(study: Study, spec: ControllerSpec, progress: Progress | None = None, seed: int = 0) -> ControllerAssessment:
+def assess(
+    study: Study, spec: ControllerSpec, ready: Ready = NOTHING, progress: Progress | None = None, seed: int = 0
+) -> ControllerAssessment:
     """Assess one controller over the study's [stability] axes and at its grids.
 
-    ``progress`` is called with what is being done and the share done. Raises NoOperatingPointError where fixed
-    gains cannot be designed.
+    ``ready`` has the controller's gain table, where it takes its gains from one. ``progress`` is called with what is
+    being done and the share done. Raises NoOperatingPointError where fixed gains cannot be designed, and
+    InfeasibleStudyError where its table is not there.
     """
     tell = progress or silent
-    axes, law = study.stability, gain_law(study, spec)
+    axes, law = study.stability, gain_law(study, spec, ready)
     P, Q = axes.P[0], axes.Q[0]
     ratio = study.grid.x_over_r(study.converter.omega_n)
     tell(spec.name, 0.0)

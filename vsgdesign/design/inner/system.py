@@ -71,7 +71,7 @@ def study_of(
         tau_P=tau,
         tau_Q=tau,
         omega_t=omega_t,
-        controllers=(ControllerSpec("scheduled", "scheduled", target),),
+        controllers=(ControllerSpec(name="scheduled", kind="scheduled", target=target),),
         simulation=SimulationSpec(1.0, "averaged", "steady_state", c.T_s, 0.0, 0.0, 0.0),
         events=(),
         stability=StabilitySpec((1.0,), (1.0,), (0.0,), (0.0,), (0.0,), Gates()),

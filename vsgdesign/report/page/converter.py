@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Protocol
 
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.frames import phase_to_ll
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
 from vsgdesign.report.page.table import Table
@@ -13,11 +14,16 @@ from vsgdesign.report.quantities import number, plain, plain_quantity
 
 
 class HasStudy(Protocol):
-    """Any result that knows its study."""
+    """Any result that knows its study and what was designed and trained for it."""
 
     @property
     def study(self) -> Study:
         """The study that it is a result of."""
+        ...
+
+    @property
+    def ready(self) -> Ready:
+        """Its gain tables and its network."""
         ...
 
 
@@ -98,7 +104,8 @@ def specs_table(result: HasStudy, specs: Sequence[ControllerSpec]) -> Table:
     rows = []
     for spec in specs:
         if spec.kind == "scheduled":
-            every = f"every {plain_quantity(spec.update_period, 's')}" if spec.update_period else "after every window"
+            period = result.ready.update_period(spec)
+            every = "after every window" if period is None else f"every {plain_quantity(period, 's')}"
             how = f"rescheduled {every} from " + (
                 "the true grid impedance" if spec.estimate == "truth" else "the network's estimate of the grid"
             )

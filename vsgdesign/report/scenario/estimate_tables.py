@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
 def network_table(result: ScenarioResult, trained: TrainedEstimator | None) -> Table:
     """What the network is and what it was trained on."""
-    spec = result.study.estimator
-    weights = None if spec is None else spec.weights
+    spec, weights = result.study.estimator, result.ready.network
     if spec is None or weights is None:
         raise ValueError("a scenario with estimates has a network")
     network, window, recipe = weights.network, weights.window, weights.recipe
@@ -145,8 +144,7 @@ def truth_table(judged: Judgement) -> Table:
 
 def estimate_text(result: ScenarioResult, judgements: Sequence[Judgement]) -> list[str]:
     """What the estimate was worth, in words."""
-    spec = result.study.estimator
-    weights = None if spec is None else spec.weights
+    weights = result.ready.network
     paragraphs = []
     for judged in judgements:
         total = len(judged.log.status)

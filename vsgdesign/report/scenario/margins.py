@@ -51,7 +51,7 @@ def distinct_grids(result: ScenarioResult) -> tuple[Grid, ...]:
 def loops_on_grids(result: ScenarioResult, controller: ControllerResult) -> tuple[LoopOnGrid, ...]:
     """The loops on all grids that can carry the power of the controller's design."""
     study, target = result.study, controller.spec.target
-    law = gain_law(study, controller.spec)
+    law = gain_law(study, controller.spec, result.ready)
     loops = []
     for grid in distinct_grids(result):
         R, X = study.path_to_grid(grid)

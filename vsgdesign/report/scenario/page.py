@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.table_summary import table_lines, table_summary
 from vsgdesign.artifacts.table_text import certificate_sentence
 from vsgdesign.report.figure_types import WrittenFigure
@@ -49,12 +50,7 @@ def write_page(
         setting=(converter_table(result), filter_table(result)),
         controllers=tables.controllers_table(result),
         events=tables.events_table(result) if study.events else None,
-        tables=[
-            line
-            for c in result.controllers
-            if c.spec.table is not None
-            for line in table_lines(c.spec.name, table_summary(study, c.spec.table))
-        ],
+        tables=[line for name, table in _tables(result) for line in table_lines(name, table_summary(study, table))],
         inner=None if inner is None else inner_part(inner),
         operating_points=tables.operating_points_table(result),
         estimate=_estimate(result, trained),
@@ -66,10 +62,15 @@ def write_page(
     )
 
 
+def _tables(result: ScenarioResult) -> list[tuple[str, GainTable]]:
+    """Names of the controllers that run from a gain table, with it."""
+    pairs = ((c.spec, result.ready.table(c.spec)) for c in result.controllers)
+    return [(spec.name, table) for spec, table in pairs if table is not None]
+
+
 def _designed(result: ScenarioResult, inner: dict[str, Any] | None) -> list[str]:
     """What was designed for this run, and whether it is proved: one sentence each."""
-    tables = [(c.spec.name, c.spec.table) for c in result.controllers if c.spec.table is not None]
-    said = [f"{name}: {certificate_sentence(table.certificate)}" for name, table in tables]
+    said = [f"{name}: {certificate_sentence(table.certificate)}" for name, table in _tables(result)]
     return said if inner is None else [*said, headline(inner)]
 
 
@@ -140,8 +141,8 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
             f"{', '.join(c.spec.name for c in estimating)} measures v_pcc and i_pcc without noise or quantisation and "
             "begins with the gains of the true grid at the start."
         )
-        weights = None if study.estimator is None else study.estimator.weights
-        trained_with = None if weights is None else weights.recipe.get("bridge")
+        network = result.ready.network
+        trained_with = None if network is None else network.recipe.get("bridge")
         if any(c.bridge == "pwm" for c in estimating) and trained_with == "averaged":
             items.append(
                 "The network was trained with an averaged bridge: samples of a switched one are biased, and so is "

@@ -135,8 +135,8 @@ def step_outcomes(result: ScenarioResult) -> list[StepOutcome]:
                 rows = (row for row in result.operating_points if row.point is not None)
                 row = next((row for row in rows if abs(row.t_s - metrics.t_s) < 1e-9), None)
                 uncoupled = None if row is None else _uncoupled(controller, metrics, row, ends[metrics.t_s])
-                promises = promises_of(result.study, controller.spec)
-                excuse = not_promised(controller.spec, result.study, row)
+                promises = promises_of(result.study, controller.spec, result.ready)
+                excuse = not_promised(result.ready.table(controller.spec), result.study, row)
                 window = ends[metrics.t_s] - metrics.t_s
                 at_rest = _was_at_rest(result, controller, metrics)
                 outcomes.append(StepOutcome(controller, metrics, window, row, uncoupled, promises, at_rest, excuse))

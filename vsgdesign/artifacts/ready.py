@@ -1,0 +1,98 @@
+"""What was designed, read or trained for a study. It lies beside the study, which holds what was given alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from vsgdesign.artifacts.gain_table import GainTable, base_differences, base_of
+from vsgdesign.artifacts.gain_table_file import read_table_file
+from vsgdesign.artifacts.network_weights import NetworkWeights
+from vsgdesign.errors import ArtifactError, InfeasibleStudyError
+
+if TYPE_CHECKING:  # reading a table reads no study files
+    from vsgdesign.parameters.study import ControllerSpec, Study
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ready:
+    """The gain tables and the network that a study's controllers run with.
+
+    :func:`vsgdesign.pipeline.ready.make_ready` reads what the study names as files, and designs and trains what it
+    leaves open. A study whose controllers are all fixed, or scheduled in closed form from the
+    true grid, needs nothing of it (:data:`NOTHING`).
+    """
+
+    tables: Mapping[str, GainTable] = field(default_factory=dict)
+    """Gain tables by the name of their controller."""
+    network: NetworkWeights | None = None
+    """The network of every controller with ``estimate = "neural"``."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tables", MappingProxyType(dict(self.tables)))
+
+    def with_table(self, controller: str, table: GainTable) -> Ready:
+        """The same with the gain table of one controller, by its name."""
+        return replace(self, tables={**self.tables, controller: table})
+
+    def table(self, spec: ControllerSpec) -> GainTable | None:
+        """The controller's gain table; None where it takes its gains from no table.
+
+        Raises InfeasibleStudyError where it needs one that is not here.
+        """
+        if spec.schedule != "table":
+            return None
+        if spec.name not in self.tables:
+            raise InfeasibleStudyError(
+                f"controller {spec.name}: its gain table is not there. vsgdesign run builds it; vsgdesign table build "
+                'keeps it, and table = "FILE.json" in the study uses it. In Python, make_ready(study) builds or reads '
+                "it, and what that returns is given on."
+            )
+        return self.tables[spec.name]
+
+    def network_of(self, spec: ControllerSpec) -> NetworkWeights:
+        """The network that a controller estimates with. Raises InfeasibleStudyError where it is not here."""
+        if self.network is None:
+            raise InfeasibleStudyError(
+                f"controller {spec.name}: the network that it estimates with is not there. vsgdesign run trains it; "
+                'vsgdesign estimator train keeps it, and weights = "FILE.json" in [estimator] uses it. In Python, '
+                "make_ready(study) trains or reads it, and what that returns is given on."
+            )
+        return self.network
+
+    def update_period(self, spec: ControllerSpec) -> float | None:
+        """Time between two updates of a controller, s. The window of its network sets it where the study does not; None
+        while that network is not here."""
+        if spec.update_period is not None or self.network is None:
+            return spec.update_period
+        return self.network.window.period
+
+
+NOTHING = Ready()
+"""For a study whose controllers need no table and no network."""
+
+
+def read_tables(study: Study) -> dict[str, GainTable]:
+    """The gain tables that a study names as files, by controller. Raises as :func:`read_named_table`."""
+    found = ((spec.name, read_named_table(study, spec)) for spec in study.controllers)
+    return {name: table for name, table in found if table is not None}
+
+
+def read_named_table(study: Study, spec: ControllerSpec) -> GainTable | None:
+    """The gain table that a controller names as a file; None where it names none.
+
+    Raises ArtifactError for a file that is damaged, or is no table for the study's converter, filter and grid voltage.
+    """
+    if spec.schedule != "table" or spec.table_file is None:
+        return None
+    table = read_table_file(spec.table_file)
+    differences = base_differences(table.base, base_of(study, table.base.scr_basis), "the study")
+    if differences:
+        raise ArtifactError(
+            f'controller {spec.name}: "{spec.table_file}" is a table of study {table.study}, made for another '
+            f"converter, filter or grid voltage ({'; '.join(differences)}). Build one for this study: vsgdesign table "
+            "build."
+        )
+    return table
