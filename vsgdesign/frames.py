@@ -60,29 +60,35 @@ def delta_to_star_capacitance(C: Any) -> Any:
 
 
 def clarke(a: Any, b: Any, c: Any) -> Any:
-    """Phases to amplitude-invariant (alpha, beta)."""
+    """Phases to the amplitude-invariant space vector. Returns (alpha, beta)."""
     return (2.0 * a - b - c) / 3.0, (b - c) / SQRT_3
 
 
 def clarke_inverse(alpha: Any, beta: Any) -> Any:
-    """(alpha, beta) to phases (a, b, c) without zero sequence."""
+    """(alpha, beta) to phases without zero sequence. Returns (a, b, c)."""
     half = -0.5 * alpha
     quadrature = 0.5 * SQRT_3 * beta
     return alpha, half + quadrature, half - quadrature
 
 
 def rotate(x: Any, y: Any, cosine: Any, sine: Any) -> Any:
-    """The vector (x, y) turned forward by an angle given by its cosine and sine (dq to αβ)."""
+    """The vector (x, y) turned forward by an angle given by its cosine and sine (dq to αβ).
+
+    Returns (turned_x, turned_y).
+    """
     return x * cosine - y * sine, x * sine + y * cosine
 
 
 def rotate_back(x: Any, y: Any, cosine: Any, sine: Any) -> Any:
-    """The vector (x, y) turned backward by an angle given by its cosine and sine (αβ to dq)."""
+    """The vector (x, y) turned backward by an angle given by its cosine and sine (αβ to dq).
+
+    Returns (turned_x, turned_y).
+    """
     return x * cosine + y * sine, y * cosine - x * sine
 
 
 def instantaneous_power(v_alpha: Any, v_beta: Any, i_alpha: Any, i_beta: Any) -> Any:
-    """Three-phase P and Q of peak space vectors in W and var, in αβ or dq (:eq:`instantaneous-power`)."""
+    """Three-phase power of peak space vectors in αβ or dq (:eq:`instantaneous-power`). Returns (P, Q) in W and var."""
     return (
         SPACE_VECTOR_POWER * (v_alpha * i_alpha + v_beta * i_beta),
         SPACE_VECTOR_POWER * (v_beta * i_alpha - v_alpha * i_beta),

@@ -35,19 +35,19 @@ def inner_loop_bandwidth(response_time: Any) -> Any:
 
 
 def current_loop_gains(response_time: Any, damping_ratio: Any, L_1: Any) -> Any:
-    """K_pc (V/A) and K_ic (V/(A·s)) of the current loop (:eq:`inner-gains`)."""
+    """Returns (K_pc, K_ic) of the current loop, V/A and V/(A·s) (:eq:`inner-gains`)."""
     omega_c = inner_loop_bandwidth(response_time)
     return 2.0 * damping_ratio * omega_c * L_1, omega_c * omega_c * L_1
 
 
 def voltage_loop_gains(response_time: Any, damping_ratio: Any, C: Any) -> Any:
-    """K_pv (A/V) and K_iv (A/(V·s)) of the voltage loop (:eq:`inner-gains`)."""
+    """Returns (K_pv, K_iv) of the voltage loop, A/V and A/(V·s) (:eq:`inner-gains`)."""
     omega_v = inner_loop_bandwidth(response_time)
     return 2.0 * damping_ratio * omega_v * C, omega_v * omega_v * C
 
 
 def closed_form_poles(settling_time: Any, damping_ratio: Any) -> Any:
-    """k_1 (1/s²), d_1 and k_2 (1/s) of the published loops (:eq:`closed-form-gains`).
+    """Returns (k_1, d_1, k_2) of the published loops, 1/s², 1/s and 1/s (:eq:`closed-form-gains`).
 
     ω_n = 4/(ξ T_s); k_1 = ω_n², d_1 = 2ξω_n, k_2 = 4/T_s. With the published structure and q = 0.01, ξ = 1 and
     T_s = 1 s give the paper's K_ip = 16/A, D_p = A/2, D_q = D/100 and K_iq = 4/(D + D_q). T_s is the paper's

@@ -12,13 +12,13 @@ import numpy as np
 
 
 def grid_from_scr_impedance(scr: Any, x_over_r: Any, Z_base: Any, omega: Any) -> Any:
-    """R_g (Ω) and L_g (H) with the ratio taken on \\|Z_g\\| (:eq:`scr`)."""
+    """Returns (R_g, L_g) in Ω and H, with the ratio taken on \\|Z_g\\| (:eq:`scr`)."""
     R_g = Z_base / scr / np.hypot(1.0, x_over_r)
     return R_g, R_g * x_over_r / omega
 
 
 def grid_from_scr_reactance(scr: Any, x_over_r: Any, Z_base: Any, omega: Any) -> Any:
-    """R_g (Ω) and L_g (H) with the ratio taken on X_g (:eq:`scr`)."""
+    """Returns (R_g, L_g) in Ω and H, with the ratio taken on X_g (:eq:`scr`)."""
     X_g = Z_base / scr
     return X_g / x_over_r, X_g / omega
 

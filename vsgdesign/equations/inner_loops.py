@@ -32,7 +32,7 @@ class InnerLoopGains(NamedTuple):
 
 
 def limit_length(x: Any, y: Any, limit: Any) -> Any:
-    """The vector (x, y), shortened to ``limit`` where it is longer."""
+    """The vector (x, y), shortened to ``limit`` where it is longer. Returns (short_x, short_y)."""
     # Compared as squares: the root is then never taken at zero, where it has no derivative.
     scale = limit / np.sqrt(np.maximum(x * x + y * y, limit * limit))
     return x * scale, y * scale

@@ -31,16 +31,16 @@ def power_flow(delta: Any, V_rms: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
 
 
 def operating_point_discriminant(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
-    """b₀ and the discriminant of :eq:`operating-point` in V² and V⁴; negative: no operating point."""
+    """Returns (b_0, discriminant) of :eq:`operating-point` in V² and V⁴; negative: no operating point."""
     Z_sq = R * R + X * X
     b_0 = 2.0 * (R * P + X * Q) / PHASES + V_g_rms * V_g_rms
     return b_0, b_0 * b_0 - 4.0 * Z_sq * (P * P + Q * Q) / (PHASES * PHASES)
 
 
 def operating_point(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
-    """V (rms, V) and δ (rad) that deliver P and Q: the high-voltage root of :eq:`operating-point`.
+    """The voltage V∠δ that delivers P and Q: the high-voltage root of :eq:`operating-point`.
 
-    NaN where the power flow has no real root.
+    Returns (V_rms, delta) in V and rad, NaN where the power flow has no real root.
     """
     b_0, discriminant = operating_point_discriminant(P, Q, V_g_rms, R, X)
     V_sq = 0.5 * (b_0 + np.sqrt(discriminant))
@@ -59,9 +59,9 @@ def largest_scale(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
 
 
 def jacobian_from_powers(P: Any, Q: Any, V_rms: Any, R: Any, X: Any) -> Any:
-    """A, B, C, D from measured P, Q and V without δ or a solver (:eq:`jacobian-from-powers`).
+    """The Jacobian from measured P, Q and V without δ or a solver (:eq:`jacobian-from-powers`).
 
-    A = ∂P/∂δ (W/rad), B = ∂P/∂V (W/V), C = ∂Q/∂δ (var/rad), D = ∂Q/∂V (var/V), V in phase rms.
+    Returns (A, B, C, D): A = ∂P/∂δ (W/rad), B = ∂P/∂V (W/V), C = ∂Q/∂δ (var/rad), D = ∂Q/∂V (var/V), V in phase rms.
     """
     scale = PHASES * V_rms * V_rms / (R * R + X * X)
     b = scale * X

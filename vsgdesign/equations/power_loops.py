@@ -39,7 +39,7 @@ class References(NamedTuple):
 
 
 def power_loops(omega_i: Any, V_rms: Any, P: Any, Q: Any, refs: References, gains: PowerLoopGains) -> Any:
-    """ω (rad/s), dω_i/dt and dV/dt of every structure (:eq:`power-loop-law`).
+    """The law of every structure (:eq:`power-loop-law`). Returns (omega, domega_dt, dV_dt) in rad/s, rad/s² and V/s.
 
     ω = ω_i − k_P P − k_Q (Q + D_q V), with errors e_P = P_ref − P + D_p (ω_0 − ω) and
     e_Q = Q_ref − Q + D_q (V_n − V): dω_i/dt = K_ip e_P + K_pq e_Q, dV/dt = K_qp e_P + K_iq e_Q. At rest both

@@ -44,7 +44,7 @@ class ClosedFormAim(NamedTuple):
 
 
 def decoupling(A: Any, B: Any, C: Any, D: Any, D_q: Any, share_P: Any, share_Q: Any) -> Any:
-    """w11, w12, w21, w22: inverse of the Jacobian that the loops see (:eq:`decoupling`).
+    """Inverse of the Jacobian that the loops see (:eq:`decoupling`). Returns (w11, w12, w21, w22).
 
     J + diag(0, D_q), since the Q loop acts on Q + D_q V, with B scaled by share_P and C by share_Q: 0 leaves
     the coupling in (the published diagonal), 1 takes it out. share_P = 0 keeps the swing row pure.
@@ -56,11 +56,12 @@ def decoupling(A: Any, B: Any, C: Any, D: Any, D_q: Any, share_P: Any, share_Q: 
 
 
 def voltage_row(A: Any, B: Any, C: Any, D: Any, k_2: Any, D_p: Any, D_q: Any, share_P: Any, share_Q: Any) -> Any:
-    """sigma, v1, v2: the V row of the angle-damped structure (:eq:`voltage-row`), K_qp = k_2 v1 and K_iq = k_2 v2.
+    """The V row of the angle-damped structure (:eq:`voltage-row`): K_qp = k_2 v1 and K_iq = k_2 v2.
 
     The droop is part of e_P, so a moving δ pushes V by K_qp D_p δ̇. With A − k_2 D_p in place of A this row answers
-    δ by K_qp D_p (s + k_2), which V's own pole cancels. sigma (W/rad) is k_2 D_p, less where that comes near to
-    1/w11: the row's determinant keeps at least 0.47 of its size, so no droop makes the gains grow without bound.
+    δ by K_qp D_p (s + k_2), which V's own pole cancels. Returns (sigma, v1, v2). sigma (W/rad) is k_2 D_p, less where
+    that comes near to 1/w11: the row's determinant keeps at least 0.47 of its size, so no droop makes the gains grow
+    without bound.
     """
     b, c, d = share_P * B, share_Q * C, D + D_q
     pull = k_2 * D_p
@@ -74,7 +75,8 @@ def voltage_row(A: Any, B: Any, C: Any, D: Any, k_2: Any, D_p: Any, D_q: Any, sh
 def poles_of_inertia(A: Any, H: Any, zeta: Any, S_rated: Any, omega_0: Any) -> Any:
     """k_1 = Aω_0/(2HS) and d_1 = 2ζ√k_1 for an inertia constant H and a damping ratio ζ (:eq:`constant-inertia`).
 
-    A ramp of frequency then asks for the power of H whatever the shares (:eq:`effective-inertia`).
+    A ramp of frequency then asks for the power of H whatever the shares (:eq:`effective-inertia`). Returns
+    (k_1, d_1) in 1/s² and 1/s.
     """
     k_1 = A * omega_0 / (2.0 * H * S_rated)
     return k_1, 2.0 * zeta * np.sqrt(k_1)

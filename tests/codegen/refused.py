@@ -1,0 +1,157 @@
+"""Functions that leave the restricted language, each in one way. Nobody calls them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from vsgdesign.equations.integration import advanced
+from vsgdesign.equations.power_loops import References
+
+
+def uses_while(x: Any) -> Any:
+    while x > 1.0:
+        x = x / 2.0
+    return x
+
+
+def uses_for(x: Any) -> Any:
+    for _ in range(3):
+        x = x / 2.0
+    return x
+
+
+def uses_try(x: Any) -> Any:
+    try:
+        return 1.0 / x
+    except ZeroDivisionError:
+        return 0.0
+
+
+def uses_remainder(x: Any) -> Any:
+    return x % 2.0
+
+
+def uses_floor_division(x: Any) -> Any:
+    return x // 2.0
+
+
+def uses_power(x: Any) -> Any:
+    return x**2
+
+
+def uses_list(x: Any) -> Any:
+    values = [x, x]
+    return values[0]
+
+
+def uses_comprehension(x: Any) -> Any:
+    return sum(y for y in (x, x))
+
+
+def uses_lambda(x: Any) -> Any:
+    double = lambda y: 2.0 * y  # noqa: E731
+    return double(x)
+
+
+def uses_assert(x: Any) -> Any:
+    assert x > 0.0
+    return x
+
+
+def uses_raise(x: Any) -> Any:
+    if x > 0.0:
+        raise ValueError("positive")
+    return x
+
+
+def uses_builtin(x: Any, y: Any) -> Any:
+    return max(x, y)
+
+
+def uses_math(x: Any) -> Any:
+    return math.sqrt(x)
+
+
+def uses_text(x: Any) -> Any:
+    return x + "1"
+
+
+def uses_walrus(x: Any) -> Any:
+    return (y := 2.0 * x) + y
+
+
+def uses_membership(x: Any) -> Any:
+    return x in (1.0, 2.0)
+
+
+def binds_in_one_branch(x: Any) -> Any:
+    if x > 0.0:
+        limit = 2.0 * x
+    return limit
+
+
+PHASES = 3.0
+
+
+def binds_late(x: Any) -> Any:
+    y = PHASES * x  # noqa: F823
+    PHASES = 2.0 * y
+    return PHASES
+
+
+def stores_in_a_field(refs: References) -> Any:
+    refs.P_ref = 0.0  # type: ignore[misc]
+    return refs.Q_ref
+
+
+def without_names(x: Any) -> Any:
+    return 2.0 * x, 3.0 * x
+
+
+def without_a_return(x: Any) -> Any:
+    y = 2.0 * x  # noqa: F841
+
+
+def starred(*values: Any) -> Any:
+    return values[0]
+
+
+def of_a_text(name: str, x: Any) -> Any:
+    return x if name == "a" else -x
+
+
+def calls_itself(x: Any) -> Any:
+    return calls_itself(x - 1.0)
+
+
+def advances_what_is_new(x: Any) -> Any:
+    return advanced(2.0 * x, 1.0)
+
+
+def advances_twice(refs: References) -> Any:
+    """Returns (a, b)."""
+    return advanced(refs.P_ref, 1.0), advanced(refs.P_ref, 2.0)
+
+
+def advances_in_one_branch(x: Any, y: Any) -> Any:
+    z = x
+    if y > 0.0:
+        z = advanced(x, y)
+    return z
+
+
+def generates(x: Any) -> Iterator[Any]:
+    yield x
+
+
+def unpacks_too_few(x: Any) -> Any:
+    a, b = (x, x, x)
+    return a + b
+
+
+def casts(x: Any) -> Any:
+    return float(x) + np.float64(x)

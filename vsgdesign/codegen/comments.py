@@ -1,0 +1,78 @@
+"""Docstrings and comments as C's comments: ASCII, no markup, nothing that could end a comment."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import textwrap
+from collections.abc import Mapping
+from typing import Any
+
+WIDTH = 120
+
+_ASCII = {
+    "ω": "omega", "θ": "theta", "δ": "delta", "ξ": "xi", "α": "alpha", "β": "beta", "ζ": "zeta", "τ": "tau",
+    "κ": "kappa", "φ": "phi", "ρ": "rho", "σ": "sigma", "Φ": "Phi", "Γ": "Gamma", "π": "pi", "Ω": "Ohm", "Ẑ": "Z",
+    "√": "sqrt ", "∂": "d", "∫": "integral ", "∈": "in", "∠": " at angle ", "·": "*", "×": "x", "−": "-", "–": "-",
+    "≤": "<=", "≥": ">=", "≠": "!=", "±": "+-", "→": "->", "←": "<-", "²": "^2", "³": "^3", "⁴": "^4", "₀": "_0",
+    "½": "1/2",    "°": " deg", "µ": "u", "μ": "u", "…": "...", "’": "'", "“": '"', "”": '"', "é": "e",
+}  # fmt: skip
+
+_GREEK = "ωθδξαβζτκφρσΦΓπ"
+
+
+def ascii_text(text: str) -> str:
+    """One line of ASCII without markup. A character that has no spelling here becomes a question mark."""
+    text = re.sub(r":eq:\x60([^`]*)`", r"eq. \1", text)
+    text = re.sub(r":\w+:`~?(?:[\w.]*\.)?([^`]*)`", r"\1", text).replace("``", "").replace("\\|", "|")
+    text = text.replace("δ̇", "ddelta/dt").replace("αβ", "alpha-beta")
+    text = re.sub(f"(?<=[0-9A-Z{_GREEK}₀])(?=[{_GREEK}])|(?<=[{_GREEK}₀])(?=[A-Z])", " ", text)  # 2ξω_n: three words
+    for symbol, spelled in _ASCII.items():
+        text = text.replace(symbol, spelled)
+    text = text.encode("ascii", "replace").decode()
+    return " ".join(text.replace("*/", "* /").replace("/*", "/ *").split())
+
+
+def block_comment(text: str, indent: str = "") -> list[str]:
+    """A comment of whole paragraphs as lines; none for an empty text."""
+    paragraphs = [ascii_text(paragraph) for paragraph in re.split(r"\n\s*\n", text.strip()) if paragraph.strip()]
+    lines: list[str] = []
+    for paragraph in paragraphs:
+        lines += ([""] if lines else []) + textwrap.wrap(
+            paragraph, WIDTH - len(indent) - 3, break_long_words=False, break_on_hyphens=False
+        )
+    if not lines:
+        return []
+    if len(lines) == 1 and len(indent) + len(lines[0]) + 6 <= WIDTH:
+        return [f"{indent}/* {lines[0]} */"]
+    rest = [f"{indent} * {line}".rstrip() for line in lines[1:]]
+    if len(rest[-1] if rest else lines[0]) + 6 > WIDTH:
+        rest.append(f"{indent} */")
+    else:
+        rest[-1] = f"{rest[-1]} */"
+    return [f"{indent}/* {lines[0]}", *rest]
+
+
+def field_groups(record: Any, said: Mapping[str, str]) -> list[tuple[list[str], str]]:
+    """The fields of a NamedTuple in order, in groups of those that one text is about.
+
+    A text below fields is about those since the last text; ``said`` has texts for fields without. "" where there is
+    none.
+    """
+    groups: list[tuple[list[str], str]] = []
+    open_names: list[str] = []
+    try:
+        body = ast.parse(textwrap.dedent(inspect.getsource(record))).body[0].body  # type: ignore[attr-defined]
+    except (OSError, TypeError, SyntaxError, AttributeError):
+        body = []
+    for statement in body:
+        match statement:
+            case ast.AnnAssign(target=ast.Name(id=name)):
+                open_names.append(name)
+            case ast.Expr(value=ast.Constant(value=str() as text)) if open_names:
+                groups.append((open_names, text))
+                open_names = []
+    grouped = {name for names, _ in groups for name in names}
+    groups += [([name], said.get(name, "")) for name in record._fields if name not in grouped]
+    return sorted(groups, key=lambda group: record._fields.index(group[0][0]))

@@ -1,0 +1,83 @@
+"""A function's text as a syntax tree, with its comments, and the one error that names a place in it."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import io
+import re
+import textwrap
+import tokenize
+import typing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import vsgdesign
+from vsgdesign.errors import VsgDesignError
+
+_PACKAGE = Path(vsgdesign.__file__).resolve().parent.parent
+_FOR_TOOLS = ("fmt:", "noqa", "type:", "pyright:", "ruff:")
+
+
+class UntranslatableError(VsgDesignError):
+    """A function leaves the restricted language: with file and line, and what to write instead."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """The text of a function. Line numbers are those of its file."""
+
+    function: Any
+    tree: ast.FunctionDef
+    comments: dict[int, str]
+    doc: str
+    hints: dict[str, Any]
+    file: str
+
+    def refuse(self, line: int, what: str, instead: str) -> UntranslatableError:
+        """The error that names a place of this function."""
+        return UntranslatableError(f"{self.file}:{line}: {self.function.__name__}: {what}. {instead}")
+
+
+def source_of(function: Any) -> Source:
+    """The source of a plain function. Raises UntranslatableError where there is none or its hints cannot be read."""
+    name = getattr(function, "__name__", repr(function))
+    try:
+        lines, first = inspect.getsourcelines(function)
+        file = str(inspect.getsourcefile(function))
+    except (OSError, TypeError) as error:
+        raise UntranslatableError(f"{name}: has no Python source. Give a function of this project.") from error
+    path = Path(file).resolve()
+    shown = path.relative_to(_PACKAGE).as_posix() if path.is_relative_to(_PACKAGE) else path.name
+    text = textwrap.dedent("".join(lines))
+    try:
+        tree = ast.increment_lineno(ast.parse(text), first - 1).body[0]
+    except SyntaxError:
+        tree = ast.Pass()
+    if not isinstance(tree, ast.FunctionDef):
+        raise UntranslatableError(f"{shown}:{first}: {name}: is not a plain function. Write it with def.")
+    comments = {
+        token.start[0] + first - 1: token.string.lstrip("#").strip()
+        for token in tokenize.generate_tokens(io.StringIO(text).readline)
+        if token.type == tokenize.COMMENT and not token.string.lstrip("# ").startswith(_FOR_TOOLS)
+    }
+    source = Source(function, tree, comments, ast.get_docstring(tree) or "", {}, shown)
+    if tree.decorator_list:
+        raise source.refuse(first, "a decorator", "Leave it out: the text says all that is translated.")
+    arguments = tree.args
+    if arguments.vararg or arguments.kwarg:
+        raise source.refuse(first, "*args or **kwargs", "Name every argument.")
+    try:
+        source.hints.update(typing.get_type_hints(function))
+    except NameError as error:
+        raise source.refuse(first, f"type hints: {error}", "Import the types outside TYPE_CHECKING.") from error
+    return source
+
+
+def documented_results(doc: str) -> tuple[str, ...]:
+    """Names that a docstring gives to what is returned: ``Returns (drop_d, drop_q): …``; () without."""
+    found = re.search(r"\bReturns\s+\(([^)]*)\)", doc)
+    if found is None:
+        return ()
+    return tuple(name.strip() for name in found[1].split(","))
