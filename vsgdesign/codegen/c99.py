@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import re
-import typing
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -30,7 +29,6 @@ from vsgdesign.codegen.expressions import (
     names_in,
 )
 from vsgdesign.codegen.reader import Library
-from vsgdesign.codegen.records import is_record
 
 WIDTH = 120
 
@@ -103,20 +101,21 @@ def c_functions(
     *,
     fixed: Mapping[str, Any] | None = None,
     names: Mapping[type, str] | None = None,
+    kinds: Mapping[Any, Mapping[str, Any]] | None = None,
     fields: Mapping[type, Mapping[str, str]] | None = None,
 ) -> CText:
     """C99 of functions of the restricted language, and of all that they call.
 
     ``fixed``: arguments by name whose values are known now, for each function that has them; branches on them fold
     away. ``names``: what a NamedTuple is called in C, ``gains`` for ``vsg_gains_t``; else its own name in lower case.
-    ``fields``: comments on fields, where the class has none.
+    ``kinds``: NamedTuples in fields whose hint says Any, where it is not that of the default. ``fields``: comments on
+    fields, where the class has none.
 
     A function is ``vsg_`` and its name. Its arguments come in their order, then what compensated sums keep
     (``…_lost``), then its results, unless it has one scalar result, which is returned. An output may be the place of
     an input. Raises UntranslatableError with file, line and what to write instead.
     """
-    names = dict(names or {})
-    library = Library(names)
+    library = Library(names, kinds)
     fixed = dict(fixed or {})
     unused = set(fixed)
     for function in functions:
@@ -133,6 +132,7 @@ class _Printer:
     def __init__(self, library: Library, comments: dict[type, Mapping[str, str]]) -> None:
         self.library, self.comments = library, comments
         self.records: list[type] = []
+        self.lost_paths: dict[Any, list[str]] = {}
         self.used: set[str] = set()
         """Mathematical functions."""
         self.constants: dict[str, float] = {}
@@ -141,19 +141,13 @@ class _Printer:
 
     def all(self) -> CText:
         functions = "\n".join(self.function(function) for function in self.library.functions)
-        lost: dict[type, list[str]] = {}
         for function in self.library.functions:
             kinds = {parameter.name: parameter.kind for parameter in function.parameters}
             for name, paths in function.lost.items():
-                kind = kinds[name]
-                if not isinstance(kind, str):
-                    lost.setdefault(kind, []).extend(path for path in paths if path not in lost.get(kind, []))
+                if not isinstance(kind := kinds[name], str):
+                    self.note_lost(kind, paths)
         structs = [self.struct(record) for record in self.records]
-        for record, paths in lost.items():
-            order = [path for path, _ in _paths(record) if path in paths]
-            lines = [f"    vsg_real_t {path.replace('.', '_')};" for path in order]
-            head = block_comment(f"What rounding left out of the integrators of {self.type(record)}; zero at first.")
-            structs.append("\n".join([*head, "typedef struct {", *lines, f"}} {self.lost_type(record)};", ""]))
+        structs += [self.lost_struct(record) for record in self.records if record in self.lost_paths]
         return CText("\n".join(structs), self.macros(), functions)
 
     # Declarations.
@@ -167,25 +161,45 @@ class _Printer:
     def lost_type(self, kind: type) -> str:
         return f"vsg_{self.word(kind)}_lost_t"
 
+    def note_lost(self, record: Any, paths: Iterable[str]) -> None:
+        """Remembers what compensated sums keep of a record, and of the records in it."""
+        kinds = dict(self.library.kinds.fields(record))
+        for path in paths:
+            first, _, rest = path.partition(".")
+            known = self.lost_paths.setdefault(record, [])
+            known += [first] if first not in known else []
+            if rest:
+                self.note_lost(kinds[first], [rest])
+
+    def lost_struct(self, record: type) -> str:
+        lines = [
+            f"    {'vsg_real_t' if inner is None else self.lost_type(inner)} {name};"
+            for name, inner in self.library.kinds.fields(record)
+            if name in self.lost_paths[record]
+        ]
+        head = block_comment(f"What rounding left out of the integrators of {self.type(record)}; zero at first.")
+        return "\n".join([*head, "typedef struct {", *lines, f"}} {self.lost_type(record)};", ""])
+
     def word(self, record: type) -> str:
         if record not in self.records:
-            hints = typing.get_type_hints(record)
-            for name in record._fields:  # type: ignore[attr-defined]
-                if is_record(hints.get(name)):
-                    self.word(hints[name])
+            for _, inner in self.library.kinds.fields(record):
+                if inner is not None and self.library.kinds.paths(inner):
+                    self.word(inner)
             self.records.append(record)
         return self.library.word(record)
 
     def struct(self, record: type) -> str:
-        hints = typing.get_type_hints(record)
+        fields = dict(self.library.kinds.fields(record))
         doc = (record.__doc__ or "").split("\n\n")[0]
         lines = []
         for names, text in field_groups(record, self.comments.get(record, {})):
             declared = []
             for name in names:
-                hint = hints.get(name)
-                kind = self.type(hint) if is_record(hint) else "vsg_real_t"  # type: ignore[arg-type]
-                declared.append(f"    {kind} {name};")
+                inner = fields[name]
+                if inner is None or self.library.kinds.paths(inner):
+                    declared.append(f"    {self.type('real' if inner is None else inner)} {name};")
+            if not declared:
+                continue
             beside = f"{declared[0]} /* {ascii_text(text)} */"
             if not text or (len(names) == 1 and len(beside) <= WIDTH):
                 lines += [beside] if text else declared
@@ -225,7 +239,7 @@ class _Printer:
             if parameter.name in function.lost:
                 kind = "vsg_real_t" if isinstance(parameter.kind, str) else self.lost_type(parameter.kind)
                 declared.append(f"{kind} *{parameter.name}_lost")
-        declared += [f"{self.type(output.kind)} *{output.name}" for output in function.outputs]
+        declared += [f"{self.type(output.kind)} *{output.name}" for output in function.written]
         body: list[str] = []
         for statement in function.body:
             body += self.statement(statement)
@@ -257,10 +271,13 @@ class _Printer:
         if statement.declare:
             kinds: dict[str, list[str]] = {}
             for name, output in zip(statement.targets, function.outputs, strict=True):
-                kinds.setdefault(self.type(output.kind), []).append(name)
+                if not output.empty:
+                    kinds.setdefault(self.type(output.kind), []).append(name)
             for kind, names in kinds.items():
                 lines += _wrapped(f"    {kind} {', '.join(names)};", 8)
-        targets = [f"&{name}" if statement.declare else name for name in statement.targets]
+        pairs = zip(statement.targets, function.outputs, strict=True)
+        written = [name for name, output in pairs if not output.empty]
+        targets = [f"&{name}" if statement.declare else name for name in written]
         return lines + _wrapped(f"    {self.invoked(function, statement.arguments, targets)};", 8)
 
     def invoked(self, function: Function, arguments: Sequence[Argument], targets: Sequence[str] = ()) -> str:
@@ -269,16 +286,17 @@ class _Printer:
             if parameter.name not in function.lost:
                 continue
             if isinstance(argument, Field):
-                given.append(f"&{self.lost(argument)}")
+                given.append(f"&{argument.record}_lost->{argument.path}")
+            elif isinstance(argument, RecordName) and argument.path:
+                given.append(f"&{argument.name}_lost->{argument.path}")
             elif isinstance(argument, Variable | RecordName):
                 given.append(f"{argument.name}_lost")
         return f"vsg_{function.name}({', '.join([*given, *targets])})"
 
-    def lost(self, field: Field) -> str:
-        return f"{field.record}_lost->{field.path.replace('.', '_')}"
-
     def argument(self, argument: Argument) -> str:
         if isinstance(argument, RecordName):
+            if argument.path:
+                return f"&{argument.name}{'->' if argument.name in self.pointers else '.'}{argument.path}"
             return argument.name if argument.name in self.pointers else f"&{argument.name}"
         return self.expression(argument)
 
@@ -297,7 +315,7 @@ class _Printer:
         if e.name == ADVANCED:
             self.used.add(ADVANCED)
             x, dx = e.arguments
-            kept = f"&{self.lost(x)}" if isinstance(x, Field) else f"{self.expression(x)}_lost"
+            kept = f"&{x.record}_lost->{x.path}" if isinstance(x, Field) else f"{self.expression(x)}_lost"
             text = f"vsg_advanced({self.expression(x)}, {self.expression(dx)}, {kept})"
         elif e.name in ("neg", "not"):
             text = f"{'-' if e.name == 'neg' else '!'}{self.expression(e.arguments[0], _ATOM)}"
@@ -342,14 +360,6 @@ def _read(statement: Statement) -> set[str]:
     if isinstance(statement, Evaluate):
         return set().union(*(names_in(argument) for argument in statement.arguments), set())
     return set()
-
-
-def _paths(record: Any, prefix: str = "") -> list[tuple[str, Any]]:
-    hints, found = typing.get_type_hints(record), []
-    for name in record._fields:
-        hint = hints.get(name)
-        found += _paths(hint, f"{prefix}{name}.") if is_record(hint) else [(f"{prefix}{name}", hint)]
-    return found
 
 
 def _wrapped(line: str, indent: int) -> list[str]:

@@ -26,10 +26,11 @@ from vsgdesign.codegen.expressions import (
     RecordName,
     Statement,
     Variable,
+    is_flag,
     operation,
 )
 from vsgdesign.codegen.language import COMPARISONS, FUNCTIONS, KEYWORDS, OPERATORS, REFUSED, instead_of
-from vsgdesign.codegen.records import SCALARS, Record, is_record, known, leaves, record_at
+from vsgdesign.codegen.records import SCALARS, Record, is_record, known, leaves
 from vsgdesign.codegen.source import Source, UntranslatableError
 from vsgdesign.equations.integration import advanced
 
@@ -53,6 +54,11 @@ def free_name(name: str, taken: set[str], suffix: str = "new") -> str:
         found = f"{wanted}_{suffix}" if count == 1 else f"{wanted}_{suffix}_{count}"
         count += 1
     return found
+
+
+def as_number(value: Expression) -> Expression:
+    """A value for arithmetic: 1 or 0 for what is true or false."""
+    return operation("select", value, Number(1.0), Number(0.0)) if is_flag(value) else value
 
 
 class Evaluation:
@@ -106,7 +112,7 @@ class Evaluation:
             case ast.BinOp(left=left, op=op, right=right):
                 if type(op) not in OPERATORS:
                     raise self.refused(op, node)
-                a, b = self.scalar_of(left, environment), self.scalar_of(right, environment)
+                a, b = (as_number(self.scalar_of(side, environment)) for side in (left, right))
                 return operation(OPERATORS[type(op)], a, b)
             case ast.UnaryOp(op=op, operand=inner):
                 if isinstance(op, ast.UAdd | ast.Invert):
@@ -296,17 +302,18 @@ class Evaluation:
             if not isinstance(value, (*SCALARS, Record))
             or (isinstance(value, Number) and isinstance(value.value, bool))
         }
-        if any(isinstance(value, tuple) for value in fixed.values()):
+        if any(isinstance(value, tuple) and not is_record(type(value)) for value in fixed.values()):
             raise self.source.refuse(node.lineno, "a tuple as an argument", "Give a NamedTuple, or each number.")
         function = self.library.read(callee, fixed)
-        names = [name for name in bound if name not in fixed]
+        nothing = {name for name, value in bound.items() if isinstance(value, Record) and not leaves(value)}
+        names = [name for name in bound if name not in fixed and name not in nothing]
         arguments: list[Argument] = []
         for parameter, name in zip(function.parameters, names, strict=True):
             value = bound[name]
             if isinstance(parameter.kind, str):
                 arguments.append(self.scalar(value, node))
             elif isinstance(value, Record) and value.cls is parameter.kind:
-                arguments.append(RecordName(self.record(value, name)))
+                arguments.append(self.record(value, name))
             else:
                 raise self.source.refuse(
                     node.lineno, f"argument {name} of {callee.__name__}", f"Give a {parameter.kind.__name__}."
@@ -329,7 +336,7 @@ class Evaluation:
             if isinstance(output.kind, str):
                 made.append(Variable(name))
             else:
-                made.append(record_at(output.kind, name, given=False))
+                made.append(self.library.kinds.at(output.kind, name, given=False))
         several = len(made) > 1 or isinstance(function.outputs[0].kind, str)
         return tuple(made) if several else made[0]
 
@@ -342,7 +349,8 @@ class Evaluation:
             came = self.origin.get(value.name, value) if isinstance(value, Variable) else value
             if isinstance(came, Record) and came.given:
                 paths = self.lost.setdefault(came.home, [])
-                new: Sequence[str] = function.lost[parameter.name]
+                prefix = f"{came.path}." if came.path else ""
+                new: Sequence[str] = [f"{prefix}{path}" for path in function.lost[parameter.name]]
             elif isinstance(came, Field) and came.record in self.records:
                 paths, new = self.lost.setdefault(came.record, []), (came.path,)
             elif isinstance(came, Variable) and came.name in self.scalars:
@@ -358,12 +366,12 @@ class Evaluation:
                     raise self.source.refuse(node.lineno, f"{path} is advanced twice", "Advance it once.")
                 paths.append(path)
 
-    def record(self, value: Record, name: str) -> str:
-        """The name of a record in the target; it is built there where it has none."""
+    def record(self, value: Record, name: str) -> RecordName:
+        """A record in the target; it is built there where it has no name."""
         if not value.home:
             value.home = self.name(value.label or name)
             self.body.append(Build(value.home, value.cls, tuple(leaves(value))))
-        return value.home
+        return RecordName(value.home, value.path)
 
     def refused(self, node: ast.AST, at: ast.AST | None = None) -> UntranslatableError:
         node = node.value if isinstance(node, ast.Expr) else node

@@ -83,9 +83,10 @@ Expression = Number | Variable | Field | Operation | Invocation
 
 @dataclass(frozen=True)
 class RecordName:
-    """A record with a name in the target, as an argument."""
+    """A record with a name in the target, as an argument; ``path`` where it is within another one."""
 
     name: str
+    path: str = ""
 
 
 Argument = Number | Variable | Field | Operation | Invocation | RecordName
@@ -145,6 +146,8 @@ class Output:
     name: str
     kind: str | type
     values: tuple[tuple[str, Expression], ...]
+    empty: bool = False
+    """Whether it is a record without a number."""
 
 
 @dataclass(eq=False)
@@ -167,6 +170,11 @@ class Function:
     def results(self) -> tuple[str, ...]:
         """Names of the outputs."""
         return tuple(output.name for output in self.outputs)
+
+    @property
+    def written(self) -> tuple[Output, ...]:
+        """Outputs that the target has: a record without a number is nothing there."""
+        return tuple(output for output in self.outputs if not output.empty)
 
 
 def operation(name: str, *arguments: Expression) -> Expression:

@@ -30,7 +30,7 @@ from vsgdesign.codegen.expressions import (
     names_in,
     parts,
 )
-from vsgdesign.codegen.records import SCALARS, Record, is_record, known, leaves, record_at
+from vsgdesign.codegen.records import SCALARS, Kinds, Record, is_record, known, leaves
 from vsgdesign.codegen.source import Source, UntranslatableError, documented_results, source_of
 from vsgdesign.equations.integration import advanced
 
@@ -38,8 +38,10 @@ from vsgdesign.equations.integration import advanced
 class Library:
     """The functions that were read, each once for what was known of its arguments, callees first."""
 
-    def __init__(self, names: Mapping[type, str] | None = None) -> None:
-        self.names = dict(names or {})
+    def __init__(
+        self, names: Mapping[type, str] | None = None, kinds: Mapping[Any, Mapping[str, Any]] | None = None
+    ) -> None:
+        self.names, self.kinds = dict(names or {}), Kinds(kinds or {})
         self.functions: list[Function] = []
         self._found: dict[Any, Function] = {}
         self._open: list[Any] = []
@@ -96,13 +98,15 @@ class _Reader(Evaluation):
             own = free_name(name, self.taken)
             self.taken.add(own)
             kind = self.kind(name)
-            parameters.append(Parameter(own, kind))
             if isinstance(kind, str):
                 environment[name] = Variable(own)
                 self.scalars.add(own)
             else:
-                environment[name] = record_at(kind, own)
+                environment[name] = self.library.kinds.at(kind, own)
                 self.records.add(own)
+                if not self.library.kinds.paths(kind):
+                    continue  # nothing in the target
+            parameters.append(Parameter(own, kind))
         found = self.block(source.tree.body, environment)
         if found is None:
             raise source.refuse(source.tree.lineno, "no return", "Return its results.")
@@ -248,14 +252,14 @@ class _Reader(Evaluation):
             return
         items = found if isinstance(found, tuple) else (found,)
         last = self.body[-1] if self.body else None
-        own = [item.name if isinstance(item, Variable) else getattr(item, "home", None) for item in items]
+        own = [item.name if isinstance(item, Variable) else self.whole_record(item) for item in items]
         if isinstance(last, Evaluate) and own == list(last.targets):
             # All that the last call gives is all that this function gives: it writes to the caller's places at once.
             self.taken -= set(last.targets)
-            names = tuple(self.name(output.name) for output in last.function.outputs)
-            kinds = [output.kind for output in last.function.outputs]
+            before = last.function.outputs
+            names = tuple(self.name(output.name) for output in before)
             self.body[-1] = Evaluate(last.function, last.arguments, names, declare=False)
-            made.outputs = tuple(Output(name, kind, ()) for name, kind in zip(names, kinds, strict=True))
+            made.outputs = tuple(Output(name, o.kind, (), o.empty) for name, o in zip(names, before, strict=True))
             return
         documented = documented_results(made.doc)
         if documented and len(documented) != len(items):
@@ -267,7 +271,8 @@ class _Reader(Evaluation):
         for at, item in enumerate(items):
             if isinstance(item, Record):
                 name = documented[at] if documented else (item.label or item.home or self.library.word(item.cls))
-                outputs.append(Output(name, item.cls, tuple(leaves(item))))
+                values = tuple(leaves(item))
+                outputs.append(Output(name, item.cls, values, empty=not values))
             else:
                 value = self.scalar(item, self.source.tree.body[-1])  # type: ignore[arg-type]
                 name = documented[at] if documented else self.python_name(at, len(items))
@@ -279,6 +284,11 @@ class _Reader(Evaluation):
                     )
                 outputs.append(Output(name, "real", (("", value),)))
         made.outputs = tuple(self.safe(output, outputs) for output in outputs)
+
+    @staticmethod
+    def whole_record(item: Any) -> str | None:
+        """The name of a record that is not within another one."""
+        return item.home if isinstance(item, Record) and not item.path else None
 
     def python_name(self, at: int, count: int) -> str:
         """The name that every return statement gives to a result; empty where it has none."""
@@ -300,7 +310,7 @@ class _Reader(Evaluation):
             local = path.replace(".", "_") or output.name
             values.append((path, self.let(local, value) if several and reads else value))
         name = self.name(output.name if output.name not in self.taken else f"{output.name}_out")
-        return Output(name, output.kind, tuple(values))
+        return Output(name, output.kind, tuple(values), output.empty)
 
 
 def _drop_unused(made: Function) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import typing
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,8 @@ class Record:
     cls: Any
     values: dict[str, Any]
     home: str = ""
+    path: str = ""
+    """Where it is within the record of that name."""
     label: str = ""
     """What the source calls it."""
     given: bool = False
@@ -37,20 +40,43 @@ def known(value: Any, name: str = "") -> Any:
         return Number(bool(value))
     if isinstance(value, int | float):
         return Number(float(value), name)
-    if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return Record(type(value), {field: known(getattr(value, field)) for field in type(value)._fields})
+    if is_record(type(value)):
+        fields = {field: known(item) for field, item in value._asdict().items()}
+        if all(isinstance(item, Number | Record) for item in fields.values()):
+            return Record(type(value), fields)
     return value
 
 
-def record_at(cls: Any, home: str, path: str = "", given: bool = True) -> Record:
-    """A record that is in the target under a name; fields whose type is a NamedTuple are records in it."""
-    hints = typing.get_type_hints(cls)
-    values: dict[str, Any] = {}
-    for name in cls._fields:
-        inner = f"{path}{name}"
-        hint = hints.get(name)
-        values[name] = record_at(hint, home, f"{inner}.", given) if is_record(hint) else Field(home, inner)
-    return Record(cls, values, "" if path else home, given=given and not path)
+class Kinds:
+    """What the fields of NamedTuples are: a number, or another NamedTuple by their type hint, their default, or by what
+    was said for a class."""
+
+    def __init__(self, said: Mapping[Any, Mapping[str, Any]]) -> None:
+        self._said = said
+
+    def fields(self, record: Any) -> list[tuple[str, Any]]:
+        """Names, and the class of what is no number."""
+        hints, found = typing.get_type_hints(record), []
+        for name in record._fields:
+            default = record._field_defaults.get(name)
+            kinds = self._said.get(record, {}).get(name), hints.get(name), type(default)
+            found.append((name, next(filter(is_record, kinds), None)))
+        return found
+
+    def paths(self, record: Any, prefix: str = "") -> list[str]:
+        """Every number in it; none of a record that is nothing in the target."""
+        found: list[str] = []
+        for name, inner in self.fields(record):
+            found += [f"{prefix}{name}"] if inner is None else self.paths(inner, f"{prefix}{name}.")
+        return found
+
+    def at(self, record: Any, home: str, path: str = "", given: bool = True) -> Record:
+        """A record that is in the target under a name."""
+        values: dict[str, Any] = {}
+        for name, inner in self.fields(record):
+            place = f"{path}.{name}" if path else name
+            values[name] = Field(home, place) if inner is None else self.at(inner, home, place, given)
+        return Record(record, values, home if values else "", path, given=given)
 
 
 def leaves(record: Record, path: str = "") -> list[tuple[str, Expression]]:

@@ -25,7 +25,7 @@ LEAST_BANDWIDTH = Poles(15.8, 6.6, 4.0)
 
 
 def paced(k_1: Any, d_1: Any, k_2: Any, pace: Any) -> Any:
-    """The same poles ``pace`` times as fast: k_1, d_1, k_2."""
+    """The same poles ``pace`` times as fast. Returns (k_1, d_1, k_2)."""
     return k_1 * pace * pace, d_1 * pace, k_2 * pace
 
 
