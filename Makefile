@@ -25,6 +25,9 @@ bench: $(VENV)/.dev
 evidence: $(VENV)/.dev
 	$(BIN)/python -m evidence --out $(OUT)/evidence
 
+docs: $(VENV)/.docs
+	$(BIN)/python -m website
+
 docs-test: $(VENV)/.dev
 	$(BIN)/python -m pytest tests/docs -n 0
 
@@ -43,5 +46,9 @@ $(VENV)/.dev: $(VENV)/.installed
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e ".[dev]"
 	touch $@
 
+$(VENV)/.docs: $(VENV)/.installed
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e ".[docs]"
+	touch $@
+
 clean:
-	rm -rf $(VENV) $(OUT) build dist *.egg-info
+	rm -rf $(VENV) $(OUT) build dist site *.egg-info

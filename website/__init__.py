@@ -1,0 +1,1 @@
+"""Builds the web site of the documents. Not part of the package."""
