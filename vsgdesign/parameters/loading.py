@@ -32,11 +32,20 @@ def load_study(path: str | Path, inner_loops: InnerLoopSource | None = None) -> 
 
     ``inner_loops`` gives the gains where the study leaves them to be designed, once the rest is without a fault.
     """
+    origin = read_document(path)
+    return replace(study_from_document(origin.document, origin, inner_loops), files=files_of(path))
+
+
+def read_document(path: str | Path) -> StudyOrigin:
+    """The merged document of a study file, not yet checked. Raises StudyError."""
     path = Path(path)
     name = path.stem if path.stem != "study" else (path.resolve().parent.name or path.stem)
-    document = _document(path, _MAX_BASES)
-    study = study_from_document(document, StudyOrigin(document, str(path.parent), str(path), name), inner_loops)
-    return replace(study, files=tuple(os.path.abspath(file) for file in (path, *base_files(path))))
+    return StudyOrigin(_document(path, _MAX_BASES), str(path.parent), str(path), name)
+
+
+def files_of(path: str | Path) -> tuple[str, ...]:
+    """A study file and those that it is based on."""
+    return tuple(os.path.abspath(file) for file in (path, *base_files(path)))
 
 
 def base_files(path: str | Path) -> list[Path]:

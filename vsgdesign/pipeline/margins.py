@@ -71,25 +71,42 @@ def report_stability(
     With ``pdf`` also report.pdf, which needs the extra of that name. Returns the content of results.json. The
     folder appears when everything is done. Raises the errors of :func:`assess_study` and ArtifactError.
     """
-    from vsgdesign.report import require_pdf, write_pdf, write_stability_figures, write_stability_report
+    from vsgdesign.report import require_pdf
 
     tell = progress or silent
     if pdf:
         require_pdf()
     with staged_folder(out, VERB, inputs=study.input_files) as folder:
-        result = assess_study(study, progress=progress)
-        begin = time.perf_counter()
-        write_stability_tables(result, folder)
-        tell("draw figures", 0.0)
-        figures = write_stability_figures(result, folder / "figures")
-        write_stability_report(result, figures, folder / "report.html")
-        tell("draw figures", 1.0)
-        if pdf:
-            tell("print", 0.0)
-            write_pdf(folder / "report.html", folder / "report.pdf")
-            tell("print", 1.0)
-        result.timing_s["report"] = time.perf_counter() - begin
-        return write_record(folder, stability_document(result), VERB)
+        return _write(assess_study(study, progress=progress), folder, pdf, tell)
+
+
+def write_stability(
+    result: StabilityResult, out: str | Path, *, pdf: bool = False, progress: Progress | None = None
+) -> dict[str, Any]:
+    """The folder of :func:`report_stability` for a result that is there already. Raises ArtifactError."""
+    from vsgdesign.report import require_pdf
+
+    if pdf:
+        require_pdf()
+    with staged_folder(out, VERB, inputs=result.study.input_files) as folder:
+        return _write(result, folder, pdf, progress or silent)
+
+
+def _write(result: StabilityResult, folder: Path, pdf: bool, tell: Progress) -> dict[str, Any]:
+    from vsgdesign.report import write_pdf, write_stability_figures, write_stability_report
+
+    begin = time.perf_counter()
+    write_stability_tables(result, folder)
+    tell("draw figures", 0.0)
+    figures = write_stability_figures(result, folder / "figures")
+    write_stability_report(result, figures, folder / "report.html")
+    tell("draw figures", 1.0)
+    if pdf:
+        tell("print", 0.0)
+        write_pdf(folder / "report.html", folder / "report.pdf")
+        tell("print", 1.0)
+    result.timing_s["report"] = time.perf_counter() - begin
+    return write_record(folder, stability_document(result), VERB)
 
 
 def write_stability_tables(result: StabilityResult, folder: Path) -> None:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from vsgdesign.simulation.judging import judge_estimates
 from vsgdesign.simulation.promises import Kept, promises_kept
 from vsgdesign.simulation.rest import Instability
 from vsgdesign.stability.words import shares_of
+
+if TYPE_CHECKING:
+    from vsgdesign.estimator.trained import TrainedEstimator
 
 
 def run_study(
@@ -74,33 +77,60 @@ def run_study(
             progress=lambda name, t_s: tell(f"simulate {name}", t_s / study.simulation.duration),
         )
         timing["simulate"] = time.perf_counter() - begin
-        begin = time.perf_counter()
-        for done, controller in enumerate(result.controllers):
-            tell("write time series", done / len(result.controllers))
-            write_npz(folder / f"{controller.spec.name}.npz", controller.series)
-            write_csv(folder / f"{controller.spec.name}.csv", controller.series, study.simulation.csv_interval)
-            if controller.estimates is not None:
-                write_csv(folder / f"{controller.spec.name}.estimates.csv", controller.estimates.series(), 0.0)
-        tell("write time series", 1.0)
-        timing["write"] = time.perf_counter() - begin
-        inner = inner_document(assess_inner_loops(study, what_if=False)) if study.inner_request is not None else None
-        if report:
-            from vsgdesign.report import write_figures, write_report
+        return _write(result, folder, verb, timing, report=report, trained=trained, tell=tell)
 
-            begin = time.perf_counter()
-            tell("draw figures", 0.0)
-            figures = write_figures(result, folder / "figures", trained)
-            tell("draw figures", 1.0)
-            write_report(result, figures, folder / "report.html", trained, inner)
-            timing["report"] = time.perf_counter() - begin
-        document = results_document(result, timing)
-        if inner is not None:
-            document["inner_loops"] = inner
-        if network is not None:
-            document["estimator"] = network_document(network)
-            if trained is not None:
-                document["estimator"]["training"] = training_document(trained)
-        return write_record(folder, document, verb)
+
+def write_run(result: ScenarioResult, out: str | Path, *, progress: Progress | None = None) -> dict[str, Any]:
+    """The folder of :func:`run_study` for a scenario that is simulated already. Raises ArtifactError."""
+    verb = "vsgdesign run"
+    with staged_folder(out, verb, inputs=result.study.input_files) as folder:
+        for name, table in result.ready.tables.items():
+            write_table_file(table, folder / f"{name}.table.json")
+        if result.ready.network is not None:
+            write_network_weights(result.ready.network, folder / "estimator.weights.json")
+        _export(result.study, result.ready, folder)
+        return _write(result, folder, verb, {}, report=True, trained=None, tell=progress or silent)
+
+
+def _write(
+    result: ScenarioResult,
+    folder: Path,
+    verb: str,
+    timing: dict[str, float],
+    *,
+    report: bool,
+    trained: TrainedEstimator | None,
+    tell: Progress,
+) -> dict[str, Any]:
+    """Time series, figures, page and record of a simulated scenario."""
+    study, network = result.study, result.ready.network
+    begin = time.perf_counter()
+    for done, controller in enumerate(result.controllers):
+        tell("write time series", done / len(result.controllers))
+        write_npz(folder / f"{controller.spec.name}.npz", controller.series)
+        write_csv(folder / f"{controller.spec.name}.csv", controller.series, study.simulation.csv_interval)
+        if controller.estimates is not None:
+            write_csv(folder / f"{controller.spec.name}.estimates.csv", controller.estimates.series(), 0.0)
+    tell("write time series", 1.0)
+    timing["write"] = time.perf_counter() - begin
+    inner = inner_document(assess_inner_loops(study, what_if=False)) if study.inner_request is not None else None
+    if report:
+        from vsgdesign.report import write_figures, write_report
+
+        begin = time.perf_counter()
+        tell("draw figures", 0.0)
+        figures = write_figures(result, folder / "figures", trained)
+        tell("draw figures", 1.0)
+        write_report(result, figures, folder / "report.html", trained, inner)
+        timing["report"] = time.perf_counter() - begin
+    document = results_document(result, timing)
+    if inner is not None:
+        document["inner_loops"] = inner
+    if network is not None:
+        document["estimator"] = network_document(network)
+        if trained is not None:
+            document["estimator"]["training"] = training_document(trained)
+    return write_record(folder, document, verb)
 
 
 def _export(study: Study, ready: Ready, folder: Path) -> None:

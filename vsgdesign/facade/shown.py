@@ -1,0 +1,112 @@
+"""What every result can do: show itself as text, as a picture, as HTML in a notebook, and as plain data."""
+
+from __future__ import annotations
+
+import difflib
+import html
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.errors import ArtifactError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from vsgdesign.report.figure_types import NamedFigure
+
+_BEGINNINGS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
+"""How a file of each kind of picture begins."""
+
+
+class Shown(ABC):
+    """A result: its sentences, its pictures, its data."""
+
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """What it is a result of, in a few words."""
+
+    @abstractmethod
+    def sentences(self) -> Sequence[str]:
+        """The answer, in whole sentences."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """The result in JSON's types, as its results.json has it."""
+
+    @abstractmethod
+    def _figures(self) -> Iterator[NamedFigure]:
+        """Every picture, the one that answers first."""
+
+    @property
+    def pictures(self) -> tuple[str, ...]:
+        """Names that :meth:`plot` takes, the first being what it draws when it is given none."""
+        return tuple(figure.name for figure in self._figures())
+
+    def plot(self, picture: str | None = None, *, file: str | Path | None = None) -> Figure:
+        """Draw one picture (by name; the first of :attr:`pictures` where none is named); also into ``file``.
+
+        ``file`` ends in .png, .svg or .pdf. A file that is there is replaced if it is such a picture, and left alone
+        otherwise. Returns the matplotlib figure. Raises KeyError for a name that is none, ArtifactError for a file
+        that cannot be written.
+        """
+        found = self._named(picture)
+        if file is not None:
+            _save(found.figure, Path(file))
+        return found.figure
+
+    def _named(self, picture: str | None) -> NamedFigure:
+        names = []
+        for figure in self._figures():
+            if picture in (None, figure.name):
+                return figure
+            names.append(figure.name)
+        if picture is None:
+            raise KeyError("this result has no picture")
+        near = difflib.get_close_matches(picture, names, n=1)
+        advice = f"Did you mean {near[0]}?" if near else f"There are: {', '.join(names)}."
+        raise KeyError(f"no picture is called {picture!r}. {advice}")
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the sentences, then the first picture."""
+        lines = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in self.sentences())
+        figure = next(self._figures(), None)
+        return f"<h4>{html.escape(self.title)}</h4>{lines}{'' if figure is None else _svg(figure.figure)}"
+
+    def __str__(self) -> str:
+        return "\n".join([self.title, *self.sentences()])
+
+
+def _svg(figure: Figure) -> str:
+    import io
+
+    from vsgdesign.report.drawing.files import compact
+    from vsgdesign.report.drawing.style import look
+
+    buffer = io.StringIO()
+    with look():
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    text = compact(buffer.getvalue())
+    return text[text.index("<svg") :]
+
+
+def _save(figure: Figure, path: Path) -> None:
+    from vsgdesign.report.drawing.style import look
+
+    begins = _BEGINNINGS.get(path.suffix.lower())
+    if begins is None:
+        raise ArtifactError(f"{path}: a picture's name ends in {', '.join(_BEGINNINGS)}. Choose one of them.")
+    if path.is_dir():
+        raise ArtifactError(f"{path}: this is a folder. Give the name of a file.")
+    try:
+        if path.exists():
+            with path.open("rb") as stream:
+                there = stream.read(len(begins))
+            if there not in (begins, b""):
+                raise ArtifactError(f"{path}: there is a file that is no such picture. It was left as it is.")
+        with look():
+            figure.savefig(path)
+    except OSError as error:
+        raise ArtifactError(f"{path}: the picture cannot be written ({error.strerror}).") from None

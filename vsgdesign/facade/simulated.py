@@ -1,0 +1,105 @@
+"""EMT runs of a study's controllers, with the figures and sentences of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts.files import plain
+from vsgdesign.facade.shown import Shown
+from vsgdesign.parameters.study import Study
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from vsgdesign.artifacts.ready import Ready
+    from vsgdesign.metrics import EventMetrics
+    from vsgdesign.report.figure_types import NamedFigure
+    from vsgdesign.simulation import ControllerResult, ScenarioResult
+
+
+@dataclass(frozen=True)
+class Run(Shown):
+    """A simulated study. ``result`` holds every controller's series, events and gains."""
+
+    result: ScenarioResult
+
+    @property
+    def title(self) -> str:
+        """The study's title."""
+        return self.result.study.title
+
+    @property
+    def study(self) -> Study:
+        """What was simulated."""
+        return self.result.study
+
+    def controller(self, name: str | None = None) -> ControllerResult:
+        """One controller's result; the first where none is named. Raises KeyError for a name that is none."""
+        known = {one.spec.name: one for one in self.result.controllers}
+        if name is None:
+            return self.result.controllers[0]
+        if name not in known:
+            raise KeyError(f"no controller is called {name!r}. There are: {', '.join(known)}.")
+        return known[name]
+
+    def series(self, controller: str | None = None) -> Mapping[str, NDArray[np.float64]]:
+        """Time series of one controller (the first, where none is named) by name, over ``t_s``, SI."""
+        return self.controller(controller).series
+
+    def events(self, controller: str | None = None) -> tuple[EventMetrics, ...]:
+        """Overshoot, settling time and the like of every event of one controller."""
+        return tuple(self.controller(controller).events)
+
+    def sentences(self) -> Sequence[str]:
+        """What the report says first: targets that were met or missed, and by how much."""
+        from vsgdesign.report.scenario.verdict import step_outcomes, verdict
+
+        warnings = [one.message for one in self.result.instabilities]
+        return [*warnings, *verdict(self.result, step_outcomes(self.result))]
+
+    def to_dict(self) -> dict[str, Any]:
+        """results.json of ``vsgdesign simulate``."""
+        from vsgdesign.pipeline.run import results_document
+
+        return plain(results_document(self.result, {}))
+
+    def _figures(self) -> Iterator[NamedFigure]:
+        from vsgdesign.report.scenario.files import all_figures
+
+        yield from all_figures(self.result)
+
+
+def simulate(
+    study: Study,
+    *,
+    bridge: str | None = None,
+    ready: Ready | None = None,
+    workers: int | None = None,
+    progress: Callable[[str, float], None] | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> Run:
+    """Simulate every controller of a study through its events, in memory.
+
+    ``bridge``: ``averaged`` or ``pwm`` instead of the study's. ``ready``: gain tables and network from an earlier call
+    of :func:`vsgdesign.pipeline.ready.make_ready`; else those that the study asks for are read, or designed and trained
+    first (on ``workers`` processes). ``warn`` takes one sentence on a controller that is unstable by the linear model.
+    Raises StudyError, InfeasibleStudyError, ArtifactError and SimulationDivergedError.
+    """
+    from vsgdesign.execution.progress import silent
+    from vsgdesign.pipeline.ready import make_ready
+    from vsgdesign.simulation import run_scenario
+
+    tell = progress or silent
+    there = ready or make_ready(study, bridge=bridge, workers=workers, progress=progress)
+    return Run(
+        run_scenario(
+            study,
+            there,
+            bridge=bridge,
+            warn=warn,
+            progress=lambda name, t_s: tell(f"simulate {name}", t_s / study.simulation.duration),
+        )
+    )

@@ -1,0 +1,86 @@
+"""Studies: loaded from a file or a packaged case, or written in Python, and checked by one reader."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.parameters.changing import built, plain_document
+from vsgdesign.parameters.inner_loops import InnerLoopSource
+from vsgdesign.parameters.loading import files_of, merged_document, read_document
+from vsgdesign.parameters.study import InnerLoopRequest, Study, StudyOrigin
+
+_SIMULATION = ("P_ref", "Q_ref", "duration", "bridge", "start", "log_interval")
+"""Fields of [simulation] that :func:`load` takes by themselves."""
+
+
+def load(source: str | Path | Mapping[str, Any], **changes: Any) -> Study:
+    """The study of a file, of a packaged case (``"case:NAME"``) or of a document (a mapping, as TOML would give it).
+
+    ``changes`` are what a study file would say, by section: ``grid=vd.grid(scr=3, x_over_r=4)``, ``controllers=[...]``,
+    ``events=[...]``, ``specification={...}``; ``P_ref``, ``Q_ref``, ``duration``, ``bridge``, ``start`` and
+    ``log_interval`` of the simulation may be given by themselves. Values are SI or texts with a unit ("4 kW"). What a
+    study file has to say and is left out is filled in: one scheduled controller, references of zero, and a run that
+    ends three seconds after the last event.
+
+    Inner loops that the source leaves to be designed are designed; beside a file they are kept for the next time.
+    Raises StudyError with every fault at once.
+    """
+    if not isinstance(source, Mapping) and not changes and not str(source).startswith("case:"):
+        from vsgdesign.pipeline.opening import open_study
+
+        return open_study(source)
+    origin, files = _read(source)
+    return replace(built(origin.document, origin, _sections(changes), _inner_loops(files)), files=files)
+
+
+def grid(**fields: Any) -> dict[str, Any]:
+    """A grid: ``scr`` and ``x_over_r``, or ``R_g`` (Ω) and ``L_g`` (H); in an event one of the first two may do."""
+    return fields
+
+
+def event(time: float | str, **fields: Any) -> dict[str, Any]:
+    """What changes at a time (s, or a text such as "2 s"): ``P_ref``, ``Q_ref``, ``grid``, ``V_g_pu``, ``f_g``,
+    ``over``, ``phase_jump``, ``name``, as in a study file's [[events]]."""
+    return {"time": time} | fields
+
+
+def controller(name: str, kind: str = "scheduled", **fields: Any) -> dict[str, Any]:
+    """A controller, ``scheduled`` or ``fixed``, with the fields of a study file's [[controllers]]."""
+    return {"name": name, "kind": kind} | fields
+
+
+def _sections(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Changes by section, the simulation's own fields put where they belong."""
+    found = {key: value for key, value in changes.items() if key not in _SIMULATION}
+    alone = {key: changes[key] for key in _SIMULATION if key in changes}
+    if alone:
+        found["simulation"] = {**found.get("simulation", {}), **alone}
+    return found
+
+
+def _read(source: str | Path | Mapping[str, Any]) -> tuple[StudyOrigin, tuple[str, ...]]:
+    """The merged document of a source, and its files."""
+    if isinstance(source, Mapping):
+        document = merged_document(plain_document(source))
+        return StudyOrigin(document, ".", "study", "study"), ()
+    if str(source).startswith("case:"):
+        name = str(source).removeprefix("case:")
+        document = merged_document({"base": str(source)}, ".", str(source))
+        return StudyOrigin(document, ".", str(source), name), ()
+    return read_document(source), files_of(source)
+
+
+def _inner_loops(files: tuple[str, ...]) -> InnerLoopSource:
+    """Gains for a request: those kept beside the study's file where they fit, else designed for this session."""
+
+    def gains(request: InnerLoopRequest) -> tuple[InnerLoopGains, float]:
+        from vsgdesign.pipeline.opening import design_record, kept_record
+
+        record = kept_record(request, files) or design_record(request)
+        return record.gains, record.omega_t
+
+    return gains

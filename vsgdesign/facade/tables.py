@@ -1,0 +1,167 @@
+"""Gain tables: designed, looked at, certified, exported, loaded into a scheduler."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.facade.shown import Shown
+from vsgdesign.parameters.study import Study
+
+if TYPE_CHECKING:
+    from vsgdesign.certificate import Certificate, Counterexample
+    from vsgdesign.export import ExportedC
+    from vsgdesign.report.figure_types import NamedFigure
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class DesignedTable(Shown):
+    """A gain table with what a build found. ``table`` is the data; ``document`` what ``table build --json`` prints."""
+
+    table: GainTable
+    document: dict[str, Any]
+
+    @property
+    def title(self) -> str:
+        """Name, structure and study of the table."""
+        return f"Gain table {self.table.name} of {self.table.study}"
+
+    def sentences(self) -> Sequence[str]:
+        """What it is for and what is proved of it, as ``vsgdesign table show`` prints it."""
+        from vsgdesign.report.gain_table.words import heading
+
+        return list(heading(self.table))
+
+    def to_dict(self) -> dict[str, Any]:
+        """What was built, in JSON's types."""
+        return self.document
+
+    def save(self, file: str | Path) -> Path:
+        """The table's file; a gain table that is there is replaced, anything else is refused (ArtifactError)."""
+        from vsgdesign.artifacts import write_table_file
+
+        write_table_file(self.table, Path(file))
+        return Path(file)
+
+    def _figures(self) -> Iterator[NamedFigure]:
+        from vsgdesign.report.gain_table.figures import table_figures
+
+        yield from table_figures(self.table)
+
+
+@dataclass(frozen=True)
+class Proof(Shown):
+    """What :func:`certify` found: a certificate, or a cell that forbids one. True where it is a certificate."""
+
+    found: Certificate | Counterexample
+
+    @property
+    def title(self) -> str:
+        """Whose certificate it is."""
+        return f"Certificate of {self.found.controller}"
+
+    @property
+    def certified(self) -> bool:
+        """Whether the decay is proved over the whole region."""
+        return bool(self.to_dict()["certified"])
+
+    def __bool__(self) -> bool:
+        return self.certified
+
+    def sentences(self) -> Sequence[str]:
+        """What was proved, or the cell that forbids it."""
+        from vsgdesign.report.gain_table.words import certificate_text
+
+        return certificate_text(self.found).split("\n")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The record in JSON's types."""
+        return self.found.as_document()
+
+    def _figures(self) -> Iterator[NamedFigure]:
+        yield from ()
+
+
+def design_table(
+    study: Study,
+    *,
+    controller: str | None = None,
+    workers: int | None = None,
+    points: int | None = None,
+    progress: Progress | None = None,
+) -> DesignedTable:
+    """Design the gain table of a scheduled controller (the last one, if none is named) to the study's specification.
+
+    ``workers``: processes (None: one per core); ``points``: random grids of each look between the nodes (2000). Raises
+    StudyError where the study has no [specification], and the errors of
+    :func:`vsgdesign.pipeline.table.build_table_file`, which keeps finished cells beside its file; here nothing is kept.
+    """
+    from vsgdesign.artifacts import read_table_file
+    from vsgdesign.pipeline.table import build_table_file
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"{study.name}.json"
+        document = build_table_file(
+            study, file, controller=controller, workers=workers, points=points, progress=progress
+        )
+        return DesignedTable(read_table_file(file), {key: value for key, value in document.items() if key != "file"})
+
+
+def open_table(file: str | Path) -> DesignedTable:
+    """The gain table of a file. Raises ArtifactError for a file that is damaged, or no gain table."""
+    from vsgdesign.artifacts import read_table_file
+
+    return DesignedTable(read_table_file(file), {})
+
+
+def certify(
+    study: Study,
+    *,
+    controller: str | None = None,
+    table: DesignedTable | GainTable | None = None,
+    decay: float | None = None,
+    progress: Progress | None = None,
+    **region: Any,
+) -> Proof:
+    """One Lyapunov function over a region of grids, powers and estimate errors, or the cell that forbids it.
+
+    ``table``: the gains to prove, of a controller that takes them from a table; else it is read or designed first.
+    ``decay`` (1/s): prove this much; None: the largest. ``region``: ``scr``, ``x_over_r``, ``P_pu``, ``Q_pu`` (pairs),
+    ``error`` and ``rate`` (1/s) as in :func:`vsgdesign.certificate.region_of`; what is left out is the table's own
+    box. Raises the errors of :func:`vsgdesign.certificate.certify`.
+    """
+    from vsgdesign.artifacts.ready import Ready, read_tables
+    from vsgdesign.certificate import certify as prove
+    from vsgdesign.certificate import region_of
+    from vsgdesign.pipeline.table import make_tables
+
+    given = table.table if isinstance(table, DesignedTable) else table
+    tables = read_tables(study)
+    if given is not None:
+        tables |= {spec.name: given for spec in study.controllers if spec.schedule == "table"}
+    asked: dict[str, Any] = {"scr": None, "x_over_r": None} | region
+    spec, chosen = region_of(study, controller, **asked, ready=Ready(tables=tables))
+    if spec.name not in tables:
+        tables |= make_tables(replace(study, controllers=(spec,)), progress=progress)
+    return Proof(prove(study, spec, chosen, ready=Ready(tables=tables), decay=decay, progress=progress))
+
+
+def export_c(source: DesignedTable | GainTable | str | Path, out: str | Path, **options: Any) -> ExportedC:
+    """C99 of a table (or of its file) into the folder ``out``; ``options`` as in
+    :func:`vsgdesign.export.export_c_files` (``weights``, ``study``, ``rate`` ...). Raises ArtifactError."""
+    from vsgdesign.artifacts import write_table_file
+    from vsgdesign.export import export_c_files
+
+    if isinstance(source, str | Path):
+        return export_c_files(source, out, **options)
+    table = source.table if isinstance(source, DesignedTable) else source
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "table.json"
+        write_table_file(table, file)
+        return export_c_files(file, out, **options)
