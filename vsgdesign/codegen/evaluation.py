@@ -164,7 +164,7 @@ class Evaluation:
             if name not in base.values:
                 raise self.source.refuse(node.lineno, f"{base.cls.__name__} has no field {name}", "Name a field.")
             return base.values[name]
-        if isinstance(base, (*SCALARS, tuple)) or not hasattr(base, name):
+        if isinstance(base, SCALARS) or not hasattr(base, name):
             raise self.source.refuse(node.lineno, ast.unparse(node), "Take fields of a NamedTuple.")
         return known(getattr(base, name), name if isinstance(base, types.ModuleType) else "")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import repeat
@@ -11,15 +10,18 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.equations.grid import grid_from_scr_impedance, grid_from_scr_reactance, scr_impedance, scr_reactance
-from vsgdesign.equations.power_flow import LEAST_SHARE, POWER_MARGIN, jacobian_from_powers
-from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
-from vsgdesign.frames import PHASES, base_impedance
+from vsgdesign.frames import base_impedance
 from vsgdesign.runtime.closed_form import ClosedFormSchedule
+from vsgdesign.runtime.floats import on_floats
 from vsgdesign.runtime.interpolation import Interval, blend, corner_weights
 from vsgdesign.runtime.table import TableSchedule
 
 _ZEROS = (0.0,) * 6
+_scheduled_jacobian = on_floats(scheduled_jacobian)
+_SCR = {"impedance": on_floats(scr_impedance), "reactance": on_floats(scr_reactance)}
+_GRID = {"impedance": on_floats(grid_from_scr_impedance), "reactance": on_floats(grid_from_scr_reactance)}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,14 +47,11 @@ class GainLookup:
 
     def coordinates(self, R_g: float, L_g: float) -> tuple[float, float]:
         """SCR on the table's basis, and R/X, of R_g (Ω) and L_g > 0 (H) (:eq:`scr`)."""
-        ratio = scr_impedance if self.scr_basis == "impedance" else scr_reactance
-        return float(ratio(R_g, L_g, self.Z_base, self.omega)), R_g / (self.omega * L_g)
+        return _SCR[self.scr_basis](R_g, L_g, self.Z_base, self.omega), R_g / (self.omega * L_g)
 
     def grid(self, scr: float, r_over_x: float) -> tuple[float, float]:
         """R_g (Ω) and L_g (H) of a place (:eq:`scr`)."""
-        build = grid_from_scr_impedance if self.scr_basis == "impedance" else grid_from_scr_reactance
-        R_g, L_g = build(scr, 1.0 / r_over_x, self.Z_base, self.omega)
-        return float(R_g), float(L_g)
+        return _GRID[self.scr_basis](scr, 1.0 / r_over_x, self.Z_base, self.omega)
 
     def normalised(self, scr: float, r_over_x: float) -> NormalisedGains | None:
         """Normalised parameters (:eq:`bilinear`); None where a node that has a say is no design."""
@@ -67,22 +66,11 @@ class GainLookup:
         return NormalisedGains(*map(blend, repeat(weights), v00, v01, v10, v11))
 
     def gains(self, normalised: NormalisedGains, scr: float, r_over_x: float, P: float, Q: float, V_rms: float) -> Any:
-        """Gains on the grid of a place at measured powers and voltage (:eq:`structure-gains`), of
-        :func:`~vsgdesign.equations.power_flow.scheduled_jacobian` to the same bits."""
+        """Gains on the grid of a place at measured powers and voltage (:eq:`structure-gains`)."""
         R_g, L_g = self.grid(scr, r_over_x)
-        R, X = R_g + self.R_2, self.omega * (L_g + self.L_2)
-        limit = PHASES * V_rms * V_rms
-        wanted_sq = POWER_MARGIN * POWER_MARGIN * (P * P + Q * Q) * (R * R + X * X)
-        if wanted_sq > limit * limit:
-            share = limit / math.sqrt(wanted_sq)
-            R, X = share * R, share * X
-        most = (1.0 - LEAST_SHARE) * (limit / (R * R + X * X) * X)
-        A, B, C, D = jacobian_from_powers(P, min(max(Q, -most), most), V_rms, R, X)
-        by_inertia = self.law == "inertia"
-        gains = STRUCTURES[self.structure].gains(
-            A, B, C, D, normalised, self.D_p, self.D_q, self.S_rated, self.omega, by_inertia
-        )
-        return PowerLoopGains(*map(float, gains)) if by_inertia else gains
+        A, B, C, D = _scheduled_jacobian(P, Q, V_rms, R_g + self.R_2, self.omega * (L_g + self.L_2))
+        gains = on_floats(STRUCTURES[self.structure].gains)
+        return gains(A, B, C, D, normalised, self.D_p, self.D_q, self.S_rated, self.omega, self.law == "inertia")
 
 
 def gain_lookup(
