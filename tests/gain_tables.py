@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from vsgdesign.artifacts.certificate_record import certificate_record
 from vsgdesign.artifacts.gain_table import COLUMNS, GainTable, TableBase, ValidityBox, fill_outside, to_dimensionless
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.runtime.table import table_grids, table_schedule, with_node_gains
@@ -27,7 +28,8 @@ def table(
     parameters: Mapping[str, Any] | None = None,
     **changes: Any,
 ) -> GainTable:
-    """A whole table; ``parameters``: normalised columns in SI, numbers or (n, m) arrays, over the closed form's."""
+    """A whole table; ``parameters``: normalised columns in SI, numbers or (n, m) arrays, over the closed form's;
+    ``certificate``: as its document."""
     scr, x_over_r = np.asarray(scr, dtype=float), np.asarray(x_over_r, dtype=float)
     shape = (len(scr), len(x_over_r))
     chosen = CONSTANT["published" if (structure, law) == ("published", "poles") else law] | dict(parameters or {})
@@ -59,6 +61,8 @@ def table(
             (scr[0], scr[-1]), (x_over_r[0], x_over_r[-1]), (-4500.0, 4500.0), (-2000.0, 2000.0), (93.5, 137.5), 0.2
         ),
     } | changes
+    if isinstance(content.get("certificate"), dict):
+        content["certificate"] = certificate_record(content["certificate"])
     bare = GainTable(**content)
     A, _, _, D = table_schedule(bare).plant_gains(*table_grids(bare))
     carries = (A > 0.0) & (D > 0.0)

@@ -14,6 +14,7 @@ import pytest
 from tests.cli.small_studies import call
 from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
+from vsgdesign.artifacts.certificate_record import certificate_record
 from vsgdesign.artifacts.table_summary import table_lines
 from vsgdesign.artifacts.table_text import between_text, certificate_sentence, certificate_summary
 from vsgdesign.certificate.results import Counterexample, growing_mode
@@ -25,7 +26,7 @@ from vsgdesign.report.gain_table.words import built_text
 REGION = {"scr": [2.0, 8.0], "x_over_r": [0.3, 3.0], "P": [-4500.0, 4500.0], "Q": [-2e3, 2e3], "error": 0.2}
 CELL = {"scr": 2.0, "x_over_r": 0.3, "P": -2500.0, "Q": 1000.0, "error_R": -0.2, "error_L": 0.0}
 PROVED = {"certified": True, "region": REGION, "decay": 2.15, "checked": 40, "fresh": 2, "gap": {"share": 0.0}}
-CASES: dict[str, Any] = {
+DOCUMENTS: dict[str, Any] = {
     "none": None,
     "gap-free": PROVED | {"proof": "gap-free"},
     "gridded": PROVED | {"proof": "gridded", "gap": {"share": 0.25}},
@@ -38,6 +39,7 @@ CASES: dict[str, Any] = {
         "slowest": CELL | {"decay": 0.4},
     },
 }
+CASES = {name: None if said is None else certificate_record(said) for name, said in DOCUMENTS.items()}
 SAYS = {
     "none": "There is no certificate: no proof was made for this table.",
     "gap-free": "Certified, gap-free (every point of the region is proved). Over SCR 2 to 8, X/R 0.3 to 3, "
@@ -66,7 +68,7 @@ def test_what_is_said(case: str) -> None:
 def test_every_page_and_verb_says_the_same_and_a_failed_proof_first(tmp_path: Path, case: str) -> None:
     sentence, failed = certificate_sentence(CASES[case]), case in ("unstable", "no function")
     between = {"points": 50, "outside": 1, "promised": 40, "broken": [], "seed": 3}
-    made = table(scr=(2.0, 8.0), x_over_r=(0.5, 3.0), certificate=CASES[case], between=between)
+    made = table(scr=(2.0, 8.0), x_over_r=(0.5, 3.0), certificate=DOCUMENTS[case], between=between)
     write_table_file(made, tmp_path / "t.json")
     shown = call("table", "show", tmp_path / "t.json").stdout
     summary = certificate_summary(CASES[case])
@@ -115,7 +117,7 @@ def test_every_page_and_verb_says_the_same_and_a_failed_proof_first(tmp_path: Pa
 
 
 def test_a_region_without_a_proof_is_not_drawn_as_certified() -> None:
-    made = table(scr=(2.0, 8.0), x_over_r=(0.5, 3.0), certificate=CASES["unstable"])
+    made = table(scr=(2.0, 8.0), x_over_r=(0.5, 3.0), certificate=DOCUMENTS["unstable"])
     found = certificate_figure(made)
     assert found is not None
     assert found.title == "Region without a proof"
@@ -135,6 +137,6 @@ def test_the_document_of_a_counterexample_is_understood() -> None:
     value, trajectory = growing_mode(A, np.ones(3))
     region = Region((2.0, 8.0), (0.3, 3.0), (-4500.0, 4500.0), (-2e3, 2e3), 0.2)
     found = Counterexample("mine", region, 2.0, 0.3, -2500.0, 1000.0, -0.2, 0.0, value, trajectory)
-    assert SAYS["unstable"] in certificate_sentence(found.as_document())
-    made = table(scr=(2.0, 8.0), x_over_r=(0.5, 3.0), certificate=found.as_document())
-    assert certificate_sentence(replace(made).certificate) == certificate_sentence(found.as_document())
+    assert SAYS["unstable"] in certificate_sentence(found.as_record())
+    made = table(scr=(2.0, 8.0), x_over_r=(0.5, 3.0), certificate=found.as_record())
+    assert certificate_sentence(replace(made).certificate) == certificate_sentence(found.as_record())

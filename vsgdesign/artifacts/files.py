@@ -90,3 +90,14 @@ def plain(value: Any) -> Any:
         return value
     number = float(value)
     return number if math.isfinite(number) else None
+
+
+def sorted_plain(value: Any) -> Any:
+    """As :func:`plain`, with the keys of every table in order: equal contents give equal text."""
+
+    def in_order(item: Any) -> Any:
+        if isinstance(item, dict):
+            return {key: in_order(item[key]) for key in sorted(item)}
+        return [in_order(part) for part in item] if isinstance(item, list) else item
+
+    return in_order(plain(value))

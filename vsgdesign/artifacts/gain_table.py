@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsgdesign.artifacts.certificate_record import CertificateRecord
 from vsgdesign.artifacts.design_inputs import design_hash
-from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.files import plain, sorted_plain
 from vsgdesign.artifacts.guarded_file import content_hash
 from vsgdesign.equations.power_loops import PowerLoopGains
 
@@ -125,7 +126,8 @@ class GainTable:
     """Figures per cell. Names of docs/gain-table-file.md are understood (checked, drawn); others are carried."""
     specification: dict[str, Any] = field(default_factory=dict)
     validity: ValidityBox
-    certificate: dict[str, Any] | None = None
+    certificate: CertificateRecord | None = None
+    """What is proved over its box, or why nothing is; None: no proof was sought."""
     provenance: dict[str, str] = field(default_factory=dict)
     """Versions of what made it."""
     inputs: dict[str, str] = field(default_factory=dict)
@@ -145,8 +147,8 @@ class GainTable:
         object.__setattr__(self, "columns", {name: _fixed(values) for name, values in columns})
         object.__setattr__(self, "margins", {name: _fixed(self.margins[name]) for name in sorted(self.margins)})
         object.__setattr__(self, "gains", PowerLoopGains(*(_fixed(value) for value in self.gains)))
-        for name in ("specification", "certificate", "provenance", "inputs", "design_inputs", "between", "causes"):
-            object.__setattr__(self, name, _sorted(plain(getattr(self, name))))
+        for name in ("specification", "provenance", "inputs", "design_inputs", "between", "causes"):
+            object.__setattr__(self, name, sorted_plain(getattr(self, name)))
         _to_floats(self)
 
     def __eq__(self, other: object) -> bool:
@@ -239,6 +241,7 @@ def table_document(table: GainTable) -> dict[str, Any]:
     plainly = {f.name: getattr(table, f.name) for f in fields(GainTable)}
     plainly |= {name: vars(plainly[name]) for name in ("base", "validity")}
     plainly["gains"] = plainly["gains"]._asdict()
+    plainly["certificate"] = None if table.certificate is None else table.certificate.document
     for name in ("columns", "gains", "margins"):
         plainly[name] = {key: values.tolist() for key, values in plainly[name].items()}
     for name in ("scr", "x_over_r", "status", "active", "price"):
@@ -257,12 +260,6 @@ def _to_floats(instance: Any) -> None:
 
 def _number(value: Any) -> Any:
     return float(value) if isinstance(value, Real) and not isinstance(value, bool) else value
-
-
-def _sorted(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _sorted(value[key]) for key in sorted(value)}
-    return [_sorted(item) for item in value] if isinstance(value, list) else value
 
 
 def _fixed(values: ArrayLike, kind: type = float) -> NDArray[Any]:

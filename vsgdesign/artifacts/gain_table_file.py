@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.certificate_record import certificate_record
 from vsgdesign.artifacts.gain_table import (
     COLUMNS,
     KIND,
@@ -119,9 +120,8 @@ def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
     for name in ("specification", "provenance", "inputs", "design_inputs"):
         if not isinstance(getattr(table, name), dict):
             yield name, "must be a table of names and values"
-    for name in ("certificate", "between"):
-        if not isinstance(getattr(table, name), dict | None):
-            yield name, "must be a table of names and values, or null"
+    if not isinstance(table.between, dict | None):
+        yield "between", "must be a table of names and values, or null"
     if isinstance(table.between, dict) and not _is_look(table.between):
         yield "between", "must have points, outside and promised as whole numbers, and the list broken"
     if not isinstance(table.causes, list) or not all(isinstance(cause, dict) for cause in table.causes):
@@ -147,6 +147,8 @@ def _from_document(document: dict[str, Any]) -> GainTable:
     box: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values["validity"].items()}
     values["validity"] = ValidityBox(**box)
     values["gains"] = PowerLoopGains(**values["gains"])
+    if values["certificate"] is not None:
+        values["certificate"] = certificate_record(values["certificate"])
     return GainTable(**values)
 
 

@@ -6,43 +6,42 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeGuard
 
+from vsgdesign.artifacts.certificate_record import CertificateCell, CertificateRecord, CertificateRegion
 from vsgdesign.errors import counted
 
 Document = Mapping[str, Any]
 
-_POINT = ("scr", "x_over_r", "P", "Q", "error_R", "error_L")
 
-
-def certificate_sentence(certificate: Document | None) -> str:
-    """What a certificate (:meth:`vsgdesign.certificate.Certificate.as_document`) proves, or what defeats it."""
+def certificate_sentence(certificate: CertificateRecord | None) -> str:
+    """What a certificate proves, or what defeats it."""
     if certificate is None:
         return "There is no certificate: no proof was made for this table."
-    over = _region(certificate.get("region"))
-    if certificate.get("certified") is False:
+    over = _region(certificate.region)
+    if not certificate.certified:
         return f"Not certified over {over}: {_defeat(certificate)}"
-    region = certificate.get("region") or {}
-    rate = region.get("rate", certificate.get("rate"))
     what, speed = "one quadratic Lyapunov function decays", "whatever the speed of change"
-    if isinstance(rate, int | float):
+    if math.isfinite(certificate.region.rate):
         what = "a quadratic Lyapunov function that follows the grid decays"
-        speed = f"while SCR and X/R change by no more than {_text(100.0 * rate, 3)} % per second each"
-    decay = certificate.get("decay")
-    at = f"at {_text(decay, 3)} 1/s or faster" if _is_number(decay) else "at a rate that the certificate does not say"
+        speed = (
+            f"while SCR and X/R change by no more than {_text(100.0 * certificate.region.rate, 3)} % per second each"
+        )
+    decay = certificate.decay
+    at = "at a rate that the certificate does not say" if decay is None else f"at {_text(decay, 3)} 1/s or faster"
     return (
         f"{_proof(certificate)} Over {over}, within the static limits, {what} {at}, {speed} "
         "(power loops; ideal inner loops, no power filters)."
     )
 
 
-def certificate_failed(certificate: Document | None) -> bool:
+def certificate_failed(certificate: CertificateRecord | None) -> bool:
     """Whether a proof was sought and not found: then the sentence about it comes first."""
-    return certificate is not None and certificate.get("certified") is False
+    return certificate is not None and not certificate.certified
 
 
-def certificate_summary(certificate: Document | None) -> dict[str, Any]:
+def certificate_summary(certificate: CertificateRecord | None) -> dict[str, Any]:
     """The same for scripts: ``certified`` (None: not sought), ``proof`` (``gap-free``, ``gridded``) and ``text``."""
-    certified = None if certificate is None else not certificate_failed(certificate)
-    proof = (certificate or {}).get("proof") if certified else None
+    certified = None if certificate is None else certificate.certified
+    proof = certificate.proof if certificate is not None and certified else None
     return {"certified": certified, "proof": proof, "text": certificate_sentence(certificate)}
 
 
@@ -131,43 +130,42 @@ def status_text(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {status}" for status, count in counts.items())
 
 
-def _proof(certificate: Document) -> str:
-    proof = certificate.get("proof")
-    if proof == "gap-free":
+def _proof(certificate: CertificateRecord) -> str:
+    if certificate.proof == "gap-free":
         return "Certified, gap-free (every point of the region is proved)."
-    if proof != "gridded":
+    if certificate.proof != "gridded":
         return "Certified; how it was proved is not said."
-    share = (certificate.get("gap") or {}).get("share")
-    boxes = "" if not _is_number(share) else f"; {_text(100.0 * (1.0 - share), 3)} % of the region is proved on boxes"
-    counts = [n for n in map(certificate.get, ("checked", "fresh")) if isinstance(n, int)]
-    points = counted(sum(counts), "point") if counts else "points"
+    share = certificate.gap_share
+    boxes = "" if share is None else f"; {_text(100.0 * (1.0 - share), 3)} % of the region is proved on boxes"
+    points = "points" if certificate.points is None else counted(certificate.points, "point")
     return f"Certified on a grid only, not gap-free (verified at {points}, not between them{boxes})."
 
 
-def _defeat(certificate: Document) -> str:
-    if (value := certificate.get("eigenvalue")) is not None and all(name in certificate for name in _POINT):
-        real, imag = float(value["real"]), abs(float(value["imag"]))
+def _defeat(certificate: CertificateRecord) -> str:
+    cell = certificate.cell
+    if cell is not None and cell.eigenvalue is not None:
+        real, imag = cell.eigenvalue.real, abs(cell.eigenvalue.imag)
         swing = f" ± {_text(imag, 3)}j" if imag > 0.0 else ""
         grows = f", e-fold in {_text(1.0 / real, 2)} s" if real > 0.0 else ""
         return (
-            f"the power loops are unstable at {_place(certificate)}. The eigenvalue is {_text(real, 3)}{swing} 1/s: a "
+            f"the power loops are unstable at {_place(cell)}. The eigenvalue is {_text(real, 3)}{swing} 1/s: a "
             f"disturbance grows{grows}."
         )
-    text = str(certificate.get("reason", "the reason is not said."))
-    if (slowest := certificate.get("slowest")) is not None:
-        text += f" The slowest cell is {_place(slowest)}: it decays at {_text(slowest['decay'], 3)} 1/s."
+    text = "the reason is not said." if certificate.reason is None else certificate.reason
+    if cell is not None and cell.decay is not None:
+        text += f" The slowest cell is {_place(cell)}: it decays at {_text(cell.decay, 3)} 1/s."
     return text
 
 
-def _place(cell: Document) -> str:
+def _place(cell: CertificateCell) -> str:
     errors = (
         "with an exact estimate"
-        if cell["error_R"] == cell["error_L"] == 0.0
-        else f"with an estimate of R_g that is {_off(cell['error_R'])} and of L_g that is {_off(cell['error_L'])}"
+        if cell.error_R == cell.error_L == 0.0
+        else f"with an estimate of R_g that is {_off(cell.error_R)} and of L_g that is {_off(cell.error_L)}"
     )
     return (
-        f"SCR {_text(cell['scr'])}, X/R {_text(cell['x_over_r'])}, P {_text(cell['P'] / 1e3)} kW, "
-        f"Q {_text(cell['Q'] / 1e3)} kvar, {errors}"
+        f"SCR {_text(cell.scr)}, X/R {_text(cell.x_over_r)}, P {_text(cell.P / 1e3)} kW, "
+        f"Q {_text(cell.Q / 1e3)} kvar, {errors}"
     )
 
 
@@ -175,21 +173,20 @@ def _off(error: float) -> str:
     return "exact" if error == 0.0 else f"{_text(100.0 * abs(error), 3)} % too {'large' if error > 0.0 else 'small'}"
 
 
-def _region(region: Document | None) -> str:
-    names = (("scr", "SCR", 1.0, ""), ("x_over_r", "X/R", 1.0, ""), ("P", "P", 1e3, " kW"), ("Q", "Q", 1e3, " kvar"))
+def _region(region: CertificateRegion) -> str:
     parts = [
         f"{shown} {_text(pair[0] / scale)} to {_text(pair[1] / scale)}{unit}"
-        for name, shown, scale, unit in names
-        if _is_pair(pair := (region or {}).get(name))
+        for pair, shown, scale, unit in (
+            (region.scr, "SCR", 1.0, ""),
+            (region.x_over_r, "X/R", 1.0, ""),
+            (region.P, "P", 1e3, " kW"),
+            (region.Q, "Q", 1e3, " kvar"),
+        )
+        if pair is not None
     ]
-    error = (region or {}).get("error")
-    if _is_number(error):
+    if (error := region.error) is not None:
         parts.append(f"R_g and L_g known {'exactly' if error == 0.0 else f'to ±{_text(100.0 * error, 3)} %'}")
     return ", ".join(parts) if parts else "a region that the certificate does not say"
-
-
-def _is_pair(value: Any) -> TypeGuard[Sequence[float]]:
-    return isinstance(value, Sequence) and len(value) == 2 and all(map(_is_number, value))
 
 
 def _is_number(value: Any) -> TypeGuard[float]:

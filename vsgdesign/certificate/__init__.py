@@ -2,7 +2,7 @@
 
 from vsgdesign.certificate.certify import certify, largest_rate, region_of
 from vsgdesign.certificate.region import MeasuredSchedule, Region
-from vsgdesign.certificate.results import Certificate, Counterexample, Gap, NoFunctionError, Trajectory
+from vsgdesign.certificate.results import Certificate, Counterexample, Gap, NoFunctionError, Trajectory, refusal_record
 
 __all__ = [
     "Certificate",
@@ -14,5 +14,6 @@ __all__ = [
     "Trajectory",
     "certify",
     "largest_rate",
+    "refusal_record",
     "region_of",
 ]

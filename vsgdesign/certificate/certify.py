@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.certificate_record import CertificateCell
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.certificate.boxes import encloses
 from vsgdesign.certificate.lyapunov import Family, Fit, best_fit, residual
@@ -338,7 +339,7 @@ def _fitted(system: System, motion: Motion, name: str, points: Array, A: Array) 
         raise NoFunctionError(
             f"controller {name}: every cell is stable (slowest {limit:.3g} 1/s), but no {kind} exists. "
             "Shrink the region, the error or the rate.",
-            {**where, "decay": limit},
+            CertificateCell(**where, decay=limit),
         )
     return best
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.certificate_record import CertificateCell, CertificateRecord, certificate_record
 from vsgdesign.artifacts.files import plain
 from vsgdesign.certificate.region import STATES, Region
 from vsgdesign.errors import InfeasibleStudyError
@@ -59,8 +60,12 @@ class Certificate:
     vertices: int
     largest: float
 
+    def as_record(self) -> CertificateRecord:
+        """What a gain table keeps."""
+        return certificate_record(self.as_document())
+
     def as_document(self) -> dict[str, Any]:
-        """JSON's types, the same for the same inputs: what a gain table keeps. An infinite rate is null."""
+        """JSON's types, the same for the same inputs. An infinite rate is null."""
         return plain(
             {
                 "certified": True,
@@ -82,11 +87,18 @@ class Certificate:
         )
 
 
-class NoFunctionError(InfeasibleStudyError):
-    """Every cell that was looked at is stable, and no function of the kind exists. ``slowest``: the slowest of them,
-    with its SCR, X/R, P (W), Q (var), errors and decay (1/s)."""
+def refusal_record(reason: str, region: Region, slowest: CertificateCell | None = None) -> CertificateRecord:
+    """Why there is neither a certificate nor a counterexample over a region; its slowest cell, if known."""
+    refused: dict[str, Any] = {"certified": False, "reason": reason, "region": asdict(region)}
+    if slowest is not None:
+        refused["slowest"] = {name: value for name, value in asdict(slowest).items() if value is not None}
+    return certificate_record(refused)
 
-    def __init__(self, text: str, slowest: dict[str, float]) -> None:
+
+class NoFunctionError(InfeasibleStudyError):
+    """Every cell that was looked at is stable, and no function of the kind exists. ``slowest``: the slowest of them."""
+
+    def __init__(self, text: str, slowest: CertificateCell) -> None:
         super().__init__(text)
         self.slowest = slowest
 
@@ -113,6 +125,10 @@ class Counterexample:
     error_L: float
     eigenvalue: complex
     trajectory: Trajectory
+
+    def as_record(self) -> CertificateRecord:
+        """What a gain table keeps."""
+        return certificate_record(self.as_document())
 
     def as_document(self) -> dict[str, Any]:
         """JSON's types."""

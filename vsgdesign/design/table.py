@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.certificate_record import CertificateRecord
 from vsgdesign.artifacts.design_inputs import design_inputs
 from vsgdesign.artifacts.gain_table import COLUMNS, GainTable, ValidityBox, base_of, fill_outside, to_dimensionless
 from vsgdesign.artifacts.provenance import provenance
-from vsgdesign.certificate import NoFunctionError, Region, certify
+from vsgdesign.certificate import NoFunctionError, Region, certify, refusal_record
 from vsgdesign.certificate.box_check import compile_ahead
 from vsgdesign.design.between import POINTS, BetweenCheck, between_document, check_between, failing_intervals, probe
 from vsgdesign.design.box import Scenarios, scenarios_of_estimate
@@ -251,7 +252,7 @@ def demote(table: GainTable, checked: BetweenCheck) -> GainTable:
     return replace(table, status=status, active=active.astype(str))
 
 
-def table_certificate(study: Study, controller: ControllerSpec, table: GainTable) -> dict[str, Any]:
+def table_certificate(study: Study, controller: ControllerSpec, table: GainTable) -> CertificateRecord | None:
     """What a common Lyapunov function proves over the table's whole box with its interpolated gains, or why not.
 
     Any speed of change; where no common function exists, a slow grid (_CERTIFICATES). Without gaps where the
@@ -260,16 +261,16 @@ def table_certificate(study: Study, controller: ControllerSpec, table: GainTable
     spec = study.specification
     box, error = table.validity, table.validity.error
     study = study if spec is None else replace(study, scr_basis=spec.scr_basis)
-    refused: dict[str, Any] = {}
+    refused = None
     for rate, boxes in _CERTIFICATES:
         region = Region(box.scr, box.x_over_r, box.P, box.Q, error, rate)
         try:
             found = certify(study, controller, region, schedule=table_schedule(table), budget=boxes)
         except (InfeasibleStudyError, StudyError) as fault:  # no such function, or a box that is not asked for
-            slowest = {"slowest": fault.slowest} if isinstance(fault, NoFunctionError) else {}
-            refused = {"certified": False, "reason": str(fault), "region": asdict(region)} | slowest
+            slowest = fault.slowest if isinstance(fault, NoFunctionError) else None
+            refused = refusal_record(str(fault), region, slowest)
             continue
-        return found.as_document()
+        return found.as_record()
     return refused
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vsgdesign.artifacts.certificate_record import CertificateRegion
 from vsgdesign.errors import ArtifactError
 from vsgdesign.frames import rated_current_rms
 
@@ -126,19 +128,16 @@ def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
     it also is without one or where the grid may jump.
     The safe place is the largest SCR of the box at the geometric middle of its R/X.
     """
-    certificate = table.certificate or {}
-    if certificate.get("certified") is False:  # a counterexample has a region, too
-        certificate = {}
-    region = certificate.get("region") or {}
-    rate = region.get("rate", certificate.get("rate"))
+    # A counterexample has a region, too, over which nothing is proved.
+    certificate = table.certificate
+    region = certificate.region if certificate is not None and certificate.certified else CertificateRegion()
     box = {}
     for name, axis in (("scr", table.scr), ("x_over_r", table.x_over_r), ("P", None), ("Q", None), ("V_rms", None)):
         pairs = [getattr(table.validity, name)]
         if axis is not None:
             pairs.append((float(axis[0]), float(axis[-1])))
-        pair = region.get(name)
-        if isinstance(pair, list | tuple) and len(pair) == 2:
-            pairs.append((float(pair[0]), float(pair[1])))
+        if (certified := getattr(region, name, None)) is not None:  # no certificate is about V
+            pairs.append(certified)
         box[name] = (max(low for low, _ in pairs), min(high for _, high in pairs))
     x_low, x_high = box.pop("x_over_r")
     return box_settings(
@@ -149,7 +148,7 @@ def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
         omega=table.base.omega_n,
         scr_basis=table.base.scr_basis,
         error=table.validity.error,
-        **({"rate": min(float(rate), 10.0)} if isinstance(rate, int | float) else {}),
+        **({"rate": min(region.rate, 10.0)} if math.isfinite(region.rate) else {}),
         **changes,
     )
 

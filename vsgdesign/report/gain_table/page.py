@@ -64,7 +64,7 @@ def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_pat
         causes=causes_table(table),
         certificate=None
         if table.certificate is None
-        else open_table("Certificate", table.certificate, CERTIFICATE_UNITS),
+        else open_table("Certificate", table.certificate.document, CERTIFICATE_UNITS),
         made=open_table("Made with", table.provenance | table.inputs),
     )
 
@@ -166,13 +166,13 @@ def _share(value: float | None) -> str:
     return number(None if value is None else 100.0 * value)
 
 
-def open_table(title: str, content: dict[str, Any], units: Mapping[str, str] = MappingProxyType({})) -> Table:
+def open_table(title: str, content: Mapping[str, Any], units: Mapping[str, str] = MappingProxyType({})) -> Table:
     """Names, with the units that are known, and values of an open dictionary, one row each; nested ones with a dot."""
     rows = tuple((f"{name} [{units[name]}]" if name in units else name, value) for name, value in _flat("", content))
     return Table(title, ("Name", "Value"), rows, texts=2)
 
 
-def _flat(prefix: str, content: dict[str, Any]) -> list[tuple[str, str]]:
+def _flat(prefix: str, content: Mapping[str, Any]) -> list[tuple[str, str]]:
     rows: list[tuple[str, str]] = []
     for key, value in content.items():
         if isinstance(value, dict):

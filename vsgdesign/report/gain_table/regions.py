@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from vsgdesign.artifacts.certificate_record import CertificateRecord
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.artifacts.table_text import certificate_failed
 from vsgdesign.parameters.study import Gates
 from vsgdesign.report.drawing.look import NO_POINT, Cells, edges, value_ticks
 from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
@@ -102,23 +102,23 @@ def _draw_active(table: GainTable) -> NamedFigure:
 
 def certificate_figure(table: GainTable) -> NamedFigure | None:
     """Where the certificate holds, or was sought and not found, over the table's nodes; None without a region."""
-    region = None if table.certificate is None else table.certificate.get("region")
-    if not isinstance(region, dict) or not all(_is_pair(region.get(name)) for name in ("scr", "x_over_r")):
+    certificate = table.certificate
+    if certificate is None or certificate.region.scr is None or certificate.region.x_over_r is None:
         return None
     with look():
-        return _draw_certificate(table, region["scr"], region["x_over_r"])
+        return _draw_certificate(table, certificate, certificate.region.scr, certificate.region.x_over_r)
 
 
-def _draw_certificate(table: GainTable, scr: list[float], x_over_r: list[float]) -> NamedFigure:
+def _draw_certificate(
+    table: GainTable, certificate: CertificateRecord, scr: tuple[float, float], x_over_r: tuple[float, float]
+) -> NamedFigure:
     from matplotlib.patches import Rectangle
 
     height = 0.62 * _WIDTH
     figure = new_figure(PAGE_IN, _BOTTOM + height + _TOP)
     axes = _plane(figure, table, height)
-    certificate = table.certificate or {}
-    failed = certificate_failed(certificate)
-    decay = certificate.get("decay")
-    proved = f"certified: decay ≥ {plain(float(decay), 3)} 1/s" if isinstance(decay, int | float) else "certified"
+    failed, decay = not certificate.certified, certificate.decay
+    proved = "certified" if decay is None else f"certified: decay ≥ {plain(decay, 3)} 1/s"
     shade = {"facecolor": "#CFE3F1", "edgecolor": COLOURS[0], "linewidth": 1.2, "zorder": 1}
     if failed:
         proved, shade = "not certified", {**shade, "facecolor": "none", "edgecolor": COLOURS[1], "hatch": "//"}
@@ -147,10 +147,9 @@ def _draw_certificate(table: GainTable, scr: list[float], x_over_r: list[float])
                 table.scr[nodes[:, 0]], table.x_over_r[nodes[:, 1]], linestyle="", markersize=3.0, zorder=3, **style
             )
             entries.append((line, f"node, {status} ({len(nodes)})"))
-    cell = certificate if "eigenvalue" in certificate else certificate.get("slowest", {})
-    if failed and {"scr", "x_over_r"} <= cell.keys():
-        (mark,) = axes.plot([cell["scr"]], [cell["x_over_r"]], "*", markersize=11.0, color=COLOURS[1], zorder=4)
-        entries.append((mark, "counterexample: unstable" if "eigenvalue" in certificate else "slowest cell"))
+    if (cell := certificate.cell) is not None:
+        (mark,) = axes.plot([cell.scr], [cell.x_over_r], "*", markersize=11.0, color=COLOURS[1], zorder=4)
+        entries.append((mark, "counterexample: unstable" if cell.is_unstable else "slowest cell"))
     _legend(figure, entries, height)
     if failed:
         caption = (

@@ -58,7 +58,7 @@ def heading(table: GainTable) -> Iterator[str]:
 
 def certificate_text(found: Certificate | Counterexample) -> str:
     """What was proved, or the cell that forbids it; then how well it was looked at."""
-    text = f"{found.controller}: {certificate_sentence(found.as_document())}"
+    text = f"{found.controller}: {certificate_sentence(found.as_record())}"
     if not isinstance(found, Certificate):
         return text
     boxes = f"Proved on {found.boxes} {'box' if found.boxes == 1 else 'boxes'}. " if found.boxes else ""

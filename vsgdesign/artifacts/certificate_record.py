@@ -1,0 +1,175 @@
+"""What a proof over grids, powers and estimate errors found, as a gain table keeps it: data read from its document."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from vsgdesign.artifacts.files import sorted_plain
+from vsgdesign.artifacts.guarded_file import is_number
+
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertificateRegion:
+    """Where the proof was sought, each as (least, largest): SCR on the table's basis, X/R, P (W), Q (var).
+
+    None: the document does not say. ``error``: relative, of R_g and of L_g. ``rate``: largest \\|d ln SCR/dt\\| and
+    \\|d ln(X/R)/dt\\| in 1/s; infinite: the grid may jump.
+    """
+
+    scr: Pair | None = None
+    x_over_r: Pair | None = None
+    P: Pair | None = None
+    Q: Pair | None = None
+    error: float | None = None
+    rate: float = math.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertificateCell:
+    """The one point that a failed proof names: a counterexample with its ``eigenvalue`` (1/s), or the slowest cell
+    with its ``decay`` (1/s). P in W, Q in var, relative errors of R_g and L_g."""
+
+    scr: float
+    x_over_r: float
+    P: float
+    Q: float
+    error_R: float
+    error_L: float
+    decay: float | None = None
+    eigenvalue: complex | None = None
+
+    @property
+    def is_unstable(self) -> bool:
+        """Whether it is a counterexample."""
+        return self.eigenvalue is not None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertificateRecord:
+    """A certificate, a counterexample, or why there is neither. Who needs the result of a proof reads this."""
+
+    certified: bool
+    """False: a proof was sought and not found."""
+    region: CertificateRegion
+    decay: float | None = None
+    """1/s at which one Lyapunov function decays over the region; None where nothing is proved, or it is not said."""
+    proof: str | None = None
+    """``gap-free`` (every point of the region) or ``gridded`` (cells and random points); None where it is not said."""
+    gap_share: float | None = None
+    """Of the region's volume, what a gridded proof leaves open between its points."""
+    points: int | None = None
+    """Cells and random points at which eigenvalues verified the inequality."""
+    cell: CertificateCell | None = None
+    """Of a failed proof."""
+    reason: str | None = None
+    """Of a failed proof without a counterexample."""
+    document: Mapping[str, Any] = field(repr=False)
+    """The whole in JSON's types, as the table's file has it: also the matrices, which nobody reads here."""
+
+
+def certificate_record(document: Any) -> CertificateRecord:
+    """The record of a document: of :meth:`vsgdesign.certificate.Certificate.as_document` and its kin, or of a file.
+
+    What the document does not say is None; other keys are carried. Raises ValueError with every fault.
+    """
+    if not isinstance(document, Mapping):
+        raise ValueError("certificate: must be a table of names and values, or null")
+    reader = _Reader(sorted_plain(document))
+    region = reader.table("region")
+    # The rate may also stand beside the region.
+    rate = region.number("rate") if "rate" in region.document else reader.number("rate")
+    certified, gap = reader.document.get("certified") is not False, reader.table("gap")
+    counts = [count for name in ("checked", "fresh") if (count := reader.count(name)) is not None]
+    record = CertificateRecord(
+        certified=certified,
+        region=CertificateRegion(
+            scr=region.pair("scr"),
+            x_over_r=region.pair("x_over_r"),
+            P=region.pair("P"),
+            Q=region.pair("Q"),
+            error=region.number("error"),
+            rate=math.inf if rate is None else rate,
+        ),
+        decay=reader.number("decay"),
+        proof=reader.text("proof"),
+        gap_share=gap.number("share"),
+        points=sum(counts) if counts else None,
+        cell=None if certified else _cell(reader),
+        reason=reader.text("reason"),
+        document=reader.document,
+    )
+    if reader.faults:
+        raise ValueError("; ".join(reader.faults))
+    return record
+
+
+class _Reader:
+    """Values of a table by name; everything that is not what it should be is kept as a fault."""
+
+    def __init__(self, document: dict[str, Any], path: str = "certificate", faults: list[str] | None = None) -> None:
+        self.document, self._path = document, path
+        self.faults: list[str] = [] if faults is None else faults
+
+    def table(self, name: str) -> _Reader:
+        value = self.document.get(name)
+        if value is not None and not isinstance(value, dict):
+            self.fault(name, "must be a table of names and values")
+        return _Reader(value if isinstance(value, dict) else {}, f"{self._path}.{name}", self.faults)
+
+    def number(self, name: str) -> float | None:
+        value = self.document.get(name)
+        if value is None or is_number(value):
+            return None if value is None else float(value)
+        return self.fault(name, "must be a number")
+
+    def count(self, name: str) -> int | None:
+        value = self.document.get(name)
+        if value is None or (type(value) is int and value >= 0):
+            return value
+        return self.fault(name, "must be a whole number")
+
+    def text(self, name: str) -> str | None:
+        value = self.document.get(name)
+        return value if value is None or isinstance(value, str) else self.fault(name, "must be text")
+
+    def pair(self, name: str) -> Pair | None:
+        value = self.document.get(name)
+        if value is None:
+            return None
+        if isinstance(value, list) and len(value) == 2 and all(map(is_number, value)) and value[0] <= value[1]:
+            return float(value[0]), float(value[1])
+        return self.fault(name, "must be two numbers, the smaller first")
+
+    def fault(self, name: str, problem: str) -> None:
+        self.faults.append(f"{self._path}.{name}: {problem}")
+
+
+_POINT = ("scr", "x_over_r", "P", "Q", "error_R", "error_L")
+
+
+def _cell(reader: _Reader) -> CertificateCell | None:
+    """A counterexample is told at the top, the slowest cell in a table of its own."""
+    if "eigenvalue" in reader.document:
+        eigenvalue, source = reader.table("eigenvalue"), reader
+        real, imag = _needed(eigenvalue, ("real", "imag"))
+        return CertificateCell(
+            **dict(zip(_POINT, _needed(source, _POINT), strict=True)), eigenvalue=complex(real, imag)
+        )
+    if reader.document.get("slowest") is None:
+        return None
+    names = (*_POINT, "decay")
+    return CertificateCell(**dict(zip(names, _needed(reader.table("slowest"), names), strict=True)))
+
+
+def _needed(reader: _Reader, names: tuple[str, ...]) -> list[float]:
+    """Numbers that have to be there; NaN, and a fault, for those that are not."""
+    for name in names:
+        if reader.document.get(name) is None:
+            reader.fault(name, "is missing")
+    values = [reader.number(name) for name in names]
+    return [math.nan if value is None else value for value in values]
