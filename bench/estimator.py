@@ -20,8 +20,8 @@ from vsgdesign.estimator.network import NetworkProblem, Shape, initial_parameter
 from vsgdesign.estimator.recipes import named_recipe
 from vsgdesign.estimator.training import train_network
 from vsgdesign.estimator.windows import generate_windows
+from vsgdesign.identification.neural import neural_estimator
 from vsgdesign.parameters import load_study
-from vsgdesign.runtime.network import neural_estimator
 
 ROOT = Path(__file__).resolve().parents[1]
 PUBLISHED = ROOT / "studies" / "published" / "study.toml"

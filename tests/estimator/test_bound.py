@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsgdesign.estimator.baselines.pseudo_random import fit_lines
 from vsgdesign.estimator.bound import (
     SensorNoise,
     bound_of,
@@ -19,6 +18,7 @@ from vsgdesign.estimator.bound import (
     windows_bound,
 )
 from vsgdesign.frames import clarke
+from vsgdesign.identification.pseudo_random import fit_lines
 from vsgdesign.parameters import load_study
 
 OMEGA = 100.0 * np.pi
@@ -109,7 +109,8 @@ def test_an_efficient_estimator_reaches_it() -> None:
         return np.sqrt(variance / 2.0) * (rng.normal(size=(draws, 6)) + 1j * rng.normal(size=(draws, 6)))
 
     v = (R + 1j * omega * L) * i + noise(v_var)
-    found = fit_lines(v, i + noise(i_var), np.tile(omega, (draws, 1)), np.full(draws, v_var), np.full(draws, i_var))
+    measured = i + noise(i_var)
+    found = np.array([fit_lines(v[k], measured[k], omega, v_var, i_var)[:2] for k in range(draws)]).T
     bound = probe_bound(i, omega, OMEGA, NOISE, count, R, L)
     assert np.std(found[0]) == pytest.approx(bound.R_g, rel=0.06)
     assert np.std(found[1]) == pytest.approx(bound.L_g, rel=0.06)

@@ -16,27 +16,22 @@ from tests.cli.small_studies import SMALL
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.cli.program import main
 from vsgdesign.errors import ArtifactError
-from vsgdesign.estimator.baselines import (
-    Estimates,
-    Injection,
-    NeuralMethod,
-    PseudoRandomSequence,
-    Run,
-    measure,
-    run_case,
-)
 from vsgdesign.estimator.comparison import (
     BEFORE,
     Comparison,
     ComparisonSettings,
     compare_methods,
     judged,
-    probing_methods,
     relative_errors,
 )
+from vsgdesign.estimator.methods import Estimates, all_methods, installation
+from vsgdesign.estimator.record import Run, measure, run_case
 from vsgdesign.estimator.sampling import with_sampling
 from vsgdesign.estimator.stress import Stress, stress_axes, stress_methods
+from vsgdesign.identification.injection import Injection
+from vsgdesign.identification.pseudo_random import PseudoRandomSequence
 from vsgdesign.parameters import Study, load_study, study_from_text
+from vsgdesign.parameters.study import Grid
 from vsgdesign.pipeline.estimator import report_comparison
 from vsgdesign.report.estimator.figures import comparison_figures, stress_figures, write_all
 from vsgdesign.report.estimator.page import (
@@ -102,7 +97,8 @@ def test_the_run_knows_the_grids_frequency() -> None:
 def test_both_channels_are_the_same_sensors() -> None:
     """Without zero sequence phase A is α; three independent sensors have one, a third of the noise."""
     record = measure([one_run()])
-    difference = record.channels["phase_a"][0, :, : record.samples].ravel() - record.v[0].real
+    phase_a, alpha = (record.channels[name][0, :, : record.samples].ravel() for name in ("phase_a", "alpha_beta"))
+    difference = phase_a - alpha
     sigma = record.noise[0].v
     assert np.std(difference) == pytest.approx(sigma / np.sqrt(3.0), rel=0.1)
 
@@ -128,8 +124,9 @@ def test_errors_are_of_the_complex_impedance() -> None:
 
 
 def test_weights_of_other_windows_are_refused() -> None:
+    run = one_run()
     with pytest.raises(ArtifactError, match="50 samples"):
-        NeuralMethod(random_weights(samples=50)).estimate(measure([one_run()]))
+        all_methods(run.converter, {"other": random_weights(samples=50)}, run.recipe, run.grids[0])
 
 
 def test_probes_do_not_care_for_phase_and_harmonics() -> None:
@@ -212,22 +209,17 @@ def test_methods_follow_the_grids_frequency_and_the_converters_windows() -> None
 def test_probes_are_whole_control_periods_and_whole_windows(rate: float, f_n: float) -> None:
     converter = replace(utility().converter, f_sw=rate, samples_per_carrier=1, omega_n=2.0 * np.pi * f_n)
     recipe = with_sampling(SETTINGS.recipe(), converter)
-    injection, sequence = probing_methods(converter, recipe)
+    at = installation(converter, recipe, Grid(0.0, 1e-3))
+    injection, sequence = Injection(at), PseudoRandomSequence(at)
     window = recipe.update_period
-    for probe, windows in ((injection.probe, 2), (sequence.probe, sequence.cycles // recipe.cycles)):
+    for probe, windows in ((injection.line, 2), (sequence.sequence, sequence.cycles // recipe.cycles)):
         assert len(probe.values) * probe.hold == pytest.approx(windows * window, rel=1e-12)
         assert probe.hold * rate == pytest.approx(round(probe.hold * rate), abs=1e-9)
         assert 0.4e-3 < probe.hold < 2.5e-3
     # Whole periods of what was injected, beside the fundamental.
-    periods = injection.slip() * 2.0 * window / (2.0 * np.pi)
+    periods = injection.slip * 2.0 * window / (2.0 * np.pi)
     assert periods == pytest.approx(round(periods), abs=1e-9)
     assert injection.frequency_hz == pytest.approx(1.5 * f_n)
-
-
-def test_the_published_probes_are_the_defaults() -> None:
-    study = load_study("studies/published/study.toml")
-    made = probing_methods(study.converter, with_sampling(SETTINGS.recipe(), study.converter))
-    assert made == (Injection(), PseudoRandomSequence())
 
 
 def test_networks_of_different_windows_are_not_compared() -> None:

@@ -13,7 +13,9 @@ from tests.artifacts.networks import random_weights
 from tests.runtime.test_light_import import HEAVY, imported
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.errors import ArtifactError
-from vsgdesign.runtime.network import STATUSES, NeuralEstimator, load_neural_estimator, neural_estimator
+from vsgdesign.identification import STATUSES
+from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
+from vsgdesign.runtime.network import load_neural_estimator
 
 RNG = np.random.default_rng(6)
 

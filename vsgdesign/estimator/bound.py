@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsgdesign.frames import clarke
+from vsgdesign.identification.frame import space_vector_variance
 
 Array = NDArray[np.float64]
 
@@ -29,12 +29,6 @@ class SensorNoise:
 
     v: float
     i: float
-
-
-def space_vector_variance(deviation: float) -> float:
-    """E|n|² of a sample of the space vector α + jβ from three phases' noise (:eq:`phasor-noise`)."""
-    alpha, beta = zip(*(clarke(*phase) for phase in np.eye(3)), strict=True)
-    return deviation**2 * float(np.sum(np.square(alpha)) + np.sum(np.square(beta)))
 
 
 def phasor_variance(deviation: float, samples: int, channels: str = "alpha_beta") -> float:

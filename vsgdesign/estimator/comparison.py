@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -11,28 +10,17 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
 from vsgdesign.errors import ArtifactError
-from vsgdesign.estimator.baselines import (
-    ConstantGuess,
-    Estimates,
-    ExtendedKalmanFilter,
-    Injection,
-    Method,
-    NeuralMethod,
-    PseudoRandomSequence,
-    Record,
-    RecursiveLeastSquares,
-    Run,
-    TwoWindows,
-    measure,
-    run_case,
-)
 from vsgdesign.estimator.bound import Bound, probe_bound, sensor_noise, steady_window_bound, windows_bound
+from vsgdesign.estimator.methods import Estimates, Method, all_methods
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe, check_recipe, one_of
+from vsgdesign.estimator.record import Record, Run, measure, run_case
 from vsgdesign.estimator.runnable import runnable_settings
 from vsgdesign.estimator.sampling import with_sampling
 from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.identification import GUESS_SCR, Estimator
+from vsgdesign.identification.interface import ProbeLines
+from vsgdesign.identification.two_windows import TwoWindows
 from vsgdesign.parameters.study import Converter, Study, grid_from_scr
-from vsgdesign.simulation import Probe
 
 Array = NDArray[np.float64]
 
@@ -53,7 +41,7 @@ class ComparisonSettings:
     scr: tuple[float, ...] = (2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
     x_over_r: float = 1.0
     grid_steps: tuple[tuple[float, float], ...] = ((2.0, 8.0), (8.0, 20.0))
-    guess_scr: float = 6.3
+    guess_scr: float = GUESS_SCR
     P_pu: float = 0.5
     Q_pu: float = 0.2
     P_step_pu: float = 0.1
@@ -143,49 +131,6 @@ class Comparison:
     """A sentence on each grid of the settings that the converter cannot be run on; ``settings`` are without them."""
 
 
-def all_methods(
-    study: Study, networks: dict[str, NetworkWeights], recipe: WindowRecipe, guess_scr: float = 6.3
-) -> tuple[Method, ...]:
-    """Every classical method for the windows of a sampled recipe, then each network by name."""
-    guess = grid_from_scr(guess_scr, 1.0, "reactance", study.converter)
-    classical: tuple[Method, ...] = (
-        ConstantGuess(guess),
-        TwoWindows(),
-        RecursiveLeastSquares(guess),
-        ExtendedKalmanFilter(guess),
-        *probing_methods(study.converter, recipe),
-    )
-    return *classical, *(NeuralMethod(weights, name) for name, weights in networks.items())
-
-
-def probing_methods(converter: Converter, recipe: WindowRecipe) -> tuple[Injection, PseudoRandomSequence]:
-    """The two that add a voltage, for the windows of a sampled recipe: whole windows, whole control periods.
-
-    At 50 Hz and the published windows: 75 Hz over two cycles, and a sequence of three cycles, held for 1 ms each.
-    """
-    cycles, T_s = recipe.cycles, converter.T_s
-    nominal_hz = cycles / recipe.update_period  # the grid's own where windows are whole cycles
-    periods = round(recipe.update_period / T_s)
-    long = -(-3 // cycles)
-    injection = Injection(
-        frequency_hz=1.5 * nominal_hz,
-        nominal_hz=nominal_hz,
-        window_cycles=cycles,
-        hold=_near_a_millisecond(2 * periods, T_s),
-        name=f"{1.5 * nominal_hz:.3g} Hz injection",
-    )
-    sequence = PseudoRandomSequence(
-        cycles=long * cycles, nominal_hz=nominal_hz, hold=_near_a_millisecond(long * periods, T_s)
-    )
-    return injection, sequence
-
-
-def _near_a_millisecond(periods: int, T_s: float) -> float:
-    """The time nearest to 1 ms that is whole control periods and divides a probe of so many evenly, s."""
-    divisors = [k for k in range(1, periods + 1) if periods % k == 0]
-    return min(divisors, key=lambda k: abs(math.log(k * T_s / 1e-3))) * T_s
-
-
 def window_of(recipe: WindowRecipe, converter: Converter) -> WindowFormat:
     """What the windows of a recipe are on a converter."""
     sampled = with_sampling(recipe, converter)
@@ -253,7 +198,7 @@ def compare_methods(
     that make no recipe, InfeasibleStudyError where no grid is left, ArtifactError for weights of other windows."""
     settings, left_out = runnable_settings(study, settings or ComparisonSettings())
     recipe = comparison_recipe(study, settings, {name: one.window for name, one in networks.items()})
-    methods = all_methods(study, networks, recipe, settings.guess_scr)
+    methods = methods_of(study, networks, recipe, settings)
     count = len(settings.scr)
     by_probe = probed_runs(study, [(recipe, k) for k in range(count)], methods, settings.seed, progress)
     records = {name: measure(runs, settings.draws) for name, runs in by_probe.items()}
@@ -261,9 +206,7 @@ def compare_methods(
         _accuracy(method, by_probe[probe_name(method)], records[probe_name(method)], count) for method in methods
     )
     disturbances = tuple(
-        _disturbance(method.name, by_probe[""], by_probe[probe_name(method)])
-        for method in methods
-        if method.probe is not None
+        _disturbance(method.name, by_probe[""], by_probe[probe_name(method)]) for method in methods if method.probes
     )
     steps = tuple(
         step for pair in settings.grid_steps for step in _grid_steps(study, recipe, pair, methods, settings, progress)
@@ -272,16 +215,24 @@ def compare_methods(
     return Comparison(settings, accuracy, disturbances, steps, hashes, left_out)
 
 
+def methods_of(
+    study: Study, networks: dict[str, NetworkWeights], recipe: WindowRecipe, settings: ComparisonSettings
+) -> tuple[Method, ...]:
+    """The methods of a comparison on the windows of a sampled recipe, with the guess of its settings."""
+    guess = grid_from_scr(settings.guess_scr, 1.0, "reactance", study.converter)
+    return all_methods(study.converter, networks, recipe, guess)
+
+
 def probe_name(method: Method) -> str:
     """Which of the probed runs a method lives on; empty for those that add nothing."""
-    return "" if method.probe is None else method.name
+    return method.name if method.probes else ""
 
 
 def probed_runs(
     study: Study, cases: Sequence[tuple[WindowRecipe, int]], methods: Sequence[Method], seed: int, progress: Progress
 ) -> dict[str, list[Run]]:
     """Every case (recipe, index) without a probe and with each method's, by :func:`probe_name`."""
-    probes: dict[str, Probe | None] = {"": None} | {probe_name(m): m.probe for m in methods if m.probe is not None}
+    probes: dict[str, Estimator | None] = {"": None} | {probe_name(m): m.estimator for m in methods if m.probes}
     found: dict[str, list[Run]] = {}
     total = len(probes) * len(cases)
     for name, probe in probes.items():
@@ -308,34 +259,31 @@ def judged(errors: Array, groups: int) -> tuple[Array, Array]:
 def _accuracy(method: Method, runs: Sequence[Run], record: Record, count: int) -> Accuracy:
     rms, p95 = judged(relative_errors(record, method.estimate(record)), count)
     bounds = [bound_of_run(method, run) for run in runs]
-    return Accuracy(method.name, method.signals, rms, p95, np.array([np.nan if b is None else b.Z for b in bounds]))
+    bound = np.array([np.nan if one is None else one.Z for one in bounds])
+    return Accuracy(method.name, method.estimator.signals, rms, p95, bound)
 
 
 def bound_of_run(method: Method, run: Run) -> Bound | None:
     """The bound of what a method sees at the end of a run, from the true currents; None where it measures nothing."""
-    recipe, grid = run.recipe, run.grids[-1]
+    recipe, grid, estimator = run.recipe, run.grids[-1], method.estimator
     noise = sensor_noise(run.converter, run.noise, recipe.adc_bits, recipe.adc_range_pu)
     n, h = recipe.samples, recipe.sample_interval
     _, i = run.space_vectors
     i = i * np.exp(-1j * run.omega * h * np.arange(len(i)))
     windows = i.reshape(-1, n).mean(axis=1)
     about = (noise, n, grid.R_g, grid.L_g)
-    if method.signals == "steady":
+    if estimator.signals == "steady":
         return steady_window_bound(complex(windows[-1]), run.omega, *about, known_ratio=True)
-    if isinstance(method, TwoWindows):
+    if isinstance(estimator, TwoWindows):
         # The pair that is still answering: the last that the gate lets pass moves by the gate at least.
-        moved = np.abs(windows[method.apart :] - windows[: -method.apart])
-        last = int(np.flatnonzero(moved > method.gate * np.abs(windows).max())[-1]) if moved.any() else 0
-        return windows_bound(windows[[last, last + method.apart]], run.omega, *about)
-    if method.signals == "windows":
+        moved = np.abs(windows[estimator.apart :] - windows[: -estimator.apart])
+        last = int(np.flatnonzero(moved > estimator.gate * np.abs(windows).max())[-1]) if moved.any() else 0
+        return windows_bound(windows[[last, last + estimator.apart]], run.omega, *about)
+    if estimator.signals == "windows":
         return windows_bound(windows, run.omega, *about)
-    if isinstance(method, Injection):
-        line = method.phasors(i[None, :], len(windows), h)[0, -1]
-        return probe_bound([line], [run.omega + method.slip()], run.omega, noise, n * method.windows, *about[2:])
-    if isinstance(method, PseudoRandomSequence):
-        count = method.period(h)
-        lines, slip = method.lines(i[None, -2 * count :])
-        return probe_bound(lines[0], run.omega + slip, run.omega, noise, count, *about[2:])
+    if isinstance(estimator, ProbeLines):
+        lines, slip, count = estimator.lines(i, h)
+        return probe_bound(lines, run.omega + slip, run.omega, noise, count, *about[2:])
     return None
 
 

@@ -12,11 +12,9 @@ import numpy as np
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.identification.interface import CHANNELS
 from vsgdesign.parameters.toml_file import read_toml
 from vsgdesign.parameters.units import UnitError, parse_quantity
-
-CHANNELS = {"phase_a": 1, "alpha_beta": 2, "dq": 2}
-"""Components of voltage and of current in a window, by name. ``dq`` is the converter's own frame."""
 
 KINDS = ("one_of", "uniform", "log_uniform")
 

@@ -7,34 +7,15 @@ from dataclasses import replace
 
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.estimator.recipes import WindowRecipe
+from vsgdesign.identification.sampling import EXACT, LEAST_PER_CYCLE, MOST_CYCLES, NEAR, choose_window
 from vsgdesign.parameters.study import Converter
-
-INTERVAL = 200e-6
-"""The published spacing of the samples, s: what is not given comes as near to it as the converter allows."""
-
-MOST_CYCLES = 6
-"""Nominal cycles of the longest window that is chosen: a schedule that waits longer than 0.1 s is no longer online."""
-
-LEAST_PER_CYCLE = 8
-"""Control periods of a cycle with which a window can be taken at all."""
-
-PER_CYCLE = (40, 200)
-"""Samples of a cycle in a chosen window, where the control period allows it."""
-
-EXACT = 1e-6
-"""Cycles by which a window that counts as whole may miss a whole number of them: rounding of f_n and T_s."""
-
-NEAR = 5e-3
-"""Cycles by which a chosen window may miss where no whole one exists; a synchronised window is turned back by it."""
 
 
 def with_sampling(recipe: WindowRecipe, converter: Converter) -> WindowRecipe:
     """The recipe with ``sample_interval``, ``samples`` and ``cycles`` filled in for a converter.
 
-    A sample interval is a whole number of control periods T_s. Of what the recipe leaves open, the window is the
-    least number of nominal cycles, up to ``MOST_CYCLES``, that is a whole number of such intervals, and among these
-    the interval is the one nearest to ``INTERVAL``. Where the control period divides no such number of cycles the
-    window is the shortest that misses one by at most ``NEAR``. What the recipe gives is kept. Raises StudyError where
+    A sample interval is a whole number of control periods T_s. What the recipe leaves open is chosen by
+    :func:`vsgdesign.identification.sampling.choose_window`. What the recipe gives is kept. Raises StudyError where
     it does not fit the converter.
     """
     rate = converter.f_sw * converter.samples_per_carrier
@@ -42,37 +23,14 @@ def with_sampling(recipe: WindowRecipe, converter: Converter) -> WindowRecipe:
     if per_cycle < LEAST_PER_CYCLE:
         raise StudyError(f"recipe {recipe.name}", [_too_slow(converter, per_cycle)])
     steps = _given_steps(recipe, converter, rate)
-    found = []
-    for cycles in _cycles(recipe, per_cycle, steps):
-        for step in [steps] if steps else _steps(recipe, per_cycle, cycles):
-            samples = recipe.samples or round(cycles * per_cycle / step)
-            missed = abs(samples * step - cycles * per_cycle) / per_cycle
-            off = abs(math.log(step / rate / INTERVAL))
-            rank = (0, cycles, off) if missed < EXACT else (1, cycles, off) if missed < NEAR else (2, missed, cycles)
-            if samples >= 4:
-                found.append((rank, step, samples, cycles, missed))
-    if not found:
+    plan = choose_window(rate, per_cycle, steps=steps, samples=recipe.samples, cycles=recipe.cycles)
+    if plan is None:
         raise StudyError(f"recipe {recipe.name}", [_too_long(recipe, converter)])
-    _, step, samples, cycles, missed = min(found)
-    if recipe.cycles and missed >= NEAR:
-        raise StudyError(f"recipe {recipe.name}", [_contradiction(recipe, samples, step / rate, cycles, missed)])
-    return replace(recipe, sample_interval=step / rate, samples=samples, cycles=cycles)
-
-
-def _cycles(recipe: WindowRecipe, per_cycle: float, steps: int) -> list[int]:
-    if recipe.cycles:
-        return [recipe.cycles]
-    if recipe.samples and steps:
-        return [max(round(recipe.samples * steps / per_cycle), 1)]
-    return list(range(1, MOST_CYCLES + 1))
-
-
-def _steps(recipe: WindowRecipe, per_cycle: float, cycles: int) -> list[int]:
-    """Control periods that a sample interval may have."""
-    if recipe.samples:
-        return [max(round(cycles * per_cycle / recipe.samples), 1)]
-    least, most = (per_cycle / count for count in reversed(PER_CYCLE))
-    return list(range(max(math.ceil(least), 1), max(math.floor(most), 1) + 1))
+    interval = plan.steps / rate
+    if recipe.cycles and plan.missed >= NEAR:
+        fault = _contradiction(recipe, plan.samples, interval, plan.cycles, plan.missed)
+        raise StudyError(f"recipe {recipe.name}", [fault])
+    return replace(recipe, sample_interval=interval, samples=plan.samples, cycles=plan.cycles)
 
 
 def _given_steps(recipe: WindowRecipe, converter: Converter, rate: float) -> int:

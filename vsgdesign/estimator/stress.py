@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.network_weights import NetworkWeights
-from vsgdesign.estimator.baselines import measure
 from vsgdesign.estimator.comparison import (
     ComparisonSettings,
-    all_methods,
     comparison_recipe,
     judged,
+    methods_of,
     probe_name,
     probed_runs,
     relative_errors,
 )
 from vsgdesign.estimator.recipes import WindowRecipe, one_of
+from vsgdesign.estimator.record import measure
 from vsgdesign.estimator.runnable import nominal_settings, runnable_settings, runnable_values
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import Study
@@ -126,7 +126,7 @@ def stress_methods(
     Raises as :func:`vsgdesign.estimator.comparison.compare_methods`."""
     settings, _ = runnable_settings(study, nominal_settings(settings or STRESS_SETTINGS))
     nominal = comparison_recipe(study, settings, {name: one.window for name, one in networks.items()})
-    methods = all_methods(study, networks, nominal, settings.guess_scr)
+    methods = methods_of(study, networks, nominal, settings)
     omega_n = study.converter.omega_n
     axes, left_out = _runnable(
         study, nominal, stress_axes(omega_n / (2.0 * math.pi)) if axes is None else axes, settings

@@ -36,9 +36,11 @@ from vsgdesign.estimator.sensing import background, measured_channels
 from vsgdesign.execution.processes import worker_processes
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.frames import rotate
+from vsgdesign.identification import Estimator, Probe
 from vsgdesign.parameters.study import Event, Study
-from vsgdesign.simulation import MeasuredWindow, Probe, Recorder, simulate
+from vsgdesign.simulation import MeasuredWindow, Recorder, simulate
 from vsgdesign.simulation.compiling import source_stamp
+from vsgdesign.simulation.estimated import samples_of
 
 BLOCK = 20
 """Scenarios that are made, kept and handed between processes together."""
@@ -60,6 +62,27 @@ class _TwoGains:
 
     def update(self, window: MeasuredWindow) -> PowerLoopGains:
         return self.gains[int(window.t_s > self.change_s + 0.5 * window.sample_interval)]
+
+
+class _Probing:
+    """A scheduler whose windows go to an estimator as well, which says what probe is sent."""
+
+    def __init__(self, scheduler: _TwoGains, prober: Estimator) -> None:
+        self._scheduler, self._prober = scheduler, prober
+        self.update_period, self.sample_interval = scheduler.update_period, scheduler.sample_interval
+        self.probe_hold = prober.needs.probe_hold
+        self._state = prober.first()
+
+    def first_gains(self) -> PowerLoopGains:
+        return self._scheduler.first_gains()
+
+    def wanted(self) -> Probe | None:
+        return self._prober.probe(self._state)
+
+    def update(self, window: MeasuredWindow) -> PowerLoopGains:
+        for samples in samples_of(window, self._prober.needs):
+            self._state, _ = self._prober.update(self._state, samples)
+        return self._scheduler.update(window)
 
 
 def generate_windows(
@@ -183,12 +206,12 @@ def make_block(study: Study, recipe: WindowRecipe, seed: int, indices: range) ->
 
 
 def record_windows(
-    study: Study, recipe: WindowRecipe, scenario: Scenario, probe: Probe | None = None
+    study: Study, recipe: WindowRecipe, scenario: Scenario, prober: Estimator | None = None
 ) -> tuple[list[MeasuredWindow], NDArray[np.bool_], NDArray[np.float64]]:
     """Simulate one scenario: its windows, which come after the change, and v_pcc and i_pcc before the sensors.
 
     The recipe's sampling is filled in. The last is (N, 2, 2, n): voltage and current, α and β, with the background's
-    harmonics.
+    harmonics. ``prober`` is an estimator whose probe is sent, as it wants it from what it sees without sensors' noise.
     """
     period = recipe.update_period
     begins = recipe.settle + recipe.before
@@ -209,8 +232,9 @@ def record_windows(
         Q_ref=Q_ref,
     )
     case = replace(study, grid=scenario.grids[0], grid_source=scenario.source, simulation=spec, events=tuple(events))
-    recorder = Recorder(_TwoGains(scenario.gains, change_s, period, recipe.sample_interval))
-    simulate(case, recorder, probe=probe)
+    scheduler = _TwoGains(scenario.gains, change_s, period, recipe.sample_interval)
+    recorder = Recorder(scheduler if prober is None else _Probing(scheduler, prober))
+    simulate(case, recorder)
     windows = [recorder.windows[k] for k in kept]
     after = np.array([k >= begins for k in kept])
     vectors = np.array([(w.v_pcc.T, w.i_pcc.T) for w in windows])

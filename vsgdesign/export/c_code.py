@@ -20,8 +20,8 @@ from vsgdesign.equations.power_flow import LEAST_SHARE, POWER_MARGIN
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.known_answers import known_answers, known_windows
 from vsgdesign.frames import rated_current_rms, rms_to_peak
+from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.guards import ARRIVED, REASONS, window_settings
-from vsgdesign.runtime.network import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.scheduler import Scheduler, read_table_of, scheduler_of
 
 if TYPE_CHECKING:
@@ -140,6 +140,17 @@ def _check_same_converter(trained: NetworkWeights, base: TableBase) -> None:
             )
 
 
+def network_of(scheduler: Scheduler) -> NeuralEstimator | None:
+    """The network of a scheduler; None where it has no estimator. Raises ArtifactError for an estimator without C."""
+    estimator = scheduler.estimator
+    if estimator is None or isinstance(estimator, NeuralEstimator):
+        return estimator
+    raise ArtifactError(
+        f"there is no C for the estimator {estimator.title} yet, only for a network: export the scheduler without an "
+        "estimator and give it estimates (vsg_update_estimate)."
+    )
+
+
 def export_c(scheduler: Scheduler, origin: Origin, out: str | Path, *, inputs: Iterable[str | Path] = ()) -> ExportedC:
     """C of a scheduler into the folder ``out``, which appears when everything is written.
 
@@ -148,8 +159,8 @@ def export_c(scheduler: Scheduler, origin: Origin, out: str | Path, *, inputs: I
     """
     out, inputs = Path(out), tuple(inputs)
     check_folder_target(out, KIND, inputs, MANIFEST)  # before the work rather than after it
+    estimator = network_of(scheduler)
     texts = render(scheduler, origin)
-    estimator = scheduler.estimator
     manifest = plain(
         {
             "schema": SCHEMA,
@@ -212,7 +223,7 @@ def literal(value: float) -> str:
 
 
 def _content(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
-    lookup, c, estimator = scheduler.lookup, scheduler.settings, scheduler.estimator
+    lookup, c, estimator = scheduler.lookup, scheduler.settings, network_of(scheduler)
     designed = [[node is not None for node in row] for row in lookup.nodes]
     known = known_answers(scheduler)
     content: dict[str, Any] = {
@@ -258,7 +269,7 @@ def _content(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
 
 
 def _constants(scheduler: Scheduler) -> Iterable[tuple[str, str]]:
-    lookup, c, estimator = scheduler.lookup, scheduler.settings, scheduler.estimator
+    lookup, c, estimator = scheduler.lookup, scheduler.settings, network_of(scheduler)
     yield "ROWS", f"{len(lookup.scr)}U"
     yield "COLUMNS", f"{len(lookup.r_over_x)}U"
     for name, value in (
@@ -320,7 +331,7 @@ def _network(estimator: NeuralEstimator, origin: Origin) -> dict[str, Any]:
 
 
 def _figures(scheduler: Scheduler, origin: Origin) -> Mapping[str, str]:
-    lookup, c, estimator = scheduler.lookup, scheduler.settings, scheduler.estimator
+    lookup, c, estimator = scheduler.lookup, scheduler.settings, network_of(scheduler)
     x_low, x_high = 1.0 / c.r_over_x[1], 1.0 / c.r_over_x[0]
     figures = {
         "rated power, nominal voltage": f"{lookup.S_rated:g} VA, {lookup.V_n_rms:g} V phase rms",

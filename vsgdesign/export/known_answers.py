@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.identification.neural import NeuralEstimator
 from vsgdesign.runtime.guards import NO_ESTIMATE, NO_REASON
-from vsgdesign.runtime.network import NeuralEstimator
 from vsgdesign.runtime.scheduler import SAID, Scheduler, advance, first_state
 
 
@@ -80,6 +80,6 @@ def known_windows(estimator: NeuralEstimator) -> tuple[tuple[float, float], list
     for j in range(8):
         v = steps[0] * ((37 * k + 11 * j) % 101 - 50.0)
         i = steps[1] * ((53 * k + 7 * j) % 97 - 48.0)
-        R_g, L_g, status = estimator.estimate(v, i)
+        R_g, L_g, status = estimator.estimate(v, i)[:3]
         found.append((R_g, L_g, SAID[status]))
     return (steps[0], steps[1]), found

@@ -12,7 +12,7 @@ from vsgdesign import __version__
 from vsgdesign.artifacts.files import check_file_target, staged_file
 from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
 from vsgdesign.errors import ArtifactError
-from vsgdesign.runtime.network import fold
+from vsgdesign.identification.neural import fold
 
 PRODUCER = "vsgdesign"
 OPSET = 17

@@ -1,28 +1,48 @@
 """What ships to the controller. Needs NumPy alone."""
 
+from vsgdesign.identification import (
+    ESTIMATORS,
+    Estimate,
+    Estimator,
+    EstimatorKind,
+    Installation,
+    Needs,
+    Probe,
+    Samples,
+    build_estimator,
+)
+from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.closed_form import ClosedFormSchedule, closed_form_schedule
 from vsgdesign.runtime.guards import REASONS, STATUSES, SchedulerSettings, box_settings, settings_of, status_text
 from vsgdesign.runtime.lookup import GainLookup, gain_lookup
-from vsgdesign.runtime.network import Estimate, NeuralEstimator, load_neural_estimator, neural_estimator
+from vsgdesign.runtime.network import load_neural_estimator
 from vsgdesign.runtime.power_controller import PowerController
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.scheduler import Answer, Scheduler, closed_form_scheduler, load_scheduler, scheduler_of
 from vsgdesign.runtime.table import TableSchedule, table_schedule
 
 __all__ = [
+    "ESTIMATORS",
     "REASONS",
     "STATUSES",
     "Answer",
     "ClosedFormSchedule",
     "Estimate",
+    "Estimator",
+    "EstimatorKind",
     "GainLookup",
+    "Installation",
+    "Needs",
     "NeuralEstimator",
     "PowerController",
+    "Probe",
+    "Samples",
     "Schedule",
     "Scheduler",
     "SchedulerSettings",
     "TableSchedule",
     "box_settings",
+    "build_estimator",
     "closed_form_schedule",
     "closed_form_scheduler",
     "gain_lookup",

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError
+from vsgdesign.identification import Estimate, Estimator, Probe
+from vsgdesign.identification.feeding import FedEstimator
+from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.closed_form import ClosedFormSchedule
 from vsgdesign.runtime.guards import (
     ARRIVED,
@@ -37,7 +40,6 @@ from vsgdesign.runtime.guards import (
     window_settings,
 )
 from vsgdesign.runtime.lookup import GainLookup, gain_lookup
-from vsgdesign.runtime.network import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.state import SchedulerState, state_document, state_of
 from vsgdesign.runtime.table import table_schedule
 
@@ -52,7 +54,7 @@ _HALF = 0x80000000
 _OLDEST = 0x7FFFFFFF
 
 SAID = {"ok": NO_REASON, "not finite": NOT_FINITE, "saturated": SATURATED, "outside": IMPLAUSIBLE}
-"""The reason that an estimate's status is."""
+"""Of an estimate's status, the reason that the guards are told; of any other status it is that there was none."""
 
 
 class Answer(NamedTuple):
@@ -197,14 +199,10 @@ def advance(
 class Scheduler:
     """A lookup, its settings, its state, and an estimator if there is one. Not for two threads at once."""
 
-    def __init__(
-        self, lookup: GainLookup, settings: SchedulerSettings, estimator: NeuralEstimator | None = None
-    ) -> None:
+    def __init__(self, lookup: GainLookup, settings: SchedulerSettings, estimator: Estimator | None = None) -> None:
         self.lookup, self.settings, self.estimator = lookup, settings, estimator
         self._state = first_state(lookup, settings)
-        length = 0 if estimator is None else estimator.components * estimator.samples
-        self._window = np.zeros((2, length))
-        self._filled = 0
+        self._fed = None if estimator is None else FedEstimator(estimator)
 
     @property
     def gains(self) -> PowerLoopGains:
@@ -226,29 +224,39 @@ class Scheduler:
         """An update without an estimate: the place goes on to where it was going."""
         return self._advance(NO_ESTIMATE, 0.0, 0.0, P, Q, V_rms, ticks)
 
-    def update(self, v: Any, i: Any, P: float, Q: float, V_rms: float, ticks: int | None = None) -> Answer:
-        """Gains from a window of v (V) and i (A) as the estimator takes them. Raises ArtifactError without one."""
-        R_g, L_g, status = self._trained.estimate(as_numbers(v), as_numbers(i))
-        said = SAID.get(status, IMPLAUSIBLE)
-        return self._advance(said, R_g, L_g, P, Q, V_rms, ticks)
+    @property
+    def probe(self) -> Probe | None:
+        """The probe that the estimator wants to be sent from now on; None: none."""
+        return None if self._fed is None else self._fed.probe
 
-    def push(self, v: Any, i: Any) -> bool:
-        """One sample of v and i, or its components; whether the window is whole. Then samples are left out until
-        :meth:`update_pushed`."""
-        estimator = self._trained
-        k, n = self._filled, estimator.samples
-        if k < n:
-            self._window[0, k::n] = v if type(v) is float else as_numbers(v)
-            self._window[1, k::n] = i if type(i) is float else as_numbers(i)
-            self._filled = k + 1
-        return self._filled == n
+    def update(
+        self, v: Any, i: Any, P: float, Q: float, V_rms: float, ticks: int | None = None, **measured: Any
+    ) -> Answer:
+        """Gains from a window of v (V) and i (A) as the estimator takes them. Raises ArtifactError without one.
+
+        ``measured`` is what else it needs of the window, as in
+        :meth:`vsgdesign.identification.feeding.FedEstimator.window`: ``omega`` for all but a network.
+        """
+        found = self._feeding.window(as_numbers(v), as_numbers(i), **measured)
+        return self._advance_by(found, P, Q, V_rms, ticks)
+
+    def push(self, v: Any, i: Any, **measured: Any) -> bool:
+        """One sample of v and i, or its components; whether an answer is due. Where a window is whole, further samples
+        are left out until :meth:`update_pushed`. ``measured`` as in
+        :meth:`vsgdesign.identification.feeding.FedEstimator.push`."""
+        fed = self._feeding
+        v, i = (x if type(x) is float else as_numbers(x) for x in (v, i))
+        return fed.push(v, i, **measured)
 
     def update_pushed(self, P: float, Q: float, V_rms: float, ticks: int | None = None) -> Answer:
-        """:meth:`update` with the samples pushed, :meth:`hold` while they make no whole window."""
-        if self._filled < self._trained.samples:
+        """:meth:`update` with the samples pushed, :meth:`hold` while no answer is due."""
+        return self._advance_by(self._feeding.answer(), P, Q, V_rms, ticks)
+
+    def _advance_by(self, found: Estimate | None, P: float, Q: float, V_rms: float, ticks: int | None) -> Answer:
+        if found is None:
             return self.hold(P, Q, V_rms, ticks)
-        self._filled = 0
-        return self.update(self._window[0], self._window[1], P, Q, V_rms, ticks)
+        said = SAID.get(found.status, NO_ESTIMATE)
+        return self._advance(said, found.R_g, found.L_g, P, Q, V_rms, ticks)
 
     def start(self, R_g: float, L_g: float) -> PowerLoopGains:
         """Begin on a known grid instead of the safe place. Raises ArtifactError where it is not in the box."""
@@ -270,8 +278,8 @@ class Scheduler:
 
     def state(self) -> dict[str, Any]:
         """Everything remembered, in JSON's types: a restored scheduler goes on to the same bits."""
-        window = self._window if self._filled else self._window[:, :0]
-        return state_document(self._state, self._made_for) | {"filled": self._filled, "window": window.tolist()}
+        fed = None if self._fed is None else self._fed.document()
+        return state_document(self._state, self._made_for) | {"estimator": fed}
 
     def restore(self, document: dict[str, Any]) -> None:
         """Go on from :meth:`state`. Raises ArtifactError where it is no state of this scheduler."""
@@ -279,31 +287,29 @@ class Scheduler:
         box = ((state.scr, c.scr), (state.r_over_x, c.r_over_x), (state.P, c.P), (state.Q, c.Q), (state.V_rms, c.V_rms))
         if not all(low <= value <= high for value, (low, high) in box):
             raise ArtifactError("state: its place or powers are outside the schedule's box; start afresh.")
-        filled, window = document.get("filled"), document.get("window")
-        n = 0 if self.estimator is None else self.estimator.samples
-        try:
-            samples = np.array(window, dtype=float)
-        except (TypeError, ValueError):
-            samples = np.empty(0)
-        whole = isinstance(filled, int) and 0 <= filled <= n
-        if not whole or samples.shape != (self._window.shape if filled else (2, 0)):
-            raise ArtifactError("state.window: is not what this scheduler's window is; start afresh.")
-        self._state, self._filled = state, int(filled)  # type: ignore[arg-type]
-        if filled:
-            self._window[:] = samples
+        fed = document.get("estimator")
+        if self._fed is not None:
+            self._fed.restore(fed)
+        elif fed is not None:
+            raise ArtifactError("state.estimator: there is no estimator to remember it; start afresh.")
+        self._state = state
 
     @cached_property
     def _made_for(self) -> str:
         """What a saved state belongs to."""
         import hashlib  # a third of what all else costs to import, and needed by who saves states alone
 
-        return hashlib.sha256(repr((self.settings, self.lookup)).encode()).hexdigest()
+        title = () if self.estimator is None else (self.estimator.title,)
+        return hashlib.sha256(repr((self.settings, self.lookup, *title)).encode()).hexdigest()
 
     @property
-    def _trained(self) -> NeuralEstimator:
-        if self.estimator is None:
-            raise ArtifactError("no network: load the scheduler with weights, or give estimates (update_estimate).")
-        return self.estimator
+    def _feeding(self) -> FedEstimator:
+        if self._fed is None:
+            raise ArtifactError(
+                "no network and no other estimator: load the scheduler with weights, build one of ESTIMATORS, or give "
+                "estimates (update_estimate)."
+            )
+        return self._fed
 
     def _advance(
         self, said: int, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int | None
@@ -344,11 +350,11 @@ def _whole(ticks: Any) -> int:
     raise ValueError(f"ticks = {ticks!r}: must be a whole number, the value of a counter.")
 
 
-def scheduler_of(table: GainTable, estimator: NeuralEstimator | None = None, **changes: Any) -> Scheduler:
+def scheduler_of(table: GainTable, estimator: Estimator | None = None, **changes: Any) -> Scheduler:
     """The scheduler of a table; ``changes`` to its settings as in :func:`vsgdesign.runtime.guards.settings_of`."""
     lookup = gain_lookup(table_schedule(table), V_n_rms=table.base.V_rated_rms)
     settings = settings_of(table, **changes)
-    if estimator is not None:
+    if isinstance(estimator, NeuralEstimator):
         _check_same_case(lookup, settings, estimator)
     return Scheduler(lookup, settings, estimator)
 
@@ -360,7 +366,7 @@ def closed_form_scheduler(
     V_n_rms: float,
     S_rated: float = 0.0,
     scr_basis: str = "impedance",
-    estimator: NeuralEstimator | None = None,
+    estimator: Estimator | None = None,
 ) -> Scheduler:
     """The scheduler of a closed form: the Jacobian from measured P, Q, V, no table.
 

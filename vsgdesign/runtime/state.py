@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError
 
-SCHEMA = 1
+SCHEMA = 2
 
 _WHOLE = ("started", "ticks", "age", "agreed")
 

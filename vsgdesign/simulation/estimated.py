@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +14,9 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError
 from vsgdesign.frames import rms_to_peak, rotate, rotate_back
+from vsgdesign.identification import STATUSES, Needs, Samples
+from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.runtime.network import STATUSES, NeuralEstimator, neural_estimator
 from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.online import MeasuredWindow
 from vsgdesign.simulation.timeline import Timeline
@@ -22,7 +24,7 @@ from vsgdesign.simulation.timeline import Timeline
 Array = NDArray[np.float64]
 
 NO_DESIGN = "no design"
-"""The schedule has no gains for this estimate, so the gains before go on. Other statuses: runtime.network.STATUSES."""
+"""The schedule has no gains for this estimate, so the gains before go on. Other statuses: identification.STATUSES."""
 
 ALL_STATUSES = (*STATUSES, NO_DESIGN)
 
@@ -99,8 +101,8 @@ class EstimatedScheduler:
 
     def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
         """Gains for the estimated grid, None to go on as before."""
-        v, i = window_channels(window, self._window.channels, self._window.synchronised)
-        R_g, L_g, status = self._estimator.estimate(v, i)
+        (samples,) = samples_of(window, self._estimator.needs)
+        R_g, L_g, status = self._estimator.update(self._estimator.first(), samples)[1][:3]
         gains, limited = self._answers.to(window, R_g, L_g)
         if gains is None and math.isfinite(R_g):
             status = NO_DESIGN
@@ -183,6 +185,17 @@ def estimator_of(study: Study, spec: ControllerSpec, weights: NetworkWeights) ->
         v_limit=v_limit,
         i_limit=i_limit,
     )
+
+
+def samples_of(window: MeasuredWindow, needs: Needs) -> Iterator[Samples]:
+    """A window as an estimator takes it: at once, or in equal parts one after another. The grid's phase is lent to an
+    estimator that needs it alone."""
+    v, i = window_channels(window, needs.channels, needs.grid_phase)
+    sent = window.sent_values
+    for first in range(0, len(window.theta), needs.samples):
+        part = slice(first, first + needs.samples)
+        limited = window.limited if first == 0 else 0
+        yield Samples(v[..., part], i[..., part], window.omega, window.theta[part], sent[part], limited)
 
 
 def window_channels(window: MeasuredWindow, channels: str, synchronised: bool) -> tuple[Array, Array]:

@@ -7,10 +7,10 @@ import numpy as np
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, NoOperatingPointError
+from vsgdesign.identification.neural import NeuralEstimator
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.parameters.study import ControllerSpec, GridSource, Study
 from vsgdesign.runtime.guards import LIMITED
-from vsgdesign.runtime.network import NeuralEstimator
 from vsgdesign.runtime.of_study import follows_measured, gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.simulation.gains import GainChange, gain_changes

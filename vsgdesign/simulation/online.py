@@ -11,7 +11,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,10 @@ from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.filters import FilterGrid, pcc_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.identification import Probe
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.probing import HeldProbe
 from vsgdesign.simulation.timeline import Timeline
 
 Array = NDArray[np.float64]
@@ -58,6 +60,15 @@ class MeasuredWindow:
     source_phase: float
     """Angle of the grid source's space vector at the first sample, rad. No converter can measure it: it is what
     a window that is synchronised with the grid is given."""
+    sent: NDArray[np.complex128] | None = None
+    """(n): the probe as it was sent; None: none was."""
+    limited: int = 0
+    """Of the samples, in how many the converter limited its current."""
+
+    @property
+    def sent_values(self) -> NDArray[np.complex128]:
+        """(n): the probe as it was sent, zeros where none was."""
+        return np.zeros(len(self.theta), dtype=complex) if self.sent is None else self.sent
 
 
 class OnlineScheduler(Protocol):
@@ -79,6 +90,20 @@ class OnlineScheduler(Protocol):
 
     def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
         """Gains from the end of the window on; None: go on as before."""
+        ...
+
+
+@runtime_checkable
+class ProbingScheduler(Protocol):
+    """A scheduler that asks for a probe, too."""
+
+    @property
+    def probe_hold(self) -> float | None:
+        """For how long each value of its probes is held, s; None: it asks for none."""
+        ...
+
+    def wanted(self) -> Probe | None:
+        """The probe from now on."""
         ...
 
 
@@ -125,6 +150,15 @@ class HeldBack:
         self._waiting.clear()
         return self.scheduler.first_gains()
 
+    @property
+    def probe_hold(self) -> float | None:
+        """That of the scheduler."""
+        return _probe_hold(self.scheduler)
+
+    def wanted(self) -> Probe | None:
+        """What the scheduler wants; a probe is not held back."""
+        return _wanted(self.scheduler)
+
     def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
         """What the scheduler said ``windows`` updates ago."""
         self._waiting.append(self.scheduler.update(window))
@@ -155,12 +189,29 @@ class Recorder:
         self.answers.clear()
         return self.scheduler.first_gains()
 
+    @property
+    def probe_hold(self) -> float | None:
+        """That of the scheduler."""
+        return _probe_hold(self.scheduler)
+
+    def wanted(self) -> Probe | None:
+        """What the scheduler wants."""
+        return _wanted(self.scheduler)
+
     def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
         """What the scheduler says."""
         answer = self.scheduler.update(window)
         self.windows.append(window)
         self.answers.append(answer)
         return answer
+
+
+def _probe_hold(scheduler: OnlineScheduler) -> float | None:
+    return scheduler.probe_hold if isinstance(scheduler, ProbingScheduler) else None
+
+
+def _wanted(scheduler: OnlineScheduler) -> Probe | None:
+    return scheduler.wanted() if isinstance(scheduler, ProbingScheduler) else None
 
 
 def pcc_vectors(log: Array, circuit: FilterGrid) -> tuple[Array, Array]:
@@ -182,6 +233,13 @@ class ListedGains:
         # What the controller is told takes effect at the first sample at or after its time.
         self._at = {max(math.ceil(change.t_s / T_s - 1e-6), 0): change.gains for change in changes}
         self.log_samples = 0
+        self.probe_hold: float | None = None
+        self.held: HeldProbe | None = None
+        """The run's probe, if it sends one."""
+
+    def wanted(self) -> Probe | None:
+        """No probe."""
+        return None
 
     def first(self) -> PowerLoopGains:
         """Gains from t = 0 on."""
@@ -212,6 +270,14 @@ class OnlineGains:
         self._T_s, self._circuit = T_s, study.circuit()
         self._gains = scheduler.first_gains()
         self.changes = [GainChange(0.0, self._gains)]
+        self.probe_hold = _probe_hold(scheduler)
+        self.held: HeldProbe | None = None
+        """The run's probe, if it sends one."""
+        self._wanted = _wanted(scheduler)
+
+    def wanted(self) -> Probe | None:
+        """The probe that the scheduler wants since its last update."""
+        return self._wanted
 
     def first(self) -> PowerLoopGains:
         """Gains from t = 0 on."""
@@ -228,6 +294,8 @@ class OnlineGains:
         if sample == 0 or sample % self._period:
             return present
         answer = self._scheduler.update(self._window(sample, present, state, refs, log, log_every))
+        if self.held is not None:
+            self._wanted = _wanted(self._scheduler)
         if answer is None or answer == present:
             return present
         self.changes.append(GainChange(sample * self._T_s, answer))
@@ -261,6 +329,7 @@ class OnlineGains:
             refs=refs,
             gains=gains,
             source_phase=self._timeline.source_at((begin + 1e-6) * self._T_s).phase,
+            sent=None if self.held is None else self.held.sent_over(begin, sample, self._every),
         )
 
     def _circuit_over(self, begin: int, end: int) -> FilterGrid:

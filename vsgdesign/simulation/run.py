@@ -17,6 +17,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.frames import rms_to_peak
+from vsgdesign.identification import Probe
 from vsgdesign.operating_point.plant import plant_step
 from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state
 from vsgdesign.parameters.study import Grid, GridSource, Study
@@ -24,7 +25,7 @@ from vsgdesign.simulation.compiling import compile_function, source_stamp
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.kernel import LOG_COLUMNS, Bridge, run_stretch
 from vsgdesign.simulation.online import ListedGains, OnlineGains, OnlineScheduler
-from vsgdesign.simulation.probing import HeldProbe, Probe, add_offset
+from vsgdesign.simulation.probing import HeldProbe, add_offset
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
 
 _RAMP_STRETCH = 0.02
@@ -95,9 +96,9 @@ def simulate(
     that is asked for them during the run.
 
     ``bridge`` overrides the study's ("averaged" or "pwm"); ``log_states`` keeps the controller's states at the
-    first so many samples; ``probe`` adds a voltage to the converter's own. Raises InfeasibleStudyError where the
-    start has no steady state or a scheduler's or probe's period does not fit the sampling, and
-    SimulationDivergedError where a state is no longer a number.
+    first so many samples; ``probe`` is sent from t = 0 on, in place of one that the scheduler asks for. Raises
+    InfeasibleStudyError where the start has no steady state or a scheduler's or probe's period does not fit the
+    sampling, and SimulationDivergedError where a state is no longer a number.
     """
     timeline = build_timeline(study)
     settings = study.controller_settings()
@@ -120,7 +121,9 @@ def simulate(
     loop_seconds = 0.0
     no_rows = np.empty((0, controller_log.shape[1]))
     gains = feed.first()
-    held = None if probe is None else HeldProbe(probe, study)
+    hold = feed.probe_hold if probe is None else probe.hold
+    held = None if hold is None else HeldProbe(hold, study, samples)
+    feed.held = held
     cuts = feed.cuts(samples) if held is None else feed.cuts(samples) | held.cuts(samples)
     for first, count in _stretches(study, timeline, cuts, samples):
         lengths, plant, sources = _pieces(timeline, plants, first, T_s)
@@ -137,6 +140,8 @@ def simulate(
         states = controller_log[first:] if first < len(controller_log) else no_rows
         added = None
         if held is not None:
+            held.ask(first, feed.wanted() if probe is None else probe)
+            refs = held.references(first, refs)
             added = held.offset(first, state.V)
             state = add_offset(state, *added)
         begin = time.perf_counter()

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from vsgdesign.estimator.baselines.record import SIGNAL_SETS
 from vsgdesign.estimator.comparison import WITHIN, Comparison
 from vsgdesign.estimator.stress import Stress
+from vsgdesign.identification import SIGNAL_SETS
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.page.html import write_html
 from vsgdesign.report.page.table import Table

@@ -1,0 +1,133 @@
+"""What every method is given: the same runs, through the same sensors, cut into the same windows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vsgdesign.estimator.bound import SensorNoise, sensor_noise
+from vsgdesign.estimator.recipes import WindowRecipe
+from vsgdesign.estimator.scenarios import draw_scenario
+from vsgdesign.estimator.sensing import measured_channels
+from vsgdesign.estimator.windows import record_windows, synchronised_vectors
+from vsgdesign.frames import instantaneous_power
+from vsgdesign.identification import Estimator
+from vsgdesign.identification.interface import CHANNELS, Array, ComplexArray
+from vsgdesign.parameters.study import Converter, Grid, Study
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One run before its sensors: W windows of n samples that follow each other, the first ``before`` at rest."""
+
+    converter: Converter
+    recipe: WindowRecipe
+    vectors: Array
+    """(W, 2, 2, n): v_pcc and i_pcc, α and β, peak."""
+    synchronised: Array
+    """The same turned so that a grid of nominal frequency begins every window at the same angle: what a network of
+    synchronised windows is shown. Equal where windows are whole cycles."""
+    theta: Array
+    """(W, n): the converter's angle, rad."""
+    sent: ComplexArray
+    """(W, n): the probe as it was sent."""
+    omega: float
+    """The converter's mean frequency in the windows at rest, rad/s: the grid's, as a converter knows it."""
+    grids: tuple[Grid, ...]
+    """The grid of each window."""
+    noise: tuple[float, float]
+    """Of voltage and current, relative to the rated peak."""
+    seed: tuple[int, ...]
+
+    @property
+    def space_vectors(self) -> tuple[ComplexArray, ComplexArray]:
+        """(W·n,) v_pcc and i_pcc as α + jβ, before the sensors."""
+        v, i = (self.vectors[:, k, 0] + 1j * self.vectors[:, k, 1] for k in range(2))
+        return v.ravel(), i.ravel()
+
+    @property
+    def powers(self) -> tuple[Array, Array]:
+        """(W·n,) instantaneous P (W) and Q (var)."""
+        v, i = self.space_vectors
+        P, Q = instantaneous_power(v.real, v.imag, i.real, i.imag)
+        return np.asarray(P), np.asarray(Q)
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """B measured runs of W windows of n samples, SI, peak. All runs have the same sampling."""
+
+    channels: dict[str, Array]
+    """(B, W, 2·C·n) by name of identification.interface.CHANNELS, SI, peak: v, then i, of C components of n samples."""
+    synchronised: dict[str, Array]
+    """The same from windows that a grid of nominal frequency begins at the same angle; equal where they are whole
+    cycles."""
+    theta: Array
+    """(B, W, n): the converter's angle, rad."""
+    sent: ComplexArray
+    """(B, W, n): the probe as it was sent."""
+    omega: Array
+    """(B,): the grid's frequency as the converter knows it, rad/s."""
+    R_g: Array
+    L_g: Array
+    """(B, W): the truth, Ω and H."""
+    noise: tuple[SensorNoise, ...]
+    """(B,): what the sensors add."""
+    sample_interval: float
+    samples: int
+
+    @property
+    def windows(self) -> int:
+        """Windows of a run, W."""
+        return self.R_g.shape[1]
+
+
+def run_case(study: Study, recipe: WindowRecipe, index: int, seed: int = 0, prober: Estimator | None = None) -> Run:
+    """Simulate one scenario of a recipe whose windows follow each other (``every`` 1, ``skip`` 0), with the probe that
+    an estimator wants."""
+    scenario = draw_scenario(study, recipe, seed, index)
+    windows, after, vectors = record_windows(study, recipe, scenario, prober)
+    theta = np.array([window.theta for window in windows])
+    sent = np.array([window.sent_values for window in windows])
+    at_rest = np.unwrap(theta[~after].ravel())
+    slope = np.polynomial.polynomial.polyfit(np.arange(len(at_rest)) * recipe.sample_interval, at_rest, 1)[1]
+    grids = tuple(scenario.grids[int(later)] for later in after)
+    turned = synchronised_vectors(study, recipe, windows, vectors)
+    return Run(
+        study.converter, recipe, vectors, turned, theta, sent, float(slope), grids, scenario.noise, scenario.seed
+    )
+
+
+def measure(runs: Sequence[Run], draws: int = 1) -> Record:
+    """The runs through their sensors, ``draws`` times each with noise of its own: B = runs × draws, run by run."""
+    first = runs[0]
+    c = first.converter
+    plain, synchronised = ({channels: [] for channels in CHANNELS} for _ in range(2))
+    for run in runs:
+        for draw in range(draws):
+            for channels in CHANNELS:
+                recipe = replace(run.recipe, channels=channels)
+
+                def seen(vectors: Array, run: Run = run, draw: int = draw, recipe: WindowRecipe = recipe) -> Array:
+                    rng = np.random.default_rng((*run.seed, 2, draw))  # the same sensors, seen in several ways
+                    return measured_channels(c, recipe, vectors, run.theta, run.noise, rng)
+
+                windows = seen(run.vectors)
+                plain[channels].append(windows)
+                same = run.synchronised is run.vectors
+                synchronised[channels].append(windows if same else seen(run.synchronised))
+    repeated = [run for run in runs for _ in range(draws)]
+    return Record(
+        channels={name: np.array(windows) for name, windows in plain.items()},
+        synchronised={name: np.array(windows) for name, windows in synchronised.items()},
+        theta=np.array([run.theta for run in repeated]),
+        sent=np.array([run.sent for run in repeated]),
+        omega=np.array([run.omega for run in repeated]),
+        R_g=np.array([[grid.R_g for grid in run.grids] for run in repeated]),
+        L_g=np.array([[grid.L_g for grid in run.grids] for run in repeated]),
+        noise=tuple(sensor_noise(c, run.noise, run.recipe.adc_bits, run.recipe.adc_range_pu) for run in repeated),
+        sample_interval=first.recipe.sample_interval,
+        samples=first.recipe.samples,
+    )

@@ -1,0 +1,30 @@
+"""Ways to measure the grid's impedance, as they run on a controller: one interface, one file each. NumPy alone."""
+
+from vsgdesign.identification.interface import (
+    SIGNAL_SETS,
+    STATUSES,
+    Estimate,
+    Estimator,
+    EstimatorKind,
+    Installation,
+    Needs,
+    Probe,
+    Samples,
+)
+from vsgdesign.identification.registry import ESTIMATORS, GUESS_SCR, build_estimator, estimator_kind
+
+__all__ = [
+    "ESTIMATORS",
+    "GUESS_SCR",
+    "SIGNAL_SETS",
+    "STATUSES",
+    "Estimate",
+    "Estimator",
+    "EstimatorKind",
+    "Installation",
+    "Needs",
+    "Probe",
+    "Samples",
+    "build_estimator",
+    "estimator_kind",
+]

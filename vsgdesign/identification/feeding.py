@@ -1,0 +1,143 @@
+"""An estimator with what it remembers, fed with windows or sample by sample, as a controller does."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.errors import ArtifactError
+from vsgdesign.identification.interface import CHANNELS, Array, Estimate, Estimator, Probe, Samples
+from vsgdesign.identification.memory import memory_document, memory_of
+
+_NAN = float("nan")
+
+
+class FeedState(NamedTuple):
+    """What is remembered from one sample to the next."""
+
+    memory: Any
+    """The estimator's own state."""
+    filled: int
+    """Samples of the present window so far."""
+    limited: int
+    """In how many of them the current was limited."""
+    omega: float
+    """The converter's frequency at the last of them, rad/s."""
+    window: Array
+    """(2, C, filled): voltage and current, components, samples."""
+    theta: Array
+    """(filled,): rad."""
+    sent: NDArray[np.complex128]
+    """(filled,)."""
+
+
+class FedEstimator:
+    """For one converter, and not for two threads at once: it remembers."""
+
+    def __init__(self, estimator: Estimator) -> None:
+        self.estimator = estimator
+        self._memory = estimator.first()
+        needs = estimator.needs
+        self.samples, self._components = needs.samples, CHANNELS[needs.channels]
+        self._window = np.zeros((2, self._components * self.samples))
+        self._theta = np.full(self.samples, _NAN)
+        self._sent: NDArray[np.complex128] = np.zeros(self.samples, dtype=complex)
+        self._omega, self._limited, self._filled = _NAN, 0, 0
+        self._due: Estimate | None = None
+        self._no_theta = np.full(self.samples, _NAN)
+        self._no_probe: NDArray[np.complex128] = np.zeros(self.samples, dtype=complex)
+
+    @property
+    def probe(self) -> Probe | None:
+        """The probe that is to be sent from now on."""
+        return self.estimator.probe(self._memory)
+
+    def window(
+        self,
+        v: Array,
+        i: Array,
+        omega: float = _NAN,
+        theta: Array | None = None,
+        sent: NDArray[np.complex128] | None = None,
+        limited: int = 0,
+    ) -> Estimate | None:
+        """The estimate after as many samples as the estimator takes at once; None where no answer is due.
+
+        Arguments as in :class:`vsgdesign.identification.Samples`; what is not measured is left out. Raises
+        ArtifactError for another number of samples.
+        """
+        half = self._components * self.samples
+        if v.size != half or i.size != half or v.shape != i.shape:
+            raise ArtifactError(
+                f"window: v has shape {v.shape}, i {i.shape}; {self.estimator.title} takes {self._components} × "
+                f"{self.samples} samples of each."
+            )
+        samples = Samples(
+            v,
+            i,
+            omega,
+            self._no_theta if theta is None else theta,
+            self._no_probe if sent is None else sent,
+            limited,
+        )
+        self._memory, found = self.estimator.update(self._memory, samples)
+        return found
+
+    def push(
+        self, v: Any, i: Any, omega: float = _NAN, theta: float = _NAN, sent: complex = 0j, limited: bool = False
+    ) -> bool:
+        """One sample of v and i, or its components; whether an answer is due.
+
+        Where a window is whole, further samples are left out until :meth:`answer`; an estimator that is fed sample by
+        sample goes on.
+        """
+        k, n = self._filled, self.samples
+        if k < n:
+            self._window[0, k::n] = v
+            self._window[1, k::n] = i
+            self._theta[k], self._sent[k] = theta, sent
+            self._omega = omega
+            self._limited += bool(limited)
+            self._filled = k + 1
+        if n == 1:
+            self._due = self._taken() or self._due
+            return self._due is not None
+        return self._filled == n
+
+    def answer(self) -> Estimate | None:
+        """The estimate that is due; None where there is none."""
+        if self.samples == 1:
+            found, self._due = self._due, None
+            return found
+        return self._taken() if self._filled == self.samples else None
+
+    def _taken(self) -> Estimate | None:
+        found = self.window(self._window[0], self._window[1], self._omega, self._theta, self._sent, self._limited)
+        self._filled = self._limited = 0
+        return found
+
+    def state(self) -> FeedState:
+        """Everything remembered but an answer that is due and was not taken yet."""
+        kept = self._filled
+        window = self._window.reshape(2, self._components, -1)[:, :, :kept].copy()
+        theta, sent = self._theta[:kept].copy(), self._sent[:kept].copy()
+        return FeedState(self._memory, kept, self._limited, self._omega, window, theta, sent)
+
+    def document(self) -> dict[str, Any]:
+        """:meth:`state` in JSON's types."""
+        return memory_document(self.state())
+
+    def restore(self, document: Any) -> None:
+        """Go on from :meth:`document`, to the same bits. Raises ArtifactError where it is none of this estimator."""
+        state: FeedState = memory_of(document, FedEstimator(self.estimator).state(), "state.estimator")
+        kept = state.filled
+        whole = 0 <= kept <= self.samples and state.window.shape == (2, self._components, kept)
+        if not whole or not state.theta.shape == state.sent.shape == (kept,):
+            raise ArtifactError("state.estimator.window: is not what this estimator's window is; start afresh.")
+        self._memory, self._filled = state.memory, kept
+        self._limited, self._omega = state.limited, state.omega
+        self._window.reshape(2, self._components, -1)[:, :, :kept] = state.window
+        self._theta[:kept], self._sent[:kept] = state.theta, state.sent
+        self._due = None

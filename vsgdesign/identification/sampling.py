@@ -1,0 +1,79 @@
+"""How windows are sampled on a converter: whole control periods, whole cycles of the grid."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+INTERVAL = 200e-6
+"""The published spacing of the samples, s: what is not given comes as near to it as the converter allows."""
+
+MOST_CYCLES = 6
+"""Nominal cycles of the longest window that is chosen: a schedule that waits longer than 0.1 s is no longer online."""
+
+LEAST_PER_CYCLE = 8
+"""Control periods of a cycle with which a window can be taken at all."""
+
+PER_CYCLE = (40, 200)
+"""Samples of a cycle in a chosen window, where the control period allows it."""
+
+EXACT = 1e-6
+"""Cycles by which a window that counts as whole may miss a whole number of them: rounding of f_n and T_s."""
+
+NEAR = 5e-3
+"""Cycles by which a chosen window may miss where no whole one exists; a synchronised window is turned back by it."""
+
+
+class WindowPlan(NamedTuple):
+    """How a window is sampled."""
+
+    steps: int
+    """Control periods between two samples."""
+    samples: int
+    cycles: int
+    missed: float
+    """Cycles by which it misses a whole number of them."""
+
+
+def choose_window(
+    rate: float, per_cycle: float, *, steps: int = 0, samples: int = 0, cycles: int = 0
+) -> WindowPlan | None:
+    """The window of a converter that samples ``rate`` times a second, ``per_cycle`` times in a nominal cycle.
+
+    Of what is left open (0), the window is the least number of nominal cycles, up to ``MOST_CYCLES``, that is a whole
+    number of sample intervals, and among these the interval is the one nearest to ``INTERVAL``. Where the control
+    period divides no such number of cycles the window is the shortest that misses one by at most ``NEAR``. None where
+    no window has four samples.
+    """
+    found = []
+    for whole in _cycles(per_cycle, steps, samples, cycles):
+        for step in [steps] if steps else _steps(per_cycle, samples, whole):
+            count = samples or round(whole * per_cycle / step)
+            missed = abs(count * step - whole * per_cycle) / per_cycle
+            off = abs(math.log(step / rate / INTERVAL))
+            rank = (0, whole, off) if missed < EXACT else (1, whole, off) if missed < NEAR else (2, missed, whole)
+            if count >= 4:
+                found.append((rank, step, count, whole, missed))
+    return WindowPlan(*min(found)[1:]) if found else None
+
+
+def _cycles(per_cycle: float, steps: int, samples: int, cycles: int) -> list[int]:
+    if cycles:
+        return [cycles]
+    if samples and steps:
+        return [max(round(samples * steps / per_cycle), 1)]
+    return list(range(1, MOST_CYCLES + 1))
+
+
+def _steps(per_cycle: float, samples: int, cycles: int) -> list[int]:
+    """Control periods that a sample interval may have."""
+    if samples:
+        return [max(round(cycles * per_cycle / samples), 1)]
+    least, most = (per_cycle / count for count in reversed(PER_CYCLE))
+    return list(range(max(math.ceil(least), 1), max(math.floor(most), 1) + 1))
+
+
+def near_a_millisecond(periods: int, T_s: float) -> float:
+    """The time nearest to 1 ms that is whole control periods and divides a probe of so many evenly, s."""
+    divisors = [k for k in range(1, periods + 1) if periods % k == 0]
+    return min(divisors, key=lambda k: abs(math.log(k * T_s / 1e-3))) * T_s
