@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
+import sys
 from collections.abc import Generator
 from typing import Any
 
 import pytest
 from hypothesis import settings
+
+# Before NumPy is loaded, here and in the processes that tests start. Two workers have two cores, and matrices here are
+# small: a second BLAS thread spent up to ten times the processor's time on waiting for the first.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Each of some eighty processes that tests start would otherwise compile the whole package again.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # The same examples in every run, and no deadline: a machine that is busy is no fault of the code.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
@@ -18,6 +28,17 @@ settings.load_profile("repeatable")
 # would wait for nothing.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_finish() -> None:
+    """What is loaded by now stays: the collector need not look through it again and again."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 50)
+    # Pictures of a third of the product's resolution: what tests see of a PNG is that it is one, and the same twice.
+    style: Any = sys.modules.get("vsgdesign.report.drawing.style")
+    if style is not None:
+        style._LOOK["savefig.dpi"] = 72
 
 
 NO_SKIPS = bool(os.environ.get("VSGDESIGN_NO_SKIPS"))

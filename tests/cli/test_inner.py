@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,24 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
+@pytest.fixture(scope="session")
+def designed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What :func:`open_study` keeps of this study, once for all tests that ask for gains that are there already."""
+    path = tmp_path_factory.mktemp("designed") / "mine.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(designing, "Effort", lambda: QUICK)
+        open_study(path)
+    return inner_loops_file(path)
+
+
+@pytest.fixture
+def kept(study: Path, designed: Path) -> Path:
+    """The study with its designed gains beside it."""
+    shutil.copy(designed, inner_loops_file(study))
+    return study
+
+
 def test_designed_once_and_the_same_ever_after(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
     first = open_study(study, say=said.append)
@@ -59,41 +78,39 @@ def test_designed_once_and_the_same_ever_after(study: Path, monkeypatch: pytest.
     assert file.read_bytes() == before
 
 
-def test_a_changed_datasheet_is_designed_again_and_said(study: Path) -> None:
-    open_study(study)
-    study.write_text(TEXT.replace("[0.5, 5]", "[0.5, 4]") + '[filter]\nL_1 = "2 mH"\n', encoding="utf-8")
+def test_a_changed_datasheet_is_designed_again_and_said(kept: Path) -> None:
+    kept.write_text(TEXT.replace("[0.5, 5]", "[0.5, 4]") + '[filter]\nL_1 = "2 mH"\n', encoding="utf-8")
     said: list[str] = []
-    changed = open_study(study, say=said.append)
+    changed = open_study(kept, say=said.append)
     assert "filter.L_1 (0.003, now 0.002)" in said[0]
     assert "x_over_r" in said[0]
-    assert read_inner_loops_file(inner_loops_file(study)).gains == changed.inner_gains
+    assert read_inner_loops_file(inner_loops_file(kept)).gains == changed.inner_gains
 
 
-def test_what_the_design_does_not_depend_on_changes_nothing(study: Path) -> None:
-    first = open_study(study)
-    study.write_text(TEXT.replace('"2 kW"', '"3 kW"') + '[study]\ntitle = "another"\n', encoding="utf-8")
+def test_what_the_design_does_not_depend_on_changes_nothing(kept: Path) -> None:
+    first = open_study(kept)
+    kept.write_text(TEXT.replace('"2 kW"', '"3 kW"') + '[study]\ntitle = "another"\n', encoding="utf-8")
     said: list[str] = []
-    assert open_study(study, say=said.append).inner_gains == first.inner_gains
+    assert open_study(kept, say=said.append).inner_gains == first.inner_gains
     assert said == []
 
 
-def test_a_base_brings_its_designed_gains(study: Path) -> None:
-    first = open_study(study)
-    above = study.with_name("above.toml")
+def test_a_base_brings_its_designed_gains(kept: Path) -> None:
+    first = open_study(kept)
+    above = kept.with_name("above.toml")
     above.write_text('base = "mine.toml"\n[grid]\nscr = 5\n', encoding="utf-8")
     assert open_study(above).inner_gains == first.inner_gains
     assert not inner_loops_file(above).exists()
 
 
-def test_a_file_that_somebody_changed_is_refused_and_left(study: Path) -> None:
-    open_study(study)
-    file = inner_loops_file(study)
+def test_a_file_that_somebody_changed_is_refused_and_left(kept: Path) -> None:
+    file = inner_loops_file(kept)
     text = file.read_text().replace('"K_ff": ', '"K_ff": 1')
     file.write_text(text)
     with pytest.raises(ArtifactError, match="sha256"):
-        open_study(study)
+        open_study(kept)
     assert file.read_text() == text
-    assert "sha256" in failure(2, "simulate", study)
+    assert "sha256" in failure(2, "simulate", kept)
 
 
 def test_somebody_elses_file_of_that_name_is_left(study: Path) -> None:
@@ -113,12 +130,12 @@ def test_a_folder_that_may_not_be_written_to_is_no_hindrance(study: Path, monkey
     assert "could not be kept" in said[0]
 
 
-def test_validate_designs_nothing(study: Path) -> None:
+def test_validate_designs_nothing(study: Path, designed: Path) -> None:
     _, sentence = check_study(study)
     assert "still to be designed" in sentence
     assert "still to be designed" in call("validate", study).stdout
     assert not inner_loops_file(study).exists()
-    open_study(study)
+    shutil.copy(designed, inner_loops_file(study))
     assert "mine.inner.json" in call("validate", study).stdout
 
 
@@ -160,10 +177,10 @@ def test_faults_are_told_before_anything_is_designed(study: Path) -> None:
     assert not inner_loops_file(study).exists()
 
 
-def test_a_run_says_the_same_of_them(study: Path, tmp_path: Path) -> None:
+def test_a_run_says_the_same_of_them(kept: Path, tmp_path: Path) -> None:
     """Scenario and verb: one document, one text."""
-    alone = json.loads(call("inner", study, "--no-what-if", "--json").stdout)
-    result = call("run", study, "--out", tmp_path / "out")
+    alone = json.loads(call("inner", kept, "--no-what-if", "--json").stdout)
+    result = call("run", kept, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     in_run = json.loads((tmp_path / "out" / "results.json").read_text())["inner_loops"]
     assert in_run == alone
@@ -171,9 +188,9 @@ def test_a_run_says_the_same_of_them(study: Path, tmp_path: Path) -> None:
     assert headline(alone).split(":")[0] in page
 
 
-def test_the_answer_names_the_worst_first(study: Path) -> None:
+def test_the_answer_names_the_worst_first(kept: Path) -> None:
     """Unstable grids, then cells unstable with power loops, then a filter that is off, then a missed promise."""
-    good = json.loads(call("inner", study, "--no-what-if", "--json").stdout)
+    good = json.loads(call("inner", kept, "--no-what-if", "--json").stdout)
     of, analysed = good["grids"]["of"], good["full_order"]["analysed"]
     worse = good | {"kept": False, "score": 0.5, "full_order": good["full_order"] | {"stable": analysed}}
     worse["grids"] = {"stable": of, "of": of}

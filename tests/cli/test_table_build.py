@@ -31,8 +31,11 @@ COMMAND = [sys.executable, "-m", "vsgdesign.cli.program", "table", "build"]
 
 @pytest.fixture(scope="module")
 def study_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With an exact estimate: a fifth of the scenarios, and a cell is done in half the time."""
+    assert "error = 0.2" in TEXT
     path = tmp_path_factory.mktemp("study") / "robust.toml"
-    path.write_text(TEXT.replace('"studies/', f'"{ROOT.as_posix()}/studies/'), encoding="utf-8")
+    text = TEXT.replace("error = 0.2", "error = 0.0").replace('"studies/', f'"{ROOT.as_posix()}/studies/')
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -92,7 +95,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(
     command = [*COMMAND, str(study_file), "--out", str(out), "--workers", "2", "--points", POINTS]
     for _ in range(3):
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        time.sleep(rng.uniform(1.0, 4.0))
+        time.sleep(rng.uniform(0.7, 2.2))
         process.kill()
         process.communicate(timeout=30.0)
     half = cells_folder(out) / ".half.json.x"

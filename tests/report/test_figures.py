@@ -117,7 +117,7 @@ def test_no_axes_or_legends_overlap(made):
     for signal in signals(made.result):
         figure = signal_figure(made.result, signal).figure
         renderer = figure.canvas.get_renderer()
-        figure.draw(renderer)
+        figure.draw_without_rendering()
         boxes = [axes.get_tightbbox(renderer) for axes in figure.axes]
         boxes += [legend.get_window_extent(renderer) for legend in figure.legends]
         for index, box in enumerate(boxes):
