@@ -11,10 +11,12 @@ import numpy as np
 
 from bench.timing import REPEATS, Row, figure, real_time_factor, repeat, scaled
 from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
+from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import References
+from vsgdesign.operating_point.sampled import cold_start
 from vsgdesign.parameters import Study, load_study, study_from_text
 from vsgdesign.simulation import build_timeline, gain_changes, run_scenario, simulate
-from vsgdesign.simulation.compiling import compile_function
+from vsgdesign.simulation.compiling import compile_function, compiled_law
 
 PUBLISHED = Path(__file__).resolve().parents[1] / "studies" / "published_averaged" / "study.toml"
 
@@ -126,10 +128,12 @@ def controller() -> list[Row]:
     gains = gain_changes(study, study.controllers[-1], build_timeline(study))[0].gains
     c = study.converter
     refs = References(2000.0, 1000.0, c.omega_n, c.V_rated_rms)
-    state = ControllerState(0.0, c.omega_n, c.V_rated_rms, 2000.0, 1000.0, *[0.0] * 6)
+    state = cold_start(study).controller._replace(P_f=2000.0, Q_f=1000.0)
     loop = compile_function(_controller_loop)  # type: ignore[arg-type]
     count = 1_000_000
-    arguments = (count, state, refs, gains, study.inner_gains, study.controller_settings())
+    grid = GridEstimate(R_g=study.grid.R_g, L_g=study.grid.L_g)
+    limiter = compiled_law(study.limiter.law)
+    arguments = (count, state, grid, refs, gains, study.inner_gains, study.controller_settings(), limiter)
 
     def run() -> None:
         final = loop(*arguments)
@@ -148,28 +152,29 @@ def controller() -> list[Row]:
     ]
 
 
-def _controller_loop(count, state, refs, power_gains, inner_gains, settings):
+def _controller_loop(count, state, grid, refs, power_gains, inner_gains, settings, limiter):
     v_alpha, v_beta = 150.0, 0.0
     for _ in range(count):
         measured = Measurement(v_alpha, v_beta, 10.0, -5.0, 10.0, -5.0)
-        following, output = controller_step(state, measured, refs, power_gains, inner_gains, settings)
+        following, output = controller_step(state, measured, grid, refs, power_gains, inner_gains, settings, limiter)
         # Weakly coupled back: the chain of dependence is whole and nothing runs away.
         v_alpha = 150.0 + 1e-9 * output.v_b_alpha
         v_beta = 1e-9 * output.v_b_beta
         state = ControllerState(
-            following.theta,
-            state.omega_i,
-            state.V,
-            state.P_f,
-            state.Q_f,
-            0.5 * following.xi_vd,
-            0.5 * following.xi_vq,
-            0.5 * following.xi_id,
-            0.5 * following.xi_iq,
-            following.i_f_d,
-            following.i_f_q,
-            following.u_alpha,
-            following.u_beta,
+            theta=following.theta,
+            omega_i=state.omega_i,
+            V=state.V,
+            P_f=state.P_f,
+            Q_f=state.Q_f,
+            xi_vd=0.5 * following.xi_vd,
+            xi_vq=0.5 * following.xi_vq,
+            xi_id=0.5 * following.xi_id,
+            xi_iq=0.5 * following.xi_iq,
+            i_f_d=following.i_f_d,
+            i_f_q=following.i_f_q,
+            u_alpha=following.u_alpha,
+            u_beta=following.u_beta,
+            limiter=following.limiter,
         )
     return v_alpha + state.xi_vd + state.xi_id
 

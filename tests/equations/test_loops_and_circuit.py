@@ -23,6 +23,7 @@ from vsgdesign.equations.inner_loops import (
     limit_length,
     predicted_current,
     transient_impedance,
+    voltage_integrators,
     voltage_loop,
 )
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
@@ -63,7 +64,9 @@ def test_inner_loops_in_complex_numbers(
     error = v_ref - drop - first
     wanted = GAINS.K_pv * error + xi + GAINS.K_ff * second + 1j * 0.0063 * first
     out, xi_next = pi_step(wanted, error, xi, limit, GAINS.K_pv, GAINS.K_iv)
-    result = voltage_loop(v_ref, drop.real, drop.imag, a, b, c, d, e, f, GAINS, 0.0063, limit, T_S)
+    e_d, e_q, want_d, want_q = voltage_loop(v_ref, drop.real, drop.imag, a, b, c, d, e, f, GAINS, 0.0063)
+    i_ref = limit_length(want_d, want_q, limit)
+    result = (*i_ref, *voltage_integrators(e_d, e_q, i_ref[0] - want_d, i_ref[1] - want_q, e, f, GAINS, T_S))
     # The sums have terms of up to 5e4 (K_p·error), so 1e-10 is a few roundings of the largest.
     assert result == pytest.approx((out.real, out.imag, xi_next.real, xi_next.imag), abs=1e-10)
 
@@ -79,9 +82,9 @@ def test_anti_windup_brings_the_integrator_to_the_limit_and_no_further() -> None
     """A constant unreachable reference: the limited output settles on the limit, the integrator stays bounded."""
     xi_d = xi_q = 0.0
     for _ in range(20000):
-        out_d, out_q, xi_d, xi_q = voltage_loop(
-            300.0, 0.0, 0.0, 100.0, 0.0, 0.0, 0.0, xi_d, xi_q, GAINS, 0.0, 20.0, T_S
-        )
+        e_d, e_q, want_d, want_q = voltage_loop(300.0, 0.0, 0.0, 100.0, 0.0, 0.0, 0.0, xi_d, xi_q, GAINS, 0.0)
+        out_d, out_q = limit_length(want_d, want_q, 20.0)
+        xi_d, xi_q = voltage_integrators(e_d, e_q, out_d - want_d, out_q - want_q, xi_d, xi_q, GAINS, T_S)
     assert math.hypot(out_d, out_q) == pytest.approx(20.0, rel=1e-12)
     # At rest the unwinding equals the error: wanted = limit + K_pv·error, so xi = the limit itself.
     assert xi_d == pytest.approx(20.0, rel=1e-9)
@@ -153,7 +156,8 @@ def test_rotating_the_frame_rotates_the_loops() -> None:
 
     def loop(v: complex, i_g: complex, xi: complex, drop: complex) -> complex:
         parts = (part for x in (drop, v, i_g, xi) for part in (x.real, x.imag))
-        return complex(*voltage_loop(0.0, *parts, GAINS, 0.1, 2.0, T_S)[:2])
+        wanted = voltage_loop(0.0, *parts, GAINS, 0.1)[2:]
+        return complex(*limit_length(*wanted, 2.0))
 
     turned = loop(v * turn, i_g * turn, xi * turn, drop * turn)
     assert turned == pytest.approx(loop(v, i_g, xi, drop) * turn, rel=1e-14)

@@ -24,6 +24,7 @@ from tests.stability.studies import (
     rated,
     situation,
 )
+from vsgdesign.equations.controller_data import flat_settings
 from vsgdesign.model.full_order import INPUTS, OUTPUTS, PARAMETERS, full_order_map
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order, parameter_values
 from vsgdesign.parameters import Study
@@ -97,7 +98,7 @@ def test_a_period_of_the_emt_is_a_step_of_the_map(case: str, delay: int, R_t_pu:
     )
     functions = full_order_map(delay, True, True, R_t_pu > 0.0, 8)
     z = turning_states(study, run, gains, (cell.P_ref, cell.Q_ref), functions.states)
-    p = np.array([*parameter_values(study, cell), *study.controller_settings()])
+    p = np.array([*parameter_values(study, cell), *flat_settings(study.controller_settings())])
     following = np.array(functions.step.map(len(z) - 1)(z[:-1].T, np.tile(p[:, None], len(z) - 1))[0]).T
     difference = following - z[1:]
     k = functions.states.index("delta")

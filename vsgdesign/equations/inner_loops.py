@@ -74,24 +74,31 @@ def voltage_loop(
     xi_q: Any,
     gains: InnerLoopGains,
     omega_C: Any,
-    i_max_pk: Any,
-    T_s: Any,
 ) -> Any:
-    """Converter-current reference from the voltage error (:eq:`voltage-loop`).
+    """Error of the voltage and the converter current that is wanted for it (:eq:`voltage-loop`).
 
-    PI per axis, grid-current feed-forward, ωC cross-coupling, circular current limit; what the limit takes
-    away is fed back into the integrators. Returns (i_ref_d, i_ref_q, xi_d, xi_q) with the new integrators.
+    PI per axis, grid-current feed-forward, ωC cross-coupling. Returns (e_d, e_q, i_want_d, i_want_q): V and A.
     """
     # The drop comes last: where it is zero it then changes no rounding, and published figures stay to the bit.
     e_d = v_ref - v_d - drop_d
     e_q = -v_q - drop_q
-    want_d = gains.K_pv * e_d + xi_d + gains.K_ff * i_g_d - omega_C * v_q
-    want_q = gains.K_pv * e_q + xi_q + gains.K_ff * i_g_q + omega_C * v_d
-    i_ref_d, i_ref_q = limit_length(want_d, want_q, i_max_pk)
+    i_want_d = gains.K_pv * e_d + xi_d + gains.K_ff * i_g_d - omega_C * v_q
+    i_want_q = gains.K_pv * e_q + xi_q + gains.K_ff * i_g_q + omega_C * v_d
+    return e_d, e_q, i_want_d, i_want_q
+
+
+def voltage_integrators(
+    e_d: Any, e_q: Any, cut_d: Any, cut_q: Any, xi_d: Any, xi_q: Any, gains: InnerLoopGains, T_s: Any
+) -> Any:
+    """The next integrators ξ_v of the voltage loop (:eq:`voltage-loop`).
+
+    They take up the error, and what the limiter has added to the wanted current: cut = i_ref − i*, in A. Returns
+    (xi_d, xi_q).
+    """
     unwind = gains.K_iv / gains.K_pv
-    xi_d = advanced(xi_d, T_s * (gains.K_iv * e_d + unwind * (i_ref_d - want_d)))
-    xi_q = advanced(xi_q, T_s * (gains.K_iv * e_q + unwind * (i_ref_q - want_q)))
-    return i_ref_d, i_ref_q, xi_d, xi_q
+    xi_d = advanced(xi_d, T_s * (gains.K_iv * e_d + unwind * cut_d))
+    xi_q = advanced(xi_q, T_s * (gains.K_iv * e_q + unwind * cut_q))
+    return xi_d, xi_q
 
 
 def current_loop(

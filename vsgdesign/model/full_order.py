@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, power_stage, voltage_stage
+from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, controller_sample
+from vsgdesign.equations.controller_data import Nothing
 from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage, filter_grid_derivative
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.limiters import CIRCULAR, GridEstimate, LimiterLaw
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.frames import instantaneous_power, rms_to_peak, rotate_back
 from vsgdesign.model.tracing import numpy_on_symbols
@@ -30,8 +33,8 @@ PARAMETERS = (
 )
 """Names of the map's parameters, SI: circuit, gains, references, V_g (phase rms) and ω_g (rad/s)."""
 
-SETTINGS = ControllerSettings._fields
-"""Names of the controller's constants, after the parameters."""
+SETTINGS = tuple(name for name in ControllerSettings._fields if name != "limiter")
+"""Names of the controller's constants, after the parameters. The limiter's own constants come last."""
 
 INPUTS = ("P_ref", "Q_ref", "omega_g", "V_g", "P_meas", "Q_meas", "theta_cmd", "V_cmd")
 """Inputs of the linear model. The last four are added to the measured powers (the plant's output) and to the
@@ -45,13 +48,26 @@ _TAYLOR_ORDER = 13
 _INTEGRATORS = ("xi_vd", "xi_vq", "xi_id", "xi_iq")
 
 
+class LimiterInModel(NamedTuple):
+    """A limiter as the model needs it: its law, and the NamedTuple classes of its memory and of its constants."""
+
+    law: LimiterLaw
+    memory: type
+    constants: type
+
+
+def limiter_states(fields: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of a limiter's own numbers among those of the whole controller."""
+    return tuple(f"limiter_{name}" for name in fields)
+
+
 @dataclass(frozen=True)
 class FullOrderMap:
     """The CasADi functions of one structure (delay, power filters, transient impedance), for any parameters.
 
     ``states`` names z. ``step(z, p)`` gives the next z; ``linear(z, p)`` gives A, B, C, D for INPUTS and
     OUTPUTS; ``directional(z, p, dz, dp)`` gives dA along a direction; ``of_parameters(z, p)`` gives ∂step/∂p.
-    p holds PARAMETERS, then SETTINGS.
+    p holds PARAMETERS, then SETTINGS, then the limiter's constants.
     """
 
     states: tuple[str, ...]
@@ -62,17 +78,25 @@ class FullOrderMap:
 
 
 @functools.cache
-def full_order_map(delay: int, filter_P: bool, filter_Q: bool, transient: bool, squarings: int) -> FullOrderMap:
+def full_order_map(
+    delay: int,
+    filter_P: bool,
+    filter_Q: bool,
+    transient: bool,
+    squarings: int,
+    limiter: LimiterInModel = LimiterInModel(CIRCULAR.law, Nothing, Nothing),  # noqa: B008
+) -> FullOrderMap:
     """Build the map for 0 or 1 samples of delay, with or without power filters and transient impedance.
 
-    ``squarings`` k: matrix exponentials by Taylor series of (A T_s)/2^k, squared k times.
+    ``squarings`` k: matrix exponentials by Taylor series of (A T_s)/2^k, squared k times. The limiter's memory is part
+    of the state, a field each.
     """
-    names = _state_names(delay, filter_P, filter_Q, transient)
+    names = _state_names(delay, filter_P, filter_Q, transient, limiter)
     z = ca.SX.sym("z", len(names))
-    p = ca.SX.sym("p", len(PARAMETERS) + len(SETTINGS))
+    p = ca.SX.sym("p", len(PARAMETERS) + len(SETTINGS) + len(limiter.constants._fields))
     u = ca.SX.sym("u", len(INPUTS))
     with numpy_on_symbols():
-        following, outputs = _one_period(names, z, p, u, squarings)
+        following, outputs = _one_period(names, z, p, u, squarings, limiter)
     at_rest = ca.DM.zeros(len(INPUTS))
 
     def rested(expression: ca.SX) -> ca.SX:
@@ -92,55 +116,83 @@ def full_order_map(delay: int, filter_P: bool, filter_Q: bool, transient: bool, 
     )
 
 
-def _state_names(delay: int, filter_P: bool, filter_Q: bool, transient: bool) -> tuple[str, ...]:
+def _state_names(
+    delay: int, filter_P: bool, filter_Q: bool, transient: bool, limiter: LimiterInModel
+) -> tuple[str, ...]:
     plant = ("i_s_d", "i_s_q", "v_c_d", "v_c_q", "i_g_d", "i_g_q")
     pending = ("pending_d", "pending_q") if delay else ()
     filters = (*(("P_f",) if filter_P else ()), *(("Q_f",) if filter_Q else ()))
     low_pass = ("i_f_d", "i_f_q") if transient else ()
-    return (*plant, *pending, "delta", "omega_i", "V", *filters, *_INTEGRATORS, *low_pass)
+    remembered = limiter_states(limiter.memory._fields)
+    return (*plant, *pending, "delta", "omega_i", "V", *filters, *_INTEGRATORS, *low_pass, *remembered)
 
 
-def _one_period(names: tuple[str, ...], z: ca.SX, p: ca.SX, u: ca.SX, squarings: int) -> tuple[ca.SX, ca.SX]:
+def _one_period(
+    names: tuple[str, ...], z: ca.SX, p: ca.SX, u: ca.SX, squarings: int, limiter: LimiterInModel
+) -> tuple[ca.SX, ca.SX]:
     state = dict(zip(names, ca.vertsplit(z), strict=True))
-    values = dict(zip((*PARAMETERS, *SETTINGS), ca.vertsplit(p), strict=True))
+    constants = limiter_states(limiter.constants._fields)
+    values = dict(zip((*PARAMETERS, *SETTINGS, *constants), ca.vertsplit(p), strict=True))
     push = dict(zip(INPUTS, ca.vertsplit(u), strict=True))
-    circuit = FilterGrid(*(values[n] for n in FilterGrid._fields))
-    power_gains = PowerLoopGains(*(values[n] for n in PowerLoopGains._fields))
-    inner_gains = InnerLoopGains(*(values[n] for n in InnerLoopGains._fields))
+    circuit = FilterGrid(**{n: values[n] for n in FilterGrid._fields})
+    power_gains = PowerLoopGains(**{n: values[n] for n in PowerLoopGains._fields})
+    inner_gains = InnerLoopGains(**{n: values[n] for n in InnerLoopGains._fields})
     if "pending_d" not in state:  # without a delay there is nothing to predict over
         inner_gains = inner_gains._replace(kappa=0.0)
-    settings = ControllerSettings(*(values[n] for n in SETTINGS))
+    settings = ControllerSettings(
+        **{n: values[n] for n in SETTINGS}, limiter=limiter.constants(*(values[n] for n in constants))
+    )
     refs = References(
-        values["P_ref"] + push["P_ref"], values["Q_ref"] + push["Q_ref"], values["omega_0"], values["V_n"]
+        P_ref=values["P_ref"] + push["P_ref"],
+        Q_ref=values["Q_ref"] + push["Q_ref"],
+        omega_0=values["omega_0"],
+        V_n=values["V_n"],
     )
     omega_g = values["omega_g"] + push["omega_g"]
     V_g = rms_to_peak(values["V_g"] + push["V_g"])
 
     v_d, v_q = (capacitor_node_voltage(state[f"i_s_{a}"], state[f"v_c_{a}"], state[f"i_g_{a}"], circuit) for a in "dq")
-    measured = Measurement(v_d, v_q, state["i_s_d"], state["i_s_q"], state["i_g_d"], state["i_g_q"])
+    measured = Measurement(
+        v_alpha=v_d,
+        v_beta=v_q,
+        i_s_alpha=state["i_s_d"],
+        i_s_beta=state["i_s_q"],
+        i_g_alpha=state["i_g_d"],
+        i_g_beta=state["i_g_q"],
+    )
     P, Q = instantaneous_power(v_d, v_q, measured.i_g_alpha, measured.i_g_beta)
     # Without a filter the remembered power is of no consequence: any value serves. Without a transient impedance the
     # remembered current is the present one, in which the impedance sees no change. The voltage that the prediction
     # takes is the one that waits out the delay.
     i_g = rotate_back(state["i_g_d"], state["i_g_q"], np.cos(state["delta"]), np.sin(state["delta"]))
     controller = ControllerState(
-        state["delta"],
-        state["omega_i"],
-        state["V"],
-        state.get("P_f", P),
-        state.get("Q_f", Q),
+        theta=state["delta"],
+        omega_i=state["omega_i"],
+        V=state["V"],
+        P_f=state.get("P_f", P),
+        Q_f=state.get("Q_f", Q),
         **{name: state[name] for name in _INTEGRATORS},
         i_f_d=state.get("i_f_d", i_g[0]),
         i_f_q=state.get("i_f_q", i_g[1]),
         u_alpha=state.get("pending_d", 0.0),
         u_beta=state.get("pending_q", 0.0),
+        limiter=limiter.memory(*(state[name] for name in limiter_states(limiter.memory._fields))),
     )
-    omega, theta, omega_i, V, P_f, Q_f = power_stage(
-        controller, P + push["P_meas"], Q + push["Q_meas"], refs, power_gains, settings
+    after, output = controller_sample(
+        controller,
+        measured,
+        P + push["P_meas"],
+        Q + push["Q_meas"],
+        controller.theta + push["theta_cmd"],
+        controller.V + push["V_cmd"],
+        GridEstimate(R_g=values["R_g"], L_g=values["L_g"]),
+        refs,
+        power_gains,
+        inner_gains,
+        settings,
+        limiter.law,
     )
-    v_b_d, v_b_q, *remembered = voltage_stage(
-        controller.theta + push["theta_cmd"], controller.V + push["V_cmd"], controller, measured, inner_gains, settings
-    )
+    v_b_d, v_b_q = output.v_b_alpha, output.v_b_beta
     applied = (state["pending_d"], state["pending_q"]) if "pending_d" in state else (v_b_d, v_b_q)
 
     transition, bridge, source_re, source_im = _exact_step(circuit, omega_g, settings.T_s, squarings)
@@ -152,16 +204,13 @@ def _one_period(names: tuple[str, ...], z: ca.SX, p: ca.SX, u: ca.SX, squarings:
     plant = [rotate_back(along[0][k], along[1][k], turn_cos, turn_sin) for k in range(3)]
     following = {
         **{f"{n}_{a}": plant[k][j] for k, n in enumerate(("i_s", "v_c", "i_g")) for j, a in enumerate("dq")},
-        "delta": theta - settings.T_s * omega_g,
-        "omega_i": omega_i,
-        "V": V,
-        "P_f": P_f,
-        "Q_f": Q_f,
-        **dict(zip((*_INTEGRATORS, "i_f_d", "i_f_q"), remembered, strict=True)),
+        **after._asdict(),
+        "delta": after.theta - settings.T_s * omega_g,
+        **dict(zip(limiter_states(limiter.memory._fields), after.limiter, strict=True)),
     }
     pending = rotate_back(v_b_d, v_b_q, turn_cos, turn_sin)
     following |= {"pending_d": pending[0], "pending_q": pending[1]}
-    outputs = ca.vertcat(P + push["P_meas"], Q + push["Q_meas"], omega, controller.V, controller.theta, *applied)
+    outputs = ca.vertcat(output.P, output.Q, output.omega, controller.V, controller.theta, *applied)
     return ca.vertcat(*(following[name] for name in names)), outputs
 
 

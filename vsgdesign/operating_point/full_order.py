@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.controller_data import flat_settings
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.model.full_order import PARAMETERS, SETTINGS, FullOrderMap, full_order_map
+from vsgdesign.model.full_order import PARAMETERS, FullOrderMap, LimiterInModel, full_order_map, limiter_states
 from vsgdesign.operating_point.plant import state_matrices
-from vsgdesign.operating_point.sampled import SampledState, steady_state
+from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state
 from vsgdesign.parameters.study import Grid, GridSource, Study
 
 Array = NDArray[np.float64]
@@ -63,6 +64,9 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
         study.tau_Q > 0.0,
         study.inner_gains.R_t != 0.0 or study.inner_gains.X_t != 0.0,
         _squarings(study, cells),
+        LimiterInModel(
+            law=study.limiter.law, memory=type(cold_start(study).controller.limiter), constants=type(settings.limiter)
+        ),
     )
     for k, cell in enumerate(cells):
         source = cell.source or study.grid_source
@@ -74,9 +78,9 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
         faults.append(None)
         good.append(k)
         rows.append(pack(functions.states, start))
-        params.append([*parameter_values(study, cell), *settings])
+        params.append([*parameter_values(study, cell), *flat_settings(settings)])
     z = np.array(rows).reshape(len(good), len(functions.states))
-    p = np.array(params).reshape(len(good), len(PARAMETERS) + len(SETTINGS))
+    p = np.array(params).reshape(len(good), functions.step.size1_in(1))
     A, B, C, D = _matrices(functions, z, p)
     return FullOrderModel(
         functions.states, settings.T_s, z, p, A, B, C, D, np.array(good, dtype=int), tuple(faults), functions
@@ -109,6 +113,7 @@ def pack(states: Sequence[str], start: SampledState) -> list[float]:
         "pending_q": start.pending[1],
         "delta": s.theta,
         **s._asdict(),
+        **dict(zip(limiter_states(s.limiter._fields), s.limiter, strict=True)),
     }
     return [float(values[name]) for name in states]
 

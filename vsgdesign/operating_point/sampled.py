@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
 from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.limiters import LimiterView
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, NoOperatingPointError
 from vsgdesign.frames import instantaneous_power, rms_to_peak
@@ -78,29 +80,56 @@ def steady_state(
     xi_v = i_ref - study.inner_gains.K_ff * i_g - 1j * settings.omega_C * v
     xi_i = v_b_dq - v - 1j * settings.omega_L * i_s
     P, Q = instantaneous_power(v.real, v.imag, i_g.real, i_g.imag)
-    state = ControllerState(
-        float(theta),
-        float(omega_i),
-        float(V),
-        float(P),
-        float(Q),
-        float(xi_v.real),
-        float(xi_v.imag),
-        float(xi_i.real),
-        float(xi_i.imag),
-        float(i_g.real),
-        float(i_g.imag),
-        float(v_b.real),
-        float(v_b.imag),
+    view = LimiterView(
+        v_d=v.real,
+        v_q=v.imag,
+        i_s_d=i_s.real,
+        i_s_q=i_s.imag,
+        i_g_d=i_g.real,
+        i_g_q=i_g.imag,
+        e_d=0.0,
+        e_q=0.0,
+        i_want_d=i_ref.real,
+        i_want_q=i_ref.imag,
+        V=V,
+        omega_i=omega_i,
+        P=P,
+        Q=Q,
     )
-    return SampledState(_interleave(x), state, np.array([v_b.real, v_b.imag]))
+    state = ControllerState(
+        theta=float(theta),
+        omega_i=float(omega_i),
+        V=float(V),
+        P_f=float(P),
+        Q_f=float(Q),
+        xi_vd=float(xi_v.real),
+        xi_vq=float(xi_v.imag),
+        xi_id=float(xi_i.real),
+        xi_iq=float(xi_i.imag),
+        i_f_d=float(i_g.real),
+        i_f_q=float(i_g.imag),
+        u_alpha=float(v_b.real),
+        u_beta=float(v_b.imag),
+        limiter=_remembered(study, view, omega_g),
+    )
+    return SampledState(plant=_interleave(x), controller=state, pending=np.array([v_b.real, v_b.imag]))
 
 
 def cold_start(study: Study, phase: float = 0.0) -> SampledState:
     """Everything at rest: no current, empty capacitor, controller at nominal voltage in phase with the grid."""
     c = study.converter
-    state = ControllerState(phase, c.omega_n, c.V_rated_rms, *[0.0] * 10)
-    return SampledState(np.zeros(6), state, np.zeros(2))
+    asleep = dict.fromkeys(ControllerState._fields, 0.0)
+    view = LimiterView(**dict.fromkeys(LimiterView._fields, 0.0) | {"V": c.V_rated_rms, "omega_i": c.omega_n})
+    state = ControllerState(**asleep)._replace(
+        theta=phase, omega_i=c.omega_n, V=c.V_rated_rms, limiter=_remembered(study, view, c.omega_n)
+    )
+    return SampledState(plant=np.zeros(6), controller=state, pending=np.zeros(2))
+
+
+def _remembered(study: Study, view: LimiterView, omega: float) -> Any:
+    """What the study's limiter remembers at rest, as a NamedTuple of floats."""
+    memory = study.limiter.at_rest(view, omega, study.controller_settings())
+    return type(memory)(*(float(value) for value in memory))
 
 
 def _guess(study: Study, grid: Grid, source: GridSource, refs: References, gains: PowerLoopGains) -> OperatingPoint:

@@ -15,6 +15,7 @@ import numpy as np
 from vsgdesign.equations.closed_form import paced
 from vsgdesign.equations.filters import FilterGrid, filter_grid_derivative
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.limiters import CIRCULAR, LIMITERS
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import Fault
@@ -56,7 +57,9 @@ def build_study(
     root = TableReader(document, "", faults)
     root.integer("schema", SCHEMA, SCHEMA, default=SCHEMA)
     name, title, source = _read_identity(root.child("study"), default_name)
-    converter = _read_converter(root.section("converter"))
+    converter_table = root.section("converter")
+    current_limiter = converter_table.choice("current_limiter", tuple(LIMITERS), default=CIRCULAR.name)
+    converter = _read_converter(converter_table)
     filter_ = _read_filter(root.section("filter"))
     inner = read_inner_loops(root.child("inner_loops"), filter_, converter)
     grid_table = root.section("grid")
@@ -83,7 +86,7 @@ def build_study(
     return Study(
         name, title, source, converter, filter_, inner_gains, grid, source_, basis, target,
         tau_P, tau_Q, omega_t, controllers, simulation, events, stability, content_hash,
-        specification, estimator, request,
+        specification, estimator, request, current_limiter,
     )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from vsgdesign.equations.grid import (
     scr_reactance,
 )
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.limiters import CIRCULAR, Limiter, LimiterRatings, limiter_named
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.frames import base_impedance, linear_modulation_limit, rated_current_rms, rms_to_peak
@@ -290,6 +291,8 @@ class Study:
     """The network that estimates the grid's impedance; None where the study has no [estimator]."""
     inner_request: InnerLoopRequest | None = None
     """What the inner loops were designed for; None where the study gives their gains."""
+    current_limiter: str = CIRCULAR.name
+    """How the controllers limit their current: a name in ``equations.limiters.LIMITERS``."""
     files: tuple[str, ...] = field(default=(), compare=False)
     """Paths of the study file and of the files that it is based on; none for a study from a text."""
     origin: StudyOrigin | None = field(default=None, compare=False, repr=False)
@@ -332,18 +335,33 @@ class Study:
         omega = self.converter.omega_n if omega is None else omega
         return self.filter.R_2 + g.R_g, omega * (self.filter.L_2 + g.L_g)
 
+    @property
+    def limiter(self) -> Limiter:
+        """How the controllers limit their current. Raises ValueError where there is no limiter of that name."""
+        return limiter_named(self.current_limiter)
+
     def controller_settings(self) -> ControllerSettings:
-        """The sampled controller's constants."""
+        """The sampled controller's constants, those of its limiter among them."""
         c = self.converter
         limit_pu = UNLIMITED_PU if c.current_limit_pu is None else c.current_limit_pu
         lead = c.omega_n * (c.delay_samples + 0.5) * c.T_s
+        ratings = LimiterRatings(
+            T_s=c.T_s,
+            V_rated_pk=rms_to_peak(c.V_rated_rms),
+            I_rated_pk=c.I_rated_pk,
+            i_max_pk=limit_pu * c.I_rated_pk,
+            Z_base=c.Z_base,
+            omega_0=c.omega_n,
+            R_2=self.filter.R_2,
+            L_2=self.filter.L_2,
+        )
         return ControllerSettings(
             T_s=c.T_s,
             smoothing_P=_smoothing(self.tau_P, c.T_s),
             smoothing_Q=_smoothing(self.tau_Q, c.T_s),
             omega_C=c.omega_n * self.filter.C,
             omega_L=c.omega_n * self.filter.L_1,
-            i_max_pk=limit_pu * c.I_rated_pk,
+            i_max_pk=ratings.i_max_pk,
             v_max_pk=c.v_max_pk,
             advance_cos=float(np.cos(lead)),
             advance_sin=float(np.sin(lead)),
@@ -351,6 +369,7 @@ class Study:
             half_cos=float(np.cos(0.5 * c.omega_n * c.T_s)),
             half_sin=float(np.sin(0.5 * c.omega_n * c.T_s)),
             T_over_L=c.T_s / self.filter.L_1,
+            limiter=self.limiter.constants(ratings),
         )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from vsgdesign.equations.controller import ControllerSettings, ControllerState, power_stage
+from vsgdesign.equations.integration import advanced
 from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless
 from vsgdesign.errors import ArtifactError
 
@@ -25,11 +26,23 @@ class PowerController:
                 "positive, the smoothing above 0 and at most 1."
             )
         self.gains, self.refs = gains, refs
-        self._settings = ControllerSettings(T_s, smoothing_P, smoothing_Q, *[0.0] * 6)
+        # The power loops use nothing else of the settings and of the state: their inner loops are elsewhere.
+        unused = dict.fromkeys(("omega_C", "omega_L", "i_max_pk", "v_max_pk", "advance_cos", "advance_sin"), 0.0)
+        self._settings = ControllerSettings(T_s=T_s, smoothing_P=smoothing_P, smoothing_Q=smoothing_Q, **unused)
         still = bumpless(
             refs.omega_0, refs.V_n, refs.P_ref, refs.Q_ref, PowerLoopGains(0.0, 0.0, 0.0, gains.D_q), gains
         )
-        self._state = ControllerState(0.0, still, refs.V_n, refs.P_ref, refs.Q_ref, 0.0, 0.0, 0.0, 0.0)
+        self._state = ControllerState(
+            theta=0.0,
+            omega_i=still,
+            V=refs.V_n,
+            P_f=refs.P_ref,
+            Q_f=refs.Q_ref,
+            xi_vd=0.0,
+            xi_vq=0.0,
+            xi_id=0.0,
+            xi_iq=0.0,
+        )
 
     def step(self, P: float, Q: float) -> tuple[float, float, float]:
         """One sample with the measured P (W) and Q (var): ω (rad/s), V (rms) and θ (rad) of this sample.
@@ -37,10 +50,13 @@ class PowerController:
         The integrators then advance by T_s, as in the simulation.
         """
         s = self._state
-        omega, theta, omega_i, V_rms, P_f, Q_f = power_stage(s, P, Q, self.refs, self.gains, self._settings)
+        omega, P_f, Q_f, steps = power_stage(s, P, Q, self.refs, self.gains, self._settings)
+        theta = advanced(s.theta, steps.theta)
         # Once round at most, as the simulation does it: the angle stays small for ever.
         theta -= _TURN if theta > _TURN else (-_TURN if theta < -_TURN else 0.0)
-        self._state = s._replace(theta=theta, omega_i=omega_i, V=V_rms, P_f=P_f, Q_f=Q_f)
+        self._state = s._replace(
+            theta=theta, omega_i=advanced(s.omega_i, steps.omega_i), V=advanced(s.V, steps.V), P_f=P_f, Q_f=Q_f
+        )
         return omega, s.V, s.theta
 
     def retune(self, gains: PowerLoopGains) -> None:

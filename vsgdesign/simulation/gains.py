@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
@@ -21,6 +21,8 @@ class GainChange:
 
     t_s: float
     gains: PowerLoopGains
+    grid: Grid | None = field(default=None, compare=False)
+    """The grid that the gains are made for; None: gains that were given, which name none."""
 
 
 def gain_changes(study: Study, spec: ControllerSpec, timeline: Timeline) -> tuple[GainChange, ...]:
@@ -37,13 +39,13 @@ def gain_changes(study: Study, spec: ControllerSpec, timeline: Timeline) -> tupl
         if spec.gains is not None:
             return (GainChange(0.0, spec.gains),)
         grid = spec.design_grid or study.grid
-        return (GainChange(0.0, _gains(schedule, grid, f"controller {spec.name}, design grid")),)
+        return (GainChange(0.0, _gains(schedule, grid, f"controller {spec.name}, design grid"), grid),)
     period = spec.update_period or study.converter.T_s
     changes: list[GainChange] = []
     for t_event in sorted({t for t, _ in timeline.grids}):
         updates = 0 if t_event == 0.0 else math.floor(t_event / period + 1e-9) + 1
         grid, where = timeline.grid_at(t_event), f"controller {spec.name}, grid from {t_event:g} s"
-        change = GainChange(updates * period, _gains(schedule, grid, where))
+        change = GainChange(updates * period, _gains(schedule, grid, where), grid)
         # Two changes between two updates: only the last is ever seen.
         changes = [earlier for earlier in changes if earlier.t_s < change.t_s] + [change]
     return tuple(changes)

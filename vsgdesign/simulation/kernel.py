@@ -10,7 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
+from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, controller_step
+from vsgdesign.equations.controller_data import flat_state
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.limiters import GridEstimate, LimiterLaw
+from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.frames import clarke, clarke_inverse, rotate
 
 LOG_COLUMNS = (
@@ -27,7 +31,10 @@ LOG_COLUMNS = (
     "omega",
     "V_rms",
     "theta",
+    "limited_samples",
 )
+"""What a run keeps of a sample, SI and peak. ``limited_samples`` counts the samples from the start of the run up to and
+including this one in which the current limiter acted."""
 
 TWO_PI = 2.0 * np.pi
 
@@ -41,6 +48,42 @@ class Bridge(NamedTuple):
     samples_per_carrier: int
     delay_samples: int
     R_c: float
+
+
+class ControllerInputs(NamedTuple):
+    """What the controller is given for a stretch, besides its measurements and its own state."""
+
+    grid: GridEstimate
+    refs: References
+    power_gains: PowerLoopGains
+    inner_gains: InnerLoopGains
+    settings: ControllerSettings
+
+
+class PlantPieces(NamedTuple):
+    """The circuit over the interval after a sample, cut into pieces, arrays stacked over them.
+
+    One piece, unless an event falls inside the interval. ``sources`` has, per piece, (cos φ, sin φ, V_g peak, its
+    slope, ω, ω's slope) at the piece's first instant; the other arrays are those of
+    :class:`vsgdesign.operating_point.plant.PlantStep`.
+    """
+
+    lengths: Any
+    transitions: Any
+    bridges: Any
+    edges: Any
+    responses: Any
+    sources: Any
+
+
+class LogRows(NamedTuple):
+    """Where a stretch writes: ``rows`` takes LOG_COLUMNS at every ``every``-th sample of the run, ``states`` (0 or more
+    rows) the controller's states at every sample of the stretch. ``limited`` (1) counts limited samples."""
+
+    rows: Any
+    every: int
+    states: Any
+    limited: Any
 
 
 def modulation_indices(v_alpha: Any, v_beta: Any, V_dc: Any, zero_sequence: int) -> Any:
@@ -114,46 +157,95 @@ def add_source(x: Any, response: Any, re: Any, im: Any) -> None:
         x[2 * row + 1] += response[row].real * im + response[row].imag * re
 
 
+def write_state(row: Any, state: ControllerState) -> None:
+    """One row of a log of states."""
+    values = flat_state(state)
+    for k in range(len(values)):
+        row[k] = values[k]
+
+
+def with_theta(state: ControllerState, theta: Any) -> ControllerState:
+    """The state with another angle. (The compiler knows no ``_replace``.)"""
+    return ControllerState(
+        theta=theta,
+        omega_i=state.omega_i,
+        V=state.V,
+        P_f=state.P_f,
+        Q_f=state.Q_f,
+        xi_vd=state.xi_vd,
+        xi_vq=state.xi_vq,
+        xi_id=state.xi_id,
+        xi_iq=state.xi_iq,
+        i_f_d=state.i_f_d,
+        i_f_q=state.i_f_q,
+        u_alpha=state.u_alpha,
+        u_beta=state.u_beta,
+        limiter=state.limiter,
+    )
+
+
 def run_stretch(
-    first: int, count: int, x: Any, state: Any, pending: Any, refs: Any, power_gains: Any, inner_gains: Any,
-    settings: Any, bridge: Any, lengths: Any, transitions: Any, bridges: Any, edges: Any, responses: Any,
-    sources: Any, log: Any, log_every: int, controller_log: Any,
-) -> Any:  # fmt: skip
+    first: int,
+    count: int,
+    x: Any,
+    pending: Any,
+    state: ControllerState,
+    given: ControllerInputs,
+    bridge: Bridge,
+    plant: PlantPieces,
+    log: LogRows,
+    limiter: LimiterLaw,
+) -> Any:
     """Run samples first … first + count − 1. Returns the controller's state after the last.
 
-    ``x`` (6) and ``pending`` (2, the voltage waiting out the delay) are updated in place. The interval after
-    each sample is cut into ``len(lengths)`` pieces (one, unless an event falls inside, and then count is 1),
-    with arrays stacked over the pieces. ``sources`` holds, per piece, (cos φ, sin φ, V_g peak, its slope, ω,
-    ω's slope) at the piece's first instant. ``log`` takes LOG_COLUMNS at every log_every-th sample,
-    ``controller_log`` (0 or more rows) the controller states at every sample.
+    ``x`` (6) and ``pending`` (2, the voltage waiting out the delay) are updated in place. Where the interval is cut
+    into several pieces, count is 1.
     """
+    lengths, sources = plant.lengths, plant.sources
+    T_s = given.settings.T_s
     pieces = lengths.shape[0]
     n = bridge.samples_per_carrier
     ramped = sources[0, 3] != 0.0 or sources[0, 5] != 0.0 or pieces > 1
     source_cos, source_sin, V_g = sources[0, 0], sources[0, 1], sources[0, 2]
     turn_cos, turn_sin = np.cos(sources[0, 4] * lengths[0]), np.sin(sources[0, 4] * lengths[0])
     drift = 0.0
-    until_log = (-first) % log_every
-    row = (first + until_log) // log_every
+    until_log = (-first) % log.every
+    row = (first + until_log) // log.every
+    limited = log.limited[0]
     for offset in range(count):
-        v_alpha = x[2] + bridge.R_c * (x[0] - x[4])
-        v_beta = x[3] + bridge.R_c * (x[1] - x[5])
-        measured = Measurement(v_alpha, v_beta, x[0], x[1], x[4], x[5])
-        if offset < controller_log.shape[0]:
-            for j in range(controller_log.shape[1]):
-                controller_log[offset, j] = state[j]
-        following, output = controller_step(state, measured, refs, power_gains, inner_gains, settings)
+        measured = Measurement(
+            v_alpha=x[2] + bridge.R_c * (x[0] - x[4]),
+            v_beta=x[3] + bridge.R_c * (x[1] - x[5]),
+            i_s_alpha=x[0],
+            i_s_beta=x[1],
+            i_g_alpha=x[4],
+            i_g_beta=x[5],
+        )
+        if offset < log.states.shape[0]:
+            write_state(log.states[offset], state)
+        following, output = controller_step(
+            state,
+            measured,
+            given.grid,
+            given.refs,
+            given.power_gains,
+            given.inner_gains,
+            given.settings,
+            limiter,
+        )
+        limited += output.limited
         if until_log == 0:
             for j in range(6):
-                log[row, j] = x[j]
-            log[row, 6] = V_g * source_cos
-            log[row, 7] = V_g * source_sin
-            log[row, 8] = output.P
-            log[row, 9] = output.Q
-            log[row, 10] = output.omega
-            log[row, 11] = state.V
-            log[row, 12] = state.theta
-            until_log = log_every
+                log.rows[row, j] = x[j]
+            log.rows[row, 6] = V_g * source_cos
+            log.rows[row, 7] = V_g * source_sin
+            log.rows[row, 8] = output.P
+            log.rows[row, 9] = output.Q
+            log.rows[row, 10] = output.omega
+            log.rows[row, 11] = state.V
+            log.rows[row, 12] = state.theta
+            log.rows[row, 13] = limited
+            until_log = log.every
             row += 1
         until_log -= 1
         theta = following.theta
@@ -161,21 +253,7 @@ def run_stretch(
             theta -= TWO_PI
         elif theta < -TWO_PI:
             theta += TWO_PI
-        state = ControllerState(
-            theta,
-            following.omega_i,
-            following.V,
-            following.P_f,
-            following.Q_f,
-            following.xi_vd,
-            following.xi_vq,
-            following.xi_id,
-            following.xi_iq,
-            following.i_f_d,
-            following.i_f_q,
-            following.u_alpha,
-            following.u_beta,
-        )
+        state = with_theta(following, theta)
         if bridge.delay_samples == 0:
             applied_alpha, applied_beta = output.v_b_alpha, output.v_b_beta
         else:
@@ -195,30 +273,34 @@ def run_stretch(
                 source_cos, source_sin, V_g = sources[piece, 0], sources[piece, 1], sources[piece, 2]
                 drift = 0.0
             if bridge.pwm == 0:
-                advance_plant(x, applied_alpha, applied_beta, transitions[piece], bridges[piece])
+                advance_plant(x, applied_alpha, applied_beta, plant.transitions[piece], plant.bridges[piece])
             else:
-                scale = 1.0 / (n * settings.T_s)
+                scale = 1.0 / (n * T_s)
                 p_start = p_begin + elapsed * scale
                 p_end = p_begin + (elapsed + h) * scale if piece < pieces - 1 else p_begin + 1.0 / n
                 half = 0.5 * bridge.V_dc
                 v_0_alpha, v_0_beta = clarke(
                     leg_voltage(m_a, p_start, half), leg_voltage(m_b, p_start, half), leg_voltage(m_c, p_start, half)
                 )
-                advance_plant(x, v_0_alpha, v_0_beta, transitions[piece], bridges[piece])
+                advance_plant(x, v_0_alpha, v_0_beta, plant.transitions[piece], plant.bridges[piece])
                 a_alpha, a_beta = clarke(bridge.V_dc, 0.0, 0.0)
                 b_alpha, b_beta = clarke(0.0, bridge.V_dc, 0.0)
                 c_alpha, c_beta = clarke(0.0, 0.0, bridge.V_dc)
-                add_edges(x, m_a, a_alpha, a_beta, p_start, p_end, edges[piece])
-                add_edges(x, m_b, b_alpha, b_beta, p_start, p_end, edges[piece])
-                add_edges(x, m_c, c_alpha, c_beta, p_start, p_end, edges[piece])
-            add_source(x, responses[piece, 0], V_g * source_cos, V_g * source_sin)
+                add_edges(x, m_a, a_alpha, a_beta, p_start, p_end, plant.edges[piece])
+                add_edges(x, m_b, b_alpha, b_beta, p_start, p_end, plant.edges[piece])
+                add_edges(x, m_c, c_alpha, c_beta, p_start, p_end, plant.edges[piece])
+            add_source(x, plant.responses[piece, 0], V_g * source_cos, V_g * source_sin)
             if ramped:
                 # Over the piece the source is (V + aτ) e^{j(φ + ωτ + dτ + rτ²/2)}: to second order in dτ and rτ².
                 a, r = sources[piece, 3], sources[piece, 5]
                 re, im = a, drift * V_g
-                add_source(x, responses[piece, 1], re * source_cos - im * source_sin, re * source_sin + im * source_cos)
+                add_source(
+                    x, plant.responses[piece, 1], re * source_cos - im * source_sin, re * source_sin + im * source_cos
+                )
                 re, im = -0.5 * V_g * drift * drift, 0.5 * V_g * r + drift * a
-                add_source(x, responses[piece, 2], re * source_cos - im * source_sin, re * source_sin + im * source_cos)
+                add_source(
+                    x, plant.responses[piece, 2], re * source_cos - im * source_sin, re * source_sin + im * source_cos
+                )
                 extra = drift * h + 0.5 * r * h * h
                 angle = sources[piece, 4] * h + extra
                 turn_cos, turn_sin = np.cos(angle), np.sin(angle)
@@ -226,4 +308,5 @@ def run_stretch(
                 V_g += a * h
             source_cos, source_sin = rotate(source_cos, source_sin, turn_cos, turn_sin)
             elapsed += h
+    log.limited[0] = limited
     return state

@@ -21,7 +21,7 @@ from vsgdesign.equations.filters import FilterGrid, pcc_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.identification import Probe
-from vsgdesign.parameters.study import Study
+from vsgdesign.parameters.study import Grid, Study
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.probing import HeldProbe
 from vsgdesign.simulation.timeline import Timeline
@@ -63,7 +63,8 @@ class MeasuredWindow:
     sent: NDArray[np.complex128] | None = None
     """(n): the probe as it was sent; None: none was."""
     limited: int = 0
-    """Of the samples, in how many the converter limited its current."""
+    """In how many of the controller's samples within the window it limited its current. The controller may sample more
+    often than the window does."""
 
     @property
     def sent_values(self) -> NDArray[np.complex128]:
@@ -104,6 +105,16 @@ class ProbingScheduler(Protocol):
 
     def wanted(self) -> Probe | None:
         """The probe from now on."""
+        ...
+
+
+@runtime_checkable
+class KnowsItsGrid(Protocol):
+    """An online scheduler that says which grid its gains are made for: what a current limiter is told of the grid."""
+
+    @property
+    def grid(self) -> Grid | None:
+        """The grid in force; None before there is one."""
         ...
 
 
@@ -231,11 +242,14 @@ class ListedGains:
             raise ValueError("the first gain change must be at or before t = 0")
         self.changes = list(changes)
         # What the controller is told takes effect at the first sample at or after its time.
-        self._at = {max(math.ceil(change.t_s / T_s - 1e-6), 0): change.gains for change in changes}
+        starts = [max(math.ceil(change.t_s / T_s - 1e-6), 0) for change in changes]
+        self._at = {k: change.gains for k, change in zip(starts, changes, strict=True)}
+        self._grids = {k: change.grid for k, change in zip(starts, changes, strict=True)}
         self.log_samples = 0
         self.probe_hold: float | None = None
         self.held: HeldProbe | None = None
         """The run's probe, if it sends one."""
+        self.limited_samples = 0
 
     def wanted(self) -> Probe | None:
         """No probe."""
@@ -248,6 +262,10 @@ class ListedGains:
     def cuts(self, samples: int) -> set[int]:
         """Samples at which gains may change."""
         return {k for k in self._at if k <= samples}
+
+    def grid(self, sample: int) -> Grid | None:
+        """The grid that the gains of a sample are for; None where nothing says which."""
+        return self._grids[max(k for k in self._grids if k <= sample)]
 
     def update(self, sample: int, present: PowerLoopGains, *_: object) -> PowerLoopGains:
         """Gains from a sample on."""
@@ -273,6 +291,9 @@ class OnlineGains:
         self.probe_hold = _probe_hold(scheduler)
         self.held: HeldProbe | None = None
         """The run's probe, if it sends one."""
+        self.limited_samples = 0
+        """How many samples the run has limited its current in so far; the run keeps it up to date."""
+        self._limited_before = 0
         self._wanted = _wanted(scheduler)
 
     def wanted(self) -> Probe | None:
@@ -286,6 +307,10 @@ class OnlineGains:
     def cuts(self, samples: int) -> set[int]:
         """Samples at which gains may change."""
         return set(range(self._period, samples + 1, self._period))
+
+    def grid(self, sample: int) -> Grid | None:  # noqa: ARG002
+        """The grid that the present gains are for; None where the scheduler does not say."""
+        return self._scheduler.grid if isinstance(self._scheduler, KnowsItsGrid) else None
 
     def update(
         self, sample: int, present: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int
@@ -312,6 +337,7 @@ class OnlineGains:
         self, sample: int, gains: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int
     ) -> MeasuredWindow:
         begin = sample - self._period
+        limited, self._limited_before = self.limited_samples - self._limited_before, self.limited_samples
         rows = log[begin // log_every : sample // log_every : self._every // log_every]
         v_pcc, i_pcc = pcc_vectors(rows, self._circuit_over(begin, sample))
         omega, _, _ = power_loops(state.omega_i, state.V, state.P_f, state.Q_f, refs, gains)
@@ -330,6 +356,7 @@ class OnlineGains:
             gains=gains,
             source_phase=self._timeline.source_at((begin + 1e-6) * self._T_s).phase,
             sent=None if self.held is None else self.held.sent_over(begin, sample, self._every),
+            limited=limited,
         )
 
     def _circuit_over(self, begin: int, end: int) -> FilterGrid:

@@ -8,11 +8,14 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.controller_data import flat_state
+from vsgdesign.equations.limiters import CIRCULAR, GridEstimate, LimiterLaw
 from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.execution.interrupts import interrupts_deferred
@@ -21,9 +24,9 @@ from vsgdesign.identification import Probe
 from vsgdesign.operating_point.plant import plant_step
 from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state
 from vsgdesign.parameters.study import Grid, GridSource, Study
-from vsgdesign.simulation.compiling import compile_function, source_stamp
+from vsgdesign.simulation.compiling import compile_function, compiled_law, source_stamp
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.kernel import LOG_COLUMNS, Bridge, run_stretch
+from vsgdesign.simulation.kernel import LOG_COLUMNS, Bridge, ControllerInputs, LogRows, PlantPieces, run_stretch
 from vsgdesign.simulation.online import ListedGains, OnlineGains, OnlineScheduler
 from vsgdesign.simulation.probing import HeldProbe, add_offset
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
@@ -62,25 +65,33 @@ class Simulation:
         return self.log[:, LOG_COLUMNS.index(name)]
 
 
+acting: LimiterLaw = CIRCULAR.law
+"""Stands for the limiter in the text of the loop below; the compiled loop has the one that it was asked for."""
+
+
 @functools.cache
-def compiled_loop() -> Callable[..., ControllerState]:
-    """The compiled inner loop, from the disk cache where its sources are unchanged."""
-    return _with_stamp(source_stamp())
+def compiled_loop(law: LimiterLaw) -> Callable[..., ControllerState]:
+    """The compiled inner loop with a limiter, from the disk cache where its sources are unchanged."""
+    return _with_stamp(source_stamp(*law), law)  # type: ignore[arg-type]
 
 
-def _with_stamp(stamp: int) -> Callable[..., ControllerState]:
+def _with_stamp(stamp: int, law: LimiterLaw) -> Callable[..., ControllerState]:
     def loop(
-        first, count, x, state, pending, refs, power_gains, inner_gains, settings, bridge,
-        lengths, transitions, bridges, edges, responses, sources, log, log_every, controller_log,
-    ):  # fmt: skip
+        first: int,
+        count: int,
+        x: Any,
+        pending: Any,
+        state: ControllerState,
+        given: ControllerInputs,
+        bridge: Bridge,
+        plant: PlantPieces,
+        log: LogRows,
+    ) -> Any:
         if stamp < 0:  # never: it only makes the stamp part of the cache key
             count = 0
-        return run_stretch(
-            first, count, x, state, pending, refs, power_gains, inner_gains, settings, bridge,
-            lengths, transitions, bridges, edges, responses, sources, log, log_every, controller_log,
-        )  # fmt: skip
+        return run_stretch(first, count, x, pending, state, given, bridge, plant, log, acting)
 
-    return compile_function(loop, cache=True)  # type: ignore[arg-type]
+    return compile_function(loop, cache=True, acting=compiled_law(law))  # type: ignore[arg-type]
 
 
 def simulate(
@@ -108,15 +119,21 @@ def simulate(
     kept = round(study.simulation.log_interval / T_s)
     log_every = math.gcd(kept, feed.log_samples)  # a scheduler's samples are taken from the log
     log = np.empty((-(-samples // log_every), len(LOG_COLUMNS)))
-    controller_log = np.empty((min(log_states, samples), len(ControllerState._fields)))
     start = _start(study, timeline, feed.first())
     x, state, pending = start.plant, start.controller, start.pending
+    controller_log = np.empty((min(log_states, samples), len(flat_state(state))))
+    limited = np.zeros(1)
     c = study.converter
     pwm = (study.simulation.bridge if bridge is None else bridge) == "pwm"
     bridge_data = Bridge(
-        int(pwm), c.V_dc, int(c.zero_sequence), c.samples_per_carrier, c.delay_samples, study.filter.R_c
+        pwm=int(pwm),
+        V_dc=c.V_dc,
+        zero_sequence=int(c.zero_sequence),
+        samples_per_carrier=c.samples_per_carrier,
+        delay_samples=c.delay_samples,
+        R_c=study.filter.R_c,
     )
-    loop = compiled_loop()
+    loop = compiled_loop(study.limiter.law)
     plants = functools.lru_cache(maxsize=64)(functools.partial(_stacked_plants, study))
     loop_seconds = 0.0
     no_rows = np.empty((0, controller_log.shape[1]))
@@ -126,13 +143,14 @@ def simulate(
     feed.held = held
     cuts = feed.cuts(samples) if held is None else feed.cuts(samples) | held.cuts(samples)
     for first, count in _stretches(study, timeline, cuts, samples):
-        lengths, plant, sources = _pieces(timeline, plants, first, T_s)
-        if pwm and not np.isfinite(plant[2]).all():
+        plant = _pieces(timeline, plants, first, T_s)
+        if pwm and not np.isfinite(plant.edges).all():
             raise InfeasibleStudyError(
                 "the circuit is too stiff to switch: its fastest mode (R/L or R_c/L) dies out many times within a "
                 'sampling period. Sample faster, lower R_c, raise x_over_r, or use bridge = "averaged".'
             )
         refs = _references(study, timeline, first)
+        feed.limited_samples = int(limited[0])
         before, gains = gains, feed.update(first, gains, state, refs, log, log_every)
         if gains is not before:
             omega_i = bumpless(state.omega_i, state.V, state.P_f, state.Q_f, before, gains)
@@ -146,14 +164,28 @@ def simulate(
             state = add_offset(state, *added)
         begin = time.perf_counter()
         with interrupts_deferred():
-            state = ControllerState(*loop(
-                first, count, x, state, pending, refs, gains, study.inner_gains, settings, bridge_data,
-                lengths, *plant, sources, log, log_every, states,
-            ))  # fmt: skip
+            following = loop(
+                first,
+                count,
+                x,
+                pending,
+                state,
+                ControllerInputs(
+                    grid=_estimate(feed.grid(first) or study.grid),
+                    refs=refs,
+                    power_gains=gains,
+                    inner_gains=study.inner_gains,
+                    settings=settings,
+                ),
+                bridge_data,
+                plant,
+                LogRows(rows=log, every=log_every, states=states, limited=limited),
+            )
+        state = _of_own_types(following, state)
         loop_seconds += time.perf_counter() - begin
         if added is not None:
             state = add_offset(state, -added[0], -added[1])
-        if not (np.isfinite(x).all() and np.isfinite(state).all()):
+        if not (np.isfinite(x).all() and np.isfinite(flat_state(state)).all()):
             raise SimulationDivergedError(
                 f"the simulation left the numbers between {first * T_s:.4f} s and {(first + count) * T_s:.4f} s. "
                 "The inner loops are unstable on this grid: slow them down (inner_loops response times) or "
@@ -161,10 +193,15 @@ def simulate(
             )
         if progress is not None:
             progress((first + count) * T_s)
+    feed.limited_samples = int(limited[0])
     feed.finish(samples, gains, state, _references(study, timeline, samples), log, log_every)
     log = log if log_every == kept else log[:: kept // log_every].copy()
     t_s = np.arange(log.shape[0]) * (kept * T_s)
     return Simulation(t_s, log, controller_log, timeline, tuple(feed.changes), state, x, loop_seconds)
+
+
+def _estimate(grid: Grid) -> GridEstimate:
+    return GridEstimate(R_g=grid.R_g, L_g=grid.L_g)
 
 
 def _references(study: Study, timeline: Timeline, sample: int) -> References:
@@ -223,10 +260,15 @@ def _stretches(study: Study, timeline: Timeline, gain_cuts: set[int], samples: i
         yield first, following - first
 
 
-def _pieces(
-    timeline: Timeline, plants: Callable[..., tuple[NDArray, ...]], first: int, T_s: float
-) -> tuple[NDArray[np.float64], tuple[NDArray, ...], NDArray[np.float64]]:
-    """Lengths, stacked plant matrices and sources of the pieces of the interval after a sample."""
+def _of_own_types(values: Any, like: ControllerState) -> ControllerState:
+    """A state that the compiled loop returned, as the classes of this process: machine code from the disk cache brings
+    its own copies."""
+    state = ControllerState(**values._asdict())
+    return state._replace(limiter=type(like.limiter)(*state.limiter))
+
+
+def _pieces(timeline: Timeline, plants: Callable[..., PlantPieces], first: int, T_s: float) -> PlantPieces:
+    """The circuit and its source over the interval after a sample, cut where they change."""
     start, end = first * T_s, (first + 1) * T_s
     inside = [t for t in timeline.plant_changes() if start < t < end and _on_sample(t, T_s) is None]
     instants = [start, *inside]
@@ -237,21 +279,23 @@ def _pieces(
         source = timeline.source_at(t_s).at(instants[k])
         circuits.append((timeline.grid_at(t_s), float(h), source.omega))
         sources.append(_source_row(source))
-    return np.asarray(lengths, dtype=float), plants(tuple(circuits)), np.array(sources)
+    return plants(tuple(circuits))._replace(sources=np.array(sources))
 
 
-def _stacked_plants(study: Study, circuits: tuple[tuple[Grid, float, float], ...]) -> tuple[NDArray, ...]:
-    """Transitions, bridge and edge responses and source responses of some pieces, stacked over them."""
+def _stacked_plants(study: Study, circuits: tuple[tuple[Grid, float, float], ...]) -> PlantPieces:
+    """Some pieces of an interval, each a grid, a length (s) and a source frequency (rad/s), without their sources."""
     steps = [plant_step(study.circuit(grid), h, omega) for grid, h, omega in circuits]
     degree = max(step.edge.shape[0] for step in steps)
     edges = np.zeros((len(steps), degree, 3))
     for k, step in enumerate(steps):
         edges[k, : step.edge.shape[0]] = step.edge
-    return (
-        np.array([step.transition for step in steps]),
-        np.array([step.bridge for step in steps]),
-        edges,
-        np.array([step.source for step in steps]),
+    return PlantPieces(
+        lengths=np.array([h for _, h, _ in circuits]),
+        transitions=np.array([step.transition for step in steps]),
+        bridges=np.array([step.bridge for step in steps]),
+        edges=edges,
+        responses=np.array([step.source for step in steps]),
+        sources=np.empty((len(steps), 6)),
     )
 
 

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from scipy.optimize import linear_sum_assignment
 
 from tests.design.inner.systems import datasheet
-from vsgdesign.design.inner.frozen import INPUTS, law_matrix, matrices, modes, plants
+from vsgdesign.design.inner.frozen import INPUTS, law_answers, law_matrix, matrices, modes, plants
 from vsgdesign.design.inner.grids import GridBox, circuits, lattice
 from vsgdesign.design.inner.margins import frequencies, margins
 from vsgdesign.design.inner.promises import controller_settings
@@ -59,17 +59,13 @@ def test_modes_are_those_of_the_full_order_with_power_loops_at_rest(case: str, t
 
 def test_d_and_q_are_alike() -> None:
     """The law answers j to j: one complex coefficient says all. Read off the answers to a unit on the q axis."""
-    from vsgdesign.equations.controller import ControllerState, Measurement, voltage_stage
-
     c, f = datasheet("lab_12kva_lcl")
     gains, omega_t = closed_form_starts(c, f, 10.0)[0]
     settings = study_of(c, f, gains, omega_t).controller_settings()._replace(i_max_pk=1e9, v_max_pk=1e9)
     law = law_matrix(one(gains), np.array([omega_t]), settings)[0]
     for k in range(len(INPUTS)):
         d, q = np.zeros(len(INPUTS)), np.eye(len(INPUTS))[k]
-        measured = Measurement(d[0], q[0], d[1], q[1], d[2], q[2])
-        state = ControllerState(0.0, 0.0, 0.0, 0.0, 0.0, d[3], q[3], d[4], q[4], d[5], q[5], d[6], q[6])
-        answer = voltage_stage(0.0, 0.0, state, measured, gains, settings)
+        answer = law_answers(d, q, gains, settings)
         complex_answer = np.array(answer[0::2]) + 1j * np.array(answer[1::2])
         np.testing.assert_allclose(complex_answer, 1j * law[:, k], rtol=1e-12, atol=1e-15)
 

@@ -2,7 +2,7 @@
 
 With a constant reference V∠ωt and no limit in reach, filter, grid and inner loops are linear and treat d and q alike,
 so one complex number carries both axes. Nothing is written here that equations/ says: the law's coefficients are what
-``voltage_stage`` answers to unit inputs, the circuit's are those of the EMT's own exact step.
+``controller_step`` answers to unit inputs, the circuit's are those of the EMT's own exact step.
 """
 
 from __future__ import annotations
@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, voltage_stage
+from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, controller_step
 from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.limiters import CIRCULAR, GridEstimate
+from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.operating_point.plant import plant_step
 
@@ -46,16 +48,55 @@ def law_matrix(gains: InnerLoopGains, omega_t: Any, settings: ControllerSettings
     unlimited = settings._replace(
         i_max_pk=_UNREACHED, v_max_pk=_UNREACHED, smoothing_t=-np.expm1(-corner * settings.T_s)
     )
-    unit = dict(zip(INPUTS, np.eye(len(INPUTS)), strict=True))
-    zero = np.zeros(len(INPUTS))
-    measured = Measurement(unit["v"], zero, unit["i_s"], zero, unit["i_g"], zero)
-    remembered = ControllerState(
-        0.0, 0.0, 0.0, 0.0, 0.0, unit["xi_v"], zero, unit["xi_i"], zero, unit["i_f"], zero, unit["u"], zero
-    )
-    answers = voltage_stage(0.0, 0.0, remembered, measured, columns, unlimited)
+    answers = law_answers(np.eye(len(INPUTS)), np.zeros((len(INPUTS), len(INPUTS))), columns, unlimited)
     count = max(len(corner), *(len(column) for column in columns))
     d_q = [np.broadcast_to(answer, (count, len(INPUTS))) for answer in answers]
     return np.stack([d_q[2 * k] + 1j * d_q[2 * k + 1] for k in range(len(OUTPUTS))], axis=1)
+
+
+def law_answers(d: Any, q: Any, gains: InnerLoopGains, settings: ControllerSettings) -> tuple[Any, ...]:
+    """OUTPUTS, each as d and q, of the inner loops for INPUTS on the d and on the q axis.
+
+    The power loops stand still: at angle and voltage zero, without gains.
+    """
+    on_d, on_q = dict(zip(INPUTS, d, strict=True)), dict(zip(INPUTS, q, strict=True))
+    measured = Measurement(
+        v_alpha=on_d["v"],
+        v_beta=on_q["v"],
+        i_s_alpha=on_d["i_s"],
+        i_s_beta=on_q["i_s"],
+        i_g_alpha=on_d["i_g"],
+        i_g_beta=on_q["i_g"],
+    )
+    remembered = ControllerState(
+        theta=0.0,
+        omega_i=0.0,
+        V=0.0,
+        P_f=0.0,
+        Q_f=0.0,
+        xi_vd=on_d["xi_v"],
+        xi_vq=on_q["xi_v"],
+        xi_id=on_d["xi_i"],
+        xi_iq=on_q["xi_i"],
+        i_f_d=on_d["i_f"],
+        i_f_q=on_q["i_f"],
+        u_alpha=on_d["u"],
+        u_beta=on_q["u"],
+    )
+    still = PowerLoopGains(K_ip=0.0, D_p=0.0, K_iq=0.0, D_q=0.0)
+    refs = References(P_ref=0.0, Q_ref=0.0, omega_0=0.0, V_n=0.0)
+    grid = GridEstimate(R_g=0.0, L_g=0.0)
+    after, output = controller_step(remembered, measured, grid, refs, still, gains, settings, CIRCULAR.law)
+    return (
+        output.v_b_alpha,
+        output.v_b_beta,
+        after.xi_vd,
+        after.xi_vq,
+        after.xi_id,
+        after.xi_iq,
+        after.i_f_d,
+        after.i_f_q,
+    )
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,129 @@
+"""What a current limiter sees in one sample of the controller, and what it may change.
+
+A limiter is two functions of scalars. ``limit`` stands between the voltage loop and the current loop: it turns the
+current that the voltage loop asks for into the one that the current loop gets, and it may change the powers that the
+power loops see. ``move`` stands before the integrators: it may change how far θ, ω_i and V go in this sample, and it
+says what the limiter remembers. Both follow the rules of every equation (CONTRIBUTING.md, "Add an equation").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from vsgdesign.equations.controller_data import ControllerSettings, Nothing
+
+
+class GridEstimate(NamedTuple):
+    """Ẑ: the grid impedance that the controller's gains are made for, R_g in Ω and L_g in H, at the PCC."""
+
+    R_g: Any
+    L_g: Any
+
+
+class LimiterView(NamedTuple):
+    """One sample as a limiter sees it. dq components are peak and in the converter's own frame."""
+
+    v_d: Any
+    v_q: Any
+    """Capacitor-node voltage, V."""
+    i_s_d: Any
+    i_s_q: Any
+    """Converter current, A."""
+    i_g_d: Any
+    i_g_q: Any
+    """Grid current, A."""
+    e_d: Any
+    e_q: Any
+    """Error of the voltage loop, V."""
+    i_want_d: Any
+    i_want_q: Any
+    """Converter current that the voltage loop asks for, A."""
+    V: Any
+    """Voltage that the Q loop asks for, phase rms V."""
+    omega_i: Any
+    """Frequency integrator of the P loop, rad/s."""
+    P: Any
+    Q: Any
+    """Measured powers before their filters, W and var."""
+
+
+class LimitedSample(NamedTuple):
+    """What ``limit`` answers."""
+
+    i_ref_d: Any
+    i_ref_q: Any
+    """Converter current that the current loop gets, A peak."""
+    e_d: Any
+    e_q: Any
+    """Error that the integrators of the voltage loop take up, V peak; ``view.e`` to leave them alone."""
+    P: Any
+    Q: Any
+    """Powers that go on to the power loops, W and var; ``view.P`` and ``view.Q`` to leave them alone."""
+    limited: Any
+    """1 where the limiter acts in this sample, else 0."""
+    notes: Any = Nothing()
+    """What ``move`` has to know of this sample: a NamedTuple of the limiter's own, forgotten after it."""
+
+
+class IntegratorSteps(NamedTuple):
+    """How far the integrators of the power loops go in this sample: θ in rad, ω_i in rad/s, V in rms V."""
+
+    theta: Any
+    omega_i: Any
+    V: Any
+
+
+class LimiterRatings(NamedTuple):
+    """What a limiter's constants are made of, SI."""
+
+    T_s: float
+    V_rated_pk: float
+    I_rated_pk: float
+    i_max_pk: float
+    """Limit of the converter current, A peak; far out of reach where the converter has none."""
+    Z_base: float
+    omega_0: float
+    R_2: float
+    L_2: float
+    """Grid side of the filter, between the capacitor and the PCC."""
+
+
+class LimiterLaw(NamedTuple):
+    """The two functions of a limiter.
+
+    ``limit(memory, view, grid, refs, gains, settings)`` gives a :class:`LimitedSample`. grid is a
+    :class:`GridEstimate`, refs and gains are those of the power loops, settings are the controller's with the
+    limiter's own constants in ``settings.limiter``.
+
+    ``move(memory, sample, view, omega, steps, settings)`` gives the :class:`IntegratorSteps` to take, and the memory of
+    the next sample. sample is the answer of ``limit``, omega the frequency of this sample in rad/s, steps what the
+    power loops ask for.
+    """
+
+    limit: Callable[..., Any]
+    move: Callable[..., Any]
+
+
+def no_constants(ratings: LimiterRatings) -> Nothing:
+    """For a limiter that needs nothing beyond the controller's own settings."""
+    return Nothing()
+
+
+def no_memory(view: LimiterView, omega: Any, settings: ControllerSettings) -> Nothing:
+    """For a limiter that remembers nothing."""
+    return Nothing()
+
+
+@dataclass(frozen=True)
+class Limiter:
+    """A way to limit the current, by its name in a study file."""
+
+    name: str
+    law: LimiterLaw
+    constants: Callable[[LimiterRatings], Any] = no_constants
+    """Its own constants: a NamedTuple of floats."""
+    at_rest: Callable[[LimiterView, Any, ControllerSettings], Any] = no_memory
+    """What it remembers in a steady state: a NamedTuple of scalars, from the sample seen there, the frequency in rad/s
+    and the controller's settings. A run starts from it, and the linear model has one state for each of its fields."""
