@@ -15,7 +15,7 @@ from vsgdesign.design.evaluation import evaluate_gains
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters import Event, GridSource, Study, load_study
-from vsgdesign.parameters.study import grid_from_scr
+from vsgdesign.parameters.study import Place
 from vsgdesign.report.drawing.style import COLUMN_IN, REFERENCE, add_axes, line_style, look, new_figure
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.table import table_schedule
@@ -33,7 +33,7 @@ P_0, Q_0 = 300e3, 0.0
 
 def ramp(study: Study, gains: PowerLoopGains, scr: float, x_over_r: float, rate_hz_s: float) -> tuple[Any, Any]:
     """Time from the start of a falling ramp in s and what P gains in W."""
-    grid = grid_from_scr(scr, x_over_r, "impedance", study.converter)
+    grid = Place(scr, x_over_r, "impedance").grid(study.converter)
     omega_0 = study.converter.omega_n
     P_ref, Q_ref = references_at(study, grid, gains, P_0, Q_0)
     fall = Event(START, "ramp", omega_g=omega_0 - 2.0 * np.pi * rate_hz_s * RAMP, over=RAMP)
@@ -67,7 +67,7 @@ def main() -> None:
     )
     curves = []
     for scr, ratio in CELLS:
-        grid = grid_from_scr(scr, ratio, "impedance", c)
+        grid = Place(scr, ratio, "impedance").grid(c)
         gains = plain.gains(grid.R_g, grid.L_g)
         off = []
         for rate in RATES:

@@ -19,7 +19,7 @@ from vsgdesign.design.box import (
 )
 from vsgdesign.equations.power_flow import operating_point, power_flow
 from vsgdesign.parameters import Study
-from vsgdesign.parameters.study import grid_from_scr
+from vsgdesign.parameters.study import Place
 
 WIDE = with_specification(scr=(1.2, 20.0), x_over_r=(0.3, 20.0))
 TARGET = controller(WIDE).target
@@ -70,7 +70,7 @@ def test_the_design_point_comes_first_and_without_error() -> None:
     s = of_truth(WIDE, 5.0, 2.0)
     assert (s.P[0], s.Q[0]) == (TARGET.P, TARGET.Q)
     assert (s.R[0], s.X[0]) == (s.R_hat[0], s.X_hat[0])
-    grid = grid_from_scr(5.0, 2.0, "impedance", WIDE.converter)
+    grid = Place(5.0, 2.0, "impedance").grid(WIDE.converter)
     assert s.R[0] == pytest.approx(grid.R_g)
     assert s.X[0] == pytest.approx(grid.L_g * WIDE.converter.omega_n)
 
@@ -80,7 +80,7 @@ def test_what_an_estimate_is_designed_for_covers_the_truths_behind_it(
     scr: float, x_over_r: float, e_R: float, e_X: float
 ) -> None:
     """A true grid inside the table is estimated with error (e_R, e_X): the cell at the estimate has that very pair."""
-    truth = grid_from_scr(scr, x_over_r, "impedance", WIDE.converter)
+    truth = Place(scr, x_over_r, "impedance").grid(WIDE.converter)
     omega = WIDE.converter.omega_n
     estimate = type(truth)(truth.R_g * (1.0 + e_R), truth.L_g * (1.0 + e_X))
     s = of_estimate(WIDE, estimate.scr(WIDE.converter, "impedance"), estimate.x_over_r(omega))
@@ -96,7 +96,7 @@ def test_what_an_estimate_is_designed_for_covers_the_truths_behind_it(
 def test_at_the_edge_the_estimate_beyond_it_is_covered_too() -> None:
     """A truth on the edge whose estimate lies beyond: the lookup is on the edge, with the estimated Jacobian."""
     s = of_estimate(WIDE, 20.0, 2.0)
-    grid = grid_from_scr(20.0, 2.0, "impedance", WIDE.converter)
+    grid = Place(20.0, 2.0, "impedance").grid(WIDE.converter)
     at = np.isclose(s.R, grid.R_g) & np.isclose(s.R_hat, 0.8 * grid.R_g) & np.isclose(s.X_hat / s.X, 0.8)
     assert at.any()
 

@@ -22,7 +22,7 @@ from vsgdesign.equations.power_flow import operating_point, power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.parameters import ControllerSpec, Study, load_study
-from vsgdesign.parameters.study import grid_from_scr
+from vsgdesign.parameters.study import Place
 from vsgdesign.runtime import closed_form_schedule
 from vsgdesign.runtime.of_study import gain_law
 
@@ -57,7 +57,7 @@ def state_matrices(study: Study, spec: ControllerSpec, points: NDArray[np.float6
     V_n, omega = study.converter.V_rated_rms, study.converter.omega_n
     found = []
     for scr, ratio, P, Q, e_R, e_L in points:
-        grid = grid_from_scr(scr, ratio, study.scr_basis, study.converter)
+        grid = Place(scr, ratio, study.scr_basis).grid(study.converter)
         R, X = grid.R_g, omega * grid.L_g
         V, delta = (float(value) for value in operating_point(P, Q, V_n, R, X))
         gains = gain_law(study, spec)(grid.R_g * (1.0 + e_R), grid.L_g * (1.0 + e_L), P, Q, V)

@@ -28,7 +28,7 @@ from vsgdesign.equations.controller_data import flat_settings
 from vsgdesign.model.full_order import INPUTS, OUTPUTS, PARAMETERS, full_order_map
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order, parameter_values
 from vsgdesign.parameters import Study
-from vsgdesign.parameters.study import GridSource, grid_from_scr
+from vsgdesign.parameters.study import GridSource, Place
 from vsgdesign.simulation import GainChange, Simulation, simulate
 
 Array = NDArray[np.float64]
@@ -88,7 +88,7 @@ def test_a_period_of_the_emt_is_a_step_of_the_map(case: str, delay: int, R_t_pu:
     study = case_study(case, tau_P=0.004, tau_Q=0.002, delay=delay)
     c = study.converter
     study = replace(study, inner_gains=study.inner_gains._replace(R_t=R_t_pu * c.Z_base))
-    grid = grid_from_scr(4.0, 2.0, study.scr_basis, c)
+    grid = Place(4.0, 2.0, study.scr_basis).grid(c)
     source = GridSource(0.97 * c.V_rated_rms, 1.004 * c.omega_n)
     gains = designed(study, grid, 0.3)
     cell = Cell(grid, gains, 0.5 * c.S_rated, 0.1 * c.S_rated, source)
@@ -194,7 +194,7 @@ def test_matrices_are_the_derivatives_of_the_second_writing(situations: list[Sit
 def test_the_exponential_inside(case: str, scr: float, ratio: float) -> None:
     """With a delay the plant's part of A and of the pending voltage is Φ and Γ, turned back: scipy's, to 1e-13."""
     study = case_study(case, delay=1)
-    grid = grid_from_scr(scr, ratio, study.scr_basis, study.converter)
+    grid = Place(scr, ratio, study.scr_basis).grid(study.converter)
     source = GridSource(study.converter.V_rated_rms, 1.003 * study.converter.omega_n)
     gains = designed(study, grid)._replace(D_p=0.0)  # or its droop asks for more than the grid carries
     model = linearise_full_order(study, [Cell(grid, gains, 0.0, 0.0, source)])
@@ -230,7 +230,7 @@ def test_names() -> None:
 def test_a_cell_without_a_steady_state_is_recorded() -> None:
     """Between two good cells: the reason is kept and the arrays hold the two."""
     study = case_study(PUBLISHED)
-    grid = grid_from_scr(2.0, 1.0, study.scr_basis, study.converter)
+    grid = Place(2.0, 1.0, study.scr_basis).grid(study.converter)
     gains = designed(study, grid)
     cells = [Cell(grid, gains, P, 0.0) for P in (1000.0, 80000.0, 2000.0)]
     model = linearise_full_order(study, cells)

@@ -22,7 +22,7 @@ from tests.stability.studies import (
 from vsgdesign.metrics.modes import eigenvalue_sensitivity
 from vsgdesign.model.full_order import PARAMETERS
 from vsgdesign.operating_point.full_order import Cell, parameter_sensitivity
-from vsgdesign.parameters.study import GridSource, grid_from_scr
+from vsgdesign.parameters.study import GridSource, Place
 from vsgdesign.stability.loci import RANKED, mode_sensitivities
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ def place(case: str, delay: int, tau: float) -> Situation:
         study = replace(study, inner_gains=inner._replace(kappa=kappa))
     if case == UTILITY:  # a filter without damping resistor, whose derivative is then one-sided in nature
         study = replace(study, filter=replace(study.filter, R_c=0.0))
-    grid = grid_from_scr(4.0, 1.7, study.scr_basis, c)
+    grid = Place(4.0, 1.7, study.scr_basis).grid(c)
     source = GridSource(0.98 * c.V_rated_rms, 1.0002 * c.omega_n)
     gains = designed(study, grid, 0.6, damping_ratio=0.6)  # no double modes: theirs have no derivative
     if delay:

@@ -14,7 +14,7 @@ import pytest
 from tests.parameters.documents import build
 from vsgdesign.frames import phase_to_ll
 from vsgdesign.parameters import Study, case_names
-from vsgdesign.parameters.study import grid_from_scr
+from vsgdesign.parameters.study import Place
 from vsgdesign.parameters.units import parse_quantity
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "converters.md"
@@ -40,7 +40,7 @@ def system(case: str) -> Study:
 
 def sampling_over_resonance(study: Study) -> float:
     """Sampling frequency over that of L_1 and C with L_2 and the strongest, most resistive grid (SCR 20, X/R 0.3)."""
-    f, grid = study.filter, grid_from_scr(20.0, 0.3, "impedance", study.converter)
+    f, grid = study.filter, Place(20.0, 0.3, "impedance").grid(study.converter)
     outer = f.L_2 + grid.L_g
     resonance = math.sqrt((f.L_1 + outer) / (f.L_1 * outer * f.C)) / (2.0 * math.pi)
     return 1.0 / (study.converter.T_s * resonance)

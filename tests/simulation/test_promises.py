@@ -14,7 +14,7 @@ from tests.gain_tables import table
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters import Event, Study
-from vsgdesign.parameters.study import Grid, grid_from_scr
+from vsgdesign.parameters.study import Grid, Place
 from vsgdesign.report.scenario.promise_tables import promise_sentences, promises_table
 from vsgdesign.report.scenario.verdict import step_outcomes, verdict
 from vsgdesign.simulation import ScenarioResult, run_scenario
@@ -40,7 +40,7 @@ def study_with(asked: Mapping[str, object], *events: Event) -> tuple[Study, Read
     )
     spec = replace(controller(study), name="table", schedule="table")
     run = replace(study.simulation, duration=3.0, bridge="averaged", P_ref=1500.0, Q_ref=0.0)
-    grid = grid_from_scr(5.0, 2.0, "impedance", study.converter)
+    grid = Place(5.0, 2.0, "impedance").grid(study.converter)
     return replace(study, controllers=(spec,), events=events, simulation=run, grid=grid), Ready(tables={"table": made})
 
 
@@ -88,7 +88,7 @@ def test_closed_forms_have_their_target_and_given_gains_the_gates() -> None:
 
 def test_nothing_is_promised_outside_the_tables_box() -> None:
     """The step comes on SCR 12, beyond the table's 6: said, and neither met nor missed."""
-    strong = grid_from_scr(12.0, 2.0, "impedance", robust_study().converter)
+    strong = Place(12.0, 2.0, "impedance").grid(robust_study().converter)
     events = (Event(0.1, "stronger", grid=Grid(strong.R_g, strong.L_g)), Event(0.6, "more", P_ref=1750.0))
     result = run_scenario(*study_with(ASKED, *events))
     (step,) = step_outcomes(result)

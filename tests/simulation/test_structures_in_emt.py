@@ -11,7 +11,7 @@ from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.metrics import step_response
 from vsgdesign.parameters import Event, Grid, GridSource, Study, load_study
-from vsgdesign.parameters.study import grid_from_scr
+from vsgdesign.parameters.study import Place
 from vsgdesign.runtime import closed_form_schedule
 from vsgdesign.simulation import GainChange, simulate
 
@@ -56,7 +56,7 @@ GRIDS = [
 @pytest.mark.parametrize(("scr", "x_over_r"), GRIDS)
 @pytest.mark.parametrize("signal", ["P", "Q"])
 def test_a_second_and_no_overshoot_on_every_grid(published: Study, scr: float, x_over_r: float, signal: str) -> None:
-    grid = grid_from_scr(scr, x_over_r, "impedance", published.converter)
+    grid = Place(scr, x_over_r, "impedance").grid(published.converter)
     gains = angle_damped(published, grid)
     study = at_rest(published, grid, gains, 4.0)
     spec = study.simulation
@@ -73,7 +73,7 @@ def test_a_second_and_no_overshoot_on_every_grid(published: Study, scr: float, x
 @pytest.mark.parametrize("f_g", [49.9, 50.1])
 def test_the_droop_is_the_specified_one_on_every_grid(published: Study, scr: float, f_g: float) -> None:
     """5 % droop: 0.1 Hz, 0.2 % of 50 Hz, is 4 % of rated power."""
-    grid = grid_from_scr(scr, 1.0, "impedance", published.converter)
+    grid = Place(scr, 1.0, "impedance").grid(published.converter)
     gains = angle_damped(published, grid)
     study = at_rest(published, grid, gains, 0.5)
     study = replace(study, grid_source=GridSource(study.grid_source.V_g_rms, 2.0 * np.pi * f_g))
@@ -84,9 +84,9 @@ def test_the_droop_is_the_specified_one_on_every_grid(published: Study, scr: flo
 
 def test_rescheduling_in_a_run_does_not_move_the_frequency(published: Study) -> None:
     """Gains of another grid come at 0.2 s: ω goes on from where it was; without the hand-over it would jump."""
-    grid = grid_from_scr(5.0, 1.0, "impedance", published.converter)
+    grid = Place(5.0, 1.0, "impedance").grid(published.converter)
     old = angle_damped(published, grid)
-    new = angle_damped(published, grid_from_scr(2.0, 1.0, "impedance", published.converter))
+    new = angle_damped(published, Place(2.0, 1.0, "impedance").grid(published.converter))
     study = at_rest(published, grid, old, 0.3)
     run = simulate(study, [GainChange(0.0, old), GainChange(0.2, new)])
     omega, k = run.column("omega"), int(np.searchsorted(run.t_s, 0.2 - 1e-9))

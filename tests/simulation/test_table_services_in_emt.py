@@ -9,7 +9,7 @@ import pytest
 
 from tests.gain_tables import table
 from vsgdesign.parameters import Event, Grid, Study, load_study
-from vsgdesign.parameters.study import grid_from_scr
+from vsgdesign.parameters.study import Place
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.simulation import GainChange, simulate
@@ -41,7 +41,7 @@ def change_of_power(study: Study, grid: Grid, schedule: Schedule, f_g: float, ov
 def test_a_table_delivers_the_droop_it_was_asked_for(published: Study, scr: float, f_g: float) -> None:
     """5 % droop of 5 kVA: 200 W for 0.1 Hz, within 1 %, between the nodes of the table too."""
     schedule = replace(table_schedule(table(**AXES, D_p=5e3 / (0.05 * 100.0 * np.pi))), P=P_0, Q=Q_0)
-    grid = grid_from_scr(scr, 1.2, "impedance", published.converter)
+    grid = Place(scr, 1.2, "impedance").grid(published.converter)
     found = change_of_power(published, grid, schedule, f_g, over=0.2, until=4.0)
     assert found == pytest.approx(-(f_g - 50.0) / 50.0 / 0.05 * 5e3, rel=0.01)
 
@@ -51,6 +51,6 @@ def test_a_table_delivers_the_droop_it_was_asked_for(published: Study, scr: floa
 def test_a_table_has_its_inertia_on_a_ramp(published: Study, scr: float, x_over_r: float) -> None:
     """0.25 Hz/s ask H = 2 s of a 5 kVA converter for 2HS/ω_0·RoCoF = 100 W, without droop."""
     schedule = replace(table_schedule(table(law="inertia", **AXES, D_p=0.0)), P=P_0, Q=Q_0)
-    grid = grid_from_scr(scr, x_over_r, "impedance", published.converter)
+    grid = Place(scr, x_over_r, "impedance").grid(published.converter)
     found = change_of_power(published, grid, schedule, 49.25, over=3.0, until=3.0)
     assert found == pytest.approx(2.0 * 2.0 * 5e3 / 50.0 * 0.25, rel=0.05)

@@ -14,7 +14,7 @@ from vsgdesign.metrics.modes import damping_ratio, to_continuous
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.operating_point.sampled import steady_state
 from vsgdesign.parameters import Grid, Study, load_study
-from vsgdesign.parameters.study import grid_from_scr
+from vsgdesign.parameters.study import Place
 from vsgdesign.runtime import closed_form_schedule
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.steps import emt_step, references_at
@@ -106,7 +106,7 @@ def test_rest_is_the_same_and_stays() -> None:
 
 def test_the_network_mode_is_damped_where_it_was_unstable(published: Study) -> None:
     """SCR 20 at X/R 20: 13 ± j326 1/s without; with the advised value the project's gate of 0.3 is kept."""
-    grid = grid_from_scr(20.0, 20.0, "impedance", published.converter)
+    grid = Place(20.0, 20.0, "impedance").grid(published.converter)
     gains = angle_damped(published, grid)
     assert least_damping(published, grid, gains) < 0.0
     assert emt_step(published, grid, gains, P_0, Q_0, "P", duration=1.5) is None
@@ -117,7 +117,7 @@ def test_the_network_mode_is_damped_where_it_was_unstable(published: Study) -> N
 @pytest.mark.parametrize("sensor", [0.98, 1.02])
 def test_a_sensor_that_is_two_percent_off_is_no_danger(published: Study, sensor: float) -> None:
     """The feed-forward takes its error to K_ff; without the resistance 1 % too much is unstable here."""
-    grid = grid_from_scr(20.0, 20.0, "impedance", published.converter)
+    grid = Place(20.0, 20.0, "impedance").grid(published.converter)
     gains = angle_damped(published, grid)
     off_by = replace(published, inner_gains=published.inner_gains._replace(K_ff=sensor))
     assert least_damping(with_resistance(off_by, ADVISED_PU), grid, gains) > 0.2
@@ -127,7 +127,7 @@ def test_a_sensor_that_is_two_percent_off_is_no_danger(published: Study, sensor:
 
 @pytest.mark.parametrize(("scr", "x_over_r"), [(3.0, 20.0), (6.0, 20.0), (20.0, 0.3), (20.0, 3.0)])
 def test_the_advised_value_damps_every_strong_grid(published: Study, scr: float, x_over_r: float) -> None:
-    grid = grid_from_scr(scr, x_over_r, "impedance", published.converter)
+    grid = Place(scr, x_over_r, "impedance").grid(published.converter)
     gains = angle_damped(published, grid)
     assert least_damping(with_resistance(published, ADVISED_PU), grid, gains) > 0.3
 
@@ -136,7 +136,7 @@ def test_the_advised_value_damps_every_strong_grid(published: Study, scr: float,
 @pytest.mark.parametrize("signal", ["P", "Q"])
 def test_power_steps_take_no_notice(published: Study, scr: float, x_over_r: float, signal: str) -> None:
     """The angle-damped structure's promise (a second, no overshoot) holds with it, in EMT."""
-    grid = grid_from_scr(scr, x_over_r, "impedance", published.converter)
+    grid = Place(scr, x_over_r, "impedance").grid(published.converter)
     gains = angle_damped(published, grid)
     found = emt_step(with_resistance(published, ADVISED_PU), grid, gains, P_0, Q_0, signal)
     assert found is not None

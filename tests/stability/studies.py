@@ -11,7 +11,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
 from vsgdesign.parameters import Grid, Study, study_from_text
-from vsgdesign.parameters.study import ClosedFormTarget, GridSource, grid_from_scr
+from vsgdesign.parameters.study import ClosedFormTarget, GridSource, Place
 from vsgdesign.runtime.closed_form import closed_form_schedule
 
 Array = NDArray[np.float64]
@@ -123,7 +123,7 @@ def random_situations(count: int, seed: int) -> list[Situation]:
         moved = {n: getattr(study.inner_gains, n) * 10.0 ** rng.uniform(-0.15, 0.15) for n in _INNER}
         study = replace(study, inner_gains=study.inner_gains._replace(**moved))
         scr, ratio = 10.0 ** rng.uniform(0.2, 1.4), 10.0 ** rng.uniform(-0.5, 1.2)
-        grid = grid_from_scr(float(scr), float(ratio), study.scr_basis, study.converter)
+        grid = Place(float(scr), float(ratio), study.scr_basis).grid(study.converter)
         S = study.converter.S_rated
         P, Q = float(rng.uniform(-0.6, 0.9) * S), float(rng.uniform(-0.4, 0.4) * S)
         source = GridSource(

@@ -23,7 +23,7 @@ from tests.stability.studies import (
 from vsgdesign.model.full_order import OUTPUTS
 from vsgdesign.operating_point.full_order import Cell
 from vsgdesign.parameters import Grid
-from vsgdesign.parameters.study import GridSource, grid_from_scr
+from vsgdesign.parameters.study import GridSource, Place
 from vsgdesign.stability.impedance import (
     frequency_response,
     generalised_nyquist,
@@ -42,7 +42,7 @@ HZ = np.array([1.0, 10.0, 45.0, 55.0, 150.0, 300.0, 600.0, 2000.0])
 def at_scr(case: str, scr: float, ratio: float, settling: float = 0.3, structure: bool = False, **changes) -> Situation:
     study = case_study(case, **changes)
     c = study.converter
-    grid = grid_from_scr(scr, ratio, study.scr_basis, c)
+    grid = Place(scr, ratio, study.scr_basis).grid(c)
     gains = designed(study, grid, settling)
     if structure:
         gains = another_structure(np.random.default_rng(1), gains)

@@ -20,7 +20,7 @@ from scipy import signal
 from tests.stability.studies import PUBLISHED, case_study
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.parameters import Study
-from vsgdesign.parameters.study import grid_from_scr
+from vsgdesign.parameters.study import Place
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.stability.cells import cells_under, reduced_cells
 from vsgdesign.stability.loci import stability_limit
@@ -89,7 +89,7 @@ def study() -> Study:
 
 def analysed(scr: float, ratio: float) -> tuple[MarginTable, object]:
     s = study()
-    grid = grid_from_scr(scr, ratio, "reactance", s.converter)
+    grid = Place(scr, ratio, "reactance").grid(s.converter)
     law = gain_law(s, s.controllers[0])
     cells = cells_under(s, law, grid.R_g, grid.L_g, P, Q)
     model = reduced_cells(s, cells)

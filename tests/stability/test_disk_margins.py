@@ -16,7 +16,7 @@ from vsgdesign.metrics.margins import disk_margin_per_frequency, guaranteed_marg
 from vsgdesign.model.coupled import CoupledModel
 from vsgdesign.operating_point import solve_operating_point
 from vsgdesign.operating_point.full_order import Cell
-from vsgdesign.parameters.study import grid_from_scr
+from vsgdesign.parameters.study import Place
 from vsgdesign.stability.cells import cell_set, reduced_cells
 from vsgdesign.stability.loops import FullOrderLoop, ReducedLoop
 from vsgdesign.stability.margins import (
@@ -182,7 +182,7 @@ def test_a_resonance_narrower_than_a_step_of_the_grid() -> None:
     study = case_study(PUBLISHED)
 
     def at_ratio(ratio: float) -> Situation:
-        grid = grid_from_scr(12.0, ratio, study.scr_basis, study.converter)
+        grid = Place(12.0, ratio, study.scr_basis).grid(study.converter)
         return situation(study, Cell(grid, designed(study, grid, 0.3), 1500.0, 300.0))
 
     limit = brentq(lambda ratio: at_ratio(ratio).growth, 12.0, 15.0, xtol=1e-9)

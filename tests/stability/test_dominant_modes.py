@@ -16,7 +16,7 @@ from tests.stability.studies import LABORATORY, PUBLISHED, UTILITY, Situation, c
 from tests.stability.test_prediction_full_order import STEP_PU, emt_response
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.operating_point.full_order import Cell
-from vsgdesign.parameters.study import grid_from_scr
+from vsgdesign.parameters.study import Place
 from vsgdesign.stability.loci import modes
 
 Array = NDArray[np.float64]
@@ -78,7 +78,7 @@ def test_against_a_fit_of_the_emt(name: str) -> None:
     """Decay rate and frequency, each within 0.1 % of itself."""
     case, scr, ratio, settling, damping = CASES[name]
     study = case_study(case)
-    grid = grid_from_scr(scr, ratio, study.scr_basis, study.converter)
+    grid = Place(scr, ratio, study.scr_basis).grid(study.converter)
     S = study.converter.S_rated
     s = situation(study, Cell(grid, designed(study, grid, settling, damping), 0.3 * S, 0.05 * S))
     expected = dominant(s)
@@ -109,7 +109,7 @@ def test_against_a_fit_of_the_emt(name: str) -> None:
 def test_modes_are_listed_with_what_takes_part() -> None:
     """Least stable first, shares of the states largest first; the swing mode is δ's, ω's and V's."""
     study = case_study(PUBLISHED)
-    grid = grid_from_scr(5.0, 0.5, study.scr_basis, study.converter)
+    grid = Place(5.0, 0.5, study.scr_basis).grid(study.converter)
     s = situation(study, Cell(grid, designed(study, grid), 1500.0, 300.0))
     found = modes(s.model.states, s.model.A[0], s.model.T_s, count=13)
     assert len(found) == 13

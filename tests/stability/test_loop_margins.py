@@ -14,7 +14,7 @@ from tests.stability.loops_by_control import balanced, open_full_order, open_red
 from tests.stability.studies import PUBLISHED, Situation, case_study, designed, random_situations
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.model.coupled import CoupledModel
-from vsgdesign.parameters.study import grid_from_scr
+from vsgdesign.parameters.study import Place
 from vsgdesign.stability.cells import cell_set, reduced_cells
 from vsgdesign.stability.margins import full_order_margins, reduced_margins
 
@@ -29,7 +29,7 @@ def reduced_models(count: int) -> Iterator[CoupledModel]:
         tau_P, tau_Q = (float(rng.choice([0.0, 10.0 ** rng.uniform(-3.0, -1.0)])) for _ in "PQ")
         study = case_study(PUBLISHED, tau_P=tau_P, tau_Q=tau_Q)
         scr, ratio = float(10.0 ** rng.uniform(0.2, 1.4)), float(10.0 ** rng.uniform(-0.4, 1.0))
-        grid = grid_from_scr(scr, ratio, study.scr_basis, study.converter)
+        grid = Place(scr, ratio, study.scr_basis).grid(study.converter)
         gains = designed(study, grid, float(10.0 ** rng.uniform(-0.3, 0.3)), float(rng.uniform(0.3, 1.5)))
         gains = PowerLoopGains(*(float(g * 10.0 ** rng.uniform(-0.3, 0.3)) for g in gains))
         P, Q = float(rng.uniform(-3e3, 4.5e3)), float(rng.uniform(-1e3, 1e3))

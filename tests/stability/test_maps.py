@@ -12,7 +12,7 @@ from tests.stability.studies import LABORATORY, PUBLISHED, case_study, designed,
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.operating_point.full_order import Cell
 from vsgdesign.parameters import Study
-from vsgdesign.parameters.study import Grid, grid_from_scr
+from vsgdesign.parameters.study import Grid, Place
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.stability.cells import cell_set, full_order_cells, reduced_cells
 from vsgdesign.stability.maps import MODELS, MarginMap, estimate_error_map, margin_map, stale_schedule_matrix
@@ -100,7 +100,7 @@ def test_fields_are_single_cells(study: Study, a_map: MarginMap) -> None:
     fields = {name: a_map.field(values) for name, values in columns(a_map.table).items()}
     good = np.argwhere(~np.isnan(a_map.stable))
     for i, j, k in good[rng.choice(len(good), 10, replace=False)]:
-        grid = grid_from_scr(SCR[i], RATIO[j], study.scr_basis, study.converter)
+        grid = Place(SCR[i], RATIO[j], study.scr_basis).grid(study.converter)
         P, Q = P_AXIS[k // len(Q_AXIS)], Q_AXIS[k % len(Q_AXIS)]
         cells = cell_set(study, grid.R_g, grid.L_g, P, Q, designed(study, grid))
         if a_map.model == "reduced":
@@ -141,7 +141,7 @@ def test_the_diagonal_of_a_stale_schedule_is_the_map(study: Study, model: str) -
         rtol = 1e-4 if name.endswith(("omega", "rad_s")) else 1e-6
         np.testing.assert_allclose(diagonal, fresh.field(columns(fresh.table)[name])[:, 0, 0], rtol=rtol, err_msg=name)
     assert [name for name, _ in stale.axes] == ["true SCR", "SCR of the gains"]
-    true, thought = (grid_from_scr(x, 1.0, study.scr_basis, study.converter) for x in (20.0, 2.0))
+    true, thought = (Place(x, 1.0, study.scr_basis).grid(study.converter) for x in (20.0, 2.0))
     cells = cell_set(study, true.R_g, true.L_g, 3000.0, 500.0, designed(study, thought))
     alone = (
         reduced_margins(reduced_cells(study, cells))
@@ -165,7 +165,7 @@ def test_no_estimate_error_is_the_map(study: Study, model: str) -> None:
         rtol = 1e-4 if name.endswith(("omega", "rad_s")) else 1e-6
         centre = wrong.field(values)[:, :, 1, 1]
         np.testing.assert_allclose(centre, fresh.field(columns(fresh.table)[name])[:, :, 0], rtol=rtol, err_msg=name)
-    true = grid_from_scr(10.0, 0.6, study.scr_basis, study.converter)
+    true = Place(10.0, 0.6, study.scr_basis).grid(study.converter)
     gains = designed(study, Grid(true.R_g * 0.8, true.L_g * 1.3))
     cells = cell_set(study, true.R_g, true.L_g, 3000.0, 500.0, gains)
     assert wrong.cells.gains.K_ip.reshape(wrong.shape)[1, 0, 0, 2] == pytest.approx(gains.K_ip, rel=1e-12)
@@ -205,7 +205,7 @@ def test_both_models_agree_in_the_slow_modes(case: str, scr: float, ratio: float
     speed, which the second, twice as slow, design shows.
     """
     study = case_study(case)
-    grid = grid_from_scr(scr, ratio, study.scr_basis, study.converter)
+    grid = Place(scr, ratio, study.scr_basis).grid(study.converter)
     # A double mode would part by the root of any difference.
     errors = []
     for settling in (8.0, 16.0):
@@ -224,7 +224,7 @@ def test_both_models_agree_in_the_slow_modes(case: str, scr: float, ratio: float
 def test_full_order_cells_sit_where_they_were_asked_to(study: Study) -> None:
     """(P, Q) at the control point in spite of both droops and a grid off nominal."""
     off = replace(study, grid_source=replace(study.grid_source, omega_g=1.0004 * study.converter.omega_n))
-    grid = grid_from_scr(4.0, 1.5, off.scr_basis, off.converter)
+    grid = Place(4.0, 1.5, off.scr_basis).grid(off.converter)
     gains = designed(off, grid)
     full = full_order_cells(off, cell_set(off, grid.R_g, grid.L_g, 2500.0, 700.0, gains))
     outputs = np.array(full.map.step(full.z[0], full.p[0])[1]).ravel()

@@ -16,7 +16,7 @@ from vsgdesign.design.evaluation import evaluate_pairs
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters import Study
-from vsgdesign.parameters.study import ControllerSpec, grid_from_scr
+from vsgdesign.parameters.study import ControllerSpec, Place
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.runtime.table import table_schedule
@@ -99,7 +99,7 @@ def test_map_optimizer_runtime_and_emt_have_the_same_cell(structure: str) -> Non
         # EMT, at rest from the first sample on.
         if not full.table.stable[0]:
             continue
-        here = grid_from_scr(scr, ratio, study.scr_basis, study.converter)
+        here = Place(scr, ratio, study.scr_basis).grid(study.converter)
         P_ref, Q_ref = references_at(study, here, PowerLoopGains(*shipped), P, Q)
         run_spec = replace(
             study.simulation, duration=0.1, start="steady_state", bridge="averaged", P_ref=P_ref, Q_ref=Q_ref
@@ -119,7 +119,7 @@ def test_a_closed_form_is_at_its_design_point_or_at_what_is_measured() -> None:
         spec = controller(study, structure)
         rule = gain_law(study, spec)
         assert rule.measured == measured
-        grid = grid_from_scr(5.0, 2.0, study.scr_basis, study.converter)
+        grid = Place(5.0, 2.0, study.scr_basis).grid(study.converter)
         one = margin_map(study, rule, [5.0], [2.0], [-2000.0], [-500.0])
         at_design = rule.schedule.gains(grid.R_g, grid.L_g)
         assert np.allclose(cell_gains(one), at_design, rtol=1e-9) != measured
@@ -137,7 +137,7 @@ def test_powers_of_the_other_sign_have_gains_of_their_own() -> None:
     study, spec, ready = tabled()
     rule = gain_law(study, spec, ready)
     one = margin_map(study, rule, [2.0], [0.5], [-2500.0], [0.0])
-    grid = grid_from_scr(2.0, 0.5, study.scr_basis, study.converter)
+    grid = Place(2.0, 0.5, study.scr_basis).grid(study.converter)
     at_design = rule.schedule.gains_over(grid.R_g, grid.L_g)
     other = margin_map(study, lambda *_: PowerLoopGains(*(float(v) for v in at_design)), [2.0], [0.5], [-2500.0], [0.0])
     assert abs(one.table.disk_output.value[0] / other.table.disk_output.value[0] - 1.0) > 0.2

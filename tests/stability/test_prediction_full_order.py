@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tests.stability.studies import PUBLISHED, Situation, case_study, designed, random_situations, situation
 from vsgdesign.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.operating_point.full_order import Cell
-from vsgdesign.parameters.study import Event, grid_from_scr
+from vsgdesign.parameters.study import Event, Place
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.stability.steps import full_order_step
 
@@ -137,7 +137,7 @@ def test_full_order_step_is_the_recursion(situations: Sequence[Situation]) -> No
 def test_frequency_and_voltage_of_the_source() -> None:
     """The other two inputs: a step of ω_g and of V_g at a sample, in EMT and predicted."""
     study = case_study(PUBLISHED)
-    grid = grid_from_scr(4.0, 2.0, study.scr_basis, study.converter)
+    grid = Place(4.0, 2.0, study.scr_basis).grid(study.converter)
     s = situation(study, Cell(grid, designed(study, grid, 0.5), 2000.0, 300.0))
     T_s, samples = study.converter.T_s, 6000
     source = study.grid_source

@@ -18,7 +18,7 @@ from tests.stability.studies import PUBLISHED, case_study, designed
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.model.coupled import INPUTS, OUTPUTS, CoupledModel, coupled_model
 from vsgdesign.operating_point import solve_operating_point
-from vsgdesign.parameters.study import Event, grid_from_scr
+from vsgdesign.parameters.study import Event, Place
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.stability.cells import cell_set, reduced_cells
 from vsgdesign.stability.steps import reduced_step
@@ -101,7 +101,7 @@ def test_against_an_emt_with_fast_inner_loops(scr: float, ratio: float, input_: 
     order of its slope times the network's time constant.
     """
     study = case_study(PUBLISHED)
-    grid = grid_from_scr(scr, ratio, study.scr_basis, study.converter)
+    grid = Place(scr, ratio, study.scr_basis).grid(study.converter)
     gains = designed(study, grid, settling_time=6.0)
     P, Q, size = 2000.0, 500.0, 5.0
     R, X = study.path_to_grid(grid)

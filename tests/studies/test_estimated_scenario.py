@@ -14,7 +14,7 @@ import pytest
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.parameters import Study, load_study
-from vsgdesign.parameters.study import grid_from_scr
+from vsgdesign.parameters.study import Place
 from vsgdesign.pipeline.training import make_network
 from vsgdesign.simulation import run_scenario
 from vsgdesign.simulation.judging import Judgement, judge_estimates
@@ -35,7 +35,7 @@ def continuous() -> tuple[Study, Ready]:
 
 def on_grids(study: Study, *scr: float) -> Study:
     """The scenario with other short-circuit ratios; the last ten seconds, a step of Q, as they are."""
-    grids = [grid_from_scr(ratio, 1.0, study.scr_basis, study.converter) for ratio in scr]
+    grids = [Place(ratio, 1.0, study.scr_basis).grid(study.converter) for ratio in scr]
     later = iter(grids[1:])
     events = tuple(event if event.grid is None else replace(event, grid=next(later)) for event in study.events)
     return replace(study, grid=grids[0], events=events)

@@ -24,11 +24,11 @@ from vsgdesign.artifacts.gain_table import (
     table_document,
 )
 from vsgdesign.artifacts.guarded_file import GuardedFile, is_number
+from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 
 STATUSES = ("met", "relaxed", "outside")
-SCR_BASES = ("impedance", "reactance")
 _TINY = 5e-324
 _ROW = re.compile(r"\[\n\s*([^\[\]{}]*?)\n\s*\]")
 _BREAK = re.compile(r",\n *")

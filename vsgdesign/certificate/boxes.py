@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.certificate.region import Region, System
+from vsgdesign.equations.grid import SCR_BASES, ScrBasis
 from vsgdesign.equations.power_flow import POWER_MARGIN
 from vsgdesign.frames import PHASES
 from vsgdesign.runtime.closed_form import ClosedFormSchedule
@@ -65,11 +66,11 @@ def whole_region(system: System, region: Region) -> Boxes:
     e, c = region.error, system.study.converter
     ratio = np.array([region.x_over_r[0] * (1.0 - e) / (1.0 + e), region.x_over_r[1] * (1.0 + e) / (1.0 - e)])
     size = np.array([(1.0 - e) / region.scr[1], (1.0 + e) / region.scr[0]])
-    if (basis := basis_of(system)) != system.study.scr_basis:
+    if (basis := basis_of(system)).name != system.study.scr_basis:
         # |Z| is at least X, by 1/sin of the angle.
         sines = np.sin(np.arctan(region.x_over_r))
-        size = size * (sines if basis == "reactance" else 1.0 / sines[::-1])
-    widest = size[1] / (np.sin(np.arctan(ratio[0])) if basis == "reactance" else 1.0)
+        size = size * (1.0 / sines[::-1] if basis.counts_resistance else sines)
+    widest = basis.magnitude(size[1], np.sin(np.arctan(ratio[0])))
     # No more than the static limit leaves: |Z||S|/V² ≤ PHASES/1.3, and |Ẑ| ≤ (1 + error)|Z| at the rated frequency.
     slow = min(system.study.grid_source.omega_g / c.omega_n, 1.0)
     most = PHASES / POWER_MARGIN * (1.0 + e) / slow
@@ -93,13 +94,13 @@ def points_of(system: System, region: Region, places: Array) -> Array:
     """Places (N, 6) in the boxes' coordinates as points of :class:`System`, (M, 6): those that lie in the region."""
     c, f, source = system.study.converter, system.study.filter, system.study.grid_source
     first, angle, p, q, e_R, e_L = places.T
-    size = first if basis_of(system) == "impedance" else first / np.sin(angle)
+    size = basis_of(system).magnitude(first, np.sin(angle))
     R, X = size * np.cos(angle) / (1.0 + e_R), size * np.sin(angle) / (1.0 + e_L)
     r = (R + f.R_2 / c.Z_base) / size
     x = (X + c.omega_n * f.L_2 / c.Z_base) * (source.omega_g / c.omega_n) / size
     V_sq = (source.V_g_rms / c.V_rated_rms) ** 2 / drop_sq(r, x, p, q)
     scale = V_sq / (size * PHASES) * c.S_rated
-    weakness = X if system.study.scr_basis == "reactance" else np.hypot(R, X)
+    weakness = SCR_BASES[system.study.scr_basis].counted(R, X)
     points = np.stack([weakness, np.arctan2(X, R), p * scale, q * scale, e_R, e_L], axis=1)
     low, high = region.limits
     return points[((points >= low) & (points <= high)).all(axis=1)]
@@ -111,10 +112,10 @@ def drop_sq(r: Any, x: Any, p: Any, q: Any) -> Any:
     return along * along + across * across
 
 
-def basis_of(system: System) -> str:
+def basis_of(system: System) -> ScrBasis:
     """The SCR's basis whose reciprocal is the first coordinate."""
     schedule = system.schedule
-    return schedule.scr_basis if isinstance(schedule, TableSchedule) else system.study.scr_basis
+    return SCR_BASES[schedule.scr_basis if isinstance(schedule, TableSchedule) else system.study.scr_basis]
 
 
 def _pieces(nodes: Array, low: float, high: float) -> list[Array]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vsgdesign.certificate.boxes import ERROR_PARAMETERS, basis_of, drop_sq
 from vsgdesign.certificate.region import OMEGA_SCALE, Region, System
 from vsgdesign.certificate.tracing import Program, Symbol, Tracer, program_of
+from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_flow import LEAST_SHARE, POWER_MARGIN
 from vsgdesign.equations.structures import NormalisedGains, decoupling, poles_of_inertia, voltage_row
 from vsgdesign.frames import PHASES
@@ -46,8 +47,8 @@ def programs(system: System, region: Region, weights: Weights, P: Array, decay: 
     true_r, true_x = here.direction[0] / (1.0 + e_R), here.direction[1] / (1.0 + e_L)
     path = (true_r + here.fixed[0], (true_x + here.fixed[1]) * here.share)
     inverse_V, conditions = _voltage(system, region, p, q, path, here.base)
-    impedance = true_x if system.study.scr_basis == "reactance" else np.sqrt(true_r * true_r + true_x * true_x)
-    weakness, r_over_x = here.size * impedance, true_r / true_x
+    counted = SCR_BASES[system.study.scr_basis].counted(true_r, true_x)
+    weakness, r_over_x = here.size * counted, true_r / true_x
     for value, (least, most) in ((weakness, region.scr), (r_over_x, region.x_over_r)):
         conditions.append((value, 1.0 / most, 1.0 / least))
     carried = [inverse_V, weakness, r_over_x] if len(P) > 1 else [inverse_V]
@@ -106,7 +107,7 @@ class _Estimate:
     def of(cls, system: System, first: Symbol, angle: Symbol) -> _Estimate:
         c, f = system.study.converter, system.study.filter
         direction = np.cos(angle), np.sin(angle)
-        size = first if basis_of(system) == "impedance" else first / direction[1]
+        size = basis_of(system).magnitude(first, direction[1])
         r_2, x_2 = f.R_2 / c.Z_base, c.omega_n * f.L_2 / c.Z_base
         inverse = size.reciprocal() if r_2 or x_2 else 0.0
         schedule = system.schedule

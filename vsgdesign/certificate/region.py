@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_flow import POWER_MARGIN, jacobian_from_powers, operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.errors import Fault, InfeasibleStudyError
@@ -108,7 +109,7 @@ class System:
         study = self.study
         c, source, f = study.converter, study.grid_source, study.filter
         weakness, angle, P, Q, _, _ = points.T
-        Z_g = weakness * c.Z_base / (np.sin(angle) if study.scr_basis == "reactance" else 1.0)
+        Z_g = SCR_BASES[study.scr_basis].magnitude(weakness * c.Z_base, np.sin(angle))
         R_g, L_g = Z_g * np.cos(angle), Z_g * np.sin(angle) / c.omega_n
         R, X = R_g + f.R_2, source.omega_g * (L_g + f.L_2)
         with np.errstate(invalid="ignore"):

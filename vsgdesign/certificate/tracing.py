@@ -241,4 +241,5 @@ _UFUNCS: dict[str, Callable[..., Any]] = {
     "sin": lambda a: a.sin(),
     "cos": lambda a: a.cos(),
     "sqrt": lambda a: a.sqrt(),
+    "hypot": lambda a, b: (a * a + b * b).sqrt(),
 }

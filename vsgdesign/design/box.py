@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.power_flow import POWER_MARGIN, operating_point
 from vsgdesign.frames import rated_current_rms, rms_to_peak
 from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import Grid, Study, grid_from_scr
+from vsgdesign.parameters.study import Grid, Place, Study
 
 Array = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ def scenarios_of_truth(study: Study, spec: Specification, scr: float, x_over_r: 
     cut the box: a power beyond them is drawn in towards zero until it lies on them, so what is asked of a grid
     changes smoothly with it.
     """
-    grid = grid_from_scr(scr, x_over_r, spec.scr_basis, study.converter)
+    grid = Place(scr, x_over_r, spec.scr_basis).grid(study.converter)
     return _scenarios(study, spec, _around_truth(grid, spec), P, Q)
 
 
@@ -101,7 +101,7 @@ def scenarios_around_estimate(
 
 
 def _behind_node(study: Study, spec: Specification, scr: float, x_over_r: float) -> list[tuple[Grid, Grid]]:
-    grid = grid_from_scr(scr, x_over_r, spec.scr_basis, study.converter)
+    grid = Place(scr, x_over_r, spec.scr_basis).grid(study.converter)
     return list(dict.fromkeys([(grid, grid), *_behind_lookup(study, spec, scr, x_over_r)]))
 
 
@@ -113,7 +113,7 @@ def _behind(study: Study, spec: Specification, estimate: Grid) -> list[tuple[Gri
 def _behind_lookup(study: Study, spec: Specification, scr: float, x_over_r: float) -> list[tuple[Grid, Grid]]:
     """(truth, estimate) of a place in the table: also estimates beyond its edge that are looked up here."""
     c, basis = study.converter, spec.scr_basis
-    place = grid_from_scr(scr, x_over_r, basis, c)
+    place = Place(scr, x_over_r, basis).grid(c)
     pairs = _behind(study, spec, place)
     for e_R, e_X in _errors(spec):
         turn = (1.0 + e_X) / (1.0 + e_R)  # of X/R, from truth to estimate
@@ -125,7 +125,7 @@ def _behind_lookup(study: Study, spec: Specification, scr: float, x_over_r: floa
             there = Grid(place.R_g * (1.0 + e_R), place.L_g * (1.0 + e_X)).scr(c, basis)
             truths.append((scr * scr / there, x_over_r))
         for s, x in truths:
-            truth = grid_from_scr(s, x, basis, c)
+            truth = Place(s, x, basis).grid(c)
             if not _is_within(study, spec, truth):
                 continue
             estimate = Grid(truth.R_g * (1.0 + e_R), truth.L_g * (1.0 + e_X))
@@ -167,18 +167,19 @@ def _drawn_in(study: Study, spec: Specification, estimate: Grid, e_R: float, e_X
 
 def _is_within(study: Study, spec: Specification, grid: Grid) -> bool:
     """Whether a grid is within the table."""
-    scr, ratio = grid.scr(study.converter, spec.scr_basis), grid.x_over_r(study.converter.omega_n)
+    place = grid.place(study.converter, spec.scr_basis)
     return all(
         axis[0] * (1.0 - _ROUNDING) <= value <= axis[-1] * (1.0 + _ROUNDING)
-        for axis, value in ((spec.scr, scr), (spec.x_over_r, ratio))
+        for axis, value in ((spec.scr, place.scr), (spec.x_over_r, place.x_over_r))
     )
 
 
 def _within_table(study: Study, spec: Specification, grid: Grid) -> Grid:
     """Where a schedule looks a grid up."""
-    scr = min(max(grid.scr(study.converter, spec.scr_basis), spec.scr[0]), spec.scr[-1])
-    ratio = min(max(grid.x_over_r(study.converter.omega_n), spec.x_over_r[0]), spec.x_over_r[-1])
-    return grid_from_scr(scr, ratio, spec.scr_basis, study.converter)
+    place = grid.place(study.converter, spec.scr_basis)
+    scr = min(max(place.scr, spec.scr[0]), spec.scr[-1])
+    ratio = min(max(place.x_over_r, spec.x_over_r[0]), spec.x_over_r[-1])
+    return Place(scr, ratio, spec.scr_basis).grid(study.converter)
 
 
 def _scenarios(study: Study, spec: Specification, grids: Sequence[tuple[Grid, Grid]], P: float, Q: float) -> Scenarios:

@@ -20,7 +20,7 @@ from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.identification import GUESS_SCR, Estimator
 from vsgdesign.identification.interface import ProbeLines
 from vsgdesign.identification.two_windows import TwoWindows
-from vsgdesign.parameters.study import Converter, Study, grid_from_scr
+from vsgdesign.parameters.study import Converter, Place, Study
 
 Array = NDArray[np.float64]
 
@@ -219,7 +219,7 @@ def methods_of(
     study: Study, networks: dict[str, NetworkWeights], recipe: WindowRecipe, settings: ComparisonSettings
 ) -> tuple[Method, ...]:
     """The methods of a comparison on the windows of a sampled recipe, with the guess of its settings."""
-    guess = grid_from_scr(settings.guess_scr, 1.0, "reactance", study.converter)
+    guess = Place(settings.guess_scr, 1.0, "reactance").grid(study.converter)
     return all_methods(study.converter, networks, recipe, guess)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts.files import plain
+from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.identification.interface import CHANNELS
 from vsgdesign.parameters.toml_file import read_toml
@@ -194,7 +195,7 @@ FIELDS = {
     "name": FieldRule("text"),
     "scr": FieldRule("spread", 0.05, 1e4),
     "x_over_r": FieldRule("spread", 1e-3, 1e4),
-    "scr_basis": FieldRule("word", words=("impedance", "reactance")),
+    "scr_basis": FieldRule("word", words=tuple(SCR_BASES)),
     "P_pu": FieldRule("spread", -2.0, 2.0),
     "Q_pu": FieldRule("spread", -2.0, 2.0),
     "P_step_pu": FieldRule("spread", -2.0, 2.0),

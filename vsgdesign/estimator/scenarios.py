@@ -16,7 +16,7 @@ from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.operating_point import solve_operating_point
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.operating_point.sampled import steady_state
-from vsgdesign.parameters.study import Grid, GridSource, Study, grid_from_scr
+from vsgdesign.parameters.study import Grid, GridSource, Place, Study
 from vsgdesign.runtime.closed_form import closed_form_schedule
 
 ATTEMPTS = 100
@@ -129,7 +129,7 @@ def _draw(study: Study, recipe: WindowRecipe, index: int, key: tuple[int, ...], 
     source = GridSource(V_g_pu * c.V_rated_rms, recipe.f_g_pu.draw(rng, index) * c.omega_n)
 
     scr, x_over_r = recipe.scr.draw(rng, index), recipe.x_over_r.draw(rng, index)
-    first = grid_from_scr(scr, x_over_r, recipe.scr_basis, c)
+    first = Place(scr, x_over_r, recipe.scr_basis).grid(c)
     P_pu, Q_pu = (spread.draw(rng, index) for spread in (recipe.P_pu, recipe.Q_pu))
     steps = tuple(spread.draw(rng, index) for spread in (recipe.P_step_pu, recipe.Q_step_pu))
     second = _other_grid(study, recipe, rng, scr) if rng.random() < recipe.grid_step_share else first
@@ -183,7 +183,7 @@ def _other_grid(study: Study, recipe: WindowRecipe, rng: np.random.Generator, sc
         number = int(rng.integers(1 << 16))
         other, x_over_r = recipe.scr.draw(rng, number), recipe.x_over_r.draw(rng, number)
         if other != scr and max(other / scr, scr / other) <= recipe.grid_step_ratio:
-            return grid_from_scr(other, x_over_r, recipe.scr_basis, study.converter)
+            return Place(other, x_over_r, recipe.scr_basis).grid(study.converter)
     raise InfeasibleStudyError(
         f"recipe {recipe.name}: no second grid within a ratio of {recipe.grid_step_ratio:g} of SCR {scr:g}. "
         "Raise grid_step_ratio, set grid_step_share to 0, or give scr more values."

@@ -14,6 +14,7 @@ import numpy as np
 
 from vsgdesign.equations.closed_form import paced
 from vsgdesign.equations.filters import FilterGrid, filter_grid_derivative
+from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, LIMITERS
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -195,7 +196,7 @@ def _circuit_matrix(f: Filter, grid: Grid) -> np.ndarray:
 
 
 def _read_grid_section(table: TableReader, converter: Converter) -> tuple[Grid, GridSource, str]:
-    basis = table.choice("scr_basis", ("impedance", "reactance"), default="impedance")
+    basis = table.choice("scr_basis", tuple(SCR_BASES), default="impedance")
     grid = read_grid(table, converter, basis, None)
     V_g_rms = table.quantity("V_g_pu", "1", 0.1, 2.0, default=1.0) * converter.V_rated_rms
     f_n = converter.omega_n / (2.0 * math.pi)
@@ -259,7 +260,7 @@ def _read_controllers(
             if grid_table is not None:
                 if gains is not None:
                     table.fault("design_grid", None, "gains are given too", "Give either gains or design_grid.")
-                own_basis = grid_table.choice("scr_basis", ("impedance", "reactance"), default=basis)
+                own_basis = grid_table.choice("scr_basis", tuple(SCR_BASES), default=basis)
                 design_grid = read_grid(grid_table, converter, own_basis, None)
                 grid_table.finish()
             elif gains is None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from vsgdesign.parameters.reader import TableReader
-from vsgdesign.parameters.study import Converter, Event, Grid, SimulationSpec, grid_from_scr
+from vsgdesign.parameters.study import Converter, Event, Grid, Place, SimulationSpec
 from vsgdesign.parameters.units import UnitError, parse_quantity
 
 _SCR = (0.05, 1e4)
@@ -24,12 +24,12 @@ def read_grid(table: TableReader, converter: Converter, basis: str, previous: Gr
     With ``previous`` (an event) a missing one of scr and x_over_r keeps its value.
     """
     if previous is not None and not (table.has("R_g") or table.has("L_g")):
-        omega = converter.omega_n
         # To twelve digits: what is kept is then the number that was given, and equal grids are equal.
-        keep_scr, keep_ratio = (float(f"{x:.12g}") for x in (previous.scr(converter, basis), previous.x_over_r(omega)))
+        kept = previous.place(converter, basis)
+        keep_scr, keep_ratio = (float(f"{x:.12g}") for x in (kept.scr, kept.x_over_r))
         scr = table.quantity("scr", "1", *_SCR, default=keep_scr)
         ratio = table.quantity("x_over_r", "1", *_X_OVER_R, default=keep_ratio)
-        return grid_from_scr(scr, ratio, basis, converter)
+        return Place(scr, ratio, basis).grid(converter)
     if table.one_of(("scr", "x_over_r"), ("R_g", "L_g")) == ("R_g", "L_g"):
         # Plausible: between 1/10000 and 20 times the base impedance.
         high = 20.0 * converter.Z_base
@@ -40,7 +40,7 @@ def read_grid(table: TableReader, converter: Converter, basis: str, previous: Gr
         return Grid(math.nan, math.nan)
     scr = table.quantity("scr", "1", *_SCR)
     ratio = table.quantity("x_over_r", "1", *_X_OVER_R)
-    return grid_from_scr(scr, ratio, basis, converter)
+    return Place(scr, ratio, basis).grid(converter)
 
 
 def read_simulation(table: TableReader, converter: Converter) -> SimulationSpec:

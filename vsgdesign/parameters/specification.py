@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.study import ClosedFormTarget, Converter, GridSource
 
@@ -119,7 +120,7 @@ def read_specification(
         H_min=H_min,
         H_max=table.quantity("H_max", "s", H_min, 1e6, default=UNBOUNDED_H),
         bandwidth_max=table.quantity("bandwidth_max", "1/s", 1e-2, 1e5, default=0.1 / converter.T_s),
-        scr_basis=table.choice("scr_basis", ("impedance", "reactance"), default=scr_basis),
+        scr_basis=table.choice("scr_basis", tuple(SCR_BASES), default=scr_basis),
         scr=table.quantities("scr", "1", 0.05, 1e4, DEFAULT_SCR),
         x_over_r=table.quantities("x_over_r", "1", 1e-3, 1e4, DEFAULT_X_OVER_R),
         box=box,

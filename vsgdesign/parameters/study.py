@@ -11,12 +11,7 @@ import numpy as np
 from vsgdesign.equations.closed_form import EQUAL_TIMES
 from vsgdesign.equations.controller import ControllerSettings
 from vsgdesign.equations.filters import FilterGrid
-from vsgdesign.equations.grid import (
-    grid_from_scr_impedance,
-    grid_from_scr_reactance,
-    scr_impedance,
-    scr_reactance,
-)
+from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, Limiter, LimiterRatings, limiter_named
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -100,22 +95,37 @@ class Grid:
     L_g: float
 
     def scr(self, converter: Converter, basis: str) -> float:
-        """Short-circuit ratio on the ``impedance`` or ``reactance`` basis."""
-        ratio = scr_impedance if basis == "impedance" else scr_reactance
-        return float(ratio(self.R_g, self.L_g, converter.Z_base, converter.omega_n))
+        """Short-circuit ratio on a basis of :data:`vsgdesign.equations.grid.SCR_BASES`."""
+        return float(SCR_BASES[basis].scr(self.R_g, self.L_g, converter.Z_base, converter.omega_n))
 
     def x_over_r(self, omega: float) -> float:
         """X/R at an angular frequency; infinite without resistance."""
         return omega * self.L_g / self.R_g if self.R_g > 0.0 else np.inf
 
+    def place(self, converter: Converter, basis: str) -> Place:
+        """The grid as a converter sees it; the inverse of :meth:`Place.grid`."""
+        return Place(self.scr(converter, basis), self.x_over_r(converter.omega_n), basis)
 
-def grid_from_scr(scr: float, x_over_r: float, basis: str, converter: Converter) -> Grid:
-    """The grid of a short-circuit ratio and X/R (infinite: no resistance) on the converter's base."""
-    if np.isinf(x_over_r):
-        return Grid(0.0, converter.Z_base / scr / converter.omega_n)
-    build = grid_from_scr_impedance if basis == "impedance" else grid_from_scr_reactance
-    R_g, L_g = build(scr, x_over_r, converter.Z_base, converter.omega_n)
-    return Grid(float(R_g), float(L_g))
+
+@dataclass(frozen=True)
+class Place:
+    """A grid as a converter sees it: short-circuit ratio, X/R, and what the ratio is taken on."""
+
+    scr: float
+    x_over_r: float
+    """Infinite: no resistance."""
+    basis: str
+    """A name of :data:`vsgdesign.equations.grid.SCR_BASES`. Raises UnknownNameError for another."""
+
+    def __post_init__(self) -> None:
+        SCR_BASES[self.basis]
+
+    def grid(self, converter: Converter) -> Grid:
+        """R_g and L_g on a converter's base (:eq:`scr`)."""
+        if np.isinf(self.x_over_r):
+            return Grid(0.0, converter.Z_base / self.scr / converter.omega_n)
+        R_g, L_g = SCR_BASES[self.basis].grid(self.scr, self.x_over_r, converter.Z_base, converter.omega_n)
+        return Grid(float(R_g), float(L_g))
 
 
 @dataclass(frozen=True)

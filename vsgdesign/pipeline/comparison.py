@@ -16,7 +16,7 @@ from vsgdesign.artifacts.tables import write_table
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import Study, grid_from_scr
+from vsgdesign.parameters.study import Place, Study
 from vsgdesign.pipeline.table import make_tables
 
 if TYPE_CHECKING:  # the optimizer's libraries are loaded by who compares
@@ -146,7 +146,7 @@ def emt_steps(study: Study, spec: Specification, contender: Contender) -> tuple[
             continue
         P, Q = EMT_SHARE * powers[0], EMT_SHARE * powers[1]
         gains = gains_at(study, spec, contender, scr, x_over_r, P, Q)
-        grid = grid_from_scr(scr, x_over_r, spec.scr_basis, study.converter)
+        grid = Place(scr, x_over_r, spec.scr_basis).grid(study.converter)
         for signal in "PQ":
             response = None
             if gains is not None:

@@ -183,7 +183,7 @@ def _operating_point(row: OperatingPointRow) -> dict[str, Any]:
 
 
 def _instability(study: Study, one: Instability) -> dict[str, Any]:
-    grid, c = one.grid, study.converter
+    grid, place = one.grid, one.grid.place(study.converter, study.scr_basis)
     return {
         "controller": one.controller,
         "t_s": one.t_s,
@@ -192,8 +192,8 @@ def _instability(study: Study, one: Instability) -> dict[str, Any]:
         "grid": {
             "R_g": grid.R_g,
             "L_g": grid.L_g,
-            "scr": grid.scr(c, study.scr_basis),
-            "x_over_r": grid.x_over_r(c.omega_n),
+            "scr": place.scr,
+            "x_over_r": place.x_over_r,
         },
         "mode": {
             "real": one.mode.s.real,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign.artifacts.certificate_record import CertificateRegion
+from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.errors import ArtifactError
 from vsgdesign.frames import rated_current_rms
 
@@ -182,9 +183,9 @@ def box_settings(
     Z_base = V_rated_rms / rated_current_rms(S_rated, V_rated_rms)
     Z_high = 2.0 * (1.0 + error) * Z_base / scr[0]
     X_high = Z_high
-    R_high = Z_high * max(r_over_x[1], 1.0) if scr_basis == "reactance" else Z_high
-    angle = np.hypot(1.0, r_over_x[1]) if scr_basis == "impedance" else 1.0
-    X_low = 0.5 * (1.0 - min(error, 0.9)) * Z_base / scr[1] / angle
+    basis = SCR_BASES[scr_basis]
+    R_high = Z_high if basis.counts_resistance else Z_high * max(r_over_x[1], 1.0)
+    X_low = 0.5 * (1.0 - min(error, 0.9)) * Z_base / scr[1] / basis.counted(r_over_x[1], 1.0)
     defaults: dict[str, Any] = {
         "R_g": (-0.1 * R_high, R_high),
         "L_g": (X_low / omega, X_high / omega),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.grid import grid_from_scr_impedance, grid_from_scr_reactance, scr_impedance, scr_reactance
+from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.frames import base_impedance
@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # a controller may have its table as constants
 Array = NDArray[np.float64]
 
 
-class Place(NamedTuple):
+class TablePlace(NamedTuple):
     """Where an estimated grid lies in a table, scalars or arrays.
 
     ``clipped_scr``, ``clipped_x_over_r``: −1 below the axis, 1 above, 0 on it. ``designed``: all nodes that have a
@@ -61,7 +61,7 @@ class TableSchedule(Schedule):
         weights = corner_weights(row.fraction, column.fraction)
         return NormalisedGains(*(interpolate(values, row, column, weights) for values in self.columns))
 
-    def place(self, R_g: Any, L_g: Any) -> Place:
+    def place(self, R_g: Any, L_g: Any) -> TablePlace:
         """Where the estimate lies, what is clipped, and whether only designed nodes have a say."""
         scr, r_over_x = self._coordinates(R_g, L_g)
         row, column = self._intervals(R_g, L_g)
@@ -72,7 +72,7 @@ class TableSchedule(Schedule):
             [(w == 0.0) | (self.valid[at] & (w > 0.0)) for at, w in zip(corners, weights, strict=True)], axis=0
         )
         with np.errstate(divide="ignore"):
-            return Place(scr, 1.0 / r_over_x, row.clipped, -column.clipped, designed)
+            return TablePlace(scr, 1.0 / r_over_x, row.clipped, -column.clipped, designed)
 
     def drawn_to(
         self, R_g: Any, L_g: Any, scr: tuple[float, float], r_over_x: tuple[float, float]
@@ -81,17 +81,15 @@ class TableSchedule(Schedule):
         designed nodes have a say there."""
         at_scr, at_r = self._coordinates(R_g, L_g)
         at_scr, at_r = np.clip(at_scr, *scr), np.clip(at_r, *r_over_x)
-        build = grid_from_scr_impedance if self.scr_basis == "impedance" else grid_from_scr_reactance
-        R_g, L_g = build(at_scr, 1.0 / at_r, self.Z_base, self.omega)
+        R_g, L_g = SCR_BASES[self.scr_basis].grid(at_scr, 1.0 / at_r, self.Z_base, self.omega)
         return R_g, L_g, self.place(R_g, L_g).designed
 
     def _coordinates(self, R_g: Any, L_g: Any) -> tuple[Any, Any]:
         R_g, L_g = np.asarray(R_g, dtype=float), np.asarray(L_g, dtype=float)
         usable = np.where(np.isfinite(R_g) & np.isfinite(L_g) & (L_g > 0.0), 1.0, np.nan)
         L_g = L_g * usable
-        ratio = scr_impedance if self.scr_basis == "impedance" else scr_reactance
         with np.errstate(invalid="ignore"):
-            return ratio(R_g, L_g, self.Z_base, self.omega), R_g / (self.omega * L_g)
+            return SCR_BASES[self.scr_basis].scr(R_g, L_g, self.Z_base, self.omega), R_g / (self.omega * L_g)
 
     def _intervals(self, R_g: Any, L_g: Any) -> tuple[Interval, Interval]:
         scr, r_over_x = self._coordinates(R_g, L_g)
@@ -125,9 +123,8 @@ def table_schedule(table: GainTable) -> TableSchedule:
 def table_grids(table: GainTable) -> tuple[Array, Array]:
     """R_g (Ω) and L_g (H) of the table's nodes, (n, m)."""
     base = table.base
-    build = grid_from_scr_impedance if base.scr_basis == "impedance" else grid_from_scr_reactance
     Z_base = base_impedance(base.S_rated, base.V_rated_rms)
-    R_g, L_g = build(table.scr[:, None], table.x_over_r[None, :], Z_base, base.omega_n)
+    R_g, L_g = SCR_BASES[base.scr_basis].grid(table.scr[:, None], table.x_over_r[None, :], Z_base, base.omega_n)
     return R_g + 0.0 * L_g, L_g + 0.0 * R_g
 
 

@@ -165,8 +165,9 @@ def instabilities(study: Study, spec: ControllerSpec, found: Sequence[Rest]) -> 
         while unstable and unstable[0].grid == part[0].grid and unstable[0].t_s == part[-1].end_s:
             part.append(unstable.pop(0))
         mode = max((rest.mode for rest in part if rest.mode is not None), key=lambda one: one.s.real)
-        first, c = part[0], study.converter
-        grid = f"SCR {first.grid.scr(c, study.scr_basis):.3g}, X/R {first.grid.x_over_r(c.omega_n):.3g}"
+        first = part[0]
+        place = first.grid.place(study.converter, study.scr_basis)
+        grid = f"SCR {place.scr:.3g}, X/R {place.x_over_r:.3g}"
         since = "from the start" if first.t_s == 0.0 else f"from {first.t_s:g} s"
         event = "" if first.t_s == 0.0 or first.name == grid else f", after {first.name}"
         message = (

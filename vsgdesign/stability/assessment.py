@@ -212,7 +212,8 @@ def _focus_cells(study: Study, law: GainLaw, P: float, Q: float) -> tuple[FocusC
 
 def _label(study: Study, grid: Grid, taken: list[str]) -> str:
     """SCR and X/R to three digits, or to as many as tell the grid from those before."""
-    scr, ratio = grid.scr(study.converter, study.scr_basis), grid.x_over_r(study.converter.omega_n)
+    place = grid.place(study.converter, study.scr_basis)
+    scr, ratio = place.scr, place.x_over_r
     labels = (f"SCR {scr:.{digits}g}, X/R {ratio:.{digits}g}" for digits in range(3, 17))
     return next((label for label in labels if label not in taken), f"SCR {scr!r}, X/R {ratio!r}")
 

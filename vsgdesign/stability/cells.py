@@ -14,7 +14,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.frames import rated_current_rms, rms_to_peak
 from vsgdesign.model.coupled import CoupledModel, coupled_model
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
-from vsgdesign.parameters.study import Grid, Study, grid_from_scr
+from vsgdesign.parameters.study import Grid, Place, Study
 
 Array = NDArray[np.float64]
 
@@ -141,7 +141,7 @@ def _outside(study: Study, P: Array, Q: Array, V_rms: Array) -> list[str | None]
 
 def grid_arrays(study: Study, scr: Array, x_over_r: Array) -> tuple[Array, Array]:
     """R_g and L_g over scr (rows) × x_over_r (columns), on the study's SCR basis; shape (len(scr), len(x_over_r))."""
-    grids = [[grid_from_scr(float(s), float(x), study.scr_basis, study.converter) for x in x_over_r] for s in scr]
+    grids = [[Place(float(s), float(x), study.scr_basis).grid(study.converter) for x in x_over_r] for s in scr]
     return np.array([[g.R_g for g in row] for row in grids]), np.array([[g.L_g for g in row] for row in grids])
 
 

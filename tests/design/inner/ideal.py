@@ -13,7 +13,7 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.metrics.step_response import ResponseMetrics, step_response
-from vsgdesign.parameters.study import Converter, Filter, Grid, Study, grid_from_scr
+from vsgdesign.parameters.study import Converter, Filter, Grid, Place, Study
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.simulation.steps import references_at, simulate_step
 
@@ -59,7 +59,7 @@ def emt_beside_ideal(
 ) -> tuple[float, float]:
     """By how much EMT settles later (s) and overshoots more (%) than ideal inner loops."""
     study = study_of(converter, filter_, gains, omega_t)
-    grid = grid_from_scr(*point, "impedance", converter)
+    grid = Place(*point, "impedance").grid(converter)
     P, size = P_pu * converter.S_rated, size_pu * converter.S_rated
     found = closed_form_schedule(study, study.target, P, 0.0).gains(grid.R_g, grid.L_g)
     ideal = ideal_step(study, grid, found, P, size)

@@ -17,7 +17,7 @@ from vsgdesign.design.inner.variables import closed_form_starts
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters.study import Converter, Filter, grid_from_scr
+from vsgdesign.parameters.study import Converter, Filter, Place
 
 CASES = ("hoang2025_5kva", "lab_12kva_lcl", "utility_1mva_60hz", "sized_5mva_3300v", "sized_50kva_208v_60hz")
 GRIDS = ((1.5, 0.5), (4.0, 2.0), (20.0, 20.0))
@@ -43,7 +43,7 @@ def test_modes_are_those_of_the_full_order_with_power_loops_at_rest(case: str, t
         gains = gains._replace(R_t=0.0, X_t=0.0, kappa=0.0)
     still = PowerLoopGains(K_ip=1e-12 / c.S_rated, D_p=0.0, K_iq=1e-12 / c.S_rated, D_q=0.0)
     study = study_of(c, f, gains, omega_t, tau=0.0)
-    grids = [grid_from_scr(scr, x_over_r, "impedance", c) for scr, x_over_r in GRIDS]
+    grids = [Place(scr, x_over_r, "impedance").grid(c) for scr, x_over_r in GRIDS]
     model = linearise_full_order(study, [Cell(grid, still, 0.1 * c.S_rated, 0.0) for grid in grids])
     assert all(fault is None for fault in model.faults)
     found = frozen_modes(c, f, gains, omega_t, GRIDS)

@@ -44,7 +44,8 @@ def design_tables(
     )
     c = study.converter
     for d in designs:
-        where = (d.controller, f"{d.grid.scr(c, study.scr_basis):.3g}", f"{d.grid.x_over_r(c.omega_n):.3g}")
+        place = d.grid.place(study.converter, study.scr_basis)
+        where = (d.controller, f"{place.scr:.3g}", f"{place.x_over_r:.3g}")
         mark = "" if d.point.V_within_limits else "!"
         points.add_row(
             *where,

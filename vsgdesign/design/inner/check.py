@@ -12,7 +12,7 @@ from vsgdesign.design.inner.system import angle_damped_target, study_of
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.metrics.modes import damping_ratio, to_continuous
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters.study import ClosedFormTarget, Converter, Filter, grid_from_scr
+from vsgdesign.parameters.study import ClosedFormTarget, Converter, Filter, Place
 from vsgdesign.runtime.closed_form import closed_form_schedule
 
 CHECKED = (7, 7)
@@ -69,7 +69,7 @@ def check_full_order(
     points = lattice(box, *CHECKED) if grids is None else tuple(grids)
     requested, where = [], []
     for scr, x_over_r in points:
-        grid = grid_from_scr(scr, x_over_r, box.basis, converter)
+        grid = Place(scr, x_over_r, box.basis).grid(converter)
         for share in powers_pu:
             P = share * converter.S_rated
             power_gains = closed_form_schedule(study, target, P, 0.0).gains_over(

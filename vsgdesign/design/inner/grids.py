@@ -9,14 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vsgdesign.equations.filters import FilterGrid
+from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.operating_point.plant import state_matrices
-from vsgdesign.parameters.study import Converter, Filter, grid_from_scr
+from vsgdesign.parameters.study import Converter, Filter, Place
 
 GridPoint = tuple[float, float]
 """SCR and X/R."""
-
-BASES = ("impedance", "reactance")
 
 
 @dataclass(frozen=True)
@@ -40,8 +39,8 @@ class GridBox:
                 faults.append(Fault(name, f"({low}, {high})", "both limits must be positive numbers"))
             elif low > high:
                 faults.append(Fault(name, f"({low}, {high})", "the least comes first", "Exchange the two limits."))
-        if self.basis not in BASES:
-            faults.append(Fault("basis", f'"{self.basis}"', f"must be one of {', '.join(BASES)}"))
+        if self.basis not in SCR_BASES:
+            faults.append(Fault("basis", f'"{self.basis}"', f"must be one of {', '.join(SCR_BASES)}"))
         if faults:
             raise StudyError("box of grids", faults)
 
@@ -70,7 +69,7 @@ def circuits(
 ) -> list[FilterGrid]:
     """The circuit of each grid, with L_1 and C off by the factors ``L_1`` and ``C``."""
     f = replace(filter_, L_1=L_1 * filter_.L_1, C=C * filter_.C)
-    grids = [grid_from_scr(scr, x_over_r, basis, converter) for scr, x_over_r in points]
+    grids = [Place(scr, x_over_r, basis).grid(converter) for scr, x_over_r in points]
     return [FilterGrid(f.L_1, f.R_1, f.C, f.R_c, f.L_2, f.R_2, g.R_g, g.L_g) for g in grids]
 
 

@@ -13,10 +13,10 @@ from vsgdesign.parameters.study import (
     Filter,
     Gates,
     GridSource,
+    Place,
     SimulationSpec,
     StabilitySpec,
     Study,
-    grid_from_scr,
 )
 
 POWER_FILTER = 5e-3
@@ -64,7 +64,7 @@ def study_of(
         converter=c,
         filter=filter_,
         inner_gains=gains,
-        grid=grid_from_scr(box.scr[1], box.x_over_r[1], box.basis, c),
+        grid=Place(box.scr[1], box.x_over_r[1], box.basis).grid(c),
         grid_source=GridSource(c.V_rated_rms, c.omega_n),
         scr_basis=box.basis,
         target=target,

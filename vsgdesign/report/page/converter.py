@@ -29,9 +29,8 @@ class HasStudy(Protocol):
 
 def grid_label(result: HasStudy, grid: Grid) -> str:
     """SCR and X/R of a grid."""
-    converter = result.study.converter
-    ratio = grid.x_over_r(converter.omega_n)
-    return f"SCR {plain(grid.scr(converter, result.study.scr_basis), 3)}, X/R {plain(ratio, 3)}"
+    place = grid.place(result.study.converter, result.study.scr_basis)
+    return f"SCR {plain(place.scr, 3)}, X/R {plain(place.x_over_r, 3)}"
 
 
 def converter_table(result: HasStudy) -> Table:
