@@ -36,7 +36,7 @@ class Compiled:
 
     def __init__(self, text: CText, build: Path, compiler: str, double: bool) -> None:
         self.real = np.float64 if double else np.float32
-        bare = re.sub(r"/\*.*?\*/", "", text.structs, flags=re.DOTALL)
+        bare = re.sub(r"/\*.*?\*/", "", "".join(text.structs.values()), flags=re.DOTALL)
         sizes = {
             name: body.count(";")
             for body, name in re.findall(r"typedef struct \{(.*?)\} (vsg_\w+_t);", bare, re.DOTALL)

@@ -76,6 +76,10 @@ def test_fits_a_small_controller(folder: Path) -> None:
     assert 4000 < footprint.flash <= 16 * 1024
     assert 100 < footprint.ram + footprint.stack <= 1536
     assert footprint.window == 2 * 100 * 4 + 4
+    flash, ram, stack = footprint.control
+    assert 800 < flash <= 1280  # 150 of them are the compensated sums
+    assert ram == 4 * (13 + 7 + 8 + 8 + 2 + 4 + 13)
+    assert 0 < stack <= 160
 
 
 @needs("make")
@@ -192,7 +196,7 @@ def test_the_verb(tmp_path: Path) -> None:
     assert document["network"]["shape"] == [200, 8, 2]
     shown = call("export", "c", table_file, "--out", out)
     assert shown.exit_code == 0
-    assert "9 files" in shown.stdout
+    assert "11 files" in shown.stdout
     (out / "mine.txt").write_text("x", encoding="utf-8")
     refused = call("export", "c", table_file, "--out", out)
     assert refused.exit_code == 2

@@ -81,10 +81,10 @@ static inline vsg_real_t vsg_advanced(vsg_real_t x, vsg_real_t dx, vsg_real_t *l
 
 @dataclass(frozen=True)
 class CText:
-    """What belongs into one header or into two: ``structs`` may be public, ``functions`` need them."""
+    """What belongs into one header or into two: some structs may be public, ``functions`` need all of them."""
 
-    structs: str
-    """A struct for every NamedTuple and, for what is integrated, one of what rounding left out. Needs TYPES."""
+    structs: dict[str, str]
+    """By name and in order: every NamedTuple and, of what is integrated, what rounding left out. They need TYPES."""
     constants: str
     """Macros of the mathematical functions and of named constants, and the small functions that replace operators."""
     functions: str
@@ -93,7 +93,18 @@ class CText:
     @property
     def text(self) -> str:
         """All of it, to be compiled by itself."""
-        return f"#include <math.h>\n\n{TYPES}\n{self.structs}\n{self.constants}\n{self.functions}"
+        structs = "\n".join(self.structs.values())
+        return f"#include <math.h>\n\n{TYPES}\n{structs}\n{self.constants}\n{self.functions}"
+
+    def needed_by(self, records: Iterable[str]) -> list[str]:
+        """These structs and those that they hold, in order."""
+        wanted = set(records)
+        for name in reversed(self.structs):
+            if name in wanted:
+                wanted |= {
+                    other for other in self.structs if re.search(rf"^    {other} ", self.structs[name], re.MULTILINE)
+                }
+        return [name for name in self.structs if name in wanted]
 
 
 def c_functions(
@@ -102,14 +113,12 @@ def c_functions(
     fixed: Mapping[str, Any] | None = None,
     names: Mapping[type, str] | None = None,
     kinds: Mapping[Any, Mapping[str, Any]] | None = None,
-    fields: Mapping[type, Mapping[str, str]] | None = None,
 ) -> CText:
     """C99 of functions of the restricted language, and of all that they call.
 
     ``fixed``: arguments by name whose values are known now, for each function that has them; branches on them fold
     away. ``names``: what a NamedTuple is called in C, ``gains`` for ``vsg_gains_t``; else its own name in lower case.
-    ``kinds``: NamedTuples in fields whose hint says Any, where it is not that of the default. ``fields``: comments on
-    fields, where the class has none.
+    ``kinds``: NamedTuples in fields whose hint says Any, where it is not that of the default.
 
     A function is ``vsg_`` and its name. Its arguments come in their order, then what compensated sums keep
     (``…_lost``), then its results, unless it has one scalar result, which is returned. An output may be the place of
@@ -125,12 +134,12 @@ def c_functions(
         library.read(function, known)
     if unused:
         raise ValueError(f"fixed = {sorted(unused)}: no function given has such an argument.")
-    return _Printer(library, dict(fields or {})).all()
+    return _Printer(library).all()
 
 
 class _Printer:
-    def __init__(self, library: Library, comments: dict[type, Mapping[str, str]]) -> None:
-        self.library, self.comments = library, comments
+    def __init__(self, library: Library) -> None:
+        self.library = library
         self.records: list[type] = []
         self.lost_paths: dict[Any, list[str]] = {}
         self.used: set[str] = set()
@@ -146,9 +155,12 @@ class _Printer:
             for name, paths in function.lost.items():
                 if not isinstance(kind := kinds[name], str):
                     self.note_lost(kind, paths)
-        structs = [self.struct(record) for record in self.records]
-        structs += [self.lost_struct(record) for record in self.records if record in self.lost_paths]
-        return CText("\n".join(structs), self.macros(), functions)
+        structs = {
+            self.type(record): self.struct(record) for record in self.records if self.library.kinds.paths(record)
+        }
+        lost = [record for record in self.records if record in self.lost_paths]
+        structs |= {self.lost_type(record): self.lost_struct(record) for record in lost}
+        return CText(structs, self.macros(), functions)
 
     # Declarations.
 
@@ -191,8 +203,9 @@ class _Printer:
     def struct(self, record: type) -> str:
         fields = dict(self.library.kinds.fields(record))
         doc = (record.__doc__ or "").split("\n\n")[0]
+        doc = "" if doc.startswith(f"{record.__name__}(") else doc  # a NamedTuple's own, which only repeats the fields
         lines = []
-        for names, text in field_groups(record, self.comments.get(record, {})):
+        for names, text in field_groups(record):
             declared = []
             for name in names:
                 inner = fields[name]

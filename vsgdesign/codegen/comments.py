@@ -6,14 +6,13 @@ import ast
 import inspect
 import re
 import textwrap
-from collections.abc import Mapping
 from typing import Any
 
 WIDTH = 120
 
 _ASCII = {
     "ω": "omega", "θ": "theta", "δ": "delta", "ξ": "xi", "α": "alpha", "β": "beta", "ζ": "zeta", "τ": "tau",
-    "κ": "kappa", "φ": "phi", "ρ": "rho", "σ": "sigma", "Φ": "Phi", "Γ": "Gamma", "π": "pi", "Ω": "Ohm", "Ẑ": "Z",
+    "κ": "kappa", "φ": "phi", "ρ": "rho", "σ": "sigma", "Φ": "Phi", "Γ": "Gamma", "π": "pi", "Ω": "Ohm", "Ẑ": "Z_hat",
     "√": "sqrt ", "∂": "d", "∫": "integral ", "∈": "in", "∠": " at angle ", "·": "*", "×": "x", "−": "-", "–": "-",
     "≤": "<=", "≥": ">=", "≠": "!=", "±": "+-", "→": "->", "←": "<-", "²": "^2", "³": "^3", "⁴": "^4", "₀": "_0",
     "½": "1/2",    "°": " deg", "µ": "u", "μ": "u", "…": "...", "’": "'", "“": '"', "”": '"', "é": "e",
@@ -54,11 +53,10 @@ def block_comment(text: str, indent: str = "") -> list[str]:
     return [f"{indent}/* {lines[0]}", *rest]
 
 
-def field_groups(record: Any, said: Mapping[str, str]) -> list[tuple[list[str], str]]:
+def field_groups(record: Any) -> list[tuple[list[str], str]]:
     """The fields of a NamedTuple in order, in groups of those that one text is about.
 
-    A text below fields is about those since the last text; ``said`` has texts for fields without. "" where there is
-    none.
+    A text below fields is about those since the last text. "" where there is none.
     """
     groups: list[tuple[list[str], str]] = []
     open_names: list[str] = []
@@ -74,5 +72,5 @@ def field_groups(record: Any, said: Mapping[str, str]) -> list[tuple[list[str], 
                 groups.append((open_names, text))
                 open_names = []
     grouped = {name for names, _ in groups for name in names}
-    groups += [([name], said.get(name, "")) for name in record._fields if name not in grouped]
+    groups += [([name], "") for name in record._fields if name not in grouped]
     return sorted(groups, key=lambda group: record._fields.index(group[0][0]))

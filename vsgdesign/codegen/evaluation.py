@@ -325,7 +325,8 @@ class Evaluation:
             targets = function.results
         elif len(wanted) == len(function.outputs):
             targets = tuple(
-                output.name if name == "_" else name for name, output in zip(wanted, function.outputs, strict=True)
+                output.name.removesuffix("_out") if name == "_" else name
+                for name, output in zip(wanted, function.outputs, strict=True)
             )
         else:
             targets = function.results

@@ -13,7 +13,7 @@ from vsgdesign.equations.integration import advanced
 
 
 class InnerLoopGains(NamedTuple):
-    """PI gains of the voltage loop (A/V, A/(V·s)) and the current loop (V/A, V/(A·s)), K_ff, R_t and X_t (Ω), and κ.
+    """Gains of the voltage loop and the current loop.
 
     K_ff is the share of the grid current that is fed forward: 1 as published. With a computation delay a little
     less damps the network better; much less leaves the voltage loop without strength on a strong grid. R_t + jX_t is
@@ -22,13 +22,21 @@ class InnerLoopGains(NamedTuple):
     """
 
     K_pv: Any
+    """A/V"""
     K_iv: Any
+    """A/(V·s)"""
     K_pc: Any
+    """V/A"""
     K_ic: Any
+    """V/(A·s)"""
     K_ff: Any = 1.0
+    """1"""
     R_t: Any = 0.0
+    """Ω"""
     X_t: Any = 0.0
+    """Ω"""
     kappa: Any = 0.0
+    """1"""
 
 
 def limit_length(x: Any, y: Any, limit: Any) -> Any:

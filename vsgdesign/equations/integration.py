@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+TURN = 6.283185307179586
+"""Once round, rad."""
+
 
 def advanced(x: Any, dx: Any) -> Any:
     """The integrator x after its change dx of one sample: x + dx.
@@ -14,3 +17,8 @@ def advanced(x: Any, dx: Any) -> Any:
     forgets what it lost.
     """
     return x + dx
+
+
+def within_a_turn(theta: Any) -> Any:
+    """An angle in rad that has just passed ±2π, back by a turn, so that it keeps its digits for ever."""
+    return theta - TURN * (theta > TURN) + TURN * (theta < -TURN)

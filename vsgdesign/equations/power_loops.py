@@ -8,19 +8,26 @@ from typing import Any, NamedTuple
 class PowerLoopGains(NamedTuple):
     """Gains of the power-loop law (:eq:`power-loop-law`); the published structure uses the first four.
 
-    K_ip: rad/(s²·W); D_p: W·s/rad; K_iq: V/(s·var); D_q: var/V (rms). Off-diagonal integral gains K_pq
-    (rad/(s²·var)) and K_qp (V/(s·W)) undo the grid's coupling. k_P (rad/(s·W)) and k_Q (rad/(s·var)) damp
-    through the angle, without droop and without inertia.
+    Off-diagonal integral gains K_pq and K_qp undo the grid's coupling. k_P and k_Q damp through the angle, without
+    droop and without inertia.
     """
 
     K_ip: Any
+    """rad/(s²·W)"""
     D_p: Any
+    """W·s/rad"""
     K_iq: Any
+    """V/(s·var)"""
     D_q: Any
+    """var/V (rms)"""
     K_pq: Any = 0.0
+    """rad/(s²·var)"""
     K_qp: Any = 0.0
+    """V/(s·W)"""
     k_P: Any = 0.0
+    """rad/(s·W)"""
     k_Q: Any = 0.0
+    """rad/(s·var)"""
 
     def named(self) -> dict[str, float]:
         """Gains by name, without those of the last four that are zero: the published structure has four."""
@@ -30,12 +37,16 @@ class PowerLoopGains(NamedTuple):
 
 
 class References(NamedTuple):
-    """Set points: P_ref (W), Q_ref (var), omega_0 (rad/s), V_n (phase rms, V)."""
+    """Set points. They may be changed between two samples."""
 
     P_ref: Any
+    """W"""
     Q_ref: Any
+    """var"""
     omega_0: Any
+    """rad/s"""
     V_n: Any
+    """V, phase rms"""
 
 
 def power_loops(omega_i: Any, V_rms: Any, P: Any, Q: Any, refs: References, gains: PowerLoopGains) -> Any:
@@ -59,3 +70,8 @@ def bumpless(omega_i: Any, V_rms: Any, P: Any, Q: Any, old: PowerLoopGains, new:
     before = old.k_P * P + old.k_Q * (Q + old.D_q * V_rms)
     after = new.k_P * P + new.k_Q * (Q + new.D_q * V_rms)
     return omega_i + after - before
+
+
+def frequency_at_rest(refs: References, gains: PowerLoopGains) -> Any:
+    """ω_i in rad/s that makes ω = ω_0 where P, Q and V are at their set points (:eq:`power-loop-law`)."""
+    return refs.omega_0 + (gains.k_P * refs.P_ref + gains.k_Q * (refs.Q_ref + gains.D_q * refs.V_n))

@@ -16,9 +16,10 @@ from vsgdesign import __version__
 from vsgdesign.artifacts.files import plain, write_text
 from vsgdesign.artifacts.folders import check_folder_target, staged_folder, write_record
 from vsgdesign.artifacts.table_text import certificate_sentence
-from vsgdesign.equations.power_flow import LEAST_SHARE, POWER_MARGIN
+from vsgdesign.equations.limiters import LIMITERS
 from vsgdesign.errors import ArtifactError
-from vsgdesign.export.known_answers import known_answers, known_windows
+from vsgdesign.export.known_answers import known_answers, known_steps, known_windows
+from vsgdesign.export.laws import LIMITER, laws_content
 from vsgdesign.frames import rated_current_rms, rms_to_peak
 from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.guards import ARRIVED, REASONS, window_settings
@@ -49,7 +50,9 @@ FILES = (
     "vsg.c",
     "vsg_data.h",
     "vsg_data.c",
+    "vsg_laws.h",
     "vsg_power.c",
+    "vsg_control.c",
     "vsg_selftest.c",
     "Makefile",
     "CMakeLists.txt",
@@ -205,13 +208,16 @@ def render(scheduler: Scheduler, origin: Origin) -> dict[str, str]:
 
 
 def generator_hash() -> str:
-    """SHA-256 of the templates and of the modules that fill them."""
+    """SHA-256 of the templates and of the modules that fill them; the equations are in the files' own hashes."""
     digest = hashlib.sha256()
     room = resources.files("vsgdesign.export")
     for name in sorted(f"{name}.j2" for name in FILES):
         digest.update((room / "templates" / name).read_bytes())
-    for name in ("c_code.py", "known_answers.py"):
+    for name in ("c_code.py", "known_answers.py", "laws.py"):
         digest.update((room / name).read_bytes())
+    printer = resources.files("vsgdesign.codegen")
+    for name in sorted(file.name for file in printer.iterdir() if file.name.endswith(".py")):
+        digest.update((printer / name).read_bytes())
     return digest.hexdigest()
 
 
@@ -239,9 +245,6 @@ def _content(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
         "update_text": f"{c.update_ticks * c.tick * 1e3:.6g} ms",
         "table_sha256": origin.table_sha256,
         "weights_sha256": origin.weights_sha256,
-        "impedance": lookup.scr_basis == "impedance",
-        "by_inertia": lookup.law == "inertia",
-        "angle_damped": lookup.structure == "angle_damped",
         "some_undesigned": not all(map(all, designed)),
         "constants": list(_constants(scheduler)),
         "scr": braces(lookup.scr),
@@ -263,6 +266,7 @@ def _content(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
         "figures": list(_figures(scheduler, origin).items()),
         "network": None,
     }
+    content |= laws_content(lookup.structure, lookup.law, lookup.scr_basis) | _steps(scheduler)
     if estimator is not None:
         content |= _network(estimator, origin)
     return content
@@ -275,7 +279,6 @@ def _constants(scheduler: Scheduler) -> Iterable[tuple[str, str]]:
     for name, value in (
         ("Z_BASE", lookup.Z_base), ("OMEGA", lookup.omega), ("R_2", lookup.R_2), ("L_2", lookup.L_2),
         ("S_RATED", lookup.S_rated), ("D_P", lookup.D_p), ("D_Q", lookup.D_q), ("V_N", lookup.V_n_rms),
-        ("MOST_SHARE", 1.0 - LEAST_SHARE), ("POWER_MARGIN_SQ", POWER_MARGIN * POWER_MARGIN),
         ("SCR_LOW", c.scr[0]), ("SCR_HIGH", c.scr[1]), ("R_OVER_X_LOW", c.r_over_x[0]),
         ("R_OVER_X_HIGH", c.r_over_x[1]), ("P_LOW", c.P[0]), ("P_HIGH", c.P[1]), ("Q_LOW", c.Q[0]),
         ("Q_HIGH", c.Q[1]), ("V_LOW", c.V_rms[0]), ("V_HIGH", c.V_rms[1]), ("R_G_LOW", c.R_g[0]),
@@ -301,6 +304,22 @@ def _constants(scheduler: Scheduler) -> Iterable[tuple[str, str]]:
             ("I_LIMIT", estimator.i_limit),
         ):
             yield name, f"VSG_C({literal(value)})"
+
+
+def _steps(scheduler: Scheduler) -> dict[str, Any]:
+    """Known answers of the whole controller."""
+    known = known_steps(scheduler.lookup, scheduler.settings, LIMITERS[LIMITER])
+    pairs = zip(known.measured, known.outputs, strict=True)
+    return {
+        "steps": [{"measured": initialiser(measured), "output": initialiser(output)} for measured, output in pairs],
+        "step_refs": initialiser(known.refs),
+        "step_gains": f"{{{', '.join(map(initialiser, known.gains))}}}",
+        "step_inner_gains": initialiser(known.inner_gains),
+        "step_grid": initialiser(known.grid),
+        "step_settings": initialiser(known.settings),
+        "step_size": initialiser(known.size),
+        "step_fields": known.size._fields,
+    }
 
 
 def _network(estimator: NeuralEstimator, origin: Origin) -> dict[str, Any]:
@@ -364,6 +383,12 @@ def braces(values: Any) -> str:
         deep = bool(values) and isinstance(values[0], list | tuple)
         return "{\n" + joined.replace("}, {", "},\n{") + "\n}" if deep else "{" + joined + "}"
     return values if isinstance(values, str) else f"VSG_C({literal(values)})"
+
+
+def initialiser(record: Any) -> str:
+    """A NamedTuple as the initialiser of its struct, without records that are nothing there."""
+    values = [initialiser(value) if isinstance(value, tuple) else f"VSG_C({literal(value)})" for value in record]
+    return f"{{{', '.join(value for value in values if value != '{}')}}}"
 
 
 def _comment(text: str) -> str:

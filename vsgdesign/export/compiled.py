@@ -16,7 +16,7 @@ from vsgdesign.errors import ArtifactError
 from vsgdesign.runtime.scheduler import Answer
 from vsgdesign.runtime.state import SchedulerState
 
-SOURCES = ("vsg.c", "vsg_data.c", "vsg_power.c", "vsg_selftest.c")
+SOURCES = ("vsg.c", "vsg_data.c", "vsg_power.c", "vsg_control.c", "vsg_selftest.c")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror")
 
 

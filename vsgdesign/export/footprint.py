@@ -46,12 +46,14 @@ int main(void)
 @dataclass(frozen=True)
 class Footprint:
     """Bytes. ``flash``: code and constants, with what they take of the C library. ``ram``: one scheduler and one set of
-    power loops; ``window`` the samples; ``stack`` of the deepest call, without interrupts."""
+    power loops; ``window`` the samples; ``stack`` of the deepest call, without interrupts. ``control``: flash, RAM and
+    stack of the whole controller's step, which is not in the others; cosf, sinf and sqrtf are the C library's."""
 
     flash: int
     ram: int
     window: int
     stack: int
+    control: tuple[int, int, int]
 
 
 def measure_footprint(folder: str | Path) -> Footprint:
@@ -68,8 +70,9 @@ def measure_footprint(folder: str | Path) -> Footprint:
     with tempfile.TemporaryDirectory(prefix="vsg") as name:
         build = Path(name)
         (build / "main.c").write_text(text, encoding="utf-8")
+        (build / "control.c").write_text('#include "vsg.h"\nvsg_control_t c;\n', encoding="utf-8")
         objects, stacks = [], {}
-        for source in ("vsg.c", "vsg_data.c", "vsg_power.c"):
+        for source in ("vsg.c", "vsg_data.c", "vsg_power.c", "vsg_control.c"):
             made = build / f"{source}.o"
             run_compiler([COMPILER, *STRICT, *TARGET, "-fstack-usage", "-c", str(folder / source), "-o", str(made)])
             objects.append(str(made))
@@ -82,9 +85,17 @@ def measure_footprint(folder: str | Path) -> Footprint:
             [COMPILER, *TARGET, f"-I{folder}", str(build / "main.c"), *objects, *LINK, "-lm", "-o", str(program)]
         )
         sizes = run_compiler(["arm-none-eabi-nm", "-S", "-t", "d", str(program)])
+        run_compiler([COMPILER, *TARGET, f"-I{folder}", "-c", str(build / "control.c"), "-o", str(build / "control.o")])
+        control_sizes = run_compiler(["arm-none-eabi-nm", "-S", "-t", "d", objects[-1], str(build / "control.o")])
         text_bytes, data, _ = map(int, run_compiler(["arm-none-eabi-size", str(program)]).split("\n")[1].split()[:3])
-    held = {m[2]: int(m[1]) for m in re.finditer(r"^\d+ (\d+) \w (\w+)$", sizes, re.MULTILINE)}
+    held, step = _sizes(sizes), _sizes(control_sizes)
     deepest = ("vsg_update_pushed", "vsg_update", "vsg_estimate", "vsg_layer")
     advance = ("vsg_update_pushed", "vsg_update", "vsg_advance", "vsg_gains_at")
     stack = max(sum(stacks.get(name, 0) for name in chain) for chain in (deepest, advance))
-    return Footprint(text_bytes + data - held["main"], held["s"] + held["p"], held.get("w", 0), stack)
+    control = step["vsg_control_step"], step["c"], stacks["vsg_control_step"]
+    return Footprint(text_bytes + data - held["main"], held["s"] + held["p"], held.get("w", 0), stack, control)
+
+
+def _sizes(said: str) -> dict[str, int]:
+    """Bytes by symbol, of what nm says."""
+    return {m[2]: int(m[1]) for m in re.finditer(r"^\d+ (\d+) \w (\w+)$", said, re.MULTILINE)}

@@ -4,12 +4,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.closed_form import current_loop_gains, voltage_loop_gains
+from vsgdesign.equations.controller import (
+    ControllerOutput,
+    ControllerSettings,
+    ControllerState,
+    Measurement,
+    controller_step,
+)
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.limiters import GridEstimate, Limiter, LimiterRatings
+from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless, frequency_at_rest
+from vsgdesign.frames import PHASES, rms_to_peak
 from vsgdesign.identification.neural import NeuralEstimator
-from vsgdesign.runtime.guards import NO_ESTIMATE, NO_REASON
+from vsgdesign.runtime.guards import NO_ESTIMATE, NO_REASON, SchedulerSettings
+from vsgdesign.runtime.lookup import GainLookup
 from vsgdesign.runtime.scheduler import SAID, Scheduler, advance, first_state
 
 
@@ -83,3 +96,77 @@ def known_windows(estimator: NeuralEstimator) -> tuple[tuple[float, float], list
         R_g, L_g, status = estimator.estimate(v, i)[:3]
         found.append((R_g, L_g, SAID[status]))
     return (steps[0], steps[1]), found
+
+
+@dataclass(frozen=True)
+class KnownSteps:
+    """Samples of the whole controller from its start on; with other gains in the second half."""
+
+    refs: References
+    gains: tuple[PowerLoopGains, PowerLoopGains]
+    inner_gains: InnerLoopGains
+    grid: GridEstimate
+    settings: ControllerSettings
+    measured: list[Measurement]
+    outputs: list[ControllerOutput]
+    size: ControllerOutput
+    """What an error of each output is relative to."""
+
+
+def known_steps(lookup: GainLookup, settings: SchedulerSettings, limiter: Limiter) -> KnownSteps:
+    """A converter of the table's ratings that is carried through every term: damping through the angle, transient
+    impedance, prediction, both limits, a change of gains. All numbers are as single precision holds them."""
+    V_pk, Z, omega = rms_to_peak(lookup.V_n_rms), lookup.Z_base, lookup.omega
+    S, I_pk = PHASES * lookup.V_n_rms * lookup.V_n_rms / Z, V_pk / Z
+    T_s, L_1, C = 1e-4, 0.1 * Z / omega, 0.05 / (Z * omega)
+    K_pv, K_iv = voltage_loop_gains(10e-3, 1.0, C)
+    K_pc, K_ic = current_loop_gains(1e-3, 1.0, L_1)
+    inner = _single(InnerLoopGains(K_pv, K_iv, K_pc, K_ic, K_ff=0.9, R_t=0.1 * Z, X_t=0.05 * Z, kappa=0.5))
+    R_g, L_g = lookup.grid(settings.safe_scr, settings.safe_r_over_x)
+    ratings = LimiterRatings(
+        T_s=T_s, V_rated_pk=V_pk, I_rated_pk=I_pk, i_max_pk=1.2 * I_pk, Z_base=Z, omega_0=omega, R_2=lookup.R_2,
+        L_2=lookup.L_2,
+    )  # fmt: skip
+    constants = _single(
+        ControllerSettings(
+            T_s=T_s, smoothing_P=0.02, smoothing_Q=0.03, omega_C=omega * C, omega_L=omega * L_1, i_max_pk=1.2 * I_pk,
+            v_max_pk=1.3 * V_pk, advance_cos=math.cos(1.5 * omega * T_s), advance_sin=math.sin(1.5 * omega * T_s),
+            smoothing_t=0.05, half_cos=math.cos(0.5 * omega * T_s), half_sin=math.sin(0.5 * omega * T_s),
+            T_over_L=T_s / L_1, limiter=limiter.constants(ratings),
+        )
+    )  # fmt: skip
+    refs = _single(References(0.4 * S, 0.1 * S, omega, lookup.V_n_rms))
+    K = PowerLoopGains(
+        K_ip=20.0 / S, D_p=0.3 * S, K_iq=lookup.V_n_rms / S, D_q=2.0 * S / lookup.V_n_rms, K_pq=3.0 / S,
+        K_qp=0.2 * lookup.V_n_rms / S, k_P=3.0 / S, k_Q=-1.0 / S,
+    )  # fmt: skip
+    gains = _single(K), _single(K._replace(K_ip=40.0 / S, k_P=5.0 / S, D_q=3.0 * S / lookup.V_n_rms))
+    grid = _single(GridEstimate(R_g, L_g))
+    state = ControllerState(
+        theta=0.0, omega_i=frequency_at_rest(refs, gains[0]), V=refs.V_n, P_f=refs.P_ref, Q_f=refs.Q_ref, xi_vd=0.0,
+        xi_vq=0.0, xi_id=0.0, xi_iq=0.0,
+    )  # fmt: skip
+    rng, measured, outputs = np.random.default_rng(20), [], []
+    for k in range(_STEPS):
+        if k == _STEPS // 2:
+            old, new = gains
+            state = state._replace(omega_i=bumpless(state.omega_i, state.V, state.P_f, state.Q_f, old, new))
+        angle, size = 1.01 * omega * T_s * k - 0.1, 2.5 if k % 5 == 4 else 0.5
+        wander = rng.uniform(-0.1, 0.1, 4)
+        direction = np.array([math.cos(angle), math.sin(angle)])
+        v, i_s, i_g = V_pk * direction, I_pk * (size * direction + wander[:2]), I_pk * (0.4 * direction + wander[2:])
+        measured.append(_single(Measurement(*v, *i_s, *i_g)))
+        state, output = controller_step(
+            state, measured[-1], grid, refs, gains[2 * k // _STEPS], inner, constants, limiter.law
+        )
+        outputs.append(ControllerOutput(*map(float, output)))
+    size_of = ControllerOutput(v_b_alpha=V_pk, v_b_beta=V_pk, omega=omega, P=S, Q=S, limited=1.0)
+    return KnownSteps(refs, gains, inner, grid, constants, measured, outputs, size_of)
+
+
+_STEPS = 20
+
+
+def _single(record: Any) -> Any:
+    """A NamedTuple of what single precision holds."""
+    return type(record)(*(_single(value) if isinstance(value, tuple) else float(np.float32(value)) for value in record))

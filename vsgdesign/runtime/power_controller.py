@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from vsgdesign.equations.controller import ControllerSettings, ControllerState, power_stage
-from vsgdesign.equations.integration import advanced
-from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless
+from vsgdesign.equations.integration import advanced, within_a_turn
+from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless, frequency_at_rest
 from vsgdesign.errors import ArtifactError
 
 
@@ -29,12 +29,9 @@ class PowerController:
         # The power loops use nothing else of the settings and of the state: their inner loops are elsewhere.
         unused = dict.fromkeys(("omega_C", "omega_L", "i_max_pk", "v_max_pk", "advance_cos", "advance_sin"), 0.0)
         self._settings = ControllerSettings(T_s=T_s, smoothing_P=smoothing_P, smoothing_Q=smoothing_Q, **unused)
-        still = bumpless(
-            refs.omega_0, refs.V_n, refs.P_ref, refs.Q_ref, PowerLoopGains(0.0, 0.0, 0.0, gains.D_q), gains
-        )
         self._state = ControllerState(
             theta=0.0,
-            omega_i=still,
+            omega_i=frequency_at_rest(refs, gains),
             V=refs.V_n,
             P_f=refs.P_ref,
             Q_f=refs.Q_ref,
@@ -51,11 +48,12 @@ class PowerController:
         """
         s = self._state
         omega, P_f, Q_f, steps = power_stage(s, P, Q, self.refs, self.gains, self._settings)
-        theta = advanced(s.theta, steps.theta)
-        # Once round at most, as the simulation does it: the angle stays small for ever.
-        theta -= _TURN if theta > _TURN else (-_TURN if theta < -_TURN else 0.0)
         self._state = s._replace(
-            theta=theta, omega_i=advanced(s.omega_i, steps.omega_i), V=advanced(s.V, steps.V), P_f=P_f, Q_f=Q_f
+            theta=within_a_turn(advanced(s.theta, steps.theta)),
+            omega_i=advanced(s.omega_i, steps.omega_i),
+            V=advanced(s.V, steps.V),
+            P_f=P_f,
+            Q_f=Q_f,
         )
         return omega, s.V, s.theta
 
@@ -80,5 +78,4 @@ class PowerController:
         self._state, self.gains = self._state._replace(**values), gains
 
 
-_TURN = 6.283185307179586
 _STATES = ("theta", "omega_i", "V", "P_f", "Q_f")

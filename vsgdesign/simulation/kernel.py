@@ -13,6 +13,7 @@ import numpy as np
 from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, controller_step
 from vsgdesign.equations.controller_data import flat_state
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.integration import within_a_turn
 from vsgdesign.equations.limiters import GridEstimate, LimiterLaw
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.frames import clarke, clarke_inverse, rotate
@@ -35,8 +36,6 @@ LOG_COLUMNS = (
 )
 """What a run keeps of a sample, SI and peak. ``limited_samples`` counts the samples from the start of the run up to and
 including this one in which the current limiter acted."""
-
-TWO_PI = 2.0 * np.pi
 
 
 class Bridge(NamedTuple):
@@ -248,12 +247,7 @@ def run_stretch(
             until_log = log.every
             row += 1
         until_log -= 1
-        theta = following.theta
-        if theta > TWO_PI:
-            theta -= TWO_PI
-        elif theta < -TWO_PI:
-            theta += TWO_PI
-        state = with_theta(following, theta)
+        state = with_theta(following, within_a_turn(following.theta))
         if bridge.delay_samples == 0:
             applied_alpha, applied_beta = output.v_b_alpha, output.v_b_beta
         else:

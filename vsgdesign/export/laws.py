@@ -1,0 +1,84 @@
+"""The equations that an export needs as C, and the table's own structure and law among them."""
+
+from __future__ import annotations
+
+import typing
+from typing import Any
+
+from vsgdesign.codegen import CText, c_functions
+from vsgdesign.equations.controller import ControllerSettings, ControllerState, controller_step, power_stage
+from vsgdesign.equations.grid import grid_from_scr_impedance, grid_from_scr_reactance, scr_impedance, scr_reactance
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.integration import within_a_turn
+from vsgdesign.equations.limiters import LIMITERS
+from vsgdesign.equations.power_flow import scheduled_jacobian
+from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless, frequency_at_rest
+from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
+
+NAMES = {
+    PowerLoopGains: "gains",
+    References: "references",
+    InnerLoopGains: "inner_gains",
+    NormalisedGains: "normalised",
+}
+"""What the public header calls a NamedTuple, where it is not its own name."""
+
+PUBLIC = (
+    "vsg_gains_t",
+    "vsg_references_t",
+    "vsg_inner_gains_t",
+    "vsg_grid_estimate_t",
+    "vsg_measurement_t",
+    "vsg_controller_settings_t",
+    "vsg_controller_state_t",
+    "vsg_controller_state_lost_t",
+    "vsg_controller_output_t",
+)
+"""Structs of the public header; the others are those of the functions alone."""
+
+_GRID = {
+    "impedance": (scr_impedance, grid_from_scr_impedance),
+    "reactance": (scr_reactance, grid_from_scr_reactance),
+}
+
+
+LIMITER = "circular"
+"""The current limiter of the exported controller."""
+
+
+def laws(structure: str, law: str, scr_basis: str) -> CText:
+    """C99 of the grid's functions on a basis, the scheduled Jacobian, the gains of a structure under a law, the power
+    loops and the whole controller."""
+    limiter = LIMITERS[LIMITER]
+    functions = [
+        *_GRID[scr_basis],
+        scheduled_jacobian,
+        STRUCTURES[structure].gains,
+        within_a_turn,
+        frequency_at_rest,
+        bumpless,
+        power_stage,
+        controller_step,
+    ]
+    kinds = {
+        ControllerState: {"limiter": typing.get_type_hints(limiter.at_rest)["return"]},
+        ControllerSettings: {"limiter": typing.get_type_hints(limiter.constants)["return"]},
+    }
+    fixed = {"by_inertia": law == "inertia", "limiter": limiter.law}
+    return c_functions(functions, fixed=fixed, names=NAMES, kinds=kinds)
+
+
+def laws_content(structure: str, law: str, scr_basis: str) -> dict[str, Any]:
+    """What the templates take of it."""
+    text = laws(structure, law, scr_basis)
+    public = text.needed_by(PUBLIC)
+    scr, grid = _GRID[scr_basis]
+    return {
+        "public_structs": "\n".join(text.structs[name] for name in public).rstrip(),
+        "private_structs": "\n".join(body for name, body in text.structs.items() if name not in public).rstrip(),
+        "law_constants": text.constants.rstrip(),
+        "law_functions": text.functions.rstrip(),
+        "scr_function": f"vsg_{scr.__name__}",
+        "grid_function": f"vsg_{grid.__name__}",
+        "gains_function": f"vsg_{STRUCTURES[structure].gains.__name__}",
+    }
