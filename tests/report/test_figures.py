@@ -11,11 +11,15 @@ import xml.etree.ElementTree as ET
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.mathtext import MathTextParser
 
 from vsgdesign.report import write_figures
-from vsgdesign.report.drawing.files import compact
+from vsgdesign.report.drawing import formulas
+from vsgdesign.report.drawing.files import compact, write_figure
+from vsgdesign.report.drawing.style import look
 from vsgdesign.report.drawing.time_axis import event_labels, time_unit
 from vsgdesign.report.scenario.figures import choose_zooms, signal_figure
+from vsgdesign.report.scenario.files import all_figures
 from vsgdesign.report.scenario.margins import loops_on_grids
 from vsgdesign.report.scenario.signals import signals
 
@@ -70,6 +74,21 @@ def test_two_builds_are_identical(short, tmp_path):
     for before, after in zip(short.figures, write_figures(short.result, tmp_path), strict=True):
         assert before.svg.read_bytes() == after.svg.read_bytes(), before.name
         assert before.png.read_bytes() == after.png.read_bytes(), before.name
+
+
+def test_formulas_that_are_kept_are_drawn_as_those_just_parsed(short, tmp_path, monkeypatch):
+    """Ticks of decades are formulas: every figure's are parsed afresh here, and nothing of it stays outside."""
+    before = MathTextParser.parse
+    monkeypatch.setattr(formulas, "_parse", before)
+    drawn = next(figure for figure in short.figures if figure.name == "bode_P")
+    named = next(figure for figure in all_figures(short.result, None) if figure.name == "bode_P")
+    afresh = write_figure(named, tmp_path)
+    assert afresh.svg.read_bytes() == drawn.svg.read_bytes()
+    assert afresh.png.read_bytes() == drawn.png.read_bytes()
+    monkeypatch.undo()
+    with look():
+        assert MathTextParser.parse is not before
+    assert MathTextParser.parse is before
 
 
 def test_a_users_settings_do_not_show_and_stay_as_they_were(short):

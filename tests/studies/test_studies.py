@@ -59,7 +59,9 @@ def small_tables(study: Study, folder: Path) -> dict[str, GainTable]:
     """Tables of two by two nodes where a study asks for tables: enough to run, not to promise anything."""
     if study.specification is None:
         return {}
-    box = replace(study.specification.box, error_R=0.0, error_X=0.0)
+    c = study.converter
+    load = {"P": (0.4 * c.S_rated,), "Q": (0.1 * c.S_rated,)}
+    box = replace(study.specification.box, error_R=0.0, error_X=0.0, **load)
     small = replace(study, specification=replace(study.specification, scr=(4.0, 8.0), x_over_r=(3.0, 5.0), box=box))
     return {
         spec.name: build_table(small, spec, folder / spec.name, refinements=0, points=20, certificate=False).table

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import functools
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+from vsgdesign.report.drawing.formulas import formulas_kept
 
 COLUMN_IN = 3.5
 """Width of a journal column."""
@@ -90,9 +93,11 @@ _LOOK: dict[str, Any] = {
 }
 
 
-def look() -> AbstractContextManager[None]:
+@contextmanager
+def look() -> Iterator[None]:
     """Settings for building and for saving figures; a user's own matplotlibrc has no say inside."""
-    return matplotlib.rc_context(_settings())
+    with matplotlib.rc_context(_settings()), formulas_kept():
+        yield
 
 
 @functools.cache
