@@ -157,13 +157,11 @@ def test_what_is_said() -> None:
     assert causes_text([document(INNER), document(ERROR), document(ERROR)]) == "2 by estimate error, 1 by inner loops"
 
 
-def test_a_build_finds_them_keeps_them_and_says_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_build_finds_them_keeps_them_and_says_them(tmp_path: Path) -> None:
     """Every node of this table fails for its delay."""
-    from vsgdesign.design import table as building
-
-    monkeypatch.setattr(building, "SMOOTHINGS", 0)
     study = study_from_text(CASES[DELAY][0], folder=ROOT)
-    built = build_table(study, controller(study), tmp_path / "cells", refinements=0, points=5, certificate=False)
+    options = {"smoothings": 0, "refinements": 0, "points": 5, "certificate": False}
+    built = build_table(study, controller(study), tmp_path / "cells", **options)
     assert (built.table.status == "relaxed").all()
     assert [cause.cause for cause in built.causes] == [DELAY] * 4
     write_table_file(built.table, tmp_path / "t.json")
