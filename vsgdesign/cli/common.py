@@ -1,4 +1,6 @@
-"""What every verb shares: arguments, exit codes, JSON, progress. Heavy rooms are imported by who needs them."""
+"""What all verbs share: arguments, exit codes, JSON and progress. Each function imports the heavy rooms that it
+needs.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,7 @@ def _exit_code(error: VsgDesignError) -> int:
 
 
 def verb(function: Callable[..., None]) -> Callable[..., None]:
-    """Turns the project's errors into one message on standard error and the documented exit code."""
+    """Turn the project's errors into one message on standard error and the documented exit code."""
 
     @wraps(function)
     def wrapped(*args: Any, **kwargs: Any) -> None:
@@ -59,11 +61,11 @@ def verb(function: Callable[..., None]) -> Callable[..., None]:
 
 
 class Interrupted(Exception):
-    """A signal came, and more is to be said than that nothing was written."""
+    """A signal has arrived, and the message must say more than that nothing was written."""
 
 
 def _end(message: str, code: int) -> NoReturn:
-    """A last line on standard error, which may be gone with its terminal, and the exit code."""
+    """Print a last line on standard error, which may be gone with its terminal, and end with the exit code."""
     with suppress(OSError):
         click.echo(message, err=True)
     try:
@@ -80,7 +82,9 @@ def _of_the_disk(error: OSError) -> bool:
 
 
 def load(study_file: str, quiet: bool = False) -> Study:
-    """The study of a file. Inner loops that it leaves to be designed are designed, once, and kept beside it."""
+    """Load the study of a file. If it leaves its inner loops to be designed, they are designed once and kept beside
+    it.
+    """
     from vsgdesign.pipeline.opening import open_study
 
     def say(sentence: str) -> None:
@@ -91,7 +95,7 @@ def load(study_file: str, quiet: bool = False) -> Study:
 
 
 def print_json(document: Any) -> None:
-    """A document as JSON on standard output."""
+    """Print a document as JSON on standard output."""
     from vsgdesign.artifacts.files import plain
 
     click.echo(json.dumps(plain(document), indent=1, ensure_ascii=False))
@@ -99,7 +103,7 @@ def print_json(document: Any) -> None:
 
 @contextmanager
 def progress(quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
-    """A progress bar per stage on standard error where that is a terminal."""
+    """Show a progress bar for each stage on standard error if that is a terminal."""
     if quiet or not sys.stderr.isatty():
         yield None
         return

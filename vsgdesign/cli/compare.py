@@ -11,20 +11,23 @@ from vsgdesign.cli.common import JSON, STUDY, load, print_json, progress, verb
 @STUDY
 @click.option("--out", default=None, metavar="DIR", help="Folder for the report.  [default: out/NAME-comparison]")
 @click.option("--emt/--no-emt", default=True, show_default=True, help="Also simulate steps with the real inner loops.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the search for fixed gains.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the search for fixed gains."
+)
 @click.option(
     "--workers",
     type=click.IntRange(1),
     default=None,
     metavar="N",
-    help="Processes for tables.  [default: one per core]",
+    help="Number of processes for tables.  [default: one per core]",
 )
 @JSON
 @verb
 def compare(study_file: str, out: str | None, emt: bool, seed: int, workers: int | None, as_json: bool) -> None:
-    """The study's controllers and the best single fixed tuning of each structure, on the same grids.
+    """Compare the controllers with the best fixed gains.
 
-    The [specification] says what to keep, and over what. Gain tables that the study asks for are built first.
+    All of them are evaluated on the same grids. The [specification] gives the requirements and their range. Gain
+    tables that the study asks for are designed first.
     """
     from pathlib import Path
 

@@ -15,27 +15,27 @@ _RECIPE = click.option(
     "--recipe",
     default=None,
     metavar="NAME|FILE.toml",
-    help="Packaged (published, continuous, wide) or a file.  [default: of the study, else published]",
+    help="A packaged recipe (published, continuous, wide) or a file.  [default: that of the study, else published]",
 )
-_SEED = click.option("--seed", type=click.IntRange(0), default=None, help="[default: of the study, else 0]")
-_WORKERS = click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Processes.")
+_SEED = click.option("--seed", type=click.IntRange(0), default=None, help="[default: that of the study, else 0]")
+_WORKERS = click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Number of processes.")
 
 
 @click.group()
 def estimator() -> None:
-    """Grid impedance from measured windows."""
+    """Make windows, train networks, compare and stress estimators."""
 
 
 @estimator.command()
 @STUDY
 @_RECIPE
-@click.option("--out", required=True, metavar="FILE.npz", help="Where to write the windows.")
+@click.option("--out", required=True, metavar="FILE.npz", help="File for the windows.")
 @_SEED
 @_WORKERS
 @JSON
 @verb
 def windows(study_file: str, recipe: str | None, out: str, seed: int | None, workers: int, as_json: bool) -> None:
-    """Make a data set of windows from EMT. An interrupted call goes on where it was."""
+    """Make a data set of windows from EMT simulations. An interrupted call continues where it stopped."""
     from vsgdesign.estimator.recipes import load_recipe
     from vsgdesign.estimator.sampling import describe_sampling, sampling_document, with_sampling
     from vsgdesign.estimator.scenarios import describe_draws
@@ -78,22 +78,22 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, wor
 
 @estimator.command()
 @STUDY
-@click.option("--out", required=True, metavar="FILE.json", help="Where to write the weights.")
+@click.option("--out", required=True, metavar="FILE.json", help="File for the weights.")
 @_RECIPE
 @_SEED
 @click.option(
     "--hidden",
     type=click.IntRange(1, 64),
     default=None,
-    help="Hidden units.  [default: of the study, else of the recipe]",
+    help="Number of hidden units.  [default: that of the study, else of the recipe]",
 )
 @click.option(
     "--components",
     type=click.IntRange(0, 1000),
     default=None,
-    help="Principal components; 0: all above the noise.  [default: of the study, else of the recipe]",
+    help="Number of principal components; 0: all above the noise.  [default: that of the study, else of the recipe]",
 )
-@click.option("--windows", default=None, metavar="FILE.npz", help="Keep the windows too.")
+@click.option("--windows", default=None, metavar="FILE.npz", help="Also keep the windows.")
 @_WORKERS
 @JSON
 @verb
@@ -108,7 +108,7 @@ def train(
     workers: int,
     as_json: bool,
 ) -> None:
-    """Make windows, train a network on them and write its weights."""
+    """Make windows, train a network on them, and write its weights."""
     from dataclasses import replace
 
     from vsgdesign.parameters.estimator import EstimatorSpec
@@ -141,16 +141,20 @@ def train(
         click.echo("synchronised with the grid's phase, as published: no converter in the field has that signal")
 
 
-_FOLDER = click.option("--out", required=True, metavar="FOLDER", help="Where to write results and report.")
+_FOLDER = click.option("--out", required=True, metavar="FOLDER", help="Folder for the results and the report.")
 _WEIGHTS = click.option(
-    "--weights", "weights", multiple=True, metavar="FILE.json", help="A network to compare; more than once for several."
+    "--weights",
+    "weights",
+    multiple=True,
+    metavar="FILE.json",
+    help="A network to compare. Repeat the option for several.",
 )
 _RECIPES = click.option(
     "--recipe",
     "recipes",
     multiple=True,
     metavar="NAME|FILE.toml",
-    help="Train a network of this recipe and compare it; more than once for several.  "
+    help="Train a network of this recipe and compare it. Repeat the option for several.  "
     "[default: without --weights: published, and continuous with noise]",
 )
 
@@ -173,7 +177,7 @@ def compare(
     workers: int,
     as_json: bool,
 ) -> None:
-    """Classical methods and networks on the same windows: error beside its bound, disturbance, delay."""
+    """Compare classical methods and networks on the same windows: error and its bound, disturbance, delay."""
     from vsgdesign.pipeline.estimator import report_comparison
 
     _report(report_comparison, study_file, out, as_json, weights=weights, recipes=recipes, seed=seed, workers=workers)
@@ -197,7 +201,7 @@ def stress(
     workers: int,
     as_json: bool,
 ) -> None:
-    """The same methods where frequency, phase, voltage, X/R, SCR, noise or harmonics are not as trained."""
+    """Test the same methods when frequency, phase, voltage, X/R, SCR, noise or harmonics differ from the training."""
     from vsgdesign.pipeline.estimator import report_stress
 
     _report(report_stress, study_file, out, as_json, weights=weights, recipes=recipes, seed=seed, workers=workers)
@@ -221,7 +225,7 @@ def _report(
 
 
 def _errors(found: dict[str, dict[str, tuple[float, float]]]) -> str:
-    """Median and 95th percentile at rest and after a change, of what there are windows of."""
+    """Median and 95th percentile of the error, at rest and after a change, as far as there are windows."""
     parts = [
         f"{words} {100.0 * found[kind]['Z'][0]:.2g} % (95th percentile {100.0 * found[kind]['Z'][1]:.2g} %)"
         for kind, words in (("rest", "at rest"), ("after_change", "after a change"))

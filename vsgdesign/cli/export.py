@@ -1,4 +1,4 @@
-"""Verbs that make what goes into the controller: C99 and ONNX."""
+"""Verbs that write what the controller needs: C99 and ONNX."""
 
 from __future__ import annotations
 
@@ -10,18 +10,26 @@ from vsgdesign.errors import counted
 
 @click.group()
 def export() -> None:
-    """Code for the controller, from gain tables and network weights."""
+    """Write C99 or ONNX for the controller."""
 
 
 @export.command(name="c")
 @click.argument("table_file", metavar="TABLE.json", type=click.Path())
 @click.option("--weights", default=None, metavar="W.json", type=click.Path(), help="Also the impedance estimator.")
-@click.option("--out", required=True, metavar="FOLDER", help="Where to write; a folder with other files is refused.")
-@click.option("--study", "study_file", default=None, metavar="STUDY.toml", help="Refuse a table of another study.")
-@click.option("--v-limit", type=float, default=None, metavar="V", help="Sensor's limit.  [default: 4 rated peaks]")
-@click.option("--i-limit", type=float, default=None, metavar="A", help="Sensor's limit.  [default: 4 rated peaks]")
-@click.option("--grid-phase", is_flag=True, help="Windows will start at the grid phase that was trained with.")
-@click.option("--rate", type=float, default=None, metavar="1/s", help="Rate of SCR and R/X.  [default: certified]")
+@click.option("--out", required=True, metavar="FOLDER", help="Folder to write. A folder with other files is refused.")
+@click.option(
+    "--study", "study_file", default=None, metavar="STUDY.toml", help="Refuse the table if it belongs to another study."
+)
+@click.option(
+    "--v-limit", type=float, default=None, metavar="V", help="Full scale of the sensor.  [default: 4 rated peaks]"
+)
+@click.option(
+    "--i-limit", type=float, default=None, metavar="A", help="Full scale of the sensor.  [default: 4 rated peaks]"
+)
+@click.option("--grid-phase", is_flag=True, help="The windows will start at the grid phase of the training.")
+@click.option(
+    "--rate", type=float, default=None, metavar="1/s", help="Largest rate of SCR and R/X.  [default: certified]"
+)
 @JSON
 @verb
 def c(
@@ -35,7 +43,7 @@ def c(
     rate: float | None,
     as_json: bool,
 ) -> None:
-    """C99 of scheduler, power loops and network, with a self-test and hashes of everything."""
+    """Write C99 of the scheduler, the power loops and the network, with a self-test and all hashes."""
     from vsgdesign.export import export_c_files
 
     study = None if study_file is None else load(study_file)
@@ -59,11 +67,11 @@ def c(
 
 @export.command()
 @click.argument("weights_file", metavar="W.json", type=click.Path())
-@click.option("--out", required=True, metavar="FILE.onnx", help="Where to write.")
-@click.option("--double", is_flag=True, help="Double instead of single precision.")
+@click.option("--out", required=True, metavar="FILE.onnx", help="File to write.")
+@click.option("--double", is_flag=True, help="Use double instead of single precision.")
 @verb
 def onnx(weights_file: str, out: str, double: bool) -> None:
-    """ONNX of the impedance estimator with its scaling inside: V and A in, ohm and henry out."""
+    """Write the impedance estimator as ONNX, scaling included: its inputs are V and A, its outputs ohm and henry."""
     from vsgdesign.export.onnx_model import export_onnx
 
     digest = export_onnx(weights_file, out, double=double)

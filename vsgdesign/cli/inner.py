@@ -1,4 +1,4 @@
-"""The verb that shows a study's inner loops, and designs them where the study leaves them open."""
+"""The verb that shows the inner loops of a study, and designs them if the study leaves them open."""
 
 from __future__ import annotations
 
@@ -11,14 +11,18 @@ from vsgdesign.cli.common import JSON, STUDY, load, print_json, progress, verb
 @STUDY
 @click.option("--out", default=None, metavar="DIR", help="Also write a page with maps into this folder.")
 @click.option(
-    "--what-if/--no-what-if", default=True, show_default=True, help="Also ask what sampling, delay and L_2 would buy."
+    "--what-if/--no-what-if",
+    default=True,
+    show_default=True,
+    help="Also compute what sampling, delay and L_2 would improve.",
 )
 @JSON
 @verb
 def inner(study_file: str, out: str | None, what_if: bool, as_json: bool) -> None:
-    """Inner loops over the study's grids: what they keep, what limits them, what would buy more.
+    """Show what the inner loops keep, and what limits them.
 
-    Gains that the study leaves to be designed are designed once and kept beside it, for every verb.
+    The result also says what would improve them. Gains that the study leaves to be designed are designed once and
+    kept beside it, for every verb.
     """
     from vsgdesign.pipeline.inner import assess_inner_loops, inner_document, report_inner_loops
     from vsgdesign.pipeline.opening import inner_loops_file

@@ -1,4 +1,4 @@
-"""The verb that writes a study from a datasheet: from a file, or asked for on the terminal."""
+"""The verb that writes a study from a datasheet, which it reads from a file or asks for on the terminal."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BACK = ("back", "<")
     default=None,
     metavar="FILE",
     type=click.Path(),
-    help="A datasheet as .csv or .toml.  [default: asks on the terminal]",
+    help="A datasheet in .csv or .toml format.  [default: ask on the terminal]",
 )
 @click.option(
     "--out",
@@ -32,15 +32,16 @@ _BACK = ("back", "<")
     show_default=True,
     metavar="FILE.toml",
     type=click.Path(),
-    help="The study to write; a file that is there is never overwritten.",
+    help="The study to write. An existing file is never overwritten.",
 )
 @JSON
 @verb
 def new(sheet_file: str | None, out: str, as_json: bool) -> None:
-    """Write a study from a converter's datasheet: ratings, filter, sampling, current limit, grids.
+    """Write a study from a converter's datasheet.
 
-    Its inner loops and its gain table are left to be designed: `vsgdesign run` does that and all the rest. What the
-    datasheet does not say is assumed, listed here and written into the study.
+    The datasheet gives ratings, filter, sampling, current limit and grids. The inner loops and the gain table are
+    left to be designed by `vsgdesign run`. Values that the datasheet does not give are assumed, listed here, and
+    written into the study.
     """
     from vsgdesign.artifacts.new_file import check_new, write_new_text
     from vsgdesign.datasheet import read_sheet, resolve, study_text
@@ -77,7 +78,7 @@ def new(sheet_file: str | None, out: str, as_json: bool) -> None:
 
 
 def _check(text: str, source: str) -> None:
-    """What the study's own reader finds, before anything is written."""
+    """The faults that the study's own reader reports, before anything is written."""
     from vsgdesign.equations.inner_loops import InnerLoopGains
     from vsgdesign.parameters import study_from_text
 
@@ -85,7 +86,7 @@ def _check(text: str, source: str) -> None:
 
 
 def _asked() -> Sheet:
-    """A datasheet from answers. Each is checked at once; ``back`` asks for the one before again."""
+    """A datasheet from answers. Each answer is checked immediately; ``back`` returns to the previous question."""
     from vsgdesign.datasheet.questions import answer_faults, answered_sheet, entry_of, next_question
     from vsgdesign.datasheet.reading import Entry
 
@@ -118,7 +119,7 @@ def _asked() -> Sheet:
 
 
 def entry_of_field(key: str) -> str:
-    """The question that an answer belongs to."""
+    """The question to which an answer belongs."""
     return "scr" if key in ("short_circuit_power", "grid_impedance") else key
 
 

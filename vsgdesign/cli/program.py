@@ -1,4 +1,4 @@
-"""The command line. Verbs only; heavy rooms are imported by the verb that needs them."""
+"""The command line. It contains only the verbs; each verb imports the heavy rooms that it needs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
 
 
 class _Program(click.Group):
-    """The verbs; until one begins, and when it has ended, a signal ends the process in one line."""
+    """The verbs. Before a verb begins and after it has ended, a signal ends the process with one line."""
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         with signals_end():
@@ -52,7 +52,10 @@ def main() -> None:
 @_JSON
 @_verb
 def run(study_file: str, out: str | None, bridge: str | None, as_json: bool) -> None:
-    """Simulate every controller and write time series, figures, results.json and report.html."""
+    """Design, simulate and report everything, and write C.
+
+    The folder contains time series, figures, results.json, report.html, gain tables and their C.
+    """
     _run(study_file, out, bridge, as_json, report=True)
 
 
@@ -63,7 +66,7 @@ def run(study_file: str, out: str | None, bridge: str | None, as_json: bool) -> 
 @_JSON
 @_verb
 def simulate(study_file: str, out: str | None, bridge: str | None, as_json: bool) -> None:
-    """Simulate only: time series and results.json, no figures."""
+    """Simulate every controller: time series and results.json."""
     _run(study_file, out, bridge, as_json, report=False)
 
 
@@ -72,7 +75,10 @@ def simulate(study_file: str, out: str | None, bridge: str | None, as_json: bool
 @_JSON
 @_verb
 def design(study_file: str, as_json: bool) -> None:
-    """Operating points, gains, margins, inertia and droop of every controller on every grid."""
+    """Show operating points, gains, margins, inertia and droop.
+
+    The tables have one row for every controller on every grid of the study.
+    """
     from dataclasses import asdict
 
     from vsgdesign.artifacts.ready import Ready, read_tables
@@ -111,7 +117,10 @@ def design(study_file: str, as_json: bool) -> None:
 @_JSON
 @_verb
 def margins(study_file: str, evidence: bool, as_json: bool) -> None:
-    """Modes and margins over the study's grids: worst cases, close looks and gates, on the terminal."""
+    """Print modes and margins over the study's grids.
+
+    The output gives the worst cells, the details of the study's own grids, and the gates.
+    """
     from vsgdesign.pipeline import assess_study, stability_document
 
     study = _load(study_file)
@@ -132,7 +141,10 @@ def margins(study_file: str, evidence: bool, as_json: bool) -> None:
 @_JSON
 @_verb
 def report(study_file: str, out: str | None, pdf: bool, as_json: bool) -> None:
-    """Stability-margin report: maps, modes, margins, impedance and EMT evidence as one HTML page, with CSV."""
+    """Write the modes and margins as one page.
+
+    The page contains maps, modes, margins, impedances and EMT results, with CSV files.
+    """
     from pathlib import Path
 
     from vsgdesign.pipeline import report_stability
@@ -167,8 +179,14 @@ def report(study_file: str, out: str | None, pdf: bool, as_json: bool) -> None:
 @click.option(
     "--rate", type=float, default=float("inf"), help="Largest |d ln SCR/dt| and |d ln(X/R)/dt|, 1/s.  [default: inf]"
 )
-@click.option("--decay", type=float, default=None, help="Prove this decay, 1/s.  [default: the largest]")
-@click.option("--boxes", type=click.IntRange(0), default=1_500_000, show_default=True, help="Most boxes to prove on.")
+@click.option("--decay", type=float, default=None, help="Decay rate to prove, 1/s.  [default: the largest]")
+@click.option(
+    "--boxes",
+    type=click.IntRange(0),
+    default=1_500_000,
+    show_default=True,
+    help="Largest number of boxes for the proof.",
+)
 @_JSON
 @_verb
 def certify(
@@ -184,7 +202,10 @@ def certify(
     boxes: int,
     as_json: bool,
 ) -> None:
-    """One Lyapunov function for a whole region of grids, powers and estimate errors, or a counterexample."""
+    """Prove stability on a range of grids, or refute it.
+
+    The proof is one Lyapunov function for a range of grids, powers and estimate errors.
+    """
     from dataclasses import replace
 
     from vsgdesign.artifacts.ready import Ready, read_tables
@@ -212,7 +233,7 @@ def certify(
 @_JSON
 @_verb
 def validate(study_file: str, as_json: bool) -> None:
-    """Check a study file and the files that it names, and report every fault at once."""
+    """Check a study and its files, and report all faults at once."""
     from vsgdesign.errors import StudyError
     from vsgdesign.pipeline.named_files import check_named_files
     from vsgdesign.pipeline.opening import check_study

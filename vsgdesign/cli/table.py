@@ -22,15 +22,20 @@ _FILE = click.argument("table_file", metavar="TABLE.json", type=click.Path())
 
 @click.group()
 def table() -> None:
-    """Gain tables: gains over SCR and X/R with what they promise, in one guarded file."""
+    """Build, show, check and compare gain tables.
+
+    A gain table contains gains over SCR and X/R with their promises, in one guarded file.
+    """
 
 
 @table.command()
 @STUDY
-@click.option("--controller", default=None, metavar="NAME", help="Whose table.  [default: the last one]")
+@click.option(
+    "--controller", default=None, metavar="NAME", help="The controller whose table is built.  [default: the last one]"
+)
 @click.option("--out", default=None, metavar="FILE.json", help="[default: out/STUDY-CONTROLLER.json]")
 @click.option(
-    "--workers", type=click.IntRange(1), default=None, metavar="N", help="Processes.  [default: one per core]"
+    "--workers", type=click.IntRange(1), default=None, metavar="N", help="Number of processes.  [default: one per core]"
 )
 @click.option("--cluster", default=None, metavar="local|ADDRESS", help='A Dask cluster (needs the extra "cluster").')
 @click.option(
@@ -38,9 +43,9 @@ def table() -> None:
     type=click.IntRange(1),
     default=None,
     metavar="N",
-    help="Random grids of each look between nodes.  [default: 2000]",
+    help="Number of random grids in each check between the nodes.  [default: 2000]",
 )
-@click.option("--fresh", is_flag=True, help="Do not go on from the cells of an interrupted build.")
+@click.option("--fresh", is_flag=True, help="Do not continue from the cells of an interrupted build.")
 @JSON
 @verb
 def build(
@@ -53,9 +58,9 @@ def build(
     fresh: bool,
     as_json: bool,
 ) -> None:
-    """Design a table under the study's [specification]: every node, then between the nodes.
+    """Design a table for the study's [specification]: first every node, then between the nodes.
 
-    An interrupted or killed build goes on from its finished cells and ends with the same file.
+    An interrupted or killed build continues from its finished cells and gives the same file.
     """
     from pathlib import Path
 
@@ -95,7 +100,7 @@ def build(
 @JSON
 @verb
 def show(table_file: str, as_json: bool) -> None:
-    """What a table is for, its gains, its margins and its certificate, cell by cell."""
+    """Show what a table is for, its gains, its margins and its certificate, cell by cell."""
     from vsgdesign.artifacts.gain_table import table_document
     from vsgdesign.artifacts.gain_table_file import read_table_file
 
@@ -110,11 +115,13 @@ def show(table_file: str, as_json: bool) -> None:
 
 @table.command()
 @_FILE
-@click.option("--study", "study_file", default=None, metavar="STUDY.toml", help="Also hold it against its study.")
+@click.option(
+    "--study", "study_file", default=None, metavar="STUDY.toml", help="Also compare the table with its study."
+)
 @JSON
 @verb
 def check(table_file: str, study_file: str | None, as_json: bool) -> None:
-    """Read a table and analyse every node anew. Exit code 1 where something is not as it says."""
+    """Read a table and analyse every node again. The exit code is 1 if something does not agree."""
     from vsgdesign.artifacts.gain_table_file import read_table_file
     from vsgdesign.stability.gain_table import check_table
 
@@ -135,7 +142,7 @@ def check(table_file: str, study_file: str | None, as_json: bool) -> None:
 @JSON
 @verb
 def compare(table_files: tuple[str, ...], as_json: bool) -> None:
-    """Two or more tables on the grids of the first: margins they give there, gains, differences."""
+    """Compare two or more tables on the grids of the first: their margins there, gains and differences."""
     from vsgdesign.artifacts.gain_table_file import read_table_file
     from vsgdesign.stability.gain_table import compare_tables
 
@@ -156,7 +163,7 @@ def compare(table_files: tuple[str, ...], as_json: bool) -> None:
 @JSON
 @verb
 def report(table_file: str, out: str | None, as_json: bool) -> None:
-    """Figures and one page: gain surfaces, margin maps, active constraints, certificate, stale schedules."""
+    """Write figures and one page: gains, margin maps, active constraints, certificate, stale schedules."""
     from pathlib import Path
 
     from vsgdesign.artifacts.gain_table_file import read_table_file

@@ -12,7 +12,7 @@ from vsgdesign.parameters.specification import UNBOUNDED_H
 
 
 def comparison_table(document: dict[str, Any]) -> None:
-    """One row a contender: share of grids kept, worst figures (exact / wrong estimate), droop, inertia, EMT."""
+    """One row for each contender: share of grids kept, worst values (exact / wrong estimate), droop, inertia, EMT."""
     spec = document["specification"]
     box = spec["box"]
     error = f"±{100.0 * max(box['error_R'], box['error_X']):.3g} %"

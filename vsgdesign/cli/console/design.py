@@ -1,4 +1,4 @@
-"""What ``vsgdesign design`` prints: narrow tables, every column with its heading and unit."""
+"""The output of ``vsgdesign design``: narrow tables in which every column has its heading and unit."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _REST = (("K_pq", "rad/(s²var)"), ("K_qp", "V/(s·W)"), ("k_P", "rad/(s·W)"), 
 def design_tables(
     study: Study, designs: Sequence[ClosedFormDesign], missing: Sequence[str] = (), console: Console | None = None
 ) -> None:
-    """Design points and margins, gains, inertia and droop; ``missing``: sentences on controllers without gains."""
+    """Print design points, margins, gains, inertia and droop; ``missing``: sentences on controllers without gains."""
     console = console or new_console()
     points = _table(
         f"{study.title}: design points (SCR on the {study.scr_basis} basis)",
@@ -84,7 +84,7 @@ def design_tables(
 
 
 def _table(title: str, columns: Sequence[tuple[str, str]]) -> Table:
-    """Units below the names: within 80 columns."""
+    """Put the units below the names, so that the table fits in 80 columns."""
     table = Table(title=escape(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for name in _PLACE:
         table.add_column(name, justify="left" if name == "controller" else "right", overflow="fold")
@@ -98,7 +98,7 @@ def _angle(value: float | None) -> str:
 
 
 def _share(rated: float, stiffness: float) -> str:
-    """The deviation in per cent that rated power answers; none without droop."""
+    """The deviation in per cent that rated power corresponds to; none without droop."""
     if stiffness == 0.0:
         return "none"
     share = 100.0 * rated / stiffness

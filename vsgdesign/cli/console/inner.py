@@ -19,11 +19,11 @@ from vsgdesign.report.inner.words import (
 from vsgdesign.report.quantities import number, plain
 
 _SHOWN = 7
-"""Grids of each axis on the terminal's map."""
+"""The grids of each axis on the map of the terminal."""
 
 
 def inner_tables(document: dict[str, Any], file: str | None) -> None:
-    """The answer first, then promises, gains, the score over the grids, and what would buy more."""
+    """The answer first, then requirements, gains, the score over the grids, and what would improve it."""
     console = new_console()
     console.print(escape(f"{document['study']['title']}: {headline(document)}"), highlight=False)
     kept_in = f" They are kept in {file}." if file else ""
@@ -51,6 +51,6 @@ def _map(document: dict[str, Any]) -> Any:
 
 
 def _some(count: int) -> list[int]:
-    """About seven indices from end to end."""
+    """About seven indices from the first to the last."""
     step = max((count - 1) // (_SHOWN - 1), 1)
     return sorted({*range(0, count, step), count - 1})

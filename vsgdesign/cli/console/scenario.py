@@ -40,7 +40,7 @@ def progress_bars() -> Iterator[Callable[[str, float], None]]:
 
 
 def new_console() -> Console:
-    """The terminal at its own width; where there is none (a pipe, a log), wide enough for every table."""
+    """The terminal with its own width. Without a terminal (a pipe, a log), it is wide enough for every table."""
     console = Console()
     return console if console.is_terminal else Console(width=160)
 
@@ -59,11 +59,11 @@ _NO_TIME = {
     "unstable": "unstable",
     "no steady state": "no rest",
 }
-"""What stands in place of a settling time, by the status of the event."""
+"""The word in place of a settling time, by the status of the event."""
 
 
 def results_tables(results: dict[str, Any]) -> None:
-    """The figures of every reference step and disturbance of a run, on the raw signal."""
+    """The values of every reference step and disturbance of a run, on the raw signal."""
     headings = ("controller", "at", "event", "signal", "overshoot", "settles 2 %", "rise", "peak current")
     table = new_table(results["study"]["title"], headings, left=("controller", "event", "signal"))
     reasons: dict[str, list[str]] = {}
@@ -101,7 +101,7 @@ def results_tables(results: dict[str, Any]) -> None:
 
 
 def stability_tables(document: dict[str, Any]) -> None:
-    """Worst cases over the maps and the close looks of every controller."""
+    """The worst cells over the maps, and the details of every controller."""
     console = new_console()
     worst = new_table(
         f"{document['study']['title']}: worst cells over the maps (SCR on the {document['scr_basis']} basis)",
@@ -161,7 +161,7 @@ def stability_tables(document: dict[str, Any]) -> None:
 
 
 def _finite(value: float | None, form: str, unit: str) -> str:
-    """A figure, ∞ for no crossing, a dash for none."""
+    """A number, ∞ if there is no crossing, and a dash if there is no value."""
     if value is None or math.isnan(value):
         return "–"
     return "∞" if math.isinf(value) else f"{value:{form}}{unit}"

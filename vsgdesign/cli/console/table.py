@@ -17,11 +17,11 @@ from vsgdesign.report.gain_table.words import heading
 from vsgdesign.stability.gain_table import FIGURES, Compared, figure_of, largest_difference
 
 COLUMN_UNITS = {"k_1": "1/s²", "d_1": "1/s", "k_2": "1/s", "H": "s", "zeta": "1"}
-"""Units of the normalised columns in SI; those that are not here have none."""
+"""Units of the normalised columns in SI. Columns that are not listed here have none."""
 
 
 def table_overview(table: GainTable) -> None:
-    """What the table is for, then one grid of numbers for each column and margin that is not the same everywhere."""
+    """What the table is for, then one grid of numbers for each column and margin that is not the same in every cell."""
     console = new_console()
     console.print("\n".join(escape(line) for line in heading(table)), highlight=False, soft_wrap=True)
     constant: list[str] = []
@@ -46,7 +46,7 @@ def table_overview(table: GainTable) -> None:
 
 
 def comparison_tables(compared: Sequence[Compared], files: Sequence[str]) -> None:
-    """Worst margins of every table, then where the others differ most from the first."""
+    """The worst margins of every table, then the largest differences of the others from the first."""
     console = new_console()
     first = compared[0].table
     worst = new_table(
@@ -69,7 +69,7 @@ def comparison_tables(compared: Sequence[Compared], files: Sequence[str]) -> Non
 
 
 def comparison_document(compared: Sequence[Compared], files: Sequence[str]) -> dict[str, Any]:
-    """The comparison as JSON has it."""
+    """The comparison in the form of the JSON output."""
     first = compared[0]
     return {
         "scr": first.table.scr.tolist(),
