@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tests.codegen.compiled import Compiled
+from tests.compilers import GCC_AND_CLANG, require_compiler
 from tests.equations.test_three_ways import FLAGS, FUNCTIONS, arguments, draw, flat
 from vsgdesign.codegen import CText, UntranslatableError, c_functions
 from vsgdesign.equations.limiters import CIRCULAR, LimiterLaw
@@ -32,8 +33,10 @@ def text() -> CText:
     return c_functions([FUNCTIONS[name] for name in TRANSLATED], fixed={"limiter": CIRCULAR.law})
 
 
-@pytest.fixture(scope="module", params=["gcc", "clang"])
+@pytest.fixture(scope="module", params=GCC_AND_CLANG)
 def compiler(request: pytest.FixtureRequest) -> str:
+    if request.param == "gcc":
+        require_compiler()
     return request.param
 
 

@@ -1,22 +1,17 @@
-"""Exported folders and their compiled C, once a session; a machine without a compiler says so."""
+"""Exported folders and their compiled C, once a session. A C compiler is required: see tests/compilers.py."""
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import pytest
 
+from tests.compilers import require_compiler
 from tests.export.exchange import exported, written
 from vsgdesign.export import CompiledC, compile_c
 from vsgdesign.runtime import Scheduler, load_scheduler
 
 FIT = {"sample_interval": 200e-6}
-
-
-def needs(program: str) -> pytest.MarkDecorator:
-    """Skips where a program is not installed, with the reason."""
-    return pytest.mark.skipif(shutil.which(program) is None, reason=f"{program} is not installed")
 
 
 @pytest.fixture(scope="session")
@@ -37,8 +32,5 @@ def scheduler(tmp_path: Path) -> Scheduler:
 
 
 def built(folder: Path, double: bool) -> CompiledC:
-    for program in ("cc",):
-        if shutil.which(program) is None:
-            pytest.skip(f"{program} is not installed")
-    pytest.importorskip("cffi")
+    require_compiler("cc")
     return compile_c(folder, double=double)

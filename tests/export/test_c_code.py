@@ -14,7 +14,7 @@ import pytest
 
 from tests.artifacts.networks import random_weights
 from tests.cli.small_studies import as_json, call
-from tests.export.conftest import needs
+from tests.compilers import GCC_AND_CLANG, needs, require_compiler
 from tests.export.exchange import KINDS, exported, written
 from vsgdesign.artifacts import read_table_file
 from vsgdesign.artifacts.network_weights import write_network_weights
@@ -57,12 +57,12 @@ def test_for_processors_without_bytes_and_without_a_heap(folder: Path) -> None:
         assert name.startswith("vsg_"), name
 
 
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("compiler", GCC_AND_CLANG)
 @pytest.mark.parametrize("flags", [[], ["-DVSG_DOUBLE"]], ids=["float", "double"])
 @pytest.mark.parametrize(("structure", "law"), KINDS)
 def test_compiles_without_a_warning(compiler: str, flags: list[str], structure: str, law: str, tmp_path: Path) -> None:
-    if shutil.which(compiler) is None:
-        pytest.skip(f"{compiler} is not installed")
+    if compiler == "gcc":
+        require_compiler()
     folder = exported(tmp_path, structure, law)
     sources = [str(path) for path in folder.glob("*.c")]
     run_compiler([compiler, *STRICT, "-pedantic", "-O2", *flags, "-fsyntax-only", *sources])
@@ -83,7 +83,6 @@ def test_fits_a_small_controller(folder: Path) -> None:
 
 
 @needs("make")
-@needs("cc")
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_its_own_makefile_runs_the_self_test(real: str, folder: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy"
@@ -102,7 +101,6 @@ def test_its_own_makefile_runs_the_self_test(real: str, folder: Path, tmp_path: 
 
 
 @needs("cmake")
-@needs("cc")
 def test_cmake_builds_it(folder: Path, tmp_path: Path) -> None:
     for command in (["cmake", "-S", str(folder), "-B", str(tmp_path)], ["cmake", "--build", str(tmp_path)]):
         done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -115,9 +113,8 @@ def test_without_a_network_there_is_none(tmp_path: Path) -> None:
     made = export_c_files(table_file, tmp_path / "c")
     assert made.manifest["weights"] is None
     assert "vsg_push" not in (tmp_path / "c" / "vsg.h").read_text(encoding="utf-8")
-    if shutil.which("cc"):
-        pytest.importorskip("cffi")
-        assert compile_c(tmp_path / "c").selftest() == 0
+    require_compiler("cc")
+    assert compile_c(tmp_path / "c").selftest() == 0
 
 
 def test_the_integration_page_has_one_update_period(folder: Path, tmp_path: Path) -> None:
@@ -184,8 +181,8 @@ def test_damaged_newer_and_foreign_files_are_refused(tmp_path: Path) -> None:
 def test_names_cannot_end_a_comment(tmp_path: Path) -> None:
     table_file, _ = written(tmp_path, name="*/ int évil; /*\n#error")
     export_c_files(table_file, tmp_path / "c")
-    if shutil.which("gcc"):
-        run_compiler(["gcc", *STRICT, "-fsyntax-only", *(str(path) for path in (tmp_path / "c").glob("*.c"))])
+    require_compiler()
+    run_compiler(["gcc", *STRICT, "-fsyntax-only", *(str(path) for path in (tmp_path / "c").glob("*.c"))])
 
 
 def test_the_verb(tmp_path: Path) -> None:

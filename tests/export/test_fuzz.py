@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.export.conftest import needs
+from tests.compilers import require_compiler
 from tests.export.exchange import written
 from tests.export.fuzzing import build_fuzz, distance_from_table, run_fuzz
 from tests.gain_tables import table
@@ -19,8 +19,7 @@ from vsgdesign.export.compiled import run_compiler
 
 @pytest.fixture(autouse=True)
 def _sanitizers(tmp_path: Path) -> None:
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc is not installed")
+    require_compiler()
     try:
         run_compiler(
             ["gcc", "-fsanitize=address,undefined", "-x", "c", "-", "-o", str(tmp_path / "a")], "int main(void){}"
@@ -29,7 +28,6 @@ def _sanitizers(tmp_path: Path) -> None:
         pytest.skip("gcc has no sanitizers here")
 
 
-@needs("gcc")
 @pytest.mark.parametrize(("double", "tolerance"), [(True, 1e-12), (False, 2e-6)])
 def test_no_input_leads_out_of_the_box(double: bool, tolerance: float, folder: Path, tmp_path: Path) -> None:
     """Place and powers are in the box, and the gains are the table's there, by the schedule on arrays."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
 
+from tests.compilers import require_compiler
 from vsgdesign.export import export_c_files
 from vsgdesign.export.compiled import SOURCES, STRICT, run_compiler
 
@@ -46,8 +46,7 @@ int main(void)
 
 def test_the_interrupt_routine_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three simulated seconds: 150 updates, the last fresh, and the power is the set point."""
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc is not installed")
+    require_compiler()
     monkeypatch.chdir(tmp_path)
     page = PAGE.read_text(encoding="utf-8")
     (first,) = re.findall(r"^## A table\n.*?^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)

@@ -11,6 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from vsgdesign.equations.controller import ControllerOutput, ControllerSettings, Measurement
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import ArtifactError
 from vsgdesign.runtime.scheduler import Answer
@@ -137,6 +140,17 @@ class CompiledC:
         """Power loops of the compiled C."""
         return CompiledPower(self, gains, refs, T_s, smoothing_P, smoothing_Q)
 
+    def control(
+        self,
+        gains: PowerLoopGains,
+        inner_gains: InnerLoopGains,
+        grid: GridEstimate,
+        refs: References,
+        settings: ControllerSettings,
+    ) -> CompiledControl:
+        """The whole controller of the compiled C, at rest at the set points."""
+        return CompiledControl(self, gains, inner_gains, grid, refs, settings)
+
     def _array(self, values: Any) -> Any:
         array = np.ascontiguousarray(values, dtype=np.float64 if self.double else np.float32).ravel()
         return self.ffi.from_buffer("vsg_real_t[]", array)
@@ -175,6 +189,39 @@ class CompiledPower:
 
     def _of(self, gains: PowerLoopGains) -> Any:
         return self._ffi.new("vsg_gains_t *", [float(value) for value in gains])
+
+
+class CompiledControl:
+    """The whole controller of the compiled C. ``data`` is its struct, which may be read and written."""
+
+    def __init__(
+        self,
+        made: CompiledC,
+        gains: PowerLoopGains,
+        inner_gains: InnerLoopGains,
+        grid: GridEstimate,
+        refs: References,
+        settings: ControllerSettings,
+    ) -> None:
+        self._ffi, self._library = made.ffi, made.library
+        self.data, self._output = made.ffi.new("vsg_control_t *"), made.ffi.new("vsg_controller_output_t *")
+        given = (("gains", gains), ("inner_gains", inner_gains), ("grid_estimate", grid), ("references", refs))
+        records = [self._of(name, record) for name, record in given]
+        self._library.vsg_control_init(self.data, *records, self._of("controller_settings", settings))
+
+    def step(self, measured: Measurement) -> ControllerOutput:
+        """One sample."""
+        self._library.vsg_control_step(self.data, self._of("measurement", measured), self._output)
+        return ControllerOutput(*(float(getattr(self._output, name)) for name in ControllerOutput._fields))
+
+    def retune(self, gains: PowerLoopGains, grid: GridEstimate) -> None:
+        """Other gains of the power loops, and the grid that they are made for, from the next sample on."""
+        records = self._of("gains", gains), self._of("grid_estimate", grid)
+        self._library.vsg_control_retune(self.data, *records)
+
+    def _of(self, name: str, record: Any) -> Any:
+        numbers = [float(value) for value in record if not isinstance(value, tuple)]
+        return self._ffi.new(f"vsg_{name}_t *", numbers)
 
 
 def _gains(values: Any) -> PowerLoopGains:
