@@ -12,7 +12,7 @@ import cmath
 import itertools
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -248,13 +248,14 @@ def integrate(
     x: NDArray[np.complex128], length: float, v_b: complex, source: tuple, matrices: tuple, atol: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
     """The circuit state after ``length`` seconds, by DOP853."""
-    A, b, e = matrices
+    A, b, e, A_unequal, e_unequal = matrices
     peak, peak_slope, phase, omega, omega_slope = source
     forced = b * v_b
 
     def derivative(t: float, y: NDArray[np.complex128]) -> NDArray[np.complex128]:
         v_g = (peak + peak_slope * t) * cmath.exp(1j * (phase + t * (omega + 0.5 * omega_slope * t)))
-        return A @ y + forced + e * v_g
+        # Real parts are the α axis, imaginary parts the β axis; the conjugate tells them apart.
+        return A @ y + A_unequal @ y.conj() + forced + e * v_g + e_unequal * v_g.conjugate()
 
     solver = DOP853(derivative, 0.0, x, length, rtol=_RELATIVE, atol=atol, first_step=length)
     while solver.status == "running":
@@ -271,14 +272,27 @@ def at_rest(study: Study) -> Start:
     return Start(np.zeros(3, complex), State(phase, c.omega_n, c.V_rated_rms, 0j, 0j, 0j), 0j)
 
 
-def run_reference(study: Study, gain_changes: Sequence[Any], pwm: bool, start: Start) -> Trace:
-    """Simulate the study from ``start``; ``gain_changes`` have ``t_s`` and ``gains``."""
+def with_beta(study: Study, grid: Grid, beta: Grid) -> tuple:
+    """The circuit with one grid on the α axis and another on the β axis: means, and half the differences."""
+    (A, b, e), (A_beta, _, e_beta) = circuit_matrices(study, grid), circuit_matrices(study, beta)
+    return 0.5 * (A + A_beta), b, 0.5 * (e + e_beta), 0.5 * (A - A_beta), 0.5 * (e - e_beta)
+
+
+def run_reference(
+    study: Study,
+    gain_changes: Sequence[Any],
+    pwm: bool,
+    start: Start,
+    beta: Callable[[Grid], Grid] = lambda grid: grid,
+) -> Trace:
+    """Simulate the study from ``start``; ``gain_changes`` have ``t_s`` and ``gains``. ``beta``: what the grid is on the
+    β axis."""
     controller, source, c = SampledController(study), StiffSource(study), study.converter
     T = controller.T
     samples = round(study.simulation.duration / T)
     events = sorted(study.events, key=lambda event: event.t_s)
     grids = [(0.0, study.grid), *((e.t_s, e.grid) for e in events if e.grid is not None)]
-    matrices = [(t, circuit_matrices(study, grid)) for t, grid in grids]
+    matrices = [(t, with_beta(study, grid, beta(grid))) for t, grid in grids]
     instants = sorted({*source.instants, *(t for t, _ in grids)})
     V_pk = math.sqrt(2.0) * c.V_rated_rms
     I_pk = math.sqrt(2.0) * c.S_rated / (3.0 * c.V_rated_rms)

@@ -2,14 +2,15 @@
 
 Between sampling instants the circuit is linear, its bridge voltage piecewise constant and its source a phasor
 that turns. So one step is a matrix exponential; a switching edge adds its own step response, which is a short
-polynomial in the time that is left; and the source adds its particular solution. α and β share every real
-matrix: complex numbers carry both.
+polynomial in the time that is left; and the source adds its particular solution. Where α and β are alike they share
+every real matrix, and complex numbers carry both; where they differ the matrices are real and twice as large.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,40 +29,78 @@ def state_matrices(circuit: FilterGrid) -> tuple[NDArray[np.float64], NDArray[np
     return matrix[:, :3].copy(), matrix[:, 3].copy(), matrix[:, 4].copy()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class TwoAxisCircuit:
+    """A linear circuit whose axes may differ: dx/dt = A x + B (v_b,α, v_b,β) + E (v_g,α, v_g,β), SI, peak.
+
+    x has 2n entries, α and β in turn. The first three pairs are i_s, v_c and i_g, which the sensors see; others may
+    follow, the same in every circuit of a run.
+    """
+
+    A: NDArray[np.float64]
+    """2n×2n, 1/s."""
+    B: NDArray[np.float64]
+    E: NDArray[np.float64]
+    """2n×2."""
+
+
+def two_axes(alpha: FilterGrid | TwoAxisCircuit, beta: FilterGrid | None = None) -> TwoAxisCircuit:
+    """One circuit on the α axis and another one (or the same) on the β axis, uncoupled."""
+    if isinstance(alpha, TwoAxisCircuit):
+        return alpha
+    A, B, E = np.zeros((6, 6)), np.zeros((6, 2)), np.zeros((6, 2))
+    for axis, circuit in enumerate((alpha, beta or alpha)):
+        A[axis::2, axis::2], B[axis::2, axis], E[axis::2, axis] = state_matrices(circuit)
+    return TwoAxisCircuit(A, B, E)
+
+
+@dataclass(frozen=True, eq=False)
 class PlantStep:
-    """Exact propagation of one circuit over one interval of length h."""
+    """Exact propagation of one circuit over one interval of length h.
+
+    Of a :class:`FilterGrid` the arrays are for one axis, since both are alike: n = 3, and there is no last dimension
+    for the axis of an input. Of a :class:`TwoAxisCircuit` they are for both, with 2n in place of n.
+    """
 
     h: float
     transition: NDArray[np.float64]
-    """Φ(h), 3×3."""
+    """Φ(h), n×n or 2n×2n."""
     bridge: NDArray[np.float64]
-    """∫Φ b, 3: what a constant bridge voltage adds."""
+    """∫Φ b, n or 2n×2: what a constant bridge voltage adds."""
     edge: NDArray[np.float64]
-    """(degree+1)×3: response to a unit step of the bridge voltage τ before the end, as a polynomial in
-    x = 2τ/h − 1."""
-    source: NDArray[np.complex128]
-    """3×3: rows m = 0, 1, 2: what a source (s^m)·e^{jωs} adds over the interval."""
+    """(degree+1)×n or (degree+1)×2n×2: response to a unit step of the bridge voltage τ before the end, as a polynomial
+    in x = 2τ/h − 1."""
+    source: NDArray[Any]
+    """What a source c·s^m·e^{jωs} adds over the interval, m = 0, 1, 2: complex 3×n, to be multiplied by c; or real
+    3×2n×2, to be multiplied by (Re c, Im c)."""
 
 
-def plant_step(circuit: FilterGrid, h: float, omega: float, *, edges: bool = True) -> PlantStep:
+def plant_step(circuit: FilterGrid | TwoAxisCircuit, h: float, omega: float, *, edges: bool = True) -> PlantStep:
     """Matrices of :class:`PlantStep` for a circuit, an interval h (s) and a source frequency (rad/s).
 
     ``edges=False`` leaves the edge polynomial empty: an averaged bridge has no edges.
     """
-    A, b, e = state_matrices(circuit)
+    equal = isinstance(circuit, FilterGrid)
+    A, b, e = state_matrices(circuit) if equal else (circuit.A, circuit.B, circuit.E)
     transition, bridge = _transition_and_integral(A, b, h)
-    edge = _edge_polynomial(A, b, h) if edges else np.empty((0, 3))
-    return PlantStep(h, transition, bridge, edge, _source_response(A, e, transition, h, omega))
+    edge = _edge_polynomial(A, b, h) if edges else np.empty((0, *b.shape))
+    if equal:
+        source = _source_response(A, e, transition, h, omega)
+    else:
+        alpha, beta = (_source_response(A, e[:, axis], transition, h, omega) for axis in range(2))
+        # (:eq:`two-axes`): c = 1 is cos on α and sin on β; c = j is −sin on α and cos on β.
+        source = np.stack([alpha.real + beta.imag, beta.real - alpha.imag], axis=-1)
+    return PlantStep(h, transition, bridge, edge, source)
 
 
 def _transition_and_integral(A: NDArray[np.float64], b: NDArray[np.float64], h: float) -> tuple:
     """Φ(h) and ∫₀ʰ Φ(s) b ds, from one exponential; A may be singular (no resistance anywhere)."""
-    augmented = np.zeros((4, 4))
-    augmented[:3, :3] = A * h
-    augmented[:3, 3] = b * h
+    n, inputs = len(A), b.reshape(len(A), -1)
+    augmented = np.zeros((n + inputs.shape[1], n + inputs.shape[1]))
+    augmented[:n, :n] = A * h
+    augmented[:n, n:] = inputs * h
     exponential = _exponential(augmented)
-    return exponential[:3, :3].copy(), exponential[:3, 3].copy()
+    return exponential[:n, :n].copy(), exponential[:n, n:].reshape(b.shape).copy()
 
 
 def _exponential(M: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -96,7 +135,7 @@ def _edge_polynomial(A: NDArray[np.float64], b: NDArray[np.float64], h: float) -
             break
         term = A @ term * (half / (k + 1))
     else:
-        return np.full((1, 3), np.nan)
+        return np.full((1, *b.shape), np.nan)
     return np.array(coefficients)
 
 
@@ -104,7 +143,7 @@ def _source_response(
     A: NDArray[np.float64], e: NDArray[np.float64], transition: NDArray[np.float64], h: float, omega: float
 ) -> NDArray[np.complex128]:
     """What s^m e^{jωs}, m = 0, 1, 2, adds: particular solutions of (jω − A) p = …, started from rest."""
-    resolvent = np.linalg.inv(1j * omega * np.eye(3) - A)
+    resolvent = np.linalg.inv(1j * omega * np.eye(len(A)) - A)
     p0 = resolvent @ e.astype(complex)
     q = resolvent @ p0
     r = resolvent @ q

@@ -1,7 +1,8 @@
 """The inner loop: controller sample, log, plant step, for a stretch in which nothing else changes.
 
-Plain Python; :mod:`vsgdesign.simulation.compiling` turns it into machine code. Real and imaginary parts are
-written out because the plant's matrices are real and shared by α and β.
+Plain Python; :mod:`vsgdesign.simulation.compiling` turns it into machine code. Where α and β are alike they share the
+plant's real matrices, and real and imaginary parts are written out. Where they differ the matrices have one more
+dimension: the compiler chooses by that, so the usual case pays nothing for it.
 """
 
 from __future__ import annotations
@@ -117,6 +118,25 @@ def edge_response(edge: Any, x: Any) -> Any:
     return i_s, v_c, i_g
 
 
+def add_edge_response(x: Any, edge: Any, place: Any, step_alpha: Any, step_beta: Any) -> None:
+    """Add the response to a step of the bridge voltage whose edge polynomial is taken at ``place``."""
+    if edge.ndim == 2:  # both axes alike
+        i_s, v_c, i_g = edge_response(edge, place)
+        x[0] += step_alpha * i_s
+        x[1] += step_beta * i_s
+        x[2] += step_alpha * v_c
+        x[3] += step_beta * v_c
+        x[4] += step_alpha * i_g
+        x[5] += step_beta * i_g
+    else:
+        for row in range(edge.shape[1]):
+            of_alpha, of_beta = 0.0, 0.0
+            for k in range(edge.shape[0] - 1, -1, -1):
+                of_alpha = of_alpha * place + edge[k, row, 0]
+                of_beta = of_beta * place + edge[k, row, 1]
+            x[row] += step_alpha * of_alpha + step_beta * of_beta
+
+
 def add_edges(x: Any, m: Any, unit_alpha: Any, unit_beta: Any, p_start: Any, p_end: Any, edge: Any) -> None:
     """Add what one phase's switching between carrier positions p_start and p_end does by the end.
 
@@ -130,30 +150,36 @@ def add_edges(x: Any, m: Any, unit_alpha: Any, unit_beta: Any, p_start: Any, p_e
         if on_its_slope and p_start < p_edge <= p_end:
             step = -1.0 if rising == 1 else 1.0
             left = (p_end - p_edge) / span
-            i_s, v_c, i_g = edge_response(edge, 2.0 * left - 1.0)
-            x[0] += step * unit_alpha * i_s
-            x[1] += step * unit_beta * i_s
-            x[2] += step * unit_alpha * v_c
-            x[3] += step * unit_beta * v_c
-            x[4] += step * unit_alpha * i_g
-            x[5] += step * unit_beta * i_g
+            add_edge_response(x, edge, 2.0 * left - 1.0, step * unit_alpha, step * unit_beta)
 
 
 def advance_plant(x: Any, v_alpha: Any, v_beta: Any, transition: Any, bridge: Any) -> None:
-    """x ← Φ x + Γ v for both axes, in place; x = (i_s, v_c, i_g), each as (α, β)."""
-    for axis in range(2):
-        v = v_alpha if axis == 0 else v_beta
-        i_s, v_c, i_g = x[axis], x[2 + axis], x[4 + axis]
-        x[axis] = transition[0, 0] * i_s + transition[0, 1] * v_c + transition[0, 2] * i_g + bridge[0] * v
-        x[2 + axis] = transition[1, 0] * i_s + transition[1, 1] * v_c + transition[1, 2] * i_g + bridge[1] * v
-        x[4 + axis] = transition[2, 0] * i_s + transition[2, 1] * v_c + transition[2, 2] * i_g + bridge[2] * v
+    """x ← Φ x + Γ v in place; x = (i_s, v_c, i_g, …), each as (α, β)."""
+    if bridge.ndim == 1:  # both axes alike
+        for axis in range(2):
+            v = v_alpha if axis == 0 else v_beta
+            i_s, v_c, i_g = x[axis], x[2 + axis], x[4 + axis]
+            x[axis] = transition[0, 0] * i_s + transition[0, 1] * v_c + transition[0, 2] * i_g + bridge[0] * v
+            x[2 + axis] = transition[1, 0] * i_s + transition[1, 1] * v_c + transition[1, 2] * i_g + bridge[1] * v
+            x[4 + axis] = transition[2, 0] * i_s + transition[2, 1] * v_c + transition[2, 2] * i_g + bridge[2] * v
+    else:
+        before = x.copy()
+        for row in range(x.shape[0]):
+            total = bridge[row, 0] * v_alpha + bridge[row, 1] * v_beta
+            for k in range(x.shape[0]):
+                total += transition[row, k] * before[k]
+            x[row] = total
 
 
 def add_source(x: Any, response: Any, re: Any, im: Any) -> None:
-    """Add a source coefficient re + j·im times its complex response."""
-    for row in range(3):
-        x[2 * row] += response[row].real * re - response[row].imag * im
-        x[2 * row + 1] += response[row].real * im + response[row].imag * re
+    """Add a source coefficient re + j·im times its response."""
+    if response.ndim == 1:  # both axes alike
+        for row in range(3):
+            x[2 * row] += response[row].real * re - response[row].imag * im
+            x[2 * row + 1] += response[row].real * im + response[row].imag * re
+    else:
+        for row in range(x.shape[0]):
+            x[row] += response[row, 0] * re + response[row, 1] * im
 
 
 def write_state(row: Any, state: ControllerState) -> None:
@@ -197,7 +223,7 @@ def run_stretch(
 ) -> Any:
     """Run samples first … first + count − 1. Returns the controller's state after the last.
 
-    ``x`` (6) and ``pending`` (2, the voltage waiting out the delay) are updated in place. Where the interval is cut
+    ``x`` (2n) and ``pending`` (2, the voltage waiting out the delay) are updated in place. Where the interval is cut
     into several pieces, count is 1.
     """
     lengths, sources = plant.lengths, plant.sources

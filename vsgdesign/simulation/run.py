@@ -21,9 +21,9 @@ from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification import Probe
-from vsgdesign.operating_point.plant import plant_step
 from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state
 from vsgdesign.parameters.study import Grid, GridSource, Study
+from vsgdesign.simulation.circuits import CircuitOfGrid, circuits_of, stacked_plants, states_of
 from vsgdesign.simulation.compiling import compile_function, compiled_law, source_stamp
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.kernel import LOG_COLUMNS, Bridge, ControllerInputs, LogRows, PlantPieces, run_stretch
@@ -101,13 +101,15 @@ def simulate(
     bridge: str | None = None,
     log_states: int = 0,
     probe: Probe | None = None,
+    circuit: CircuitOfGrid | None = None,
     progress: Progress | None = None,
 ) -> Simulation:
     """Simulate a study with given gains over time (the first change at or before t = 0), or with a scheduler
     that is asked for them during the run.
 
     ``bridge`` overrides the study's ("averaged" or "pwm"); ``log_states`` keeps the controller's states at the
-    first so many samples; ``probe`` is sent from t = 0 on, in place of one that the scheduler asks for. Raises
+    first so many samples; ``probe`` is sent from t = 0 on, in place of one that the scheduler asks for;
+    ``circuit`` replaces the study's circuit between bridge and source, and its axes may differ. Raises
     InfeasibleStudyError where the start has no steady state or a scheduler's or probe's period does not fit the
     sampling, and SimulationDivergedError where a state is no longer a number.
     """
@@ -119,8 +121,10 @@ def simulate(
     kept = round(study.simulation.log_interval / T_s)
     log_every = math.gcd(kept, feed.log_samples)  # a scheduler's samples are taken from the log
     log = np.empty((-(-samples // log_every), len(LOG_COLUMNS)))
+    circuit_of = circuits_of(study, timeline, circuit)
     start = _start(study, timeline, feed.first())
-    x, state, pending = start.plant, start.controller, start.pending
+    x, state, pending = np.zeros(states_of(circuit_of(timeline.grid_at(0.0)))), start.controller, start.pending
+    x[: len(start.plant)] = start.plant
     controller_log = np.empty((min(log_states, samples), len(flat_state(state))))
     limited = np.zeros(1)
     c = study.converter
@@ -134,7 +138,7 @@ def simulate(
         R_c=study.filter.R_c,
     )
     loop = compiled_loop(study.limiter.law)
-    plants = functools.lru_cache(maxsize=64)(functools.partial(_stacked_plants, study))
+    plants = functools.lru_cache(maxsize=64)(functools.partial(stacked_plants, circuit_of))
     loop_seconds = 0.0
     no_rows = np.empty((0, controller_log.shape[1]))
     gains = feed.first()
@@ -280,23 +284,6 @@ def _pieces(timeline: Timeline, plants: Callable[..., PlantPieces], first: int, 
         circuits.append((timeline.grid_at(t_s), float(h), source.omega))
         sources.append(_source_row(source))
     return plants(tuple(circuits))._replace(sources=np.array(sources))
-
-
-def _stacked_plants(study: Study, circuits: tuple[tuple[Grid, float, float], ...]) -> PlantPieces:
-    """Some pieces of an interval, each a grid, a length (s) and a source frequency (rad/s), without their sources."""
-    steps = [plant_step(study.circuit(grid), h, omega) for grid, h, omega in circuits]
-    degree = max(step.edge.shape[0] for step in steps)
-    edges = np.zeros((len(steps), degree, 3))
-    for k, step in enumerate(steps):
-        edges[k, : step.edge.shape[0]] = step.edge
-    return PlantPieces(
-        lengths=np.array([h for _, h, _ in circuits]),
-        transitions=np.array([step.transition for step in steps]),
-        bridges=np.array([step.bridge for step in steps]),
-        edges=edges,
-        responses=np.array([step.source for step in steps]),
-        sources=np.empty((len(steps), 6)),
-    )
 
 
 def _source_row(source: SourceSegment) -> list[float]:
