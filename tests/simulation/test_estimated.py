@@ -20,7 +20,7 @@ from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.study import Grid
 from vsgdesign.report.scenario.estimate_tables import estimate_text
 from vsgdesign.runtime.of_study import schedule_of
-from vsgdesign.simulation import MeasuredWindow, run_scenario
+from vsgdesign.simulation import MeasuredWindow, run_scenario, simulate
 from vsgdesign.simulation.estimated import NO_DESIGN, TRAINED_PHASE, EstimatedScheduler, window_channels
 from vsgdesign.simulation.gains import GainChange, settled_changes
 from vsgdesign.simulation.judging import judge_estimates
@@ -131,6 +131,25 @@ def test_a_table_takes_estimates_too() -> None:
     assert judged.rate_limit[1] == pytest.approx(6 * 0.02)
     assert "held the gains behind the estimate" in estimate_text(result, [judged])[0]
     assert "certificate" not in estimate_text(result, [judged])[0]
+
+
+@pytest.mark.parametrize("with_table", [False, True])
+def test_it_says_which_grid_its_gains_are_for(with_table: bool) -> None:
+    """At first the study's own, or the safe place of a table that has no such grid; in the end the estimate."""
+    text = TEXT.replace('estimate = "neural"', 'estimate = "neural", structure = "angle_damped", P_design = "2 kW"')
+    study, ready = study_with(always(0.9, 2.9e-3), text=text)
+    spec = study.controllers[1]
+    if with_table:
+        spec = replace(spec, schedule="table")
+        ready = ready.with_table(spec.name, table())
+    scheduler = EstimatedScheduler(study, spec, ready)
+    scheduler.first_gains()
+    first = scheduler.grid
+    assert first.scr(study.converter, "impedance") == pytest.approx(
+        20.0 if with_table else study.grid.scr(study.converter, "impedance"), rel=1e-9
+    )
+    simulate(study, scheduler)
+    assert (scheduler.grid.R_g, scheduler.grid.L_g) == pytest.approx((0.9, 2.9e-3), rel=2e-3)
 
 
 def test_the_rate_of_a_certificate_that_holds_gains_back_is_said() -> None:

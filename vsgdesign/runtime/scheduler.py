@@ -209,6 +209,11 @@ class Scheduler:
         """The present gains; before any update those of the safe place."""
         return self._state.gains
 
+    @property
+    def grid(self) -> tuple[float, float]:
+        """R_g (Ω) and L_g (H) of the place that the present gains are for."""
+        return self.lookup.grid(self._state.scr, self._state.r_over_x)
+
     def update_estimate(
         self, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int | None = None
     ) -> Answer:

@@ -16,7 +16,7 @@ from vsgdesign.errors import ArtifactError, InfeasibleStudyError
 from vsgdesign.frames import rms_to_peak, rotate, rotate_back
 from vsgdesign.identification import STATUSES, Needs, Samples
 from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
-from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.parameters.study import ControllerSpec, Grid, Study
 from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.online import MeasuredWindow
 from vsgdesign.simulation.timeline import Timeline
@@ -98,6 +98,11 @@ class EstimatedScheduler:
         """Gains of the grid at the start, as :meth:`vsgdesign.simulation.following.ScheduledAnswers.first`."""
         self._rows.clear()
         return self._answers.first()
+
+    @property
+    def grid(self) -> Grid:
+        """The grid that the present gains are for."""
+        return self._answers.grid
 
     def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
         """Gains for the estimated grid, None to go on as before."""

@@ -9,7 +9,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.identification.neural import NeuralEstimator
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
-from vsgdesign.parameters.study import ControllerSpec, GridSource, Study
+from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
 from vsgdesign.runtime.guards import LIMITED
 from vsgdesign.runtime.of_study import follows_measured, gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
@@ -32,12 +32,18 @@ class ScheduledAnswers:
     ) -> None:
         self._study, self._spec, self._law = study, spec, gain_law(study, spec, ready)
         table = ready.table(spec)
+        self._grid = study.grid
         self._runtime = None if table is None else scheduler_of(table, estimator)
 
     @property
     def rate(self) -> float | None:
         """The scheduler's limit of |d ln SCR/dt| and |d ln(R/X)/dt|, 1/s; None without a table."""
         return None if self._runtime is None else self._runtime.settings.rate
+
+    @property
+    def grid(self) -> Grid:
+        """The grid that the present gains are for: of a table's scheduler its place, after all guards."""
+        return self._grid if self._runtime is None else Grid(*self._runtime.grid)
 
     def first(self) -> PowerLoopGains:
         """Gains at the start: of the known grid, in the steady state that they are part of; without load for a cold
@@ -48,7 +54,7 @@ class ScheduledAnswers:
         study, spec = self._study, self._spec
         timeline = build_timeline(study)
         grid, source = timeline.grid_at(0.0), timeline.source_at(0.0)
-        known = True
+        self._grid, known = grid, True
         if self._runtime is not None:
             try:
                 self._runtime.start(grid.R_g, grid.L_g)
@@ -78,7 +84,10 @@ class ScheduledAnswers:
         known = bool(np.isfinite(R_g) and np.isfinite(L_g))
         if self._runtime is None:
             found = _numbers(self._law(R_g, L_g, window.P, window.Q, window.V_rms)) if known else None
-            return (found if found is not None and np.isfinite(found).all() else None), False
+            if found is None or not np.isfinite(found).all():
+                return None, False
+            self._grid = Grid(R_g, L_g)
+            return found, False
         measured = (window.P, window.Q, window.V_rms, round(window.t_s / self._runtime.settings.tick))
         answer = self._runtime.update_estimate(R_g, L_g, *measured) if known else self._runtime.hold(*measured)
         return answer.gains, bool(answer.status & LIMITED)
@@ -110,6 +119,11 @@ class KnownGridScheduler:
     def first_gains(self) -> PowerLoopGains:
         """Gains of the grid at the start, as :meth:`ScheduledAnswers.first`."""
         return self._answers.first()
+
+    @property
+    def grid(self) -> Grid:
+        """The grid that the present gains are for."""
+        return self._answers.grid
 
     def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
         """Gains for the true grid: a change that coincides with the update is seen by the next one."""

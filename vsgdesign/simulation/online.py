@@ -144,7 +144,8 @@ class HeldBack:
 
     scheduler: OnlineScheduler
     windows: int = 1
-    _waiting: deque[PowerLoopGains | None] = field(default_factory=deque)
+    _waiting: deque[tuple[PowerLoopGains | None, Grid | None]] = field(default_factory=deque)
+    _in_force: list[Grid | None] = field(default_factory=lambda: [None])
 
     @property
     def update_period(self) -> float:
@@ -159,7 +160,14 @@ class HeldBack:
     def first_gains(self) -> PowerLoopGains:
         """Those of the scheduler, with nothing waiting."""
         self._waiting.clear()
-        return self.scheduler.first_gains()
+        first = self.scheduler.first_gains()
+        self._in_force[0] = _grid(self.scheduler)
+        return first
+
+    @property
+    def grid(self) -> Grid | None:
+        """The one that came with the gains in force."""
+        return self._in_force[0]
 
     @property
     def probe_hold(self) -> float | None:
@@ -172,8 +180,12 @@ class HeldBack:
 
     def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
         """What the scheduler said ``windows`` updates ago."""
-        self._waiting.append(self.scheduler.update(window))
-        return self._waiting.popleft() if len(self._waiting) > self.windows else None
+        answer = self.scheduler.update(window)
+        self._waiting.append((answer, _grid(self.scheduler)))
+        if len(self._waiting) <= self.windows:
+            return None
+        answer, self._in_force[0] = self._waiting.popleft()
+        return answer
 
 
 @dataclass(frozen=True)
@@ -208,6 +220,11 @@ class Recorder:
     def wanted(self) -> Probe | None:
         """What the scheduler wants."""
         return _wanted(self.scheduler)
+
+    @property
+    def grid(self) -> Grid | None:
+        """That of the scheduler."""
+        return _grid(self.scheduler)
 
     def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
         """What the scheduler says."""
@@ -310,7 +327,7 @@ class OnlineGains:
 
     def grid(self, sample: int) -> Grid | None:  # noqa: ARG002
         """The grid that the present gains are for; None where the scheduler does not say."""
-        return self._scheduler.grid if isinstance(self._scheduler, KnowsItsGrid) else None
+        return _grid(self._scheduler)
 
     def update(
         self, sample: int, present: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int
@@ -367,6 +384,10 @@ class OnlineGains:
             R_g, L_g = (np.array([[getattr(grid, name)] for grid in held]) for name in ("R_g", "L_g"))
             return self._circuit._replace(R_g=R_g, L_g=L_g)
         return self._circuit  # without L_2 and R_2 the grid has no say in v_pcc
+
+
+def _grid(scheduler: OnlineScheduler) -> Grid | None:
+    return scheduler.grid if isinstance(scheduler, KnowsItsGrid) else None
 
 
 def _whole(value: float, unit: float, what: str, of: str) -> int:
