@@ -1,4 +1,4 @@
-"""From a one-page datasheet to a study: reading, resolving, writing. Nothing is designed or simulated here."""
+"""From a one-page datasheet to a study: reading, resolving, writing. This room designs and simulates nothing."""
 
 from vsgdesign.datasheet.converter_sheet import Assumption, Datasheet
 from vsgdesign.datasheet.fields import FIELDS, Field

@@ -1,4 +1,4 @@
-"""A converter as its datasheet has it, in the units and conventions of a study."""
+"""A converter as its datasheet describes it, in the units and conventions of a study."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Assumption:
-    """What the datasheet does not say and was assumed."""
+    """A value that the datasheet does not give and that was assumed."""
 
     field: str
     text: str
@@ -15,7 +15,7 @@ class Assumption:
 
 @dataclass(frozen=True)
 class Datasheet:
-    """Everything that a study of a converter needs, SI, with what it was made of."""
+    """Everything that a study of a converter needs, in SI, and where each value comes from."""
 
     title: str
     source: str
@@ -32,19 +32,19 @@ class Datasheet:
     L_1: float
     R_1: float
     C: float
-    """Star."""
+    """Per phase in star, F."""
     R_c: float
     """In series with each star capacitor."""
     L_2: float
     """0: an LC filter."""
     R_2: float
     scr: tuple[float, float]
-    """Least and largest short-circuit ratio of its grids, on the impedance."""
+    """Smallest and largest short-circuit ratio of its grids, on the impedance."""
     x_over_r: tuple[float, float]
     remarks: dict[str, str]
-    """How a field was read, where it was not written as the study has it."""
+    """How a field was read, if the datasheet writes it differently from a study."""
     assumptions: tuple[Assumption, ...]
     notes: tuple[str, ...]
-    """What is worth knowing before anything is designed."""
+    """Facts that a user should know before anything is designed."""
     unused: tuple[str, ...]
-    """Rows that no study needs."""
+    """Rows of the datasheet that no study needs."""

@@ -1,4 +1,4 @@
-"""What a datasheet may say: the fields, their names as people write them, and how each is asked for."""
+"""The fields of a datasheet: their names as people write them, and the question for each."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Field:
-    """One thing that a datasheet says."""
+    """One field of a datasheet."""
 
     name: str
-    """As faults and the tutorial name it."""
+    """The name in messages and in the tutorial."""
     question: str
-    """As it is asked for on the terminal."""
+    """The question on the terminal."""
     missing: str
-    """What is done where it is not given; empty: it must be given."""
+    """What is done if the field is not given. If this is empty, the field must be given."""
     example: str
     aliases: tuple[str, ...]
-    """Other names. ``name > word`` says more than the name: a phase voltage, a capacitor in delta."""
+    """Other names. ``name > word``: the name also says something about the value, such as phase voltage or delta."""
 
 
 FIELDS = (
@@ -116,13 +116,13 @@ UNUSED = (
     "note", "remark", "dead time",
     "dc link capacitor", "C_dc", "wirkungsgrad", "gewicht", "hersteller", "kühlung", "schutzart", "phases", "mtbf",
 )  # fmt: skip
-"""Rows that many datasheets have and no study needs. They are listed as not used; any other unknown row is a fault."""
+"""Rows that many datasheets have and no study needs. They are listed as not used. Any other unknown row is a fault."""
 
 BY_NAME = {field.name: field for field in FIELDS}
 
 
 def squeezed(key: str) -> str:
-    """A key without spaces, brackets, case and marks: ``Rated power (kVA)`` and ``rated_power`` are the same."""
+    """A key without spaces, brackets, case and special characters: ``Rated power (kVA)`` equals ``rated_power``."""
     return re.sub(r"[\W_]", "", re.sub(r"[(\[].*?[)\]]", "", key)).casefold()
 
 
@@ -141,7 +141,7 @@ _UNUSED = frozenset(squeezed(word) for word in UNUSED)
 
 
 def find_field(key: str) -> tuple[str, str] | None:
-    """The field that a key means and what it says beside (``ll``, ``delta``, ``peak`` ...), or None."""
+    """The field that a key means, and what else the key says (``ll``, ``delta``, ``peak`` ...), or None."""
     found = _KNOWN.get(squeezed(key))
     if found is None and "." in key:  # of a TOML table: [filter] L_1, [capacitor] connection
         parts = key.split(".")
@@ -150,7 +150,7 @@ def find_field(key: str) -> tuple[str, str] | None:
 
 
 def is_unused(key: str) -> bool:
-    """Whether a key is one of those that no study needs."""
+    """Whether a key is one of the rows that no study needs."""
     words = {squeezed(word) for word in re.split(r"[\s_.]+", key)}
     return squeezed(key) in _UNUSED or bool(words & _UNUSED)
 

@@ -12,7 +12,7 @@ from vsgdesign.parameters.units import format_quantity
 
 
 def read_inductor(rows: Rows, name: str, Z: float, omega: float) -> float:
-    """H, from H, from the reactance or from per unit."""
+    """An inductance in H, from H, from a reactance or from per unit."""
     amount = rows.amount(name, ("H", "ohm", RATIO))
     if amount is None:
         return math.nan
@@ -31,7 +31,7 @@ def read_inductor(rows: Rows, name: str, Z: float, omega: float) -> float:
 
 
 def read_resistance(rows: Rows, name: str, of: str, assumed: float, Z: float, q: float) -> float:
-    """Ω, from Ω or per unit; where it is missing, what X/R = q of the inductor makes it."""
+    """A resistance in Ω, from Ω or per unit. If it is missing, it follows from X/R = q of the inductor."""
     amount = rows.amount(name, ("ohm", RATIO))
     if amount is None:
         if name not in rows.given:
@@ -44,7 +44,7 @@ def read_resistance(rows: Rows, name: str, of: str, assumed: float, Z: float, q:
 
 
 def read_capacitor(rows: Rows, Z: float, omega: float, V: float) -> tuple[float, float]:
-    """C and its series resistance in star. Three in delta are as three of three times the capacitance in star."""
+    """C and its series resistance per phase in star. Three capacitors in delta count as three times the capacitance."""
     said = rows.word("capacitor_connection", CONNECTIONS)
     amount = rows.amount("C", ("F", "var", RATIO))
     words = (amount.words if amount else frozenset()) | {rows.beside.get("C", "")}
@@ -79,7 +79,7 @@ def read_capacitor(rows: Rows, Z: float, omega: float, V: float) -> tuple[float,
 
 
 def read_outer(rows: Rows, kind: str | None, Z: float, omega: float, q: float) -> tuple[float, float]:
-    """L_2 and R_2 with a transformer's leakage; zeros of an LC filter."""
+    """L_2 and R_2 including the leakage of a transformer; zeros for an LC filter."""
     both = [name for name in ("L_2", "transformer") if name in rows.given]
     if kind == "LC" and both:
         rows.fault(both[0], "an LC filter has none", "Say filter = LCL, or take it out.")
@@ -102,7 +102,7 @@ def read_outer(rows: Rows, kind: str | None, Z: float, omega: float, q: float) -
 
 
 def check_resonance(rows: Rows, L_1: float, C: float, T_s: float) -> None:
-    """L_1 and C alone, behind the weakest grid, must ring below half the sampling frequency."""
+    """Check that L_1 and C alone, behind the weakest grid, have their resonance below half the sampling frequency."""
     resonance = 1.0 / (2.0 * math.pi * math.sqrt(L_1 * C)) if L_1 * C > 0.0 else math.nan
     if resonance > 0.5 / T_s:
         rows.fault(

@@ -1,4 +1,4 @@
-"""How strong the grids of a datasheet are: as SCR, as short-circuit power or as impedance."""
+"""The strength of a datasheet's grids, given as SCR, as short-circuit power or as impedance."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DEFAULT_X_OVER_R = (0.3, 20.0)
 
 
 def read_scr(rows: Rows, S: float, V: float) -> tuple[float, float]:
-    """Least and largest short-circuit ratio on the impedance."""
+    """Smallest and largest short-circuit ratio on the impedance."""
     names = [name for name in ("scr", "short_circuit_power", "grid_impedance") if name in rows.given]
     if len(names) > 1:
         rows.fault(names[1], f"says what {names[0]} says", "Keep one of them.")
@@ -56,6 +56,6 @@ def _ends(rows: Rows, name: str, ends: list[float], limits: str) -> tuple[float,
 
 
 def strongest_inductance(scr: tuple[float, float], x_over_r: tuple[float, float], Z: float, omega: float) -> float:
-    """The least L_g of the grids, H: the strongest and most resistive one. ``Z`` is the base impedance."""
+    """The smallest L_g of the grids, H: that of the strongest and most resistive one. ``Z`` is the base impedance."""
     _, L_g = grid_from_scr_impedance(scr[1], x_over_r[0], Z, omega)
     return float(L_g)

@@ -1,6 +1,7 @@
 """Quantities as datasheets print them: ``12,5 kVA``, ``480 V L-L``, ``1.5…20``, ``3 x 50 µF (delta)``, ``450 A rms``.
 
-The study file's own quantities are stricter (parameters.units); what is read here is written there in that form.
+The quantities of a study file follow stricter rules (parameters.units). Values that are read here are written there
+in that form.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _WORDS = {
     "connected": "", "connection": "", "in": "", "the": "", "pu": "pu", "short": "", "circuit": "",
     "of": "", "current": "", "lagging": "", "leading": "", "lag": "", "lead": "", "ind": "", "cap": "",
 }  # fmt: skip
-"""What may stand behind a unit, and what it says."""
+"""Words that may follow a unit, and their meaning."""
 
 _PHRASES = (
     (r"line\s*[- ]?to\s*[- ]?line", "ll"),
@@ -58,7 +59,7 @@ _RANGE = re.compile(r"\s*(?:\.{2,3}|…|–|—|\bto\b|\bbis\b|(?<![eE(\s])\s*-(
 
 
 class AmountError(VsgDesignError):
-    """A text cannot be read as a quantity: what is wrong, and what to do."""
+    """A text cannot be read as a quantity. The message says what is wrong and what to do."""
 
     def __init__(self, problem: str, advice: str = "") -> None:
         self.problem = problem
@@ -68,27 +69,27 @@ class AmountError(VsgDesignError):
 
 @dataclass(frozen=True)
 class Amount:
-    """One value, or the two ends of a range, in the SI unit ``base`` (or as a ratio), and what stood behind it."""
+    """One value, or both ends of a range, in the SI unit ``base`` (or as a ratio), and the words that followed it."""
 
     values: tuple[float, ...]
     base: str
     words: frozenset[str]
     bare: bool = False
-    """No unit was given."""
+    """Whether no unit was given."""
 
     @property
     def value(self) -> float:
-        """The value that is no range."""
+        """The value, if it is not a range."""
         return self.values[0]
 
 
 def read_amount(
     text: str | float, bases: tuple[str, ...], *, unit: str = "", decimal_comma: bool = False, ranged: bool = False
 ) -> Amount:
-    """A text in one of some units (``V``, ``VA``, ``W``, ``var``, ``Hz``, ``H``, ``F``, ``ohm``, ``A``, ``1``).
+    """Read a text in one of some units (``V``, ``VA``, ``W``, ``var``, ``Hz``, ``H``, ``F``, ``ohm``, ``A``, ``1``).
 
-    ``unit`` is what a column of units says; a unit in the text itself goes before it. A bare number is in the first of
-    ``bases``. With ``decimal_comma`` the file is known to write 1,5. Raises AmountError.
+    ``unit`` is the content of a column of units; a unit in the text itself has priority. A number without a unit is
+    in the first of ``bases``. With ``decimal_comma`` the file is known to write 1,5. Raises AmountError.
     """
     if isinstance(text, int | float):
         text = repr(float(text))
@@ -140,7 +141,7 @@ def _one(text: str, decimal_comma: bool) -> tuple[float, str]:
 
 
 def read_number(text: str, decimal_comma: bool = False) -> float:
-    """A number with a point or a comma before its decimals, and any sign between its thousands. Raises AmountError."""
+    """A number with a decimal point or comma, and any separator between its thousands. Raises AmountError."""
     mantissa, *exponent = re.split("[eE]", re.sub(r"[\s'’]", "", text))
     commas, points = mantissa.count(","), mantissa.count(".")
     if commas and points:
@@ -164,7 +165,7 @@ def read_number(text: str, decimal_comma: bool = False) -> float:
 
 
 def _unit(text: str, bases: tuple[str, ...]) -> tuple[str, float, frozenset[str]]:
-    """Base, factor to it and what else the unit says."""
+    """Base, factor to the base, and what else the unit says."""
     rest = text.strip()
     for pattern, word in _PHRASES:
         rest = re.sub(pattern, f" {word} ", rest, flags=re.IGNORECASE)
@@ -196,7 +197,7 @@ def _unit(text: str, bases: tuple[str, ...]) -> tuple[str, float, frozenset[str]
 
 
 def _known(tail: str) -> frozenset[str] | None:
-    """What words say, or None where one is unknown."""
+    """The meaning of some words, or None if one of them is unknown."""
     words = re.findall(r"[a-z0-9]+", tail.casefold())
     return frozenset(_WORDS[word] for word in words) - {""} if all(word in _WORDS for word in words) else None
 
@@ -226,7 +227,7 @@ def _named(bases: tuple[str, ...]) -> str:
 
 
 def other_prefix(value: float, base: str, low: float, high: float) -> str:
-    """What the value would be with another prefix, where that lies within the limits."""
+    """What the value would be with another prefix, if this lies within the limits."""
     for factor in (1e-3, 1e3, 1e-6, 1e6, 1e-9, 1e9):
         if low <= value * factor <= high:
             return f"Did you mean {format_quantity(value * factor, base)}?"

@@ -1,4 +1,4 @@
-"""The same fields asked one after another: which comes next, and what is wrong with an answer."""
+"""The same fields, asked one after another: the next question, and what is wrong with an answer."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TERMINAL = "the terminal"
 
 
 def next_question(answers: Sequence[Entry], asked: Sequence[str]) -> Field | None:
-    """The field to ask for next, given the answers and what was asked so far; None: that is all."""
+    """The field to ask for next, given the answers and the questions so far; None if there is no further question."""
     given = {entry.key: str(entry.value) for entry in answers}
     for name in _ORDER:
         if name in asked:
@@ -35,14 +35,14 @@ def next_question(answers: Sequence[Entry], asked: Sequence[str]) -> Field | Non
 
 
 def answer_faults(answers: Sequence[Entry], answer: Entry) -> list[Fault]:
-    """What is wrong with one more answer, alone or beside those before it."""
+    """What is wrong with one more answer, by itself or together with the earlier answers."""
     before = {str(fault) for fault in faults_of(Sheet(TERMINAL, tuple(answers), decimal_comma=_comma(answers)))}
     after = faults_of(Sheet(TERMINAL, (*answers, answer), decimal_comma=_comma([*answers, answer])))
     return [fault for fault in after if str(fault) not in before and fault.problem != "missing"]
 
 
 def entry_of(field: Field, text: str) -> Entry:
-    """An answer as a row. How strong the grids are may be said as a power or an impedance too."""
+    """An answer as a row. The strength of the grids may also be given as a power or an impedance."""
     name = field.name
     if name == "scr":
         for other, base in (("short_circuit_power", "VA"), ("grid_impedance", "ohm")):

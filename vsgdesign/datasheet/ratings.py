@@ -23,7 +23,7 @@ DEFAULT_CURRENT_LIMIT = 1.2
 
 
 def read_rating(rows: Rows) -> float:
-    """VA, from VA or from W and a power factor."""
+    """The rating in VA, from VA, or from W and a power factor."""
     amount = rows.amount("rating", ("VA", "W"))
     power_factor = rows.plain("power_factor", RATIO, 1.0)
     if amount is None:
@@ -38,7 +38,7 @@ def read_rating(rows: Rows) -> float:
 
 
 def read_voltage(rows: Rows) -> float:
-    """V line to line, rms."""
+    """The rated voltage, line-to-line rms, V."""
     entry = rows.given.get("voltage")
     pair = re.match(r"\s*(\d[\d.,]*)\s*k?V?\s*Y?\s*/\s*(\d[\d.,]*)\s*(.*)$", str(entry.value)) if entry else None
     if entry is not None and pair is not None:
@@ -64,7 +64,7 @@ def read_voltage(rows: Rows) -> float:
 
 
 def _voltage_pair(rows: Rows, entry: Entry, pair: re.Match[str]) -> float:
-    """277/480 V and 480Y/277 V: both voltages at once."""
+    """277/480 V and 480Y/277 V give both voltages at once."""
     try:
         unit = pair[3] or entry.unit
         both = sorted(
@@ -82,7 +82,7 @@ def _voltage_pair(rows: Rows, entry: Entry, pair: re.Match[str]) -> float:
 
 
 def read_frequency(rows: Rows) -> float:
-    """Hz."""
+    """The nominal frequency, Hz."""
     entry = rows.given.get("frequency")
     if entry is not None and re.match(r"\s*\d+\s*(?:hz)?\s*(?:/|or|und|oder|and)\s*\d+", str(entry.value), re.I):
         rows.fault("frequency", "is two frequencies", "Give the one that this study is for; make two studies.")
@@ -91,7 +91,7 @@ def read_frequency(rows: Rows) -> float:
 
 
 def read_dc_link(rows: Rows) -> float:
-    """V; of a range the least."""
+    """The dc voltage, V; of a range, the smallest value."""
     amount = rows.amount("dc_link", ("V",), ranged=True)
     if amount is None:
         return math.nan
@@ -103,7 +103,7 @@ def read_dc_link(rows: Rows) -> float:
 
 
 def read_modulation(rows: Rows) -> str:
-    """The study's word."""
+    """The modulation, as a study names it."""
     found = rows.word("pwm", MODULATIONS)
     if found is None:
         if "pwm" not in rows.given:
@@ -117,7 +117,7 @@ def read_modulation(rows: Rows) -> str:
 
 
 def check_voltages(rows: Rows, V: float, V_dc: float, modulation: str) -> None:
-    """The bridge must make the rated voltage, and no dc link is many times as large."""
+    """Check that the bridge can make the rated voltage, and that the dc link is not many times as large."""
     peak = rms_to_peak(ll_to_phase(V))
     limit = linear_modulation_limit(V_dc, modulation == "min_max")
     if limit < peak:
@@ -134,7 +134,7 @@ def check_voltages(rows: Rows, V: float, V_dc: float, modulation: str) -> None:
 
 
 def read_samples(rows: Rows, f_sw: float, f_n: float) -> int:
-    """Samples in a carrier period; 0 where that cannot be told."""
+    """Samples per carrier period; 0 if they are not known."""
     entry = rows.given.get("sampling")
     if entry is None:
         rows.assume("sampling", "twice per carrier")
@@ -156,7 +156,7 @@ def read_samples(rows: Rows, f_sw: float, f_n: float) -> int:
 
 
 def read_delay_samples(rows: Rows) -> int:
-    """0 or 1."""
+    """The computation delay, 0 or 1 sample."""
     entry = rows.given.get("delay")
     if entry is None:
         rows.assume("delay", "1 sample: computed in one period, applied in the next")
@@ -172,7 +172,7 @@ def read_delay_samples(rows: Rows) -> int:
 
 
 def read_current_limit(rows: Rows, S: float, V: float) -> float:
-    """Per unit of the rated current."""
+    """The current limit in per unit of the rated current."""
     amount = rows.amount("current_limit", ("A", RATIO))
     if amount is None:
         if "current_limit" not in rows.given:

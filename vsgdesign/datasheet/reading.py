@@ -1,4 +1,4 @@
-"""Reads a datasheet's file: CSV with any separator, decimal sign and encoding that a spreadsheet writes, or TOML."""
+"""Read the file of a datasheet: CSV with any separator, decimal sign and encoding of a spreadsheet, or TOML."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vsgdesign.errors import Fault, StudyError
 from vsgdesign.parameters.toml_file import parse_toml
 
 _LARGEST = 1_000_000
-"""Bytes; a datasheet has some hundred."""
+"""Largest size in bytes; a datasheet has a few hundred."""
 
 _HEADINGS = {
     "key": {
@@ -47,9 +47,9 @@ class Entry:
 
     key: str
     value: Any
-    """A text, or a number, a truth value or a list from TOML."""
+    """A text; from TOML also a number, a truth value or a list."""
     unit: str = ""
-    """Of a column of units, or in brackets behind the key."""
+    """From a column of units, or in brackets after the key."""
     place: str = ""
 
 
@@ -60,13 +60,13 @@ class Sheet:
     source: str
     entries: tuple[Entry, ...]
     decimal_comma: bool = False
-    """Whether it writes 1,5 for one and a half."""
+    """Whether the file writes 1,5 for one and a half."""
     remarks: tuple[str, ...] = ()
-    """How the file was read, where that was not plain."""
+    """How the file was read, if that was not obvious."""
 
 
 def read_sheet(path: str | Path) -> Sheet:
-    """The rows of a .csv or .toml file. Raises StudyError where it is none."""
+    """Read the rows of a .csv or .toml file. Raises StudyError if it is neither."""
     path = Path(path)
 
     def fault(problem: str, advice: str) -> StudyError:
@@ -97,7 +97,7 @@ def read_sheet(path: str | Path) -> Sheet:
 
 
 def _decoded(raw: bytes) -> tuple[str | None, tuple[str, ...]]:
-    """The text, None where there is none, and what was assumed of its encoding."""
+    """The text, or None if the file is not text, and what was assumed about its encoding."""
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         try:
             return raw.decode("utf-16"), ()
@@ -191,7 +191,7 @@ def _read_csv(text: str, source: str, remarks: tuple[str, ...]) -> Sheet:
 
 
 def _separator(lines: list[str]) -> str | None:
-    """What most lines are separated by; a comma may be a decimal one and comes last."""
+    """The separator of most lines. A comma may also be a decimal comma and is therefore tried last."""
     for separator in (";", "\t", "|", ","):
         if sum(separator in line for line in lines) > 0.5 * len(lines):
             return separator
@@ -199,7 +199,7 @@ def _separator(lines: list[str]) -> str | None:
 
 
 def _turned(rows: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
-    """A table with one converter a row has its names in the first row; it is turned to one name a row."""
+    """Turn a table with one converter per row, whose first row contains the names, into one name per row."""
     if len(rows) == 2 and len(rows[0][1]) > 3 and sum(find_field(cell) is not None for cell in rows[0][1]) > 2:
         values = rows[1][1] + [""] * len(rows[0][1])
         return [(rows[1][0], [name, value]) for name, value in zip(rows[0][1], values, strict=False)]
@@ -207,7 +207,7 @@ def _turned(rows: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
 
 
 def _columns(rows: list[tuple[int, list[str]]]) -> tuple[int, int, int, list[tuple[int, list[str]]]]:
-    """Columns of names, values and units (−1: none), by the heading if there is one, and the rows below it."""
+    """The columns of names, values and units (−1: none), from the heading if there is one, and the rows below it."""
     first = [squeezed(cell) for cell in rows[0][1]] if rows else []
     found = {what: next((k for k, cell in enumerate(first) if cell in names), -1) for what, names in _HEADINGS.items()}
     if found["value"] >= 0 and (found["key"] >= 0 or found["value"] > 0):

@@ -1,4 +1,4 @@
-"""From rows as people write them to a converter in SI: every fault at once, every assumption said."""
+"""From rows as people write them to a converter in SI, with all faults at once and every assumption listed."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from vsgdesign.parameters.inner_loops import ENOUGH_SAMPLING
 from vsgdesign.parameters.units import format_quantity
 
 INDUCTOR_X_OVER_R = 30.0
-"""Of an inductor whose resistance nobody says: large, so that it lends the loops little damping."""
+"""X/R of an inductor whose resistance is not given: large, so that it adds little damping to the loops."""
 
 _LITTLE_HEADROOM = 1.1
-"""Of the bridge over the rated voltage."""
+"""Smallest ratio of the bridge voltage to the rated voltage."""
 
 
 def resolve(sheet: Sheet) -> Datasheet:
-    """The converter of a datasheet. StudyError lists every fault of it."""
+    """The converter of a datasheet. Raises StudyError with all its faults."""
     rows = Rows(sheet)
     S = read_rating(rows)
     V = read_voltage(rows)
@@ -76,7 +76,9 @@ def resolve(sheet: Sheet) -> Datasheet:
 def _notes(
     V: float, V_dc: float, modulation: str, f_s: float, delay: int, L_1: float, C: float, outer: float
 ) -> tuple[str, ...]:
-    """What makes a converter hard to control, told before the design finds out. ``outer``: L_2 and the least L_g, H."""
+    """Facts that make a converter difficult to control, told before the design begins. ``outer``: L_2 and the
+    smallest L_g, H.
+    """
     notes = []
     resonance = math.sqrt((L_1 + outer) / (L_1 * outer * C)) / (2.0 * math.pi)
     if delay and f_s < ENOUGH_SAMPLING * resonance:
@@ -94,7 +96,7 @@ def _notes(
 
 
 def faults_of(sheet: Sheet) -> list[Fault]:
-    """The faults of a datasheet, one that is not complete included."""
+    """The faults of a datasheet, also of one that is not complete."""
     try:
         resolve(sheet)
     except StudyError as error:

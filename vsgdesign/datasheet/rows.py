@@ -1,4 +1,4 @@
-"""The rows of a datasheet by field. What is wrong with one does not hide what is wrong with the next."""
+"""The rows of a datasheet by field. A fault in one row does not hide the faults of the others."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ LIMITS = {
     "scr": (0.5, 1000.0),
     "x_over_r": (0.05, 100.0),
 }
-"""Plausibility limits: SI, of the filter and the current in per unit."""
+"""Plausibility limits in SI; those of the filter and the current are in per unit."""
 
 _ANY_CONVERTER = {"H": (1e-7, 0.5), "F": (1e-8, 0.1), "ohm": (0.0, 100.0)}
-"""Limits of the filter while rating, voltage or frequency are not known."""
+"""Limits of the filter as long as rating, voltage or frequency are not known."""
 
 
 class Rows:
-    """A datasheet's fields with the faults and assumptions found so far. A faulty field is NaN."""
+    """The fields of a datasheet, with the faults and assumptions so far. A faulty field is NaN."""
 
     def __init__(self, sheet: Sheet) -> None:
         self.sheet = sheet
@@ -77,7 +77,7 @@ class Rows:
         self.beside[name] = word
 
     def fault(self, name: str, problem: str, advice: str = "") -> None:
-        """Record a fault of a field under the name that the user gave it."""
+        """Record a fault of a field under the name that the user has given to it."""
         entry = self.given.get(name)
         if entry is None:
             self.faults.append(Fault(name, "", problem, advice))
@@ -86,11 +86,11 @@ class Rows:
         self.faults.append(Fault(called, _shown(entry), problem, advice))
 
     def assume(self, name: str, text: str) -> None:
-        """Record what was assumed of a field."""
+        """Record what was assumed for a field."""
         self.assumptions.append(Assumption(name, text))
 
     def amount(self, name: str, bases: tuple[str, ...], *, ranged: bool = False) -> Amount | None:
-        """A field as a quantity; None where it is missing or faulty."""
+        """A field as a quantity; None if it is missing or faulty."""
         entry = self.given.get(name)
         if entry is None:
             if not BY_NAME[name].missing and name not in ("short_circuit_power", "grid_impedance"):
@@ -109,7 +109,7 @@ class Rows:
             return None
 
     def within(self, name: str, value: float, base: str, scale: float = 1.0) -> float:
-        """The value where it lies within its limits, which are taken times ``scale``; else NaN and a fault."""
+        """The value if it lies within its limits, which are multiplied by ``scale``; otherwise NaN, with a fault."""
         known = not math.isnan(scale)
         low, high = (limit * scale for limit in LIMITS[name]) if known else _ANY_CONVERTER[base]
         if math.isnan(value) or low <= value <= high:
@@ -130,7 +130,7 @@ class Rows:
         return self.within(name, amount.value, base)
 
     def word(self, name: str, known: dict[str, str]) -> str | None:
-        """A field that is one of some words, as the study has it; None where it is missing or faulty."""
+        """A field that is one of some words, as a study writes it; None if it is missing or faulty."""
         entry = self.given.get(name)
         if entry is None:
             return None
@@ -140,7 +140,7 @@ class Rows:
         return found
 
     def text(self, name: str) -> str:
-        """A field that is free text; empty where it is missing."""
+        """A field with free text; empty if it is missing."""
         entry = self.given.get(name)
         return "" if entry is None else " ".join(str(entry.value).split())[:200]
 

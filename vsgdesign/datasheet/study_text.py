@@ -1,4 +1,4 @@
-"""Writes a study from a datasheet: a text that says of every line where it is from and what may be changed."""
+"""Write a study from a datasheet: a text that says for every line where it comes from and what may be changed."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from vsgdesign.datasheet.converter_sheet import Datasheet
 from vsgdesign.parameters.units import format_quantity
 
 _NODES = 6
-"""Of the table on each axis, to begin with."""
+"""Number of nodes of the table on each axis, to begin with."""
 
 _WIDTH = 118
 
 
 def study_text(sheet: Datasheet, origin: str) -> str:
-    """The study as TOML. ``origin`` says where the data were read: a file's name or the terminal."""
+    """The study as TOML. ``origin`` says where the data come from: the name of a file, or the terminal."""
     parts = (
         _head(sheet, origin),
         _converter(sheet),
@@ -145,7 +145,7 @@ x_over_r = [{", ".join(f"{value:.6g}" for value in x_over_r)}]
 
 
 def _scenario(sheet: Datasheet) -> str:
-    """Steps of P and Q on the middle, the weakest and the strongest grid: each exists, with room to spare."""
+    """Steps of P and Q on the medium, the weakest and the strongest grid. Each is possible with some reserve."""
     step = 0.2 * sheet.S_rated * min(1.0, sheet.scr[0] / 1.5)
     scr = middle(sheet.scr)
     events = [
@@ -166,12 +166,12 @@ Q_ref = "0 var"
 
 
 def middle(ends: tuple[float, float]) -> float:
-    """The geometric middle of a range, to two digits."""
+    """The geometric mean of a range, to two digits."""
     return min(max(float(f"{math.sqrt(ends[0] * ends[1]):.2g}"), ends[0]), ends[1])
 
 
 def nodes(ends: tuple[float, float]) -> list[float]:
-    """Evenly in the logarithm between the ends, which are kept; about a single value, a fifth to either side."""
+    """Values evenly spaced in the logarithm, including both ends; around a single value, one fifth to either side."""
     low, high = ends if ends[1] > ends[0] * 1.02 else (ends[0] / 1.25, ends[0] * 1.25)
     count = min(_NODES, max(2, 1 + math.ceil(math.log(high / low) / math.log(1.8))))
     inner = [float(f"{low * (high / low) ** (k / (count - 1)):.2g}") for k in range(1, count - 1)]
@@ -190,12 +190,12 @@ def _line(sheet: Datasheet, field: str, value: str | float, remark: str = "") ->
 
 
 def _quoted(text: str) -> str:
-    """A TOML text: JSON's escapes are TOML's."""
+    """A text for TOML, which has the escapes of JSON."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _one_line(text: str) -> str:
-    """Text that can stand in a comment, whatever a file held."""
+    """A text that can stand in a comment, whatever the file contains."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 

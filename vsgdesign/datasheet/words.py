@@ -1,4 +1,4 @@
-"""Fields that are words: PWM, connection, filter, sampling and delay, as people write them."""
+"""Fields whose values are words: PWM, connection, filter, sampling and delay, as people write them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MODULATIONS = {
         _SAME_RANGE,
     ),
 }  # fmt: skip
-"""Words without spaces and marks, and the study's modulation, with a remark behind a colon."""
+"""Words without spaces and special characters, and the study's modulation, with a remark after a colon."""
 
 CONNECTIONS = {
     **dict.fromkeys(("star", "wye", "y", "yn", "stern", "groundedwye", "starconnected", "wyeconnected"), "star"),
@@ -76,7 +76,7 @@ def _squeezed(text: str) -> str:
 
 
 def chosen(text: str, known: dict[str, str]) -> tuple[str | None, str]:
-    """What a word stands for, or None with advice."""
+    """The meaning of a word, or None with advice."""
     key = _squeezed(text)
     if key in known:
         return known[key], ""
@@ -88,7 +88,7 @@ def chosen(text: str, known: dict[str, str]) -> tuple[str | None, str]:
 
 
 def read_sampling(text: str, unit: str, f_sw: float, decimal_comma: bool) -> int:
-    """Samples per carrier from a word, a number of them, a frequency or a period. Raises AmountError."""
+    """Samples per carrier period from a word, a number, a frequency or a period. Raises AmountError."""
     key = _squeezed(text)
     if key in _TIMES:
         return _TIMES[key]
@@ -115,7 +115,7 @@ def read_sampling(text: str, unit: str, f_sw: float, decimal_comma: bool) -> int
 
 
 def read_delay(raw: object, unit: str, decimal_comma: bool) -> tuple[int, str]:
-    """Samples of computation delay, 0 or 1, and how that was read. Raises AmountError."""
+    """Samples of computation delay, 0 or 1, and how they were read. Raises AmountError."""
     text = str(raw).strip()
     key = _squeezed(text)
     if key in _NO_DELAY:

@@ -1,4 +1,4 @@
-"""Arrays in, named results out: how fast, how far over, how large."""
+"""From arrays to named results: overshoot, settling time, margins, modes, errors of an estimate."""
 
 from vsgdesign.metrics.events import EndState, EventMetrics, EventWindow, measure_event
 from vsgdesign.metrics.step_response import ResponseMetrics, disturbance_response, one_cycle_mean, step_response

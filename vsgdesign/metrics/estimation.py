@@ -1,4 +1,4 @@
-"""How good an estimate of the grid is: at rest, and how long it takes after a change."""
+"""The accuracy of an estimate of the grid: at rest, and how long it takes to follow a change."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 FOUND_PCT = 10.0
-"""An estimate within this of the truth, in R_g and in L_g, has found a new grid, per cent."""
+"""Per cent. If R_g and L_g are both within this of the true values, the estimate counts as correct after a change."""
 
 REST_S = 1.0
-"""Longest part of a stretch before an event that counts as rest, s; of a shorter stretch its last quarter."""
+"""Longest part of the time before an event that counts as rest, s. Of a shorter time, the last quarter counts."""
 
 
 @dataclass(frozen=True)
 class RestError:
-    """Relative errors in per cent over the rest before an event. NaN where there is no estimate."""
+    """Relative errors in per cent over the rest before an event. NaN if there is no estimate."""
 
     begin_s: float
     end_s: float
@@ -37,19 +37,19 @@ class RestError:
 
 @dataclass(frozen=True)
 class ChangeSeen:
-    """A change of grid as an estimate follows it."""
+    """How an estimate follows a change of the grid."""
 
     t_s: float
     found_windows: int | None
-    """Windows from the change to the end of the first whose estimate has found the new grid."""
+    """Number of windows from the change to the end of the first one whose estimate is correct."""
     kept_windows: int | None
-    """The same for the first from which on every estimate has, until the next event."""
+    """The same for the first window from which every estimate is correct, until the next event."""
     worst_pct: float
-    """Largest error of R_g or L_g from the first whole window after the change to the next event."""
+    """Largest error of R_g or L_g, from the first whole window after the change to the next event."""
 
 
 def relative_errors_pct(truth: Array, estimate: Array) -> Array:
-    """100·(x̂/x − 1); infinite on what is truly zero."""
+    """100·(x̂/x − 1); infinite if the true value is zero."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return 100.0 * (estimate / truth - 1.0)
 
@@ -57,7 +57,9 @@ def relative_errors_pct(truth: Array, estimate: Array) -> Array:
 def errors_at_rest(
     t_s: Array, R_g: Array, L_g: Array, R_g_hat: Array, L_g_hat: Array, instants: Sequence[float], end_s: float
 ) -> tuple[RestError, ...]:
-    """Before each of the instants (events) and the end. ``t_s`` (N,) are the windows' ends; R in Ω, L in H."""
+    """Errors before each of the instants (events) and before the end. ``t_s`` (N,): ends of the windows; R in Ω, L in
+    H.
+    """
     edges = [0.0, *sorted({t for t in instants if 0.0 < t < end_s}), end_s]
     errors_R, errors_L = relative_errors_pct(R_g, R_g_hat), relative_errors_pct(L_g, L_g_hat)
     found = []
@@ -94,7 +96,7 @@ def changes_seen(
     instants: Sequence[float],
     end_s: float,
 ) -> tuple[ChangeSeen, ...]:
-    """How each change of grid was followed, up to the next of the instants (events) or the end."""
+    """How the estimate followed each change of the grid, up to the next of the instants (events) or the end."""
     worse = np.maximum(
         np.abs(relative_errors_pct(R_g, R_g_hat)), np.abs(relative_errors_pct(L_g, L_g_hat))
     )  # NaN stays NaN

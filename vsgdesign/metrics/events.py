@@ -1,4 +1,4 @@
-"""Figures of every event of a run, on the raw signal and on its one-cycle mean, or why there are none."""
+"""Results for every event of a run, from the raw signal and from its one-cycle mean, or why there are none."""
 
 from __future__ import annotations
 
@@ -21,30 +21,31 @@ Array = NDArray[np.float64]
 MEASURED, NOT_SETTLED, TOO_SHORT = "measured", "not settled", "window too short"
 UNSTABLE, NO_STEADY_STATE = "unstable", "no steady state"
 STATUSES = (MEASURED, NOT_SETTLED, TOO_SHORT, UNSTABLE, NO_STEADY_STATE)
-"""What became of the figures of an event. The first two have figures; ``not settled`` has no settling time."""
+"""The status of an event. The first two have results; ``not settled`` has no settling time."""
 
 BAND = 0.02
-"""Half the width of the band of the settling time, over the step or the rating."""
+"""Half width of the band of the settling time, relative to the step or to the rating."""
 
 _SMALLEST_STEP = 1e-3
-"""A change of less than this fraction of the rating is not a step."""
+"""A change of less than this share of the rating is not a step."""
 
 _SHARE_OF_BAND = 0.1
-"""A final value that is itself a mean of the signal has to be right to this share of the band."""
+"""Accuracy, as a share of the band, of a final value that is itself a mean of the signal."""
 
 _LATE = 2.0
-"""In a window of this many times the time that its largest deviation needs, what is outside the band late on is not
-the slowest mode: the square of the band would be left of it."""
+"""In a window with this many times the time that its largest deviation needs, a signal that is late outside the band
+is not explained by the slowest mode: only the square of the band would remain of it.
+"""
 
 
 @dataclass(frozen=True)
 class EndState:
-    """Where a signal comes to rest after an event, from the model instead of from the signal.
+    """The state in which a signal settles after an event, computed from the model instead of the signal.
 
-    ``final`` is the computed steady state; None: the mean of the window's last whole cycles (a switched bridge).
-    ``decay`` is the rate of the slowest mode there in 1/s, not positive where it does not die; None: there is no such
-    state. ``obstacle`` says why it does not or there is none. ``changed_s``: when the last ramp within the window is
-    over, s of the run.
+    ``final`` is the computed steady state; None: use the mean of the last whole cycles of the window (a switched
+    bridge). ``decay`` is the decay rate of the slowest mode there in 1/s, and not positive if the mode does not
+    decay; None: there is no such state. ``obstacle`` says why there is no state or no decay. ``changed_s``: the end
+    of the last ramp within the window, s of the run.
     """
 
     final: float | None
@@ -52,12 +53,12 @@ class EndState:
     obstacle: str | None = None
     changed_s: float = 0.0
     samples_per_cycle: int | None = None
-    """Of the grid's cycle in the end; None: the nominal one."""
+    """Period of the grid at the end; None: the nominal one."""
 
 
 @dataclass(frozen=True)
 class EventWindow:
-    """What one event's figures are taken from: times of the event and of the next, and what was stepped."""
+    """The times of an event and of the next event, and what was stepped."""
 
     name: str
     t_s: float
@@ -74,16 +75,16 @@ class EventMetrics:
     t_s: float
     signal: str
     kind: str
-    """``step``: its own reference was stepped; ``disturbance``: something else was."""
+    """``step``: the signal's own reference was stepped; ``disturbance``: something else changed."""
     raw: ResponseMetrics
     one_cycle_mean: ResponseMetrics
     peak_current_pu: float
     status: str = MEASURED
     """One of STATUSES."""
     reason: str | None = None
-    """Why there are no figures, in words; None where there are."""
+    """Why there are no results, in words; None if there are results."""
     needs_s: float | None = None
-    """How long the window would have to be, s, where it is too short."""
+    """The length that the window would need, s, if it is too short."""
 
 
 def measure_event(
@@ -96,13 +97,13 @@ def measure_event(
     samples_per_cycle: int,
     end: EndState,
 ) -> EventMetrics:
-    """Figures of one signal in one window.
+    """Results of one signal in one window.
 
-    ``t`` (s), ``y`` and ``current_pu`` (length of the current vector over the rated peak) are the whole run.
-    The value before is the mean of the cycle before the event. The final value is that of ``end``, or, where that has
-    none, the mean of the whole cycles in the window's last tenth, at least one. Bands: 2 % of the step, or of
-    ``rating`` for a disturbance. Where the window is too short to know them (:func:`time_needed`), or there is no
-    state to come to, there are no figures and a reason.
+    ``t`` (s), ``y`` and ``current_pu`` (length of the current vector over the rated peak) cover the whole run. The
+    initial value is the mean of the cycle before the event. The final value is that of ``end``. If ``end`` has none,
+    it is the mean of the whole cycles in the last tenth of the window, at least one. The bands are 2 % of the step,
+    or of ``rating`` for a disturbance. If the window is too short (:func:`time_needed`), or if there is no state in
+    which the signal settles, a reason is given instead of results.
     """
     # Half a sample of slack: event and sample times are both rounded.
     slack = 0.5 * (t[1] - t[0])
@@ -170,13 +171,12 @@ def measure_event(
 
 
 def time_needed(since: Array, error: Array, decay: float, moved_s: float = 0.0, share: float = 1.0) -> float:
-    """How long a window must be for its settling time to be the settling time, s (:eq:`window-needed`).
+    """How long a window must be for its settling time to be reliable, s (:eq:`window-needed`).
 
-    A deviation e(t) that was seen may come back, but no larger than e(t)·exp(−decay·(T − t)) at T, for the slowest
-    mode dies at that rate. The window is long enough when all of these are within the band at its end: then nothing
-    outside the band is still to come. The whole step (or the rating) counts as seen at ``moved_s``, when the last
-    change was over, though the signal itself may not have begun to move. ``error`` is relative to the step or the
-    rating; ``share``: of the band.
+    A deviation e(t) may return, but it is at most e(t)·exp(−decay·(T − t)) at T, because the slowest mode decays at
+    this rate. The window is long enough if all of these are within the band at its end. The whole step (or the
+    rating) counts as seen at ``moved_s``, when the last change ended, even if the signal itself has not begun to
+    move. ``error`` is relative to the step or the rating; ``share``: of the band.
     """
     needed = moved_s + math.log(max(float(error[0]), 1.0) / (share * BAND)) / decay
     outside = error > BAND
@@ -186,12 +186,14 @@ def time_needed(since: Array, error: Array, decay: float, moved_s: float = 0.0, 
 
 
 def _whole_cycles(y: Array, samples_per_cycle: int) -> float:
-    """Mean of the whole cycles within the last tenth, at least one; of everything where there is less than one."""
+    """Mean of the whole cycles within the last tenth, at least one; the mean of everything if there is less than one
+    cycle.
+    """
     count = max(len(y) // 10 // samples_per_cycle, 1) * samples_per_cycle
     return float(np.mean(y[-count:]))
 
 
 def _rounded_up(seconds: float) -> str:
-    """Three digits, never less than the value."""
+    """Three digits, rounded up."""
     unit = 10.0 ** (math.floor(math.log10(seconds)) - 2)
     return f"{math.ceil(seconds / unit - 1e-9) * unit:.3g}"

@@ -1,8 +1,8 @@
-"""Stability margins from a 2×2 sensitivity: exact disk margin, per-loop margins, peak sensitivity.
+"""Stability margins from a 2×2 sensitivity: exact disk margin, margins of each loop, peak sensitivity.
 
-Everything starts from S(jω) = (I + L)⁻¹ of N cells, given as a function that can be evaluated anywhere, so a
-crossing or a peak found on a frequency grid is then located to machine precision. Grids are (F,), or (N, F) where
-every cell has its own.
+Everything is computed from S(jω) = (I + L)⁻¹ of N cells. S is a function that can be evaluated at any frequency, so
+that a crossing or a peak on a frequency grid is then refined to machine precision. Grids are (F,), or (N, F) if every
+cell has its own.
 """
 
 from __future__ import annotations
@@ -24,25 +24,27 @@ _BISECTIONS = 60
 _GOLDEN_SECTIONS = 40
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 _PEAKS = 3
-"""Highest local maxima of a cell that are refined: between grid points the second may be the first."""
+"""Number of the highest local maxima of a cell that are refined, because the second may be the highest between the
+points.
+"""
 
 
 @dataclass(frozen=True)
 class LoopMarginTable:
-    """Margins of one loop with the other closed, per cell; infinite where there is no crossing."""
+    """Margins of one loop with the other closed, for each cell; infinite if there is no crossing."""
 
     gain_margin_db: Array
     gain_crossing_rad_s: Array
     phase_margin_deg: Array
     phase_crossing_rad_s: Array
     delay_margin_s: Array
-    """Smallest delay over all gain crossings that brings the loop to its limit."""
+    """Smallest delay over all gain crossings that makes the loop unstable."""
     delay_crossing_rad_s: Array
 
 
 @dataclass(frozen=True)
 class PeakTable:
-    """A peak over frequency per cell: its value and where."""
+    """For each cell, the value of a peak over frequency and its frequency."""
 
     value: Array
     omega: Array
@@ -62,7 +64,7 @@ def disk_margin_per_frequency(S: Complex) -> Array:
 
 
 def guaranteed_margins(alpha: Array) -> tuple[Array, Array]:
-    """Gain factor and phase (deg) that a disk margin α guarantees in every channel at once."""
+    """Gain factor and phase (deg) that a disk margin α guarantees in every channel at the same time."""
     factor = np.where(alpha < 2.0, (1.0 + alpha / 2.0) / np.where(alpha < 2.0, 1.0 - alpha / 2.0, 1.0), np.inf)
     return factor, np.degrees(2.0 * np.arctan(alpha / 2.0))
 
@@ -75,7 +77,7 @@ def largest_singular_value(S: Complex) -> Array:
 
 
 def disk_margin(S_grid: Complex, omega: Array, at: SensitivityAt) -> PeakTable:
-    """Least disk margin over frequency of N cells: from S on a grid (N, F, 2, 2), then refined."""
+    """Smallest disk margin over frequency of N cells, from S on a grid (N, F, 2, 2), then refined."""
     values = disk_margin_per_frequency(S_grid)
     lowest, where = _highest(-values, _per_cell(omega, values), lambda c, w: -disk_margin_per_frequency(at(c, w)))
     return PeakTable(-lowest, where)
@@ -90,8 +92,8 @@ def peak_sensitivity(S_grid: Complex, omega: Array, at: SensitivityAt) -> PeakTa
 def loop_margins(S_grid: Complex, omega: Array, at: SensitivityAt, loop: int) -> LoopMarginTable:
     """Gain, phase and delay margins of one loop (0: P, 1: Q) with the other closed.
 
-    The loop seen there is L = 1/S_ii − 1. Crossings are bracketed on the grid, then bisected; where the grid only
-    comes close to one, it is searched for a pair of them between its points.
+    The loop is L = 1/S_ii − 1. Crossings are bracketed on the grid and then bisected. If the loop only comes close to
+    a crossing on the grid, a pair of crossings is searched between the points.
     """
 
     def gain(cells: NDArray[np.intp], w: Array) -> Complex:
@@ -122,7 +124,7 @@ def _per_cell(omega: Array, values: NDArray[Any]) -> Array:
 
 
 def _crossings(values: NDArray[Any], omega: Array, function: Callable) -> tuple[NDArray[np.intp], Array]:
-    """Every sign change of (N, F) values along the grids, located by bisection: cells and frequencies."""
+    """Every sign change of (N, F) values along the grids, refined by bisection: cells and frequencies."""
     negative, log_omega = np.signbit(values), np.log(omega)
     fine = np.isfinite(values)
     cells, k = np.nonzero((negative[:, 1:] != negative[:, :-1]) & fine[:, 1:] & fine[:, :-1])
@@ -157,7 +159,9 @@ def _least_per_cell(value: Array, omega: Array, cells: NDArray[np.intp], count: 
 
 
 def _highest(values: Array, omega: Array, function: Callable) -> tuple[Array, Array]:
-    """Largest of (N, F) values per cell and where: its highest local maxima refined between their neighbours."""
+    """Largest of (N, F) values for each cell and its frequency; the highest local maxima are refined between their
+    neighbours.
+    """
     count, points = values.shape
     bounded = np.pad(values, ((0, 0), (1, 1)), constant_values=-np.inf)
     local = np.where((values >= bounded[:, :-2]) & (values >= bounded[:, 2:]), values, -np.inf)
@@ -178,7 +182,7 @@ def _highest(values: Array, omega: Array, function: Callable) -> tuple[Array, Ar
 
 
 def _golden(low: Array, high: Array, function: Callable) -> tuple[Array, Array]:
-    """Maxima of function(e^x), one in each interval low ≤ x ≤ high, by golden section: values and x."""
+    """Maxima of function(e^x), one in each interval low ≤ x ≤ high, by golden-section search: values and x."""
     a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     f_a, f_b = function(np.exp(a)), function(np.exp(b))
     for _ in range(_GOLDEN_SECTIONS):

@@ -20,7 +20,7 @@ def damping_ratio(eigenvalues: Complex) -> Array:
 
 
 def to_continuous(z: NDArray[Any], T_s: float) -> Complex:
-    """s = ln(z)/T_s of discrete-time eigenvalues; −∞ for z = 0 (gone within a sample)."""
+    """s = ln(z)/T_s of discrete-time eigenvalues; −∞ for z = 0, which decays within one sample."""
     with np.errstate(divide="ignore"):
         rate = np.log(np.abs(z)) / T_s
     return np.asarray(rate + 1j * (np.angle(z) / T_s), dtype=complex)  # a complex quotient makes NaN of −∞
@@ -30,9 +30,9 @@ def to_continuous(z: NDArray[Any], T_s: float) -> Complex:
 class PartialFractions:
     """C (zI − A)⁻¹ B of N sampled models as a sum over modes Σ R/(z − p).
 
-    ``poles`` (N, n), ``residues`` (N, n, outputs, inputs). Modes of a (nearly) defective matrix have (nearly) parallel
-    eigenvectors: huge terms cancel, or there is no such sum. ``usable`` (N,) says where it keeps at least ten of its
-    sixteen digits.
+    ``poles`` (N, n), ``residues`` (N, n, outputs, inputs). Modes of a (nearly) defective matrix have (nearly)
+    parallel eigenvectors: large terms then cancel, or there is no such sum. ``usable`` (N,) is true if the sum keeps
+    at least ten of its sixteen digits.
     """
 
     poles: Complex

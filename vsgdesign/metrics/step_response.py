@@ -1,4 +1,4 @@
-"""Figures of one response: settling, overshoot, rise, ITAE. None where a figure has no meaning."""
+"""Results of one response: settling time, overshoot, rise time, ITAE. None if a result has no meaning."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ResponseMetrics:
-    """One signal after one event. Times count from the event; None: not reached, or without meaning."""
+    """One signal after one event. Times are measured from the event. None: not reached, or without meaning."""
 
     initial: float
     """Value before the event."""
     final: float | None
-    """Value that the response ends at; None where it is not known."""
+    """The final value; None if it is not known."""
     overshoot_pct: float | None
-    """Beyond the final value, in percent of the step; None for a disturbance."""
+    """Distance beyond the final value, in per cent of the step; None for a disturbance."""
     settling_time_s: float | None
-    """From here on within the band; None if it is still outside at the end."""
+    """Time from which the signal stays within the band; None if it is still outside at the end."""
     rise_time_s: float | None
-    """10 % to 90 % of the step; None for a disturbance."""
+    """Time from 10 % to 90 % of the step; None for a disturbance."""
     peak_deviation: float | None
     """Largest distance from the final value, in the signal's unit."""
     itae_s2: float | None
@@ -31,12 +31,12 @@ class ResponseMetrics:
 
 
 def no_figures(initial: float, final: float | None = None) -> ResponseMetrics:
-    """A response of which nothing can be said but where it began and, if that is known, where it ends."""
+    """A response of which only the initial value and perhaps the final value are known."""
     return ResponseMetrics(initial, final, None, None, None, None, None)
 
 
 def one_cycle_mean(y: Array, samples_per_cycle: int) -> Array:
-    """Mean over the cycle that ends at each sample; over what there is, during the first cycle."""
+    """Mean over the cycle that ends at each sample; during the first cycle, over the available part."""
     if samples_per_cycle <= 1:
         return y.copy()
     total = np.concatenate(([0.0], np.cumsum(y - y[0])))
@@ -45,9 +45,9 @@ def one_cycle_mean(y: Array, samples_per_cycle: int) -> Array:
 
 
 def step_response(t: Array, y: Array, initial: float, final: float, band: float = 0.02) -> ResponseMetrics:
-    """A response to a step of reference from ``initial`` to ``final``.
+    """Results of a response to a step of the reference from ``initial`` to ``final``.
 
-    ``t`` counts from the event. ``band`` is a fraction of the step. Raises ValueError without a step.
+    ``t`` is measured from the event. ``band`` is a fraction of the step. Raises ValueError if there is no step.
     """
     step = final - initial
     if step == 0.0:
@@ -71,7 +71,7 @@ def step_response(t: Array, y: Array, initial: float, final: float, band: float 
 def disturbance_response(
     t: Array, y: Array, initial: float, final: float, reference: float, band: float = 0.02
 ) -> ResponseMetrics:
-    """A response to something else than a step of this signal. ``band`` is a fraction of ``reference``."""
+    """Results of a response to anything other than a step of this signal. ``band`` is a fraction of ``reference``."""
     error = np.abs(y - final) / reference
     return ResponseMetrics(
         initial,
@@ -85,7 +85,7 @@ def disturbance_response(
 
 
 def settling_time(t: Array, error: Array, band: float) -> float | None:
-    """The last time at which the error comes into the band, interpolated; None if it ends outside."""
+    """The last time at which the error enters the band, interpolated; None if it ends outside."""
     outside = np.flatnonzero(error > band)
     if outside.size == 0:
         return 0.0

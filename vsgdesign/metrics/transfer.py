@@ -18,8 +18,8 @@ _CHUNK = 64
 class TransferMatrix:
     """C (sI − A)⁻¹ B of N cells: A (N, n, n), B (N, n, m), C (N, p, n).
 
-    Solved with pivoting at every point. Polynomials in s would be no faster and lose digits where the modes lie
-    decades apart: a power filter of 0.1 ms against a loop of 1 s costs all of them.
+    The system is solved with pivoting at every point. Polynomials in s would be no faster, and they lose all digits
+    if the modes are decades apart, such as a power filter of 0.1 ms and a loop of 1 s.
     """
 
     A: Array
