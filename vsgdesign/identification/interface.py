@@ -20,6 +20,7 @@ STATUSES = {
     "limited": "the converter limited its current within the window: no estimate; keep the one before",
     "waiting": "too few samples so far: no estimate yet",
     "uncertain": "an estimate whose standard deviation is too large to follow; keep the one before",
+    "implausible": "R_g or L_g is negative, as no grid's is: an estimate to count, not to follow",
     "held": "nothing new was seen: the estimate before, again",
 }
 """What an estimate's status says."""
@@ -249,13 +250,14 @@ class SpoiltBy:
 
 
 def with_belief(R_g: float, L_g: float, covariance: Array | None, omega: float, believed: float) -> Estimate:
-    """An estimate that is followed where the standard deviation of Z at ω (rad/s) is less than ``believed`` of |Z|;
-    or where its covariance is not known."""
+    """An estimate that is followed where the standard deviation of Z at ω (rad/s) is less than ``believed`` of |Z|, or
+    where its covariance is not known; and where it is a grid: R_g at least −10 % of |Z|, for what error does to a grid
+    without resistance, and L_g positive."""
     if not np.isfinite(R_g + L_g):
         return no_estimate("not finite", "the method's equations have no solution here: keep the estimate before")
-    status = "ok"
-    if covariance is not None:
+    size = float(np.hypot(R_g, omega * L_g))
+    status = "ok" if L_g > 0.0 and R_g > -0.1 * size else "implausible"
+    if covariance is not None and status == "ok":
         spread = float(covariance[0, 0] + omega**2 * covariance[1, 1])
-        if not spread < believed**2 * (R_g**2 + (omega * L_g) ** 2):
-            status = "uncertain"
+        status = "ok" if spread < (believed * size) ** 2 else "uncertain"
     return Estimate(float(R_g), float(L_g), status, covariance)

@@ -37,6 +37,23 @@ def estimator_kind(name: str) -> EstimatorKind:
     return kind
 
 
+def needs_network(name: str) -> bool:
+    """Whether what a study says of ``estimate`` needs trained weights; ``truth`` and unknown names do not."""
+    kind = ESTIMATORS.get(name)
+    return kind is not None and kind.trained
+
+
+def why_no_c(controller: str, estimate: str) -> str:
+    """A sentence where a controller's estimator has no C; empty where it has, or where it is told the truth."""
+    kind = ESTIMATORS.get(estimate)
+    if kind is None or kind.in_c:
+        return ""
+    return (
+        f"{controller}: there is no C for {kind.title} yet. The exported C has the scheduler without an estimator; it "
+        "takes estimates from yours (vsg_update_estimate)."
+    )
+
+
 def build_estimator(name: str, at: Installation) -> Estimator:
     """The estimator of a name for an installation.
 

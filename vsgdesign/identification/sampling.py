@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from vsgdesign.errors import ArtifactError
+
 INTERVAL = 200e-6
 """The published spacing of the samples, s: what is not given comes as near to it as the converter allows."""
 
@@ -55,6 +57,21 @@ def choose_window(
             if count >= 4:
                 found.append((rank, step, count, whole, missed))
     return WindowPlan(*min(found)[1:]) if found else None
+
+
+def window_of_rate(rate: float, omega_n: float) -> WindowPlan:
+    """The window that is chosen for a converter that samples ``rate`` times a second at the nominal frequency (rad/s).
+
+    Raises ArtifactError where a cycle has too few control periods.
+    """
+    per_cycle = rate * 2.0 * math.pi / omega_n
+    found = choose_window(rate, per_cycle) if per_cycle >= LEAST_PER_CYCLE else None
+    if found is None:
+        raise ArtifactError(
+            f"{per_cycle:.3g} control periods in a cycle of the grid are too few to estimate it (least: "
+            f"{LEAST_PER_CYCLE}). Raise f_sw or samples_per_carrier."
+        )
+    return found
 
 
 def _cycles(per_cycle: float, steps: int, samples: int, cycles: int) -> list[int]:

@@ -21,6 +21,8 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import Fault
 from vsgdesign.frames import ll_to_phase, rms_to_peak
+from vsgdesign.identification.registry import ESTIMATORS, needs_network
+from vsgdesign.identification.sampling import window_of_rate
 from vsgdesign.parameters.estimator import read_estimator
 from vsgdesign.parameters.inner_loops import InnerLoopSource, read_inner_loops, request_of
 from vsgdesign.parameters.reader import REQUIRED, TableReader
@@ -236,6 +238,8 @@ def _operating_point(default: ClosedFormTarget, structure: str) -> str:
     return "reference" if follows else "design"
 
 
+_OF_WINDOWS = "an estimator answers at the end of each of its windows, which are whole cycles of the grid"
+
 _OF_CLOSED_FORMS = ("settling_time", "damping_ratio", "droop_ratio", "k_1", "d_1", "k_2", "share_P", "share_Q")
 """Targets of a controller that a designed table chooses by itself."""
 
@@ -286,11 +290,15 @@ def _read_controllers(
                     "there is neither a table nor a specification to design one to",
                     'Add a [specification] section, or table = "FILE.json".',
                 )
-            estimate = table.choice("estimate", ("truth", "neural"), default="truth")
-            if estimate == "neural" and not root.has("estimator"):
+            estimate = table.choice("estimate", ("truth", *ESTIMATORS), default="truth")
+            if needs_network(estimate) and not root.has("estimator"):
                 table.fault("estimate", estimate, "there is no network to estimate with", "Add an [estimator] section.")
             period = table.quantity("update_period", "s", converter.T_s, simulation.duration, default=None)
-            if period is None and estimate != "neural":
+            if estimate != "truth" and not needs_network(estimate):
+                if period is not None:
+                    table.fault("update_period", f"{period:g} s", _OF_WINDOWS, "Leave it out.")
+                period = _window_length(converter)
+            elif period is None and estimate == "truth":
                 period = _default_update_period(converter)
             steps = 0.0 if period is None else period / converter.T_s
             if not math.isnan(steps) and abs(steps - round(steps)) > 1e-6 * steps:
@@ -325,6 +333,14 @@ def _default_update_period(converter: Converter) -> float:
     """20 ms as published, as near as the control period allows, s."""
     rate = converter.f_sw * converter.samples_per_carrier
     return max(round(UPDATE_PERIOD * rate), 1) / rate if math.isfinite(rate) else UPDATE_PERIOD
+
+
+def _window_length(converter: Converter) -> float:
+    """That of the windows which an estimator without training takes, s; NaN where the converter's data are faulty."""
+    if not math.isfinite(converter.T_s * converter.omega_n):
+        return math.nan
+    plan = window_of_rate(converter.f_sw * converter.samples_per_carrier, converter.omega_n)
+    return plan.samples * plan.steps * converter.T_s
 
 
 def _taken(name: str, others: list[str]) -> tuple[str, str] | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from vsgdesign.artifacts.network_weights import read_network_weights
 from vsgdesign.artifacts.ready import read_named_table
 from vsgdesign.errors import ArtifactError, Fault, StudyError
+from vsgdesign.identification.registry import needs_network
 from vsgdesign.parameters.study import Study
 
 
@@ -36,14 +37,14 @@ def _estimator_faults(study: Study) -> list[Fault]:
         weights = read_network_weights(spec.weights_file)
     except ArtifactError as error:
         return [_fault(field, spec.weights_file, error)]
-    from vsgdesign.simulation.estimated import estimator_of
+    from vsgdesign.simulation.estimated import installed_weights
 
     faults = []
     for controller in study.controllers:
-        if controller.estimate != "neural":
+        if not needs_network(controller.estimate):
             continue
         try:
-            estimator_of(study, controller, weights)
+            installed_weights(study, controller, weights)
         except ArtifactError as error:
             faults.append(_fault(field, spec.weights_file, error))
     return faults
@@ -60,7 +61,7 @@ def _recipe_faults(study: Study, recipe: str) -> list[Fault]:
             Fault(f"estimator.recipe: {fault.field}", fault.value, fault.problem, fault.advice)
             for fault in error.faults
         ]
-    if study.estimator is not None and any(spec.estimate == "neural" for spec in study.controllers):
+    if study.estimator is not None and any(needs_network(spec.estimate) for spec in study.controllers):
         try:
             check_fit(study, study.estimator, made_of)
         except StudyError as error:

@@ -15,6 +15,7 @@ from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.table_summary import table_summary
 from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.identification.registry import needs_network, why_no_c
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.operating_point import OperatingPoint
 from vsgdesign.parameters import Study
@@ -67,7 +68,7 @@ def run_study(
             write_network_weights(network, folder / "estimator.weights.json")
             timing["estimator"] = time.perf_counter() - begin
         ready = Ready(tables=tables, network=network)
-        _export(study, ready, folder)
+        _export(study, ready, folder, warn)
         begin = time.perf_counter()
         result = run_scenario(
             study,
@@ -133,15 +134,21 @@ def _write(
     return write_record(folder, document, verb)
 
 
-def _export(study: Study, ready: Ready, folder: Path) -> None:
-    """C of every gain table, with the network where the study has one: ready to compile, beside what it was made of."""
+def _export(study: Study, ready: Ready, folder: Path, warn: Callable[[str], None] | None = None) -> None:
+    """C of every gain table, with the network where the study has one: ready to compile, beside what it was made of.
+
+    An estimator that has no C is left out, and said: its scheduler is exported without one.
+    """
     from vsgdesign.export import export_c_files
 
     estimator = study.estimator
     for spec in study.controllers:
         if spec.name not in ready.tables:
             continue
-        network = None if spec.estimate == "truth" else estimator
+        network = estimator if needs_network(spec.estimate) else None
+        missing = why_no_c(spec.name, spec.estimate)
+        if missing and warn is not None:
+            warn(missing)
         export_c_files(
             folder / f"{spec.name}.table.json",
             folder / f"{spec.name}.c",

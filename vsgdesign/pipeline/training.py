@@ -14,6 +14,7 @@ from vsgdesign.artifacts.network_weights import (
 )
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.identification.registry import needs_network
 from vsgdesign.parameters.estimator import EstimatorSpec
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.estimated import same_period
@@ -35,7 +36,7 @@ def make_network(
     :func:`vsgdesign.estimator.trained.train_estimator`.
     """
     spec = study.estimator
-    if spec is None or all(c.estimate != "neural" for c in study.controllers):
+    if spec is None or not any(needs_network(c.estimate) for c in study.controllers):
         return None, None
     if spec.weights_file is not None:
         return read_network_weights(spec.weights_file), None
@@ -74,7 +75,7 @@ def check_fit(study: Study, spec: EstimatorSpec, recipe: WindowRecipe) -> None:
     sampled = with_sampling(recipe, study.converter)
     for controller in study.controllers:
         period = controller.update_period
-        if controller.estimate == "neural" and period and not same_period(period, sampled.update_period, study):
+        if needs_network(controller.estimate) and period and not same_period(period, sampled.update_period, study):
             faults.append(
                 Fault(
                     f"controller {controller.name}.update_period",

@@ -53,7 +53,13 @@ _MASK = 0xFFFFFFFF
 _HALF = 0x80000000
 _OLDEST = 0x7FFFFFFF
 
-SAID = {"ok": NO_REASON, "not finite": NOT_FINITE, "saturated": SATURATED, "outside": IMPLAUSIBLE}
+SAID = {
+    "ok": NO_REASON,
+    "not finite": NOT_FINITE,
+    "saturated": SATURATED,
+    "outside": IMPLAUSIBLE,
+    "implausible": IMPLAUSIBLE,
+}
 """Of an estimate's status, the reason that the guards are told; of any other status it is that there was none."""
 
 

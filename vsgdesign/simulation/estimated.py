@@ -1,10 +1,10 @@
-"""Gains from an estimated grid: each measured window goes through the network, its answer through the schedule."""
+"""Gains from an estimated grid: what is measured goes to the estimator, its answer through the schedule."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,20 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError
 from vsgdesign.frames import rms_to_peak, rotate, rotate_back
-from vsgdesign.identification import STATUSES, Needs, Samples
-from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
-from vsgdesign.parameters.study import ControllerSpec, Grid, Study
+from vsgdesign.identification import (
+    GUESS_SCR,
+    STATUSES,
+    Estimate,
+    Estimator,
+    Installation,
+    Needs,
+    Probe,
+    Samples,
+    estimator_kind,
+)
+from vsgdesign.identification.interface import FOLLOWED
+from vsgdesign.identification.sampling import WindowPlan, window_of_rate
+from vsgdesign.parameters.study import ControllerSpec, Grid, Place, Study
 from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.online import MeasuredWindow
 from vsgdesign.simulation.timeline import Timeline
@@ -26,7 +37,9 @@ Array = NDArray[np.float64]
 NO_DESIGN = "no design"
 """The schedule has no gains for this estimate, so the gains before go on. Other statuses: identification.STATUSES."""
 
-ALL_STATUSES = (*STATUSES, NO_DESIGN)
+_FIRST = ("ok", "not finite", "saturated", "outside", NO_DESIGN)
+ALL_STATUSES = (*_FIRST, *(status for status in STATUSES if status not in _FIRST))
+"""In the order in which files count them."""
 
 TRAINED_PHASE = -0.5 * math.pi
 """Angle of the grid source's vector at the first sample of a synchronised window, rad: phase A's zero crossing."""
@@ -34,10 +47,10 @@ TRAINED_PHASE = -0.5 * math.pi
 
 @dataclass(frozen=True)
 class EstimateLog:
-    """What the network said of every window, beside the truth. Arrays have a row per window."""
+    """What an estimator said, beside the truth. Arrays have a row per answer."""
 
     t_s: Array
-    """End of the window: when the answer acts."""
+    """When the answer acts: the end of its window."""
     R_g: Array
     L_g: Array
     """True grid at the end of the window, Ω and H."""
@@ -48,6 +61,9 @@ class EstimateLog:
     """One of ``ALL_STATUSES`` each."""
     period: float
     """Length of a window, s."""
+    R_g_deviation: Array
+    L_g_deviation: Array
+    """Standard deviation of the estimate, Ω and H; NaN where it is not known."""
     limited: NDArray[np.bool_]
     """Whether the scheduler's rate limit held the gains back; never without a gain table."""
     rate: float | None = None
@@ -56,7 +72,7 @@ class EstimateLog:
     def series(self) -> dict[str, Array]:
         """Columns for a file; ``status`` counts along ALL_STATUSES."""
         numbers = np.array([ALL_STATUSES.index(status) for status in self.status], dtype=float)
-        return {
+        columns = {
             "t_s": self.t_s,
             "R_g": self.R_g,
             "L_g": self.L_g,
@@ -64,39 +80,61 @@ class EstimateLog:
             "L_g_hat": self.L_g_hat,
             "status": numbers,
         }
+        if np.isfinite(self.R_g_deviation).any():
+            columns |= {"R_g_deviation": self.R_g_deviation, "L_g_deviation": self.L_g_deviation}
+        return columns
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One answer of an estimator, and what came of it."""
+
+    t_s: float
+    estimate: Estimate
+    status: str
+    limited: bool
 
 
 class EstimatedScheduler:
     """An online scheduler (:class:`vsgdesign.simulation.online.OnlineScheduler`) that knows the grid by estimate.
 
-    With the published timing: windows do not overlap, the first begins at t = 0, and an answer acts where its
-    window ends, so that it is one cycle old. Without an estimate, or where the schedule has no gains for it, the
-    gains go on as they were. Until the first answer they are those of the study's grid at the start: what the
-    converter was commissioned on. A controller with a gain table is run by the scheduler that ships, guards and all.
-    For one run at a time: it remembers.
+    Windows do not overlap, the first begins at t = 0, and an answer acts where its window ends, so that it is one
+    window old. An estimate is followed where its status is one of ``FOLLOWED``. Without one, or where the schedule has
+    no gains for it, the gains go on as they were. Until the first answer they are those of the study's grid at the
+    start: what the converter was commissioned on. A controller with a gain table is run by the scheduler that ships,
+    guards and all. The probe that the estimator asks for is sent. For one run at a time: it remembers.
     """
 
     def __init__(self, study: Study, spec: ControllerSpec, ready: Ready) -> None:
-        weights = ready.network_of(spec)
-        self._estimator = estimator_of(study, spec, weights)
-        self._window = weights.window
-        self._study, self._spec = study, spec
-        self._answers = ScheduledAnswers(study, spec, ready, self._estimator)
-        self._rows: list[tuple[float, float, float, str, bool]] = []
+        self.estimator = estimator_of(study, spec, ready)
+        self._needs = self.estimator.needs
+        self._memory = self.estimator.first()
+        self._answers = ScheduledAnswers(study, spec, ready, self.estimator)
+        self._rows: list[_Row] = []
 
     @property
     def update_period(self) -> float:
-        """Length of the network's window, s: that of the controller, or as near as whole control periods allow."""
-        return self._window.period
+        """Length of the estimator's window, s."""
+        return self._needs.samples * self._needs.sample_interval
 
     @property
     def sample_interval(self) -> float:
-        """That of the network's windows, s."""
-        return self._window.sample_interval
+        """That of the estimator's samples, s."""
+        return self._needs.sample_interval
+
+    @property
+    def probe_hold(self) -> float | None:
+        """For how long each value of the estimator's probes is held, s."""
+        return self._needs.probe_hold
+
+    def wanted(self) -> Probe | None:
+        """The probe that the estimator wants from now on."""
+        return self.estimator.probe(self._memory)
 
     def first_gains(self) -> PowerLoopGains:
         """Gains of the grid at the start, as :meth:`vsgdesign.simulation.following.ScheduledAnswers.first`."""
         self._rows.clear()
+        self._memory = self.estimator.first()
         return self._answers.first()
 
     @property
@@ -106,31 +144,45 @@ class EstimatedScheduler:
 
     def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
         """Gains for the estimated grid, None to go on as before."""
-        (samples,) = samples_of(window, self._estimator.needs)
-        R_g, L_g, status = self._estimator.update(self._estimator.first(), samples)[1][:3]
+        found = None
+        for samples in samples_of(window, self._needs):
+            self._memory, found = self.estimator.update(self._memory, samples)
+        if found is None:  # no answer is due
+            return None
+        followed = found.status in FOLLOWED
+        R_g, L_g = found[:2] if followed else (math.nan, math.nan)
         gains, limited = self._answers.to(window, R_g, L_g)
-        if gains is None and math.isfinite(R_g):
-            status = NO_DESIGN
-        self._rows.append((window.t_s, R_g, L_g, status, limited))
+        status = NO_DESIGN if followed and gains is None else found.status
+        self._rows.append(_Row(window.t_s, found, status, limited))
         return gains
 
     def log(self, timeline: Timeline) -> EstimateLog:
         """What was said during the run, beside the truth."""
-        t_s, R_g_hat, L_g_hat = (np.array([row[k] for row in self._rows], dtype=float) for k in range(3))
+        t_s = np.array([row.t_s for row in self._rows], dtype=float)
+        said = np.array([row.estimate[:2] for row in self._rows], dtype=float).reshape(-1, 2)
+        deviations = np.array([_deviations(row.estimate) for row in self._rows], dtype=float).reshape(-1, 2)
         # The grid that held up to the end: a change that coincides with it is seen by the next window.
         grids = [timeline.grid_at(t - 0.5 * self.sample_interval) for t in t_s]
-        limited = np.array([row[4] for row in self._rows], dtype=bool)
         return EstimateLog(
-            t_s,
-            np.array([grid.R_g for grid in grids]),
-            np.array([grid.L_g for grid in grids]),
-            R_g_hat,
-            L_g_hat,
-            tuple(row[3] for row in self._rows),
-            self.update_period,
-            limited,
-            self._answers.rate,
+            t_s=t_s,
+            R_g=np.array([grid.R_g for grid in grids]),
+            L_g=np.array([grid.L_g for grid in grids]),
+            R_g_hat=said[:, 0],
+            L_g_hat=said[:, 1],
+            status=tuple(row.status for row in self._rows),
+            period=float(np.diff(t_s).mean()) if len(t_s) > 1 else self.update_period,
+            R_g_deviation=deviations[:, 0],
+            L_g_deviation=deviations[:, 1],
+            limited=np.array([row.limited for row in self._rows], dtype=bool),
+            rate=self._answers.rate,
         )
+
+
+def _deviations(found: Estimate) -> Array:
+    """Standard deviations of R_g and L_g; NaN where they are not known."""
+    if found.covariance is None:
+        return np.full(2, np.nan)
+    return np.sqrt(np.diag(found.covariance))
 
 
 def same_period(period: float, length: float, study: Study) -> bool:
@@ -139,7 +191,44 @@ def same_period(period: float, length: float, study: Study) -> bool:
     return round(period / T_s) == round(length / T_s)
 
 
-def estimator_of(study: Study, spec: ControllerSpec, weights: NetworkWeights) -> NeuralEstimator:
+def estimator_of(study: Study, spec: ControllerSpec, ready: Ready) -> Estimator:
+    """The estimator of a controller, as it ships.
+
+    Raises StudyError for an unknown one, InfeasibleStudyError for a network that is not ready, and ArtifactError with
+    all that does not fit.
+    """
+    kind = estimator_kind(spec.estimate)
+    if kind.trained:
+        return installed_weights(study, spec, ready.network_of(spec))
+    c = study.converter
+    return kind.build(installation_of(study, window_of_rate(c.f_sw * c.samples_per_carrier, c.omega_n)))
+
+
+def installation_of(study: Study, window: WindowPlan) -> Installation:
+    """A study's converter with windows of a sampling. The sensors' noise is not known; the guess is a grid of
+    ``GUESS_SCR``, not the study's own: an estimator is told nothing of the grid."""
+    c, spec = study.converter, study.estimator
+    guess = Place(GUESS_SCR, 1.0, "reactance").grid(c)
+    return Installation(
+        T_s=c.T_s,
+        omega_n=c.omega_n,
+        V_base=rms_to_peak(c.V_rated_rms),
+        Z_base=c.Z_base,
+        samples=window.samples,
+        sample_interval=window.steps * c.T_s,
+        cycles=window.cycles,
+        guess=(guess.R_g, guess.L_g),
+        v_limit=_limit(None if spec is None else spec.v_limit_pu, rms_to_peak(c.V_rated_rms)),
+        i_limit=_limit(None if spec is None else spec.i_limit_pu, c.I_rated_pk),
+    )
+
+
+def _limit(limit_pu: float | None, rated: float) -> float:
+    """Where sensors saturate, V or A; None: nowhere."""
+    return math.inf if limit_pu is None else limit_pu * rated
+
+
+def installed_weights(study: Study, spec: ControllerSpec, weights: NetworkWeights) -> Estimator:
     """The network as it ships, for the windows of a controller. Raises ArtifactError with all that does not fit."""
     spec_of, c, window = study.estimator, study.converter, weights.window
     if spec_of is None:
@@ -175,21 +264,10 @@ def estimator_of(study: Study, spec: ControllerSpec, weights: NetworkWeights) ->
     if faults:
         where = f"controller {spec.name}, [estimator]: these weights do not fit:\n"
         raise ArtifactError(where + "\n".join(f"  - {fault}." for fault in faults))
-    v_limit, i_limit = (
-        math.inf if limit is None else limit * rated
-        for limit, rated in (
-            (spec_of.v_limit_pu, rms_to_peak(c.V_rated_rms)),
-            (spec_of.i_limit_pu, c.I_rated_pk),
-        )
-    )
-    return neural_estimator(
-        weights,
-        sample_interval=window.sample_interval,
-        channels=window.channels,
-        grid_phase=spec_of.grid_phase,
-        v_limit=v_limit,
-        i_limit=i_limit,
-    )
+    steps = round(window.sample_interval / c.T_s)
+    at = installation_of(study, WindowPlan(steps, window.samples, max(round(length * f_n), 1), 0.0))
+    at = replace(at, sample_interval=window.sample_interval, weights=weights, grid_phase=spec_of.grid_phase)
+    return estimator_kind(spec.estimate).build(at)
 
 
 def samples_of(window: MeasuredWindow, needs: Needs) -> Iterator[Samples]:
@@ -199,8 +277,7 @@ def samples_of(window: MeasuredWindow, needs: Needs) -> Iterator[Samples]:
     sent = window.sent_values
     for first in range(0, len(window.theta), needs.samples):
         part = slice(first, first + needs.samples)
-        limited = window.limited if first == 0 else 0
-        yield Samples(v[..., part], i[..., part], window.omega, window.theta[part], sent[part], limited)
+        yield Samples(v[..., part], i[..., part], window.omega, window.theta[part], sent[part], window.limited)
 
 
 def window_channels(window: MeasuredWindow, channels: str, synchronised: bool) -> tuple[Array, Array]:

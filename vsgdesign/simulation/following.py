@@ -7,7 +7,7 @@ import numpy as np
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, NoOperatingPointError
-from vsgdesign.identification.neural import NeuralEstimator
+from vsgdesign.identification import Estimator
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
 from vsgdesign.runtime.guards import LIMITED
@@ -28,7 +28,7 @@ class ScheduledAnswers:
         study: Study,
         spec: ControllerSpec,
         ready: Ready = NOTHING,
-        estimator: NeuralEstimator | None = None,
+        estimator: Estimator | None = None,
     ) -> None:
         self._study, self._spec, self._law = study, spec, gain_law(study, spec, ready)
         table = ready.table(spec)

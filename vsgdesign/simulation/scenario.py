@@ -90,7 +90,7 @@ def run_scenario(
     timeline = build_timeline(study)
     points = operating_points(study, timeline)
     feeds = [
-        EstimatedScheduler(study, spec, ready) if spec.estimate == "neural" else gain_feed(study, spec, timeline, ready)
+        EstimatedScheduler(study, spec, ready) if spec.estimate != "truth" else gain_feed(study, spec, timeline, ready)
         for spec in study.controllers
     ]
     expected = [expected_rests(study, timeline, spec, ready) for spec in study.controllers]

@@ -8,6 +8,7 @@ from typing import Protocol
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.frames import phase_to_ll
+from vsgdesign.identification import estimator_kind
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
 from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import number, plain, plain_quantity
@@ -106,7 +107,9 @@ def specs_table(result: HasStudy, specs: Sequence[ControllerSpec]) -> Table:
             period = result.ready.update_period(spec)
             every = "after every window" if period is None else f"every {plain_quantity(period, 's')}"
             how = f"rescheduled {every} from " + (
-                "the true grid impedance" if spec.estimate == "truth" else "the network's estimate of the grid"
+                "the true grid impedance"
+                if spec.estimate == "truth"
+                else f"the estimate of the grid by {estimator_kind(spec.estimate).title}"
             )
         elif spec.gains is not None:
             how = "given in the study"

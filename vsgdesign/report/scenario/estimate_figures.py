@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from vsgdesign.identification.registry import needs_network
 from vsgdesign.metrics.estimation import RestError, relative_errors_pct
 from vsgdesign.report.drawing.decimation import extreme_indices
 from vsgdesign.report.drawing.style import (
@@ -81,7 +83,7 @@ def _estimate_figure(
     factor, prefix = prefix_for(max(getattr(grid, truth) for _, grid in timeline.grids), 1e-6)
     labels = event_labels([(e.t_s, short_name(e)) for e in study.events], duration, width)
     rows = [row for row in (changes, rests) if row]
-    top = labels.height_in + 0.24
+    top = labels.height_in + _legend_height(result)
     below = _BOTTOM + len(rows) * (_ZOOM_HEIGHT + _GAP)
     height = below + _MAIN_HEIGHT + top
     figure = new_figure(PAGE_IN, height)
@@ -127,11 +129,17 @@ def _estimate_figure(
     _legend(figure, result, height)
     period_ms = 1e3 * _estimating(result)[0][2].period
     caption = (
-        f"Grid {word} as the network says it, one answer for each window of {period_ms:g} ms, drawn from the end of "
-        "the window, where it acts, and the truth. Below: changes of grid, and rest before the next event, enlarged. "
-        "An answer beyond what the network was trained on is clipped."
+        f"Grid {word} as {_who(result)} it, one answer for each window of {period_ms:g} ms, drawn from the end of "
+        "the window, where it acts, and the truth. Below: changes of grid, and rest before the next event, enlarged."
+        + (" An answer beyond what the network was trained on is clipped." if result.ready.network else "")
     )
     return NamedFigure(f"estimate_{word}", f"Estimated {word} of the grid", caption, figure)
+
+
+def _who(result: ScenarioResult) -> str:
+    known = result.ready.network is not None
+    alone = known and all(needs_network(c.spec.estimate) for c in result.controllers if c.estimates is not None)
+    return "the network says" if alone else "the estimators say"
 
 
 def _rests_shown(result: ScenarioResult) -> list[RestError]:
@@ -194,7 +202,7 @@ def _error_figure(result: ScenarioResult) -> NamedFigure:
     height, gap = 1.15, 0.1
     width = PAGE_IN - _LEFT - _RIGHT
     labels = event_labels([(e.t_s, short_name(e)) for e in study.events], duration, width)
-    total = _BOTTOM + 2 * height + gap + labels.height_in + 0.24
+    total = _BOTTOM + 2 * height + gap + labels.height_in + _legend_height(result, truth=False)
     figure = new_figure(PAGE_IN, total)
     panels = []
     for row, (truth, estimate, symbol, _, _) in enumerate(QUANTITIES):
@@ -223,23 +231,30 @@ def _error_figure(result: ScenarioResult) -> NamedFigure:
     _legend(figure, result, total, truth=False)
     caption = (
         "Magnitude of the relative error of every window. A window that holds a change of grid belongs to two grids; "
-        "after it the network sees the grid settle."
+        "after it " + ("the network sees" if result.ready.network else "the estimators see") + " the grid settle."
     )
     return NamedFigure("estimate_error", "Error of the estimated grid", caption, figure)
+
+
+def _legend_labels(result: ScenarioResult, truth: bool) -> list[str]:
+    return [*(symbols(f"estimate of {name}") for _, name, _ in _estimating(result)), *(["truth"] if truth else [])]
+
+
+def _legend_height(result: ScenarioResult, truth: bool = True) -> float:
+    labels = _legend_labels(result, truth)
+    return 0.24 + 0.15 * (math.ceil(len(labels) / _columns(labels)) - 1)
 
 
 def _legend(figure: Any, result: ScenarioResult, height: float, truth: bool = True) -> None:
     from matplotlib.lines import Line2D
 
-    entries: list[tuple[Any, str]] = [
-        (Line2D([], [], **line_style(index)), symbols(f"estimate of {name}")) for index, name, _ in _estimating(result)
-    ]
-    if truth:
-        entries.append((Line2D([], [], **REFERENCE), "truth"))
-    columns = _columns([label for _, label in entries])
+    labels = _legend_labels(result, truth)
+    lines = [Line2D([], [], **line_style(index)) for index, _, _ in _estimating(result)]
+    lines += [Line2D([], [], **REFERENCE)] if truth else []
     figure.legend(
-        *zip(*entries, strict=True),
-        ncols=columns,
+        lines,
+        labels,
+        ncols=_columns(labels),
         loc="upper left",
         bbox_to_anchor=(_LEFT / PAGE_IN, 1.0 - 0.05 / height),
     )

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from vsgdesign.errors import counted
+from vsgdesign.identification import GUESS_SCR, Estimator, estimator_kind
+from vsgdesign.identification.registry import needs_network
 from vsgdesign.metrics.estimation import FOUND_PCT
-from vsgdesign.parameters.study import Grid
+from vsgdesign.parameters.study import ControllerSpec, Grid
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import DASH, number, percent, plain, plain_quantity
 from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.simulation import ScenarioResult
+from vsgdesign.simulation.estimated import estimator_of
 from vsgdesign.simulation.judging import Judgement
 
 if TYPE_CHECKING:
@@ -49,6 +55,38 @@ def network_table(result: ScenarioResult, trained: TrainedEstimator | None) -> T
             ("Training", f"{counted(trained.epochs, 'epoch')} on {counted(trained.components, 'principal component')}")
         )
     return Table("The network", ("Quantity", "Value"), tuple(rows), texts=2)
+
+
+def methods_table(result: ScenarioResult) -> list[Table]:
+    """What the estimators but the network are, how they are fed and what they send; no table where there are none."""
+    rows = []
+    for spec, estimator in untrained(result):
+        needs = estimator.needs
+        window = f"{needs.samples} × {plain_quantity(needs.sample_interval, 's')}"
+        rows.append((spec.name, estimator.title, window, _probe(estimator)))
+    head = ("Controller", "Estimator", "Window", "Probe")
+    notes = (
+        "These estimators are given v_pcc, i_pcc, the converter's own angle and frequency, and nothing of the grid: no "
+        f"phase, no impedance, no sensor noise. They begin with a guess of SCR {plain(GUESS_SCR)} and X/R 1.",
+    )
+    title = "The other estimators" if result.ready.network else "The estimators"
+    return [Table(title, head, tuple(rows), texts=4, notes=notes)] if rows else []
+
+
+def _probe(estimator: Estimator) -> str:
+    probe = estimator.probe(estimator.first())
+    if probe is None:
+        return "none"
+    return f"{plain(100.0 * float(np.abs(probe.values).max()), 2)} % {_OF[probe.quantity]}"
+
+
+_OF = {"voltage": "of the rated voltage", "power": "of the rated power"}
+
+
+def untrained(result: ScenarioResult) -> list[tuple[ControllerSpec, Estimator]]:
+    """The controllers that estimate without a network, and what with."""
+    specs = [c.spec for c in result.controllers if c.estimates is not None and not needs_network(c.spec.estimate)]
+    return [(spec, estimator_of(result.study, spec, result.ready)) for spec in specs]
 
 
 def training_table(trained: TrainedEstimator) -> Table:
@@ -94,7 +132,10 @@ def rest_table(result: ScenarioResult, judged: Judgement) -> Table:
         for rest in judged.rest
     )
     head = ("Time [s]", "Grid", "R_g, mean", "L_g, mean", "R_g, worst", "L_g, worst")
-    notes = ("In the last second before each event and the end (of a short stretch: its last quarter).",)
+    notes = (
+        "In the last second before each event and the end (of a short stretch: its last quarter). Every estimate "
+        "counts, whether the gains followed it or not.",
+    )
     return Table(f"Error of {judged.name}'s estimate at rest [%]", head, rows, 2, notes=notes)
 
 
@@ -145,16 +186,23 @@ def truth_table(judged: Judgement) -> Table:
 def estimate_text(result: ScenarioResult, judgements: Sequence[Judgement]) -> list[str]:
     """What the estimate was worth, in words."""
     weights = result.ready.network
+    estimates = {controller.spec.name: controller.spec.estimate for controller in result.controllers}
     paragraphs = []
     for judged in judgements:
         total = len(judged.log.status)
         believed = judged.statuses.get("ok", 0)
-        text = f"{judged.name} estimates the grid once in {plain_quantity(judged.log.period, 's')}; {total} windows"
-        text += ", all within what the network knows." if believed == total else f", {believed} of them within "
-        if believed != total:
-            others = ", ".join(f"{count} {status}" for status, count in judged.statuses.items() if status != "ok")
-            text += f"what the network knows ({others})."
+        others = ", ".join(f"{count} {status}" for status, count in judged.statuses.items() if status != "ok")
+        text = f"{judged.name} estimates the grid once in {plain_quantity(judged.log.period, 's')}"
+        if needs_network(estimates[judged.name]):
+            text += f"; {total} windows"
+            text += ", all within what the network knows." if believed == total else f", {believed} of them within "
+            text += "" if believed == total else f"what the network knows ({others})."
+        else:
+            text += f" by {estimator_kind(estimates[judged.name]).title}; "
+            text += f"its gains follow {believed} of {total} estimates"
+            text += "." if believed == total else f" (the others: {others})."
         errors = [max(abs(rest.R_mean_pct), abs(rest.L_mean_pct)) for rest in judged.rest]
+        errors = [error for error in errors if math.isfinite(error)]
         if errors:
             text += f" At rest it is off by {number(min(errors), 2)} to {number(max(errors), 2)} %."
         if judged.steps:

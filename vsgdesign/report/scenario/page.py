@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.table_summary import table_lines, table_summary
 from vsgdesign.artifacts.table_text import certificate_sentence
+from vsgdesign.identification.registry import why_no_c
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.inner.page import inner_part
 from vsgdesign.report.inner.words import headline
@@ -79,7 +80,8 @@ def _estimate(result: ScenarioResult, trained: TrainedEstimator | None) -> dict[
     judgements = judge_estimates(result)
     if not judgements:
         return None
-    about = [estimate_tables.network_table(result, trained)]
+    about = [] if result.ready.network is None else [estimate_tables.network_table(result, trained)]
+    about += estimate_tables.methods_table(result)
     if trained is not None:
         about.append(estimate_tables.training_table(trained))
     found = []
@@ -141,6 +143,8 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
             f"{', '.join(c.spec.name for c in estimating)} measures v_pcc and i_pcc without noise or quantisation and "
             "begins with the gains of the true grid at the start."
         )
+        with_tables = [c.spec for c in estimating if result.ready.table(c.spec) is not None]
+        items += [said for spec in with_tables if (said := why_no_c(spec.name, spec.estimate))]
         network = result.ready.network
         trained_with = None if network is None else network.recipe.get("bridge")
         if any(c.bridge == "pwm" for c in estimating) and trained_with == "averaged":
