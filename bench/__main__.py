@@ -48,7 +48,7 @@ def table(rows: list[Row]) -> str:
         "whose anchor",
         "what limits it",
     )
-    lines = [headings]
+    lines: list[tuple[str, ...]] = [headings]
     for row in rows:
         verdict = "" if row.on_target is None else (" ok" if row.on_target else " missed")
         ratio = "" if row.ratio is None else f"{number(row.ratio)} x"

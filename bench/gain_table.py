@@ -35,7 +35,7 @@ def gain_tables() -> list[Row]:
     one = repeat(lambda: [schedule.gains_measured(1.3, 4e-3, 3e3, 500.0, 112.0) for _ in range(1000)], 7)
     many = repeat(lambda: schedule.gains_measured(R_g, L_g, 3e3, 500.0, 112.0), 15)
     # BLAS threads are fixed when NumPy is loaded: one, in a process of its own.
-    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    threads: dict[str, str] = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     margins = [float(value) for value in run_python(["-c", ANALYSE], threads).output.split()]
     return [
         Row("table", "12 × 10 cells read and verified", scaled(figure(read), 1e3), "ms", limit="JSON, SHA-256 twice"),

@@ -25,7 +25,7 @@ from vsgdesign.stability.loops import ReducedLoop
 from vsgdesign.stability.maps import margin_map
 from vsgdesign.stability.margins import frequency_grid
 
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+ONE_THREAD: dict[str, str] = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 STUDY = """
 base = "case:{case}"
@@ -55,7 +55,7 @@ def whole_map(case: str, model: str) -> Callable[[], object]:
     """One map of 40 × 30 cells at one operating point."""
     s = study(case)
     law, P = gain_law(s, s.controllers[0]), 0.4 * s.converter.S_rated
-    return lambda: margin_map(s, law, SCR, RATIO, (P,), (0.0,), model)
+    return lambda: margin_map(s, law, SCR.tolist(), RATIO.tolist(), (P,), (0.0,), model)
 
 
 def by_control() -> float:
@@ -74,7 +74,7 @@ def by_control() -> float:
     begin = time.perf_counter()
     for k in chosen:
         A_K, B_K, C_K, J = (m[k] for m in (model.A_K, model.B_K, model.C_K, model.J))
-        control.ss(model.A[k], model.B[k], model.C[k], model.D[k]).poles()
+        control.StateSpace(model.A[k], model.B[k], model.C[k], model.D[k]).poles()
         for b, c in ((B_K, J @ C_K), (B_K @ J, C_K)):
             control.disk_margins(control.ss(A_K, b, -c, np.zeros((2, 2))), omega, skew=0.0)
         for loop in (0, 1):

@@ -15,6 +15,7 @@ from vsgdesign.design.evaluation import evaluate_gains
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters import Event, GridSource, Study, load_study
+from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import Place
 from vsgdesign.report.drawing.style import COLUMN_IN, REFERENCE, add_axes, line_style, look, new_figure
 from vsgdesign.runtime.schedule import Schedule
@@ -46,9 +47,16 @@ def ramp(study: Study, gains: PowerLoopGains, scr: float, x_over_r: float, rate_
     return run.t_s - START, run.column("P") - P_0
 
 
+def specification_of(study: Study) -> Specification:
+    """What the study's table was asked for."""
+    if study.specification is None:
+        raise SystemExit("specification: the study asks for no table")
+    return study.specification
+
+
 def damping(study: Study, schedule: Schedule, scr: float, x_over_r: float) -> tuple[float, float, float]:
     """Least over the box: damping ratio of the power loops, of every mode of the full order, full-order disk margin."""
-    s = scenarios_of_truth(study, study.specification, scr, x_over_r, P_0, Q_0)
+    s = scenarios_of_truth(study, specification_of(study), scr, x_over_r, P_0, Q_0)
     gains = schedule.gains_measured(s.R_hat - schedule.R_2, s.X_hat / schedule.omega - schedule.L_2, s.P, s.Q, s.V_rms)
     loops = evaluate_gains(gains, s, 1.0, study.tau_P, study.tau_Q)
     full = full_order_figures(study, gains, s, 1.0)
@@ -61,7 +69,9 @@ def main() -> None:
     schedule = table_schedule(read_table_file(sys.argv[1]))
     # Without droop: with it the droop's own power grows along the ramp, and lags behind.
     plain = replace(schedule, P=P_0, Q=Q_0, D_p=0.0)
-    H, c = float(study.specification.H), study.converter
+    H, c = specification_of(study).H, study.converter
+    if H is None:
+        raise SystemExit("specification.H: the study holds no inertia")
     print(
         " SCR  X/R | inertial power at 0.1, 0.25, 0.5 Hz/s, off by [%] | least damping: loops, full order | disk margin"
     )

@@ -166,6 +166,7 @@ def draw_fast(study: Study) -> Any:
     figure = new_figure(PAGE_IN, 2.1)
     axes = add_axes(figure, 0.6, 0.42, 4.6, 1.45)
     jump = Event(0.05, "phase", phase_jump=1e-5)
+    worst: FullOrderModel | None = None
     for k, K_ff in enumerate((1.0, 0.99)):
         one = replace(study, inner_gains=study.inner_gains._replace(K_ff=K_ff))
         model = full_order(one, *FAST_CELL)
@@ -184,13 +185,14 @@ def draw_fast(study: Study) -> Any:
             print(f"B with K_ff {K_ff}: eigenvalue {s:.3f}, largest real part {max(v.real for v in found):.3f}")
         label = f"EMT, $K_\\mathrm{{ff}}$ = {K_ff:g}"
         axes.semilogy(t, np.abs(y), color=COLOURS[1 - k], linewidth=0.7, zorder=3 + k, label=label)
-    axes.set_xlim(0.0, t[-1])
+        axes.set_xlim(0.0, t[-1])
     axes.set_xlabel("Time [s]")
     axes.set_ylabel("|P − 2 kW| [W]")
     axes.set_ylim(1e-3, 1e3)
     axes.set_title("B: SCR 20, X/R 20. The grid's phase jumps by 10 µrad at 0.05 s")
     axes.legend(loc="upper left", borderaxespad=0.6)
-    draw_participation(figure, worst)
+    if worst is not None:
+        draw_participation(figure, worst)
     return figure
 
 

@@ -11,19 +11,20 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser
 
 _PARSE = MathTextParser.parse
-_PROGRAMS = {"vector": "path", "raster": "agg"}
+_KINDS = ("vector", "raster")
 
 
 @functools.lru_cache(4096)
 def _parsed(kind: str, text: str, dpi: float, font: FontProperties | None, antialiased: bool | None) -> Any:
-    return _PARSE(MathTextParser(_PROGRAMS[kind]), text, dpi, font, antialiased=antialiased)
+    parser = MathTextParser("path") if kind == "vector" else MathTextParser("agg")
+    return _PARSE(parser, text, dpi, font, antialiased=antialiased)
 
 
 def _parse(
     self: Any, s: str, dpi: float = 72, prop: FontProperties | None = None, *, antialiased: bool | None = None
 ) -> Any:
     kind = getattr(self, "_output_type", None)
-    if kind not in _PROGRAMS:
+    if kind not in _KINDS:
         return _PARSE(self, s, dpi, prop, antialiased=antialiased)
     return _parsed(kind, s, dpi, None if prop is None else prop.copy(), antialiased)
 
