@@ -194,7 +194,7 @@ def test_the_answer_names_the_worst_first(kept: Path) -> None:
     of, analysed = good["grids"]["of"], good["full_order"]["analysed"]
     worse = good | {"kept": False, "score": 0.5, "full_order": good["full_order"] | {"stable": analysed}}
     worse["grids"] = {"stable": of, "of": of}
-    assert "not every promise is kept: the score is 0.5 of 1 asked" in headline(worse)
+    assert "not every requirement is kept: the score is 0.5 of 1 asked" in headline(worse)
     worse["score"] = -0.1
     assert "off by 20 %" in headline(worse)
     worse["full_order"] = worse["full_order"] | {"stable": analysed - 2}

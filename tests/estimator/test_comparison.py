@@ -148,7 +148,7 @@ def test_pages_and_figures(tmp_path: Path) -> None:
     assert "> T" in {row[0]: row for row in delay_table(compared()).rows}["Constant guess"]
     figures = write_all(stress_figures(stressed()), tmp_path)
     page = write_stress_page("A study", stressed(), figures, tmp_path / "b.html").read_text()
-    assert "What a field estimator needs" in page
+    assert "Requirements for an estimator in the field" in page
     assert any(sentence.startswith("PRBS, least squares: within 10 %") for sentence in stress_conclusion(stressed()))
 
 

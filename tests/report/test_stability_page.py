@@ -117,16 +117,16 @@ def test_identity(plain: Made) -> None:
 
 
 ABSENT = {
-    "plain": ["Envelopes of grid-code tests", "not assessed yet"],
+    "plain": ["Envelopes of grid-code tests", "peak currents are not assessed"],
     "odd": ["the worst of those of its 4 operating points", "No small step was simulated"],
     "unstable": [
-        "no controller of the study is scheduled",
+        "No controller of the study is scheduled",
         "an unstable mode",
         "the full-order model is unstable there",
     ],
     "faulty": [
         "none of its 4 cells could be analysed within the limits",
-        "No grid of the scenario could be looked at closely",
+        "No grid of the scenario could be analysed in detail",
         "no cell within the converter's limits could be analysed",
         "No eigenvalue could be drawn",
     ],

@@ -1,4 +1,4 @@
-"""How stable, what limits it, and how it looks from the grid: modes, margins, maps, impedance."""
+"""Stability of a controller on a grid: modes, margins, maps, and the impedance as seen from the grid."""
 
 from vsgdesign.stability.margins import MarginTable, frequency_grid, full_order_margins, reduced_margins
 

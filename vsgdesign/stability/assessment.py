@@ -41,12 +41,12 @@ _BETWEEN_POINTS = 300
 
 @dataclass(frozen=True)
 class FrequencyView:
-    """One cell over frequency: what a reader of Bode, Nichols, NFP and impedance plots looks at."""
+    """One cell over frequency: the data of Bode, Nichols, NFP and impedance plots."""
 
     omega: Array
     L_P: Complex
     L_Q: Complex
-    """Loops at the measured powers, each with the other closed."""
+    """The loops at the measured powers, each with the other closed."""
     admittance: Complex
     """(F, 2, 2), S, dq, peak over peak."""
     passivity: Array
@@ -58,7 +58,7 @@ class FrequencyView:
 
 @dataclass(frozen=True)
 class FocusCell:
-    """One grid of the scenario, looked at closely with both models."""
+    """One grid of the scenario, analysed in detail with both models."""
 
     label: str
     grid: Grid
@@ -70,12 +70,12 @@ class FocusCell:
     full_order_table: MarginTable
     modes: tuple[Mode, ...]
     sensitivities: tuple[ModeSensitivity, ...]
-    """Of the least stable mode."""
+    """States that take part in the least stable mode."""
     view: FrequencyView
     gains: PowerLoopGains
-    """In the steady state of the cell."""
+    """The gains in the steady state of the cell."""
     outside: str | None
-    """Which limit of the converter the steady state breaks; None: none."""
+    """The limit of the converter that the steady state exceeds; None if it exceeds none."""
 
 
 @dataclass(frozen=True)
@@ -89,26 +89,27 @@ class Locus:
 
 @dataclass(frozen=True)
 class ControllerAssessment:
-    """All maps and close looks of one controller."""
+    """All maps and detailed cells of one controller."""
 
     spec: ControllerSpec
     reduced: MarginMap
     full_order: MarginMap
     step_P: tuple[ResponseMetrics | None, ...]
     step_Q: tuple[ResponseMetrics | None, ...]
-    """P_ref to P and Q_ref to Q of the reduced model, per row of its table; None: unstable."""
+    """P_ref to P and Q_ref to Q of the reduced model, for each row of its table; None if unstable."""
     stale: MarginMap | None
     """True SCR × the gains' SCR, full order; None for fixed gains."""
     estimate_error: MarginMap | None
     """SCR × X/R of the study × errors, full order; None for fixed gains."""
     between: MarginTable
     between_grids: Array
-    """Margins of the full-order model at random grids between the map's nodes, (N, 2): SCR, X/R; of those within the
-    converter's limits."""
+    """Margins of the full-order model at random grids between the map's nodes, (N, 2): SCR, X/R, for those within the
+    converter's limits.
+    """
     focus: tuple[FocusCell, ...]
     loci: tuple[Locus, ...]
     x_over_r_limit: tuple[tuple[float, float | None], ...]
-    """Per SCR of the study's grids, the X/R at which the reduced model loses stability; None: nowhere."""
+    """For each SCR of the study's grids, the X/R at which the reduced model loses stability; None if there is none."""
 
 
 def assess(
@@ -116,9 +117,9 @@ def assess(
 ) -> ControllerAssessment:
     """Assess one controller over the study's [stability] axes and at its grids.
 
-    ``ready`` has the controller's gain table, where it takes its gains from one. ``progress`` is called with what is
-    being done and the share done. Raises NoOperatingPointError where fixed gains cannot be designed, and
-    InfeasibleStudyError where its table is not there.
+    ``ready`` contains the controller's gain table, if it uses one. ``progress`` is called with a description of the
+    present work and the share that is done. Raises NoOperatingPointError if fixed gains cannot be designed, and
+    InfeasibleStudyError if the table is missing.
     """
     tell = progress or silent
     axes, law = study.stability, gain_law(study, spec, ready)
@@ -161,7 +162,7 @@ def _limit(study: Study, law: GainLaw, grid: Grid, P: float, Q: float) -> float 
 
 
 def _between_nodes(study: Study, law: GainLaw, P: float, Q: float, seed: int) -> tuple[Array, MarginTable]:
-    """Random grids, log-uniform over the axes' box: a map may hide something between its nodes."""
+    """Random grids, log-uniform over the box of the axes, because a map may hide something between its nodes."""
     axes = study.stability
     rng = np.random.default_rng(seed)
     low = np.log([axes.scr[0], axes.x_over_r[0]])
@@ -211,7 +212,7 @@ def _focus_cells(study: Study, law: GainLaw, P: float, Q: float) -> tuple[FocusC
 
 
 def _label(study: Study, grid: Grid, taken: list[str]) -> str:
-    """SCR and X/R to three digits, or to as many as tell the grid from those before."""
+    """SCR and X/R with three digits, or with as many as are needed to distinguish the grid from those before."""
     place = grid.place(study.converter, study.scr_basis)
     scr, ratio = place.scr, place.x_over_r
     labels = (f"SCR {scr:.{digits}g}, X/R {ratio:.{digits}g}" for digits in range(3, 17))

@@ -1,4 +1,4 @@
-"""Cells of a map: grids × operating points, each with gains, or with the reason why there is none."""
+"""Cells of a map: grids × operating points, each with gains or with the reason why there are none."""
 
 from __future__ import annotations
 
@@ -19,20 +19,22 @@ from vsgdesign.parameters.study import Grid, Place, Study
 Array = NDArray[np.float64]
 
 GainLaw = Callable[[Any, Any, Any, Any, Any], PowerLoopGains]
-"""Arrays of estimated R_g (Ω) and L_g (H) and of the P (W), Q (var) and V (phase rms, V) at the control point to
-gains; NaN where there are none. :func:`vsgdesign.runtime.of_study.gain_law` is that of a study's controller."""
+"""A function from arrays of the estimated R_g (Ω) and L_g (H) and of the P (W), Q (var) and V (phase rms, V) at the
+control point to gains; NaN where there are none. :func:`vsgdesign.runtime.of_study.gain_law` gives the function of a
+study's controller.
+"""
 
 OUTSIDE = "outside the limits"
-"""How a cell beyond the converter's limits is called, on every page."""
+"""The name of a cell beyond the converter's limits, on every page."""
 
 
 @dataclass(frozen=True)
 class CellSet:
-    """N cells. ``faults`` says per cell why it cannot be analysed; None: it can.
+    """N cells. ``faults`` contains for each cell the reason why it cannot be analysed, or None.
 
     Operating points are exact (P, Q) at the control point. ``V_rms`` and ``delta`` are NaN in faulty cells.
-    ``outside`` says per cell which limit of the converter its steady state breaks; None: none. Such a cell has figures,
-    but the converter would not stay there, so none of them is a worst case.
+    ``outside`` contains for each cell the limit of the converter that its steady state exceeds, or None. Such a cell
+    has values, but the converter would not stay there, and it is therefore not counted as a worst case.
     """
 
     R_g: Array
@@ -103,9 +105,9 @@ def cell_set(
 def cells_under(
     study: Study, law: GainLaw, R_g: Any, L_g: Any, P: Any, Q: Any, R_hat: Any = None, L_hat: Any = None
 ) -> CellSet:
-    """Cells with the gains that a law has in the steady state of each: at its P, Q and V.
+    """Cells with the gains that a law gives in the steady state of each cell, at its P, Q and V.
 
-    ``R_hat``, ``L_hat``: the grid that the law is told where that is not the true one. All broadcast.
+    ``R_hat``, ``L_hat``: the grid that the law receives, if it is not the true one. All arrays are broadcast.
     """
     arrays = (R_g, L_g, P, Q, R_g if R_hat is None else R_hat, L_g if L_hat is None else L_hat)
     R_g, L_g, P, Q, R_hat, L_hat = np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in arrays))
@@ -115,14 +117,14 @@ def cells_under(
 
 
 def _operating_point(study: Study, R_g: Array, L_g: Array, P: Array, Q: Array) -> tuple[Array, Array]:
-    """V and δ of every cell; NaN where the grid cannot carry P and Q."""
+    """V and δ of every cell; NaN if the grid cannot carry P and Q."""
     R, X = study.filter.R_2 + R_g, study.grid_source.omega_g * (study.filter.L_2 + L_g)
     with np.errstate(invalid="ignore"):
         return operating_point(P, Q, study.grid_source.V_g_rms, R, X)
 
 
 def _outside(study: Study, P: Array, Q: Array, V_rms: Array) -> list[str | None]:
-    """Which of the converter's limits each steady state breaks: of the voltage at the capacitor, of its current."""
+    """The limits of the converter that each steady state exceeds: of the voltage at the capacitor, of its current."""
     c, f, omega = study.converter, study.filter, study.grid_source.omega_g
     low, high = c.V_limits_rms
     with np.errstate(invalid="ignore"):
@@ -146,7 +148,7 @@ def grid_arrays(study: Study, scr: Array, x_over_r: Array) -> tuple[Array, Array
 
 
 def reduced_cells(study: Study, cells: CellSet, coupling: bool = True) -> CoupledModel:
-    """The coupled reduced model of the good cells, in order."""
+    """The coupled reduced model of the cells without faults, in order."""
     good = cells.good
     R = study.filter.R_2 + cells.R_g[good]
     X = study.grid_source.omega_g * (study.filter.L_2 + cells.L_g[good])
@@ -165,7 +167,9 @@ def reduced_cells(study: Study, cells: CellSet, coupling: bool = True) -> Couple
 
 
 def full_order_cells(study: Study, cells: CellSet) -> FullOrderModel:
-    """The full-order model of the good cells, with references that put each at its (P, Q) in spite of droop."""
+    """The full-order model of the cells without faults, with references that place each cell at its (P, Q) despite
+    the droop.
+    """
     requests: list[Cell] = []
     c, omega_g = study.converter, study.grid_source.omega_g
     for k in np.flatnonzero(cells.good):

@@ -1,4 +1,4 @@
-"""A gain table under the coupled reduced model: margins at its nodes, stale schedules, a check of the file."""
+"""A gain table in the coupled reduced model: margins at its nodes, stale schedules, and a check of its file."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Figure:
-    """A margin that is understood: how it is called, its unit, and how well a stored one must agree."""
+    """A known margin: its name, its unit, and how well a stored value must agree."""
 
     title: str
     unit: str
@@ -52,19 +52,19 @@ OF_THE_DESIGN = {
     "full_order_decay_1_s": Figure("Decay of the slowest mode, full order", "1/s", 0.0),
     "scenarios": Figure("Scenarios of the design", "1", 0.0),
 }
-"""What a design leaves beside them, over its whole box, and no check recomputes."""
+"""Margins that a design stores as well, over its whole box, and that no check computes again."""
 
 WHOLE_BOX = ("full_order_decay_1_s", "scenarios")
 """Those of them that have no value at the design point."""
 
 WORST = "worst_"
-"""Before a name: the worst over the specification's box."""
+"""A name with this prefix is the worst value over the specification's box."""
 
 _GAIN_TOLERANCE = 1e-9
 
 
 def figure_of(name: str) -> Figure:
-    """Title and unit of any margin; a name that is not understood is its own title."""
+    """Title and unit of any margin; a name that is not known is its own title."""
     named = FIGURES | OF_THE_DESIGN
     if name.startswith(WORST) and name[len(WORST) :] in named:
         known = named[name[len(WORST) :]]
@@ -83,8 +83,8 @@ def margins_of(
 ) -> dict[str, Array]:
     """Nominal margins of FIGURES on grids of any shape, each with its gains; NaN without operating point or gains.
 
-    An unstable cell has its damping and decay (negative) and its inertia, no other margin. A step that is not
-    settled within the observed 10 time constants of the slowest cell has NaN.
+    An unstable cell has its damping and decay rate (negative) and its inertia, but no other margin. A step that does
+    not settle within the observed 10 time constants of the slowest cell has NaN.
     """
     shape = np.broadcast_shapes(R_g.shape, L_g.shape, *(np.shape(value) for value in gains))
     R = np.broadcast_to(base.R_2 + R_g, shape).ravel()
@@ -140,9 +140,10 @@ def nominal_margins(table: GainTable, names: Sequence[str] = tuple(FIGURES)) -> 
 
 
 def stale_margins(table: GainTable, x_over_r: float, name: str) -> Array:
-    """One margin over true SCR (rows) × the SCR that the gains were made for (columns), at the table's nodes.
+    """One margin over the true SCR (rows) × the SCR for which the gains are made (columns), at the nodes of the
+    table.
 
-    ``x_over_r``: the node of the axis nearest to it serves both.
+    ``x_over_r``: the nearest node of the axis is used for both.
     """
     column = int(np.argmin(np.abs(np.log(table.x_over_r / x_over_r))))
     R_g, L_g = (values[:, column] for values in table_grids(table))
@@ -153,25 +154,28 @@ def stale_margins(table: GainTable, x_over_r: float, name: str) -> Array:
 
 @dataclass(frozen=True)
 class TableCheck:
-    """What a check found. ``largest``: by margin the largest difference of a stored from a recomputed one."""
+    """The result of a check. ``largest``: for each margin, the largest difference between the stored and the new
+    value.
+    """
 
     faults: tuple[str, ...]
     cells: int
     largest: dict[str, float]
     unknown: tuple[str, ...]
-    """Stored margins that were not recomputed."""
+    """Stored margins that were not computed again."""
 
     @property
     def good(self) -> bool:
-        """Whether nothing was found."""
+        """Whether there is no fault."""
         return not self.faults
 
 
 def check_table(table: GainTable, study: Study | None = None) -> TableCheck:
-    """A table that was read without a fault, against its own columns, the reduced model, and its study.
+    """Compare a table, read without a fault, with its own columns, the reduced model, and its study.
 
-    Gains must follow from the columns, every met cell must be stable, and each stored margin of FIGURES must be
-    what the model says. With a study: what the table was designed from, and every field of the base.
+    The gains must follow from the columns, every met cell must be stable, and each stored margin of FIGURES must
+    agree with the model. With a study, the values from which the table was designed and every field of the base must
+    agree.
     """
     faults = [] if study is None else _study_faults(table, study)
     valid = table.valid
@@ -215,14 +219,14 @@ def _where(table: GainTable, cells: NDArray[np.bool_]) -> str:
 
 @dataclass(frozen=True)
 class Compared:
-    """One of several tables on common grids: its interpolated gains and the margins they give, each (n, m)."""
+    """One of several tables on common grids: its interpolated gains and the resulting margins, each (n, m)."""
 
     table: GainTable
     gains: PowerLoopGains
     margins: dict[str, Array]
 
     def worst(self, name: str) -> float:
-        """The least favourable value over the grids; NaN where none is known."""
+        """The least favourable value over the grids; NaN if no value is known."""
         values = self.margins[name][np.isfinite(self.margins[name])]
         if len(values) == 0:
             return float("nan")
@@ -230,9 +234,9 @@ class Compared:
 
 
 def compare_tables(tables: Sequence[GainTable]) -> list[Compared]:
-    """Tables for the same system on the nodes of the first, at its design point.
+    """Compare tables for the same system on the nodes of the first table, at its design point.
 
-    A table with other nodes is interpolated as its runtime would. Raises ArtifactError where two bases differ.
+    A table with other nodes is interpolated as in its runtime. Raises ArtifactError if two bases differ.
     """
     first = tables[0]
     for other in tables[1:]:
@@ -255,7 +259,7 @@ def compare_tables(tables: Sequence[GainTable]) -> list[Compared]:
 def largest_difference(
     one: Mapping[str, Array], other: Mapping[str, Array], name: str
 ) -> tuple[float, int, int] | None:
-    """The largest absolute difference of a figure and the node it is at; None where no node has both."""
+    """The largest absolute difference of a margin and its node; None if no node has both values."""
     difference = np.abs(other[name] - one[name])
     if not np.isfinite(difference).any():
         return None

@@ -1,6 +1,7 @@
-"""The impedance view: what the converter looks like from the grid, in closed form from the sampled model.
+"""The converter as seen from the grid, in closed form from the sampled model.
 
-dq frame of the grid source, peak components; positive current flows into the grid, so i = −Y v at the PCC.
+The frame is the dq frame of the grid source, with peak components. Current is positive into the grid, so that i = −Y
+v at the PCC.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ Complex = NDArray[np.complexfloating[Any, Any]]
 def output_admittance(model: FullOrderModel, cell: int, omega: Array) -> Complex:
     """dq output admittance Y (F, 2, 2) in S at the PCC, at frequencies ω (rad/s) in the dq frame.
 
-    The converter is linearised where it sits on its grid; a small phasor is added to the source. The sampled
-    states follow from the one-period map exactly; between the samples the circuit is driven by the held bridge
-    voltage, of which only the component at the perturbation's own frequency is kept (:eq:`admittance`).
+    The converter is linearised in its steady state on its grid, and a small phasor is added to the source. The
+    sampled states follow exactly from the one-period map. Between the samples, the held bridge voltage drives the
+    circuit; only its component at the frequency of the perturbation is kept (:eq:`admittance`).
     """
     v, i = _port_phasors(model, cell, omega)
     return -i @ np.linalg.inv(v)
@@ -68,17 +69,17 @@ def _port_phasors(model: FullOrderModel, cell: int, omega: Array) -> tuple[Compl
 
 
 def _to_sequences(dq: Complex) -> tuple[Complex, Complex]:
-    """(F, 2, m) dq phasors to the positive- and (conjugated) negative-sequence parts of d + jq."""
+    """Split (F, 2, m) dq phasors into the positive and the (conjugated) negative sequence of d + jq."""
     return 0.5 * (dq[:, 0] + 1j * dq[:, 1]), 0.5 * (dq[:, 0] - 1j * dq[:, 1])
 
 
 def _from_sequences(positive: Complex, negative: Complex) -> tuple[Complex, Complex]:
-    """The d and q phasors back."""
+    """Convert the two sequences back to d and q phasors."""
     return positive + negative, -1j * (positive - negative)
 
 
 def grid_impedance(R_g: float, L_g: float, omega_g: float, omega: Array) -> Complex:
-    """dq impedance (F, 2, 2) of an R–L grid in a frame that turns with ω_g."""
+    """dq impedance (F, 2, 2) of an R–L grid in a frame that rotates with ω_g."""
     Z = np.empty((len(omega), 2, 2), dtype=complex)
     Z[:, 0, 0] = Z[:, 1, 1] = R_g + 1j * omega * L_g
     Z[:, 0, 1], Z[:, 1, 0] = -omega_g * L_g, omega_g * L_g
@@ -86,7 +87,7 @@ def grid_impedance(R_g: float, L_g: float, omega_g: float, omega: Array) -> Comp
 
 
 def passivity_index(Y: Complex) -> Array:
-    """Least eigenvalue of (Y + Yᴴ)/2 (F,), in S; negative where the converter can feed an oscillation."""
+    """Smallest eigenvalue of (Y + Yᴴ)/2 (F,), in S; negative where the converter can feed an oscillation."""
     hermitian = 0.5 * (Y + np.conj(np.swapaxes(Y, -1, -2)))
     return np.linalg.eigvalsh(hermitian)[..., 0].astype(float)
 
@@ -104,7 +105,7 @@ def generalised_nyquist(model: FullOrderModel, cell: int, omega: Array) -> Compl
 
 
 def frequency_response(model: FullOrderModel, cell: int, input_: str, output: str, omega: Array) -> Complex:
-    """Response (F,) of one output to one input of the sampled model; the input is held over each period."""
+    """Response (F,) of one output to one input of the sampled model. The input is held over each period."""
     column, row = INPUTS.index(input_), OUTPUTS.index(output)
     z = np.exp(1j * omega * model.T_s)
     n = model.A.shape[1]
@@ -115,5 +116,5 @@ def frequency_response(model: FullOrderModel, cell: int, input_: str, output: st
 def network_frequency_perturbation(
     model: FullOrderModel, cell: int, omega: Array, S_rated: float, omega_n: float
 ) -> Complex:
-    """ΔP over Δω_g in per unit of rating and of nominal frequency (F,): the NFP plot's ordinate."""
+    """ΔP over Δω_g in per unit of rating and of nominal frequency (F,), the ordinate of the NFP plot."""
     return frequency_response(model, cell, "omega_g", "P", omega) * omega_n / S_rated

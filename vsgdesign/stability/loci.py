@@ -1,4 +1,4 @@
-"""Where the modes go as a parameter moves, what takes part in them, and what moves them."""
+"""Modes along a parameter, the states that take part in them, and the parameters that move them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Complex = NDArray[np.complexfloating[Any, Any]]
 
 @dataclass(frozen=True)
 class Mode:
-    """One mode of a cell: s in 1/s, damping ratio, and the states that take part most (name, share)."""
+    """One mode of a cell: s in 1/s, damping ratio, and the states with the largest participation (name, share)."""
 
     s: complex
     damping: float
@@ -41,7 +41,7 @@ class ModeSensitivity:
 
 
 def modes(states: Sequence[str], A: Array, T_s: float | None = None, count: int = 4) -> tuple[Mode, ...]:
-    """Modes of one matrix from the least stable on; ``T_s`` for a sampled model, None for a continuous one."""
+    """Modes of one matrix, the least stable first; ``T_s`` of a sampled model, None for a continuous one."""
     eigenvalues, shares = participation_factors(A)
     s: Complex = eigenvalues.astype(complex) if T_s is None else to_continuous(eigenvalues, T_s)
     found = []
@@ -54,7 +54,7 @@ def modes(states: Sequence[str], A: Array, T_s: float | None = None, count: int 
 
 
 def track(eigenvalues: Complex) -> Complex:
-    """Eigenvalues (K, n) along a path, each step's order matched to the step before: n continuous loci."""
+    """Eigenvalues (K, n) along a path, with the order of each step matched to the step before: n continuous loci."""
     loci = np.array(eigenvalues, dtype=complex)
     for k in range(1, len(loci)):
         distance = np.abs(loci[k - 1][:, None] - loci[k][None, :])
@@ -67,7 +67,8 @@ _NEWTON_STEPS = 25
 _NEWTON_TOLERANCE = 1e-12
 
 RANKED = tuple(name for name in PARAMETERS if name not in ("omega_0", "omega_g", "V_n"))
-"""Parameters worth ranking by relative effect: nobody moves a frequency or voltage reference by per cents."""
+"""Parameters that are ranked by their relative effect. A frequency or voltage reference is not changed by per cents.
+"""
 
 
 def mode_sensitivities(
@@ -89,10 +90,10 @@ def mode_sensitivities(
 
 
 def parameter_locus(model: FullOrderModel, cell: int, parameter: str, values: Sequence[float]) -> Complex:
-    """Eigenvalues s (K, n) of one cell along any of PARAMETERS, tracked; NaN where no steady state is found.
+    """Eigenvalues s (K, n) of one cell along any of PARAMETERS, tracked; NaN where there is no steady state.
 
-    The steady state is followed by Newton's method on the one-period map, from the cell's own value outwards. The
-    controller's constants (its limits, ω₀C and ω₀L_1) stay as they are, as they do for the sensitivities.
+    The steady state follows by Newton's method on the one-period map, from the cell's own value outwards. The
+    controller's constants (its limits, ω₀C and ω₀L_1) do not change, as for the sensitivities.
     """
     if parameter not in PARAMETERS:
         raise ValueError(f'parameter = "{parameter}": must be one of {", ".join(PARAMETERS)}')
@@ -115,7 +116,7 @@ def parameter_locus(model: FullOrderModel, cell: int, parameter: str, values: Se
 
 
 def _follow(model: FullOrderModel, z: Array, p: Array) -> tuple[Array, Array] | None:
-    """Fixed point of the map at p by Newton from z, and the Jacobian there; None where it does not converge."""
+    """The fixed point of the map at p by Newton's method from z, and the Jacobian there; None without convergence."""
     size = 1.0 + np.abs(z)
     for _ in range(_NEWTON_STEPS):
         A = np.array(model.map.linear(z, p)[0])
@@ -133,8 +134,8 @@ def stability_limit(
 ) -> float:
     """The X/R at which the coupled reduced model loses stability at an SCR, by root finding (relative 1e-10).
 
-    Below it the loop is unstable. Raises InfeasibleStudyError where there is no change of stability, or no
-    operating point, within the bracket.
+    Below it the loop is unstable. Raises InfeasibleStudyError if the bracket contains no change of stability or no
+    operating point.
     """
 
     def abscissa(log_ratio: float) -> float:

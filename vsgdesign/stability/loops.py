@@ -68,7 +68,7 @@ class ReducedLoop:
 
 
 def _row_times(left: NDArray, row: int, right: NDArray) -> tuple[NDArray, NDArray]:
-    """One row of a product of 2×2 matrices, without the overhead of tiny matmuls."""
+    """One row of a product of 2×2 matrices, without the overhead of small matrix products."""
     return (
         left[..., row, 0] * right[..., 0, 0] + left[..., row, 1] * right[..., 1, 0],
         left[..., row, 0] * right[..., 0, 1] + left[..., row, 1] * right[..., 1, 1],
@@ -76,9 +76,9 @@ def _row_times(left: NDArray, row: int, right: NDArray) -> tuple[NDArray, NDArra
 
 
 class FullOrderLoop:
-    """The loop of a FullOrderModel: S(z) = I + C (zI − A)⁻¹ B between the loop-breaking ports.
+    """The loop of a FullOrderModel: S(z) = I + C (zI − A)⁻¹ B between the ports at which the loop is broken.
 
-    A sum over modes; a cell with (nearly) defective modes is solved at every frequency instead.
+    S is a sum over modes. A cell with (nearly) defective modes is solved at every frequency instead.
     """
 
     def __init__(self, model: FullOrderModel, broken_at: str = "output") -> None:

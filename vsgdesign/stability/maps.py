@@ -27,9 +27,10 @@ MODELS = ("reduced", "full_order")
 
 @dataclass(frozen=True)
 class MarginMap:
-    """Margins over named axes. ``shape`` is the axes' lengths; :meth:`field` spreads a table's column over it.
+    """Margins over named axes. ``shape`` contains the lengths of the axes; :meth:`field` arranges a column of the
+    table.
 
-    ``faults`` holds per cell (flat, row-major) None or the reason; faulty cells are NaN in every field.
+    ``faults`` contains for each cell (flat, row-major) None or the reason; faulty cells are NaN in every field.
     """
 
     model: str
@@ -53,12 +54,12 @@ class MarginMap:
 
     @property
     def counted(self) -> NDArray[np.bool_]:
-        """Which rows of the table are of cells within the converter's limits: a worst case is one of these."""
+        """Rows of the table whose cells are within the converter's limits; only these can be worst cases."""
         return self.cells.inside[self.analysed]
 
     @property
     def stable(self) -> Array:
-        """1 where stable, 0 where not, NaN where it cannot be said."""
+        """1 if stable, 0 if not, and NaN if it is not known."""
         return self.field(self.table.stable)
 
 
@@ -71,10 +72,10 @@ def margin_map(
     Q: Sequence[float],
     model: str = "reduced",
 ) -> MarginMap:
-    """Margins over SCR × X/R × (P, Q) with the gains that a law has in the steady state of each cell.
+    """Margins over SCR × X/R × (P, Q) with the gains that a law gives in the steady state of each cell.
 
-    The last axis runs over the combinations of P (W) and Q (var), P slowest. ``model``: "reduced" (coupled,
-    ideal inner loops) or "full_order" (sampled, with everything).
+    The last axis contains the combinations of P (W) and Q (var), P slowest. ``model``: "reduced" (coupled, ideal
+    inner loops) or "full_order" (sampled, complete).
     """
     scr_axis, ratio_axis = np.asarray(scr, dtype=float), np.asarray(x_over_r, dtype=float)
     P_box, Q_box = operating_box(P, Q)
@@ -87,7 +88,7 @@ def margin_map(
 def stale_schedule_matrix(
     study: Study, law: GainLaw, scr: Sequence[float], x_over_r: float, P: float, Q: float, model: str = "reduced"
 ) -> MarginMap:
-    """True SCR (rows) × the SCR that the law is told (columns), at one X/R and one operating point of the true grid."""
+    """True SCR (rows) × SCR that the law receives (columns), at one X/R and one operating point of the true grid."""
     axis = np.asarray(scr, dtype=float)
     R_g, L_g = (values[:, 0] for values in grid_arrays(study, axis, np.array([x_over_r])))
     cells = cells_under(study, law, R_g[:, None], L_g[:, None], P, Q, R_g[None, :], L_g[None, :])
@@ -104,10 +105,10 @@ def estimate_error_map(
     Q: float,
     model: str = "reduced",
 ) -> MarginMap:
-    """Margins where the schedule is fed R_g(1 + e_R) and L_g(1 + e_L): SCR × X/R × e_R × e_L.
+    """Margins of a schedule that receives R_g(1 + e_R) and L_g(1 + e_L): SCR × X/R × e_R × e_L.
 
-    ``errors`` are relative, with sign; both estimates take each of them. P, Q and V are measured, hence those of the
-    true grid.
+    ``errors`` are relative, with sign; both estimates take each of them. P, Q and V are measured and are therefore
+    those of the true grid.
     """
     scr_axis, ratio_axis = np.asarray(scr, dtype=float), np.asarray(x_over_r, dtype=float)
     e = np.asarray(errors, dtype=float)

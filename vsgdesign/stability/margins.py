@@ -19,12 +19,12 @@ Complex = NDArray[np.complexfloating[Any, Any]]
 
 DEFAULT_POINTS = 500
 _WIDTHS = (-4.0, -1.0, 0.0, 1.0, 4.0)
-"""Where a resonance is looked at, in half-widths (−Re s) from its frequency."""
+"""Frequencies at which a resonance is evaluated, in half-widths (−Re s) from its own frequency."""
 
 
 @dataclass(frozen=True)
 class MarginTable:
-    """Per cell (N,). An unstable cell has modes but no margins: theirs are NaN.
+    """Values for each cell (N,). An unstable cell has modes but no margins (NaN).
 
     ``eigenvalues`` (N, n) are continuous-time, s = ln(z)/T_s for the sampled model.
     """
@@ -34,7 +34,7 @@ class MarginTable:
     spectral_abscissa: Array
     """Largest real part, 1/s."""
     least_damping: Array
-    """Least damping ratio over all modes."""
+    """Smallest damping ratio of all modes."""
     least_damped_rad_s: Array
     """Its frequency |s|."""
     disk_output: PeakTable
@@ -95,7 +95,7 @@ def _table(eigenvalues: Complex, output: SensitivityLoop, input_: SensitivityLoo
 
 
 def _around_modes(eigenvalues: Complex, omega: Array) -> Array:
-    """Frequencies (N, M) on and beside every mode's resonance, which may be narrower than a step of the grid."""
+    """Frequencies (N, M) at and beside the resonance of every mode, which may be narrower than a step of the grid."""
     pairs = np.argsort(-eigenvalues.imag, axis=1)[:, : eigenvalues.shape[1] // 2]
     modes = np.take_along_axis(eigenvalues, pairs, axis=1)
     width = np.where(np.isfinite(modes), np.abs(modes.real), 0.0)

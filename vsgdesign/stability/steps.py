@@ -1,4 +1,4 @@
-"""Exact step responses of linear models, for prediction and for overshoot and settling without a simulation."""
+"""Exact step responses of linear models, for predictions and for overshoot and settling time without a simulation."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def reduced_step(model: CoupledModel, input_: str, output: str, t_end: float, dt
 def full_order_step(
     model: FullOrderModel, input_: str, output: str, t_end: float, every: int = 1
 ) -> tuple[Array, Array]:
-    """Unit step responses (N, K) of the sampled model at every so many samples (K,)."""
+    """Unit step responses (N, K) of the sampled model, one value every given number of samples (K,)."""
     column, row = FULL_INPUTS.index(input_), FULL_OUTPUTS.index(output)
     count = round(t_end / model.T_s) // every + 1
     parts = model.B[:, :, [column]], model.C[:, [row]], model.D[:, [row]][:, :, [column]]
@@ -39,8 +39,8 @@ def full_order_step(
 
 
 def sampled_steps(A: Array, B: Array, C: Array, D: Array, every: int, count: int) -> Array:
-    """Unit step responses (N, count, outputs, inputs) of N sampled models at 0, ``every``, 2·``every`` … samples,
-    summed over the modes.
+    """Unit step responses (N, count, outputs, inputs) of N sampled models at 0, ``every``, 2·``every`` … samples, as
+    a sum over the modes.
 
     A mode z adds R (zᵏ − 1)/(z − 1) to sample k. A cell with (nearly) defective modes is stepped instead.
     """
@@ -81,7 +81,7 @@ def _recurse(A: Array, b: Array, c: Array, d: Array, steps: int, dt: float) -> t
 def reduced_step_metrics(
     model: CoupledModel, input_: str, output: str, t_end: float = 12.0, dt: float = 1e-3
 ) -> list[ResponseMetrics | None]:
-    """Overshoot, settling and rise per cell against its own final value; None for an unstable cell."""
+    """Overshoot, settling and rise time of each cell relative to its own final value; None for an unstable cell."""
     t, y = reduced_step(model, input_, output, t_end, dt)
     column, row = INPUTS.index(input_), OUTPUTS.index(output)
     found: list[ResponseMetrics | None] = []

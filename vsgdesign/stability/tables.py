@@ -38,7 +38,7 @@ def map_header(field: MarginMap) -> list[str]:
 
 
 def map_rows(field: MarginMap) -> Iterator[list[object]]:
-    """One row a cell, faulty ones with their reason and no figures."""
+    """One row for each cell; a faulty cell has its reason and no values."""
     t, c = field.table, field.cells
     columns = [
         t.stable.astype(float),
@@ -89,7 +89,7 @@ VIEW_HEADER = (
 
 
 def view_rows(cell: FocusCell) -> Iterator[list[object]]:
-    """One row a frequency: loops, admittance, passivity, generalised Nyquist, NFP."""
+    """One row for each frequency: loops, admittance, passivity, generalised Nyquist, NFP."""
     v = cell.view
     complex_columns = [v.L_P, v.L_Q, *(v.admittance[:, i, j] for i in (0, 1) for j in (0, 1))]
     for k, omega in enumerate(v.omega):

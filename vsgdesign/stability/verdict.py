@@ -1,7 +1,7 @@
-"""The clause matrix: what was held against which limit, with what result, and where the evidence is.
+"""The clause matrix: each quantity with its limit, the result, and the place of the evidence.
 
-Limits of our own are labelled so. What a grid code or a test framework asks for is listed with its source and
-with how sure we are of having it right, and is never called a pass.
+Limits of this project are labelled as such. Requirements of grid codes and test frameworks are listed with their
+source and with our confidence in their wording, and they are never called a pass.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ NOTHING = "no cell within the converter's limits could be analysed"
 
 @dataclass(frozen=True)
 class Verdict:
-    """One row of the clause matrix. ``confidence``: read, secondary or recalled source; empty for our own."""
+    """One row of the clause matrix. ``confidence``: read, secondary or recalled source; empty for our own limits."""
 
     controller: str
     source: str
@@ -40,14 +40,14 @@ class Verdict:
 
 @dataclass(frozen=True)
 class WorstCase:
-    """The worst cell of one quantity in a map; ``where`` names the cell, empty if there is none."""
+    """The worst cell of one quantity in a map; ``where`` names the cell and is empty if there is none."""
 
     quantity: str
     unit: str
     value: float
     where: str
     share_below: float
-    """Share of the counted cells that miss the gate."""
+    """Share of the counted cells that do not meet the gate."""
 
 
 def counted_rows(field: MarginMap) -> MarginTable:
@@ -56,7 +56,7 @@ def counted_rows(field: MarginMap) -> MarginTable:
 
 
 def left_out(field: MarginMap) -> list[str]:
-    """Why cells of a map count for nothing, one reason a cell that breaks a limit of the converter."""
+    """Why cells of a map are not counted, one reason for each cell that exceeds a limit of the converter."""
     return [reason for reason in field.cells.outside if reason is not None]
 
 
@@ -72,7 +72,7 @@ def describe_cell(field: MarginMap, flat: int) -> str:
 
 
 def _margin(value: float, unit: str) -> str:
-    """A margin in words; an infinite one: no gain, phase or delay of the loop makes it unstable."""
+    """A margin in words. An infinite one means that no gain, phase or delay makes the loop unstable."""
     if np.isnan(value):
         return "unstable"
     if np.isinf(value):
@@ -81,10 +81,10 @@ def _margin(value: float, unit: str) -> str:
 
 
 def worst_cases(study: Study, field: MarginMap) -> tuple[WorstCase, ...]:
-    """Least damping, disk margin, gain, phase and delay margins and largest M_s over a map's cells within the limits.
+    """Smallest damping, disk, gain, phase and delay margins and largest M_s over a map's cells within the limits.
 
-    Unstable cells count as the worst of all: they have no margin. Cells outside the converter's limits count for
-    nothing.
+    Unstable cells count as the worst of all, because they have no margin. Cells outside the converter's limits are
+    not counted.
     """
     rows_in = np.flatnonzero(field.counted)
     table, gates = counted_rows(field), study.stability.gates
@@ -206,8 +206,9 @@ _EXTERNAL = (
     ("ERCOT AGS-ESR", "secondary", "SCR 3", (3,)),
     ("Australian distribution, typical planning values", "secondary", "SCR 5 at X/R 10, SCR 3 at X/R 3", (5, 3)),
 )
-"""Grids that published tests use: (source, confidence, text, SCR). Small-signal stability there informs; the
-tests themselves are time-domain tests, which this report does not run."""
+"""Grids of published tests: (source, confidence, text, SCR). Small-signal stability there is only informative,
+because the tests themselves are time-domain tests, which this report does not run.
+"""
 
 
 def _external(study: Study, a: ControllerAssessment) -> list[Verdict]:

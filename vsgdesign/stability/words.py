@@ -1,4 +1,4 @@
-"""A mode in words: how fast it swings and grows or dies, and what takes part in it."""
+"""A mode in words: how fast it oscillates, how fast it grows or decays, and which states take part in it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MOST_NAMED = 3
 
 
 def quantity_of(state: str) -> str:
-    """What a state of the full-order model is, its two axes under one name; an unknown state under its own."""
+    """The meaning of a state of the full-order model, both axes under one name; an unknown state has its own name."""
     for name in (state, state.removesuffix("_d").removesuffix("_q"), state.removesuffix("d").removesuffix("q")):
         if name in _QUANTITIES:
             return _QUANTITIES[name]
@@ -33,7 +33,7 @@ def quantity_of(state: str) -> str:
 
 
 def shares_of(mode: Mode) -> dict[str, float]:
-    """Participation by quantity, the largest first, from the states that the mode names."""
+    """Participation by quantity, the largest first, from the states of the mode."""
     shares: dict[str, float] = {}
     for state, share in mode.participation:
         shares[quantity_of(state)] = shares.get(quantity_of(state), 0.0) + share
@@ -41,7 +41,7 @@ def shares_of(mode: Mode) -> dict[str, float]:
 
 
 def mode_in_words(mode: Mode) -> str:
-    """Frequency, growth or decay, damping ratio and the quantities that take part most."""
+    """Frequency, growth or decay rate, damping ratio, and the quantities with the largest participation."""
     rate, frequency = mode.s.real, abs(mode.s.imag) / (2.0 * math.pi)
     what = (
         f"a mode that swings at {frequency:.3g} Hz in P and Q"

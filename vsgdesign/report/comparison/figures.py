@@ -83,12 +83,12 @@ def _promises(comparison: Comparison) -> NamedFigure:
     )
     spec = comparison.specification
     caption = (
-        f"Each cell is a grid, at the worst of its powers: overshoot ≤ {plain(100.0 * spec.overshoot)} %, settling ≤ "
+        f"Each cell is a grid, with the worst of its powers: overshoot ≤ {plain(100.0 * spec.overshoot)} %, settling ≤ "
         f"{plain(spec.settling_time)} s, disk margin ≥ {plain(spec.disk_margin)}, damping ratio ≥ "
         f"{plain(spec.damping_ratio)}{_inertia(comparison)}, kept with the real inner loops (full-order model) and "
         "with ideal ones. Percentages: grids kept with the estimate exact, and wrong."
     )
-    return NamedFigure("promises", "Where the promises are kept", caption, figure)
+    return NamedFigure("promises", "Grids on which the requirements are kept", caption, figure)
 
 
 def _inertia(comparison: Comparison) -> str:

@@ -39,7 +39,7 @@ def write_comparison_page(study: str, found: Comparison, figures: Sequence[Writt
 def write_stress_page(study: str, found: Stress, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
     """Error against everything that a field does to an estimator."""
     parts = (
-        ("What a field estimator needs", [], 0, needs()),
+        ("Requirements for an estimator in the field", [], 0, needs()),
         ("Where each method breaks", [], 1, ()),
         ("Errors", [stress_table(found, k) for k in range(len(found.results))], 0, ()),
     )

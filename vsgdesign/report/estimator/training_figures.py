@@ -128,7 +128,9 @@ def _regression(trained: TrainedEstimator) -> NamedFigure:
         "which they are equal (dashed). R: correlation."
     )
     if _one_ratio(trained):
-        caption += " With one X/R in all windows the two outputs are one number, so their correlations agree."
+        caption += (
+            " X/R is the same in all windows. The two outputs are therefore one number, and their correlations agree."
+        )
     return NamedFigure("regression", "Regression of the network", caption, figure)
 
 

@@ -93,7 +93,7 @@ def margin_figures(table: GainTable) -> Iterator[NamedFigure]:
             unit = "" if figure.unit == "1" else f" {figure.unit}"
             asked = f"asked for: {'at most' if smaller_is_better else 'at least'} {plain(limit)}{unit}"
         panels = [Panel(kind, c) for (_, kind), c in zip(shown, cells, strict=True)]
-        sides = " Blue cells keep what the specification asks for, orange ones do not." if asked else ""
+        sides = " Blue cells keep the requirement, and orange cells do not." if asked else ""
         caption = (
             "How to read: each cell is a node of the table, its colour what is stored for it."
             f"{sides} Design point: P = {plain(table.P_design / 1e3)} kW, Q = {plain(table.Q_design / 1e3)} kvar, "

@@ -48,7 +48,7 @@ def inner_figures(score: InnerScore) -> Iterator[NamedFigure]:
         1.0,
         False,
         "score [1]",
-        "The score of a grid is the least share of its target that any promise reaches there.",
+        "The score of a grid is the smallest share of its target that any requirement reaches there.",
         0,
     )
     for name, values, target in zip(PROMISES, score.maps, score.targets, strict=True):
@@ -89,7 +89,7 @@ def _map(
     scale = gate_scale(low, max(high, 1.2 * target), target, (0.0, *ticks), larger_is_better=not at_most)
     asked = f"asked for: {'at most' if at_most else 'at least'} {plain(target)}"
     caption = (
-        f"{says} Each cell is a grid of a lattice over the box; blue cells keep what is asked for, orange ones do not."
+        f"{says} Each cell is a grid of the box; blue cells keep the requirement, and orange cells do not."
     ).strip()
     frame = Frame(
         name, title, caption, "X/R [1]", f"SCR, {score.basis} basis [1]", bar, part, aspect=0.75, gate_label=asked
@@ -106,7 +106,7 @@ def inner_part(document: dict[str, Any]) -> dict[str, Any]:
         tuple(promise_rows(document)),
         texts=2,
         flagged=missed,
-        notes=("A coloured row is not kept on every grid. The share is the worst over what is asked.",),
+        notes=("A coloured row is not kept on every grid. The share is the worst value divided by the target.",),
     )
     gains = Table("Gains of the inner loops, SI, dq components peak", GAIN_HEAD, tuple(gain_rows(document)), texts=2)
     return {

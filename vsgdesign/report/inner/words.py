@@ -26,9 +26,8 @@ def headline(document: dict[str, Any]) -> str:
     """The answer in one sentence."""
     grids = document["grids"]
     if document["kept"]:
-        return (
-            f"All promises are kept on all {grids['of']} grids: the score is {plain(document['score'], 3)} of 1 asked."
-        )
+        score = plain(document["score"], 3)
+        return f"All requirements are kept on all {grids['of']} grids: the score is {score} of 1 asked."
     if grids["stable"] < grids["of"]:
         lost = grids["of"] - grids["stable"]
         return f"The inner loops are unstable on {lost} of {grids['of']} grids."
@@ -44,7 +43,7 @@ def headline(document: dict[str, Any]) -> str:
             "with L_1 and C off by 20 %."
         )
     return (
-        f"The inner loops are stable on all {grids['of']} grids, but not every promise is kept: the score is "
+        f"The inner loops are stable on all {grids['of']} grids, but not every requirement is kept: the score is "
         f"{plain(document['score'], 3)} of 1 asked."
     )
 
@@ -68,7 +67,7 @@ def explanation(document: dict[str, Any]) -> list[str]:
     lines.append(
         f"The controller samples at {plain_quantity(sampling['rate_hz'], 'Hz')}, {plain(sampling['ratio'], 3)} times "
         f"the highest resonance of filter and grid ({plain_quantity(sampling['highest_resonance_hz'], 'Hz')}). That is "
-        f"{enough} {ENOUGH_SAMPLING}, from which on all promises have usually been kept."
+        f"{enough} {ENOUGH_SAMPLING}, from which on all requirements have usually been kept."
     )
     for one in document["alternatives"] or ():
         kept = "all promises are kept" if one["kept"] else f"the {PROMISES[one['limiting']['name']][0]} limits"

@@ -87,7 +87,7 @@ def _bode_figure(name: str, columns: Sequence[tuple[str, str, Sequence[LoopOnGri
     caption = (
         "Open active-power loop K_ip·A/(s(s + K_ip·D_p)) without coupling, A = ∂P/∂δ taken at the operating point of "
         f"the design ({at}) on each grid. Dots: gain crossover; the phase margin is the distance of the "
-        f"dot from −180°. Curves that coincide are drawn over one another, the thinner on top.{more}"
+        f"dot from −180°. If curves coincide, the thinner one is drawn on top.{more}"
     )
     return NamedFigure(name, "Open active-power loop", caption, figure)
 

@@ -46,7 +46,7 @@ def network_table(result: ScenarioResult, trained: TrainedEstimator | None) -> T
         ),
         (
             "Grid phase",
-            "lent by the simulator: no converter in the field has it" if window.synchronised else "not used",
+            "given by the simulation; no converter in the field can measure it" if window.synchronised else "not used",
         ),
         ("Weights", weights.hash[:12] + (f" from {spec.weights_file}" if spec.weights_file else "")),
     ]

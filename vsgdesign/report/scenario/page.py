@@ -153,7 +153,9 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
                 "its estimate."
             )
     if study.converter.current_limit_pu is None:
-        items.append("No current limit acts: currents beyond the rating are simulated as if the converter bore them.")
+        items.append(
+            "No current limit acts: currents beyond the rating are simulated as if the converter could carry them."
+        )
     items.append(
         f"Settling times and overshoots are read from a signal logged every "
         f"{plain_quantity(study.simulation.log_interval, 's')}, up to the next event or the end."

@@ -384,6 +384,6 @@ def _other_grid(missed: Sequence[StepOutcome]) -> str:
     if not parts:
         return ""
     return (
-        "Fixed gains meet operating points that they were not made for: the damping ratio of the uncoupled P loop is "
-        f"{'; '.join(parts[:4])}."
+        "Fixed gains meet operating points for which they were not designed. The damping ratio of the uncoupled P "
+        f"loop is {'; '.join(parts[:4])}."
     )
