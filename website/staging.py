@@ -17,7 +17,17 @@ BAR = re.compile(r'<mo(?: stretchy="false")?>(&#x0007C;|&#x02016;)</mo>')
 NOTE = re.compile(r"^<!-- (?:file|not run): [^\n]* -->\n(?=```)", re.MULTILINE)
 
 API = {
-    "facade": ("The front door", ("vsgdesign.facade",)),
+    "facade": (
+        "import vsgdesign as vd",
+        (
+            "vsgdesign.facade.studies",
+            "vsgdesign.facade.simulated",
+            "vsgdesign.facade.assessed",
+            "vsgdesign.facade.tables",
+            "vsgdesign.facade.reporting",
+            "vsgdesign.facade.shown",
+        ),
+    ),
     "runtime": ("Runtime", ("vsgdesign.runtime",)),
     "equations": (
         "Equations",
@@ -36,6 +46,7 @@ API = {
     "design": ("Design", ("vsgdesign.design", "vsgdesign.design.inner")),
     "simulation": ("Simulation", ("vsgdesign.simulation",)),
     "certificate": ("Certificate", ("vsgdesign.certificate",)),
+    "identification": ("Estimators of the grid", ("vsgdesign.identification",)),
     "stability": ("Stability", ("vsgdesign.stability.maps", "vsgdesign.stability.margins", "vsgdesign.stability.loci")),
     "codegen": ("Code generation", ("vsgdesign.codegen",)),
     "pipeline": ("Pipeline", ("vsgdesign.pipeline.opening", "vsgdesign.pipeline.run")),
