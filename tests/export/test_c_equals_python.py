@@ -11,11 +11,12 @@ from tests.artifacts.networks import random_weights
 from tests.export.conftest import FIT, built
 from tests.export.exchange import KINDS, compare, exported, random_calls, windows, written
 from tests.gain_tables import PUBLISHED_BASE
+from tests.simulation.test_limiters import LEANING
 from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
 from vsgdesign.equations.integration import TURN, within_a_turn
-from vsgdesign.equations.limiters import CIRCULAR
+from vsgdesign.equations.limiters import CIRCULAR, LIMITERS
 from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless, frequency_at_rest
-from vsgdesign.export import CompiledC, export_c
+from vsgdesign.export import CompiledC, export_c, export_c_files
 from vsgdesign.export.c_code import Origin
 from vsgdesign.export.known_answers import gain_sizes, known_steps
 from vsgdesign.runtime import (
@@ -209,3 +210,16 @@ def test_the_closed_form_without_a_table(double: bool, tmp_path: Path) -> None:
     assert difference.statuses == 0
     assert difference.fresh > 500
     assert difference.gains <= TOLERANCE[double]
+
+
+def test_a_limiter_with_a_memory_has_its_c(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another limiter, with a memory, constants and notes of its own, without a change of the export."""
+    monkeypatch.setitem(LIMITERS, LEANING.name, LEANING)
+    table_file, _ = written(tmp_path)
+    folder = export_c_files(table_file, tmp_path / "c", limiter=LEANING.name).folder
+    assert "vsg_memory_t limiter;" in (folder / "vsg.h").read_text(encoding="utf-8")
+    for double in (True, False):
+        compiled = built(folder, double)
+        assert compiled.selftest() == 0
+    with pytest.raises(ValueError, match=r'current_limiter = "none such": must be one of circular, leaning'):
+        export_c_files(table_file, tmp_path / "d", limiter="none such")

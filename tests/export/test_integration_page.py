@@ -44,20 +44,76 @@ int main(void)
 """
 
 
+CONTROL_STAND_INS = """
+#include <math.h>
+#include <stdio.h>
+#include "vsg.h"
+void start_up(void);
+void start_control(void);
+void control_interrupt(void);
+void schedule(const vsg_answer_t *answer);
+static double angle, size;
+void sample(vsg_measurement_t *m)
+{
+    m->v_alpha = (vsg_real_t)(326.6 * cos(angle));
+    m->v_beta = (vsg_real_t)(326.6 * sin(angle));
+    m->i_s_alpha = (vsg_real_t)(-1.026 * sin(angle)); /* of the filter's capacitor, 10 uF */
+    m->i_s_beta = (vsg_real_t)(1.026 * cos(angle));
+    m->i_g_alpha = m->i_g_beta = VSG_C(0.0);
+}
+vsg_real_t grid_angle(void) { return (vsg_real_t)angle; }
+void set_bridge_voltage(vsg_real_t alpha, vsg_real_t beta) { size = hypot((double)alpha, (double)beta); }
+int main(void)
+{
+    const vsg_gains_t gains = {VSG_C(1e-3), VSG_C(1e3), VSG_C(0.02), VSG_C(50.0), 0, 0, 0, 0};
+    const vsg_answer_t answer = {gains, VSG_FRESH, VSG_REASON_NONE, VSG_C(5.0), VSG_C(0.5)};
+    int k;
+    angle = 1.0;
+    start_control();
+    for (k = 0; k < 100; ++k) {
+        if (k == 50) { schedule(&answer); }
+        control_interrupt();
+        angle += 314.159265 * 50e-6;
+    }
+    printf("%.1f", size);
+    return 0;
+}
+"""
+
+
 def test_the_interrupt_routine_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three simulated seconds: 150 updates, the last fresh, and the power is the set point."""
-    require_compiler()
-    monkeypatch.chdir(tmp_path)
-    page = PAGE.read_text(encoding="utf-8")
-    (first,) = re.findall(r"^## A table\n.*?^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    exec(compile(first, str(PAGE), "exec"), {})
-    folder = export_c_files("lab.json", "lab-c").folder
-    (routine,) = re.findall(r"^```c\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    (tmp_path / "routine.c").write_text(routine, encoding="utf-8")
-    (tmp_path / "stand_ins.c").write_text(STAND_INS, encoding="utf-8")
-    sources = [*(str(folder / name) for name in SOURCES), "routine.c", "stand_ins.c"]
-    run_compiler(["gcc", *STRICT, "-O2", f"-I{folder}", *sources, "-o", "program", "-lm"])
-    said = subprocess.run([str(tmp_path / "program")], capture_output=True, text=True, check=True).stdout
+    folder, (routine, _) = exported_page(tmp_path, monkeypatch)
+    said = run(tmp_path, folder, routine, STAND_INS)
     updates, status, delivered = map(int, said.split())
     assert (updates, status) == (150, 1)
     assert abs(delivered - 4000) <= 20
+
+
+def test_the_whole_controllers_routine_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At no load on a grid of nominal voltage the bridge makes that voltage, and a retuning does not disturb it."""
+    folder, (_, routine) = exported_page(tmp_path, monkeypatch)
+    size = float(run(tmp_path, folder, routine, CONTROL_STAND_INS))
+    assert abs(size - 326.6) <= 0.02 * 326.6
+
+
+def exported_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, list[str]]:
+    """The page's table exported, its header of constants written, and its routines."""
+    require_compiler()
+    monkeypatch.chdir(tmp_path)
+    page = PAGE.read_text(encoding="utf-8")
+    scope: dict[str, object] = {}
+    for heading in ("A table", "The whole controller"):
+        (code,) = re.findall(rf"^## {heading}\n.*?^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+        exec(compile(code, str(PAGE), "exec"), scope)
+    routines = re.findall(r"^```c\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert len(routines) == 2
+    return export_c_files("lab.json", "lab-c").folder, routines
+
+
+def run(tmp_path: Path, folder: Path, routine: str, stand_ins: str) -> str:
+    (tmp_path / "routine.c").write_text(routine, encoding="utf-8")
+    (tmp_path / "stand_ins.c").write_text(stand_ins, encoding="utf-8")
+    sources = [*(str(folder / name) for name in SOURCES), "routine.c", "stand_ins.c"]
+    run_compiler(["gcc", *STRICT, "-O2", f"-I{folder}", "-I.", *sources, "-o", "program", "-lm"])
+    return subprocess.run([str(tmp_path / "program")], capture_output=True, text=True, check=True).stdout

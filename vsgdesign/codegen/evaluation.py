@@ -261,6 +261,11 @@ class Evaluation:
                 raise self.source.refuse(
                     node.lineno, f"{callee.__name__} without {', '.join(missing) or 'the right fields'}", "Name them."
                 )
+            for name in callee._fields:
+                if not self.library.kinds.takes(callee, name, values[name]):
+                    raise self.source.refuse(
+                        node.lineno, f"{name} of {callee.__name__} is of another kind", "Give it what its class says."
+                    )
             return Record(callee, {name: values[name] for name in callee._fields})
         if isinstance(callee, types.MethodType) and callee.__name__ == "_replace":
             raise self.source.refuse(node.lineno, "_replace", "Write the constructor with every field by name.")

@@ -52,7 +52,17 @@ class Kinds:
     was said for a class."""
 
     def __init__(self, said: Mapping[Any, Mapping[str, Any]]) -> None:
-        self._said = said
+        self._said = {record: dict(fields) for record, fields in said.items()}
+
+    def takes(self, record: Any, name: str, given: Any) -> bool:
+        """Whether a field takes a value. A record in place of one that is nothing makes the field one of its kind."""
+        kind = dict(self.fields(record))[name]
+        if not isinstance(given, Record):
+            return kind is None
+        if kind is not given.cls and kind is not None and not self.paths(kind):
+            self._said.setdefault(record, {})[name] = given.cls
+            return True
+        return kind is given.cls
 
     def fields(self, record: Any) -> list[tuple[str, Any]]:
         """Names, and the class of what is no number."""

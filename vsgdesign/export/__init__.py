@@ -1,6 +1,6 @@
 """What leaves for the controller: C99 and ONNX from tables and weights."""
 
-from vsgdesign.export.c_code import ExportedC, export_c, export_c_files
+from vsgdesign.export.c_code import ExportedC, export_c, export_c_files, initialiser
 from vsgdesign.export.compiled import CompiledC, compile_c
 
-__all__ = ["CompiledC", "ExportedC", "compile_c", "export_c", "export_c_files"]
+__all__ = ["CompiledC", "ExportedC", "compile_c", "export_c", "export_c_files", "initialiser"]

@@ -16,10 +16,10 @@ from vsgdesign import __version__
 from vsgdesign.artifacts.files import plain, write_text
 from vsgdesign.artifacts.folders import check_folder_target, staged_folder, write_record
 from vsgdesign.artifacts.table_text import certificate_sentence
-from vsgdesign.equations.limiters import LIMITERS
+from vsgdesign.equations.limiters import CIRCULAR, limiter_named
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.known_answers import known_answers, known_steps, known_windows
-from vsgdesign.export.laws import LIMITER, laws_content
+from vsgdesign.export.laws import laws_content
 from vsgdesign.frames import rated_current_rms, rms_to_peak
 from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.guards import ARRIVED, REASONS, window_settings
@@ -84,6 +84,8 @@ class Origin:
     weights_sha256: str | None = None
     channels: str = ""
     sample_interval: float = 0.0
+    limiter: str = CIRCULAR.name
+    """How the exported controller limits its current, as a study names it."""
 
 
 def export_c_files(
@@ -95,17 +97,25 @@ def export_c_files(
     v_limit: float | None = None,
     i_limit: float | None = None,
     grid_phase: bool = False,
+    limiter: str = CIRCULAR.name,
     **changes: Any,
 ) -> ExportedC:
     """C from a table's and a network's file into the folder ``out``.
 
     ``v_limit`` (V) and ``i_limit`` (A) are the sensors' limits, four times the rated peaks where they are not given;
-    ``study`` refuses a table that was not designed from it; ``changes`` to the settings as in
-    :func:`vsgdesign.runtime.guards.settings_of`. Raises ArtifactError with what to do: a file that is damaged, newer
-    or of another case, a folder with other files.
+    ``study`` refuses a table that was not designed from it; ``limiter`` is how the exported controller limits its
+    current, as studies name it; ``changes`` to the settings as in :func:`vsgdesign.runtime.guards.settings_of`. Raises
+    ArtifactError with what to do: a file that is damaged, newer or of another case, a folder with other files.
     """
     found = read_table_of(table, study)
-    origin = Origin(found.name, found.sha256, found.study, found.study_hash, certificate_sentence(found.certificate))
+    origin = Origin(
+        found.name,
+        found.sha256,
+        found.study,
+        found.study_hash,
+        certificate_sentence(found.certificate),
+        limiter=limiter,
+    )
     estimator = None
     if weights is not None:
         from vsgdesign.artifacts.network_weights import read_network_weights
@@ -171,6 +181,7 @@ def export_c(scheduler: Scheduler, origin: Origin, out: str | Path, *, inputs: I
             "study": {"name": origin.study, "hash": origin.study_hash},
             "weights": None if estimator is None else {"sha256": origin.weights_sha256},
             "generator": {"vsgdesign": __version__, "sha256": generator_hash()},
+            "limiter": origin.limiter,
             "settings": asdict(scheduler.settings),
             "network": None
             if estimator is None
@@ -266,7 +277,7 @@ def _content(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
         "figures": list(_figures(scheduler, origin).items()),
         "network": None,
     }
-    content |= laws_content(lookup.structure, lookup.law, lookup.scr_basis) | _steps(scheduler)
+    content |= laws_content(lookup.structure, lookup.law, lookup.scr_basis, origin.limiter) | _steps(scheduler, origin)
     if estimator is not None:
         content |= _network(estimator, origin)
     return content
@@ -306,9 +317,9 @@ def _constants(scheduler: Scheduler) -> Iterable[tuple[str, str]]:
             yield name, f"VSG_C({literal(value)})"
 
 
-def _steps(scheduler: Scheduler) -> dict[str, Any]:
+def _steps(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
     """Known answers of the whole controller."""
-    known = known_steps(scheduler.lookup, scheduler.settings, LIMITERS[LIMITER])
+    known = known_steps(scheduler.lookup, scheduler.settings, limiter_named(origin.limiter))
     pairs = zip(known.measured, known.outputs, strict=True)
     return {
         "steps": [{"measured": initialiser(measured), "output": initialiser(output)} for measured, output in pairs],
@@ -386,7 +397,7 @@ def braces(values: Any) -> str:
 
 
 def initialiser(record: Any) -> str:
-    """A NamedTuple as the initialiser of its struct, without records that are nothing there."""
+    """A NamedTuple of numbers as the initialiser of its C struct: gains, set points or settings of the controller."""
     values = [initialiser(value) if isinstance(value, tuple) else f"VSG_C({literal(value)})" for value in record]
     return f"{{{', '.join(value for value in values if value != '{}')}}}"
 

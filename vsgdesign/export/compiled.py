@@ -220,8 +220,13 @@ class CompiledControl:
         self._library.vsg_control_retune(self.data, *records)
 
     def _of(self, name: str, record: Any) -> Any:
-        numbers = [float(value) for value in record if not isinstance(value, tuple)]
-        return self._ffi.new(f"vsg_{name}_t *", numbers)
+        return self._ffi.new(f"vsg_{name}_t *", _numbers(record))
+
+
+def _numbers(record: Any) -> list[Any]:
+    """A NamedTuple as lists, without records that have no number."""
+    nested = [_numbers(value) if isinstance(value, tuple) else float(value) for value in record]
+    return [value for value in nested if value != []]
 
 
 def _gains(values: Any) -> PowerLoopGains:

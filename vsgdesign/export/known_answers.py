@@ -17,7 +17,7 @@ from vsgdesign.equations.controller import (
     controller_step,
 )
 from vsgdesign.equations.inner_loops import InnerLoopGains
-from vsgdesign.equations.limiters import GridEstimate, Limiter, LimiterRatings
+from vsgdesign.equations.limiters import GridEstimate, Limiter, LimiterRatings, LimiterView
 from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless, frequency_at_rest
 from vsgdesign.frames import PHASES, rms_to_peak
 from vsgdesign.identification.neural import NeuralEstimator
@@ -141,10 +141,11 @@ def known_steps(lookup: GainLookup, settings: SchedulerSettings, limiter: Limite
         K_qp=0.2 * lookup.V_n_rms / S, k_P=3.0 / S, k_Q=-1.0 / S,
     )  # fmt: skip
     gains = _single(K), _single(K._replace(K_ip=40.0 / S, k_P=5.0 / S, D_q=3.0 * S / lookup.V_n_rms))
-    grid = _single(GridEstimate(R_g, L_g))
+    grid, omega_i = _single(GridEstimate(R_g, L_g)), frequency_at_rest(refs, gains[0])
+    view = LimiterView(**dict.fromkeys(LimiterView._fields, 0.0) | {"V": refs.V_n, "omega_i": omega_i})
     state = ControllerState(
-        theta=0.0, omega_i=frequency_at_rest(refs, gains[0]), V=refs.V_n, P_f=refs.P_ref, Q_f=refs.Q_ref, xi_vd=0.0,
-        xi_vq=0.0, xi_id=0.0, xi_iq=0.0,
+        theta=0.0, omega_i=omega_i, V=refs.V_n, P_f=refs.P_ref, Q_f=refs.Q_ref, xi_vd=0.0,
+        xi_vq=0.0, xi_id=0.0, xi_iq=0.0, limiter=limiter.at_rest(view, refs.omega_0, constants),
     )  # fmt: skip
     rng, measured, outputs = np.random.default_rng(20), [], []
     for k in range(_STEPS):

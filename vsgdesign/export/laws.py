@@ -10,7 +10,7 @@ from vsgdesign.equations.controller import ControllerSettings, ControllerState, 
 from vsgdesign.equations.grid import grid_from_scr_impedance, grid_from_scr_reactance, scr_impedance, scr_reactance
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.integration import within_a_turn
-from vsgdesign.equations.limiters import LIMITERS
+from vsgdesign.equations.limiters import limiter_named
 from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless, frequency_at_rest
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
@@ -42,14 +42,11 @@ _GRID = {
 }
 
 
-LIMITER = "circular"
-"""The current limiter of the exported controller."""
-
-
-def laws(structure: str, law: str, scr_basis: str) -> CText:
+def laws(structure: str, law: str, scr_basis: str, limiter: str) -> CText:
     """C99 of the grid's functions on a basis, the scheduled Jacobian, the gains of a structure under a law, the power
-    loops and the whole controller."""
-    limiter = LIMITERS[LIMITER]
+    loops and the whole controller with a current limiter."""
+    chosen = limiter_named(limiter)
+    memory, constants = (typing.get_type_hints(made)["return"] for made in (chosen.at_rest, chosen.constants))
     functions = [
         *_GRID[scr_basis],
         scheduled_jacobian,
@@ -59,20 +56,19 @@ def laws(structure: str, law: str, scr_basis: str) -> CText:
         bumpless,
         power_stage,
         controller_step,
+        *([chosen.at_rest] if memory._fields else []),
     ]
-    kinds = {
-        ControllerState: {"limiter": typing.get_type_hints(limiter.at_rest)["return"]},
-        ControllerSettings: {"limiter": typing.get_type_hints(limiter.constants)["return"]},
-    }
-    fixed = {"by_inertia": law == "inertia", "limiter": limiter.law}
+    kinds = {ControllerState: {"limiter": memory}, ControllerSettings: {"limiter": constants}}
+    fixed = {"by_inertia": law == "inertia", "limiter": chosen.law}
     return c_functions(functions, fixed=fixed, names=NAMES, kinds=kinds)
 
 
-def laws_content(structure: str, law: str, scr_basis: str) -> dict[str, Any]:
+def laws_content(structure: str, law: str, scr_basis: str, limiter: str) -> dict[str, Any]:
     """What the templates take of it."""
-    text = laws(structure, law, scr_basis)
+    text = laws(structure, law, scr_basis, limiter)
     public = text.needed_by(PUBLIC)
     scr, grid = _GRID[scr_basis]
+    at_rest = limiter_named(limiter).at_rest
     return {
         "public_structs": "\n".join(text.structs[name] for name in public).rstrip(),
         "private_structs": "\n".join(body for name, body in text.structs.items() if name not in public).rstrip(),
@@ -81,4 +77,5 @@ def laws_content(structure: str, law: str, scr_basis: str) -> dict[str, Any]:
         "scr_function": f"vsg_{scr.__name__}",
         "grid_function": f"vsg_{grid.__name__}",
         "gains_function": f"vsg_{STRUCTURES[structure].gains.__name__}",
+        "limiter_at_rest": f"vsg_{at_rest.__name__}" if f"vsg_{at_rest.__name__}(" in text.functions else "",
     }

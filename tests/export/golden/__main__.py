@@ -11,7 +11,7 @@ PLACE = Path(__file__).with_name("laws.h")
 
 def text() -> str:
     """The laws of an angle-damped table with constant poles, SCR on the impedance."""
-    return laws("angle_damped", "poles", "impedance").text
+    return laws("angle_damped", "poles", "impedance", "circular").text
 
 
 if __name__ == "__main__":
