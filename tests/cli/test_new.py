@@ -41,7 +41,7 @@ def test_five_datasheets_become_valid_studies(tmp_path: Path) -> None:
 def test_what_was_assumed_is_listed(tmp_path: Path) -> None:
     sheet = write_all(tmp_path)["medium_voltage"]
     _, output = run("--from", str(sheet), "--out", str(tmp_path / "a.toml"))
-    assert "assumed, because the datasheet does not say it:\n" in output
+    assert "assumed, because the datasheet does not give it:\n" in output
     assert "  R_c: 0 ohm: nothing in series with C damps the filter\n" in output
     _, output = run("--from", str(sheet), "--out", str(tmp_path / "b.toml"), "--json")
     document = json.loads(output)

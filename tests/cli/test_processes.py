@@ -78,7 +78,7 @@ def test_a_full_standard_output(tmp_path: Path) -> None:
         command = [*COMMAND, "validate", "small.toml"]
         done = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
     assert done.returncode == 2
-    assert done.stderr == "error: cannot write: No space left on device. Give what is written a place with room.\n"
+    assert done.stderr == "error: cannot write: No space left on device. Choose a place with enough space.\n"
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a POSIX terminal")

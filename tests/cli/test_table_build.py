@@ -136,7 +136,7 @@ def test_interruption_keeps_finished_cells(
     kept = len(list(cells_folder(out).glob("*.json")))
     assert (process.returncode, stdout) == (code, "")
     cells = "1 finished cell is" if kept == 1 else f"{kept} finished cells are"
-    assert stderr == f"{word}: {cells} kept, the same command goes on from there\n"
+    assert stderr == f"{word}: {cells} kept; the same command continues from there\n"
     assert kept >= 1
     assert not out.exists()
 
@@ -169,7 +169,7 @@ def test_as_json_and_over_a_table_of_before(
     shown = call("table", "build", study_file, "--out", undisturbed, "--workers", "1").stdout
     for part in (
         "nodes added between: scr 4.24264",
-        "not as specified, feasible with overshoot 0.07, settling_time ∞",
+        "not as specified; feasible with overshoot 0.07, settling_time ∞",
         "the inner loops or the filter are unstable at 320 rad/s",
         f"{POINTS} promised, 1 broken",
         "breaks its promise with disk_margin 0.9",

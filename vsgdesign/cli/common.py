@@ -55,7 +55,7 @@ def verb(function: Callable[..., None]) -> Callable[..., None]:
                 _end(f"error: {error}", _exit_code(error))
             if not isinstance(error, OSError) or not _of_the_disk(error):
                 raise
-            _end(f"error: cannot write: {error.strerror}. Give what is written a place with room.", EXIT_WRONG_INPUT)
+            _end(f"error: cannot write: {error.strerror}. Choose a place with enough space.", EXIT_WRONG_INPUT)
 
     return wrapped
 

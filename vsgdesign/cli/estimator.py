@@ -50,7 +50,7 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, wor
             drawn_from = spec.seed if seed is None else seed
             data = generate_windows(study, made_of, drawn_from, out=out, workers=workers, progress=tell)
     except KeyboardInterrupt:
-        raise Interrupted("finished blocks are kept, the same command goes on from them") from None
+        raise Interrupted("finished blocks are kept, the same command continues from them") from None
     scenarios, sampled = made_of.scenarios, with_sampling(made_of, study.converter)
     if as_json:
         print_json(
@@ -73,7 +73,7 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, wor
         click.echo(f"{out}: {shape}, sha256 {data.hash[:12]}")
         _echo_windows(describe_sampling(sampled, study.converter), describe_draws(data.draws))
         if data.synchronised:
-            click.echo("synchronised with the grid's phase, as published: no converter in the field has that signal")
+            click.echo("synchronised with the grid's phase, as published; no converter in the field can measure it")
 
 
 @estimator.command()
@@ -124,7 +124,7 @@ def train(
     except KeyboardInterrupt:
         if windows is None:
             raise
-        raise Interrupted("finished windows are kept, the same command goes on from them") from None
+        raise Interrupted("finished windows are kept, the same command continues from them") from None
     if as_json:
         print_json(document)
         return
@@ -138,7 +138,7 @@ def train(
     click.echo(f"error of Z on grids that it was not trained on: {_errors(document['parts']['test']['errors'])}")
     _echo_windows(document["window"]["text"], describe_draws(document["draws"]))
     if document["synchronised"]:
-        click.echo("synchronised with the grid's phase, as published: no converter in the field has that signal")
+        click.echo("synchronised with the grid's phase, as published; no converter in the field can measure it")
 
 
 _FOLDER = click.option("--out", required=True, metavar="FOLDER", help="Folder for the results and the report.")

@@ -90,7 +90,9 @@ def _asked() -> Sheet:
     from vsgdesign.datasheet.questions import answer_faults, answered_sheet, entry_of, next_question
     from vsgdesign.datasheet.reading import Entry
 
-    click.echo("From the datasheet, with units. Enter takes what stands in brackets; back goes back; Ctrl-C ends.\n")
+    click.echo(
+        "Answer from the datasheet, with units. Enter accepts the value in brackets, back returns, Ctrl-C ends.\n"
+    )
     answers: list[Entry] = []
     asked: list[str] = []
     while (field := next_question(answers, asked)) is not None:
@@ -130,7 +132,7 @@ def _tell(path: Path, converter: Datasheet) -> None:
         for field, text in converter.remarks.items():
             click.echo(f"  {field}: {text}")
     if converter.assumptions:
-        click.echo("assumed, because the datasheet does not say it:")
+        click.echo("assumed, because the datasheet does not give it:")
         for assumption in converter.assumptions:
             click.echo(f"  {assumption.field}: {assumption.text}")
     for note in converter.notes:

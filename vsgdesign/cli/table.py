@@ -67,7 +67,9 @@ def build(
     from vsgdesign.pipeline.table import build_table_file, cells_folder
 
     if cluster not in (None, "local") and workers is not None:
-        raise click.UsageError("--workers is for processes of this machine; a cluster at an address has its own")
+        raise click.UsageError(
+            "--workers sets the processes of this machine; a cluster at an address has its own workers"
+        )
     study = load(study_file)
     default = Path("out") / f"{study.name}-{controller or study.controllers[-1].name}.json"
     file = default if out is None else Path(out)
@@ -86,7 +88,7 @@ def build(
     except KeyboardInterrupt:
         kept = len(list(cells_folder(file).glob("*.json")))
         cells = "1 finished cell is" if kept == 1 else f"{kept} finished cells are"
-        raise Interrupted(f"{cells} kept, the same command goes on from there") from None
+        raise Interrupted(f"{cells} kept; the same command continues from there") from None
     if as_json:
         print_json(document)
     else:

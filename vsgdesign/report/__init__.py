@@ -1,4 +1,6 @@
-"""Figures and pages: of a scenario, a stability assessment, a gain table, a comparison. Loads no matplotlib."""
+"""Figures and pages of a scenario, a stability assessment, a gain table and a comparison. This module does not load
+matplotlib.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,7 @@ __all__ = [
 def write_figures(
     result: ScenarioResult, folder: str | Path, trained: TrainedEstimator | None = None
 ) -> list[WrittenFigure]:
-    """Draw every figure of a scenario into ``folder`` (made if missing), each as SVG and as PNG (200 dpi).
+    """Draw every figure of a scenario into ``folder`` (created if missing), each as SVG and as PNG (200 dpi).
 
     ``trained`` is the network that was trained in the run, for the figures of its training.
     """
@@ -52,9 +54,9 @@ def write_report(
     trained: TrainedEstimator | None = None,
     inner: dict[str, Any] | None = None,
 ) -> Path:
-    """Write the report of a scenario: one HTML file that holds the text, the tables and the given figures.
+    """Write the report of a scenario: one HTML file that contains the text, the tables and the given figures.
 
-    ``inner`` is what designed inner loops keep (results.json of the verb ``inner``).
+    ``inner`` says what designed inner loops keep (results.json of the verb ``inner``).
     """
     from vsgdesign.report.scenario.page import write_page
 

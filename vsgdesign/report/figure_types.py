@@ -1,4 +1,4 @@
-"""What the figure makers hand on."""
+"""The results of the functions that make figures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class NamedFigure:
     caption: str
     figure: Figure
     part: int = 0
-    """Part of the report that it belongs to, where a report has parts."""
+    """The part of the report to which it belongs, if the report has parts."""
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ class CellSet:
         )
 
 
-NO_GAINS = "no gains: they are no numbers"
+NO_GAINS = "no gains: they are not numbers"
 
 
 def cell_set(

@@ -75,7 +75,9 @@ def comparison_table(document: dict[str, Any]) -> None:
     for c in document["contenders"]:
         if c["broken"]:
             reasons = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in c["broken"].items())
-            console.print(f"{escape(c['name'].replace('_', ' '))} breaks, on so many grids: {reasons}", highlight=False)
+            console.print(
+                f"{escape(c['name'].replace('_', ' '))} violates, with the number of grids: {reasons}", highlight=False
+            )
 
 
 def _share(value: float) -> str:

@@ -23,7 +23,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "broken": {"facecolor": "#F3D9A4"},
     "unstable": {"facecolor": "#8C3A00", "edgecolor": "#F6E3D5", "hatch": "//////"},
 }
-"""Dark and light blue, light and dark orange: apart for every eye, and the hatched one apart in grey print too."""
+"""Dark and light blue, light and dark orange. All eyes can tell them apart, and the hatched one also in grey print."""
 
 _ROW = 3
 _LEFT, _RIGHT, _TOP, _BETWEEN_X, _BETWEEN_Y = 0.4, 0.04, 0.27, 0.1, 0.31
@@ -31,7 +31,7 @@ _AXIS, _LEGEND_ROW = 0.34, 0.155
 
 
 def comparison_figures(comparison: Comparison) -> Iterator[NamedFigure]:
-    """The map of promises kept, one small panel a contender."""
+    """A map of the grids on which the requirements are kept, with one small panel for each contender."""
     with look():
         yield _promises(comparison)
 
@@ -96,7 +96,7 @@ def _inertia(comparison: Comparison) -> str:
 
 
 def _panel(axes: Any, comparison: Comparison, compared: Compared) -> None:
-    """One contender's cells; the axes count nodes, so that every grid has the same room."""
+    """The cells of one contender. The axes count nodes, so that every grid has the same space."""
     from matplotlib.patches import Rectangle
 
     states = {(grid.scr, grid.x_over_r): grid.state for grid in compared.grids}

@@ -18,7 +18,7 @@ from vsgdesign.report.page.html import write_html
 
 
 def write_comparison_page(comparison: Comparison, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
-    """Write the page, with the figures' SVG text as it lies on disk."""
+    """Write the page, with the SVG text of the figures as it is in the files."""
     return write_html(
         out_path,
         "comparison.html.j2",

@@ -14,7 +14,7 @@ ORIGINS = {BEST_FIXED: "best fixed", GIVEN: "fixed", CLOSED_FORM: "closed form",
 
 
 def promises_table(comparison: Comparison) -> Table:
-    """Which share of the grids each contender keeps, and the worst of every figure over all of them."""
+    """The share of the grids that each contender keeps, and the worst value of every quantity over all grids."""
     spec = comparison.specification
     rows, flagged = [], set()
     for k, compared in enumerate(comparison.contenders):
@@ -101,7 +101,7 @@ def services_table(comparison: Comparison) -> Table:
 
 
 def tunings_table(comparison: Comparison) -> Table | None:
-    """Gains of the fixed contenders; None where there is none."""
+    """Gains of the fixed contenders; None if there are none."""
     fixed = [c.contender for c in comparison.contenders if c.contender.gains is not None]
     if not fixed:
         return None
@@ -112,7 +112,7 @@ def tunings_table(comparison: Comparison) -> Table | None:
 
 
 def specification_table(comparison: Comparison) -> Table:
-    """What is asked, and over what."""
+    """The requirements and their range."""
     spec, box = comparison.specification, comparison.specification.box
     rows = (
         ("Overshoot", f"≤ {plain(100.0 * spec.overshoot)} %"),
@@ -131,7 +131,7 @@ def specification_table(comparison: Comparison) -> Table:
 
 
 def verdicts(comparison: Comparison) -> list[str]:
-    """A sentence for each contender: does it meet the specification, and if not, where it ends."""
+    """One sentence for each contender: whether it meets the specification and, if not, where."""
     return [verdict_of(comparison, k) for k in range(len(comparison.contenders))]
 
 
@@ -158,7 +158,7 @@ def verdict_of(comparison: Comparison, k: int) -> str:
 
 
 def bounds_inertia(comparison: Comparison) -> bool:
-    """Whether the specification asks for a least or a largest H."""
+    """Whether the specification limits H."""
     return comparison.specification.H_min > 0.0 or comparison.specification.H_max < UNBOUNDED_H
 
 
@@ -182,12 +182,12 @@ BREAKS = {
 
 
 def breaks(counts: dict[str, int]) -> str:
-    """Promises by the number of grids that break them."""
+    """Requirements by the number of grids on which they are violated."""
     return ", ".join(f"{BREAKS[name]} {count}" for name, count in counts.items()) or DASH
 
 
 def label(name: str) -> str:
-    """A contender's name as a reader wants it."""
+    """The name of a contender for a reader."""
     return name.replace("_", " ")
 
 
@@ -198,17 +198,17 @@ def error_of(comparison: Comparison) -> str:
 
 
 def share(value: float) -> str:
-    """Percent of the grids; 100 only where it is all of them, 0 only where it is none."""
+    """Per cent of the grids; 100 only for all of them, and 0 only for none."""
     return f"{min(max(100.0 * value, 1.0), 99.0):.0f}" if 0.0 < value < 1.0 else f"{100.0 * value:.0f}"
 
 
 def reached(value: float, factor: float = 1.0) -> str:
-    """A figure; infinity as such."""
+    """A number, or ∞."""
     return "∞" if math.isinf(value) else number(factor * value)
 
 
 def span(limits: tuple[float, float] | None, factor: float = 1.0) -> str:
-    """A range, one number where its ends are the same."""
+    """A range, or one number if both ends are equal."""
     if limits is None:
         return DASH
     low, high = (number(value / factor) for value in limits)

@@ -1,1 +1,1 @@
-"""What every figure shares: style, axes, colours, panels, and files."""
+"""What all figures share: style, axes, colours, panels and files."""

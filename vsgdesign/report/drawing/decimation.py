@@ -1,4 +1,4 @@
-"""Long signals to a few points per pixel column, with every extreme kept; ripple apart from its mean."""
+"""Reduce long signals to a few points per pixel column, with every extreme kept, and separate ripple from its mean."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Trace:
     y: Array
     mean: Array
     ripple: float
-    """Typical distance between the two; zero for an averaged bridge, where there is nothing to smooth away."""
+    """Typical distance between the two; zero for an averaged bridge, which has no ripple to remove."""
 
     def between(self, begin_s: float, end_s: float) -> Trace:
         """The part within a stretch of time, both ends included."""

@@ -1,4 +1,4 @@
-"""Figures to files: SVG and PNG, small and the same on every run."""
+"""Write figures to files: SVG and PNG, small, and the same in every run."""
 
 from __future__ import annotations
 

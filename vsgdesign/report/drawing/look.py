@@ -32,7 +32,9 @@ PARTIAL: dict[str, Any] = {"marker": ".", "markersize": 3.0, "color": "#000000",
 
 
 MOST_VECTORS = 1100
-"""Cells of one figure up to which each is a shape of its own; more become an image, which keeps files small."""
+"""Up to this number of cells in a figure, each cell is a shape of its own. More cells become an image, so that files
+stay small.
+"""
 
 
 @dataclass(frozen=True)
@@ -217,7 +219,7 @@ class Cells:
     unstable: NDArray[np.bool_]
     missing: NDArray[np.bool_]
     partial: NDArray[np.bool_]
-    """Some of the operating points of a cell could not be analysed, or lie outside the converter's limits."""
+    """Whether some operating points of the cell could not be analysed, or are outside the converter's limits."""
     x_log: bool = True
     y_log: bool = True
     outside: NDArray[np.bool_] | None = None
@@ -289,7 +291,7 @@ def _gate_line(axes: Any, x: Array, y: Array, cells: Cells, scale: Scale) -> Non
 
 
 def colour_bar(figure: Any, place: Sequence[float], scale: Scale, label: str, beyond: tuple[bool, bool]) -> None:
-    """A bar with its own ticks; ``beyond``: whether values lie below and above its ends."""
+    """A colour bar with its own ticks; ``beyond``: whether values lie below and above its ends."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -312,7 +314,7 @@ def colour_bar(figure: Any, place: Sequence[float], scale: Scale, label: str, be
 def legend_patches(
     unstable: bool, missing: bool, partial: bool, gate: str | None, outside: bool = False
 ) -> list[tuple[Any, str]]:
-    """(handle, label) of what the panels hold besides colours."""
+    """(handle, label) of what the panels contain besides colours."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

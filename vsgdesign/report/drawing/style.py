@@ -23,7 +23,7 @@ TEXT_PT = 7.0
 LABEL_PT = 8.0
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#777777")
-"""Okabe and Ito's colour-blind-safe palette (grey instead of its yellow, which white paper swallows)."""
+"""Okabe and Ito's colour-blind-safe palette (with grey instead of its yellow, which is hard to see on white paper)."""
 
 DASHES: tuple[Any, ...] = (
     "-",
@@ -35,7 +35,7 @@ DASHES: tuple[Any, ...] = (
     (0, (2.5, 1)),
     (0, (9, 1.5, 2, 1.5)),
 )
-"""A line style per colour, so that grey print tells the curves apart too."""
+"""A line style for each colour, so that the curves can be told apart in grey print."""
 
 REFERENCE: dict[str, Any] = {"color": "#222222", "linestyle": (0, (2.2, 1.6)), "linewidth": 0.7, "zorder": 2.2}
 EVENT_LINE: dict[str, Any] = {"color": "#9A9A9A", "linestyle": (0, (1, 2)), "linewidth": 0.6, "zorder": 1.1}
@@ -95,7 +95,7 @@ _LOOK: dict[str, Any] = {
 
 @contextmanager
 def look() -> Iterator[None]:
-    """Settings for building and for saving figures; a user's own matplotlibrc has no say inside."""
+    """Settings for building and for saving figures. A user's own matplotlibrc has no effect inside."""
     with matplotlib.rc_context(_settings()), formulas_kept():
         yield
 

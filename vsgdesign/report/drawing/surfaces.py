@@ -37,7 +37,7 @@ class Surface:
 def surface_figure(
     named: tuple[str, str, str], scr: Array, x_over_r: Array, surfaces: Sequence[Surface], x_label: str, part: int
 ) -> NamedFigure:
-    """Up to MOST surfaces, two a row; ``named``: name, title and caption of the figure. NaN cells are crossed."""
+    """Up to MOST surfaces, two in a row; ``named``: name, title and caption of the figure. NaN cells are crossed."""
     with look():
         return _draw(named, scr, x_over_r, surfaces, x_label, part)
 
@@ -95,7 +95,7 @@ def surface_scale(values: Array) -> Scale:
 
 
 def _power_of(values: Array) -> tuple[float, str]:
-    """(factor, "10⁻⁴ ") that makes short numbers of the values; (1, "") where they are short already."""
+    """(factor, "10⁻⁴ ") that makes the numbers short; (1, "") if they are already short."""
     exponent = int(np.floor(np.log10(np.nanmax(np.abs(values)) or 1.0)))
     if -1 <= exponent <= 3:
         return 1.0, ""

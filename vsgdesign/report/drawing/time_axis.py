@@ -56,7 +56,7 @@ class EventLabel:
 
 @dataclass(frozen=True)
 class EventLabels:
-    """All labels of one figure. ``numbered``: there was no room for names, so numbers stand for them."""
+    """All labels of one figure. ``numbered``: there was no space for names, and numbers are used instead."""
 
     labels: tuple[EventLabel, ...]
     rows: int
@@ -64,12 +64,12 @@ class EventLabels:
 
     @property
     def height_in(self) -> float:
-        """Room that the labels take above the axes."""
+        """Space that the labels need above the axes."""
         return LABEL_ROW_IN * self.rows
 
 
 def event_labels(events: Sequence[tuple[float, str]], duration_s: float, width_in: float) -> EventLabels:
-    """Labels (time, text) placed without overlap; by number where the names have no room."""
+    """Labels (time, text) placed without overlap; numbers if there is no space for the names."""
     placed = _place(events, duration_s, width_in)
     if len(placed) == len(events):
         return _labels(placed, numbered=False)

@@ -1,4 +1,4 @@
-"""Figures of the methods: error beside its bound, what a probe disturbs, a change of grid, and where each breaks."""
+"""Figures of the methods: error and bound, effect of a probe, a change of the grid, and where each method fails."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.quantities import plain
 
 LOW_PCT, HIGH_PCT = 0.03, 1000.0
-"""Range of the error axes; what is beyond is drawn on the edge."""
+"""Range of the error axes. Values beyond it are drawn on the edge."""
 
 _LEFT, _RIGHT, _GAP, _ROW = 0.52, 0.1, 0.14, 1.42
 _MARKS = "os^DvP*X"

@@ -18,7 +18,7 @@ from vsgdesign.report.quantities import DASH, number, plain
 
 
 def write_comparison_page(study: str, found: Comparison, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
-    """Error beside bound, disturbance, delay."""
+    """The page of the comparison: error and bound, disturbance, delay."""
     parts = (  # heading, tables, part of the figures (0: none), words
         ("Error and bound", [accuracy_table(found)], 1, ()),
         ("Disturbance", [], 2, ()),
@@ -37,7 +37,7 @@ def write_comparison_page(study: str, found: Comparison, figures: Sequence[Writt
 
 
 def write_stress_page(study: str, found: Stress, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
-    """Error against everything that a field does to an estimator."""
+    """The page of the stress test: the error under everything that can disturb an estimator in the field."""
     parts = (
         ("Requirements for an estimator in the field", [], 0, needs()),
         ("Where each method breaks", [], 1, ()),
@@ -73,7 +73,7 @@ def accuracy_table(found: Comparison) -> Table:
 
 
 def delay_table(found: Comparison) -> Table:
-    """Time to find the grid again."""
+    """Time until the estimate follows a new grid."""
     pairs = list(dict.fromkeys(step.scr for step in found.grid_steps))
     if not pairs:
         return Table("Time to within 10 % after a change of grid [ms]", ("Method",), ())
@@ -112,7 +112,7 @@ def stress_table(found: Stress, index: int) -> Table:
 
 
 def comparison_conclusion(found: Comparison) -> list[str]:
-    """In sentences: who is best, how far from the bound, who is fast, what the probes cost."""
+    """Sentences: the best method, its distance from the bound, the fastest method, and the cost of the probes."""
     sentences = list(found.left_out)
     for one in found.accuracy:
         worst = 100.0 * float(one.rms.max())
@@ -142,7 +142,7 @@ _AXIS_WORDS = {
 
 
 def stress_conclusion(found: Stress) -> list[str]:
-    """In sentences: for every method, which axes it bears."""
+    """Sentences: for every method, the axes on which it stays accurate."""
     sentences = list(found.left_out)
     for k, name in enumerate(found.methods):
         breaks = [_AXIS_WORDS[one.axis.name] for one in found.results if one.rms[k].max() > WITHIN]
@@ -155,7 +155,7 @@ def stress_conclusion(found: Stress) -> list[str]:
 
 
 def needs() -> tuple[str, ...]:
-    """What follows for a converter in the field."""
+    """The consequences for a converter in the field."""
     return (
         "A signal that makes the grid visible. One steady window with unknown grid phase says nothing of R_g and L_g, "
         "however good the estimator: the information is singular. The converter must move its own voltage, and "

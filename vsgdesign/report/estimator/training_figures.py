@@ -1,4 +1,4 @@
-"""How a network was trained: its errors, its outputs against their targets, and the search for it."""
+"""The training of a network: its errors, its outputs and targets, and the search."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def _one_ratio(trained: TrainedEstimator) -> bool:
 
 
 def _correlation(value: float) -> str:
-    """As many nines as tell it from one."""
+    """As many nines as are needed to distinguish the value from one."""
     return next((f"{value:.{digits}f}" for digits in range(5, 12) if f"{value:.{digits}f}" < "1"), "1")
 
 

@@ -49,7 +49,7 @@ def scr_label(table: GainTable) -> str:
 
 
 def table_cells(table: GainTable, values: Array) -> Cells:
-    """Values of a table as cells; those without a number are crossed, unstable ones hatched."""
+    """Values of a table as cells. Cells without a number are crossed, and unstable ones are hatched."""
     decay = table.margins.get("decay_1_s")
     unstable = np.zeros(table.shape, dtype=bool) if decay is None else np.asarray(decay <= 0.0)
     missing = np.isnan(values) & ~unstable
@@ -57,18 +57,18 @@ def table_cells(table: GainTable, values: Array) -> Cells:
 
 
 def in_order(table: GainTable) -> list[str]:
-    """Names of a table's margins without ``worst_``: those understood first, then the rest."""
+    """Names of a table's margins without ``worst_``: the known ones first, then the others."""
     names = {name.removeprefix(WORST) for name in table.margins}
     return [name for name in FIGURES if name in names] + sorted(names - FIGURES.keys())
 
 
 def margin_keys(name: str) -> tuple[str, str]:
-    """Where a margin is kept: at the design point, and at the worst of the box."""
+    """The place of a margin: at the design point, or at the worst point of the box."""
     return ("", name) if name in WHOLE_BOX else (name, WORST + name)
 
 
 def limit_of(table: GainTable, name: str) -> float | None:
-    """What the specification asks of a margin, in the margin's unit; None where it says nothing."""
+    """The limit that the specification sets for a margin, in the margin's unit; None if it sets none."""
     key, factor = _ASKED.get(name.split("_")[0], ("", 1.0))
     value = table.specification.get(key)
     if table.law == "inertia" and key in ("overshoot", "settling_time"):
@@ -77,7 +77,7 @@ def limit_of(table: GainTable, name: str) -> float | None:
 
 
 def margin_figures(table: GainTable) -> Iterator[NamedFigure]:
-    """A figure for each margin: at the design point, and beside it the worst of the box where it is known."""
+    """A figure for each margin at the design point, with the worst of the box beside it if it is known."""
     for name in in_order(table):
         kinds = zip(margin_keys(name), ("design point", "worst of the box"), strict=True)
         shown = [(key, kind) for key, kind in kinds if key in table.margins]

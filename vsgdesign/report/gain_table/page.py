@@ -70,7 +70,7 @@ def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_pat
 
 
 def verdict_of(table: GainTable) -> str:
-    """Counts of cells and what is proved, in one paragraph; a proof that failed comes first."""
+    """Counts of cells and the result of the proof, in one paragraph. A failed proof is reported first."""
     met, relaxed, outside = (int((table.status == status).sum()) for status in ("met", "relaxed", "outside"))
     total = table.status.size
     first = f"{met} of {total} cells keep every promise of the specification."
@@ -135,7 +135,7 @@ def margins_table(table: GainTable) -> Table:
 
 
 def causes_table(table: GainTable) -> Table:
-    """Why each relaxed cell is relaxed, and what it would keep without that."""
+    """Why each relaxed cell is relaxed, and what it would keep without that cause."""
     names = (
         ("settling_time", "settles [s]"),
         ("overshoot", "overshoot [%]"),

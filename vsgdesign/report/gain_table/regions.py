@@ -1,4 +1,4 @@
-"""Where a gain table's promises end: active constraints, their price, the certified region, stale schedules."""
+"""The limits of a gain table's promises: active constraints, their price, the certified region, stale schedules."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _WIDTH, _LEFT, _BOTTOM, _TOP = 3.4, 0.5, 0.36, 0.08
 
 
 def constraint_figures(table: GainTable) -> Iterator[NamedFigure]:
-    """Which constraint is active where, and what it costs where it costs something."""
+    """The active constraints and their price in each cell."""
     yield active_figure(table)
     if np.nanmax(np.abs(table.price)) > 0.0:
         caption = (
@@ -57,7 +57,7 @@ def active_figure(table: GainTable) -> NamedFigure:
 
 
 def _kind(active: str) -> str:
-    """What limits a cell, without the value that would have to be allowed: cells are coloured by kind."""
+    """What limits a cell, without the value that would have to be allowed, because cells are coloured by kind."""
     return active.split(" → ")[0].split(":")[0].replace("_", " ") or _NONE
 
 
@@ -101,7 +101,7 @@ def _draw_active(table: GainTable) -> NamedFigure:
 
 
 def certificate_figure(table: GainTable) -> NamedFigure | None:
-    """Where the certificate holds, or was sought and not found, over the table's nodes; None without a region."""
+    """The region of the certificate, or of a failed proof, with the table's nodes; None without a region."""
     certificate = table.certificate
     if certificate is None or certificate.region.scr is None or certificate.region.x_over_r is None:
         return None
@@ -165,7 +165,7 @@ def _draw_certificate(
 
 
 def stale_figures(table: GainTable) -> Iterator[NamedFigure]:
-    """Damping and disk margin where the gains are those for another SCR, at a low, a middle and a high X/R."""
+    """Damping ratio and disk margin with gains for another SCR, at a low, a medium and a high X/R."""
     if len(table.scr) < 2:
         return
     columns = sorted({0, len(table.x_over_r) // 2, len(table.x_over_r) - 1})

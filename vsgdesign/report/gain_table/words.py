@@ -1,4 +1,4 @@
-"""What a gain table is and what is proved of it, in sentences: one text for terminal, page and notebook."""
+"""A gain table and its proof in sentences. The terminal, the page and the notebook use the same text."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from vsgdesign.stability.gain_table import TableCheck
 
 
 def heading(table: GainTable) -> Iterator[str]:
-    """Lines that say what the table is, for what, and what was proved; a proof that failed is the first line."""
+    """Lines that describe the table, its purpose and its proof. A failed proof is the first line."""
     if certificate_failed(table.certificate):
         yield certificate_sentence(table.certificate)
     base, v = table.base, table.validity
@@ -57,7 +57,7 @@ def heading(table: GainTable) -> Iterator[str]:
 
 
 def certificate_text(found: Certificate | Counterexample) -> str:
-    """What was proved, or the cell that forbids it; then how well it was looked at."""
+    """The result of the proof, or the cell for which it fails, and how it was verified."""
     text = f"{found.controller}: {certificate_sentence(found.as_record())}"
     if not isinstance(found, Certificate):
         return text
@@ -70,7 +70,7 @@ def certificate_text(found: Certificate | Counterexample) -> str:
 
 
 def built_text(document: dict[str, Any], shown: int = 8) -> str:
-    """What a build made: cells, nodes added, promises not kept and at what they would be, at nodes and between."""
+    """The result of a build: cells, added nodes, and requirements that are not kept, at the nodes and between them."""
     table, cells, between = document["table"], document["cells"], document["between"]
     head = f"{document['file']}: {table['name']}, {len(table['scr'])} SCR × {len(table['x_over_r'])} X/R"
     proof = document["certificate"]
@@ -78,7 +78,7 @@ def built_text(document: dict[str, Any], shown: int = 8) -> str:
     lines.append(f"{head}: {status_text(cells)}")
     if added := document["added"]:
         lines.append("nodes added between: " + ", ".join(f"{node['axis']} {node['value']:g}" for node in added))
-    lines += _first(document["relaxed"], "would_be_feasible_with", "not as specified, feasible with", shown)
+    lines += _first(document["relaxed"], "would_be_feasible_with", "not as specified; feasible with", shown)
     broken = between["broken"]
     lines += _why(document["causes"], shown)
     lines.append(between_text(between))
@@ -114,7 +114,7 @@ def _limit(value: float | None) -> str:
 
 
 def check_text(path: str, table: GainTable, outcome: TableCheck) -> str:
-    """What a check found, a line each."""
+    """The result of a check, in lines."""
     shown = ", ".join(f"{name} {value:.2g}" for name, value in outcome.largest.items())
     if not outcome.good:
         return f"{path}: {counted(len(outcome.faults), 'fault')}\n" + "\n".join(

@@ -1,4 +1,4 @@
-"""The page of inner loops: the answer, maps of what they keep, gains, and what would buy more."""
+"""The page of inner loops: the answer, maps of the requirements, the gains, and what would improve them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def write_inner_figures(score: InnerScore, folder: Path) -> list[WrittenFigure]:
 
 
 def inner_figures(score: InnerScore) -> Iterator[NamedFigure]:
-    """The score over SCR × X/R, then each promise."""
+    """The score over SCR × X/R, then each requirement."""
     yield _map(
         score,
         "inner_score",
@@ -98,7 +98,7 @@ def _map(
 
 
 def inner_part(document: dict[str, Any]) -> dict[str, Any]:
-    """What a page says of inner loops, from their results.json: the answer, sentences, promises and gains."""
+    """The content of the page about inner loops, from results.json: the answer, sentences, requirements and gains."""
     missed = frozenset(k for k, one in enumerate(document["promises"]) if not (one["score"] or 0.0) >= 1.0)
     promises = Table(
         "What the inner loops keep, at the worst grid",
@@ -119,5 +119,5 @@ def inner_part(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_inner_page(study: Study, document: dict[str, Any], figures: Sequence[WrittenFigure], out_path: Path) -> Path:
-    """Write the page of what was found (results.json), with the figures' SVG text as it lies on disk."""
+    """Write the page from results.json, with the SVG text of the figures as it is in the files."""
     return write_html(out_path, "inner.html.j2", figures, study=study, **inner_part(document))

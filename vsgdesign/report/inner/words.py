@@ -1,4 +1,4 @@
-"""What inner loops keep, in words: one text for terminal and page."""
+"""The requirements that inner loops keep, in words. The terminal and the page use the same text."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PROMISES: dict[str, tuple[str, str]] = {
 """Name and unit of each promise."""
 
 AT_MOST = frozenset({"noise"})
-"""Promises that are an upper limit."""
+"""Requirements that are upper limits."""
 
 
 def headline(document: dict[str, Any]) -> str:
@@ -49,7 +49,7 @@ def headline(document: dict[str, Any]) -> str:
 
 
 def explanation(document: dict[str, Any]) -> list[str]:
-    """What limits and where, the check with the power loops, and what would help: one sentence each."""
+    """The limit and its place, the check with the power loops, and what would help, each in one sentence."""
     limiting, check, sampling = document["limiting"], document["full_order"], document["sampling"]
     name, unit = PROMISES[limiting["name"]]
     unit = "" if unit == "1" else f" {unit}"
@@ -106,7 +106,7 @@ GAIN_HEAD = ("gain", "what it is", "value", "unit")
 
 
 def gain_rows(document: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Gain, what it is, value, unit."""
+    """Gain, meaning, value, unit."""
     return [
         (name.replace("omega_t", "ω_t").replace("kappa", "κ"), text, number(document["gains"][name], 5), unit)
         for name, unit, text in GAIN_TEXTS

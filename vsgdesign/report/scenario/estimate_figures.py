@@ -1,4 +1,4 @@
-"""The estimated grid over a scenario: beside the truth, with its transients and its rest enlarged, and its error."""
+"""The estimated grid over a scenario and the true grid, with enlarged transients and rests, and the error."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ QUANTITIES = (("R_g", "R_g_hat", "R", "Ω", "resistance"), ("L_g", "L_g_hat", "L
 
 
 def estimate_figures(result: ScenarioResult) -> Iterator[NamedFigure]:
-    """Resistance, inductance and errors; nothing where no controller estimates."""
+    """Resistance, inductance and errors; nothing if no controller estimates the grid."""
     if not any(controller.estimates is not None for controller in result.controllers):
         return
     for quantity in QUANTITIES:

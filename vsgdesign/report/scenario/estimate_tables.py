@@ -228,7 +228,7 @@ def estimate_text(result: ScenarioResult, judgements: Sequence[Judgement]) -> li
 
 
 def rate_limit_text(name: str, rate: float, held_s: float, total_s: float) -> str:
-    """That the rate limit of a table's scheduler (1/s) held gains back, for how long, and what to do."""
+    """That the rate limit of a table's scheduler (1/s) has held gains back, for how long, and what to do."""
     held = (
         f"The scheduler of {name} held the gains behind the estimate for {plain(held_s, 3)} s of "
         f"{plain(total_s, 3)} s: it lets their SCR and R/X change by {plain(100.0 * rate, 3)} % per second."

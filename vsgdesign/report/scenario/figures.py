@@ -46,9 +46,9 @@ _LEGEND_ROW = 0.15
 _MOST_ZOOMS = 4
 _PIXELS_PER_IN = 100.0
 _HIDING_RIPPLE = 0.004
-"""Ripple over the drawn range from which it hides the mean."""
+"""Ripple, relative to the drawn range, above which it hides the mean."""
 _LEAST_MOVE = 0.05
-"""Share of the smallest axis range that an event must move a signal by to be worth enlarging."""
+"""Share of the smallest axis range by which an event must move a signal to be enlarged."""
 _COLUMNS_FOR_ALL = 300.0
 """Columns per inch that all curves of one axis share: keeps files small with many controllers."""
 
@@ -145,7 +145,7 @@ def _moved(trace: Trace, begin_s: float, end_s: float) -> float:
 
 
 def _interesting_time(result: ScenarioResult, event: Event, end_s: float) -> float:
-    """Until every controller has settled, and half as long again, but five cycles at least."""
+    """The time until every controller has settled, and half as long again, but at least five cycles."""
     longest = 0.0
     for controller in result.controllers:
         for signal in ("P_pcc", "Q_pcc"):
@@ -189,7 +189,9 @@ def _draw_main(
 def draw_traces(
     axes: Any, signal: Signal, origin_s: float, unit: TimeUnit, width_in: float, traces: Sequence[Trace]
 ) -> bool:
-    """Every controller's curve; where ripple is large, a light envelope and the dark mean. True if it is."""
+    """Draw every controller's curve; for large ripple, a light envelope and the dark mean. Returns whether it is
+    large.
+    """
     columns = round(width_in * min(_PIXELS_PER_IN, _COLUMNS_FOR_ALL / len(traces)))
     drawn_range = max(max(float(np.ptp(trace.y)) for trace in traces), signal.smallest_range)
     rippled = any(trace.ripple > _HIDING_RIPPLE * drawn_range for trace in traces)

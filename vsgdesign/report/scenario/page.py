@@ -1,4 +1,4 @@
-"""The report of a scenario: one HTML file with everything in it, nothing fetched and nothing executed."""
+"""The report of a scenario: one HTML file that contains everything, loads nothing and executes nothing."""
 
 from __future__ import annotations
 
@@ -70,13 +70,13 @@ def _tables(result: ScenarioResult) -> list[tuple[str, GainTable]]:
 
 
 def _designed(result: ScenarioResult, inner: dict[str, Any] | None) -> list[str]:
-    """What was designed for this run, and whether it is proved: one sentence each."""
+    """What was designed for this run and whether it is proved, each in one sentence."""
     said = [f"{name}: {certificate_sentence(table.certificate)}" for name, table in _tables(result)]
     return said if inner is None else [*said, headline(inner)]
 
 
 def _estimate(result: ScenarioResult, trained: TrainedEstimator | None) -> dict[str, Any] | None:
-    """What the page says of estimates, None where there are none."""
+    """What the page says about estimates; None if there are none."""
     judgements = judge_estimates(result)
     if not judgements:
         return None
@@ -112,7 +112,7 @@ def _bridge(bridge: str) -> str:
 
 
 def limits_of_validity(result: ScenarioResult) -> list[str]:
-    """What the simulation leaves out, as far as it bears on the numbers of this report."""
+    """What the simulation leaves out, as far as it matters for the numbers of this report."""
     study = result.study
     bridges = {controller.bridge for controller in result.controllers}
     items = []

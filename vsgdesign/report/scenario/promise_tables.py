@@ -1,4 +1,4 @@
-"""Margins against what each controller was asked for: a table, and a sentence for the verdict."""
+"""Margins and their requirements for each controller: a table, and a sentence for the verdict."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def promises_table(kept: Sequence[Kept]) -> Table | None:
 
 
 def promise_sentences(kept: Sequence[Kept]) -> list[str]:
-    """A sentence for each controller that misses a margin it was asked for, worst first named; none where all hold."""
+    """One sentence for each controller that misses a required margin, naming the worst first; none if all are kept."""
     sentences = []
     for name in dict.fromkeys(one.controller for one in kept):
         judged = [one for one in kept if one.controller == name and not one.excuse]
@@ -84,7 +84,7 @@ def promise_sentences(kept: Sequence[Kept]) -> list[str]:
 
 
 def _distance(one: Kept) -> float:
-    """How far a promise is missed, over its limit; an unstable loop is farthest."""
+    """The violation of a requirement relative to its limit; an unstable loop is the worst."""
     value = one.full_order
     return math.inf if math.isnan(value) else abs(value - one.limit) / abs(one.limit)
 

@@ -1,4 +1,4 @@
-"""What the uncoupled loops would do: the yardstick for what coupling and other grids add."""
+"""The responses of the uncoupled loops, for comparison with those of coupling and other grids."""
 
 from __future__ import annotations
 

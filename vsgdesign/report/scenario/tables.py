@@ -28,7 +28,7 @@ def events_table(result: ScenarioResult) -> Table:
 
 
 def operating_points_table(result: ScenarioResult) -> Table:
-    """Where the converter sits after every change; voltage outside its limits in words."""
+    """The operating point of the converter after every change; voltage outside its limits in words."""
     c = result.study.converter
     low, high = c.V_limits_rms
     rows, flagged = [], set()
@@ -146,7 +146,7 @@ def margins_table(result: ScenarioResult) -> Table:
 
 
 def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
-    """Each reference step against its target, beside what the uncoupled loop would do."""
+    """Each reference step with its target, and the response of the uncoupled loop."""
     rows, flagged = [], set()
     for index, outcome in enumerate(outcomes):
         uncoupled = outcome.uncoupled
@@ -265,7 +265,7 @@ def _settled(event: EventMetrics, settling_time_s: float | None, window_s: float
 
 
 def _reasons(events: Sequence[EventMetrics], names: Sequence[str] = ()) -> list[str]:
-    """Why events have no figures, each once."""
+    """Why events have no results, each reason once."""
     found: dict[str, None] = {}
     for k, event in enumerate(events):
         if event.reason is not None:

@@ -1,4 +1,4 @@
-"""What the numbers say, in words: targets met or missed, by how much, and why the closed form misses."""
+"""The results in words: which targets are met or missed, by how much, and why the closed form misses them."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ class StepOutcome:
     uncoupled: UncoupledResponse | None
     promises: Promises
     at_rest: bool
-    """Whether the signal stood still when the step came; else its figures mix two transients."""
+    """Whether the signal was at rest when the step came; otherwise its results mix two transients."""
     excuse: str = ""
-    """Why a table promises nothing of this step; empty where it does."""
+    """Why a table promises nothing for this step; empty if it does."""
 
     @property
     def target_settling_time_s(self) -> float | None:
@@ -66,7 +66,7 @@ class StepOutcome:
 
     @property
     def measured_overshoot_pct(self) -> float | None:
-        """On the same signal as the settling time; None where there is no figure."""
+        """On the same signal as the settling time; None if there is no value."""
         return self._measured().overshoot_pct
 
     @property
@@ -76,7 +76,9 @@ class StepOutcome:
 
     @property
     def unstable(self) -> bool:
-        """Whether the linear model grows where the step ends: then there is nothing to measure, and both are missed."""
+        """Whether the linear model is unstable where the step ends. There is then nothing to measure, and both
+        targets are missed.
+        """
         return self.metrics.status == UNSTABLE
 
     @property
@@ -189,7 +191,7 @@ def verdict(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> list[str
 
 
 def _summary(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> str:
-    """One sentence that says it all."""
+    """One sentence with the main result."""
     judged = [outcome for outcome in outcomes if outcome.judged]
     names = [c.spec.name for c in result.controllers if any(outcome.controller is c for outcome in judged)]
     failed = {outcome.controller.spec.name for outcome in judged if outcome.misses}
@@ -269,7 +271,7 @@ def _miss(outcome: StepOutcome) -> str:
 
 
 def _stress(result: ScenarioResult) -> str:
-    """Currents and voltages that the converter would have to stand."""
+    """Currents and voltages that the converter must withstand."""
     converter = result.study.converter
     sentences = []
     worst = max(
@@ -304,7 +306,7 @@ def _stress(result: ScenarioResult) -> str:
 
 
 def explanation(outcomes: Sequence[StepOutcome]) -> list[str]:
-    """Why closed-form gains miss their target, where they do; from the numbers of this scenario only."""
+    """Why closed-form gains miss their target, if they do, from the numbers of this scenario."""
     missed = [
         outcome
         for outcome in outcomes
@@ -370,7 +372,7 @@ def _predicted(outcome: StepOutcome) -> float | None:
 
 
 def _other_grid(missed: Sequence[StepOutcome]) -> str:
-    """Fixed gains on a grid that they were not made for: the damping ratio tells."""
+    """Fixed gains on a grid for which they were not designed: their damping ratio."""
     parts = []
     for outcome in missed:
         uncoupled, target = outcome.uncoupled, outcome.controller.spec.target

@@ -1,4 +1,4 @@
-"""The close looks over frequency: network-frequency perturbation, Nichols, admittance, passivity, Nyquist."""
+"""Detailed cells over frequency: network-frequency perturbation, Nichols, admittance, passivity, Nyquist."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Column = tuple[int, ControllerAssessment, Sequence[FocusCell]]
 
 
 def frequency_figures(result: StabilityResult) -> Iterator[NamedFigure]:
-    """Everything over frequency, two controllers side by side; nothing where no grid could be looked at."""
+    """All plots over frequency, two controllers side by side; nothing if no grid could be analysed in detail."""
     columns: list[Column] = [(k, a, shown_cells(a.focus)) for k, a in enumerate(result.assessments) if a.focus]
     columns.sort(key=lambda item: item[1].spec.kind != "fixed")
     parts = groups(columns, 2)
@@ -112,7 +112,7 @@ def _title(a: ControllerAssessment) -> str:
 
 
 def where(result: StabilityResult) -> str:
-    """At which operating point the close looks were taken."""
+    """The operating point of the detailed cells."""
     s = result.study.stability
     return f"Full order, at P = {plain(s.P[0] / 1e3)} kW and Q = {plain(s.Q[0] / 1e3)} kvar."
 

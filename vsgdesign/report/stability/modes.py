@@ -1,4 +1,4 @@
-"""Where the eigenvalues go over the grids, and random grids between the nodes of the maps."""
+"""Eigenvalues over the grids, and random grids between the nodes of the maps."""
 
 from __future__ import annotations
 

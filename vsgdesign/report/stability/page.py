@@ -95,7 +95,7 @@ def csv_files(result: StabilityResult) -> list[tuple[str, str]]:
 
 
 def unsimulated(result: StabilityResult) -> list[str]:
-    """Close looks without EMT evidence, and why."""
+    """Detailed cells without EMT results, and why."""
     found = []
     for a in result.assessments:
         for cell in a.focus:
@@ -108,7 +108,7 @@ def unsimulated(result: StabilityResult) -> list[str]:
 
 
 def limits_of_validity(result: StabilityResult) -> list[str]:
-    """What the models leave out, as far as it bears on the numbers of this report."""
+    """What the models leave out, as far as it matters for the numbers of this report."""
     study = result.study
     c = study.converter
     items = [

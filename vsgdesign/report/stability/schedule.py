@@ -1,4 +1,4 @@
-"""What a wrong or late schedule costs: true SCR against the gains' SCR, and margins against estimate errors."""
+"""The effect of a wrong or late schedule: true SCR and SCR of the gains, and margins over estimate errors."""
 
 from __future__ import annotations
 

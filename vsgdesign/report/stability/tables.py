@@ -99,7 +99,7 @@ def worst_table(result: StabilityResult, a: ControllerAssessment) -> Table:
 
 
 def left_out_text(field: MarginMap) -> str:
-    """How many cells of a map count for nothing, and why; empty where all count."""
+    """How many cells of a map are not counted, and why; empty if all are counted."""
     outside = left_out(field)
     if not outside:
         return ""
@@ -108,7 +108,7 @@ def left_out_text(field: MarginMap) -> str:
     limits = " or ".join(what[kind] for kind in kinds)
     return (
         f"{len(outside)} of {len(field.faults)} cells are outside the limits (the steady state breaks the converter's "
-        f"limit of {limits}) and count for nothing here."
+        f"limit of {limits}) and are not counted here."
     )
 
 
@@ -203,7 +203,7 @@ def participation_table(a: ControllerAssessment) -> Table:
 
 
 def sensitivity_table(a: ControllerAssessment) -> Table:
-    """What moves the least stable mode of each close look."""
+    """The parameters that move the least stable mode of each detailed cell."""
     rows = []
     for cell in a.focus:
         for s in cell.sensitivities[:_MOST_SENSITIVITIES]:

@@ -1,4 +1,4 @@
-"""The verdict in a paragraph a controller, from numbers alone."""
+"""The verdict, one paragraph for each controller, computed from numbers only."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MOVED = tuple(name for name in PARAMETERS if name not in ("omega_0", "omega_g",
 
 @dataclass(frozen=True)
 class WorstMode:
-    """The mode that limits a map: where, and what is behind it."""
+    """The mode that limits a map, its place, and its cause."""
 
     where: str
     mode: Mode
@@ -50,7 +50,7 @@ def worst_mode(study: Study, field: MarginMap) -> WorstMode | None:
 
 
 def verdict_text(result: StabilityResult) -> list[str]:
-    """Paragraphs: how many gates are met, what limits each controller, and what the verdict is not."""
+    """Paragraphs: how many gates are met, what limits each controller, and what the verdict does not cover."""
     sentences = [_controller(result, a) for a in result.assessments]
     sentences.append(
         "All gates are internal ones of vsgdesign and no grid code's; what grid codes and test frameworks ask for is "
