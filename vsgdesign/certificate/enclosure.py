@@ -8,17 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.certificate.boxes import ERROR_PARAMETERS, basis_of, drop_sq
+from vsgdesign.certificate.cancelling import Algebra
 from vsgdesign.certificate.region import OMEGA_SCALE, Region, System
 from vsgdesign.certificate.tracing import Program, Symbol, Tracer, program_of
 from vsgdesign.equations.grid import SCR_BASES
-from vsgdesign.equations.power_flow import LEAST_SHARE, POWER_MARGIN
-from vsgdesign.equations.structures import NormalisedGains, decoupling, poles_of_inertia, voltage_row
+from vsgdesign.equations.power_flow import (
+    POWER_MARGIN,
+    admittance,
+    carried_share,
+    jacobian_from_admittance,
+    well_posed_power,
+)
+from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
+from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.frames import PHASES
 from vsgdesign.runtime.table import TableSchedule
 
@@ -52,40 +60,54 @@ def programs(system: System, region: Region, weights: Weights, P: Array, decay: 
     for value, (least, most) in ((weakness, region.scr), (r_over_x, region.x_over_r)):
         conditions.append((value, 1.0 / most, 1.0 / least))
     carried = [inverse_V, weakness, r_over_x] if len(P) > 1 else [inverse_V]
-    drawn = here.size_sq * (p * p + q * q) * (POWER_MARGIN / PHASES) ** 2 - 1.0
-    spare = [q - side * (1.0 - LEAST_SHARE) * here.estimated(p, q, way)[0] for way in (False, True) for side in (1, -1)]
-    situation = program_of(tracer, [*carried, drawn, *spare, *(value for value, _, _ in conditions)])
+    choices = [here.scheduled(p, q, first)[1] for first in _PIECES]
+    asked = _distinct(choices)
+    situation = program_of(tracer, [*carried, *asked, *(value for value, _, _ in conditions)])
     between = np.array([[low, high] for _, low, high in conditions])
     # From here on errors act through the polygon, and on V as one quantity of its own between bounds.
     inequalities = []
-    for case in _CASES:
+    for piece in _PIECES:
         tracer = Tracer(4 + len(carried))
         first, angle, p, q, inverse_V, *grid = tracer.symbols()
         here = _Estimate.of(system, first, angle)
-        matrices = _state_matrices(system, tracer, here, p, q, inverse_V, region.error > 0.0, case)
+        matrices = _state_matrices(system, tracer, here, p, q, inverse_V, region.error > 0.0, piece)
         functions, ways = weights(*(grid or (0.0, 0.0)))
         outputs = [entry for A in matrices for way in ways for entry in _inequality(A, functions, way, P, decay)]
         inequalities.append(program_of(tracer, outputs))
-    return BoxPrograms(situation, between, tuple(inequalities), np.array([case.signs for case in _CASES]))
+    return BoxPrograms(situation, between, tuple(inequalities), _signs(choices, asked))
 
 
-class _Case(NamedTuple):
-    """One of the smooth pieces of the schedule's Jacobian: as it is or drawn in (:eq:`drawn-in`), Q as it is or on a
-    limit (:eq:`well-posed`)."""
+_PIECES = tuple(
+    (drawn_in, *side) for drawn_in in (False, True) for side in ((True, True), (True, False), (False, True))
+)
+"""The smooth pieces of the schedule's Jacobian by its choices, each whether the first of two values is taken: the
+impedance that is wanted for drawing in (:eq:`drawn-in`), then Q before its lower and before its upper limit
+(:eq:`well-posed`)."""
 
-    drawn_in: bool
-    Q_limit: int
-    """1: held at the upper limit, −1: at the lower, 0: free."""
-
-    @property
-    def signs(self) -> list[int]:
-        """What is negative (−1) or positive (1) in this case: what is drawn in less 1, then Q less its upper and less
-        its lower limit as it is, and drawn in."""
-        own = {1: [1, 0], -1: [0, -1], 0: [-1, 1]}[self.Q_limit]
-        return [1, 0, 0, *own] if self.drawn_in else [-1, *own, 0, 0]
+_FREE = 0, 3
+"""The pieces on which every choice has its say: on a limit, the other limit has none."""
 
 
-_CASES = tuple(_Case(drawn_in, side) for drawn_in in (False, True) for side in (0, 1, -1))
+def _distinct(choices: Sequence[Sequence[Symbol]]) -> list[Symbol]:
+    """What tells the pieces apart, each once."""
+    found: list[Symbol] = []
+    for k in _FREE:
+        found += [one for one in choices[k] if not any(_same(one, other) or _same(-one, other) for other in found)]
+    return found
+
+
+def _signs(choices: Sequence[Sequence[Symbol]], asked: Sequence[Symbol]) -> NDArray[np.int64]:
+    """(pieces, outputs): −1 where an output is negative on a piece, 1 where it is positive, 0 where it has no say."""
+    signs = np.zeros((len(choices), len(asked)), dtype=np.int64)
+    for piece, own in enumerate(choices):
+        for k, output in enumerate(asked):
+            signs[piece, k] -= any(_same(one, output) for one in own)
+            signs[piece, k] += any(_same(-one, output) for one in own)
+    return signs
+
+
+def _same(one: Symbol, other: Symbol) -> bool:
+    return one.terms == other.terms and one.offset == other.offset
 
 
 @dataclass(frozen=True)
@@ -131,14 +153,15 @@ class _Estimate:
         size_sq = 1.0 if not (r_2 or x_2) else 1.0 + 2.0 * (direction[0] * r + direction[1] * x) + (r * r + x * x)
         return cls(size, direction, (r, x), share, size * PHASES, size_sq, normalised)
 
-    def estimated(self, p: Symbol, q: Symbol, drawn_in: bool) -> tuple[Symbol, Symbol]:
-        """b and g of the estimated path."""
-        inverse = PHASES if isinstance(self.size_sq, float) else PHASES * self.size_sq.reciprocal()
-        b, g = (self.direction[1] + self.fixed[1]) * inverse, (self.direction[0] + self.fixed[0]) * inverse
-        if not drawn_in:
-            return b, g
-        stretch = (self.size_sq * (p * p + q * q)).sqrt((PHASES / POWER_MARGIN) ** 2) * (POWER_MARGIN / PHASES)
-        return b * stretch, g * stretch
+    def scheduled(self, p: Symbol, q: Symbol, first: Sequence[bool]) -> tuple[tuple[Any, ...], list[Symbol]]:
+        """The Jacobian that gains are made of (:func:`~vsgdesign.equations.power_flow.scheduled_jacobian`) on one of
+        its pieces, and what is negative there."""
+        with self.size.tracer.choosing(first) as choices:
+            share = carried_share(p, q, 1.0, self.size_sq)
+            r, x = self.direction[0] + self.fixed[0], self.direction[1] + self.fixed[1]
+            # A share of an impedance has so much more of the admittance.
+            b, g = (value / share for value in admittance(1.0, r, x, self.size_sq))
+            return jacobian_from_admittance(p, well_posed_power(q, b), 1.0, b, g), choices
 
 
 def _voltage(
@@ -161,106 +184,102 @@ def _voltage(
 
 
 def _state_matrices(
-    system: System, tracer: Tracer, here: _Estimate, p: Symbol, q: Symbol, inverse_V: Symbol, wrong: bool, case: _Case
+    system: System,
+    tracer: Tracer,
+    here: _Estimate,
+    p: Symbol,
+    q: Symbol,
+    inverse_V: Symbol,
+    wrong: bool,
+    piece: Sequence[bool],
 ) -> list[list[list[Any]]]:
     """A of the scaled states at each corner of the true grids' polygon, or of the exact estimate
-    (:eq:`certificate-matrix`), in one case of the schedule."""
-    b_hat, g_hat = here.estimated(p, q, case.drawn_in)
-    Q_hat = q if case.Q_limit == 0 else case.Q_limit * (1.0 - LEAST_SHARE) * b_hat
-    nominal = _Nominal.of(system, here.normalised(tracer), (p, Q_hat, inverse_V), (b_hat, g_hat), here.base)
+    (:eq:`certificate-matrix`), on one piece of the schedule."""
+    J_hat, _ = here.scheduled(p, q, piece)
+    loops = _Loops.of(system, here.normalised(tracer), J_hat, inverse_V, here.base)
     if wrong:
         corners = _polygon(tracer, here)
-    elif here.share == 1.0 and case == _CASES[0]:
-        return [nominal.matrix(None)]
+    elif here.share == 1.0 and piece == _PIECES[0]:
+        return [loops.matrix(None)]
     else:  # the estimate is exact in R and L, and taken at the rated frequency
         r, x = here.direction[0] + here.fixed[0], (here.direction[1] + here.fixed[1]) * here.share
-        inverse = (r * r + x * x).reciprocal()
-        corners = [(x * inverse, r * inverse)]
-    # What is off: b − q of the true grid less b − q of the schedule, and so on.
-    return [nominal.matrix((b * PHASES - b_hat, g * PHASES - g_hat, Q_hat - q)) for b, g in corners]
+        corners = [admittance(1.0, r, x, r * r + x * x)]
+    true = [jacobian_from_admittance(p, q, 1.0, b, g) for b, g in corners]
+    return [loops.matrix([one - hat for one, hat in zip(J, J_hat, strict=True)]) for J in true]
 
 
 def _polygon(tracer: Tracer, here: _Estimate) -> list[tuple[Any, Any]]:
-    """Corners (b, g)/3V² that enclose all true grids of an estimate (:eq:`estimate-polygon`).
+    """Corners (b, g) that enclose all true grids of an estimate (:eq:`estimate-polygon`).
 
-    The image of a rectangle of (R, X) under (R, X)/|Z|²: its corners, and where the tangents of the two arcs that
+    The image of a rectangle of (R, X) under 3V²(X, R)/|Z|²: its corners, and where the tangents of the two arcs that
     bulge outwards meet.
     """
     r_1, r_2 = (tracer.blend((k,), (here.direction[0],)) + here.fixed[0] for k in (0, 1))
     x_1, x_2 = ((tracer.blend((k,), (here.direction[1],)) + here.fixed[1]) * here.share for k in (2, 3))
-    found = []
-    for r, x in ((r_1, x_1), (r_1, x_2), (r_2, x_1), (r_2, x_2)):
-        inverse = (r * r + x * x).reciprocal()
-        found.append((x * inverse, r * inverse))
-    inverse = (r_1 * r_1 + x_1 * x_2).reciprocal()
-    found.append(((x_1 + x_2) * 0.5 * inverse, r_1 * inverse))
-    inverse = (x_1 * x_1 + r_1 * r_2).reciprocal()
-    found.append((x_1 * inverse, (r_1 + r_2) * 0.5 * inverse))
+    found = [admittance(1.0, r, x, r * r + x * x) for r, x in ((r_1, x_1), (r_1, x_2), (r_2, x_1), (r_2, x_2))]
+    found.append(admittance(1.0, r_1, (x_1 + x_2) * 0.5, r_1 * r_1 + x_1 * x_2))
+    found.append(admittance(1.0, (r_1 + r_2) * 0.5, x_1, x_1 * x_1 + r_1 * r_2))
     return found
 
 
 @dataclass(frozen=True)
-class _Nominal:
-    """The loops about an exact estimate: what is enclosed is the small part that the error adds. V as its logarithm,
-    powers in V²/|Ẑ_g|."""
+class _Loops:
+    """The power loops with the gains of an estimate, V as its logarithm and powers in V²/|Ẑ_g|. What is enclosed are
+    the loops about an exact estimate, with all that cancels there, and the small part that the error adds."""
 
-    W: tuple[Any, Any, Any, Any]
-    poles: tuple[Any, Any]
-    kept: tuple[Any, Any, Any]
-    """Coupling B and C that the shares leave in, and what the V row takes off A."""
-    pull: Any
-    across: Any
-    k_d: Any
+    algebra: Algebra
+    gains: PowerLoopGains
+    J: tuple[Any, ...]
+    """That the gains are made of."""
     inverse_V: Symbol
 
     @classmethod
-    def of(cls, system: System, normalised: NormalisedGains, at: Any, estimated: Any, base: Any) -> _Nominal:
-        """From the measured p, q, 1/V and the estimated b and g, as the schedule makes its gains."""
+    def of(cls, system: System, normalised: NormalisedGains, J_hat: Any, inverse_V: Symbol, base: Symbol) -> _Loops:
+        """With the gains that the schedule makes of a Jacobian in these units."""
         s: Any = system.schedule
         c = system.study.converter
-        p, q, inverse_V = at
-        k_1, d_1, k_2, q_share, share_P, share_Q = normalised
-        b_hat, g_hat = estimated
-        A, B, C, D = b_hat - q, p + g_hat, p - g_hat, b_hat + q
-        droop = q_share * D
-        if s.structure != "published" and s.D_q:
-            droop = droop + base * inverse_V * (s.D_q * c.V_rated_rms / c.S_rated)
+        algebra = Algebra(inverse_V.tracer)
+        structure = STRUCTURES[s.structure]
+        D_p, D_q = structure.droops(s.D_p, s.D_q)
         powers = base * (inverse_V * inverse_V) * (1.0 / c.S_rated)  # W and W·s/rad to these units
-        if s.law == "inertia":
-            k_1, d_1 = poles_of_inertia(A, k_1, d_1, powers * s.S_rated, s.omega)
-        W, sigma = decoupling(A, B, C, D, droop, share_P, share_Q), 0.0
-        if s.structure == "angle_damped":
-            D_p = powers * s.D_p
-            row_D_p = 0.0 if s.law == "inertia" else D_p
-            sigma, *row = voltage_row(A, B, C, D, k_2, row_D_p, droop, share_P, share_Q)
-            W = (W[0], W[1], *row)
-            pull, across = W[0] * D_p * k_1, W[2] * D_p * k_2
-            k_d = d_1 - pull
-        else:
-            pull, k_d = d_1, 0.0
-            across = W[2] / W[0] * (d_1 / k_1 * k_2) if _is_there(share_Q) else 0.0
-        return cls(W, (k_1, k_2), (B * (1.0 - share_P), C * (1.0 - share_Q), sigma), pull, across, k_d, inverse_V)
+        D_p, D_q = powers * D_p, base * inverse_V * (D_q * c.V_rated_rms / c.S_rated)
+        A, B, C, D = J = tuple(algebra.value(entry) for entry in J_hat)
+        gains = structure.gains(
+            A,
+            B,
+            C,
+            D,
+            NormalisedGains(*map(algebra.value, normalised)),
+            algebra.value(D_p),
+            algebra.value(D_q),
+            algebra.value(powers * s.S_rated),
+            s.omega,
+            s.law == "inertia",
+        )
+        return cls(algebra, PowerLoopGains(*map(algebra.value, gains)), J, inverse_V)
 
-    def matrix(self, off: Any) -> list[list[Any]]:
-        """A of the scaled states where the true b and g are off the estimated ones, and the schedule's Q off the
-        true one, by ``off``; None: nowhere."""
-        w11, w12, w21, w22 = self.W
-        b_off, g_off, q_off = off if off is not None else (0.0, 0.0, 0.0)
-        a, b, c, d = b_off + q_off, g_off + self.kept[0], self.kept[1] - g_off, b_off - q_off
-        z11, z12 = w11 * a + w12 * c + 1.0, w11 * b + w12 * d
-        z21, z22 = w21 * (a + self.kept[2]) + w22 * c, w21 * b + w22 * d + 1.0
-        (k_1, k_2), pull, across, k_d, o = self.poles, self.pull, self.across, self.k_d, OMEGA_SCALE
-        speed = -(z11 * k_d), -(z12 * k_d)
-        to_V, from_V = self.inverse_V.reciprocal(), self.inverse_V
+    def matrix(self, off: Sequence[Any] | None) -> list[list[Any]]:
+        """A of the scaled states where the true Jacobian is off the estimated one by ``off``; None: nowhere."""
+        A, B, C, D = self.J
+        # The law is linear: its answers to one unit of each state are the columns of the matrix.
+        columns = [self._answer(0.0, 0.0, A, C), self._answer(1.0, 0.0, 0.0, 0.0), self._answer(0.0, 1.0, B, D)]
+        if off is not None:
+            a, b, c, d = map(self.algebra.value, off)
+            for k, more in ((0, self._answer(0.0, 0.0, a, c)), (2, self._answer(0.0, 0.0, b, d))):
+                columns[k] = [one + other for one, other in zip(columns[k], more, strict=True)]
+        columns = [[one.whole() for one in column] for column in columns]
+        to_V, from_V, o = self.inverse_V.reciprocal(), self.inverse_V, OMEGA_SCALE
+        (a11, a21, a31), (a12, a22, a32), (a13, a23, a33) = columns
         return [
-            [speed[0], o, speed[1] * from_V],
-            [-(z11 * k_1 + speed[0] * pull) * (1.0 / o), -pull, -(z12 * k_1 + speed[1] * pull) * (1.0 / o) * from_V],
-            [-(z21 * k_2 + speed[0] * across) * to_V, -(across * o) * to_V, -(z22 * k_2 + speed[1] * across)],
+            [a11, a12 * o, a13 * from_V],
+            [a21 * (1.0 / o), a22, a23 * (1.0 / o) * from_V],
+            [a31 * to_V, a32 * o * to_V, a33],
         ]
 
-
-def _is_there(share: Any) -> bool:
-    return isinstance(share, Symbol) or bool(share)
+    def _answer(self, omega_i: float, V: float, P: Any, Q: Any) -> list[Any]:
+        """dδ/dt, dω_i/dt and dV/dt by :func:`~vsgdesign.equations.power_loops.power_loops`."""
+        none = References(0.0, 0.0, 0.0, 0.0)
+        return [self.algebra.symbol(self.algebra.value(x)) for x in power_loops(omega_i, V, P, Q, none, self.gains)]
 
 
 def _inequality(A: list[list[Any]], functions: Sequence[Any], way: Sequence[Any], P: Array, decay: float) -> list[Any]:

@@ -6,7 +6,9 @@ combination of nodes; sums and factors are collected before anything is enclosed
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple
@@ -40,9 +42,15 @@ class Node(NamedTuple):
 
 
 class Tracer:
-    """Collects nodes; equal ones once."""
+    """Collects nodes; equal ones once.
+
+    An equation that takes the larger or the smaller of two values is traced on one of its smooth pieces:
+    :meth:`choosing`.
+    """
 
     def __init__(self, inputs: int) -> None:
+        self._first: Iterator[bool] = iter(())
+        self._choices: list[Symbol] = []
         self.nodes: list[Node] = [Node(Operation.INPUT, (k,), ()) for k in range(inputs)]
         self._known: dict[Node, int] = {}
         self.inputs = inputs
@@ -63,6 +71,26 @@ class Tracer:
             self.nodes.append(key)
         return Symbol(self, {self._known[key]: 1.0}, 0.0)
 
+    @contextmanager
+    def choosing(self, first: Sequence[bool]) -> Iterator[list[Symbol]]:
+        """On which piece equations are traced: ``first`` says of each choice between two values, in order, whether it
+        falls on the first. The list then has what is negative on that piece."""
+        self._first, self._choices = iter(first), []
+        yield self._choices
+        if next(self._first, None) is not None:
+            raise ValueError("an equation has fewer choices than pieces were named for")
+
+    def chosen(self, one: Any, other: Any, larger: bool) -> Any:
+        """The larger or the smaller of two symbols or numbers, on the piece that is traced."""
+        first = next(self._first, None)
+        if first is None:
+            raise ValueError("an equation chooses between two values: name its pieces by Tracer.choosing")
+        self._choices.append(other - one if first == larger else one - other)
+        taken, left = (one, other) if first else (other, one)
+        if larger and isinstance(taken, Symbol) and not isinstance(left, Symbol):
+            return Symbol(self, taken.terms, taken.offset, float(left))
+        return taken
+
     def blend(self, parameters: Sequence[int], values: Sequence[Symbol]) -> Symbol:
         """Σ parameter_k · value_k with parameters that differ from box to box, by their place."""
         return self.node(Operation.BLEND, tuple(self.place(v) for v in values), tuple(float(k) for k in parameters))
@@ -81,10 +109,12 @@ class Tracer:
 class Symbol:
     """offset + Σ coefficient · node. Behaves like a number in the project's equations."""
 
-    __slots__ = ("offset", "terms", "tracer")
+    __slots__ = ("least", "offset", "terms", "tracer")
 
-    def __init__(self, tracer: Tracer, terms: dict[int, float], offset: float) -> None:
+    def __init__(self, tracer: Tracer, terms: dict[int, float], offset: float, least: float = 0.0) -> None:
         self.tracer, self.terms, self.offset = tracer, terms, offset
+        self.least = least
+        """What it is not below, known from a choice; for the root alone."""
 
     def _scaled(self, factor: float) -> Symbol:
         if factor == 0.0:
@@ -119,7 +149,7 @@ class Symbol:
             return self._scaled(other.offset)
         if not self.terms:
             return other._scaled(self.offset)
-        (one, left), (two, right) = self._factor(), other._factor()
+        (one, left), (two, right) = self.factored(), other.factored()
         places = sorted((self.tracer.place(left), self.tracer.place(right)))
         return self.tracer.node(Operation.PRODUCT, tuple(places))._scaled(one * two)
 
@@ -135,7 +165,7 @@ class Symbol:
         operation = _UFUNCS.get(ufunc.__name__) if method == "__call__" else None
         return NotImplemented if operation is None else operation(*inputs)
 
-    def _factor(self) -> tuple[float, Symbol]:
+    def factored(self) -> tuple[float, Symbol]:
         """A factor taken out of a multiple of one node."""
         if self.offset == 0.0 and len(self.terms) == 1:
             ((node, coefficient),) = self.terms.items()
@@ -145,8 +175,16 @@ class Symbol:
     def _of(self, operation: Operation, *numbers: float) -> Symbol:
         return self.tracer.node(operation, (self.tracer.place(self),), numbers)
 
+    def whole(self) -> Symbol:
+        """The same as one node, where it is a combination of several."""
+        return Symbol(self.tracer, {self.tracer.place(self): 1.0}, 0.0) if len(self.terms) > 1 else self
+
     def reciprocal(self) -> Symbol:
         """1/x for x > 0."""
+        factor, one = self.factored()
+        node = self.tracer.nodes[self.tracer.place(one)]
+        if node.operation == Operation.RECIPROCAL:
+            return Symbol(self.tracer, {node.operands[0]: 1.0 / factor}, 0.0)
         return self._of(Operation.RECIPROCAL)
 
     def sin(self) -> Symbol:
@@ -157,9 +195,13 @@ class Symbol:
         """cos x."""
         return self._of(Operation.COSINE)
 
-    def sqrt(self, least: float = 0.0) -> Symbol:
+    def sqrt(self, least: float | None = None) -> Symbol:
         """√x, x > ``least`` ≥ 0: points where x is below that are of no interest and are not enclosed."""
-        return self._of(Operation.ROOT, least)
+        least = self.least if least is None else least
+        factor, one = self.factored()
+        if factor <= 0.0:
+            return self._of(Operation.ROOT, least)
+        return one._of(Operation.ROOT, least / factor)._scaled(math.sqrt(factor))
 
 
 @dataclass(frozen=True)
@@ -233,6 +275,10 @@ def _last_uses(tracer: Tracer, outputs: Sequence[int]) -> dict[int, int]:
     return last
 
 
+def _tracer_of(*values: Any) -> Tracer:
+    return next(value.tracer for value in values if isinstance(value, Symbol))
+
+
 _UFUNCS: dict[str, Callable[..., Any]] = {
     "add": lambda a, b: b + a if isinstance(b, Symbol) else a + b,
     "subtract": lambda a, b: a - b if isinstance(a, Symbol) else (-b) + a,
@@ -242,4 +288,6 @@ _UFUNCS: dict[str, Callable[..., Any]] = {
     "cos": lambda a: a.cos(),
     "sqrt": lambda a: a.sqrt(),
     "hypot": lambda a, b: (a * a + b * b).sqrt(),
+    "maximum": lambda a, b: _tracer_of(a, b).chosen(a, b, larger=True),
+    "minimum": lambda a, b: _tracer_of(a, b).chosen(a, b, larger=False),
 }

@@ -58,15 +58,41 @@ def largest_scale(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
     return V_g_rms * V_g_rms / (2.0 * np.hypot(R, X) * np.hypot(P, Q) / PHASES - c)
 
 
+def admittance(V_rms: Any, R: Any, X: Any, Z_sq: Any) -> Any:
+    """b and g in W: 3V² times the susceptance X/Z² and the conductance R/Z² of a path; Z_sq is R² + X².
+
+    Returns (b, g).
+    """
+    scale = PHASES * V_rms * V_rms / Z_sq
+    return scale * X, scale * R
+
+
+def jacobian_from_admittance(P: Any, Q: Any, V_rms: Any, b: Any, g: Any) -> Any:
+    """The Jacobian of :eq:`jacobian-from-powers` with the path as :func:`admittance` has it. Returns (A, B, C, D)."""
+    return b - Q, (P + g) / V_rms, P - g, (b + Q) / V_rms
+
+
 def jacobian_from_powers(P: Any, Q: Any, V_rms: Any, R: Any, X: Any) -> Any:
     """The Jacobian from measured P, Q and V without δ or a solver (:eq:`jacobian-from-powers`).
 
     Returns (A, B, C, D): A = ∂P/∂δ (W/rad), B = ∂P/∂V (W/V), C = ∂Q/∂δ (var/rad), D = ∂Q/∂V (var/V), V in phase rms.
     """
-    scale = PHASES * V_rms * V_rms / (R * R + X * X)
-    b = scale * X
-    g = scale * R
-    return b - Q, (P + g) / V_rms, P - g, (b + Q) / V_rms
+    b, g = admittance(V_rms, R, X, R * R + X * X)
+    return jacobian_from_admittance(P, Q, V_rms, b, g)
+
+
+def carried_share(P: Any, Q: Any, V_rms: Any, Z_sq: Any) -> Any:
+    """The share of an impedance that carries P and Q with POWER_MARGIN, at most 1 (:eq:`drawn-in`)."""
+    limit = PHASES * V_rms * V_rms
+    wanted_sq = POWER_MARGIN * POWER_MARGIN * (P * P + Q * Q) * Z_sq
+    return limit / np.sqrt(np.maximum(wanted_sq, limit * limit))
+
+
+def well_posed_power(Q: Any, b: Any) -> Any:
+    """Q as no more, either way, than the share of b that leaves A and D·V at least LEAST_SHARE of it
+    (:eq:`well-posed`)."""
+    most = (1.0 - LEAST_SHARE) * b
+    return np.minimum(np.maximum(Q, -most), most)
 
 
 def scheduled_jacobian(P: Any, Q: Any, V_rms: Any, R: Any, X: Any) -> Any:
@@ -77,12 +103,10 @@ def scheduled_jacobian(P: Any, Q: Any, V_rms: Any, R: Any, X: Any) -> Any:
     leaves A and D·V at least LEAST_SHARE of it (:eq:`well-posed`). Without either, gains grow without bound near
     the limit of what a grid carries.
     """
-    limit = PHASES * V_rms * V_rms
-    wanted_sq = POWER_MARGIN * POWER_MARGIN * (P * P + Q * Q) * (R * R + X * X)
-    share = limit / np.sqrt(np.maximum(wanted_sq, limit * limit))
+    share = carried_share(P, Q, V_rms, R * R + X * X)
     R, X = share * R, share * X
-    most = (1.0 - LEAST_SHARE) * (limit / (R * R + X * X) * X)
-    return jacobian_from_powers(P, np.minimum(np.maximum(Q, -most), most), V_rms, R, X)
+    b, g = admittance(V_rms, R, X, R * R + X * X)
+    return jacobian_from_admittance(P, well_posed_power(Q, b), V_rms, b, g)
 
 
 def dQ_dV_as_published(delta: Any, V_rms: Any, V_g_rms: Any, R: Any, X: Any) -> Any:

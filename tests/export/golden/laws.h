@@ -238,16 +238,36 @@ static inline void vsg_grid_from_scr_impedance(vsg_real_t scr, vsg_real_t x_over
     *L_g = R_g * x_over_r / omega;
 }
 
-/* The Jacobian from measured P, Q and V without delta or a solver (eq. jacobian-from-powers).
- *
- * Returns (A, B, C, D): A = dP/ddelta (W/rad), B = dP/dV (W/V), C = dQ/ddelta (var/rad), D = dQ/dV (var/V), V in phase
- * rms. */
-static inline void vsg_jacobian_from_powers(vsg_real_t P, vsg_real_t Q, vsg_real_t V_rms, vsg_real_t R, vsg_real_t X,
-    vsg_real_t *A, vsg_real_t *B, vsg_real_t *C, vsg_real_t *D)
+/* The share of an impedance that carries P and Q with POWER_MARGIN, at most 1 (eq. drawn-in). */
+static inline vsg_real_t vsg_carried_share(vsg_real_t P, vsg_real_t Q, vsg_real_t V_rms, vsg_real_t Z_sq)
 {
-    const vsg_real_t scale = VSG_PHASES * V_rms * V_rms / (R * R + X * X);
-    const vsg_real_t b = scale * X;
-    const vsg_real_t g = scale * R;
+    const vsg_real_t limit = VSG_PHASES * V_rms * V_rms;
+    const vsg_real_t wanted_sq = VSG_POWER_MARGIN * VSG_POWER_MARGIN * (P * P + Q * Q) * Z_sq;
+    return limit / VSG_SQRT(vsg_max(wanted_sq, limit * limit));
+}
+
+/* b and g in W: 3V^2 times the susceptance X/Z^2 and the conductance R/Z^2 of a path; Z_sq is R^2 + X^2.
+ *
+ * Returns (b, g). */
+static inline void vsg_admittance(vsg_real_t V_rms, vsg_real_t R, vsg_real_t X, vsg_real_t Z_sq, vsg_real_t *b,
+    vsg_real_t *g)
+{
+    const vsg_real_t scale = VSG_PHASES * V_rms * V_rms / Z_sq;
+    *b = scale * X;
+    *g = scale * R;
+}
+
+/* Q as no more, either way, than the share of b that leaves A and D*V at least LEAST_SHARE of it (eq. well-posed). */
+static inline vsg_real_t vsg_well_posed_power(vsg_real_t Q, vsg_real_t b)
+{
+    const vsg_real_t most = (VSG_C(1.0) - VSG_LEAST_SHARE) * b;
+    return vsg_min(vsg_max(Q, -most), most);
+}
+
+/* The Jacobian of eq. jacobian-from-powers with the path as admittance has it. Returns (A, B, C, D). */
+static inline void vsg_jacobian_from_admittance(vsg_real_t P, vsg_real_t Q, vsg_real_t V_rms, vsg_real_t b,
+    vsg_real_t g, vsg_real_t *A, vsg_real_t *B, vsg_real_t *C, vsg_real_t *D)
+{
     *A = b - Q;
     *B = (P + g) / V_rms;
     *C = P - g;
@@ -263,13 +283,12 @@ static inline void vsg_jacobian_from_powers(vsg_real_t P, vsg_real_t Q, vsg_real
 static inline void vsg_scheduled_jacobian(vsg_real_t P, vsg_real_t Q, vsg_real_t V_rms, vsg_real_t R, vsg_real_t X,
     vsg_real_t *A, vsg_real_t *B, vsg_real_t *C, vsg_real_t *D)
 {
-    const vsg_real_t limit = VSG_PHASES * V_rms * V_rms;
-    const vsg_real_t wanted_sq = VSG_POWER_MARGIN * VSG_POWER_MARGIN * (P * P + Q * Q) * (R * R + X * X);
-    const vsg_real_t share = limit / VSG_SQRT(vsg_max(wanted_sq, limit * limit));
+    const vsg_real_t share = vsg_carried_share(P, Q, V_rms, R * R + X * X);
     const vsg_real_t R_new = share * R;
     const vsg_real_t X_new = share * X;
-    const vsg_real_t most = (VSG_C(1.0) - VSG_LEAST_SHARE) * (limit / (R_new * R_new + X_new * X_new) * X_new);
-    vsg_jacobian_from_powers(P, vsg_min(vsg_max(Q, -most), most), V_rms, R_new, X_new, A, B, C, D);
+    vsg_real_t b, g;
+    vsg_admittance(V_rms, R_new, X_new, R_new * R_new + X_new * X_new, &b, &g);
+    vsg_jacobian_from_admittance(P, vsg_well_posed_power(Q, b), V_rms, b, g, A, B, C, D);
 }
 
 /* Inverse of the Jacobian that the loops see (eq. decoupling). Returns (w11, w12, w21, w22).
