@@ -9,9 +9,10 @@ import pytest
 from tests.design.robust_studies import SETTLING, law, robust_study, scenarios
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.evaluation import Evaluation, evaluate, final_Q
-from vsgdesign.design.kernels import BAND, HORIZON, STEPS_PER_SETTLING
+from vsgdesign.design.kernels import HORIZON, STEPS_PER_SETTLING
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.model.coupled import CoupledModel, coupled_model
 from vsgdesign.stability.margins import reduced_margins
 
@@ -70,8 +71,8 @@ def test_steps_are_those_of_python_control(design: int, box: Scenarios, evaluate
             assert evaluated[f"overshoot_{own}"][design, k] == pytest.approx(overshoot, abs=1e-9)
             cross = np.abs(y[j, i, ::20]).max()
             assert evaluated[f"cross_{other}"][design, k] == pytest.approx(cross, rel=1e-7)
-            outside = np.flatnonzero(np.abs(error) > BAND)[-1]
-            touches = np.abs(np.abs(error[_turns(error)]) - BAND) < 5e-4
+            outside = np.flatnonzero(np.abs(error) > SETTLING_BAND)[-1]
+            touches = np.abs(np.abs(error[_turns(error)]) - SETTLING_BAND) < 5e-4
             if not touches.any():
                 settled = np.inf if outside >= len(t) - 20 else t[outside]
                 assert evaluated[f"settling_{own}"][design, k] == pytest.approx(settled, abs=h / 7.0)

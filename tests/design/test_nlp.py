@@ -13,8 +13,8 @@ from tests.design.robust_studies import SETTLING, law, robust_study, scenarios, 
 from vsgdesign.design import nlp
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.evaluation import evaluate, final_Q
-from vsgdesign.design.kernels import BAND
 from vsgdesign.metrics.margins import disk_margin_per_frequency
+from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.model.coupled import coupled_model
 from vsgdesign.stability.loops import ReducedLoop
 
@@ -63,7 +63,7 @@ def test_responses_by_matrix_exponential(structure: str, box: Scenarios) -> None
         whole[:n, :n], whole[:n, n] = model.A[0], model.B[0][:, channel]
         error = np.array([model.C[0][channel] @ expm(whole * t)[:n, n] for t in times]) / final - 1.0
         over.append(nlp._GUARD_PEAK * SPEC.overshoot - error[peaks])
-        limit = nlp._GUARD * BAND
+        limit = nlp._GUARD * SETTLING_BAND
         band += [limit - error[tails], limit + error[tails]]
     np.testing.assert_allclose(found["overshoot"], np.concatenate(over), atol=3e-6)
     np.testing.assert_allclose(found["settling_time"], np.concatenate(band), atol=3e-6)
@@ -95,7 +95,11 @@ def test_the_whole_reserve_stays_within_the_promises(box: Scenarios) -> None:
     """What one unit of it adds is less than what the guards hold back: 0.4 of the band, 0.3 of the overshoot."""
     y, s = textbook(STUDY), box.take(np.array([3]))
     kept, used = (rows("angle_damped", y, 1.0, np.zeros(4), s, reserve) for reserve in (0.0, 1.0))
-    for name, promise in (("overshoot", 0.3 * SPEC.overshoot), ("settling_time", 0.4 * BAND), ("disk_margin", 1e-9)):
+    for name, promise in (
+        ("overshoot", 0.3 * SPEC.overshoot),
+        ("settling_time", 0.4 * SETTLING_BAND),
+        ("disk_margin", 1e-9),
+    ):
         more = used[name] - kept[name]
         assert (more >= 0.0).all(), name
         assert more.max() < promise, name

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.report.stability_cases import TEXTS, assessed, drawn
+from vsgdesign.parameters.study import Grid
 from vsgdesign.report import write_stability_figures
 from vsgdesign.report.drawing.look import Cells, Scale, edges, gate_scale
 from vsgdesign.report.drawing.style import look
+from vsgdesign.report.stability.frequency import shown_cells
 from vsgdesign.report.stability.maps import QUANTITIES, settling_cells, worst_over_powers
 from vsgdesign.report.stability.schedule import worst_over_boxes
 
@@ -146,3 +150,12 @@ def test_a_scale_without_a_gate_has_none() -> None:
     scale = Scale(0.0, 2.0, ticks=(0.0, 1.0, 2.0))
     assert not scale.passes(np.array([0.0, 5.0])).any()
     assert scale([0.0, 1.0, 2.0, 9.0]).tolist() == [0.0, 0.5, 1.0, 1.0]
+
+
+def test_grids_are_ordered_by_their_strength_at_the_studys_frequency() -> None:
+    """Of nine grids the fifth is left out. 1 Ω and 1/345 H change places between 50 and 60 Hz."""
+    known: Any = [SimpleNamespace(grid=Grid(R, 0.0)) for R in (0.1, 0.2, 0.3, 0.4, 1.0, 2.0, 3.0, 4.0)]
+    coil: Any = SimpleNamespace(grid=Grid(0.0, 1.0 / 345.0))
+    assert coil not in shown_cells([*known, coil], 2.0 * np.pi * 50.0)
+    assert coil in shown_cells([*known, coil], 2.0 * np.pi * 60.0)
+    assert len(shown_cells([*known, coil], 2.0 * np.pi * 60.0)) == 8

@@ -7,6 +7,8 @@ from typing import Any
 import numba
 import numpy as np
 
+from vsgdesign.metrics.step_response import SETTLING_BAND
+
 FIGURES = ("overshoot_P", "settling_P", "overshoot_Q", "settling_Q", "cross_P", "cross_Q", "disk_margin")
 """Columns of :func:`figures`. Overshoots and cross peaks are fractions of the step, settling times in s."""
 
@@ -15,8 +17,6 @@ STEPS_PER_SETTLING = 40
 
 HORIZON = 3.2
 """How long a response is looked at, in settling times."""
-
-BAND = 0.02
 
 _TAYLOR = 10
 _HALF_NORM = 0.5
@@ -68,10 +68,10 @@ def _one_step(phi: Any, drive: Any, own: Any, cross: Any, final: float, h: float
         peak = max(peak, abs(z))
         overshoot = max(overshoot, y / final - 1.0)
         error = abs(y / final - 1.0)
-        if error > BAND:
+        if error > SETTLING_BAND:
             settled = np.inf
-        elif before > BAND:
-            settled = (k - (BAND - error) / (before - error)) * h
+        elif before > SETTLING_BAND:
+            settled = (k - (SETTLING_BAND - error) / (before - error)) * h
         before = error
     return overshoot, settled, peak
 

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.evaluation import LawOfStudy
-from vsgdesign.design.kernels import BAND
 from vsgdesign.design.variables import Variables, variables
 from vsgdesign.equations.power_flow import scheduled_jacobian
+from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.model.coupled import coupled_function
 from vsgdesign.model.tracing import numpy_on_symbols
 from vsgdesign.parameters.specification import Specification
@@ -194,7 +194,7 @@ def _slot_function(law: LawOfStudy, spec: Specification, v: Variables) -> ca.Fun
             rows += [
                 (_GUARD_PEAK + _RESERVE[1] * reserve) * spec.overshoot * (1.0 + slack[0]) - error[k] for k in peaks
             ]
-            band = (_GUARD + _RESERVE[0] * reserve) * BAND * (1.0 + 5.0 * slack[1])
+            band = (_GUARD + _RESERVE[0] * reserve) * SETTLING_BAND * (1.0 + 5.0 * slack[1])
             rows += [band - error[k] for k in tails] + [band + error[k] for k in tails]
     rows += _margin_rows(A_K, B_K, C_K, J, margin, _FREQUENCIES / spec.settling_time)
     scenario = ca.vertcat(*(getattr(s, f.name) for f in fields(Scenarios)))

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.evaluation import final_Q
 from vsgdesign.design.figures import Figures
-from vsgdesign.design.kernels import BAND
+from vsgdesign.design.kernels import HORIZON
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.metrics.margins import disk_margin_per_frequency
 from vsgdesign.metrics.modes import damping_ratio, to_continuous
+from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
 from vsgdesign.parameters.study import Grid, GridSource, Study
@@ -23,9 +24,8 @@ from vsgdesign.stability.steps import sampled_steps
 
 Array = NDArray[np.float64]
 
-_HORIZON = 3.2
 _POINTS = 320
-"""How long responses are looked at, in settling times, and at how many instants."""
+"""At how many instants of HORIZON responses are looked at."""
 _FREQUENCIES = 120
 _POWERS = ("P", "Q")
 _STEPS = ("overshoot_P", "settling_P", "overshoot_Q", "settling_Q")
@@ -105,7 +105,7 @@ def _responses(
     model: FullOrderModel, stable: NDArray[np.bool_], gains: PowerLoopGains, s: Scenarios, settling_time: float
 ) -> dict[str, Array]:
     """Overshoot, settling and cross peak over both reference steps of the stable cells."""
-    every = max(round(_HORIZON * settling_time / _POINTS / model.T_s), 1)
+    every = max(round(HORIZON * settling_time / _POINTS / model.T_s), 1)
     t_s = every * np.arange(1, _POINTS + 1, dtype=np.float64) * model.T_s
     columns, rows = [INPUTS.index(f"{name}_ref") for name in _POWERS], [OUTPUTS.index(name) for name in _POWERS]
     parts = model.B[stable][:, :, columns], model.C[stable][:, rows], model.D[stable][:, rows][:, :, columns]
@@ -126,10 +126,10 @@ def _responses(
 def _settling(t_s: Array, error: Array) -> Array:
     """Last entry into the band per row, interpolated; infinite where the last instant is outside."""
     count = error.shape[1]
-    last = count - 1 - np.argmax(error[:, ::-1] > BAND, axis=1)
-    never = ~(error > BAND).any(axis=1)
+    last = count - 1 - np.argmax(error[:, ::-1] > SETTLING_BAND, axis=1)
+    never = ~(error > SETTLING_BAND).any(axis=1)
     rows, after = np.arange(len(error)), np.minimum(last + 1, count - 1)
     span = error[rows, last] - error[rows, after]
-    part = np.where(span > 0.0, (error[rows, last] - BAND) / np.where(span > 0.0, span, 1.0), 0.0)
+    part = np.where(span > 0.0, (error[rows, last] - SETTLING_BAND) / np.where(span > 0.0, span, 1.0), 0.0)
     found = t_s[last] + part * (t_s[after] - t_s[last])
     return np.where(never, 0.0, np.where(last == count - 1, np.inf, found))

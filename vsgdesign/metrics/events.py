@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.metrics.step_response import (
+    SETTLING_BAND,
     ResponseMetrics,
     disturbance_response,
     no_figures,
@@ -22,9 +23,6 @@ MEASURED, NOT_SETTLED, TOO_SHORT = "measured", "not settled", "window too short"
 UNSTABLE, NO_STEADY_STATE = "unstable", "no steady state"
 STATUSES = (MEASURED, NOT_SETTLED, TOO_SHORT, UNSTABLE, NO_STEADY_STATE)
 """The status of an event. The first two have results; ``not settled`` has no settling time."""
-
-BAND = 0.02
-"""Half width of the band of the settling time, relative to the step or to the rating."""
 
 _SMALLEST_STEP = 1e-3
 """A change of less than this share of the rating is not a step."""
@@ -131,9 +129,9 @@ def measure_event(
         needed = time_needed(since, error, end.decay, moved_s, share)
         if needed > observed:
             what = "step" if is_step else "event"
-            expected = moved_s + math.log(max(float(error.max()), 1.0) / (share * BAND)) / end.decay
+            expected = moved_s + math.log(max(float(error.max()), 1.0) / (share * SETTLING_BAND)) / end.decay
             if observed > _LATE * expected:
-                late = float(since[np.flatnonzero(error > BAND)[-1]])
+                late = float(since[np.flatnonzero(error > SETTLING_BAND)[-1]])
                 status = NOT_SETTLED
                 reason = (
                     f"outside its band {late:.3g} s after the {what}, where the slowest mode needs {expected:.3g} s: "
@@ -150,9 +148,9 @@ def measure_event(
         if status not in (MEASURED, NOT_SETTLED):
             return no_figures(initial, end.final)
         found = (
-            step_response(since, values, initial, final, BAND)
+            step_response(since, values, initial, final, SETTLING_BAND)
             if is_step
-            else disturbance_response(since, values, initial, final, rating, BAND)
+            else disturbance_response(since, values, initial, final, rating, SETTLING_BAND)
         )
         return found if status == MEASURED else replace(found, settling_time_s=None)
 
@@ -178,10 +176,10 @@ def time_needed(since: Array, error: Array, decay: float, moved_s: float = 0.0, 
     rating) counts as seen at ``moved_s``, when the last change ended, even if the signal itself has not begun to
     move. ``error`` is relative to the step or the rating; ``share``: of the band.
     """
-    needed = moved_s + math.log(max(float(error[0]), 1.0) / (share * BAND)) / decay
-    outside = error > BAND
+    needed = moved_s + math.log(max(float(error[0]), 1.0) / (share * SETTLING_BAND)) / decay
+    outside = error > SETTLING_BAND
     if outside.any():
-        needed = max(needed, float(np.max(since[outside] + np.log(error[outside] / (share * BAND)) / decay)))
+        needed = max(needed, float(np.max(since[outside] + np.log(error[outside] / (share * SETTLING_BAND)) / decay)))
     return needed
 
 

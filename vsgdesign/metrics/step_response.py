@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+SETTLING_BAND = 0.02
+"""Half the width of the band of the settling time, over the step or the rating."""
+
 
 @dataclass(frozen=True)
 class ResponseMetrics:
@@ -44,7 +47,7 @@ def one_cycle_mean(y: Array, samples_per_cycle: int) -> Array:
     return y[0] + (total[1:] - total[np.arange(1, len(y) + 1) - count]) / count
 
 
-def step_response(t: Array, y: Array, initial: float, final: float, band: float = 0.02) -> ResponseMetrics:
+def step_response(t: Array, y: Array, initial: float, final: float, band: float = SETTLING_BAND) -> ResponseMetrics:
     """Results of a response to a step of the reference from ``initial`` to ``final``.
 
     ``t`` is measured from the event. ``band`` is a fraction of the step. Raises ValueError if there is no step.
@@ -69,7 +72,7 @@ def step_response(t: Array, y: Array, initial: float, final: float, band: float 
 
 
 def disturbance_response(
-    t: Array, y: Array, initial: float, final: float, reference: float, band: float = 0.02
+    t: Array, y: Array, initial: float, final: float, reference: float, band: float = SETTLING_BAND
 ) -> ResponseMetrics:
     """Results of a response to anything other than a step of this signal. ``band`` is a fraction of ``reference``."""
     error = np.abs(y - final) / reference

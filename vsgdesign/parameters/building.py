@@ -30,6 +30,7 @@ from vsgdesign.parameters.scenario import read_events, read_grid, read_simulatio
 from vsgdesign.parameters.specification import read_specification
 from vsgdesign.parameters.stability import read_stability
 from vsgdesign.parameters.study import (
+    UPDATE_PERIOD,
     ClosedFormTarget,
     ControllerSpec,
     Converter,
@@ -41,9 +42,6 @@ from vsgdesign.parameters.study import (
 )
 
 SCHEMA = 1
-
-UPDATE_PERIOD = 0.02
-"""Time between two updates of a schedule where a study says nothing, s: as published."""
 
 
 def build_study(

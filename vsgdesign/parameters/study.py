@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 UNLIMITED_PU = 1e6
 """A current limit so far out of reach that the limiter never acts (infinity would make NaN of 0·∞)."""
 
+UPDATE_PERIOD = 0.02
+"""Time between two updates of a schedule where a study says nothing, s: as published."""
+
 
 @dataclass(frozen=True)
 class Converter:
@@ -189,7 +192,7 @@ class ControllerSpec:
     gains: PowerLoopGains | None = None
     """Given gains of a fixed controller; None: designed in closed form at ``design_grid``."""
     design_grid: Grid | None = None
-    update_period: float | None = 0.02
+    update_period: float | None = UPDATE_PERIOD
     """Time between two updates of a scheduled controller, s; None: the length of the window of the network that it
     estimates with."""
     schedule: str = "closed_form"

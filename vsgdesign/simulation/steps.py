@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
-from vsgdesign.metrics.events import BAND, time_needed
+from vsgdesign.metrics.events import time_needed
 from vsgdesign.metrics.modes import to_continuous
-from vsgdesign.metrics.step_response import ResponseMetrics, step_response
+from vsgdesign.metrics.step_response import SETTLING_BAND, ResponseMetrics, step_response
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.parameters.study import Event, Grid, Study
 from vsgdesign.simulation.gains import GainChange
@@ -102,7 +102,7 @@ def emt_step(
     powers = powers_at_control_point(study, model, 0)
     final = powers[0] - P if signal == "P" else powers[1] - Q
     # What ends within the band around zero is no answer to the step, and nothing to take shares of.
-    if not decay > 0.0 or abs(final) < BAND * abs(size):
+    if not decay > 0.0 or abs(final) < SETTLING_BAND * abs(size):
         return None
     try:
         t_s, response = simulate_step(study, grid, gains, P, Q, signal, size, duration)
@@ -110,4 +110,4 @@ def emt_step(
         return None
     if time_needed(t_s, np.abs(response / final - 1.0), decay) > duration:
         return None
-    return step_response(t_s, response, 0.0, final, BAND)
+    return step_response(t_s, response, 0.0, final, SETTLING_BAND)

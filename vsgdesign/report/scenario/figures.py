@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.parameters.study import Event
 from vsgdesign.report.drawing.decimation import Trace, envelope, extreme_indices
 from vsgdesign.report.drawing.style import (
@@ -261,7 +262,7 @@ def _draw_step_bands(axes: Any, result: ScenarioResult, signal: Signal, zoom: Zo
         if end is None:
             continue
         final = end / signal.si_factor
-        half = 0.02 * abs(end - initial) / signal.si_factor
+        half = SETTLING_BAND * abs(end - initial) / signal.si_factor
         bands.append((final, half, line_style(index)["color"]))
     together = all(abs(final - bands[0][0]) < 0.25 * half for final, half, _ in bands)
     for final, half, colour in bands[:1] if together else bands:

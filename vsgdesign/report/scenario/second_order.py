@@ -9,6 +9,7 @@ import numpy as np
 
 from vsgdesign.equations.closed_form import overshoot_of
 from vsgdesign.metrics import step_response
+from vsgdesign.metrics.step_response import SETTLING_BAND
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ def uncoupled_P(K_ip: float, D_p: float, A: float) -> UncoupledResponse:
 def uncoupled_Q(K_iq: float, D_q: float, D: float) -> UncoupledResponse:
     """The Q loop s + K_iq·(D + D_q)."""
     rate = K_iq * (D + D_q)
-    return UncoupledResponse(rate, None, math.log(50.0) / rate, 0.0)
+    return UncoupledResponse(rate, None, math.log(1.0 / SETTLING_BAND) / rate, 0.0)
 
 
 def settling_factor(damping_ratio: float) -> float:

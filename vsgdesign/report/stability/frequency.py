@@ -31,7 +31,8 @@ Column = tuple[int, ControllerAssessment, Sequence[FocusCell]]
 
 def frequency_figures(result: StabilityResult) -> Iterator[NamedFigure]:
     """All plots over frequency, two controllers side by side; nothing if no grid could be analysed in detail."""
-    columns: list[Column] = [(k, a, shown_cells(a.focus)) for k, a in enumerate(result.assessments) if a.focus]
+    omega_n = result.study.converter.omega_n
+    columns: list[Column] = [(k, a, shown_cells(a.focus, omega_n)) for k, a in enumerate(result.assessments) if a.focus]
     columns.sort(key=lambda item: item[1].spec.kind != "fixed")
     parts = groups(columns, 2)
     makers: tuple[tuple[str, Callable[..., NamedFigure]], ...] = (
@@ -51,11 +52,11 @@ def frequency_figures(result: StabilityResult) -> Iterator[NamedFigure]:
         yield figure
 
 
-def shown_cells(cells: Sequence[FocusCell]) -> list[FocusCell]:
-    """At most eight, spread over the strengths of the grid where there are more."""
+def shown_cells(cells: Sequence[FocusCell], omega_n: float) -> list[FocusCell]:
+    """At most eight, spread over the strengths of the grid at omega_n (rad/s) where there are more."""
     if len(cells) <= MOST_CELLS:
         return list(cells)
-    order = sorted(range(len(cells)), key=lambda k: abs(complex(cells[k].grid.R_g, 314.0 * cells[k].grid.L_g)))
+    order = sorted(range(len(cells)), key=lambda k: abs(complex(cells[k].grid.R_g, omega_n * cells[k].grid.L_g)))
     picked = {order[round(float(k))] for k in np.linspace(0, len(order) - 1, MOST_CELLS)}
     return [cells[k] for k in sorted(picked)]
 

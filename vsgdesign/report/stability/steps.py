@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.metrics.events import BAND as BAND_OF_STEP
 from vsgdesign.metrics.events import TOO_SHORT, UNSTABLE, time_needed
-from vsgdesign.metrics.step_response import ResponseMetrics, settling_time, step_response
+from vsgdesign.metrics.step_response import SETTLING_BAND, ResponseMetrics, settling_time, step_response
 from vsgdesign.report.drawing.decimation import extreme_indices
 from vsgdesign.report.drawing.look import plain_numbers
 from vsgdesign.report.drawing.panels import groups
@@ -54,7 +53,7 @@ def metrics_of(evidence: StepEvidence, which: str) -> ResponseMetrics | str:
         return "no step"
     if time_needed(evidence.t_s, np.abs(y / final - 1.0), decay) > evidence.t_s[-1]:
         return TOO_SHORT
-    return step_response(evidence.t_s, y, 0.0, final, BAND_OF_STEP)
+    return step_response(evidence.t_s, y, 0.0, final, SETTLING_BAND)
 
 
 def _shown_time(part: Sequence[tuple[StepEvidence, StepEvidence]]) -> float:
@@ -62,7 +61,7 @@ def _shown_time(part: Sequence[tuple[StepEvidence, StepEvidence]]) -> float:
     longest = 0.0
     for evidence in (e for pair in part for e in pair):
         error = np.abs(evidence.emt - evidence.final["emt"]) / abs(evidence.step)
-        settled = settling_time(evidence.t_s, error, 0.02)
+        settled = settling_time(evidence.t_s, error, SETTLING_BAND)
         longest = max(longest, float(evidence.t_s[-1]) if settled is None else settled)
     end = float(part[0][0].t_s[-1])
     return min(max(1.5 * longest, 0.05 * end), end)
@@ -89,7 +88,7 @@ def _figure(
             evidence = pair[row]
             axes = add_axes(figure, left + column * (width + between), below + (1 - row) * (panel + gap), width, panel)
             final = evidence.final["emt"] / factor
-            half = 0.02 * abs(evidence.step) / factor
+            half = SETTLING_BAND * abs(evidence.step) / factor
             axes.axhspan(final - half, final + half, **BAND)
             seen = evidence.t_s <= end
             for which, _ in SOURCES:
