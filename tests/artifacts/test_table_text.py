@@ -142,7 +142,18 @@ def test_the_document_of_a_counterexample_is_understood() -> None:
     A = np.array([[0.5, 6.0, 0.0], [-6.0, 0.5, 0.0], [0.0, 0.0, -3.0]])
     value, trajectory = growing_mode(A, np.ones(3))
     region = Region((2.0, 8.0), (0.3, 3.0), (-4500.0, 4500.0), (-2e3, 2e3), 0.2)
-    found = Counterexample("mine", region, 2.0, 0.3, -2500.0, 1000.0, -0.2, 0.0, value, trajectory)
+    found = Counterexample(
+        controller="mine",
+        region=region,
+        scr=2.0,
+        x_over_r=0.3,
+        P=-2500.0,
+        Q=1000.0,
+        error_R=-0.2,
+        error_L=0.0,
+        eigenvalue=value,
+        trajectory=trajectory,
+    )
     assert SAYS["unstable"] in certificate_sentence(found.as_record())
     made = table(scr=(2.0, 8.0), x_over_r=(0.5, 3.0), certificate=found.as_record())
     assert certificate_sentence(replace(made).certificate) == certificate_sentence(found.as_record())

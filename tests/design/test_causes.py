@@ -75,7 +75,7 @@ def task_of(study: Study, scr: float, x_over_r: float) -> CellTask:
     law = law_of(study, chosen.target, spec.aim)
     s = scenarios_of_estimate(study, spec, scr, x_over_r, chosen.target.P, chosen.target.Q)
     centre = tuple(float(value) for value in common_design(law, spec, [s]))
-    return CellTask(study, chosen.target, spec, scr, x_over_r, centre, 0)
+    return CellTask(study=study, target=chosen.target, spec=spec, scr=scr, x_over_r=x_over_r, centre=centre, seed=0)
 
 
 @functools.cache
@@ -137,7 +137,15 @@ def test_what_the_record_keeps_comes_back() -> None:
 
 def document(cause: str, **changes: Any) -> dict[str, Any]:
     keeps = {"settling_time": 0.7, "overshoot": 0.012, "disk_margin": 1.3, "damping_ratio": 0.8, "H": 2.0}
-    found = Cause(1.5, 0.5, cause, {"overshoot": 0.08}, keeps, "least voltage", 0.98)
+    found = Cause(
+        scr=1.5,
+        x_over_r=0.5,
+        cause=cause,
+        missed={"overshoot": 0.08},
+        keeps=keeps,
+        limit="least voltage",
+        limit_use=0.98,
+    )
     return found.as_document() | changes
 
 
@@ -179,7 +187,16 @@ def test_a_build_finds_them_keeps_them_and_says_them(tmp_path: Path) -> None:
 def test_a_cell_that_interpolation_breaks_says_so() -> None:
     from vsgdesign.design.causes import explained_between
 
-    figures = Figures(0.01, 1.0, 0.01, 1.0, 0.1, 1.4, 0.8, -2.0)
+    figures = Figures(
+        overshoot_P=0.01,
+        settling_P=1.0,
+        overshoot_Q=0.01,
+        settling_Q=1.0,
+        cross_peak=0.1,
+        disk_margin=1.4,
+        damping_ratio=0.8,
+        abscissa=-2.0,
+    )
     design = designed(DELAY)[1].design
     assert design is not None
     record = CellRecord(3.0, 1.0, replace(design, shortfalls={}), figures, None)

@@ -119,7 +119,9 @@ def test_a_bound_on_the_inertia_is_kept_or_named() -> None:
     assert row.state == "broken"
     compared = Compared(contender, (row,))
     assert compared.broken() == {"H_max": 1}
-    whole = Comparison(study, bounded, (6.0,), (3.0,), (compared,), (), 0)
+    whole = Comparison(
+        study=study, specification=bounded, scr=(6.0,), x_over_r=(3.0,), contenders=(compared,), outside=(), seed=0
+    )
     table = promises_table(whole)
     assert any("H ≤" in label for label, _ in table.groups)
     assert "H too large 1" in table.rows[0][-1]

@@ -22,13 +22,31 @@ SCR, RATIO = (2.0, 3.0, 4.5, 6.0), (0.5, 1.0, 2.0)
 SPEC = specification(with_specification(scr=SCR, x_over_r=RATIO))
 V = variables("angle_damped", SPEC)
 TABLE = table(scr=SCR, x_over_r=RATIO)
-GOOD = Figures(0.0, 1.0, 0.0, 1.0, 0.1, 1.2, 0.8, -3.0)
+GOOD = Figures(
+    overshoot_P=0.0,
+    settling_P=1.0,
+    overshoot_Q=0.0,
+    settling_Q=1.0,
+    cross_peak=0.1,
+    disk_margin=1.2,
+    damping_ratio=0.8,
+    abscissa=-3.0,
+)
 CENTRE = np.array([3.3, 2.2, 1.9, 0.9, 0.8])
 
 
 def record(scr: float, x_over_r: float, y: Any, missed: dict[str, float] | None = None, **changes: Any) -> CellRecord:
     gains = type(V.normalised(CENTRE))(*(float(value) for value in V.normalised(np.asarray(y))))
-    design = CellDesign(gains, GOOD, 5.0, "settling_time", 7.0, missed or {}, 37, 20)
+    design = CellDesign(
+        normalised=gains,
+        figures=GOOD,
+        inertia=5.0,
+        active="settling_time",
+        price=7.0,
+        shortfalls=missed or {},
+        scenarios=37,
+        iterations=20,
+    )
     return replace(CellRecord(scr, x_over_r, design, GOOD, None), **changes)
 
 

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,9 @@ CENTRE = tuple(float(value) for value in textbook(STUDY))
 
 
 def task(scr: float, x_over_r: float, seed: int = 0) -> CellTask:
-    return CellTask(STUDY, controller(STUDY).target, SPEC, scr, x_over_r, CENTRE, seed)
+    return CellTask(
+        study=STUDY, target=controller(STUDY).target, spec=SPEC, scr=scr, x_over_r=x_over_r, centre=CENTRE, seed=seed
+    )
 
 
 TASKS = [task(6.0, 3.0), task(6.0, 1.0)]
@@ -41,17 +43,18 @@ TASKS = [task(6.0, 3.0), task(6.0, 1.0)]
 any_float = st.floats(allow_nan=False, allow_infinity=False)
 upper = any_float | st.just(float("inf"))
 lower = any_float | st.just(float("-inf"))
-figures = st.builds(Figures, upper, upper, upper, upper, upper, lower, lower, upper)
+LEAST = ("disk_margin", "damping_ratio")  # of all others the largest is the worst
+figures = st.builds(Figures, **{f.name: lower if f.name in LEAST else upper for f in fields(Figures)})
 designs = st.builds(
     CellDesign,
-    st.builds(NormalisedGains, *[any_float] * 6),
-    figures,
-    any_float,
-    st.sampled_from(["", "overshoot"]),
-    any_float,
-    st.dictionaries(st.sampled_from(["overshoot", "settling_time"]), upper),
-    st.integers(0, 99),
-    st.integers(0, 99),
+    normalised=st.builds(NormalisedGains, *[any_float] * 6),
+    figures=figures,
+    inertia=any_float,
+    active=st.sampled_from(["", "overshoot"]),
+    price=any_float,
+    shortfalls=st.dictionaries(st.sampled_from(["overshoot", "settling_time"]), upper),
+    scenarios=st.integers(0, 99),
+    iterations=st.integers(0, 99),
 )
 records = st.builds(CellRecord, any_float, any_float, st.none() | designs, st.none() | figures, st.none() | any_float)
 

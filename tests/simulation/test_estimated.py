@@ -201,7 +201,19 @@ def test_a_network_that_is_not_there_is_asked_for() -> None:
 
 def window(v: np.ndarray, i: np.ndarray, theta: np.ndarray, source_phase: float) -> MeasuredWindow:
     return MeasuredWindow(
-        0, 0.02, 200e-6, v, i, theta, 0.0, 0.0, 110.0, 314.0, References(0.0, 0.0, 314.0, 110.0), GAINS, source_phase
+        index=0,
+        t_s=0.02,
+        sample_interval=200e-6,
+        v_pcc=v,
+        i_pcc=i,
+        theta=theta,
+        P=0.0,
+        Q=0.0,
+        V_rms=110.0,
+        omega=314.0,
+        refs=References(0.0, 0.0, 314.0, 110.0),
+        gains=GAINS,
+        source_phase=source_phase,
     )
 
 

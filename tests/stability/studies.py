@@ -74,7 +74,9 @@ def situation(study: Study, cell: Cell) -> Situation:
 def designed(study: Study, grid: Grid, settling_time: float = 1.0, damping_ratio: float = 1.0) -> PowerLoopGains:
     """Closed-form gains for a grid at the study's design point."""
     target = study.target
-    aim = ClosedFormTarget(settling_time, damping_ratio, target.droop_ratio, target.P, target.Q)
+    aim = ClosedFormTarget(
+        settling_time=settling_time, damping_ratio=damping_ratio, droop_ratio=target.droop_ratio, P=target.P, Q=target.Q
+    )
     return closed_form_schedule(study, aim).gains(grid.R_g, grid.L_g)
 
 

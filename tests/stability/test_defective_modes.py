@@ -60,7 +60,19 @@ def model(rotated: bool) -> tuple[FullOrderModel, list[NDArray[np.float64]], NDA
     empty = np.zeros((len(A), 0))
     none = cast(Any, None)
     states = tuple(f"x{k}" for k in range(ORDER))
-    made = FullOrderModel(states, T_S, empty, empty, A, B, C, D, np.arange(len(A)), (None,) * len(A), none)
+    made = FullOrderModel(
+        states=states,
+        T_s=T_S,
+        z=empty,
+        p=empty,
+        A=A,
+        B=B,
+        C=C,
+        D=D,
+        index=np.arange(len(A)),
+        faults=(None,) * len(A),
+        map=none,
+    )
     return made, parts, Q
 
 

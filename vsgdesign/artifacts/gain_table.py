@@ -33,7 +33,7 @@ RATES = {"k_1": 2, "d_1": 1, "k_2": 1}
 """Power of the time scale that makes a column dimensionless; columns that are not here are stored as they are."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TableBase:
     """What the table is made for: the converter's rating and filter, the source, the basis of its SCR axis."""
 
@@ -187,15 +187,15 @@ def base_of(study: Study, scr_basis: str | None = None) -> TableBase:
     """The base of a table for a study's converter; ``scr_basis``: of the table's axis, if not the study's."""
     c, f = study.converter, study.filter
     return TableBase(
-        c.S_rated,
-        c.V_rated_rms,
-        c.omega_n,
-        study.grid_source.V_g_rms,
-        f.R_2,
-        f.L_2,
-        scr_basis or study.scr_basis,
-        study.tau_P,
-        study.tau_Q,
+        S_rated=c.S_rated,
+        V_rated_rms=c.V_rated_rms,
+        omega_n=c.omega_n,
+        V_g_rms=study.grid_source.V_g_rms,
+        R_2=f.R_2,
+        L_2=f.L_2,
+        scr_basis=scr_basis or study.scr_basis,
+        tau_P=study.tau_P,
+        tau_Q=study.tau_Q,
     )
 
 

@@ -158,14 +158,14 @@ def _rows_on_a_line(text: str) -> str:
 
 
 TABLE_FILE = GuardedFile(
-    KIND,
-    SCHEMA,
-    "a gain table",
-    'written by "vsgdesign table build"',
-    "build the table again",
-    table_document,
-    _from_document,
-    table_faults,
-    _rows_on_a_line,
-    (_from_schema_1,),
+    kind=KIND,
+    schema=SCHEMA,
+    what="a gain table",
+    origin='written by "vsgdesign table build"',
+    again="build the table again",
+    document=table_document,
+    build=_from_document,
+    faults=table_faults,
+    layout=_rows_on_a_line,
+    upgrades=(_from_schema_1,),
 )

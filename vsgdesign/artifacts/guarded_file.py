@@ -27,7 +27,7 @@ def is_number(value: object) -> bool:
     return isinstance(value, float | int) and not isinstance(value, bool) and math.isfinite(value)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GuardedFile(Generic[T]):
     """How a thing is kept as such a file. Equal things give equal bytes.
 

@@ -125,12 +125,12 @@ def _faults(record: InnerLoopsRecord) -> Iterator[str]:
 
 
 INNER_LOOPS_FILE = GuardedFile(
-    KIND,
-    SCHEMA,
-    "a file of designed inner loops",
-    'written by "vsgdesign inner"',
-    "design them again",
-    _document,
-    _from_document,
-    lambda record: list(_faults(record)),
+    kind=KIND,
+    schema=SCHEMA,
+    what="a file of designed inner loops",
+    origin='written by "vsgdesign inner"',
+    again="design them again",
+    document=_document,
+    build=_from_document,
+    faults=lambda record: list(_faults(record)),
 )

@@ -216,12 +216,12 @@ def _fix(instance: Any) -> None:
 
 
 WEIGHTS_FILE = GuardedFile(
-    KIND,
-    SCHEMA,
-    "a trained network",
-    'written by "vsgdesign estimator train"',
-    "train again",
-    weights_document,
-    _from_document,
-    lambda weights: list(_faults(weights)),
+    kind=KIND,
+    schema=SCHEMA,
+    what="a trained network",
+    origin='written by "vsgdesign estimator train"',
+    again="train again",
+    document=weights_document,
+    build=_from_document,
+    faults=lambda weights: list(_faults(weights)),
 )

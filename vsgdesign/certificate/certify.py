@@ -185,19 +185,19 @@ def certify(
         largest = float(residual(matrices, motion.family(every), found.P, claimed).max())
     gap = Gap() if complete else _gap(outcome, largest)
     return Certificate(
-        spec.name,
-        region,
-        claimed,
-        sampled,
-        found.P,
-        system.scale,
-        GAP_FREE if complete else GRIDDED,
-        gap,
-        len(A),
-        len(A_fresh),
-        outcome.proved if outcome else 0,
-        len(found.active),
-        largest,
+        controller=spec.name,
+        region=region,
+        decay=claimed,
+        sampled=sampled,
+        P=found.P,
+        scale=system.scale,
+        proof=GAP_FREE if complete else GRIDDED,
+        gap=gap,
+        checked=len(A),
+        fresh=len(A_fresh),
+        boxes=outcome.proved if outcome else 0,
+        vertices=len(found.active),
+        largest=largest,
     )
 
 
@@ -355,7 +355,18 @@ def _slowest(
     scr, ratio = 1.0 / weakness, float(np.tan(angle))
     if limit <= 0.0:
         value, trajectory = growing_mode(A[worst], system.scale)
-        return Counterexample(name, motion.region, scr, ratio, P, Q, e_R, e_L, value, trajectory)
+        return Counterexample(
+            controller=name,
+            region=motion.region,
+            scr=scr,
+            x_over_r=ratio,
+            P=P,
+            Q=Q,
+            error_R=e_R,
+            error_L=e_L,
+            eigenvalue=value,
+            trajectory=trajectory,
+        )
     return limit, {"scr": scr, "x_over_r": ratio, "P": P, "Q": Q, "error_R": e_R, "error_L": e_L}
 
 

@@ -33,7 +33,7 @@ class Gap:
     decay: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Certificate:
     """V = xᵀP(ρ)x decays at least as e^{−2·decay·t} along every change of grid and estimate within the region.
 
@@ -111,7 +111,7 @@ class Trajectory:
     x: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Counterexample:
     """A cell of the region that no certificate can cover, its least stable eigenvalue (1/s) and how it grows."""
 

@@ -13,7 +13,7 @@ class Assumption:
     text: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Datasheet:
     """Everything that a study of a converter needs, in SI, and where each value comes from."""
 

@@ -27,7 +27,7 @@ _POWER_SHARE = 0.5
 """Of the box of powers: what a grid at its static limit is asked for to be far from it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Cause:
     """Why one node is relaxed. ``keeps``: figures of the node without the cause, None where nothing helped.
 
@@ -61,7 +61,15 @@ def explain_pair(pair: tuple[CellTask, CellRecord]) -> Cause:
 
 def explained_between(record: CellRecord, missed: dict[str, float]) -> Cause:
     """A node that keeps its promises itself, and is relaxed because what lies between it and another one does not."""
-    return Cause(record.scr, record.x_over_r, BETWEEN, missed, _kept(record), "", float("nan"))
+    return Cause(
+        scr=record.scr,
+        x_over_r=record.x_over_r,
+        cause=BETWEEN,
+        missed=missed,
+        keeps=_kept(record),
+        limit="",
+        limit_use=float("nan"),
+    )
 
 
 def _explain(task: CellTask, record: CellRecord) -> Cause:
@@ -72,7 +80,15 @@ def _explain(task: CellTask, record: CellRecord) -> Cause:
     nearest = max(uses, key=lambda name: uses[name])
 
     def found(cause: str, keeps: dict[str, float] | None) -> Cause:
-        return Cause(task.scr, task.x_over_r, cause, record.missed, keeps, nearest, uses[nearest])
+        return Cause(
+            scr=task.scr,
+            x_over_r=task.x_over_r,
+            cause=cause,
+            missed=record.missed,
+            keeps=keeps,
+            limit=nearest,
+            limit_use=uses[nearest],
+        )
 
     ideal: CellDesign | None = None
     undelayed = _without_delay(task)

@@ -38,7 +38,7 @@ _START_Q = 0.02
 _CAP = 3.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CellDesign:
     """What the optimizer found for one grid. ``shortfalls``: promises not kept, with what would have to be allowed."""
 
@@ -77,7 +77,15 @@ def design_cell(
     program = robust_program(law, spec)
     high = program.variables.high if ceiling is None else np.minimum(program.variables.high, ceiling)
     centre = np.minimum(centre, high)
-    ground = Ground(law, spec, program.variables, s, log_stiffness(law, s), centre, pull)
+    ground = Ground(
+        law=law,
+        spec=spec,
+        variables=program.variables,
+        scenarios=s,
+        log_stiffness=log_stiffness(law, s),
+        centre=centre,
+        pull=pull,
+    )
     rng = np.random.default_rng(seed)
     samples, scores = candidates(ground, high, rng)
     start = samples[int(np.argmin(scores))]
@@ -108,7 +116,16 @@ def design_cell(
     price = 100.0 * prices[chosen].get(active, 0.0)
     if not missed and price < 1e-3:
         active, price = "", 0.0
-    return CellDesign(normalised, figures, inertia, active, price, missed, len(s), iterations)
+    return CellDesign(
+        normalised=normalised,
+        figures=figures,
+        inertia=inertia,
+        active=active,
+        price=price,
+        shortfalls=missed,
+        scenarios=len(s),
+        iterations=iterations,
+    )
 
 
 def _solve_with_cuts(
@@ -164,7 +181,14 @@ def common_design(law: LawOfStudy, spec: Specification, boxes: Sequence[Scenario
 
 def _lacks(law: LawOfStudy, spec: Specification, y: Array, s: Scenarios) -> Array:
     """What each design lacks in one cell, against the best of them."""
-    ground = Ground(law, spec, variables(law.structure, spec), s, log_stiffness(law, s), y[0])
+    ground = Ground(
+        law=law,
+        spec=spec,
+        variables=variables(law.structure, spec),
+        scenarios=s,
+        log_stiffness=log_stiffness(law, s),
+        centre=y[0],
+    )
     few = hardest(ground, y[:: max(len(y) // 4, 1)], _SEARCHED_IN_COMMON)
     scores = ground.scores(y, ground.evaluate(y, few))
     return np.minimum(scores - scores.min(), _CAP) if np.isfinite(scores).all() else np.zeros(len(y))

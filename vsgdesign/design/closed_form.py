@@ -16,7 +16,7 @@ from vsgdesign.runtime.of_study import follows_measured, gain_law, schedule_of
 from vsgdesign.stability.loops import coupled_loop
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ClosedFormDesign:
     """One controller's gains on one grid, the point they are designed at, and the loops' margins there.
 
@@ -71,4 +71,12 @@ def design_closed_form(study: Study, spec: ControllerSpec, grid: Grid, ready: Re
         open_P, open_Q = (coupled_loop(point, gains, source, R, X, loop=k) for k in (0, 1))
     c = study.converter
     inertia = float(effective_inertia(gains, c.S_rated, c.omega_n))
-    return ClosedFormDesign(spec.name, grid, point, gains, loop_margins(open_P), loop_margins(open_Q), inertia)
+    return ClosedFormDesign(
+        controller=spec.name,
+        grid=grid,
+        point=point,
+        gains=gains,
+        margins_P=loop_margins(open_P),
+        margins_Q=loop_margins(open_Q),
+        inertia_s=inertia,
+    )

@@ -57,7 +57,7 @@ class Contender:
         return PowerLoopGains(*(np.broadcast_to(np.asarray(value, dtype=float), s.P.shape) for value in chosen))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GridFigures:
     """A contender on one grid. ``exact``, ``wrong``: the worst over the powers with an exact estimate and over the
     estimate's error too, coupled model; None without gains. ``real_*``: the same of the full-order model, None where it
@@ -145,7 +145,7 @@ class Compared:
         return float(max(values) if large else min(values))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Comparison:
     """All contenders on the same grids. ``outside``: grids on which nothing is asked, (SCR, X/R)."""
 
@@ -227,18 +227,18 @@ def compare_on_grids(
             lost.append({} if whole is None or seen is None else _lost(spec, whole, seen, inertia))
         rows.append(
             GridFigures(
-                scr,
-                x_over_r,
-                figures[0],
-                figures[1],
-                missed[0],
-                missed[1],
-                real[0],
-                real[1],
-                lost[0],
-                lost[1],
-                first.D_p,
-                inertia,
+                scr=scr,
+                x_over_r=x_over_r,
+                exact=figures[0],
+                wrong=figures[1],
+                missed_exact=missed[0],
+                missed_wrong=missed[1],
+                real_exact=real[0],
+                real_wrong=real[1],
+                lost_exact=lost[0],
+                lost_wrong=lost[1],
+                D_p=first.D_p,
+                inertia=inertia,
             )
         )
     return tuple(rows)

@@ -28,7 +28,7 @@ _FREQUENCIES = np.geomspace(0.5, 400.0, 28)
 """Where the disk margin is looked at while searching, over the settling time's inverse."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LawOfStudy:
     """What makes gains of normalised parameters: the structure, its law, the droops and the ratings."""
 
@@ -60,14 +60,14 @@ def law_of(study: Study, target: ClosedFormTarget, aim: str) -> LawOfStudy:
     droops = target.P_droop, target.Q_droop
     D_p, D_q = STRUCTURES[target.structure].rated_droops(*droops, c.S_rated, c.omega_n, c.V_rated_rms)
     return LawOfStudy(
-        target.structure,
-        "inertia" if aim == "inertia" else "poles",
-        D_p,
-        D_q,
-        c.S_rated,
-        c.omega_n,
-        study.tau_P,
-        study.tau_Q,
+        structure=target.structure,
+        law="inertia" if aim == "inertia" else "poles",
+        D_p=D_p,
+        D_q=D_q,
+        S_rated=c.S_rated,
+        omega_n=c.omega_n,
+        tau_P=study.tau_P,
+        tau_Q=study.tau_Q,
     )
 
 

@@ -10,7 +10,7 @@ from vsgdesign.design.evaluation import Evaluation
 from vsgdesign.parameters.specification import Specification
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Figures:
     """The worst of a design over a cell's scenarios; fractions, s, and 1/s."""
 

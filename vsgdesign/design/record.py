@@ -38,7 +38,7 @@ _SLOWER = (0.75, 0.55)
 """Shares of the first design's bandwidth that are tried where the inner loops take its promises away."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CellTask:
     """One cell to design, complete in itself: it goes to another process or machine."""
 

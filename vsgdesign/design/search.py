@@ -46,7 +46,7 @@ _LEAST_MARGIN = 1.015
 _PRICE_BROKEN, _STEP_BROKEN, _PRICE_RESERVE, _PRICE_MARGIN = 300.0, 1e3, 50.0, 30.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Ground:
     """What designs of one cell are measured on. ``log_stiffness``: ln(A ω_0/(2 S)) of the nominal scenario, so that
     H is that over k_1 (:eq:`effective-inertia`); ``pull``: how much being near ``centre`` counts."""
@@ -179,7 +179,9 @@ def hardest(ground: Ground, y: Array, count: int) -> Scenarios:
 
 def with_hard(law: LawOfStudy, spec: Specification, s: Scenarios, centre: Array, keep: int) -> Scenarios:
     """The first ``keep`` scenarios, and of the others those among the worst of a design for any figure."""
-    ground = Ground(law, spec, variables(law.structure, spec), s, 0.0, centre)
+    ground = Ground(
+        law=law, spec=spec, variables=variables(law.structure, spec), scenarios=s, log_stiffness=0.0, centre=centre
+    )
     return s.take(np.array(list(dict.fromkeys([*range(keep), *_ranked(ground, centre[None])[:_HARD].tolist()]))))
 
 

@@ -31,7 +31,7 @@ _POWERS = ("P", "Q")
 _STEPS = ("overshoot_P", "settling_P", "overshoot_Q", "settling_Q")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FullOrderFigures:
     """Figures (S,) of one design in every scenario; NaN margins where it is unstable or has no steady state."""
 
@@ -49,14 +49,14 @@ class FullOrderFigures:
     def worst(self) -> Figures:
         """The worst over the scenarios."""
         return Figures(
-            float(np.max(self.overshoot_P)),
-            float(np.max(self.settling_P)),
-            float(np.max(self.overshoot_Q)),
-            float(np.max(self.settling_Q)),
-            float(np.max(self.cross_peak)),
-            float(np.min(self.disk_margin)),
-            float(np.min(self.damping_ratio)),
-            float(np.max(self.abscissa)),
+            overshoot_P=float(np.max(self.overshoot_P)),
+            settling_P=float(np.max(self.settling_P)),
+            overshoot_Q=float(np.max(self.overshoot_Q)),
+            settling_Q=float(np.max(self.settling_Q)),
+            cross_peak=float(np.max(self.cross_peak)),
+            disk_margin=float(np.min(self.disk_margin)),
+            damping_ratio=float(np.min(self.damping_ratio)),
+            abscissa=float(np.max(self.abscissa)),
         )
 
 

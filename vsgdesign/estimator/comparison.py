@@ -34,7 +34,7 @@ WITHIN = 0.10
 """Error of |Z| that counts as found again after a change of grid."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ComparisonSettings:
     """Grids and sensors of a comparison. Powers are per unit of the rating."""
 
@@ -100,7 +100,7 @@ class Disturbance:
     Q: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class GridStep:
     """A change of grid seen by one method: (draws, W) estimates of |Z| (Ω) and their relative errors."""
 
@@ -326,7 +326,7 @@ def _grid_steps(
         delay = tuple(_delay(row[BEFORE:], t_s[BEFORE:]) for row in error)
         truth = np.hypot(record.R_g, omega * record.L_g)[0]
         Z = np.hypot(found.R_g, omega * found.L_g)
-        steps.append(GridStep(method.name, pair, t_s, Z, truth, error, delay))
+        steps.append(GridStep(method=method.name, scr=pair, t_s=t_s, Z=Z, Z_true=truth, error=error, delay=delay))
     return steps
 
 

@@ -42,7 +42,7 @@ class Split:
     test: Index
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DataSet:
     """N windows, SI. Every array has N rows. At rest a window obeys :eq:`window-phasors`."""
 

@@ -47,7 +47,7 @@ class Problem(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Damping:
     """How the damping moves and when the search ends. The defaults are the paper's, else those of the field.
 
@@ -66,7 +66,7 @@ class Damping:
     checks: int = 6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Epoch:
     """One line of the history: where an epoch begins. Without a set its error is NaN."""
 
@@ -157,7 +157,15 @@ def _record(state: State, here: Linearised, scores: Scores | None) -> State:
     score = here.cost if math.isnan(validation) else validation
     better = score < state.best_score
     checks = 0 if better or math.isnan(validation) else state.checks + 1
-    line = Epoch(state.epoch, here.cost, validation, test, here.gradient_norm, state.mu, checks)
+    line = Epoch(
+        epoch=state.epoch,
+        cost=here.cost,
+        validation=validation,
+        test=test,
+        gradient=here.gradient_norm,
+        mu=state.mu,
+        checks=checks,
+    )
     state = replace(state, checks=checks, history=(*state.history, line))
     if better or state.best_x is None:
         state = replace(state, best_x=state.x, best_score=score, best_epoch=state.epoch)

@@ -56,7 +56,7 @@ def log_uniform(low: float, high: float) -> Spread:
 _NOMINAL, _NONE = one_of(1.0), one_of(0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class WindowRecipe:
     """One data set. A scenario is one run: at rest, then a change, with windows before and after it.
 

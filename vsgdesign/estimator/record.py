@@ -18,7 +18,7 @@ from vsgdesign.identification.interface import CHANNELS, Array, ComplexArray
 from vsgdesign.parameters.study import Converter, Grid, Study
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Run:
     """One run before its sensors: W windows of n samples that follow each other, the first ``before`` at rest."""
 
@@ -55,7 +55,7 @@ class Run:
         return np.asarray(P), np.asarray(Q)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Record:
     """B measured runs of W windows of n samples, SI, peak. All runs have the same sampling."""
 
@@ -96,7 +96,16 @@ def run_case(study: Study, recipe: WindowRecipe, index: int, seed: int = 0, prob
     grids = tuple(scenario.grids[int(later)] for later in after)
     turned = synchronised_vectors(study, recipe, windows, vectors)
     return Run(
-        study.converter, recipe, vectors, turned, theta, sent, float(slope), grids, scenario.noise, scenario.seed
+        converter=study.converter,
+        recipe=recipe,
+        vectors=vectors,
+        synchronised=turned,
+        theta=theta,
+        sent=sent,
+        omega=float(slope),
+        grids=grids,
+        noise=scenario.noise,
+        seed=scenario.seed,
     )
 
 

@@ -52,7 +52,7 @@ _ONE = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scenario:
     """One run: where it begins, what changes, and with which gains."""
 
@@ -157,7 +157,16 @@ def _draw(study: Study, recipe: WindowRecipe, index: int, key: tuple[int, ...], 
             harmonics[order] = amplitude * complex(math.cos(angle), math.sin(angle))
     phase = recipe.phase.draw(rng, index)
     scenario = Scenario(
-        index, (first, second), (gains[0], gains[1]), (refs[0], refs[1]), source, phase, noise, harmonics, key, redrawn
+        index=index,
+        grids=(first, second),
+        gains=(gains[0], gains[1]),
+        references=(refs[0], refs[1]),
+        source=source,
+        phase=phase,
+        noise=noise,
+        harmonics=harmonics,
+        seed=key,
+        redrawn=redrawn,
     )
     reason = _why_not(study, scenario)
     return _Draw(numbers, None if reason else scenario, reason)

@@ -41,7 +41,7 @@ class PartOfData:
     |Ẑ − Z|/|Z| at nominal frequency (``Z``) and of the relative errors of ``R_g`` and ``L_g``. NaN without windows."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class TrainedEstimator:
     """Weights and how they came about."""
 
@@ -149,15 +149,15 @@ def train_on(
     )
     history = {name: np.array([getattr(line, name) for line in training.history], dtype=float) for name in HISTORY}
     return TrainedEstimator(
-        weights,
-        parts,
-        history,
-        training.stop,
-        training.best_epoch,
-        training.epochs,
-        training.components,
-        data.draws,
-        {},
+        weights=weights,
+        parts=parts,
+        history=history,
+        stop=training.stop,
+        best_epoch=training.best_epoch,
+        epochs=training.epochs,
+        components=training.components,
+        draws=data.draws,
+        timing_s={},
     )
 
 

@@ -67,7 +67,7 @@ class Checkpoint:
     best: Fit | None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Training:
     """A trained network, how it got there, and how good it is.
 
@@ -149,7 +149,16 @@ def _train(
     network = Network(W_1, b_1, second[:, :-1], second[:, -1], scaling_in, scaling_out)
     metrics = {part: split_metrics(network, inputs[rows], targets[rows]) for part, rows in vars(split).items()}
     epochs = fit.history[-1].epoch if fit.history else 0
-    return Training(network, fit.stop, fit.epoch, fit.history, epochs, shape.inputs, metrics, checkpoint)
+    return Training(
+        network=network,
+        stop=fit.stop,
+        best_epoch=fit.epoch,
+        history=fit.history,
+        epochs=epochs,
+        components=shape.inputs,
+        metrics=metrics,
+        checkpoint=checkpoint,
+    )
 
 
 def _search(

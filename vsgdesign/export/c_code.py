@@ -109,11 +109,11 @@ def export_c_files(
     """
     found = read_table_of(table, study)
     origin = Origin(
-        found.name,
-        found.sha256,
-        found.study,
-        found.study_hash,
-        certificate_sentence(found.certificate),
+        table=found.name,
+        table_sha256=found.sha256,
+        study=found.study,
+        study_hash=found.study_hash,
+        certificate=certificate_sentence(found.certificate),
         limiter=limiter,
     )
     estimator = None

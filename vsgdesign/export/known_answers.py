@@ -26,7 +26,7 @@ from vsgdesign.runtime.lookup import GainLookup
 from vsgdesign.runtime.scheduler import SAID, Scheduler, advance, first_state
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class KnownAnswer:
     """One call and its answer. ``given``: R_g, L_g, P, Q, V, as single precision holds them."""
 
@@ -74,7 +74,15 @@ def known_answers(scheduler: Scheduler) -> list[KnownAnswer]:
         said = NO_ESTIMATE if hold else NO_REASON
         state, answer = advance(lookup, c, state, said, R_g, L_g, P, Q, V, ticks)
         known.append(
-            KnownAnswer(ticks, hold, given, answer.status, answer.reason, answer.gains, gain_sizes(answer.gains))
+            KnownAnswer(
+                ticks=ticks,
+                hold=hold,
+                given=given,
+                status=answer.status,
+                reason=answer.reason,
+                answer=answer.gains,
+                size=gain_sizes(answer.gains),
+            )
         )
     return known
 
@@ -98,7 +106,7 @@ def known_windows(estimator: NeuralEstimator) -> tuple[tuple[float, float], list
     return (steps[0], steps[1]), found
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class KnownSteps:
     """Samples of the whole controller from its start on; with other gains in the second half."""
 
@@ -162,7 +170,16 @@ def known_steps(lookup: GainLookup, settings: SchedulerSettings, limiter: Limite
         )
         outputs.append(ControllerOutput(*map(float, output)))
     size_of = ControllerOutput(v_b_alpha=V_pk, v_b_beta=V_pk, omega=omega, P=S, Q=S, limited=1.0)
-    return KnownSteps(refs, gains, inner, grid, constants, measured, outputs, size_of)
+    return KnownSteps(
+        refs=refs,
+        gains=gains,
+        inner_gains=inner,
+        grid=grid,
+        settings=constants,
+        measured=measured,
+        outputs=outputs,
+        size=size_of,
+    )
 
 
 _STEPS = 20

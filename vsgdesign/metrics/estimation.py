@@ -19,7 +19,7 @@ REST_S = 1.0
 """Longest part of the time before an event that counts as rest, s. Of a shorter time, the last quarter counts."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RestError:
     """Relative errors in per cent over the rest before an event. NaN if there is no estimate."""
 
@@ -72,14 +72,14 @@ def errors_at_rest(
         R, L = errors_R[rows], errors_L[rows]
         found.append(
             RestError(
-                rest,
-                end,
-                float(R_g[last]),
-                float(L_g[last]),
-                float(R.mean()),
-                float(L.mean()),
-                float(np.abs(R).max()),
-                float(np.abs(L).max()),
+                begin_s=rest,
+                end_s=end,
+                R_g=float(R_g[last]),
+                L_g=float(L_g[last]),
+                R_mean_pct=float(R.mean()),
+                L_mean_pct=float(L.mean()),
+                R_worst_pct=float(np.abs(R).max()),
+                L_worst_pct=float(np.abs(L).max()),
             )
         )
     return tuple(found)

@@ -65,7 +65,7 @@ class EventWindow:
     """Whether the event steps this signal's own reference."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class EventMetrics:
     """One signal around one event."""
 
@@ -155,16 +155,16 @@ def measure_event(
         return found if status == MEASURED else replace(found, settling_time_s=None)
 
     return EventMetrics(
-        window.name,
-        window.t_s,
-        signal,
-        "step" if is_step else "disturbance",
-        measure(y[begin:stop]),
-        measure(mean),
-        float(np.max(current_pu[begin:stop])),
-        status,
-        reason,
-        needs,
+        name=window.name,
+        t_s=window.t_s,
+        signal=signal,
+        kind="step" if is_step else "disturbance",
+        raw=measure(y[begin:stop]),
+        one_cycle_mean=measure(mean),
+        peak_current_pu=float(np.max(current_pu[begin:stop])),
+        status=status,
+        reason=reason,
+        needs_s=needs,
     )
 
 

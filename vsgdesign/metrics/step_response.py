@@ -13,7 +13,7 @@ SETTLING_BAND = 0.02
 """Half the width of the band of the settling time, over the step or the rating."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ResponseMetrics:
     """One signal after one event. Times are measured from the event. None: not reached, or without meaning."""
 
@@ -35,7 +35,15 @@ class ResponseMetrics:
 
 def no_figures(initial: float, final: float | None = None) -> ResponseMetrics:
     """A response of which only the initial value and perhaps the final value are known."""
-    return ResponseMetrics(initial, final, None, None, None, None, None)
+    return ResponseMetrics(
+        initial=initial,
+        final=final,
+        overshoot_pct=None,
+        settling_time_s=None,
+        rise_time_s=None,
+        peak_deviation=None,
+        itae_s2=None,
+    )
 
 
 def one_cycle_mean(y: Array, samples_per_cycle: int) -> Array:
@@ -61,13 +69,13 @@ def step_response(t: Array, y: Array, initial: float, final: float, band: float 
     rise = None if first_10 is None or first_90 is None else first_90 - first_10
     error = np.abs(progress - 1.0)
     return ResponseMetrics(
-        initial,
-        final,
-        overshoot,
-        settling_time(t, error, band),
-        rise,
-        float(np.max(np.abs(y - final))),
-        float(np.trapezoid(t * error, t)),
+        initial=initial,
+        final=final,
+        overshoot_pct=overshoot,
+        settling_time_s=settling_time(t, error, band),
+        rise_time_s=rise,
+        peak_deviation=float(np.max(np.abs(y - final))),
+        itae_s2=float(np.trapezoid(t * error, t)),
     )
 
 
@@ -77,13 +85,13 @@ def disturbance_response(
     """Results of a response to anything other than a step of this signal. ``band`` is a fraction of ``reference``."""
     error = np.abs(y - final) / reference
     return ResponseMetrics(
-        initial,
-        final,
-        None,
-        settling_time(t, error, band),
-        None,
-        float(np.max(error)) * reference,
-        float(np.trapezoid(t * error, t)),
+        initial=initial,
+        final=final,
+        overshoot_pct=None,
+        settling_time_s=settling_time(t, error, band),
+        rise_time_s=None,
+        peak_deviation=float(np.max(error)) * reference,
+        itae_s2=float(np.trapezoid(t * error, t)),
     )
 
 

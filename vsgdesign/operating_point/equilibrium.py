@@ -20,7 +20,7 @@ from vsgdesign.errors import NoOperatingPointError
 from vsgdesign.frames import PHASES
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class OperatingPoint:
     """Where the converter sits: powers (W, var), V (phase rms), δ (rad) and the Jacobian there.
 
@@ -114,7 +114,9 @@ def _voltages_with_angle(P: float, V_g_rms: float, R: float, X: float) -> tuple[
 
 def _at(P: float, Q: float, V_rms: float, delta: float, R: float, X: float, limits: tuple) -> OperatingPoint:
     A, B, C, D = (float(entry) for entry in jacobian_from_powers(P, Q, V_rms, R, X))
-    return OperatingPoint(P, Q, V_rms, delta, A, B, C, D, bool(limits[0] <= V_rms <= limits[1]))
+    return OperatingPoint(
+        P=P, Q=Q, V_rms=V_rms, delta=delta, A=A, B=B, C=C, D=D, V_within_limits=bool(limits[0] <= V_rms <= limits[1])
+    )
 
 
 def _require_voltage(P: float, V_g_rms: float) -> None:

@@ -32,7 +32,7 @@ class Cell:
     """None: the study's own."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FullOrderModel:
     """Discrete-time model of N cells, z' = A z + B u, y = C z + D u, at their steady states.
 
@@ -83,7 +83,17 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
     p = np.array(params).reshape(len(good), functions.step.size1_in(1))
     A, B, C, D = _matrices(functions, z, p)
     return FullOrderModel(
-        functions.states, settings.T_s, z, p, A, B, C, D, np.array(good, dtype=int), tuple(faults), functions
+        states=functions.states,
+        T_s=settings.T_s,
+        z=z,
+        p=p,
+        A=A,
+        B=B,
+        C=C,
+        D=D,
+        index=np.array(good, dtype=int),
+        faults=tuple(faults),
+        map=functions,
     )
 
 

@@ -68,7 +68,9 @@ def build_study(
     power = root.child("power_loops") or TableReader({}, "power_loops", faults)
     tau_P = power.quantity("tau_P", "s", 0.0, 1.0, default=0.0)
     tau_Q = power.quantity("tau_Q", "s", 0.0, 1.0, default=0.0)
-    default_target = ClosedFormTarget(1.0, 1.0, 0.01, converter.S_rated * 0.9, converter.S_rated * 0.2)
+    default_target = ClosedFormTarget(
+        settling_time=1.0, damping_ratio=1.0, droop_ratio=0.01, P=converter.S_rated * 0.9, Q=converter.S_rated * 0.2
+    )
     target = _read_target(power, default_target, converter)
     power.finish()
     simulation = read_simulation(root.section("simulation"), converter)
@@ -85,10 +87,29 @@ def build_study(
         request = request_of(inner, converter, filter_, basis, target, specification)
         inner_gains, omega_t = _designed(request, inner_loops, faults)
     return Study(
-        name, title, source, converter, filter_, inner_gains, grid, source_, basis, target,
-        tau_P, tau_Q, omega_t, controllers, simulation, events, stability, content_hash,
-        specification, estimator, request, current_limiter,
-    )  # fmt: skip
+        name=name,
+        title=title,
+        source=source,
+        converter=converter,
+        filter=filter_,
+        inner_gains=inner_gains,
+        grid=grid,
+        grid_source=source_,
+        scr_basis=basis,
+        target=target,
+        tau_P=tau_P,
+        tau_Q=tau_Q,
+        omega_t=omega_t,
+        controllers=controllers,
+        simulation=simulation,
+        events=events,
+        stability=stability,
+        hash=content_hash,
+        specification=specification,
+        estimator=estimator,
+        inner_request=request,
+        current_limiter=current_limiter,
+    )
 
 
 def _designed(

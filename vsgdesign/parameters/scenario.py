@@ -107,15 +107,15 @@ def read_events(
         if over > 0.0 and V_g_pu is None and f_g is None:
             table.fault("over", f"{over:.6g} s", "ramps nothing", "It belongs to V_g_pu or f_g.")
         event = Event(
-            t_s,
-            "",
-            new_grid,
-            None if V_g_pu is None else V_g_pu * converter.V_rated_rms,
-            None if f_g is None else 2.0 * math.pi * f_g,
-            over,
-            jump,
-            P_ref,
-            Q_ref,
+            t_s=t_s,
+            name="",
+            grid=new_grid,
+            V_g_rms=None if V_g_pu is None else V_g_pu * converter.V_rated_rms,
+            omega_g=None if f_g is None else 2.0 * math.pi * f_g,
+            over=over,
+            phase_jump=jump,
+            P_ref=P_ref,
+            Q_ref=Q_ref,
         )
         given = _given(table, event, converter, basis)
         for earlier_t, earlier, values in said:

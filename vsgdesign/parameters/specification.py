@@ -39,7 +39,7 @@ class DesignBox:
     """Phase rms, V."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Specification:
     """What a gain table must keep in every cell, at the worst of the box. Limits that are None are not asked."""
 

@@ -29,7 +29,7 @@ UPDATE_PERIOD = 0.02
 """Time between two updates of a schedule where a study says nothing, s: as published."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Converter:
     """Ratings and the sampled bridge."""
 
@@ -131,7 +131,7 @@ class Place:
         return Grid(float(R_g), float(L_g))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class InnerLoopRequest:
     """What inner loops are designed for. Equal requests get equal gains."""
 
@@ -155,7 +155,7 @@ class GridSource:
     omega_g: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ClosedFormTarget:
     """What the closed-form gains aim at, and the operating point at which the Jacobian is taken."""
 
@@ -219,7 +219,7 @@ class Event:
     Q_ref: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SimulationSpec:
     """One EMT run."""
 
@@ -271,7 +271,7 @@ class StudyOrigin:
     default_name: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Study:
     """Everything that a study file says, resolved, checked and in SI.
 

@@ -116,7 +116,15 @@ def compare_study(
         tell("compare", 1.0)
     seen = {(grid.scr, grid.x_over_r) for grid in compared[0].grids}
     outside = tuple(grid for grid in grids if grid not in seen)
-    return Comparison(study, spec, *axes, tuple(compared), outside, seed)
+    return Comparison(
+        study=study,
+        specification=spec,
+        scr=axes[0],
+        x_over_r=axes[1],
+        contenders=tuple(compared),
+        outside=outside,
+        seed=seed,
+    )
 
 
 def _by_structure(contenders: Sequence[tuple[Contender, Any]]) -> list[tuple[Contender, Any]]:

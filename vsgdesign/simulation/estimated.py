@@ -45,7 +45,7 @@ TRAINED_PHASE = -0.5 * math.pi
 """Angle of the grid source's vector at the first sample of a synchronised window, rad: phase A's zero crossing."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class EstimateLog:
     """What an estimator said, beside the truth. Arrays have a row per answer."""
 

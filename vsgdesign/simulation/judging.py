@@ -11,7 +11,7 @@ from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StepAgainstTruth:
     """One reference step of a controller with the estimate, and of the same controller with the truth.
 
@@ -27,7 +27,7 @@ class StepAgainstTruth:
     overshoot_truth_pct: float | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Judgement:
     """One controller that estimates."""
 
@@ -64,13 +64,13 @@ def judge_estimates(result: ScenarioResult) -> tuple[Judgement, ...]:
         twin = next((other for other in result.controllers if _is_twin(controller, other, result.ready)), None)
         found.append(
             Judgement(
-                controller.spec.name,
-                log,
-                dict(Counter(log.status)),
-                errors_at_rest(*rows, instants, end_s),
-                changes_seen(*rows, log.period, changes, instants, end_s),
-                None if twin is None else twin.spec.name,
-                () if twin is None else _against(controller, twin),
+                name=controller.spec.name,
+                log=log,
+                statuses=dict(Counter(log.status)),
+                rest=errors_at_rest(*rows, instants, end_s),
+                changes=changes_seen(*rows, log.period, changes, instants, end_s),
+                twin=None if twin is None else twin.spec.name,
+                steps=() if twin is None else _against(controller, twin),
             )
         )
     return tuple(found)
@@ -89,13 +89,13 @@ def _against(controller: ControllerResult, twin: ControllerResult) -> tuple[Step
             a, b = (e.raw if controller.bridge == "averaged" else e.one_cycle_mean for e in (ours, theirs))
             steps.append(
                 StepAgainstTruth(
-                    ours.t_s,
-                    ours.name,
-                    ours.signal,
-                    a.settling_time_s,
-                    b.settling_time_s,
-                    a.overshoot_pct,
-                    b.overshoot_pct,
+                    t_s=ours.t_s,
+                    name=ours.name,
+                    signal=ours.signal,
+                    settling_time_s=a.settling_time_s,
+                    settling_time_truth_s=b.settling_time_s,
+                    overshoot_pct=a.overshoot_pct,
+                    overshoot_truth_pct=b.overshoot_pct,
                 )
             )
     return tuple(steps)

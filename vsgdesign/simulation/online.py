@@ -29,7 +29,7 @@ from vsgdesign.simulation.timeline import Timeline
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MeasuredWindow:
     """What a controller has measured during one period, SI, and its own quantities at the end of it.
 

@@ -97,7 +97,7 @@ def not_promised(table: GainTable | None, study: Study, row: OperatingPointRow |
     return "; ".join(left)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Kept:
     """One promise of a controller at one operating point of a scenario: the limit, and what both models have.
 
@@ -175,17 +175,18 @@ def _of_controller(result: ScenarioResult, spec: ControllerSpec) -> list[Kept]:
                     reached = reached[0], reached[0]
                 found.append(
                     Kept(
-                        spec.name,
-                        asked_by,
-                        row.t_s,
-                        row.grid,
-                        float(P[k]),
-                        float(Q[k]),
-                        name,
-                        float(limit),
-                        at_least,
-                        *reached,
-                        excuse,
+                        controller=spec.name,
+                        source=asked_by,
+                        t_s=row.t_s,
+                        grid=row.grid,
+                        P=float(P[k]),
+                        Q=float(Q[k]),
+                        name=name,
+                        limit=float(limit),
+                        at_least=at_least,
+                        ideal=reached[0],
+                        full_order=reached[1],
+                        excuse=excuse,
                     )
                 )
     return sorted(found, key=lambda one: one.t_s)

@@ -29,7 +29,7 @@ _STILL = -1e-6
 """A mode that dies more slowly than this, 1/s, does not die."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Rest:
     """The state that a controller is bound for between two events, with the gains it has at the end of them.
 
@@ -68,7 +68,7 @@ class Rest:
         return EndState(None if switched else final, decay, reason, self.ramp_end_s, cycle)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Instability:
     """A part of a scenario in which a controller has no stable state to come to, on one grid."""
 
@@ -112,7 +112,20 @@ def rests(study: Study, timeline: Timeline, changes: Sequence[GainChange]) -> tu
         if obstacle is None:
             P, Q = _powers_at_pcc(study, model, place[k], cells[k])
             mode = modes(model.states, model.A[place[k]], model.T_s, count=len(model.states))[0]
-        found.append(Rest(t_s, end_s, names[t_s], grid, P, Q, mode, obstacle, ramp_end, source.omega))
+        found.append(
+            Rest(
+                t_s=t_s,
+                end_s=end_s,
+                name=names[t_s],
+                grid=grid,
+                P_pcc=P,
+                Q_pcc=Q,
+                mode=mode,
+                obstacle=obstacle,
+                ramp_end_s=ramp_end,
+                omega_g=source.omega,
+            )
+        )
     return tuple(found)
 
 
@@ -175,7 +188,17 @@ def instabilities(study: Study, spec: ControllerSpec, found: Sequence[Rest]) -> 
             f"{mode_in_words(mode)}. The full-order model has no stable state there: this part of the run shows the "
             "mode, not a response."
         )
-        said.append(Instability(spec.name, first.t_s, part[-1].end_s, first.name, first.grid, mode, message))
+        said.append(
+            Instability(
+                controller=spec.name,
+                t_s=first.t_s,
+                end_s=part[-1].end_s,
+                event=first.name,
+                grid=first.grid,
+                mode=mode,
+                message=message,
+            )
+        )
     return tuple(said)
 
 

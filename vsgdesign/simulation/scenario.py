@@ -28,7 +28,7 @@ from vsgdesign.simulation.timeline import Timeline, build_timeline
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ControllerResult:
     """One controller's run. ``series`` maps names to arrays over ``series["t_s"]``, SI."""
 
@@ -109,7 +109,17 @@ def run_scenario(
         if estimates is not None:  # the gains that it really had
             found = rests(study, timeline, run.gain_changes)
         events = measure_events(study, series, found, switched=used == "pwm")
-        results.append(ControllerResult(spec, used, run.gain_changes, run, series, events, estimates))
+        results.append(
+            ControllerResult(
+                spec=spec,
+                bridge=used,
+                gain_changes=run.gain_changes,
+                simulation=run,
+                series=series,
+                events=events,
+                estimates=estimates,
+            )
+        )
     return ScenarioResult(study, timeline, points, tuple(results), unstable, ready)
 
 

@@ -39,7 +39,7 @@ _LOCUS_POINTS = 60
 _BETWEEN_POINTS = 300
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FrequencyView:
     """One cell over frequency: the data of Bode, Nichols, NFP and impedance plots."""
 
@@ -56,7 +56,7 @@ class FrequencyView:
     """ΔP/Δω_g, per unit over per unit."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FocusCell:
     """One grid of the scenario, analysed in detail with both models."""
 
@@ -87,7 +87,7 @@ class Locus:
     eigenvalues: Complex
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ControllerAssessment:
     """All maps and detailed cells of one controller."""
 
@@ -150,7 +150,18 @@ def assess(
     limits = tuple((f.grid.scr(study.converter, study.scr_basis), _limit(study, law, f.grid, P, Q)) for f in focus)
     tell(spec.name, 1.0)
     return ControllerAssessment(
-        spec, reduced, full, step_P, step_Q, stale, errors, between, between_grids, focus, loci, limits
+        spec=spec,
+        reduced=reduced,
+        full_order=full,
+        step_P=step_P,
+        step_Q=step_Q,
+        stale=stale,
+        estimate_error=errors,
+        between=between,
+        between_grids=between_grids,
+        focus=focus,
+        loci=loci,
+        x_over_r_limit=limits,
     )
 
 
@@ -193,19 +204,19 @@ def _focus_cells(study: Study, law: GainLaw, P: float, Q: float) -> tuple[FocusC
         label = _label(study, grid, taken=[cell.label for cell in found])
         found.append(
             FocusCell(
-                label,
-                grid,
-                P,
-                Q,
-                reduced,
-                full,
-                reduced_margins(reduced),
-                full_order_margins(full),
-                found_modes,
-                mode_sensitivities(full, 0, found_modes[0].s),
-                _frequency_view(study, full),
-                PowerLoopGains(*(float(value[0]) for value in cells.gains)),
-                cells.outside[0],
+                label=label,
+                grid=grid,
+                P=P,
+                Q=Q,
+                reduced=reduced,
+                full_order=full,
+                reduced_table=reduced_margins(reduced),
+                full_order_table=full_order_margins(full),
+                modes=found_modes,
+                sensitivities=mode_sensitivities(full, 0, found_modes[0].s),
+                view=_frequency_view(study, full),
+                gains=PowerLoopGains(*(float(value[0]) for value in cells.gains)),
+                outside=cells.outside[0],
             )
         )
     return tuple(found)
@@ -225,13 +236,13 @@ def _frequency_view(study: Study, model: FullOrderModel) -> FrequencyView:
     S = FullOrderLoop(model).on(omega)[0]
     Y = output_admittance(model, 0, omega)
     return FrequencyView(
-        omega,
-        1.0 / S[:, 0, 0] - 1.0,
-        1.0 / S[:, 1, 1] - 1.0,
-        Y,
-        passivity_index(Y),
-        generalised_nyquist(model, 0, omega),
-        network_frequency_perturbation(model, 0, omega, study.converter.S_rated, study.converter.omega_n),
+        omega=omega,
+        L_P=1.0 / S[:, 0, 0] - 1.0,
+        L_Q=1.0 / S[:, 1, 1] - 1.0,
+        admittance=Y,
+        passivity=passivity_index(Y),
+        nyquist=generalised_nyquist(model, 0, omega),
+        nfp=network_frequency_perturbation(model, 0, omega, study.converter.S_rated, study.converter.omega_n),
     )
 
 

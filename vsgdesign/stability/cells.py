@@ -28,7 +28,7 @@ OUTSIDE = "outside the limits"
 """The name of a cell beyond the converter's limits, on every page."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CellSet:
     """N cells. ``faults`` contains for each cell the reason why it cannot be analysed, or None.
 
@@ -62,15 +62,15 @@ class CellSet:
         gains = PowerLoopGains(*(value[index] for value in self.gains))
         faults, outside = (tuple(texts[k] for k in index) for texts in (self.faults, self.outside))
         return CellSet(
-            self.R_g[index],
-            self.L_g[index],
-            self.P[index],
-            self.Q[index],
-            self.V_rms[index],
-            self.delta[index],
-            gains,
-            faults,
-            outside,
+            R_g=self.R_g[index],
+            L_g=self.L_g[index],
+            P=self.P[index],
+            Q=self.Q[index],
+            V_rms=self.V_rms[index],
+            delta=self.delta[index],
+            gains=gains,
+            faults=faults,
+            outside=outside,
         )
 
 
@@ -99,7 +99,17 @@ def cell_set(
             faults.append(no_gains)
         else:
             faults.append(None)
-    return CellSet(R_g, L_g, P, Q, V_rms, delta, gains, tuple(faults), tuple(_outside(study, P, Q, V_rms)))
+    return CellSet(
+        R_g=R_g,
+        L_g=L_g,
+        P=P,
+        Q=Q,
+        V_rms=V_rms,
+        delta=delta,
+        gains=gains,
+        faults=tuple(faults),
+        outside=tuple(_outside(study, P, Q, V_rms)),
+    )
 
 
 def cells_under(

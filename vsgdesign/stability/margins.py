@@ -22,7 +22,7 @@ _WIDTHS = (-4.0, -1.0, 0.0, 1.0, 4.0)
 """Frequencies at which a resonance is evaluated, in half-widths (−Re s) from its own frequency."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MarginTable:
     """Values for each cell (N,). An unstable cell has modes but no margins (NaN).
 
@@ -81,16 +81,16 @@ def _table(eigenvalues: Complex, output: SensitivityLoop, input_: SensitivityLoo
     del S_out
     disk_input = disk_margin(*_on_both(input_, omega, extra), input_.at)
     return MarginTable(
-        eigenvalues,
-        stable,
-        abscissa,
-        damping[cells, least],
-        np.abs(eigenvalues[cells, least]),
-        _only(disk_output, stable),
-        _only(disk_input, stable),
-        _only(M_s, stable),
-        _only(loop_P, stable),
-        _only(loop_Q, stable),
+        eigenvalues=eigenvalues,
+        stable=stable,
+        spectral_abscissa=abscissa,
+        least_damping=damping[cells, least],
+        least_damped_rad_s=np.abs(eigenvalues[cells, least]),
+        disk_output=_only(disk_output, stable),
+        disk_input=_only(disk_input, stable),
+        M_s=_only(M_s, stable),
+        loop_P=_only(loop_P, stable),
+        loop_Q=_only(loop_Q, stable),
     )
 
 

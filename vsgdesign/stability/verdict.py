@@ -24,7 +24,7 @@ PASS, FAIL, INFORMATIONAL, NOT_ASSESSED = "pass", "fail", "informational", "not 
 NOTHING = "no cell within the converter's limits could be analysed"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Verdict:
     """One row of the clause matrix. ``confidence``: read, secondary or recalled source; empty for our own limits."""
 
@@ -134,14 +134,14 @@ def _own_gates(study: Study, a: ControllerAssessment) -> list[Verdict]:
         evidence = f"map_{name}_{'reduced' if label == 'reduced' else 'full_order'}.csv"
         rows.append(
             Verdict(
-                name,
-                OWN,
-                "",
-                f"stable in every cell within the limits ({label})",
-                f"{stable} of {analysed}",
-                "all",
-                NOT_ASSESSED if analysed == 0 else PASS if stable == analysed else FAIL,
-                evidence,
+                controller=name,
+                source=OWN,
+                confidence="",
+                test=f"stable in every cell within the limits ({label})",
+                value=f"{stable} of {analysed}",
+                limit="all",
+                verdict=NOT_ASSESSED if analysed == 0 else PASS if stable == analysed else FAIL,
+                evidence=evidence,
             )
         )
         limits = {
@@ -156,14 +156,14 @@ def _own_gates(study: Study, a: ControllerAssessment) -> list[Verdict]:
                 verdict = FAIL if worst.share_below > 0.0 else PASS
                 rows.append(
                     Verdict(
-                        name,
-                        OWN,
-                        "",
-                        f"{worst.quantity}, worst cell ({label})",
-                        f"{shown} at {worst.where}" if analysed else NOTHING,
-                        limits[worst.quantity],
-                        verdict if analysed else NOT_ASSESSED,
-                        evidence,
+                        controller=name,
+                        source=OWN,
+                        confidence="",
+                        test=f"{worst.quantity}, worst cell ({label})",
+                        value=f"{shown} at {worst.where}" if analysed else NOTHING,
+                        limit=limits[worst.quantity],
+                        verdict=verdict if analysed else NOT_ASSESSED,
+                        evidence=evidence,
                     )
                 )
     rows.append(_settling(study, a))
@@ -184,14 +184,14 @@ def _settling(study: Study, a: ControllerAssessment) -> Verdict:
             slowest, where = max(times), describe_cell(a.reduced, int(a.reduced.analysed[k]))
     shown = "not settled" if np.isinf(slowest) else f"{slowest:.3g} s"
     return Verdict(
-        a.spec.name,
-        OWN,
-        "",
-        "2 % settling of P and Q steps, worst cell (reduced)",
-        f"{shown} at {where}" if analysed else NOTHING,
-        f"≤ {limit:g} s",
-        NOT_ASSESSED if not analysed else FAIL if late else PASS,
-        f"map_{a.spec.name}_reduced.csv",
+        controller=a.spec.name,
+        source=OWN,
+        confidence="",
+        test="2 % settling of P and Q steps, worst cell (reduced)",
+        value=f"{shown} at {where}" if analysed else NOTHING,
+        limit=f"≤ {limit:g} s",
+        verdict=NOT_ASSESSED if not analysed else FAIL if late else PASS,
+        evidence=f"map_{a.spec.name}_reduced.csv",
     )
 
 
@@ -228,39 +228,39 @@ def _external(study: Study, a: ControllerAssessment) -> list[Verdict]:
             verdict = INFORMATIONAL
         rows.append(
             Verdict(
-                a.spec.name,
-                source,
-                confidence,
-                f"grids of the test: {text}",
-                value,
-                "none published for margins",
-                verdict,
-                f"map_{a.spec.name}_full_order.csv",
+                controller=a.spec.name,
+                source=source,
+                confidence=confidence,
+                test=f"grids of the test: {text}",
+                value=value,
+                limit="none published for margins",
+                verdict=verdict,
+                evidence=f"map_{a.spec.name}_full_order.csv",
             )
         )
     damping = counted_rows(full).least_damping
     rows.append(
         Verdict(
-            a.spec.name,
-            "IEEE 2800-2022",
-            "recalled",
-            "damping ratio of controlled modes",
-            f"{float(np.min(damping)):.3g} least within the limits (all modes)" if len(damping) else NOTHING,
-            "≥ 0.3, to be checked",
-            INFORMATIONAL if len(damping) else NOT_ASSESSED,
-            f"map_{a.spec.name}_full_order.csv",
+            controller=a.spec.name,
+            source="IEEE 2800-2022",
+            confidence="recalled",
+            test="damping ratio of controlled modes",
+            value=f"{float(np.min(damping)):.3g} least within the limits (all modes)" if len(damping) else NOTHING,
+            limit="≥ 0.3, to be checked",
+            verdict=INFORMATIONAL if len(damping) else NOT_ASSESSED,
+            evidence=f"map_{a.spec.name}_full_order.csv",
         )
     )
     rows.append(
         Verdict(
-            a.spec.name,
-            "FNN 2020; GB GC0137",
-            "secondary; recalled",
-            "phase jumps, sags, RoCoF in time domain",
-            "",
-            "",
-            NOT_ASSESSED,
-            "run the scenario with such events",
+            controller=a.spec.name,
+            source="FNN 2020; GB GC0137",
+            confidence="secondary; recalled",
+            test="phase jumps, sags, RoCoF in time domain",
+            value="",
+            limit="",
+            verdict=NOT_ASSESSED,
+            evidence="run the scenario with such events",
         )
     )
     return rows

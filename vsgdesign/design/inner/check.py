@@ -21,7 +21,7 @@ POWERS_PU = (-0.5, 0.1, 0.7)
 """Active powers of the check over the rated one, reactive power zero."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FullOrderCheck:
     """The full-order model with the power loops closed, over grids × powers.
 

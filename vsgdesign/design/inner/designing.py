@@ -24,7 +24,7 @@ FEWER = Effort(heat=30, generations=70, joined=20, rounds=2)
 """An alternative's search: within 3 % of a full one's t for five of six converters, 9 % for the slowest sampler."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class InnerDesign:
     """Designed inner loops: gains in SI, and what they keep on 13 × 13 grids of the box."""
 
@@ -69,7 +69,7 @@ class InnerDesign:
         return self.t >= 1.0 and self.full_order.passed
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Alternative:
     """What another converter or filter would buy, designed anew with a shorter search."""
 
@@ -190,7 +190,17 @@ def what_would_help(
             )
         score = score_of(box, result.promises, targets(c, settling_time), *FINE)
         ratio = sampling_ratio(c, f, box)
-        found.append(Alternative(name, change, c, f, result.t, score.limiting, ratio))
+        found.append(
+            Alternative(
+                name=name,
+                change=change,
+                converter=c,
+                filter=f,
+                t=result.t,
+                limiting=score.limiting,
+                sampling_ratio=ratio,
+            )
+        )
     return sorted(found, key=lambda alternative: -alternative.t)
 
 

@@ -75,7 +75,7 @@ def targets(converter: Converter, settling_time: float) -> Targets:
     return Targets(DAMPING, DECAY * converter.omega_n / settling_time, DISK, SENSOR_ERROR, NOISE, TOLERANCE)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Bench:
     """Everything that a gain set is judged on, made once: circuits, frequencies, targets.
 
@@ -119,14 +119,14 @@ def bench_of(
     both = joined([nominal, off])
     scales = np.array([1.0, 1.0 / converter.Z_base, 1.0 / converter.Z_base])
     return Bench(
-        settings,
-        targets(converter, settling_time),
-        nominal,
-        both,
-        frequencies(settings.T_s, points),
-        scales,
-        tuple(grids),
-        tuple(off_grids),
+        settings=settings,
+        targets=targets(converter, settling_time),
+        nominal=nominal,
+        both=both,
+        omega=frequencies(settings.T_s, points),
+        scales=scales,
+        grids=tuple(grids),
+        off_grids=tuple(off_grids),
     )
 
 

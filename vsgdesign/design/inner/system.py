@@ -27,11 +27,11 @@ def angle_damped_target(settling_time: float) -> ClosedFormTarget:
     """The angle-damped closed form, without coupling, at the present references (:eq:`angle-damped-gains`)."""
     k_1, d_1, k_2 = paced(*EQUAL_TIMES, 1.0 / settling_time)
     return ClosedFormTarget(
-        settling_time,
-        1.0,
-        0.01,
-        0.0,
-        0.0,
+        settling_time=settling_time,
+        damping_ratio=1.0,
+        droop_ratio=0.01,
+        P=0.0,
+        Q=0.0,
         structure=ANGLE_DAMPED.name,
         follow_references=True,
         k_1=k_1,
@@ -72,7 +72,15 @@ def study_of(
         tau_Q=tau,
         omega_t=omega_t,
         controllers=(ControllerSpec(name="scheduled", kind="scheduled", target=target),),
-        simulation=SimulationSpec(1.0, "averaged", "steady_state", c.T_s, 0.0, 0.0, 0.0),
+        simulation=SimulationSpec(
+            duration=1.0,
+            bridge="averaged",
+            start="steady_state",
+            log_interval=c.T_s,
+            csv_interval=0.0,
+            P_ref=0.0,
+            Q_ref=0.0,
+        ),
         events=(),
         stability=StabilitySpec((1.0,), (1.0,), (0.0,), (0.0,), (0.0,), Gates()),
         hash="",

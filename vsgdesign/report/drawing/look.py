@@ -209,7 +209,7 @@ def power_of_ten(value: float) -> str:
     return "10" + str(round(float(np.log10(value)))).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Cells:
     """One panel's cells: values over (x, y), and what else there is to say of each."""
 

@@ -59,7 +59,7 @@ def _draw(
         left = _LEFT + column * (width + _BAR_ROOM + _GAP)
         bottom = _BOTTOM + (rows - 1 - row) * (panel + _BETWEEN)
         axes = add_axes(figure, left, bottom, width, panel)
-        cells = Cells(scr, x_over_r, values, nowhere, np.isnan(values), nowhere)
+        cells = Cells(x=scr, y=x_over_r, values=values, unstable=nowhere, missing=np.isnan(values), partial=nowhere)
         draw_cells(axes, cells, scale, width, panel, raster)
         if surface.key:
             axes.patch.set_gid(f"hover.{surface.key}")

@@ -53,7 +53,14 @@ def table_cells(table: GainTable, values: Array) -> Cells:
     decay = table.margins.get("decay_1_s")
     unstable = np.zeros(table.shape, dtype=bool) if decay is None else np.asarray(decay <= 0.0)
     missing = np.isnan(values) & ~unstable
-    return Cells(table.scr, table.x_over_r, values, unstable, missing, np.zeros(table.shape, dtype=bool))
+    return Cells(
+        x=table.scr,
+        y=table.x_over_r,
+        values=values,
+        unstable=unstable,
+        missing=missing,
+        partial=np.zeros(table.shape, dtype=bool),
+    )
 
 
 def in_order(table: GainTable) -> list[str]:

@@ -177,7 +177,7 @@ def stale_figures(table: GainTable) -> Iterator[NamedFigure]:
             values = stale_margins(table, ratio, name)
             stable = stale_margins(table, ratio, "decay_1_s")
             unstable, missing = np.asarray(stable <= 0.0), np.isnan(stable)
-            cells = Cells(table.scr, table.scr, values, unstable, missing, nowhere)
+            cells = Cells(x=table.scr, y=table.scr, values=values, unstable=unstable, missing=missing, partial=nowhere)
             panels.append(Panel(f"X/R {plain(ratio, 3)}", cells))
         gates = Gates()
         caption = (

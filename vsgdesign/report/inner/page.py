@@ -80,7 +80,14 @@ def _map(
     unstable = ~score.stable
     missing = np.isnan(values) & ~unstable
     nowhere = np.zeros(values.T.shape, dtype=bool)
-    cells = Cells(np.array(score.x_over_r), np.array(score.scr), values.T, unstable.T, missing.T, nowhere)
+    cells = Cells(
+        x=np.array(score.x_over_r),
+        y=np.array(score.scr),
+        values=values.T,
+        unstable=unstable.T,
+        missing=missing.T,
+        partial=nowhere,
+    )
     known = values[np.isfinite(values) & ~unstable]
     high = float(known.max()) if len(known) else 2.0 * target
     low = min(0.0, float(known.min())) if len(known) else 0.0

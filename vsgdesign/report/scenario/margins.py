@@ -19,7 +19,7 @@ from vsgdesign.simulation import ControllerResult, ScenarioResult
 from vsgdesign.stability.loops import coupled_loop
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LoopOnGrid:
     """The open P loop of one controller on one grid, at the operating point of the controller's design."""
 
@@ -73,14 +73,14 @@ def loops_on_grids(result: ScenarioResult, controller: ControllerResult) -> tupl
         numerator, denominator = (np.trim_zeros(np.ravel(part[0][0]), "f") for part in (open_loop.num, open_loop.den))
         loops.append(
             LoopOnGrid(
-                grid_label(result, grid),
-                float(np.hypot(R, X)),
-                target.P,
-                target.Q,
-                gains,
-                numerator,
-                denominator,
-                loop_margins(open_loop),
+                label=grid_label(result, grid),
+                Z_ohm=float(np.hypot(R, X)),
+                P=target.P,
+                Q=target.Q,
+                gains=gains,
+                numerator=numerator,
+                denominator=denominator,
+                margins=loop_margins(open_loop),
             )
         )
     return tuple(loops)

@@ -18,7 +18,7 @@ from vsgdesign.simulation import ControllerResult, ScenarioResult
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Signal:
     """One quantity of all controllers, in a unit fit for an axis."""
 
@@ -80,13 +80,13 @@ def _power(result: ScenarioResult, series: str, name: str, title: str, unit: str
     changes = result.timeline.references
     t_ref, reference = _staircase([c[0] for c in changes], [c[column] for c in changes], _duration(result))
     return Signal(
-        name,
-        title,
-        title,
-        f"{prefix}{unit}",
-        f"{title} at the point of common coupling, positive into the grid",
-        _traces(result, values, factor),
-        0.01 * result.study.converter.S_rated / factor,
+        name=name,
+        title=title,
+        axis_label=title,
+        unit=f"{prefix}{unit}",
+        caption=f"{title} at the point of common coupling, positive into the grid",
+        traces=_traces(result, values, factor),
+        smallest_range=0.01 * result.study.converter.S_rated / factor,
         target=(t_ref, reference / factor),
         metrics_name=series,
         si_factor=factor,
@@ -103,13 +103,13 @@ def _voltage(result: ScenarioResult) -> Signal:
     factor, prefix = prefix_for(converter.V_rated_rms)
     low, high = converter.V_limits_rms
     return Signal(
-        "voltage",
-        "Voltage",
-        "Voltage, phase rms",
-        f"{prefix}V",
-        "Phase voltage at the point of common coupling (rms, from the length of the voltage vector)",
-        _traces(result, values, factor),
-        0.01 * converter.V_rated_rms / factor,
+        name="voltage",
+        title="Voltage",
+        axis_label="Voltage, phase rms",
+        unit=f"{prefix}V",
+        caption="Phase voltage at the point of common coupling (rms, from the length of the voltage vector)",
+        traces=_traces(result, values, factor),
+        smallest_range=0.01 * converter.V_rated_rms / factor,
         band=(low / factor, high / factor),
         band_label=f"limits {converter.V_min_pu:g} … {converter.V_max_pu:g} pu",
         per_unit=converter.V_rated_rms / factor,
@@ -128,13 +128,13 @@ def _frequency(result: ScenarioResult) -> Signal:
         t_grid += [source.t_s, end_s]
         f_grid += [source.omega / turn, (source.omega + source.omega_slope * (end_s - source.t_s)) / turn]
     return Signal(
-        "frequency",
-        "Frequency",
-        "Frequency",
-        "Hz",
-        "Frequency of each converter's power loop",
-        _traces(result, values, 1.0),
-        0.01,
+        name="frequency",
+        title="Frequency",
+        axis_label="Frequency",
+        unit="Hz",
+        caption="Frequency of each converter's power loop",
+        traces=_traces(result, values, 1.0),
+        smallest_range=0.01,
         target=(np.array(t_grid), np.array(f_grid)),
         target_label="grid source",
     )

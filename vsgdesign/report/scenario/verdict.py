@@ -32,7 +32,7 @@ RULE = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StepOutcome:
     """One reference step of one controller against its target."""
 
@@ -141,7 +141,18 @@ def step_outcomes(result: ScenarioResult) -> list[StepOutcome]:
                 excuse = not_promised(result.ready.table(controller.spec), result.study, row)
                 window = ends[metrics.t_s] - metrics.t_s
                 at_rest = _was_at_rest(result, controller, metrics)
-                outcomes.append(StepOutcome(controller, metrics, window, row, uncoupled, promises, at_rest, excuse))
+                outcomes.append(
+                    StepOutcome(
+                        controller=controller,
+                        metrics=metrics,
+                        window_s=window,
+                        row=row,
+                        uncoupled=uncoupled,
+                        promises=promises,
+                        at_rest=at_rest,
+                        excuse=excuse,
+                    )
+                )
     return outcomes
 
 

@@ -32,7 +32,7 @@ _MOST_COLUMNS = 3
 PART = 3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Quantity:
     """One column of the margin tables and how it is drawn."""
 
@@ -62,51 +62,51 @@ def phase_margin_of(table: MarginTable) -> Array:
 
 
 DAMPING = Quantity(
-    "damping",
-    "Least damping ratio",
-    "Least damping ratio ζ [1]",
-    lambda t: t.least_damping,
-    lambda g: gate_scale(0.0, 1.0, g.damping_ratio, (0.0, 0.1, 0.2, 0.5, 0.7, 1.0)),
-    lambda g: f"gate ζ = {plain(g.damping_ratio)}",
-    "the least damping ratio over all modes of a cell, −Re s/|s|",
+    name="damping",
+    title="Least damping ratio",
+    label="Least damping ratio ζ [1]",
+    column=lambda t: t.least_damping,
+    scale=lambda g: gate_scale(0.0, 1.0, g.damping_ratio, (0.0, 0.1, 0.2, 0.5, 0.7, 1.0)),
+    gate_text=lambda g: f"gate ζ = {plain(g.damping_ratio)}",
+    how="the least damping ratio over all modes of a cell, −Re s/|s|",
 )
 DISK = Quantity(
-    "disk_margin",
-    "Disk margin",
-    "Disk margin α [1]",
-    disk_margin_of,
-    lambda _: Scale(0.0, 2.0, ticks=(0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)),
-    None,
-    "the smaller of the balanced multi-loop disk margins at the plant's output and input; α allows gain changes by "
+    name="disk_margin",
+    title="Disk margin",
+    label="Disk margin α [1]",
+    column=disk_margin_of,
+    scale=lambda _: Scale(0.0, 2.0, ticks=(0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)),
+    gate_text=None,
+    how="the smaller of the balanced multi-loop disk margins at the plant's output and input; α allows gain changes by "
     "(1 + α/2)/(1 − α/2) and phase changes by 2·atan(α/2) in both loops at once. It has no gate",
 )
 GAIN_MARGIN = Quantity(
-    "gain_margin",
-    "Gain margin",
-    "Gain margin, worse loop [dB]",
-    gain_margin_of,
-    lambda g: gate_scale(0.0, 30.0, g.gain_margin_db, (0.0, 3.0, 10.0, 20.0, 30.0, 40.0, 60.0)),
-    lambda g: f"gate {plain(g.gain_margin_db)} dB",
-    "the smaller gain margin of the P and the Q loop, each with the other closed; a loop without phase crossing has "
-    "an infinite one and takes the end's colour",
+    name="gain_margin",
+    title="Gain margin",
+    label="Gain margin, worse loop [dB]",
+    column=gain_margin_of,
+    scale=lambda g: gate_scale(0.0, 30.0, g.gain_margin_db, (0.0, 3.0, 10.0, 20.0, 30.0, 40.0, 60.0)),
+    gate_text=lambda g: f"gate {plain(g.gain_margin_db)} dB",
+    how="the smaller gain margin of the P and the Q loop, each with the other closed; a loop without phase crossing "
+    "has an infinite one and takes the end's colour",
 )
 PHASE_MARGIN = Quantity(
-    "phase_margin",
-    "Phase margin",
-    "Phase margin, worse loop [°]",
-    phase_margin_of,
-    lambda g: gate_scale(0.0, 90.0, g.phase_margin_deg, (0.0, 10.0, 20.0, 45.0, 60.0, 90.0, 120.0, 180.0)),
-    lambda g: f"gate {plain(g.phase_margin_deg)}°",
-    "the smaller phase margin of the P and the Q loop, each with the other closed",
+    name="phase_margin",
+    title="Phase margin",
+    label="Phase margin, worse loop [°]",
+    column=phase_margin_of,
+    scale=lambda g: gate_scale(0.0, 90.0, g.phase_margin_deg, (0.0, 10.0, 20.0, 45.0, 60.0, 90.0, 120.0, 180.0)),
+    gate_text=lambda g: f"gate {plain(g.phase_margin_deg)}°",
+    how="the smaller phase margin of the P and the Q loop, each with the other closed",
 )
 M_S = Quantity(
-    "M_s",
-    "Peak sensitivity",
-    "Peak sensitivity $M_s$ [1]",
-    lambda t: t.M_s.value,
-    lambda g: gate_scale(1.0, 10.0, g.M_s, (1.0, 1.5, 3.0, 5.0, 10.0, 20.0), larger_is_better=False, log=True),
-    lambda g: f"gate $M_s$ = {plain(g.M_s)}",
-    "the peak over frequency of the largest singular value of the sensitivity at the plant's output; small is good",
+    name="M_s",
+    title="Peak sensitivity",
+    label="Peak sensitivity $M_s$ [1]",
+    column=lambda t: t.M_s.value,
+    scale=lambda g: gate_scale(1.0, 10.0, g.M_s, (1.0, 1.5, 3.0, 5.0, 10.0, 20.0), larger_is_better=False, log=True),
+    gate_text=lambda g: f"gate $M_s$ = {plain(g.M_s)}",
+    how="the peak over frequency of the largest singular value of the sensitivity at the plant's output; small is good",
     larger_is_better=False,
 )
 QUANTITIES = (DAMPING, DISK, GAIN_MARGIN, PHASE_MARGIN, M_S)
@@ -137,7 +137,15 @@ def worst_over_powers(field: MarginMap, column: Array, larger_is_better: bool = 
     seen = np.any(~left, axis=2)
     partial = np.array(np.any(counted, axis=2) & ~np.all(counted, axis=2)) & ~outside
     shown = np.where(seen, worst, np.nan)
-    return Cells(field.axes[0][1], field.axes[1][1], shown, unstable, missing, partial, outside=outside)
+    return Cells(
+        x=field.axes[0][1],
+        y=field.axes[1][1],
+        values=shown,
+        unstable=unstable,
+        missing=missing,
+        partial=partial,
+        outside=outside,
+    )
 
 
 def map_figures(result: StabilityResult) -> Iterator[NamedFigure]:

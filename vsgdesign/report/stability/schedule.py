@@ -45,7 +45,17 @@ def plane(field: MarginMap, values: Array, pick: tuple[Any, ...], axes: tuple[in
     missing = np.isnan(stable)
     x, y = (field.axes[k][1] for k in axes)
     outside = ~field.cells.inside.reshape(field.shape)[pick]
-    return Cells(x, y, spread, stable == 0.0, missing, np.zeros(missing.shape, dtype=bool), log, log, outside)
+    return Cells(
+        x=x,
+        y=y,
+        values=spread,
+        unstable=stable == 0.0,
+        missing=missing,
+        partial=np.zeros(missing.shape, dtype=bool),
+        x_log=log,
+        y_log=log,
+        outside=outside,
+    )
 
 
 def _circles(field: MarginMap) -> str:
