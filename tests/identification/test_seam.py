@@ -118,3 +118,50 @@ def test_a_probe_of_power_moves_the_references(monkeypatch: pytest.MonkeyPatch) 
 def test_without_it_the_name_is_a_fault_with_the_known_ones() -> None:
     with pytest.raises(StudyError, match=r"controllers\[0\]\.estimate = \"own\".*truth.*kalman"):
         study_from_text(TEXT)
+
+
+class Passed(NamedTuple):
+    """Samples so far."""
+
+    samples: int
+
+
+@dataclass(frozen=True, eq=False)
+class SampleBySample:
+    """Fed with one sample at a time; an answer at the end of every window of the installation."""
+
+    at: Installation
+    title: str = "Sample by sample"
+    signals: str = "other"
+
+    @property
+    def needs(self) -> Needs:
+        return Needs(1, self.at.sample_interval)
+
+    def first(self) -> Passed:
+        return Passed(0)
+
+    def probe(self, state: Passed) -> None:
+        pass
+
+    def update(self, state: Passed, samples: Samples) -> tuple[Passed, Estimate | None]:
+        seen = state.samples + 1
+        assert samples.v.shape == (2, 1)
+        return Passed(seen), Estimate(*ANSWER, "ok") if seen % self.at.samples == 0 else None
+
+
+def test_an_estimator_may_be_fed_sample_by_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The guards and the log see its answers alone, one a window, in a run as in the comparison."""
+    monkeypatch.setitem(ESTIMATORS, "own", EstimatorKind("sample by sample", SampleBySample))
+    (run,) = run_scenario(study_from_text(TEXT)).controllers
+    assert run.estimates is not None
+    np.testing.assert_allclose(run.estimates.t_s, 0.02 * np.arange(1, 11))
+    assert run.estimates.period == pytest.approx(0.02)
+    assert [change.t_s for change in run.gain_changes] == pytest.approx([0.0, 0.02])
+    study = load_study("studies/published/study.toml")
+    found = compare_methods(study, {}, ComparisonSettings(scr=(8.0,), grid_steps=(), draws=1))
+    one = next(one for one in found.accuracy if one.method == "Sample by sample")
+    other = abs(
+        complex(ANSWER[0], study.converter.omega_n * ANSWER[1]) / (study.converter.Z_base / 8.0 * (1 + 1j)) - 1.0
+    )
+    assert one.rms[0] == pytest.approx(other, rel=1e-3)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vsgdesign.artifacts.certificate_record import CertificateRegion
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.errors import ArtifactError
 from vsgdesign.frames import rated_current_rms
@@ -129,6 +128,10 @@ def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
     it also is without one or where the grid may jump.
     The safe place is the largest SCR of the box at the geometric middle of its R/X.
     """
+    from vsgdesign.artifacts.certificate_record import (
+        CertificateRegion,  # who has a table has its room, others need not
+    )
+
     # A counterexample has a region, too, over which nothing is proved.
     certificate = table.certificate
     region = certificate.region if certificate is not None and certificate.certified else CertificateRegion()
