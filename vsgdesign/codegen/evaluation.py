@@ -253,26 +253,29 @@ class Evaluation:
         if isinstance(callee, np.ufunc) and callee in FUNCTIONS and not named:
             return operation(FUNCTIONS[callee], *(self.scalar(item, node) for item in given))
         if is_record(callee):
-            values = dict(zip(callee._fields, given, strict=False)) | named
-            for name, default in callee._field_defaults.items():
-                values.setdefault(name, known(default))
-            missing = [name for name in callee._fields if name not in values]
-            if missing or len(given) > len(callee._fields) or set(values) - set(callee._fields):
-                raise self.source.refuse(
-                    node.lineno, f"{callee.__name__} without {', '.join(missing) or 'the right fields'}", "Name them."
-                )
-            for name in callee._fields:
-                if not self.library.kinds.takes(callee, name, values[name]):
-                    raise self.source.refuse(
-                        node.lineno, f"{name} of {callee.__name__} is of another kind", "Give it what its class says."
-                    )
-            return Record(callee, {name: values[name] for name in callee._fields})
+            return self.construct(node, callee, given, named)
         if isinstance(callee, types.MethodType) and callee.__name__ == "_replace":
             raise self.source.refuse(node.lineno, "_replace", "Write the constructor with every field by name.")
         if isinstance(callee, types.FunctionType):
             return self.invoke(node, callee, self.bound(node, callee, given, named), wanted)
         shown = ast.unparse(node.func)
         raise self.source.refuse(node.lineno, f"a call of {shown}", instead_of(shown))
+
+    def construct(self, node: ast.Call, cls: Any, given: list[Any], named: dict[str, Any]) -> Record:
+        """A NamedTuple of its fields by position and name."""
+        values = dict(zip(cls._fields, given, strict=False)) | named
+        for name, default in cls._field_defaults.items():
+            values.setdefault(name, known(default))
+        missing = [name for name in cls._fields if name not in values]
+        if missing or len(given) > len(cls._fields) or set(values) - set(cls._fields):
+            what = f"{cls.__name__} without {', '.join(missing)}" if missing else f"the fields of {cls.__name__}"
+            raise self.source.refuse(node.lineno, what, f"Give {', '.join(cls._fields)}.")
+        for name in cls._fields:
+            if not self.library.kinds.takes(cls, name, values[name]):
+                raise self.source.refuse(
+                    node.lineno, f"{name} of {cls.__name__} is of another kind", "Give it what its class says."
+                )
+        return Record(cls, {name: values[name] for name in cls._fields})
 
     def bound(self, node: ast.Call, callee: Any, given: list[Any], named: dict[str, Any]) -> dict[str, Any]:
         try:
