@@ -37,10 +37,9 @@ class Compiled:
     def __init__(self, text: CText, build: Path, compiler: str, double: bool) -> None:
         self.real = np.float64 if double else np.float32
         bare = re.sub(r"/\*.*?\*/", "", "".join(text.structs.values()), flags=re.DOTALL)
-        sizes = {
-            name: body.count(";")
-            for body, name in re.findall(r"typedef struct \{(.*?)\} (vsg_\w+_t);", bare, re.DOTALL)
-        }
+        sizes: dict[str, int] = {}
+        for body, name in re.findall(r"typedef struct \{(.*?)\} (vsg_\w+_t);", bare, re.DOTALL):
+            sizes[name] = sum(sizes.get(kind, 1) for kind in re.findall(r"(\w+) \w+;", body))
         self.functions = {
             name: [_argument(one, sizes) for one in declared.split(",")] + _returned(returned)
             for returned, name, declared in re.findall(

@@ -32,6 +32,10 @@ from vsgdesign.runtime.scheduler import SAID
 
 TOLERANCE = {True: 1e-12, False: 2e-6}
 
+GAINS = {True: 1e-14, False: 2e-6}
+"""Of gains and places. With this C library double precision has Python's bits; another one's hypot may differ in its
+last bit, which gains near the limit of a grid multiply by some."""
+
 
 @pytest.mark.parametrize(("structure", "law"), KINDS)
 @pytest.mark.parametrize("double", [True, False])
@@ -44,8 +48,8 @@ def test_gains_places_and_statuses(structure: str, law: str, double: bool, tmp_p
     difference = compare(scheduler, compiled, calls)
     assert difference.statuses == 0
     assert difference.fresh > 1000
-    assert difference.gains <= TOLERANCE[double]
-    assert difference.place <= TOLERANCE[double]
+    assert difference.gains <= GAINS[double]
+    assert difference.place <= GAINS[double]
 
 
 @pytest.mark.parametrize("double", [True, False])
@@ -60,7 +64,7 @@ def test_other_basis_inductor_and_undesigned_cells(double: bool, tmp_path: Path)
     difference = compare(scheduler, compiled, random_calls(scheduler, 3000, seed=12))
     assert difference.statuses == 0
     assert difference.fresh > 1000
-    assert difference.gains <= TOLERANCE[double]
+    assert difference.gains <= GAINS[double]
 
 
 def test_the_network(compiled: CompiledC) -> None:
@@ -209,7 +213,7 @@ def test_the_closed_form_without_a_table(double: bool, tmp_path: Path) -> None:
     difference = compare(scheduler, compiled, random_calls(scheduler, 2000, seed=13))
     assert difference.statuses == 0
     assert difference.fresh > 500
-    assert difference.gains <= TOLERANCE[double]
+    assert difference.gains <= GAINS[double]
 
 
 def test_a_limiter_with_a_memory_has_its_c(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

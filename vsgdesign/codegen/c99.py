@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,7 +29,9 @@ from vsgdesign.codegen.expressions import (
     is_flag,
     names_in,
 )
+from vsgdesign.codegen.language import KEYWORDS
 from vsgdesign.codegen.reader import Library
+from vsgdesign.codegen.source import UntranslatableError
 
 WIDTH = 120
 
@@ -208,6 +211,8 @@ class _Printer:
         for names, text in field_groups(record):
             declared = []
             for name in names:
+                if name in KEYWORDS:
+                    raise UntranslatableError(f"{record.__name__}.{name}: is a word of C. Give the field another name.")
                 inner = fields[name]
                 if inner is None or self.library.kinds.paths(inner):
                     declared.append(f"    {self.type('real' if inner is None else inner)} {name};")
@@ -353,10 +358,15 @@ class _Printer:
     def number(self, number: Number) -> str:
         if isinstance(number.value, bool):
             return str(int(number.value))
+        if not math.isfinite(number.value):
+            raise UntranslatableError(f"constant {number.name or number.value}: is not finite. Give a large number.")
         if number.name:
             name = number.name.upper()
             if self.constants.setdefault(name, number.value) != number.value:
-                raise ValueError(f"constant {number.name}: has two values, {self.constants[name]} and {number.value}.")
+                raise UntranslatableError(
+                    f"constant {number.name}: has two values, {self.constants[name]!r} and {number.value!r}, in the "
+                    "functions that are translated together. Give one of them another name."
+                )
             return f"VSG_{name}"
         return f"VSG_C({number.value!r})"
 

@@ -26,6 +26,7 @@ from vsgdesign.codegen.expressions import (
     RecordName,
     Statement,
     Variable,
+    advances,
     is_flag,
     operation,
 )
@@ -56,11 +57,6 @@ def free_name(name: str, taken: set[str], suffix: str = "new") -> str:
     return found
 
 
-def as_number(value: Expression) -> Expression:
-    """A value for arithmetic: 1 or 0 for what is true or false."""
-    return operation("select", value, Number(1.0), Number(0.0)) if is_flag(value) else value
-
-
 class Evaluation:
     """The expressions of one function: their values, and the statements that calls leave in ``body``."""
 
@@ -72,6 +68,8 @@ class Evaluation:
         self.scalars: set[str] = set()
         self.records: set[str] = set()
         """Arguments, by kind."""
+        self.flags: set[str] = set()
+        """Arguments and locals that are true or false."""
         self.origin: dict[str, Expression] = {}
         """Locals that are a field or an argument under another name."""
         self.wanted: tuple[str, ...] = ()
@@ -82,6 +80,8 @@ class Evaluation:
         """The value of a field under a name of its own, so that it is evaluated once."""
         if isinstance(value, Operation | Invocation):
             return self.let(name, value)
+        if isinstance(value, Record) and not value.home:
+            return Record(value.cls, {key: self.held(key, item) for key, item in value.values.items()}, label=name)
         return value
 
     def let(self, name: str, value: Expression) -> Variable:
@@ -89,6 +89,8 @@ class Evaluation:
             raise self.source.refuse(self.source.tree.lineno, f"the name {name}", "Write it in ASCII.")
         own = self.name(name)
         self.body.append(Let(own, value))
+        if is_flag(value):
+            self.flags.add(own)
         if isinstance(value, Field):
             self.origin[own] = value
         return Variable(own)
@@ -112,12 +114,14 @@ class Evaluation:
             case ast.BinOp(left=left, op=op, right=right):
                 if type(op) not in OPERATORS:
                     raise self.refused(op, node)
-                a, b = (as_number(self.scalar_of(side, environment)) for side in (left, right))
+                a, b = (self.number_of(side, environment) for side in (left, right))
                 return operation(OPERATORS[type(op)], a, b)
-            case ast.UnaryOp(op=op, operand=inner):
-                if isinstance(op, ast.UAdd | ast.Invert):
-                    raise self.source.refuse(node.lineno, ast.unparse(node), "Leave the sign out.")
-                return operation("not" if isinstance(op, ast.Not) else "neg", self.scalar_of(inner, environment))
+            case ast.UnaryOp(op=ast.Not(), operand=inner):
+                return operation("not", self.scalar_of(inner, environment))
+            case ast.UnaryOp(op=ast.USub(), operand=inner):
+                return operation("neg", self.number_of(inner, environment))
+            case ast.UnaryOp():
+                raise self.source.refuse(node.lineno, ast.unparse(node), "Leave the sign out.")
             case ast.Compare(left=left, ops=ops, comparators=others):
                 return self.comparison([left, *others], ops, node, environment)
             case ast.BoolOp(op=op, values=values):
@@ -172,6 +176,8 @@ class Evaluation:
         self, values: Sequence[ast.expr], ops: Sequence[ast.cmpop], node: ast.expr, environment: dict[str, Any]
     ) -> Expression:
         found = [self.value(value, environment) for value in values]
+        if any(isinstance(value, SCALARS) and advances(value) for value in found[1:-1]):
+            raise self.source.refuse(node.lineno, ast.unparse(node), "Give the integrator's new value a name first.")
         pieces = []
         for op, a, b in zip(ops, found, found[1:], strict=False):
             if isinstance(op, ast.Is | ast.IsNot | ast.Eq | ast.NotEq) and not (
@@ -205,6 +211,12 @@ class Evaluation:
 
     def scalar_of(self, node: ast.expr, environment: dict[str, Any]) -> Expression:
         return self.scalar(self.value(node, environment), node)
+
+    def number_of(self, node: ast.expr, environment: dict[str, Any]) -> Expression:
+        """A value for arithmetic: 1 or 0 for what is true or false."""
+        value = self.scalar_of(node, environment)
+        flag = is_flag(value) or (isinstance(value, Variable) and value.name in self.flags)
+        return operation("select", value, Number(1.0), Number(0.0)) if flag else value
 
     def scalar(self, value: Any, node: ast.expr) -> Expression:
         if isinstance(value, SCALARS):

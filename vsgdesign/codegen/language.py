@@ -71,7 +71,8 @@ REFUSED: dict[type, tuple[str, str]] = {
 }
 KEYWORDS = frozenset(
     """auto break case char const continue default do double else enum extern float for goto if inline int long register
-    restrict return short signed sizeof static struct switch typedef union unsigned void volatile while""".split()  # noqa: SIM905
+    restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+    atan2 cos exp fabs floor hypot log sin sqrt tan tanh""".split()  # noqa: SIM905
 )
 
 

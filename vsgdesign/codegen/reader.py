@@ -45,6 +45,8 @@ class Library:
         self.functions: list[Function] = []
         self._found: dict[Any, Function] = {}
         self._open: list[Any] = []
+        self._kept: list[Any] = []
+        """What is known by its identity: it must not go, and another take its place."""
 
     def read(self, function: Any, fixed: Mapping[str, Any] | None = None) -> Function:
         """The function with these arguments known. Raises UntranslatableError with file and line."""
@@ -60,9 +62,12 @@ class Library:
             made = _Reader(self, source, fixed).function()
             self._open.pop()
             taken = {other.name for other in self.functions}
+            if made.name in taken and not any(other is function for other, _ in self._found):
+                made.name = f"{function.__module__.rpartition('.')[2]}_{made.name}"
             made.name = free_name(made.name, taken, "with other arguments")
             self.functions.append(made)
             self._found[key] = made
+            self._kept.append(fixed)
         return self._found[key]
 
     def word(self, record: type) -> str:
@@ -100,7 +105,7 @@ class _Reader(Evaluation):
             kind = self.kind(name)
             if isinstance(kind, str):
                 environment[name] = Variable(own)
-                self.scalars.add(own)
+                (self.flags if kind == "flag" else self.scalars).add(own)
             else:
                 environment[name] = self.library.kinds.at(kind, own)
                 self.records.add(own)
@@ -168,6 +173,7 @@ class _Reader(Evaluation):
             self.forget_comments(statement, left_out)
             found = self.block(statement.body if condition.value else statement.orelse, environment)
             return found is not None, found
+        condition = condition if isinstance(condition, Variable) else self.let("condition", condition)
         before, one, other = self.advances, dict(environment), dict(environment)
         first, second = self.block(statement.body, one), self.block(statement.orelse, other)
         returns = first is not None or second is not None
@@ -184,7 +190,7 @@ class _Reader(Evaluation):
             if first is None or second is None:
                 raise self.source.refuse(statement.lineno, "a branch without a return", "Return in both.")
             return True, self.chosen(condition, first, second, statement)
-        for name in one.keys() | other.keys():
+        for name in dict.fromkeys([*one, *other]):
             if name not in one or name not in other:
                 environment[name] = Unbound(statement.lineno)
             elif one[name] is not other[name] and one[name] != other[name]:
@@ -216,9 +222,10 @@ class _Reader(Evaluation):
             environment[name] = value  # another name for it
         elif isinstance(value, SCALARS):
             environment[name] = self.let(name, value)
-        elif isinstance(value, Record) and not value.home:
-            held = {key: self.held(key, item) for key, item in value.values.items()}
-            environment[name] = Record(value.cls, held, label=name)
+        elif isinstance(value, Record):
+            environment[name] = self.held(name, value)
+        elif isinstance(value, tuple) and not is_record(type(value)):
+            environment[name] = tuple(self.held(f"{name}_{at}", item) for at, item in enumerate(value))
         else:
             environment[name] = value
 

@@ -1,0 +1,86 @@
+"""Everything that the restricted language has, compiled and compared with Python to the bit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.codegen import language
+from tests.codegen.compiled import Compiled
+from tests.codegen.language import Nest, Pair
+from tests.compilers import require_compiler
+from tests.equations.test_three_ways import flat
+from vsgdesign.codegen import UntranslatableError, c_functions
+
+PLAIN = ("branches", "early", "keywords", "tuples", "choices")
+FUNCTIONS = [getattr(language, name) for name in (*PLAIN, "flags", "records", "unfolded", "integrates")]
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Compiled:
+    require_compiler()
+    text = c_functions(FUNCTIONS, fixed={"rule": "twice"})
+    return Compiled(text, tmp_path_factory.mktemp("language"), "gcc", double=True)
+
+
+INPUTS = np.vstack([np.random.default_rng(1).uniform(-4.0, 4.0, (500, 5)), np.ones((1, 5)), np.zeros((1, 5))])
+INPUTS[::7, 1] = INPUTS[::7, 0]
+
+
+def same(compiled: Compiled, name: str, rows: np.ndarray, call: Any) -> None:
+    expected = np.array([flat(call(*row)) for row in rows.tolist()], dtype=float).reshape(len(rows), -1)
+    np.testing.assert_array_equal(compiled(name, rows), expected)
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_plain_functions(name: str, compiled: Compiled) -> None:
+    same(compiled, name, INPUTS[:, :2], getattr(language, name))
+
+
+def test_flags(compiled: Compiled) -> None:
+    same(compiled, "flags", INPUTS[:, :3], lambda x, y, up: language.flags(x, y, up > 0.0))
+
+
+def test_records(compiled: Compiled) -> None:
+    same(compiled, "records", INPUTS, lambda x, y, a, b, c: language.records(x, y, Nest(Pair(a, b), c)))
+    same(compiled, "integrates", INPUTS[:, :4], lambda a, b, c, x: language.integrates(Nest(Pair(a, b), c), x))
+
+
+def test_what_is_known_is_folded_with_its_comments(compiled: Compiled) -> None:
+    same(compiled, "unfolded", INPUTS[:, :1], lambda x: language.unfolded(x, "twice"))
+    text = c_functions([language.unfolded], fixed={"rule": "twice"}).functions
+    assert "Only of this branch." in text
+    assert "Only of the other." not in text
+
+
+def test_functions_of_one_name_are_two() -> None:
+    text = c_functions([language.early]).functions
+    assert "vsg_half(" in text
+    assert "vsg_other_half(" in text
+
+
+def test_two_values_of_one_constant_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("vsgdesign.frames.PHASES", 4.0)
+    from vsgdesign.equations.power_flow import power_flow
+    from vsgdesign.frames import rated_current_rms
+
+    with pytest.raises(UntranslatableError, match=r"constant PHASES: has two values, 3\.0 and 4\.0"):
+        c_functions([power_flow, rated_current_rms])
+
+
+def test_constants_that_are_no_numbers_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(language, "GAIN", float("inf"))
+    with pytest.raises(UntranslatableError, match="constant GAIN: is not finite"):
+        c_functions([language.choices])
+
+
+def test_outputs_may_be_the_places_of_inputs() -> None:
+    """Everything is read before anything is written: the state's new values go where the old ones are."""
+    from tests.export.golden.__main__ import text
+
+    for body in text().split("static inline ")[1:]:
+        lines = [line.strip() for line in body.splitlines() if line.strip()]
+        first = next((k for k, line in enumerate(lines) if line.startswith("following->")), len(lines))
+        assert not any("state->" in line or "steps->" in line for line in lines[first:]), body
