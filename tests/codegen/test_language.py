@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -74,6 +77,22 @@ def test_constants_that_are_no_numbers_are_refused(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(language, "GAIN", float("inf"))
     with pytest.raises(UntranslatableError, match="constant GAIN: is not finite"):
         c_functions([language.choices])
+
+
+def test_the_text_does_not_depend_on_the_order_of_sets() -> None:
+    """Python's hashes of texts are another in every process."""
+    program = (
+        "from vsgdesign.codegen import c_functions\n"
+        "from tests.codegen import language as l\n"
+        "print(c_functions([l.branches, l.records, l.integrates]).text)"
+    )
+    made = {
+        subprocess.run(
+            [sys.executable, "-c", program], env=os.environ | {"PYTHONHASHSEED": seed}, check=True, capture_output=True
+        ).stdout
+        for seed in ("1", "2", "3")
+    }
+    assert len(made) == 1
 
 
 def test_outputs_may_be_the_places_of_inputs() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.artifacts.networks import random_weights
+from tests.equations.test_fourth_structure import DIAGONAL
 from tests.export.conftest import FIT, built
 from tests.export.exchange import KINDS, compare, exported, random_calls, windows, written
 from tests.gain_tables import PUBLISHED_BASE
@@ -16,6 +17,7 @@ from vsgdesign.equations.controller import ControllerState, Measurement, control
 from vsgdesign.equations.integration import TURN, within_a_turn
 from vsgdesign.equations.limiters import CIRCULAR, LIMITERS
 from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless, frequency_at_rest
+from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.export import CompiledC, export_c, export_c_files
 from vsgdesign.export.c_code import Origin
 from vsgdesign.export.known_answers import gain_sizes, known_steps
@@ -227,3 +229,20 @@ def test_a_limiter_with_a_memory_has_its_c(tmp_path: Path, monkeypatch: pytest.M
         assert compiled.selftest() == 0
     with pytest.raises(ValueError, match=r'current_limiter = "none such": must be one of circular, leaning'):
         export_c_files(table_file, tmp_path / "d", limiter="none such")
+
+
+def test_a_structure_that_was_added_has_its_c(tmp_path: Path) -> None:
+    """Its gains are translated from the function that its object names."""
+    forget = STRUCTURES.register(DIAGONAL)
+    try:
+        table_file, _ = written(tmp_path, DIAGONAL.name)
+        compiled = built(export_c_files(table_file, tmp_path / "c").folder, True)
+        assert "vsg_diagonal_gains(" in (tmp_path / "c" / "vsg.c").read_text(encoding="utf-8")
+        assert compiled.selftest() == 0
+        scheduler = load_scheduler(table_file)
+        difference = compare(scheduler, compiled, random_calls(scheduler, 500, seed=14))
+    finally:
+        forget()
+    assert difference.statuses == 0
+    assert difference.fresh > 100
+    assert difference.gains <= GAINS[True]
