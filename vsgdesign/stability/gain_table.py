@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,35 +27,48 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Figure:
-    """A known margin: its name, its unit, and how well a stored value must agree."""
+    """What is known of a margin that a table stores: how it is called, judged, and compared with a new computation."""
 
     title: str
     unit: str
-    tolerance: float
+    tolerance: float = 0.0
+    """How well a stored value must agree with the reduced model, in the unit."""
     relative: bool = False
+    """Whether the tolerance is of the value instead."""
+    smaller_is_better: bool = False
+    asked: str = ""
+    """Key of the specification that limits it; empty where none does."""
+    factor: float = 1.0
+    """From the specification's unit to this one."""
+    of_step: bool = False
+    """Whether it is read from a step response: computed on demand, and no promise where the law is inertia."""
+    is_time: bool = False
+    """Whether it is drawn from its least value on, instead of from zero."""
+    at_design_point: bool = True
+    """Whether there is a value at the design point beside the worst of the box."""
 
+
+_OVERSHOOT: dict[str, Any] = {"smaller_is_better": True, "asked": "overshoot", "factor": 100.0, "of_step": True}
+_SETTLING: dict[str, Any] = {"smaller_is_better": True, "asked": "settling_time", "of_step": True, "is_time": True}
 
 FIGURES = {
-    "overshoot_P_pct": Figure("Overshoot of P", "%", 0.1),
-    "settling_P_s": Figure("2 % settling of P", "s", 0.01, relative=True),
-    "overshoot_Q_pct": Figure("Overshoot of Q", "%", 0.1),
-    "settling_Q_s": Figure("2 % settling of Q", "s", 0.01, relative=True),
-    "disk_margin": Figure("Disk margin", "1", 0.02),
-    "least_damping": Figure("Least damping ratio", "1", 0.005),
+    "overshoot_P_pct": Figure("Overshoot of P", "%", 0.1, **_OVERSHOOT),
+    "settling_P_s": Figure("2 % settling of P", "s", 0.01, relative=True, **_SETTLING),
+    "overshoot_Q_pct": Figure("Overshoot of Q", "%", 0.1, **_OVERSHOOT),
+    "settling_Q_s": Figure("2 % settling of Q", "s", 0.01, relative=True, **_SETTLING),
+    "disk_margin": Figure("Disk margin", "1", 0.02, asked="disk_margin"),
+    "least_damping": Figure("Least damping ratio", "1", 0.005, asked="damping_ratio"),
     "decay_1_s": Figure("Decay of the slowest mode", "1/s", 0.01, relative=True),
     "H_s": Figure("Inertia constant", "s", 1e-3, relative=True),
 }
-"""Margins by name. ``relative`` tolerances are of the value."""
+"""Margins by name."""
 
 OF_THE_DESIGN = {
-    "cross_peak": Figure("Peak of the other power per step", "1", 0.0),
-    "full_order_decay_1_s": Figure("Decay of the slowest mode, full order", "1/s", 0.0),
-    "scenarios": Figure("Scenarios of the design", "1", 0.0),
+    "cross_peak": Figure("Peak of the other power per step", "1"),
+    "full_order_decay_1_s": Figure("Decay of the slowest mode, full order", "1/s", at_design_point=False),
+    "scenarios": Figure("Scenarios of the design", "1", at_design_point=False),
 }
 """Margins that a design stores as well, over its whole box, and that no check computes again."""
-
-WHOLE_BOX = ("full_order_decay_1_s", "scenarios")
-"""Those of them that have no value at the design point."""
 
 WORST = "worst_"
 """A name with this prefix is the worst value over the specification's box."""
@@ -64,12 +77,12 @@ _GAIN_TOLERANCE = 1e-9
 
 
 def figure_of(name: str) -> Figure:
-    """Title and unit of any margin; a name that is not known is its own title."""
+    """What is known of a margin; a name that is not known is its own title."""
     named = FIGURES | OF_THE_DESIGN
     if name.startswith(WORST) and name[len(WORST) :] in named:
         known = named[name[len(WORST) :]]
-        return Figure(f"{known.title}, worst of the box", known.unit, known.tolerance, known.relative)
-    return named.get(name, Figure(name, "1", 0.0))
+        return replace(known, title=f"{known.title}, worst of the box")
+    return named.get(name, Figure(name, "1"))
 
 
 def margins_of(
@@ -114,7 +127,7 @@ def margins_of(
             "decay_1_s": -table.spectral_abscissa,
             "H_s": effective_inertia(kept, base.S_rated, base.omega_n),
         }
-        if any(name.startswith(("overshoot", "settling")) for name in names):
+        if any(figure_of(name).of_step for name in names):
             decay = columns["decay_1_s"][table.stable]
             t_end = float(np.clip(10.0 / decay.min(), 1.0, 120.0)) if len(decay) else 1.0
             for loop in "PQ":
@@ -230,7 +243,7 @@ class Compared:
         values = self.margins[name][np.isfinite(self.margins[name])]
         if len(values) == 0:
             return float("nan")
-        return float(values.max() if name.startswith(("overshoot", "settling")) else values.min())
+        return float(values.max() if figure_of(name).smaller_is_better else values.min())
 
 
 def compare_tables(tables: Sequence[GainTable]) -> list[Compared]:

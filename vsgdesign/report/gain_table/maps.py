@@ -15,7 +15,7 @@ from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.page.table import GAIN_UNITS
 from vsgdesign.report.quantities import plain
 from vsgdesign.report.stability.gains import gain_symbol, used_gains
-from vsgdesign.stability.gain_table import FIGURES, WHOLE_BOX, WORST, figure_of
+from vsgdesign.stability.gain_table import FIGURES, WORST, Figure, figure_of
 
 Array = NDArray[np.float64]
 
@@ -33,14 +33,6 @@ SYMBOLS = {
     "share_Q": r"$\lambda_Q$",
 }
 UNITS = {"k_1": "1/s²", "d_1": "1/s", "k_2": "1/s", "H": "s"}
-
-_ASKED = {
-    "overshoot": ("overshoot", 100.0),
-    "settling": ("settling_time", 1.0),
-    "disk": ("disk_margin", 1.0),
-    "least": ("damping_ratio", 1.0),
-}
-"""First word of a margin: the key of the specification that bounds it, and the factor to its unit."""
 
 
 def scr_label(table: GainTable) -> str:
@@ -71,16 +63,20 @@ def in_order(table: GainTable) -> list[str]:
 
 def margin_keys(name: str) -> tuple[str, str]:
     """The place of a margin: at the design point, or at the worst point of the box."""
-    return ("", name) if name in WHOLE_BOX else (name, WORST + name)
+    return (name, WORST + name) if figure_of(name).at_design_point else ("", name)
 
 
 def limit_of(table: GainTable, name: str) -> float | None:
     """The limit that the specification sets for a margin, in the margin's unit; None if it sets none."""
-    key, factor = _ASKED.get(name.split("_")[0], ("", 1.0))
-    value = table.specification.get(key)
-    if table.law == "inertia" and key in ("overshoot", "settling_time"):
+    figure = figure_of(name)
+    value = table.specification.get(figure.asked)
+    if table.law == "inertia" and figure.of_step:
         return None  # with this law the settling time is a time scale, no promise
-    return factor * value if isinstance(value, int | float) and not isinstance(value, bool) and value > 0.0 else None
+    return (
+        figure.factor * value
+        if isinstance(value, int | float) and not isinstance(value, bool) and value > 0.0
+        else None
+    )
 
 
 def margin_figures(table: GainTable) -> Iterator[NamedFigure]:
@@ -93,12 +89,11 @@ def margin_figures(table: GainTable) -> Iterator[NamedFigure]:
         if len(known) == 0:
             continue
         figure, limit = figure_of(name), limit_of(table, name)
-        smaller_is_better = name.startswith(("overshoot", "settling"))
-        scale = _margin_scale(known, limit, smaller_is_better, name)
+        scale = _margin_scale(known, limit, figure)
         asked = None
         if limit is not None:
             unit = "" if figure.unit == "1" else f" {figure.unit}"
-            asked = f"asked for: {'at most' if smaller_is_better else 'at least'} {plain(limit)}{unit}"
+            asked = f"asked for: {'at most' if figure.smaller_is_better else 'at least'} {plain(limit)}{unit}"
         panels = [Panel(kind, c) for (_, kind), c in zip(shown, cells, strict=True)]
         sides = " Blue cells keep the requirement, and orange cells do not." if asked else ""
         caption = (
@@ -120,15 +115,15 @@ def margin_figures(table: GainTable) -> Iterator[NamedFigure]:
         yield map_figure(frame, [panels], scale)
 
 
-def _margin_scale(known: Array, limit: float | None, smaller_is_better: bool, name: str) -> Scale:
+def _margin_scale(known: Array, limit: float | None, figure: Figure) -> Scale:
     if limit is None:
         return surface_scale(known)
     low, high = min(0.0, float(known.min())), float(known.max())
-    if name.startswith("settling"):
+    if figure.is_time:
         low = min(float(known.min()), 0.5 * limit)
     decades = range(int(np.floor(np.log10(limit))) - 1, int(np.floor(np.log10(limit))) + 3)
     ticks = [m * 10.0**d for d in decades for m in (1.0, 2.0, 5.0, 1.5, 3.0, 7.0, 1.2, 0.8, 4.0, 6.0)]
-    return gate_scale(low, max(high, 1.2 * limit), limit, (0.0, *ticks), larger_is_better=not smaller_is_better)
+    return gate_scale(low, max(high, 1.2 * limit), limit, (0.0, *ticks), larger_is_better=not figure.smaller_is_better)
 
 
 def gain_surfaces(table: GainTable) -> Iterator[NamedFigure]:
