@@ -160,10 +160,19 @@ def test_out_below_a_file(tmp_path: Path) -> None:
     assert "is not a folder" in failure(2, "simulate", study, "--out", study / "out")
 
 
-def test_an_unstable_simulation_is_refused_with_advice(tmp_path: Path) -> None:
+def test_a_simulation_that_diverges_keeps_what_it_has_and_says_so(tmp_path: Path) -> None:
     """Inner loops as fast as the sampling: the numbers run away, which is the study's doing, not a crash."""
     fast = '[inner_loops]\ncurrent_response_time = "20 us"\nvoltage_response_time = "20 us"\n'
     study = study_file(tmp_path, SMALL.replace("[simulation]", fast + "[simulation]", 1))
-    message = failure(1, "simulate", study, "--out", tmp_path / "out")
-    assert "slow them down" in message
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["small.toml"]
+    result = call("simulate", study, "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    assert "Traceback" not in result.stderr
+    assert "fixed: the simulation diverged at " in result.stderr
+    assert "slow them down" in result.stderr
+    results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    for controller in results["controllers"].values():
+        assert controller["outcome"]["status"] == "diverged"
+        assert 0.0 < controller["outcome"]["t_s"] < 0.1
+        assert "slow them down" in controller["outcome"]["reason"]
+        assert {event["status"] for event in controller["events"]} == {"diverged"}
+        assert {event["peak_current_pu"] for event in controller["events"]} == {None}

@@ -274,11 +274,23 @@ def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, re
         results = run_study(study, folder, bridge=bridge, report=report, progress=progress, warn=_warn)
     if as_json:
         _print_json(results)
+        _refuse_divergence(results)
         return
     from vsgdesign.cli.console.scenario import results_tables
 
     results_tables(results)
     click.echo(f"results: {folder / ('report.html' if report else 'results.json')}")
+    _refuse_divergence(results)
+
+
+def _refuse_divergence(results: dict[str, Any]) -> None:
+    """The results are there; still a script has to notice that a part of them is missing."""
+    outcomes = {name: controller["outcome"] for name, controller in results["controllers"].items()}
+    from vsgdesign.errors import SimulationDivergedError
+
+    diverged = [f"{name}: {one['reason']}" for name, one in outcomes.items() if one["status"] == "diverged"]
+    if diverged:
+        raise SimulationDivergedError(". ".join(diverged) + ".")
 
 
 main.add_command(compare)

@@ -234,7 +234,7 @@ def record_windows(
     case = replace(study, grid=scenario.grids[0], grid_source=scenario.source, simulation=spec, events=tuple(events))
     scheduler = _TwoGains(scenario.gains, change_s, period, recipe.sample_interval)
     recorder = Recorder(scheduler if prober is None else _Probing(scheduler, prober))
-    simulate(case, recorder)
+    simulate(case, recorder).to_its_end()
     windows = [recorder.windows[k] for k in kept]
     after = np.array([k >= begins for k in kept])
     vectors = np.array([(w.v_pcc.T, w.i_pcc.T) for w in windows])

@@ -21,7 +21,8 @@ Array = NDArray[np.float64]
 
 MEASURED, NOT_SETTLED, TOO_SHORT = "measured", "not settled", "window too short"
 UNSTABLE, NO_STEADY_STATE = "unstable", "no steady state"
-STATUSES = (MEASURED, NOT_SETTLED, TOO_SHORT, UNSTABLE, NO_STEADY_STATE)
+DIVERGED = "diverged"
+STATUSES = (MEASURED, NOT_SETTLED, TOO_SHORT, UNSTABLE, NO_STEADY_STATE, DIVERGED)
 """The status of an event. The first two have results; ``not settled`` has no settling time."""
 
 _SMALLEST_STEP = 1e-3
@@ -76,7 +77,8 @@ class EventMetrics:
     """``step``: the signal's own reference was stepped; ``disturbance``: something else changed."""
     raw: ResponseMetrics
     one_cycle_mean: ResponseMetrics
-    peak_current_pu: float
+    peak_current_pu: float | None
+    """None where the simulation diverged."""
     status: str = MEASURED
     """One of STATUSES."""
     reason: str | None = None
@@ -165,6 +167,23 @@ def measure_event(
         status=status,
         reason=reason,
         needs_s=needs,
+    )
+
+
+def diverged_event(window: EventWindow, signal: str, reason: str) -> EventMetrics:
+    """An event in whose window the simulation diverged: there are no figures of it."""
+    kind = "step" if window.steps_signal else "disturbance"
+    nothing = no_figures(math.nan)
+    return EventMetrics(
+        name=window.name,
+        t_s=window.t_s,
+        signal=signal,
+        kind=kind,
+        raw=nothing,
+        one_cycle_mean=nothing,
+        peak_current_pu=None,
+        status=DIVERGED,
+        reason=reason,
     )
 
 

@@ -234,6 +234,7 @@ def _controller(result: ScenarioResult, controller: ControllerResult, judged: di
         "gains": [{"t_s": change.t_s, **change.gains.named()} for change in _changes(study, controller)],
         "gain_changes": len(controller.gain_changes),
         "estimate": judged,
+        "outcome": asdict(controller.outcome),
         "events": [_event(event) for event in controller.events],
         "loop_s": controller.simulation.loop_seconds,
         "real_time_factor": study.simulation.duration / max(controller.simulation.loop_seconds, 1e-9),

@@ -51,6 +51,8 @@ class Rest:
     """When the source's last ramp in the stretch is over, s; t_s without one."""
     omega_g: float
     """Of the source at the end, rad/s."""
+    ramping: bool = False
+    """Whether the source is still on a ramp at the end."""
 
     @property
     def stable(self) -> bool:
@@ -124,6 +126,7 @@ def rests(study: Study, timeline: Timeline, changes: Sequence[GainChange]) -> tu
                 obstacle=obstacle,
                 ramp_end_s=ramp_end,
                 omega_g=source.omega,
+                ramping=not source.steady,
             )
         )
     return tuple(found)

@@ -28,6 +28,7 @@ from vsgdesign.simulation.compiling import compile_function, compiled_law, sourc
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.kernel import LOG_COLUMNS, Bridge, ControllerInputs, LogRows, PlantPieces, run_stretch
 from vsgdesign.simulation.online import ListedGains, OnlineGains, OnlineScheduler
+from vsgdesign.simulation.outcome import Divergence, good_rows, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
 
@@ -59,6 +60,14 @@ class Simulation:
     final_plant: NDArray[np.float64]
     loop_seconds: float
     """Wall time inside the compiled loop."""
+    divergence: Divergence | None = None
+    """Where and why the run was broken off; logs end there. None: it went to its end."""
+
+    def to_its_end(self) -> Simulation:
+        """The run itself. Raises SimulationDivergedError where it was broken off: for what cannot use a part of it."""
+        if self.divergence is not None:
+            raise SimulationDivergedError(self.divergence.reason)
+        return self
 
     def column(self, name: str) -> NDArray[np.float64]:
         """One logged quantity by name."""
@@ -111,7 +120,8 @@ def simulate(
     first so many samples; ``probe`` is sent from t = 0 on, in place of one that the scheduler asks for;
     ``circuit`` replaces the study's circuit between bridge and source, and its axes may differ. Raises
     InfeasibleStudyError where the start has no steady state or a scheduler's or probe's period does not fit the
-    sampling, and SimulationDivergedError where a state is no longer a number.
+    sampling. A run whose states leave every sensible bound ends there and says so (``divergence``);
+    SimulationDivergedError is raised where less than two rows of the log come before.
     """
     timeline = build_timeline(study)
     settings = study.controller_settings()
@@ -139,7 +149,7 @@ def simulate(
     )
     loop = compiled_loop(study.limiter.law)
     plants = functools.lru_cache(maxsize=64)(functools.partial(stacked_plants, circuit_of))
-    loop_seconds = 0.0
+    loop_seconds, divergence = 0.0, None
     no_rows = np.empty((0, controller_log.shape[1]))
     gains = feed.first()
     hold = feed.probe_hold if probe is None else probe.hold
@@ -189,19 +199,33 @@ def simulate(
         loop_seconds += time.perf_counter() - begin
         if added is not None:
             state = add_offset(state, -added[0], -added[1])
-        if not (np.isfinite(x).all() and np.isfinite(flat_state(state)).all()):
-            raise SimulationDivergedError(
-                f"the simulation left the numbers between {first * T_s:.4f} s and {(first + count) * T_s:.4f} s. "
-                "The inner loops are unstable on this grid: slow them down (inner_loops response times) or "
-                "sample faster."
-            )
+        if (why := outside(study, x, state)) is not None:
+            rows = -(-first // log_every), -(-(first + count) // log_every)
+            good = rows[0] + good_rows(study, log[rows[0] : rows[1]])
+            diverged_s = good * log_every * T_s
+            divergence = Divergence(diverged_s, f"the simulation diverged at {diverged_s:.4g} s: {why}")
+            if good <= kept // log_every:
+                raise SimulationDivergedError(divergence.reason)
+            log, controller_log = log[:good], controller_log[: good * log_every]
+            break
         if progress is not None:
             progress((first + count) * T_s)
-    feed.limited_samples = int(limited[0])
-    feed.finish(samples, gains, state, _references(study, timeline, samples), log, log_every)
+    if divergence is None:
+        feed.limited_samples = int(limited[0])
+        feed.finish(samples, gains, state, _references(study, timeline, samples), log, log_every)
     log = log if log_every == kept else log[:: kept // log_every].copy()
     t_s = np.arange(log.shape[0]) * (kept * T_s)
-    return Simulation(t_s, log, controller_log, timeline, tuple(feed.changes), state, x, loop_seconds)
+    return Simulation(
+        t_s=t_s,
+        log=log,
+        controller_log=controller_log,
+        timeline=timeline,
+        gain_changes=tuple(feed.changes),
+        final_state=state,
+        final_plant=x,
+        loop_seconds=loop_seconds,
+        divergence=divergence,
+    )
 
 
 def _estimate(grid: Grid) -> GridEstimate:

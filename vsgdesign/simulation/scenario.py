@@ -14,6 +14,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.frames import clarke, clarke_inverse, instantaneous_power
 from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
+from vsgdesign.metrics.events import diverged_event
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
 from vsgdesign.runtime.of_study import follows_measured
@@ -21,6 +22,7 @@ from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
 from vsgdesign.simulation.following import gain_feed
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.online import pcc_vectors
+from vsgdesign.simulation.outcome import Divergence, Outcome, outcome_of
 from vsgdesign.simulation.rest import WHERE_TO_LOOK, Instability, Rest, expected_rests, instabilities, rests
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.timeline import Timeline, build_timeline
@@ -38,6 +40,8 @@ class ControllerResult:
     simulation: Simulation
     series: dict[str, Array]
     events: tuple[EventMetrics, ...]
+    outcome: Outcome
+    """What became of the run in the end."""
     estimates: EstimateLog | None = None
     """Of a controller that estimates the grid: what it was told, window by window."""
 
@@ -108,7 +112,7 @@ def run_scenario(
         used = bridge or study.simulation.bridge
         if estimates is not None:  # the gains that it really had
             found = rests(study, timeline, run.gain_changes)
-        events = measure_events(study, series, found, switched=used == "pwm")
+        events = measure_events(study, series, found, switched=used == "pwm", divergence=run.divergence)
         results.append(
             ControllerResult(
                 spec=spec,
@@ -117,6 +121,7 @@ def run_scenario(
                 simulation=run,
                 series=series,
                 events=events,
+                outcome=outcome_of(run.divergence, found, events),
                 estimates=estimates,
             )
         )
@@ -186,7 +191,12 @@ def _index(t_s: Array, starts: list[float], T_s: float) -> NDArray[np.intp]:
 
 
 def measure_events(
-    study: Study, series: dict[str, Array], found: Sequence[Rest], *, switched: bool
+    study: Study,
+    series: dict[str, Array],
+    found: Sequence[Rest],
+    *,
+    switched: bool,
+    divergence: Divergence | None = None,
 ) -> tuple[EventMetrics, ...]:
     """Figures of P_pcc and Q_pcc after every instant with an event, up to the next one.
 
@@ -208,6 +218,9 @@ def measure_events(
         for signal, field in (("P_pcc", "P_ref"), ("Q_pcc", "Q_ref")):
             stepped = any(getattr(event, field) is not None for event in events)
             window = EventWindow(rest.name, rest.t_s, rest.end_s, stepped)
+            if divergence is not None and rest.end_s > divergence.t_s:
+                metrics.append(diverged_event(window, signal, divergence.reason))
+                continue
             end = rest.end_state(signal, switched, interval)
             if rest.end_s - rest.t_s > 4.0 * interval:
                 metrics.append(

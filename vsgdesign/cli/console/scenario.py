@@ -58,6 +58,7 @@ _NO_TIME = {
     "window too short": "too short",
     "unstable": "unstable",
     "no steady state": "no rest",
+    "diverged": "diverged",
 }
 """The word in place of a settling time, by the status of the event."""
 

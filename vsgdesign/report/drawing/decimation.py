@@ -59,9 +59,11 @@ class Trace:
     mean: Array
     ripple: float
     """Typical distance between the two; zero for an averaged bridge, which has no ripple to remove."""
+    broken: bool = False
+    """Whether the simulation diverged, so that the signal ends early."""
 
     def between(self, begin_s: float, end_s: float) -> Trace:
         """The part within a stretch of time, both ends included."""
         slack = 0.5 * (self.t[1] - self.t[0]) if len(self.t) > 1 else 0.0
         first, last = np.searchsorted(self.t, [begin_s - slack, end_s + slack])
-        return Trace(self.t[first:last], self.y[first:last], self.mean[first:last], self.ripple)
+        return Trace(self.t[first:last], self.y[first:last], self.mean[first:last], self.ripple, self.broken)

@@ -194,9 +194,11 @@ def draw_traces(
     large.
     """
     columns = round(width_in * min(_PIXELS_PER_IN, _COLUMNS_FOR_ALL / len(traces)))
-    drawn_range = max(max(float(np.ptp(trace.y)) for trace in traces), signal.smallest_range)
+    drawn_range = max([signal.smallest_range, *(float(np.ptp(trace.y)) for trace in traces if len(trace.y))])
     rippled = any(trace.ripple > _HIDING_RIPPLE * drawn_range for trace in traces)
     for index, trace in enumerate(traces):
+        if not len(trace.y):  # a simulation that had diverged before
+            continue
         style = line_style(index)
         t = (trace.t - origin_s) / unit.seconds
         if rippled:
@@ -209,6 +211,10 @@ def draw_traces(
 
 def _limits(axes: Any, signal: Signal) -> tuple[float, float]:
     low, high = axes.get_ylim()
+    whole = [trace.y for trace in signal.traces if not trace.broken]
+    if whole and len(whole) < len(signal.traces):  # a simulation that diverged must not set the scale
+        low, high = min(float(y.min()) for y in whole), max(float(y.max()) for y in whole)
+        low, high = low - 0.05 * (high - low), high + 0.05 * (high - low)
     missing = signal.smallest_range - (high - low)
     return (low - 0.5 * missing, high + 0.5 * missing) if missing > 0.0 else (low, high)
 

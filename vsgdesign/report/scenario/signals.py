@@ -61,7 +61,8 @@ def _traces(result: ScenarioResult, values: list[Array], factor: float) -> tuple
         t = controller.series["t_s"]
         scaled = y / factor
         mean = one_cycle_mean(scaled, samples_per_cycle(result, t))
-        traces.append(Trace(t, scaled, mean, ripple_level(scaled, mean) if controller.bridge == "pwm" else 0.0))
+        ripple = ripple_level(scaled, mean) if controller.bridge == "pwm" else 0.0
+        traces.append(Trace(t, scaled, mean, ripple, controller.simulation.divergence is not None))
     return tuple(traces)
 
 
@@ -74,7 +75,8 @@ def samples_per_cycle(result: ScenarioResult, t: Array) -> int:
 
 def _power(result: ScenarioResult, series: str, name: str, title: str, unit: str) -> Signal:
     values = [controller.series[series] for controller in result.controllers]
-    largest = max(float(np.max(np.abs(y))) for y in values)
+    to_the_end = [y for c, y in zip(result.controllers, values, strict=True) if c.simulation.divergence is None]
+    largest = max(float(np.max(np.abs(y))) for y in to_the_end or values)
     factor, prefix = prefix_for(largest)
     column = 1 if series == "P_pcc" else 2
     changes = result.timeline.references

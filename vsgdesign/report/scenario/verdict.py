@@ -9,7 +9,7 @@ import numpy as np
 
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.metrics import EventMetrics
-from vsgdesign.metrics.events import MEASURED, NOT_SETTLED, UNSTABLE
+from vsgdesign.metrics.events import DIVERGED, MEASURED, NOT_SETTLED, UNSTABLE
 from vsgdesign.report.quantities import number, percent, plain
 from vsgdesign.report.scenario.second_order import UncoupledResponse, settling_factor, uncoupled_P, uncoupled_Q
 from vsgdesign.report.scenario.signals import samples_per_cycle
@@ -76,10 +76,10 @@ class StepOutcome:
 
     @property
     def unstable(self) -> bool:
-        """Whether the linear model is unstable where the step ends. There is then nothing to measure, and both
-        targets are missed.
+        """Whether the linear model is unstable where the step ends, or the simulation diverged. There is then nothing
+        to measure, and both targets are missed.
         """
-        return self.metrics.status == UNSTABLE
+        return self.metrics.status in (UNSTABLE, DIVERGED)
 
     @property
     def settles(self) -> bool:
@@ -101,7 +101,7 @@ class StepOutcome:
             return False
         if self.metrics.status == NOT_SETTLED:
             return self.window_s >= (self.target_settling_time_s or 0.0)
-        return self.metrics.status in (MEASURED, UNSTABLE)
+        return self.metrics.status in (MEASURED, UNSTABLE, DIVERGED)
 
     @property
     def misses(self) -> bool:
@@ -286,7 +286,12 @@ def _stress(result: ScenarioResult) -> str:
     converter = result.study.converter
     sentences = []
     worst = max(
-        ((event.peak_current_pu, event, c) for c in result.controllers for event in c.events),
+        (
+            (event.peak_current_pu, event, c)
+            for c in result.controllers
+            for event in c.events
+            if event.peak_current_pu is not None
+        ),
         key=lambda item: item[0],
         default=None,
     )

@@ -1,0 +1,108 @@
+"""What became of a run: it settled, did not, has nowhere to settle, diverged, or it is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.controller_data import flat_state
+from vsgdesign.metrics.events import MEASURED, NO_STEADY_STATE, NOT_SETTLED, UNSTABLE, EventMetrics
+from vsgdesign.parameters.study import Study
+
+if TYPE_CHECKING:
+    from vsgdesign.simulation.rest import Rest
+
+RunStatus = Literal["settled", "not settled", "infeasible", "diverged", "not known"]
+"""``infeasible``: there is no steady state to come to. ``diverged``: a quantity left every sensible bound, and the
+simulation ended there. ``not known``: the simulated time is too short to tell, or nothing happens in it."""
+
+BOUND_PU = 1e3
+"""A current, a voltage or a frequency beyond this many times its rated value has diverged. A circuit with the
+converter's limited voltage stays far below it even at resonance."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended, and why."""
+
+    status: RunStatus
+    reason: str | None = None
+    """In words; None where it settled."""
+    t_s: float | None = None
+    """Until when the run can be believed, s; None: to its end."""
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """Where a run was broken off: nothing was kept from t_s on."""
+
+    t_s: float
+    reason: str
+
+
+_INNER = "The inner loops are unstable on this grid: slow them down (inner_loops response times) or sample faster"
+_POWER = "The power loops are unstable: lower their gains"
+
+
+def outside(study: Study, x: NDArray[np.float64], state: ControllerState) -> str | None:
+    """What has diverged, and what to do: the circuit's state x (2n) and the controller's are no numbers or beyond every
+    sensible bound. None where all is well."""
+    c = study.converter
+    if not (np.isfinite(x).all() and np.isfinite(flat_state(state)).all()):
+        return (
+            "a quantity is no longer a number. The inner loops are unstable on this grid (slow them down, "
+            "inner_loops response times, or sample faster), or the power loops are (lower their gains)"
+        )
+    if abs(state.omega_i) > BOUND_PU * c.omega_n:
+        return f"the frequency is beyond {BOUND_PU:g} times its nominal value. {_POWER}"
+    if abs(state.V) > BOUND_PU * c.V_rated_rms:
+        return f"the voltage of the Q loop is beyond {BOUND_PU:g} times its rated value. {_POWER}"
+    if np.any(np.abs([*x[0:2], *x[4:6]]) > BOUND_PU * c.I_rated_pk):
+        return f"a current is beyond {BOUND_PU:g} times its rated value. {_INNER}"
+    if np.any(np.abs(x[2:4]) > BOUND_PU * c.V_rated_rms):
+        return f"the capacitor voltage is beyond {BOUND_PU:g} times its rated value. {_INNER}"
+    return None
+
+
+def good_rows(study: Study, rows: NDArray[Any]) -> int:
+    """How many rows of a run's log come before the first that is no number or beyond the bound."""
+    c = study.converter
+    amps, volts = c.I_rated_pk, c.V_rated_rms
+    # In the order of LOG_COLUMNS up to V_rms; a power may be as large as a current and a voltage together.
+    power = BOUND_PU * c.S_rated
+    rated = np.array([*[amps] * 2, *[volts] * 2, *[amps] * 2, *[volts] * 2, power, power, c.omega_n, volts])
+    bad = ~np.isfinite(rows).all(axis=1) | (np.abs(rows[:, : len(rated)]) > BOUND_PU * rated).any(axis=1)
+    return int(np.argmax(bad)) if bad.any() else len(rows)
+
+
+def outcome_of(divergence: Divergence | None, found: Sequence[Rest], events: Sequence[EventMetrics]) -> Outcome:
+    """What became of a run by its divergence, and else by its last stretch: where that comes to rest, and the figures
+    of the event that began it."""
+    if divergence is not None:
+        return Outcome("diverged", divergence.reason, divergence.t_s)
+    if not found:
+        return Outcome("not known", "the controller has no gains on some grid of the scenario")
+    last = found[-1]
+    if last.ramping:
+        return Outcome("not known", last.obstacle)
+    measured = [event for event in events if event.t_s == last.t_s]
+    for statuses, status in (
+        ((NO_STEADY_STATE,), "infeasible"),
+        ((UNSTABLE, NOT_SETTLED), "not settled"),
+    ):
+        for event in measured:
+            if event.status in statuses:
+                return Outcome(status, event.reason)  # type: ignore[arg-type]
+    if last.mode is None:
+        return Outcome("infeasible", last.obstacle)
+    if not last.stable:
+        return Outcome("not settled", last.end_state("P_pcc", False, 1.0).obstacle)
+    if not measured:
+        return Outcome("not known", f"nothing is measured after {last.name}")
+    short = next((event for event in measured if event.status != MEASURED), None)
+    return Outcome("settled") if short is None else Outcome("not known", short.reason)
