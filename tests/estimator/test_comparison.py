@@ -232,3 +232,13 @@ def test_the_frequency_axis_is_about_the_nominal_one() -> None:
     axis = stress_axes(60.0)[0]
     assert (axis.nominal, axis.values[0], axis.values[-1]) == (60.0, 59.9, 60.1)
     assert stress_axes(50.0)[0].values == (49.9, 49.95, 49.99, 50.0, 50.01, 50.05, 50.1)
+
+
+def test_the_comparison_counts_limited_samples() -> None:
+    """A window in which the current was limited is left out by every method that measures."""
+    run = one_run()
+    limited = replace(run, limited=np.full(len(run.limited), 3))
+    guess = run.grids[0]
+    for method in all_methods(run.converter, {}, run.recipe, guess):
+        found = method.estimate(measure([limited]))
+        assert np.isnan(found.R_g).all() == (method.name != "Constant guess")

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from vsgdesign.errors import StudyError
+from vsgdesign.errors import ArtifactError, StudyError
 from vsgdesign.estimator.comparison import ComparisonSettings, compare_methods
 from vsgdesign.identification import ESTIMATORS, Estimate, EstimatorKind, Installation, Needs, Probe, Samples
 from vsgdesign.parameters import load_study, study_from_text
@@ -165,3 +165,14 @@ def test_an_estimator_may_be_fed_sample_by_sample(monkeypatch: pytest.MonkeyPatc
         complex(ANSWER[0], study.converter.omega_n * ANSWER[1]) / (study.converter.Z_base / 8.0 * (1 + 1j)) - 1.0
     )
     assert one.rms[0] == pytest.approx(other, rel=1e-3)
+
+
+def test_a_status_that_nobody_knows_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Wrong(Own):
+        def update(self, state: Seen, samples: Samples) -> tuple[Seen, Estimate]:
+            state, found = super().update(state, samples)
+            return state, found._replace(status="fine")
+
+    monkeypatch.setitem(ESTIMATORS, "own", EstimatorKind("a test's own estimator", Wrong))
+    with pytest.raises(ArtifactError, match=r"A test's own: it says status 'fine'\. Known: ok, "):
+        run_scenario(study_from_text(TEXT))

@@ -83,3 +83,18 @@ def test_the_grid_answers_with_its_impedance() -> None:
 def test_a_hold_that_does_not_fit_is_refused() -> None:
     with pytest.raises(InfeasibleStudyError, match="whole multiple"):
         run(Probe(np.array([0.01 + 0j]), 70e-6))
+
+
+class _Asking(FixedGains):
+    """A scheduler that asks for a probe of another hold than it said."""
+
+    probe_hold = 1e-3
+
+    def wanted(self) -> Probe:
+        return Probe(np.array([0.001 + 0j]), 2e-3)
+
+
+def test_a_probe_is_held_as_long_as_was_said() -> None:
+    study, change = short()
+    with pytest.raises(InfeasibleStudyError, match=r"1 values of 0\.002 s are asked for .* for 0\.001 s"):
+        simulate(study, _Asking(change.gains))

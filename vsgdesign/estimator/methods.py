@@ -94,6 +94,7 @@ def _fed(estimator: Estimator, record: Record, run: int, window: int) -> Iterato
             float(record.omega[run]),
             record.theta[run, window, part],
             record.sent[run, window, part],
+            int(record.limited[run, window]),
         )
 
 

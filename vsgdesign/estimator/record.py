@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsgdesign.estimator.bound import SensorNoise, sensor_noise
 from vsgdesign.estimator.recipes import WindowRecipe
@@ -33,6 +34,8 @@ class Run:
     """(W, n): the converter's angle, rad."""
     sent: ComplexArray
     """(W, n): the probe as it was sent."""
+    limited: NDArray[np.int64]
+    """(W,): samples in which the current was limited."""
     omega: float
     """The converter's mean frequency in the windows at rest, rad/s: the grid's, as a converter knows it."""
     grids: tuple[Grid, ...]
@@ -68,6 +71,8 @@ class Record:
     """(B, W, n): the converter's angle, rad."""
     sent: ComplexArray
     """(B, W, n): the probe as it was sent."""
+    limited: NDArray[np.int64]
+    """(B, W): samples in which the current was limited."""
     omega: Array
     """(B,): the grid's frequency as the converter knows it, rad/s."""
     R_g: Array
@@ -91,6 +96,7 @@ def run_case(study: Study, recipe: WindowRecipe, index: int, seed: int = 0, prob
     windows, after, vectors = record_windows(study, recipe, scenario, prober)
     theta = np.array([window.theta for window in windows])
     sent = np.array([window.sent_values for window in windows])
+    limited = np.array([window.limited for window in windows], dtype=np.int64)
     at_rest = np.unwrap(theta[~after].ravel())
     slope = np.polynomial.polynomial.polyfit(np.arange(len(at_rest)) * recipe.sample_interval, at_rest, 1)[1]
     grids = tuple(scenario.grids[int(later)] for later in after)
@@ -102,6 +108,7 @@ def run_case(study: Study, recipe: WindowRecipe, index: int, seed: int = 0, prob
         synchronised=turned,
         theta=theta,
         sent=sent,
+        limited=limited,
         omega=float(slope),
         grids=grids,
         noise=scenario.noise,
@@ -133,6 +140,7 @@ def measure(runs: Sequence[Run], draws: int = 1) -> Record:
         synchronised={name: np.array(windows) for name, windows in synchronised.items()},
         theta=np.array([run.theta for run in repeated]),
         sent=np.array([run.sent for run in repeated]),
+        limited=np.array([run.limited for run in repeated]),
         omega=np.array([run.omega for run in repeated]),
         R_g=np.array([[grid.R_g for grid in run.grids] for run in repeated]),
         L_g=np.array([[grid.L_g for grid in run.grids] for run in repeated]),

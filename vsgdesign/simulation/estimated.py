@@ -149,6 +149,11 @@ class EstimatedScheduler:
             self._memory, found = self.estimator.update(self._memory, samples)
         if found is None:  # no answer is due
             return None
+        if found.status not in STATUSES:
+            raise ArtifactError(
+                f"{self.estimator.title}: it says status {found.status!r}. Known: {', '.join(STATUSES)}. More than "
+                "these is said by the reason of the estimate."
+            )
         followed = found.status in FOLLOWED
         R_g, L_g = found[:2] if followed else (math.nan, math.nan)
         gains, limited = self._answers.to(window, R_g, L_g)

@@ -40,6 +40,11 @@ class HeldProbe:
     def ask(self, sample: int, probe: Probe | None) -> None:
         """What is to be sent from the next change on; None: nothing. The probe that is sent already goes on."""
         if probe is not self._asked:
+            if probe is not None and (abs(probe.hold - self._probe.hold) > 1e-9 or len(probe.values) == 0):
+                raise InfeasibleStudyError(
+                    f"probe: {len(probe.values)} values of {probe.hold:.6g} s are asked for in a run that holds each "
+                    f"for {self._probe.hold:.6g} s. Give at least one value, held as long as probe_hold says."
+                )
             self._asked = probe
             self._probe = Probe(np.zeros(1, dtype=complex), self._probe.hold) if probe is None else probe
             self._begin = -(-sample // self._every)
