@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import ctypes.util
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -53,21 +53,48 @@ def single(text: CText, compiler: str, tmp_path_factory: pytest.TempPathFactory)
 _SAMPLES: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
 
+class Limits:
+    """Takes the place of a generator of numbers, to be told between which limits they would be."""
+
+    found: tuple[float, float] = (0.0, 0.0)
+
+    def uniform(self, low: float, high: float) -> float:
+        self.found = low, high
+        return low
+
+    def integers(self, low: int, high: int) -> int:
+        self.found = float(low), float(high)
+        return low
+
+
 def samples(name: str) -> tuple[np.ndarray, np.ndarray]:
     """Inputs as single precision holds them, and Python's answers."""
     if name not in _SAMPLES:
-        rng = np.random.default_rng(sum(name.encode()))
+        rng, columns = np.random.default_rng(sum(name.encode())), []
 
-        def number(field: str) -> Any:
-            return draw(field, rng) if field in FLAGS else float(np.float32(draw(field, rng)))
+        def column(field: str) -> float:
+            limits = Limits()
+            draw(field, limits)  # type: ignore[arg-type]
+            values = rng.integers(0, 2, ROWS) if field in FLAGS else rng.uniform(*limits.found, ROWS)
+            columns.append(values.astype(np.float32).astype(float))
+            return 0.0
 
-        given = [arguments(FUNCTIONS[name], number) for _ in range(ROWS)]
-        function = with_libm(FUNCTIONS[name])
-        numbers = [tuple(value for value in row if not isinstance(value, LimiterLaw)) for row in given]
-        inputs = np.array([flat(row) for row in numbers], dtype=float)
+        shape = arguments(FUNCTIONS[name], column)
+        function, inputs = with_libm(FUNCTIONS[name]), np.column_stack(columns)
         with np.errstate(invalid="ignore"):  # a power flow may have no root: NaN in both
-            _SAMPLES[name] = inputs, np.array([flat(function(*row)) for row in given], dtype=float).reshape(ROWS, -1)
+            answers = [flat(function(*filled(shape, iter(row)))) for row in inputs.tolist()]
+        _SAMPLES[name] = inputs, np.array(answers, dtype=float).reshape(ROWS, -1)
     return _SAMPLES[name]
+
+
+def filled(shape: Any, numbers: Iterator[float]) -> Any:
+    """The same arguments with other numbers."""
+    if isinstance(shape, LimiterLaw):
+        return shape
+    if isinstance(shape, list | tuple):
+        made = [filled(item, numbers) for item in shape]
+        return made if isinstance(shape, list) else type(shape)(*made)
+    return next(numbers)
 
 
 @pytest.mark.parametrize("name", TRANSLATED)
