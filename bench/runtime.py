@@ -106,6 +106,10 @@ def size(folder: Path) -> list[Row]:
         ),
         row("Cortex-M4F, RAM of scheduler and power loops, with stack", found.ram + found.stack, 1536.0),
         row("Cortex-M4F, window buffer", found.window),
+        row(
+            "Cortex-M4F, flash of the whole controller's step", found.control[0], 1280.0, "seven compensated sums: 130"
+        ),
+        row("Cortex-M4F, stack of the whole controller's step", found.control[2], 160.0),
     ]
 
 

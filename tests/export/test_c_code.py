@@ -65,7 +65,7 @@ def test_compiles_without_a_warning(compiler: str, flags: list[str], structure: 
         require_compiler()
     folder = exported(tmp_path, structure, law)
     sources = [str(path) for path in folder.glob("*.c")]
-    run_compiler([compiler, *STRICT, "-pedantic", "-O2", *flags, "-fsyntax-only", *sources])
+    run_compiler([compiler, *STRICT, "-Wpedantic", "-Wshadow", "-O2", *flags, "-fsyntax-only", *sources])
 
 
 @needs("arm-none-eabi-gcc")
