@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.compilers import require_compiler
 from tests.design.robust_studies import robust_study, scenarios, specification
+from tests.export.exchange import compare, random_calls
 from tests.gain_tables import table
 from vsgdesign.artifacts import read_table_file, write_table_file
 from vsgdesign.certificate import Certificate, Region, certify
@@ -23,11 +25,12 @@ from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED, STRUCTURES, NormalisedGains, Structure, placed_closed_form
 from vsgdesign.errors import ArtifactError, StudyError, UnknownNameError
+from vsgdesign.export import compile_c, export_c_files
 from vsgdesign.metrics import step_response
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.parameters import Event, Study, study_from_text
 from vsgdesign.report.gain_table.words import heading
-from vsgdesign.runtime import table_schedule
+from vsgdesign.runtime import load_scheduler, table_schedule
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.stability.margins import full_order_margins
 
@@ -192,3 +195,17 @@ def test_a_table_of_it_is_written_read_and_scheduled(tmp_path: Path) -> None:
     (tmp_path / "other.json").write_text(text.replace(DIAGONAL.name, "fifth_structure"), encoding="utf-8")
     with pytest.raises(ArtifactError):
         read_table_file(tmp_path / "other.json")
+
+
+def test_the_exported_c_has_its_gains(tmp_path: Path) -> None:
+    """From the function above, read by its syntax tree; compiled, and called like the scheduler in Python."""
+    require_compiler("cc")
+    changes = {"D_p": 318.3, "parameters": {"share_P": 0.0, "share_Q": 0.0}}
+    write_table_file(table(DIAGONAL.name, **changes), tmp_path / "table.json")
+    compiled = compile_c(export_c_files(tmp_path / "table.json", tmp_path / "c").folder, double=True)
+    scheduler = load_scheduler(tmp_path / "table.json")
+    difference = compare(scheduler, compiled, random_calls(scheduler, 300, seed=1))
+    assert difference.statuses == 0
+    assert difference.fresh > 100
+    assert difference.gains <= 1e-12
+    assert "diagonal_gains" in "".join(path.read_text(encoding="utf-8") for path in (tmp_path / "c").glob("*.[ch]"))
