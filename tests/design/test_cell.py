@@ -22,7 +22,7 @@ from vsgdesign.design.box import scenarios_of_estimate
 from vsgdesign.design.cell import CellDesign, common_design, design_cell
 from vsgdesign.design.evaluation import evaluate, law_of
 from vsgdesign.design.figures import shortfalls, worst
-from vsgdesign.design.nlp import MARGIN_AIM
+from vsgdesign.design.objective import MARGIN_AIM
 from vsgdesign.design.variables import variables
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.model.coupled import coupled_model

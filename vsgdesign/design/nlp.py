@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.evaluation import LawOfStudy
+from vsgdesign.design.objective import GUARD_MARGIN, MARGIN_AIM, MARGIN_RESERVE, WEIGHT_DAMPING, cell_objective
 from vsgdesign.design.variables import Variables, variables
 from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.metrics.step_response import SETTLING_BAND
@@ -33,22 +34,19 @@ SLOTS = 6
 KINDS: tuple[str, ...] = ("overshoot", "settling_time", "disk_margin", "inertia")
 """Promises that have a slack."""
 
-MARGIN_AIM = 1.15
-"""Above this multiple of the least disk margin, more margin is worth no inertia."""
-
-_GUARD, _GUARD_PEAK, _GUARD_MARGIN = 0.6, 0.7, 1.03
+_GUARD, _GUARD_PEAK = 0.6, 0.7
 """Shares of the 2 % band, of the overshoot and of the disk margin that a design uses at a node
 (:eq:`settling-constraint`): a response that just touches the band would leave it between nodes, and its settling time
 would jump; filters and delay take 1 to 2 % of the margin."""
 
-_RESERVE = (0.35, 0.25, 0.015)
+_RESERVE = (0.35, 0.25, MARGIN_RESERVE)
 """What may be added to these shares where a promise would be broken otherwise."""
 
 _FINE, _FINE_STEPS, _COARSE_STEPS = 20, 24, 18
 """Steps within a settling time, how many of those, and how many of twice the length after them."""
 _FREQUENCIES = np.geomspace(1.0, 130.0, 10)
 _TAYLOR = 6
-_WEIGHT_SLACK, _WEIGHT_RESERVE, _WEIGHT_MARGIN = 300.0, 20.0, 30.0
+_WEIGHT_RESERVE = 20.0
 
 
 @dataclass(frozen=True)
@@ -97,16 +95,11 @@ class RobustProgram:
             price = -log_inertia
         else:
             held = [slack[3], slack[3]]
-            price = 0.2 * ca.sum1(y[:2])  # no more damping and bandwidth than needed
+            price = WEIGHT_DAMPING * ca.sum1(y[:2])  # no more damping and bandwidth than needed
         aim = MARGIN_AIM * spec.disk_margin
-        short = margin - spec.disk_margin * (_GUARD_MARGIN - _RESERVE[2] * reserve) * (1.0 - slack[2])
-        objective = (
-            price
-            + _WEIGHT_SLACK * ca.sum1(slack)
-            + _WEIGHT_RESERVE * reserve
-            + _WEIGHT_MARGIN * (aim - margin)
-            + pull * ca.sum1(ca.DM(self.variables.pull) * (y - centre) ** 2)
-        )
+        short = margin - spec.disk_margin * (GUARD_MARGIN - _RESERVE[2] * reserve) * (1.0 - slack[2])
+        away = pull * ca.sum1(ca.DM(self.variables.pull) * (y - centre) ** 2)
+        objective = cell_objective(price, ca.sum1(slack), _WEIGHT_RESERVE * reserve, aim - margin, away)
         g = ca.vertcat(ca.vec(rows), short, *held)
         options = {
             "print_time": False,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsgdesign.design.box import NOMINAL, Scenarios
 from vsgdesign.design.evaluation import Evaluation, LawOfStudy, evaluate
 from vsgdesign.design.figures import shortfalls, worst
-from vsgdesign.design.nlp import MARGIN_AIM
+from vsgdesign.design.objective import GUARD_MARGIN, MARGIN_AIM, MARGIN_RESERVE, WEIGHT_DAMPING, cell_objective
 from vsgdesign.design.variables import Variables, variables
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.structures import NormalisedGains, effective_inertia
@@ -37,13 +37,11 @@ _POPULATION, _GENERATIONS, _ELITE = 32, 20, 4
 _STEP, _CROSSING = 0.6, 0.9
 """Differential evolution: towards one of the best, plus a difference; share of the variables that change."""
 
-_GUARD_STEP, _GUARD_OVERSHOOT, _GUARD_MARGIN = 0.98, 0.8, 1.03
+_GUARD_STEP, _GUARD_OVERSHOOT = 0.98, 0.8
 """A design at a node keeps so much of the limits in hand, for what lies between nodes."""
 
-_LEAST_MARGIN = 1.015
-"""What has to be left of it: filters and delay take 1 to 2 %."""
-
-_PRICE_BROKEN, _STEP_BROKEN, _PRICE_RESERVE, _PRICE_MARGIN = 300.0, 1e3, 50.0, 30.0
+_STEP_BROKEN, _STEP_UNSTABLE, _WEIGHT_RESERVE = 1e3, 1e4, 50.0
+"""What any violation and any instability cost by themselves: a design with one is never preferred to one without."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,10 +104,9 @@ class Ground:
             exact = np.log(np.maximum(self.inertia(v.normalised(y)), 1e-9))
         for k in range(len(y)):
             f = worst(e, k)
-            broken = max(_LEAST_MARGIN * spec.disk_margin - f.disk_margin, 0.0)
+            broken = max((GUARD_MARGIN - MARGIN_RESERVE) * spec.disk_margin - f.disk_margin, 0.0)
             broken += max(spec.damping_ratio - f.damping_ratio, 0.0)
-            reserve = max(_GUARD_MARGIN * spec.disk_margin - f.disk_margin, 0.0)
-            rest = self.pull * self.distance(y[k])
+            reserve = max(GUARD_MARGIN * spec.disk_margin - f.disk_margin, 0.0)
             if spec.settles:
                 settling, overshoot = (
                     min(f.settling_time / spec.settling_time, 10.0),
@@ -121,12 +118,12 @@ class Ground:
                 if exact is not None:
                     low, high = float(np.log(max(spec.H_min, 1e-9))), float(np.log(spec.H_max))
                     broken += max(low - exact[k], exact[k] - high, 0.0)
-                rest -= log_H
+                price = -log_H
             else:
-                rest += 0.2 * float(y[k, :2].sum())
-            scores[k] = _PRICE_BROKEN * broken + _PRICE_RESERVE * min(reserve, 1e3) + rest
-            scores[k] += _PRICE_MARGIN * max(limit - f.disk_margin, 0.0)
-            scores[k] += (_STEP_BROKEN if broken > 0.0 else 0.0) + (0.0 if f.abscissa < 0.0 else 1e4)
+                price = WEIGHT_DAMPING * float(y[k, :2].sum())
+            short, away = max(limit - f.disk_margin, 0.0), self.pull * self.distance(y[k])
+            scores[k] = cell_objective(price, broken, _WEIGHT_RESERVE * min(reserve, 1e3), short, away)
+            scores[k] += (_STEP_BROKEN if broken > 0.0 else 0.0) + (0.0 if f.abscissa < 0.0 else _STEP_UNSTABLE)
         return scores
 
 
