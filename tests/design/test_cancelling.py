@@ -97,6 +97,8 @@ def test_a_division_by_nothing_is_refused() -> None:
 
 def test_a_choice_is_traced_on_the_piece_that_is_named_and_on_no_other() -> None:
     tracer = Tracer(2)
+    x: Any
+    y: Any
     x, y = tracer.symbols()
     with tracer.choosing((True, False)) as choices:
         larger, smaller = np.maximum(x, y), np.minimum(x, y)

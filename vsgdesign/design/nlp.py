@@ -172,8 +172,8 @@ def _slot_function(law: LawOfStudy, spec: Specification, v: Variables) -> ca.Fun
     reserve = ca.SX.sym("reserve")
     s = Scenarios(*(ca.SX.sym(f.name) for f in fields(Scenarios)))
     with numpy_on_symbols():
-        J_hat = scheduled_jacobian(s.P, s.Q, s.V_rms, s.R_hat, s.X_hat)
-        gains = law.gains_of_jacobian(*J_hat, v.expression(y, ca.exp))
+        A_hat, B_hat, C_hat, D_hat = scheduled_jacobian(s.P, s.Q, s.V_rms, s.R_hat, s.X_hat)
+        gains = law.gains_of_jacobian(A_hat, B_hat, C_hat, D_hat, v.expression(y, ca.exp))
     model = coupled_function(law.tau_P > 0.0, law.tau_Q > 0.0)
     A, B, C, _, A_K, B_K, C_K, J = model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, *gains, law.tau_P, law.tau_Q)
     rows: list[Any] = []
