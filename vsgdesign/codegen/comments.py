@@ -46,7 +46,7 @@ def block_comment(text: str, indent: str = "") -> list[str]:
     if len(lines) == 1 and len(indent) + len(lines[0]) + 6 <= WIDTH:
         return [f"{indent}/* {lines[0]} */"]
     rest = [f"{indent} * {line}".rstrip() for line in lines[1:]]
-    if len(rest[-1] if rest else lines[0]) + 6 > WIDTH:
+    if not rest or len(rest[-1]) + 6 > WIDTH:
         rest.append(f"{indent} */")
     else:
         rest[-1] = f"{rest[-1]} */"
