@@ -107,7 +107,7 @@ def test_no_name_is_taken_for_another_one() -> None:
     assert STRUCTURES.get("fifth") is None
     with pytest.raises(UnknownNameError):
         replace(table_schedule(table()), structure="fifth").gains(0.1, 1e-3)
-    with pytest.raises(ValueError, match=r"'published' is the name of another one"):
+    with pytest.raises(ValueError, match=r"'published' is already the name of another structure"):
         STRUCTURES.register(replace(DIAGONAL, name="published"))
     assert STRUCTURES["published"] is PUBLISHED
     STRUCTURES.register(DIAGONAL)  # the same again is no fault

@@ -8,7 +8,10 @@ import numpy as np
 
 
 class Poles(NamedTuple):
-    """Of the power loops with a settling time of 1 s: δ by s² + d_1 s + k_1, V by s + k_2 (1/s², 1/s, 1/s)."""
+    """Poles of the power loops for a settling time of 1 s: s² + d_1 s + k_1 for δ and s + k_2 for V.
+
+    k_1 is in 1/s², d_1 and k_2 are in 1/s.
+    """
 
     k_1: float
     d_1: float
@@ -16,38 +19,38 @@ class Poles(NamedTuple):
 
 
 EQUAL_TIMES = Poles(21.3, 8.24, 3.91)
-"""Default of closed forms: both step responses are at 98 % after 1 s, so any sum of the two is as well. Derived beside
-:eq:`voltage-row`: k_2 = ln 50, and k_1, d_1 such that the other is there at the same time."""
+"""Default poles of the closed forms. Both step responses reach 98 % after 1 s, so any weighted mean of the two does so
+as well. The derivation stands beside :eq:`voltage-row`: k_2 is ln 50, and k_1 and d_1 make δ reach 98 % then, too."""
 
 LEAST_BANDWIDTH = Poles(15.8, 6.6, 4.0)
-"""Where searches begin: 1 s with 1 % overshoot from the least bandwidth, ω_n = 3.97 rad/s and ξ = 0.83, found beside
-:eq:`critical-settling`; V as in the paper."""
+"""Poles at which a search begins. ω_n = 3.97 rad/s and ξ = 0.83 settle in 1 s with 1 % overshoot and the least
+bandwidth; they are derived beside :eq:`critical-settling`. k_2 is that of the paper."""
 
 
 def paced(k_1: Any, d_1: Any, k_2: Any, pace: Any) -> Any:
-    """The same poles ``pace`` times as fast. Returns (k_1, d_1, k_2)."""
+    """Makes the poles ``pace`` times as fast. Returns (k_1, d_1, k_2)."""
     return k_1 * pace * pace, d_1 * pace, k_2 * pace
 
 
 def inner_loop_bandwidth(response_time: Any) -> Any:
-    """ω_x = 2π/T of an inner loop's response time (:eq:`inner-gains`)."""
+    """Bandwidth ω_x = 2π/T in rad/s of an inner loop with response time T in s (:eq:`inner-gains`)."""
     return 2.0 * np.pi / response_time
 
 
 def current_loop_gains(response_time: Any, damping_ratio: Any, L_1: Any) -> Any:
-    """Returns (K_pc, K_ic) of the current loop, V/A and V/(A·s) (:eq:`inner-gains`)."""
+    """Returns the gains (K_pc, K_ic) of the current loop in V/A and V/(A·s) (:eq:`inner-gains`)."""
     omega_c = inner_loop_bandwidth(response_time)
     return 2.0 * damping_ratio * omega_c * L_1, omega_c * omega_c * L_1
 
 
 def voltage_loop_gains(response_time: Any, damping_ratio: Any, C: Any) -> Any:
-    """Returns (K_pv, K_iv) of the voltage loop, A/V and A/(V·s) (:eq:`inner-gains`)."""
+    """Returns the gains (K_pv, K_iv) of the voltage loop in A/V and A/(V·s) (:eq:`inner-gains`)."""
     omega_v = inner_loop_bandwidth(response_time)
     return 2.0 * damping_ratio * omega_v * C, omega_v * omega_v * C
 
 
 def closed_form_poles(settling_time: Any, damping_ratio: Any) -> Any:
-    """Returns (k_1, d_1, k_2) of the published loops, 1/s², 1/s and 1/s (:eq:`closed-form-gains`).
+    """Returns (k_1, d_1, k_2) of the published loops in 1/s², 1/s and 1/s (:eq:`closed-form-gains`).
 
     ω_n = 4/(ξ T_s); k_1 = ω_n², d_1 = 2ξω_n, k_2 = 4/T_s. With the published structure and q = 0.01, ξ = 1 and
     T_s = 1 s give the paper's K_ip = 16/A, D_p = A/2, D_q = D/100 and K_iq = 4/(D + D_q). T_s is the paper's
@@ -58,7 +61,7 @@ def closed_form_poles(settling_time: Any, damping_ratio: Any) -> Any:
 
 
 def overshoot_of(damping_ratio: Any) -> Any:
-    """Overshoot in percent of a second-order loop without zero: 0 from ξ = 1 on, 100 where nothing damps."""
+    """Overshoot in percent of a second-order loop without a zero: 0 for ξ ≥ 1, and 100 without damping."""
     xi = np.minimum(np.maximum(damping_ratio, 0.0), 1.0)
-    # Without a branch: at ξ = 1 the root's least value makes an exponent that underflows to zero.
+    # This needs no branch: from ξ = 1 on, the lower limit of the root makes an exponent that underflows to zero.
     return 100.0 * np.exp(-np.pi * xi / np.sqrt(np.maximum(1.0 - xi * xi, 1e-30)))

@@ -1,6 +1,6 @@
 """The whole controller as one sampled step: measurement in, bridge voltage and next state out.
 
-This is the function that the EMT compiles, that the sampled-data model differentiates and that ships.
+The EMT compiles this function, the sampled-data model differentiates it, and the exported C is generated from it.
 """
 
 from __future__ import annotations
@@ -26,9 +26,10 @@ from vsgdesign.frames import instantaneous_power, rms_to_peak, rotate, rotate_ba
 def power_stage(
     state: ControllerState, P: Any, Q: Any, refs: References, gains: PowerLoopGains, settings: ControllerSettings
 ) -> Any:
-    """Power filters and power loops of one sample: ω, the next P_f and Q_f, and how far θ, ω_i and V go.
+    """Power filters and power loops of one sample: the frequency ω, the new P_f and Q_f, and the steps.
 
-    By forward Euler with period T_s; the angle by the frequency of this sample.
+    P_f and Q_f are those of the next sample. The steps are the changes of θ, ω_i and V by forward Euler with period
+    T_s. The step of θ uses the frequency of this sample.
     """
     P_f = state.P_f + settings.smoothing_P * (P - state.P_f)
     Q_f = state.Q_f + settings.smoothing_Q * (Q - state.Q_f)
@@ -51,9 +52,9 @@ def controller_sample(
     settings: ControllerSettings,
     limiter: LimiterLaw,
 ) -> Any:
-    """:func:`controller_step` with its loops open: for given powers P and Q, and for a commanded voltage V∠θ.
+    """:func:`controller_step` with its power loops open, for given powers P and Q and a commanded voltage V∠θ.
 
-    The linear model adds its disturbances there.
+    The linear model adds its disturbances at these inputs.
     """
     cosine = np.cos(theta)
     sine = np.sin(theta)
@@ -103,7 +104,8 @@ def controller_sample(
         inner_gains,
         settings.T_s,
     )
-    # The voltage stands still in αβ while the frame turns: in the middle of its period it is half a period behind.
+    # The bridge voltage is constant in αβ during a period while the dq frame turns. In the middle of the period it is
+    # therefore half a period behind the frame.
     u_d, u_q = rotate_back(state.u_alpha, state.u_beta, cosine, sine)
     u_d, u_q = rotate_back(u_d, u_q, settings.half_cos, settings.half_sin)
     v_b_d, v_b_q, xi_id, xi_iq = current_loop(

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 
 class Nothing(NamedTuple):
-    """No numbers at all: the memory, the constants or the notes of a limiter that has none."""
+    """Holds no numbers: the memory, the constants or the notes of a limiter that needs none."""
 
 
 class ControllerState(NamedTuple):
@@ -39,7 +39,7 @@ class ControllerState(NamedTuple):
 
 
 def flat_state(state: ControllerState) -> Any:
-    """Every number of a state: the controller's in the order of its fields, then those of its limiter."""
+    """Every number of a state: first the controller's fields in their order, then those of its limiter."""
     return state[:-1] + state.limiter[:]
 
 
@@ -55,13 +55,13 @@ class Measurement(NamedTuple):
 
 
 class ControllerSettings(NamedTuple):
-    """What does not change while the controller runs, SI."""
+    """Constants of the controller, in SI units. They do not change while it runs."""
 
     T_s: Any
     """Sampling period, s."""
     smoothing_P: Any
     smoothing_Q: Any
-    """1 − exp(−T_s/τ) of the power filters; 1 without filter."""
+    """1 − exp(−T_s/τ) of the power filters; 1 means no filter."""
     omega_C: Any
     omega_L: Any
     """Cross-coupling ω₀C (S) and ω₀L_1 (Ω)."""
@@ -70,7 +70,7 @@ class ControllerSettings(NamedTuple):
     """Current and bridge-voltage limits, peak."""
     advance_cos: Any
     advance_sin: Any
-    """cos and sin of the angle ω₀(d + ½)T_s by which the output leads, d samples of delay."""
+    """cos and sin of the angle ω₀(d + ½)T_s by which the output leads; d is the delay in samples."""
     smoothing_t: Any = 0.0
     """1 − exp(−ω_t T_s) of the transient impedance's low-pass."""
     half_cos: Any = 1.0
@@ -83,7 +83,7 @@ class ControllerSettings(NamedTuple):
 
 
 def flat_settings(settings: ControllerSettings) -> Any:
-    """Every constant: the controller's in the order of its fields, then those of its limiter."""
+    """Every constant: first the controller's fields in their order, then those of its limiter."""
     return settings[:-1] + settings.limiter[:]
 
 

@@ -1,7 +1,7 @@
-"""Short-circuit ratio and X/R against (R_g, L_g). The basis of the ratio is always said.
+"""Conversion between short-circuit ratio with X/R and (R_g, L_g). The basis of the ratio is always stated.
 
-``impedance``: SCR = V_ll²/(S·|Z_g|), the usual definition. ``reactance``: SCR = V_ll²/(S·X_g), as the
-published case has it; at X/R = 1 the two differ by √2.
+With the basis ``impedance``, SCR = V_ll²/(S·|Z_g|), which is the usual definition. With ``reactance``,
+SCR = V_ll²/(S·X_g), which the published case uses. At X/R = 1 the two differ by √2.
 """
 
 from __future__ import annotations
@@ -15,45 +15,45 @@ from vsgdesign.errors import UnknownNameError
 
 
 def grid_from_scr_impedance(scr: Any, x_over_r: Any, Z_base: Any, omega: Any) -> Any:
-    """Returns (R_g, L_g) in Ω and H, with the ratio taken on \\|Z_g\\| (:eq:`scr`)."""
+    """Returns (R_g, L_g) in Ω and H for a ratio taken on \\|Z_g\\| (:eq:`scr`)."""
     R_g = Z_base / scr / np.hypot(1.0, x_over_r)
     return R_g, R_g * x_over_r / omega
 
 
 def grid_from_scr_reactance(scr: Any, x_over_r: Any, Z_base: Any, omega: Any) -> Any:
-    """Returns (R_g, L_g) in Ω and H, with the ratio taken on X_g (:eq:`scr`)."""
+    """Returns (R_g, L_g) in Ω and H for a ratio taken on X_g (:eq:`scr`)."""
     X_g = Z_base / scr
     return X_g / x_over_r, X_g / omega
 
 
 def scr_impedance(R_g: Any, L_g: Any, Z_base: Any, omega: Any) -> Any:
-    """Short-circuit ratio on \\|Z_g\\| of a grid."""
+    """Short-circuit ratio of a grid, taken on \\|Z_g\\|."""
     return Z_base / np.hypot(R_g, omega * L_g)
 
 
 def scr_reactance(R_g: Any, L_g: Any, Z_base: Any, omega: Any) -> Any:
-    """Short-circuit ratio on X_g of a grid."""
+    """Short-circuit ratio of a grid, taken on X_g."""
     return Z_base / (omega * L_g) + 0.0 * R_g
 
 
 class ScrBasis(NamedTuple):
-    """What a short-circuit ratio counts of a grid's impedance: the one place where that makes a difference."""
+    """The part of a grid's impedance on which a short-circuit ratio is taken. Only here does the basis matter."""
 
     name: str
-    """As studies and tables have it."""
+    """The name of the basis in study files and tables."""
     scr: Callable[[Any, Any, Any, Any], Any]
-    """R_g, L_g, Z_base, ω to SCR."""
+    """Function of R_g, L_g, Z_base and ω that returns the SCR."""
     grid: Callable[[Any, Any, Any, Any], Any]
-    """SCR, X/R, Z_base, ω to R_g and L_g."""
+    """Function of SCR, X/R, Z_base and ω that returns R_g and L_g."""
     counted: Callable[[Any, Any], Any]
-    """R and X to what is counted, in their unit: SCR is Z_base over it."""
+    """Function of R and X that returns the counted part in the same unit; the SCR is Z_base divided by it."""
     magnitude: Callable[[Any, Any], Any]
-    """What is counted, and the sine of the impedance's angle, to \\|Z_g\\|."""
+    """Function of the counted part and the sine of the impedance's angle that returns \\|Z_g\\|."""
     counts_resistance: bool
 
 
 class _ScrBases(dict[str, ScrBasis]):
-    """By name; an unknown name raises UnknownNameError."""
+    """The bases by name. An unknown name raises UnknownNameError."""
 
     def __missing__(self, name: str) -> ScrBasis:
         raise UnknownNameError("SCR basis", name, self)
@@ -76,4 +76,4 @@ REACTANCE = ScrBasis(
     counts_resistance=False,
 )
 SCR_BASES = _ScrBases({basis.name: basis for basis in (IMPEDANCE, REACTANCE)})
-"""Everything that an SCR may be taken on."""
+"""The bases on which an SCR may be taken."""

@@ -1,6 +1,6 @@
 """Inner voltage and current loops in the converter's own dq frame, sampled, with both limits and anti-windup.
 
-dq components are peak. The published loops are these with the limits out of reach.
+dq components are peak values. With limits that are never reached, these are the published loops.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from vsgdesign.equations.integration import advanced
 class InnerLoopGains(NamedTuple):
     """Gains of the voltage loop and the current loop.
 
-    K_ff is the share of the grid current that is fed forward: 1 as published. With a computation delay a little
-    less damps the network better; much less leaves the voltage loop without strength on a strong grid. R_t + jX_t is
-    the transient impedance, κ the share of one period by which the converter current is predicted (with a delay of
-    one sample alone): both 0 as published.
+    K_ff is the share of the grid current that is fed forward; the published value is 1. With a computation delay, a
+    slightly smaller value damps the network better, but a much smaller one makes the voltage loop weak on a strong
+    grid. R_t + jX_t is the transient impedance. κ is the share of one period by which the converter current is
+    predicted; it is used only with a delay of one sample. The published loops have R_t = X_t = κ = 0.
     """
 
     K_pv: Any
@@ -40,16 +40,17 @@ class InnerLoopGains(NamedTuple):
 
 
 def limit_length(x: Any, y: Any, limit: Any) -> Any:
-    """The vector (x, y), shortened to ``limit`` where it is longer. Returns (short_x, short_y)."""
-    # Compared as squares: the root is then never taken at zero, where it has no derivative.
+    """Shortens the vector (x, y) to the length ``limit`` if it is longer. Returns (short_x, short_y)."""
+    # The squares are compared, so that the root is never taken at zero, where it has no derivative.
     scale = limit / np.sqrt(np.maximum(x * x + y * y, limit * limit))
     return x * scale, y * scale
 
 
 def transient_impedance(i_g_d: Any, i_g_q: Any, i_f_d: Any, i_f_q: Any, gains: InnerLoopGains, smoothing: Any) -> Any:
-    """Voltage that a change of the grid current takes off the reference (:eq:`transient-impedance`).
+    """Voltage that is subtracted from the reference while the grid current changes (:eq:`transient-impedance`).
 
-    i_f is the grid current behind its low-pass. Returns (drop_d, drop_q, i_f_d, i_f_q): V, and the new i_f in A.
+    i_f is the grid current behind its low-pass. Returns (drop_d, drop_q, i_f_d, i_f_q): the drop in V, the new i_f
+    in A.
     """
     h_d = i_g_d - i_f_d
     h_q = i_g_q - i_f_q
@@ -63,8 +64,8 @@ def predicted_current(
 ) -> Any:
     """Converter current a share κ of one period ahead (:eq:`current-prediction`).
 
-    u is the bridge voltage that acts from this sample on, computed one sample ago. With κ = 0 the current is returned
-    as it is, to the bit. Returns (i_d, i_q) in A peak.
+    u is the bridge voltage that was computed one sample ago and acts from this sample on. With κ = 0 the function
+    returns the current unchanged to the last bit. Returns (i_d, i_q) in A peak.
     """
     ahead = kappa * T_over_L
     return i_d + ahead * (u_d - v_d + omega_L * i_q), i_q + ahead * (u_q - v_q - omega_L * i_d)
@@ -83,11 +84,12 @@ def voltage_loop(
     gains: InnerLoopGains,
     omega_C: Any,
 ) -> Any:
-    """Error of the voltage and the converter current that is wanted for it (:eq:`voltage-loop`).
+    """Voltage error and the converter current that the loop asks for (:eq:`voltage-loop`).
 
-    PI per axis, grid-current feed-forward, ωC cross-coupling. Returns (e_d, e_q, i_want_d, i_want_q): V and A.
+    Each axis has a PI controller, feed-forward of the grid current and ωC cross-coupling. Returns (e_d, e_q, i_want_d,
+    i_want_q), the errors in V and the currents in A.
     """
-    # The drop comes last: where it is zero it then changes no rounding, and published figures stay to the bit.
+    # The drop is subtracted last. Where it is zero it then changes no rounding, so published figures keep every bit.
     e_d = v_ref - v_d - drop_d
     e_q = -v_q - drop_q
     i_want_d = gains.K_pv * e_d + xi_d + gains.K_ff * i_g_d - omega_C * v_q
@@ -98,10 +100,10 @@ def voltage_loop(
 def voltage_integrators(
     e_d: Any, e_q: Any, cut_d: Any, cut_q: Any, xi_d: Any, xi_q: Any, gains: InnerLoopGains, T_s: Any
 ) -> Any:
-    """The next integrators ξ_v of the voltage loop (:eq:`voltage-loop`).
+    """The integrators ξ_v of the voltage loop for the next sample (:eq:`voltage-loop`).
 
-    They take up the error, and what the limiter has added to the wanted current: cut = i_ref − i*, in A. Returns
-    (xi_d, xi_q).
+    They integrate the error and ``cut``, the change that the limiter made to the requested current: cut = i_ref − i*
+    in A. Returns (xi_d, xi_q).
     """
     unwind = gains.K_iv / gains.K_pv
     xi_d = advanced(xi_d, T_s * (gains.K_iv * e_d + unwind * cut_d))
@@ -128,8 +130,8 @@ def current_loop(
 ) -> Any:
     """Bridge voltage from the error of the predicted current (:eq:`current-loop`).
 
-    PI per axis, capacitor-voltage feed-forward, ωL cross-coupling, circular voltage limit with the same
-    anti-windup. Returns (v_b_d, v_b_q, xi_d, xi_q) with the new integrators.
+    Each axis has a PI controller, feed-forward of the capacitor voltage and ωL cross-coupling. The voltage limit is
+    circular and has the same anti-windup. Returns (v_b_d, v_b_q, xi_d, xi_q) with the new integrators.
     """
     ahead_d, ahead_q = predicted_current(i_d, i_q, v_d, v_q, u_d, u_q, gains.kappa, omega_L, T_over_L)
     e_d = i_ref_d - ahead_d

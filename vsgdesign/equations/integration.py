@@ -5,20 +5,20 @@ from __future__ import annotations
 from typing import Any
 
 TURN = 6.283185307179586
-"""Once round, rad."""
+"""One full turn, rad."""
 
 
 def advanced(x: Any, dx: Any) -> Any:
-    """The integrator x after its change dx of one sample: x + dx.
+    """The integrator x after its change dx in one sample: x + dx.
 
-    This is the one place where an integrator of the controller moves (θ, ω_i, V and the integrators of both inner
-    loops), so that a target with single precision can replace it by a compensated sum: there T_s times the rate is
-    smaller than the last digit of x, and a plain sum would lose it for ever. A low-pass needs no such care, since it
-    forgets what it lost.
+    Every integrator of the controller (θ, ω_i, V and those of both inner loops) is advanced by this function alone. A
+    target with single precision can therefore replace it by a compensated sum: there dx may be smaller than the last
+    digit of x, and a plain sum would lose it permanently. A low-pass filter does not need this, because the effect of
+    a lost digit decays.
     """
     return x + dx
 
 
 def within_a_turn(theta: Any) -> Any:
-    """An angle in rad that has just passed ±2π, back by a turn, so that it keeps its digits for ever."""
+    """Moves an angle in rad that has just passed ±2π back by one turn, so that it never loses digits."""
     return theta - TURN * (theta > TURN) + TURN * (theta < -TURN)

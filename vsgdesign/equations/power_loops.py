@@ -1,4 +1,4 @@
-"""Power loops: from measured P, Q to the converter's frequency and voltage. One law for every structure."""
+"""Power loops: from measured P and Q to the converter's frequency and voltage, by one law for every structure."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 
 class PowerLoopGains(NamedTuple):
-    """Gains of the power-loop law (:eq:`power-loop-law`); the published structure uses the first four.
+    """Gains of the power-loop law (:eq:`power-loop-law`). The published structure uses the first four.
 
-    Off-diagonal integral gains K_pq and K_qp undo the grid's coupling. k_P and k_Q damp through the angle, without
-    droop and without inertia.
+    The off-diagonal integral gains K_pq and K_qp cancel the coupling of the grid. k_P and k_Q damp through the angle;
+    they change neither the droop nor the inertia.
     """
 
     K_ip: Any
@@ -37,7 +37,7 @@ class PowerLoopGains(NamedTuple):
 
 
 class References(NamedTuple):
-    """Set points. They may be changed between two samples."""
+    """Set points of the power loops. They may be changed between two samples."""
 
     P_ref: Any
     """W"""
@@ -52,12 +52,12 @@ class References(NamedTuple):
 def power_loops(omega_i: Any, V_rms: Any, P: Any, Q: Any, refs: References, gains: PowerLoopGains) -> Any:
     """The law of every structure (:eq:`power-loop-law`). Returns (omega, domega_dt, dV_dt) in rad/s, rad/s² and V/s.
 
-    ω = ω_i − k_P P − k_Q (Q + D_q V), with errors e_P = P_ref − P + D_p (ω_0 − ω) and
-    e_Q = Q_ref − Q + D_q (V_n − V): dω_i/dt = K_ip e_P + K_pq e_Q, dV/dt = K_qp e_P + K_iq e_Q. At rest both
-    errors are zero, so the droops are exactly D_p and D_q whatever the other gains.
+    ω = ω_i − k_P P − k_Q (Q + D_q V). With the errors e_P = P_ref − P + D_p (ω_0 − ω) and
+    e_Q = Q_ref − Q + D_q (V_n − V), dω_i/dt = K_ip e_P + K_pq e_Q and dV/dt = K_qp e_P + K_iq e_Q. In the steady state
+    both errors are zero, so the droops are exactly D_p and D_q whatever the other gains are.
 
-    With the last four gains zero this is the published law, with V in rms: the authors' released model
-    integrates the peak amplitude while its gains come from the rms Jacobian.
+    If the last four gains are zero, this is the published law with V in rms. The authors' released model differs: it
+    integrates the peak amplitude although its gains come from the Jacobian in rms.
     """
     omega = omega_i - gains.k_P * P - gains.k_Q * (Q + gains.D_q * V_rms)
     e_P = refs.P_ref - P + gains.D_p * (refs.omega_0 - omega)
@@ -66,7 +66,7 @@ def power_loops(omega_i: Any, V_rms: Any, P: Any, Q: Any, refs: References, gain
 
 
 def bumpless(omega_i: Any, V_rms: Any, P: Any, Q: Any, old: PowerLoopGains, new: PowerLoopGains) -> Any:
-    """ω_i that keeps ω where it is when the gains change (:eq:`bumpless`)."""
+    """The ω_i in rad/s with which ω does not jump when the gains change (:eq:`bumpless`)."""
     before = old.k_P * P + old.k_Q * (Q + old.D_q * V_rms)
     after = new.k_P * P + new.k_Q * (Q + new.D_q * V_rms)
     return omega_i + after - before

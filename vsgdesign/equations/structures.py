@@ -1,4 +1,4 @@
-"""Power-loop structures: the gains of each from the Jacobian A, B, C, D, and all else in which they differ."""
+"""Power-loop structures: how each computes its gains from the Jacobian, and everything else in which they differ."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from vsgdesign.errors import UnknownNameError
 
 
 class NormalisedGains(NamedTuple):
-    """What a schedule says of a grid; the Jacobian makes gains of it (:eq:`structure-gains`).
+    """The parameters of a schedule for one grid. With the Jacobian they give the gains (:eq:`structure-gains`).
 
-    Law ``poles``: k_1 (1/s²) and d_1 (1/s), δ by s² + d_1 s + k_1. Law ``inertia``: H (s) and ζ instead.
-    k_2 (1/s): V by s + k_2. q: droop D_q as a share of D, the published structure's. share_P, share_Q: how much
-    of the coupling is taken out.
+    With law ``poles``, k_1 (1/s²) and d_1 (1/s) give δ the characteristic polynomial s² + d_1 s + k_1. With law
+    ``inertia``, these two fields hold H (s) and ζ instead. k_2 (1/s) gives V the polynomial s + k_2. q is the droop D_q
+    as a share of D, for the published structure alone. share_P and share_Q are the cancelled shares of the coupling.
     """
 
     k_1_or_H: Any
@@ -30,8 +30,10 @@ class NormalisedGains(NamedTuple):
 
 
 class ClosedFormAim(NamedTuple):
-    """What closed forms are made of: those of a structure take what they need. T_s in s, k_1 in 1/s², d_1 and k_2 in
-    1/s; ``droop_ratio`` is q in D_q = q·D."""
+    """Data of the closed forms. The closed form of a structure uses those that it needs.
+
+    The settling time is in s, k_1 in 1/s², d_1 and k_2 in 1/s. ``droop_ratio`` is q in D_q = q·D.
+    """
 
     settling_time: Any
     damping_ratio: Any
@@ -46,22 +48,23 @@ class ClosedFormAim(NamedTuple):
 def decoupling(A: Any, B: Any, C: Any, D: Any, D_q: Any, share_P: Any, share_Q: Any) -> Any:
     """Inverse of the Jacobian that the loops see (:eq:`decoupling`). Returns (w11, w12, w21, w22).
 
-    J + diag(0, D_q), since the Q loop acts on Q + D_q V, with B scaled by share_P and C by share_Q: 0 leaves
-    the coupling in (the published diagonal), 1 takes it out. share_P = 0 keeps the swing row pure.
+    The loops see J + diag(0, D_q), since the Q loop acts on Q + D_q V. B is scaled by share_P and C by share_Q. A share
+    of 0 leaves the coupling as it is (the published diagonal), and a share of 1 cancels it. With share_P = 0 the
+    frequency depends on P alone.
     """
     b, c, d = share_P * B, share_Q * C, D + D_q
     determinant = A * d - b * c
-    # 0 − b, not −b: without a share the entry is 0, not −0.
+    # It is 0 − b and not −b, so that an entry with a share of 0 is 0 and not −0.
     return d / determinant, (0.0 - b) / determinant, (0.0 - c) / determinant, A / determinant
 
 
 def voltage_row(A: Any, B: Any, C: Any, D: Any, k_2: Any, D_p: Any, D_q: Any, share_P: Any, share_Q: Any) -> Any:
     """The V row of the angle-damped structure (:eq:`voltage-row`): K_qp = k_2 v1 and K_iq = k_2 v2.
 
-    The droop is part of e_P, so a moving δ pushes V by K_qp D_p δ̇. With A − k_2 D_p in place of A this row answers
-    δ by K_qp D_p (s + k_2), which V's own pole cancels. Returns (sigma, v1, v2). sigma (W/rad) is k_2 D_p, less where
-    that comes near to 1/w11: the row's determinant keeps at least 0.47 of its size, so no droop makes the gains grow
-    without bound.
+    The droop is part of e_P, so a changing δ drives V by K_qp D_p δ̇. With A − k_2 D_p in place of A, the response of V
+    to δ is proportional to K_qp D_p (s + k_2), and the pole of V cancels this zero. Returns (sigma, v1, v2). sigma
+    (W/rad) is k_2 D_p, or less where k_2 D_p comes close to 1/w11. The determinant of the row thus keeps at least 0.47
+    of its size, and no droop makes the gains grow without bound.
     """
     b, c, d = share_P * B, share_Q * C, D + D_q
     pull = k_2 * D_p
@@ -75,15 +78,15 @@ def voltage_row(A: Any, B: Any, C: Any, D: Any, k_2: Any, D_p: Any, D_q: Any, sh
 def poles_of_inertia(A: Any, H: Any, zeta: Any, S_rated: Any, omega_0: Any) -> Any:
     """k_1 = Aω_0/(2HS) and d_1 = 2ζ√k_1 for an inertia constant H and a damping ratio ζ (:eq:`constant-inertia`).
 
-    A ramp of frequency then asks for the power of H whatever the shares (:eq:`effective-inertia`). Returns
-    (k_1, d_1) in 1/s² and 1/s.
+    A ramp of the frequency then draws the inertial power of H, whatever the shares are (:eq:`effective-inertia`).
+    Returns (k_1, d_1) in 1/s² and 1/s.
     """
     k_1 = A * omega_0 / (2.0 * H * S_rated)
     return k_1, 2.0 * zeta * np.sqrt(k_1)
 
 
 def effective_inertia(gains: PowerLoopGains, S_rated: Any, omega_0: Any) -> Any:
-    """H in s that a ramp of frequency meets, of gains of any structure (:eq:`effective-inertia`)."""
+    """Effective inertia constant H in s during a ramp of the frequency, for any structure (:eq:`effective-inertia`)."""
     return omega_0 / (2.0 * S_rated * (gains.K_ip - gains.K_pq * gains.K_qp / gains.K_iq))
 
 
@@ -99,11 +102,11 @@ def decoupled_gains(
     omega_0: Any,
     by_inertia: bool,
 ) -> PowerLoopGains:
-    """The decoupled structure (:eq:`decoupled-gains`): W on the errors, damping through the P–f droop.
+    """The decoupled structure (:eq:`decoupled-gains`): W acts on the errors, and the P–f droop damps.
 
-    Without coupling left, δ moves by s² + d_1 s + k_1 and V by s + k_2. Without shares, with D_q = 0 and q > 0 it is
-    the published structure. D_p is not used: the damping makes it. S_rated (VA) and omega_0 (rad/s) are used by law
-    ``inertia`` alone.
+    Where no coupling is left, δ has the polynomial s² + d_1 s + k_1 and V has s + k_2. With both shares 0, D_q = 0 and
+    q > 0 it is the published structure. D_p is not used, because the damping determines it. Law ``inertia`` alone uses
+    S_rated (VA) and omega_0 (rad/s).
     """
     k_1, d_1, k_2 = normalised.k_1_or_H, normalised.d_1_or_zeta, normalised.k_2
     if by_inertia:
@@ -125,17 +128,17 @@ def angle_damped_gains(
     omega_0: Any,
     by_inertia: bool,
 ) -> PowerLoopGains:
-    """The angle-damped structure (:eq:`angle-damped-gains`): both droops free, damping through the angle.
+    """The angle-damped structure (:eq:`angle-damped-gains`): both droops are free, and the angle path damps.
 
-    What the droop D_p damps already, k_1 w11 D_p, is taken off d_1, so δ moves by s² + d_1 s + k_1 on every
-    grid and V by s + k_2. The droop's push on V is taken out of the V row (:eq:`voltage-row`), so that a step of
-    a reference is answered by these two and nothing else; under law ``inertia`` that push is left in. S_rated (VA) and
-    omega_0 (rad/s) are used by law ``inertia`` alone.
+    The droop D_p already damps by k_1 w11 D_p. This is subtracted from d_1, so δ has the polynomial s² + d_1 s + k_1
+    and V has s + k_2 on every grid. The V row cancels the effect of the droop on V (:eq:`voltage-row`), so the response
+    to a step of a reference has these poles alone. Law ``inertia`` keeps that effect, and it alone uses S_rated (VA)
+    and omega_0 (rad/s).
     """
     k_1, d_1, k_2, D_p_V = normalised.k_1_or_H, normalised.d_1_or_zeta, normalised.k_2, D_p
     if by_inertia:
         k_1, d_1 = poles_of_inertia(A, k_1, d_1, S_rated, omega_0)
-        # A V row without the droop's part would change the inertia, which this law promises.
+        # To cancel the effect of the droop in the V row would change the inertia, which this law promises.
         D_p_V = 0.0
     droop = D_q + normalised.q * D
     w11, w12, _, _ = decoupling(A, B, C, D, droop, normalised.share_P, normalised.share_Q)
@@ -145,13 +148,13 @@ def angle_damped_gains(
 
 
 def published_closed_form(aim: ClosedFormAim) -> NormalisedGains:
-    """Normalised gains of the published structure: a settling time, a damping ratio and q (:eq:`closed-form-gains`)."""
+    """Normalised gains of the published structure from settling time, damping ratio and q (:eq:`closed-form-gains`)."""
     k_1, d_1, k_2 = closed_form_poles(aim.settling_time, aim.damping_ratio)
     return NormalisedGains(k_1, d_1, k_2, aim.droop_ratio, 0.0, 0.0)
 
 
 def placed_closed_form(aim: ClosedFormAim) -> NormalisedGains:
-    """Normalised gains of a structure that takes the coupling out: the poles and shares as they are asked for."""
+    """Normalised gains of a structure that cancels the coupling. They are the poles and shares that are asked for."""
     return NormalisedGains(aim.k_1, aim.d_1, aim.k_2, 0.0, aim.share_P, aim.share_Q)
 
 
@@ -159,11 +162,12 @@ StructureGains = Callable[
     [Any, Any, Any, Any, NormalisedGains, Any, Any, Any, Any, bool],
     PowerLoopGains,
 ]
-"""A, B, C, D, normalised gains, D_p, D_q, S_rated, omega_0, by_inertia to gains (:eq:`structure-gains`)."""
+"""Function of A, B, C, D, normalised gains, D_p, D_q, S_rated, omega_0 and by_inertia that returns the gains
+(:eq:`structure-gains`)."""
 
 
 class FreeParameter(NamedTuple):
-    """A field of :class:`NormalisedGains` that an optimizer may choose between two limits, by its logarithm or not."""
+    """A field of :class:`NormalisedGains` that an optimizer may choose between two limits, linearly or by logarithm."""
 
     name: str
     low: float
@@ -176,32 +180,32 @@ _SHARES = FreeParameter("share_P", 0.0, 1.0, False), FreeParameter("share_Q", 0.
 
 @dataclass(frozen=True)
 class Structure:
-    """A power-loop structure: everything in which one differs from another.
+    """A power-loop structure, with everything in which one structure differs from another.
 
-    ``gains`` is a plain function of scalars like every equation (CONTRIBUTING.md): it runs with floats, is traced by
-    CasADi and by the certificate, compiled by Numba and printed as C.
+    ``gains`` is a plain function of scalars like every equation (CONTRIBUTING.md). It runs with floats, CasADi and the
+    certificate trace it, Numba compiles it, and it is printed as C.
     """
 
     name: str
-    """As study files and tables name it."""
+    """The name of the structure in study files and tables."""
     gains: StructureGains
     closed_form: Callable[[ClosedFormAim], NormalisedGains]
-    """Normalised gains of closed forms, law ``poles``."""
+    """Function that returns the normalised gains of the closed form with law ``poles``."""
     free: tuple[FreeParameter, ...]
-    """What an optimizer may choose besides the poles, which every structure has."""
+    """The parameters that an optimizer may choose besides the poles, which every structure has."""
     tuned: tuple[str, ...]
-    """Fields of PowerLoopGains that a single fixed tuning may choose; the other gains are zero, the droops given."""
+    """Fields of PowerLoopGains that a single fixed tuning may choose. The droops are given; other gains are zero."""
     start_share: float
-    """Share of the coupling that searches begin with taken out."""
+    """Share of the coupling that is cancelled at the start of a search."""
     P_droop: bool
-    """Whether the P–f droop D_p is the study's to choose; otherwise the gains make it."""
+    """Whether the study chooses the P–f droop D_p. Otherwise the gains determine it."""
     Q_droop: bool
-    """Whether the Q–V droop D_q is the study's to choose; otherwise it is q·D."""
+    """Whether the study chooses the Q–V droop D_q. Otherwise it is q·D."""
     uncoupled: bool = False
-    """Whether it is designed as the paper's two loops, without the coupling: their margins and responses are then
-    what it promises, in place of those of each loop with the other closed."""
+    """Whether it is designed as the two separate loops of the paper, without the coupling. Its promises are then the
+    margins and responses of these loops; otherwise they are those of each loop with the other one closed."""
     follows_references: bool = True
-    """Where closed forms take the Jacobian unless told: at the measured P, Q and V, or at the design point."""
+    """The default point for the Jacobian of the closed form: the measured P, Q and V, or the design point."""
 
     def __post_init__(self) -> None:
         if not self.name.isidentifier():
@@ -215,24 +219,27 @@ class Structure:
 
     @property
     def label(self) -> str:
-        """Its name in a report."""
+        """The name of the structure in a report."""
         return self.name.replace("_", "-")
 
     def droops(self, D_p: float, D_q: float) -> tuple[float, float]:
-        """D_p (W·s/rad) and D_q (var/V), each 0 where it is not the study's to choose."""
+        """D_p (W·s/rad) and D_q (var/V). Each is 0 where the study cannot choose it."""
         return (D_p if self.P_droop else 0.0), (D_q if self.Q_droop else 0.0)
 
     def rated_droops(
         self, P_droop: float, Q_droop: float, S_rated: float, omega_0: float, V_n: float
     ) -> tuple[float, float]:
-        """:meth:`droops` that answer a deviation of P_droop (Q_droop), per unit, by rated power; 0: no droop."""
+        """:meth:`droops` with which a deviation of P_droop (Q_droop) in per unit changes the power by the rated power.
+
+        A value of 0 means no droop.
+        """
         D_p = S_rated / (P_droop * omega_0) if P_droop > 0.0 else 0.0
         D_q = S_rated / (Q_droop * V_n) if Q_droop > 0.0 else 0.0
         return self.droops(D_p, D_q)
 
 
 class Structures(Mapping[str, Structure]):
-    """Structures by name. Reading an unknown name raises UnknownNameError; only :meth:`register` adds one."""
+    """Structures by name. Reading an unknown name raises UnknownNameError. Only :meth:`register` adds a structure."""
 
     def __init__(self, structures: Iterable[Structure]) -> None:
         self._by_name = {structure.name: structure for structure in structures}
@@ -251,16 +258,18 @@ class Structures(Mapping[str, Structure]):
 
     @property
     def added(self) -> tuple[Structure, ...]:
-        """Those that were registered later: what another process has to be told."""
+        """The structures that were registered later. Another process has to be told of these."""
         return tuple(structure for structure in self.values() if structure not in self._first)
 
     def register(self, structure: Structure) -> Callable[[], None]:
-        """Makes a structure known to studies, tables, designs and exports; returns what takes it out again.
+        """Makes a structure known to studies, tables, designs and exports. Returns a function that removes it again.
 
-        Raises ValueError where another structure has its name.
+        Raises ValueError if another structure has its name.
         """
         if self._by_name.get(structure.name, structure) != structure:
-            raise ValueError(f"structure: {structure.name!r} is the name of another one. Choose a name of its own.")
+            raise ValueError(
+                f"structure: {structure.name!r} is already the name of another structure. Choose another name."
+            )
         self._by_name[structure.name] = structure
 
         def forget() -> None:
@@ -281,7 +290,7 @@ PUBLISHED = Structure(
     uncoupled=True,
     follows_references=False,
 )
-"""The paper's: a diagonal of integrators, with both droops made by the gains."""
+"""The structure of the paper: a diagonal of integrators. The gains determine both droops."""
 
 DECOUPLED = Structure(
     name="decoupled",
@@ -293,7 +302,7 @@ DECOUPLED = Structure(
     P_droop=False,
     Q_droop=True,
 )
-"""Coupling taken out; the P–f droop does the damping."""
+"""The coupling is cancelled, and the P–f droop does the damping."""
 
 ANGLE_DAMPED = Structure(
     name="angle_damped",
@@ -305,7 +314,7 @@ ANGLE_DAMPED = Structure(
     P_droop=True,
     Q_droop=True,
 )
-"""Coupling taken out, both droops free; the measured powers damp through the angle."""
+"""The coupling is cancelled, both droops are free, and the measured powers damp through the angle."""
 
 STRUCTURES = Structures((PUBLISHED, DECOUPLED, ANGLE_DAMPED))
 """Power-loop structures that a study or a table may name."""

@@ -9,7 +9,7 @@ typedef float vsg_real_t;
 #define VSG_C(x) (x##F)
 #endif
 
-/* What a schedule says of a grid; the Jacobian makes gains of it (eq. structure-gains). */
+/* The parameters of a schedule for one grid. With the Jacobian they give the gains (eq. structure-gains). */
 typedef struct {
     vsg_real_t k_1_or_H;
     vsg_real_t d_1_or_zeta;
@@ -19,7 +19,7 @@ typedef struct {
     vsg_real_t share_Q;
 } vsg_normalised_t;
 
-/* Gains of the power-loop law (eq. power-loop-law); the published structure uses the first four. */
+/* Gains of the power-loop law (eq. power-loop-law). The published structure uses the first four. */
 typedef struct {
     vsg_real_t K_ip; /* rad/(s^2*W) */
     vsg_real_t D_p; /* W*s/rad */
@@ -31,7 +31,7 @@ typedef struct {
     vsg_real_t k_Q; /* rad/(s*var) */
 } vsg_gains_t;
 
-/* Set points. They may be changed between two samples. */
+/* Set points of the power loops. They may be changed between two samples. */
 typedef struct {
     vsg_real_t P_ref; /* W */
     vsg_real_t Q_ref; /* var */
@@ -60,10 +60,10 @@ typedef struct {
     vsg_real_t u_beta;
 } vsg_controller_state_t;
 
-/* What does not change while the controller runs, SI. */
+/* Constants of the controller, in SI units. They do not change while it runs. */
 typedef struct {
     vsg_real_t T_s; /* Sampling period, s. */
-    /* 1 - exp(-T_s/tau) of the power filters; 1 without filter. */
+    /* 1 - exp(-T_s/tau) of the power filters; 1 means no filter. */
     vsg_real_t smoothing_P;
     vsg_real_t smoothing_Q;
     /* Cross-coupling omega_0 C (S) and omega_0 L_1 (Ohm). */
@@ -72,7 +72,7 @@ typedef struct {
     /* Current and bridge-voltage limits, peak. */
     vsg_real_t i_max_pk;
     vsg_real_t v_max_pk;
-    /* cos and sin of the angle omega_0(d + 1/2)T_s by which the output leads, d samples of delay. */
+    /* cos and sin of the angle omega_0(d + 1/2)T_s by which the output leads; d is the delay in samples. */
     vsg_real_t advance_cos;
     vsg_real_t advance_sin;
     vsg_real_t smoothing_t; /* 1 - exp(-omega_t T_s) of the transient impedance's low-pass. */
@@ -82,7 +82,7 @@ typedef struct {
     vsg_real_t T_over_L; /* T_s/L_1 of the current prediction, s/H. */
 } vsg_controller_settings_t;
 
-/* How far the integrators of the power loops go in this sample: theta in rad, omega_i in rad/s, V in rms V. */
+/* Changes of the power loops' integrators in this sample: theta in rad, omega_i in rad/s, V in V rms. */
 typedef struct {
     vsg_real_t theta;
     vsg_real_t omega_i;
@@ -101,7 +101,7 @@ typedef struct {
     vsg_real_t kappa; /* 1 */
 } vsg_inner_gains_t;
 
-/* One sample as a limiter sees it. dq components are peak and in the converter's own frame. */
+/* One sample as a limiter sees it. The dq components are peak values in the converter's own frame. */
 typedef struct {
     /* Capacitor-node voltage, V. */
     vsg_real_t v_d;
@@ -223,13 +223,13 @@ static inline vsg_real_t vsg_advanced(vsg_real_t x, vsg_real_t dx, vsg_real_t *l
 #endif
 }
 
-/* Short-circuit ratio on |Z_g| of a grid. */
+/* Short-circuit ratio of a grid, taken on |Z_g|. */
 static inline vsg_real_t vsg_scr_impedance(vsg_real_t R_g, vsg_real_t L_g, vsg_real_t Z_base, vsg_real_t omega)
 {
     return Z_base / VSG_HYPOT(R_g, omega * L_g);
 }
 
-/* Returns (R_g, L_g) in Ohm and H, with the ratio taken on |Z_g| (eq. scr). */
+/* Returns (R_g, L_g) in Ohm and H for a ratio taken on |Z_g| (eq. scr). */
 static inline void vsg_grid_from_scr_impedance(vsg_real_t scr, vsg_real_t x_over_r, vsg_real_t Z_base, vsg_real_t omega,
     vsg_real_t *R_g_out, vsg_real_t *L_g)
 {
@@ -238,7 +238,7 @@ static inline void vsg_grid_from_scr_impedance(vsg_real_t scr, vsg_real_t x_over
     *L_g = R_g * x_over_r / omega;
 }
 
-/* The share of an impedance that carries P and Q with POWER_MARGIN, at most 1 (eq. drawn-in). */
+/* Largest share of an impedance, at most 1, that carries P and Q with POWER_MARGIN (eq. drawn-in). */
 static inline vsg_real_t vsg_carried_share(vsg_real_t P, vsg_real_t Q, vsg_real_t V_rms, vsg_real_t Z_sq)
 {
     const vsg_real_t limit = VSG_PHASES * V_rms * V_rms;
@@ -246,9 +246,7 @@ static inline vsg_real_t vsg_carried_share(vsg_real_t P, vsg_real_t Q, vsg_real_
     return limit / VSG_SQRT(vsg_max(wanted_sq, limit * limit));
 }
 
-/* b and g in W: 3V^2 times the susceptance X/Z^2 and the conductance R/Z^2 of a path; Z_sq is R^2 + X^2.
- *
- * Returns (b, g). */
+/* Returns (b, g) in W: 3V^2 times the susceptance X/Z^2 and the conductance R/Z^2 of a path. Z_sq is R^2 + X^2. */
 static inline void vsg_admittance(vsg_real_t V_rms, vsg_real_t R, vsg_real_t X, vsg_real_t Z_sq, vsg_real_t *b,
     vsg_real_t *g)
 {
@@ -257,14 +255,14 @@ static inline void vsg_admittance(vsg_real_t V_rms, vsg_real_t R, vsg_real_t X, 
     *g = scale * R;
 }
 
-/* Q as no more, either way, than the share of b that leaves A and D*V at least LEAST_SHARE of it (eq. well-posed). */
+/* Limits Q in both directions, so that A and D*V are at least LEAST_SHARE of b (eq. well-posed). */
 static inline vsg_real_t vsg_well_posed_power(vsg_real_t Q, vsg_real_t b)
 {
     const vsg_real_t most = (VSG_C(1.0) - VSG_LEAST_SHARE) * b;
     return vsg_min(vsg_max(Q, -most), most);
 }
 
-/* The Jacobian of eq. jacobian-from-powers with the path as admittance has it. Returns (A, B, C, D). */
+/* The Jacobian of eq. jacobian-from-powers for b and g of admittance. Returns (A, B, C, D). */
 static inline void vsg_jacobian_from_admittance(vsg_real_t P, vsg_real_t Q, vsg_real_t V_rms, vsg_real_t b,
     vsg_real_t g, vsg_real_t *A, vsg_real_t *B, vsg_real_t *C, vsg_real_t *D)
 {
@@ -274,12 +272,12 @@ static inline void vsg_jacobian_from_admittance(vsg_real_t P, vsg_real_t Q, vsg_
     *D = (b + Q) / V_rms;
 }
 
-/* A, B, C, D that gains are made of: jacobian_from_powers on an impedance that may be wrong, X > 0.
+/* The Jacobian A, B, C, D from which gains are made, for an estimated impedance with X > 0 that may be wrong.
  *
- * An operating point with POWER_MARGIN shows that a larger impedance is wrong, so R and X are drawn in along their
- * angle to where they carry P and Q with it (eq. drawn-in); and Q is taken as no more than the share of b that leaves A
- * and D*V at least LEAST_SHARE of it (eq. well-posed). Without either, gains grow without bound near the limit of what
- * a grid carries. */
+ * An impedance that cannot carry the measured P and Q with POWER_MARGIN is too large. R and X are then drawn in: they
+ * are reduced at constant angle until they carry P and Q with this margin (eq. drawn-in). Q is limited so that A and
+ * D*V are at least LEAST_SHARE of b (eq. well-posed). Without these two measures the gains would grow without bound
+ * near the power limit of a grid. The Jacobian is that of jacobian_from_powers. */
 static inline void vsg_scheduled_jacobian(vsg_real_t P, vsg_real_t Q, vsg_real_t V_rms, vsg_real_t R, vsg_real_t X,
     vsg_real_t *A, vsg_real_t *B, vsg_real_t *C, vsg_real_t *D)
 {
@@ -293,8 +291,9 @@ static inline void vsg_scheduled_jacobian(vsg_real_t P, vsg_real_t Q, vsg_real_t
 
 /* Inverse of the Jacobian that the loops see (eq. decoupling). Returns (w11, w12, w21, w22).
  *
- * J + diag(0, D_q), since the Q loop acts on Q + D_q V, with B scaled by share_P and C by share_Q: 0 leaves the
- * coupling in (the published diagonal), 1 takes it out. share_P = 0 keeps the swing row pure. */
+ * The loops see J + diag(0, D_q), since the Q loop acts on Q + D_q V. B is scaled by share_P and C by share_Q. A share
+ * of 0 leaves the coupling as it is (the published diagonal), and a share of 1 cancels it. With share_P = 0 the
+ * frequency depends on P alone. */
 static inline void vsg_decoupling(vsg_real_t A, vsg_real_t B, vsg_real_t C, vsg_real_t D, vsg_real_t D_q,
     vsg_real_t share_P, vsg_real_t share_Q, vsg_real_t *w11, vsg_real_t *w12, vsg_real_t *w21, vsg_real_t *w22)
 {
@@ -302,7 +301,7 @@ static inline void vsg_decoupling(vsg_real_t A, vsg_real_t B, vsg_real_t C, vsg_
     const vsg_real_t c = share_Q * C;
     const vsg_real_t d = D + D_q;
     const vsg_real_t determinant = A * d - b * c;
-    /* 0 - b, not -b: without a share the entry is 0, not -0. */
+    /* It is 0 - b and not -b, so that an entry with a share of 0 is 0 and not -0. */
     *w11 = d / determinant;
     *w12 = (VSG_C(0.0) - b) / determinant;
     *w21 = (VSG_C(0.0) - c) / determinant;
@@ -311,10 +310,10 @@ static inline void vsg_decoupling(vsg_real_t A, vsg_real_t B, vsg_real_t C, vsg_
 
 /* The V row of the angle-damped structure (eq. voltage-row): K_qp = k_2 v1 and K_iq = k_2 v2.
  *
- * The droop is part of e_P, so a moving delta pushes V by K_qp D_p ddelta/dt. With A - k_2 D_p in place of A this row
- * answers delta by K_qp D_p (s + k_2), which V's own pole cancels. Returns (sigma, v1, v2). sigma (W/rad) is k_2 D_p,
- * less where that comes near to 1/w11: the row's determinant keeps at least 0.47 of its size, so no droop makes the
- * gains grow without bound. */
+ * The droop is part of e_P, so a changing delta drives V by K_qp D_p ddelta/dt. With A - k_2 D_p in place of A, the
+ * response of V to delta is proportional to K_qp D_p (s + k_2), and the pole of V cancels this zero. Returns (sigma,
+ * v1, v2). sigma (W/rad) is k_2 D_p, or less where k_2 D_p comes close to 1/w11. The determinant of the row thus keeps
+ * at least 0.47 of its size, and no droop makes the gains grow without bound. */
 static inline void vsg_voltage_row(vsg_real_t A, vsg_real_t B, vsg_real_t C, vsg_real_t D, vsg_real_t k_2,
     vsg_real_t D_p, vsg_real_t D_q, vsg_real_t share_P, vsg_real_t share_Q, vsg_real_t *sigma_out, vsg_real_t *v1,
     vsg_real_t *v2)
@@ -332,12 +331,12 @@ static inline void vsg_voltage_row(vsg_real_t A, vsg_real_t B, vsg_real_t C, vsg
     *v2 = a / determinant;
 }
 
-/* The angle-damped structure (eq. angle-damped-gains): both droops free, damping through the angle.
+/* The angle-damped structure (eq. angle-damped-gains): both droops are free, and the angle path damps.
  *
- * What the droop D_p damps already, k_1 w11 D_p, is taken off d_1, so delta moves by s^2 + d_1 s + k_1 on every grid
- * and V by s + k_2. The droop's push on V is taken out of the V row (eq. voltage-row), so that a step of a reference is
- * answered by these two and nothing else; under law inertia that push is left in. S_rated (VA) and omega_0 (rad/s) are
- * used by law inertia alone. */
+ * The droop D_p already damps by k_1 w11 D_p. This is subtracted from d_1, so delta has the polynomial s^2 + d_1 s +
+ * k_1 and V has s + k_2 on every grid. The V row cancels the effect of the droop on V (eq. voltage-row), so the
+ * response to a step of a reference has these poles alone. Law inertia keeps that effect, and it alone uses S_rated
+ * (VA) and omega_0 (rad/s). */
 static inline void vsg_angle_damped_gains(vsg_real_t A, vsg_real_t B, vsg_real_t C, vsg_real_t D,
     const vsg_normalised_t *normalised, vsg_real_t D_p, vsg_real_t D_q, vsg_real_t S_rated, vsg_real_t omega_0,
     vsg_gains_t *gains)
@@ -363,7 +362,7 @@ static inline void vsg_angle_damped_gains(vsg_real_t A, vsg_real_t B, vsg_real_t
     (void)omega_0;
 }
 
-/* An angle in rad that has just passed +-2 pi, back by a turn, so that it keeps its digits for ever. */
+/* Moves an angle in rad that has just passed +-2 pi back by one turn, so that it never loses digits. */
 static inline vsg_real_t vsg_within_a_turn(vsg_real_t theta)
 {
     return theta - VSG_TURN * ((theta > VSG_TURN) ? VSG_C(1.0) : VSG_C(0.0)) + VSG_TURN * ((theta < -VSG_TURN)
@@ -376,7 +375,7 @@ static inline vsg_real_t vsg_frequency_at_rest(const vsg_references_t *refs, con
     return refs->omega_0 + (gains->k_P * refs->P_ref + gains->k_Q * (refs->Q_ref + gains->D_q * refs->V_n));
 }
 
-/* omega_i that keeps omega where it is when the gains change (eq. bumpless). */
+/* The omega_i in rad/s with which omega does not jump when the gains change (eq. bumpless). */
 static inline vsg_real_t vsg_bumpless(vsg_real_t omega_i, vsg_real_t V_rms, vsg_real_t P, vsg_real_t Q,
     const vsg_gains_t *old, const vsg_gains_t *new)
 {
@@ -387,12 +386,12 @@ static inline vsg_real_t vsg_bumpless(vsg_real_t omega_i, vsg_real_t V_rms, vsg_
 
 /* The law of every structure (eq. power-loop-law). Returns (omega, domega_dt, dV_dt) in rad/s, rad/s^2 and V/s.
  *
- * omega = omega_i - k_P P - k_Q (Q + D_q V), with errors e_P = P_ref - P + D_p (omega_0 - omega) and e_Q = Q_ref - Q +
- * D_q (V_n - V): domega_i/dt = K_ip e_P + K_pq e_Q, dV/dt = K_qp e_P + K_iq e_Q. At rest both errors are zero, so the
- * droops are exactly D_p and D_q whatever the other gains.
+ * omega = omega_i - k_P P - k_Q (Q + D_q V). With the errors e_P = P_ref - P + D_p (omega_0 - omega) and e_Q = Q_ref -
+ * Q + D_q (V_n - V), domega_i/dt = K_ip e_P + K_pq e_Q and dV/dt = K_qp e_P + K_iq e_Q. In the steady state both errors
+ * are zero, so the droops are exactly D_p and D_q whatever the other gains are.
  *
- * With the last four gains zero this is the published law, with V in rms: the authors' released model integrates the
- * peak amplitude while its gains come from the rms Jacobian. */
+ * If the last four gains are zero, this is the published law with V in rms. The authors' released model differs: it
+ * integrates the peak amplitude although its gains come from the Jacobian in rms. */
 static inline void vsg_power_loops(vsg_real_t omega_i, vsg_real_t V_rms, vsg_real_t P, vsg_real_t Q,
     const vsg_references_t *refs, const vsg_gains_t *gains, vsg_real_t *omega_out, vsg_real_t *domega_dt_out,
     vsg_real_t *dV_dt_out)
@@ -407,9 +406,10 @@ static inline void vsg_power_loops(vsg_real_t omega_i, vsg_real_t V_rms, vsg_rea
     *dV_dt_out = dV_dt;
 }
 
-/* Power filters and power loops of one sample: omega, the next P_f and Q_f, and how far theta, omega_i and V go.
+/* Power filters and power loops of one sample: the frequency omega, the new P_f and Q_f, and the steps.
  *
- * By forward Euler with period T_s; the angle by the frequency of this sample. */
+ * P_f and Q_f are those of the next sample. The steps are the changes of theta, omega_i and V by forward Euler with
+ * period T_s. The step of theta uses the frequency of this sample. */
 static inline void vsg_power_stage(const vsg_controller_state_t *state, vsg_real_t P, vsg_real_t Q,
     const vsg_references_t *refs, const vsg_gains_t *gains, const vsg_controller_settings_t *settings,
     vsg_real_t *omega_out, vsg_real_t *P_f_out, vsg_real_t *Q_f_out, vsg_integrator_steps_t *steps)
@@ -448,9 +448,10 @@ static inline void vsg_rotate_back(vsg_real_t x, vsg_real_t y, vsg_real_t cosine
     *turned_y = y * cosine - x * sine;
 }
 
-/* Voltage that a change of the grid current takes off the reference (eq. transient-impedance).
+/* Voltage that is subtracted from the reference while the grid current changes (eq. transient-impedance).
  *
- * i_f is the grid current behind its low-pass. Returns (drop_d, drop_q, i_f_d, i_f_q): V, and the new i_f in A. */
+ * i_f is the grid current behind its low-pass. Returns (drop_d, drop_q, i_f_d, i_f_q): the drop in V, the new i_f in A.
+ */
 static inline void vsg_transient_impedance(vsg_real_t i_g_d, vsg_real_t i_g_q, vsg_real_t i_f_d, vsg_real_t i_f_q,
     const vsg_inner_gains_t *gains, vsg_real_t smoothing, vsg_real_t *drop_d_out, vsg_real_t *drop_q_out,
     vsg_real_t *i_f_d_out, vsg_real_t *i_f_q_out)
@@ -471,16 +472,17 @@ static inline vsg_real_t vsg_rms_to_peak(vsg_real_t x_rms)
     return x_rms * VSG_SQRT_2;
 }
 
-/* Error of the voltage and the converter current that is wanted for it (eq. voltage-loop).
+/* Voltage error and the converter current that the loop asks for (eq. voltage-loop).
  *
- * PI per axis, grid-current feed-forward, omega C cross-coupling. Returns (e_d, e_q, i_want_d, i_want_q): V and A.
- */
+ * Each axis has a PI controller, feed-forward of the grid current and omega C cross-coupling. Returns (e_d, e_q,
+ * i_want_d, i_want_q), the errors in V and the currents in A. */
 static inline void vsg_voltage_loop(vsg_real_t v_ref, vsg_real_t drop_d, vsg_real_t drop_q, vsg_real_t v_d,
     vsg_real_t v_q, vsg_real_t i_g_d, vsg_real_t i_g_q, vsg_real_t xi_d, vsg_real_t xi_q,
     const vsg_inner_gains_t *gains, vsg_real_t omega_C, vsg_real_t *e_d_out, vsg_real_t *e_q_out,
     vsg_real_t *i_want_d_out, vsg_real_t *i_want_q_out)
 {
-    /* The drop comes last: where it is zero it then changes no rounding, and published figures stay to the bit. */
+    /* The drop is subtracted last. Where it is zero it then changes no rounding, so published figures keep every bit.
+     */
     const vsg_real_t e_d = v_ref - v_d - drop_d;
     const vsg_real_t e_q = -v_q - drop_q;
     const vsg_real_t i_want_d = gains->K_pv * e_d + xi_d + gains->K_ff * i_g_d - omega_C * v_q;
@@ -491,17 +493,17 @@ static inline void vsg_voltage_loop(vsg_real_t v_ref, vsg_real_t drop_d, vsg_rea
     *i_want_q_out = i_want_q;
 }
 
-/* The vector (x, y), shortened to limit where it is longer. Returns (short_x, short_y). */
+/* Shortens the vector (x, y) to the length limit if it is longer. Returns (short_x, short_y). */
 static inline void vsg_limit_length(vsg_real_t x, vsg_real_t y, vsg_real_t limit, vsg_real_t *short_x,
     vsg_real_t *short_y)
 {
-    /* Compared as squares: the root is then never taken at zero, where it has no derivative. */
+    /* The squares are compared, so that the root is never taken at zero, where it has no derivative. */
     const vsg_real_t scale = limit / VSG_SQRT(vsg_max(x * x + y * y, limit * limit));
     *short_x = x * scale;
     *short_y = y * scale;
 }
 
-/* The wanted current no longer than the limit (eq. circular-limit); everything else as it is. */
+/* Shortens the requested current to the limit (eq. circular-limit) and leaves everything else unchanged. */
 static inline void vsg_circular_limit(const vsg_limiter_view_t *view, const vsg_grid_estimate_t *grid,
     const vsg_references_t *refs, const vsg_gains_t *gains, const vsg_controller_settings_t *settings,
     vsg_limited_sample_t *limited_sample)
@@ -527,10 +529,10 @@ static inline void vsg_circular_limit(const vsg_limiter_view_t *view, const vsg_
     (void)gains;
 }
 
-/* The next integrators xi_v of the voltage loop (eq. voltage-loop).
+/* The integrators xi_v of the voltage loop for the next sample (eq. voltage-loop).
  *
- * They take up the error, and what the limiter has added to the wanted current: cut = i_ref - i*, in A. Returns (xi_d,
- * xi_q). */
+ * They integrate the error and cut, the change that the limiter made to the requested current: cut = i_ref - i* in A.
+ * Returns (xi_d, xi_q). */
 static inline void vsg_voltage_integrators(vsg_real_t e_d, vsg_real_t e_q, vsg_real_t cut_d, vsg_real_t cut_q,
     vsg_real_t xi_d, vsg_real_t xi_q, const vsg_inner_gains_t *gains, vsg_real_t T_s, vsg_real_t *xi_d_lost,
     vsg_real_t *xi_q_lost, vsg_real_t *xi_d_out, vsg_real_t *xi_q_out)
@@ -544,8 +546,8 @@ static inline void vsg_voltage_integrators(vsg_real_t e_d, vsg_real_t e_q, vsg_r
 
 /* Converter current a share kappa of one period ahead (eq. current-prediction).
  *
- * u is the bridge voltage that acts from this sample on, computed one sample ago. With kappa = 0 the current is
- * returned as it is, to the bit. Returns (i_d, i_q) in A peak. */
+ * u is the bridge voltage that was computed one sample ago and acts from this sample on. With kappa = 0 the function
+ * returns the current unchanged to the last bit. Returns (i_d, i_q) in A peak. */
 static inline void vsg_predicted_current(vsg_real_t i_d, vsg_real_t i_q, vsg_real_t v_d, vsg_real_t v_q, vsg_real_t u_d,
     vsg_real_t u_q, vsg_real_t kappa, vsg_real_t omega_L, vsg_real_t T_over_L, vsg_real_t *i_d_out, vsg_real_t *i_q_out)
 {
@@ -556,8 +558,8 @@ static inline void vsg_predicted_current(vsg_real_t i_d, vsg_real_t i_q, vsg_rea
 
 /* Bridge voltage from the error of the predicted current (eq. current-loop).
  *
- * PI per axis, capacitor-voltage feed-forward, omega L cross-coupling, circular voltage limit with the same
- * anti-windup. Returns (v_b_d, v_b_q, xi_d, xi_q) with the new integrators. */
+ * Each axis has a PI controller, feed-forward of the capacitor voltage and omega L cross-coupling. The voltage limit is
+ * circular and has the same anti-windup. Returns (v_b_d, v_b_q, xi_d, xi_q) with the new integrators. */
 static inline void vsg_current_loop(vsg_real_t i_ref_d, vsg_real_t i_ref_q, vsg_real_t i_d, vsg_real_t i_q,
     vsg_real_t v_d, vsg_real_t v_q, vsg_real_t u_d, vsg_real_t u_q, vsg_real_t xi_d, vsg_real_t xi_q,
     const vsg_inner_gains_t *gains, vsg_real_t omega_L, vsg_real_t T_over_L, vsg_real_t v_max_pk, vsg_real_t T_s,
@@ -591,7 +593,7 @@ static inline void vsg_rotate(vsg_real_t x, vsg_real_t y, vsg_real_t cosine, vsg
     *turned_y = x * sine + y * cosine;
 }
 
-/* The steps that the power loops ask for, and still nothing to remember. */
+/* Returns the steps that the power loops ask for. This limiter has no memory. */
 static inline void vsg_circular_move(const vsg_limited_sample_t *sample, const vsg_limiter_view_t *view,
     vsg_real_t omega, const vsg_integrator_steps_t *steps, const vsg_controller_settings_t *settings,
     vsg_integrator_steps_t *steps_out)
@@ -608,9 +610,9 @@ static inline void vsg_circular_move(const vsg_limited_sample_t *sample, const v
     (void)settings;
 }
 
-/* controller_step with its loops open: for given powers P and Q, and for a commanded voltage V at angle theta.
+/* controller_step with its power loops open, for given powers P and Q and a commanded voltage V at angle theta.
  *
- * The linear model adds its disturbances there. */
+ * The linear model adds its disturbances at these inputs. */
 static inline void vsg_controller_sample(const vsg_controller_state_t *state, const vsg_measurement_t *measured,
     vsg_real_t P, vsg_real_t Q, vsg_real_t theta, vsg_real_t V_rms, const vsg_grid_estimate_t *grid,
     const vsg_references_t *refs, const vsg_gains_t *power_gains, const vsg_inner_gains_t *inner_gains,
@@ -639,8 +641,8 @@ static inline void vsg_controller_sample(const vsg_controller_state_t *state, co
     vsg_real_t xi_vd, xi_vq;
     vsg_voltage_integrators(sample.e_d, sample.e_q, sample.i_ref_d - i_want_d, sample.i_ref_q - i_want_q, state->xi_vd,
         state->xi_vq, inner_gains, settings->T_s, &state_lost->xi_vd, &state_lost->xi_vq, &xi_vd, &xi_vq);
-    /* The voltage stands still in alpha-beta while the frame turns: in the middle of its period it is half a period
-     * behind. */
+    /* The bridge voltage is constant in alpha-beta during a period while the dq frame turns. In the middle of the
+     * period it is therefore half a period behind the frame. */
     vsg_real_t u_d, u_q;
     vsg_rotate_back(state->u_alpha, state->u_beta, cosine, sine, &u_d, &u_q);
     vsg_real_t u_d_new, u_q_new;

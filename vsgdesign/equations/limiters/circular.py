@@ -26,7 +26,7 @@ def circular_limit(
     gains: PowerLoopGains,
     settings: ControllerSettings,
 ) -> LimitedSample:
-    """The wanted current no longer than the limit (:eq:`circular-limit`); everything else as it is."""
+    """Shortens the requested current to the limit (:eq:`circular-limit`) and leaves everything else unchanged."""
     i_ref_d, i_ref_q = limit_length(view.i_want_d, view.i_want_q, settings.i_max_pk)
     length_sq = view.i_want_d * view.i_want_d + view.i_want_q * view.i_want_q
     return LimitedSample(
@@ -48,9 +48,9 @@ def circular_move(
     steps: IntegratorSteps,
     settings: ControllerSettings,
 ) -> Any:
-    """The steps that the power loops ask for, and still nothing to remember."""
+    """Returns the steps that the power loops ask for. This limiter has no memory."""
     return steps, memory
 
 
 CIRCULAR = Limiter("circular", LimiterLaw(circular_limit, circular_move))
-"""Today's only limiter. It leaves the power loops alone."""
+"""The only limiter so far. It does not change the power loops."""

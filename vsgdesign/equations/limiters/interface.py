@@ -23,7 +23,7 @@ class GridEstimate(NamedTuple):
 
 
 class LimiterView(NamedTuple):
-    """One sample as a limiter sees it. dq components are peak and in the converter's own frame."""
+    """One sample as a limiter sees it. The dq components are peak values in the converter's own frame."""
 
     v_d: Any
     v_q: Any
@@ -68,7 +68,7 @@ class LimitedSample(NamedTuple):
 
 
 class IntegratorSteps(NamedTuple):
-    """How far the integrators of the power loops go in this sample: θ in rad, ω_i in rad/s, V in rms V."""
+    """Changes of the power loops' integrators in this sample: θ in rad, ω_i in rad/s, V in V rms."""
 
     theta: Any
     omega_i: Any
@@ -76,13 +76,13 @@ class IntegratorSteps(NamedTuple):
 
 
 class LimiterRatings(NamedTuple):
-    """What a limiter's constants are made of, SI."""
+    """Ratings from which a limiter computes its constants, in SI units."""
 
     T_s: float
     V_rated_pk: float
     I_rated_pk: float
     i_max_pk: float
-    """Limit of the converter current, A peak; far out of reach where the converter has none."""
+    """Limit of the converter current, A peak. It is very large where the converter has no limit."""
     Z_base: float
     omega_0: float
     R_2: float
