@@ -278,7 +278,8 @@ def test_filling_takes_the_nearest_and_prefers_the_stronger_grid() -> None:
 
 def test_dimensionless_columns_are_those_of_a_design_without_a_clock() -> None:
     """The same poles in units of T: a design for half the time has the same columns."""
-    slow = to_dimensionless({"k_1": 4.0, "d_1": 3.0, "k_2": 2.0, "zeta": 0.7}, 2.0)
-    fast = to_dimensionless({"k_1": 16.0, "d_1": 6.0, "k_2": 4.0, "zeta": 0.7}, 1.0)
+    in_2_s: dict[str, Any] = {"k_1": 4.0, "d_1": 3.0, "k_2": 2.0, "zeta": 0.7}
+    in_1_s: dict[str, Any] = {"k_1": 16.0, "d_1": 6.0, "k_2": 4.0, "zeta": 0.7}
+    slow, fast = to_dimensionless(in_2_s, 2.0), to_dimensionless(in_1_s, 1.0)
     assert slow == fast
     assert from_dimensionless(slow, 2.0) == {"k_1": 4.0, "d_1": 3.0, "k_2": 2.0, "zeta": 0.7}

@@ -73,7 +73,7 @@ def test_csv_is_thinned(tmp_path: Path, interval: float, step: int) -> None:
 
 def test_csv_tells_samples_apart_late_in_a_long_run(tmp_path: Path) -> None:
     """Seven digits would put 3600.0002 s on 3600 s."""
-    series = {"t_s": 3600.0 + 5e-5 * np.arange(50)}
+    series = {"t_s": 3600.0 + 5e-5 * np.arange(50, dtype=np.float64)}
     write_csv(tmp_path / "x.csv", series, 0.0)
     _, table = read_csv(tmp_path / "x.csv")
     np.testing.assert_allclose(np.diff(table[:, 0]), 5e-5, rtol=1e-6)

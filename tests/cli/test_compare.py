@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -50,8 +51,9 @@ structure = "angle_damped"
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """A short search, and EMT on two grids."""
     monkeypatch.setattr(single, "ROUNDS", 1)
-    monkeypatch.setitem(single.best_fixed.__kwdefaults__, "generations", 2)
-    monkeypatch.setitem(single.best_fixed.__kwdefaults__, "population", 8)
+    defaults: Any = single.best_fixed.__kwdefaults__
+    monkeypatch.setitem(defaults, "generations", 2)
+    monkeypatch.setitem(defaults, "population", 8)
     monkeypatch.setattr(pipeline, "EMT_SCR", 1)
     monkeypatch.setattr(pipeline, "EMT_X_OVER_R", 2)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -39,7 +40,8 @@ QUICK = Effort(heat=2, generations=3, joined=1, rounds=1)
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A study without inner gains, and a search of a fraction of a second."""
     monkeypatch.setattr(designing, "Effort", lambda: QUICK)
-    monkeypatch.setitem(designing.what_would_help.__kwdefaults__, "effort", QUICK)
+    defaults: Any = designing.what_would_help.__kwdefaults__
+    monkeypatch.setitem(defaults, "effort", QUICK)
     path = tmp_path / "mine.toml"
     path.write_text(TEXT, encoding="utf-8")
     return path

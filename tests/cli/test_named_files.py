@@ -7,6 +7,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -44,7 +45,7 @@ grid_phase = true
 """
 
 
-def with_table(folder: Path, **changes: float) -> Path:
+def with_table(folder: Path, **changes: Any) -> Path:
     """A study in a folder of its own, with its table in another one beside it."""
     (folder / "tables").mkdir(parents=True)
     study = folder / "mine.toml"
@@ -52,7 +53,7 @@ def with_table(folder: Path, **changes: float) -> Path:
     base = base_of(load_study(study), "impedance")
     made = table(base=base)
     if changes:
-        made = table(base=type(base)(**(vars(base) | changes)))
+        made = table(base=replace(base, **changes))
     write_table_file(made, folder / "tables" / "t.json")
     return study
 

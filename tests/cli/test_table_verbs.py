@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,10 +17,10 @@ from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.parameters import load_study
 from vsgdesign.stability.gain_table import nominal_margins
 
-AXES = {"scr": (2.0, 8.0), "x_over_r": (0.5, 3.0)}
+AXES: dict[str, Any] = {"scr": (2.0, 8.0), "x_over_r": (0.5, 3.0)}
 
 
-def whole(**changes: object) -> GainTable:
+def whole(**changes: Any) -> GainTable:
     made = table(**AXES, **changes)
     return replace(made, margins=nominal_margins(made) | {"worst_settling_P_s": np.full((2, 2), 1.25)})
 

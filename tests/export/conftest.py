@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,7 +12,7 @@ from tests.export.exchange import exported, written
 from vsgdesign.export import CompiledC, compile_c
 from vsgdesign.runtime import Scheduler, load_scheduler
 
-FIT = {"sample_interval": 200e-6}
+FIT: dict[str, Any] = {"sample_interval": 200e-6}
 
 
 @pytest.fixture(scope="session")

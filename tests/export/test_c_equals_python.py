@@ -112,6 +112,7 @@ def test_the_power_loops(compiled: CompiledC) -> None:
     loops = [made(FIRM, REFS, 1e-4, 0.02, 0.02) for made in (PowerController, compiled.power)]
     delta = [0.0, 0.0]
     worst = np.zeros(3)
+    following = delta[0]
     for k in range(20_000):
         got = []
         for j, loop in enumerate(loops):

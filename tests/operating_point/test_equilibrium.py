@@ -108,7 +108,7 @@ def test_feasible_powers_are_the_zeros_of_the_discriminant(V_g: float, Q: float,
     assert distance(middle) > 0.0
     for end in (low, high):
         beyond = end + 0.5 * (end - middle)
-        found = brentq(distance, middle, beyond, xtol=1e-13 * abs(beyond), rtol=1e-14)
+        found = brentq(distance, middle, beyond, xtol=1e-13 * abs(beyond), rtol=np.float64(1e-14))
         assert end == pytest.approx(found, abs=1e-9 * (high - low))
         slack = 1e-6 * (end - middle)
         assert solve_operating_point(end - slack, Q, V_g, R, X).V_rms > 0.0

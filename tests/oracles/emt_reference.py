@@ -254,10 +254,16 @@ def integrate(
 
     def derivative(t: float, y: NDArray[np.complex128]) -> NDArray[np.complex128]:
         v_g = (peak + peak_slope * t) * cmath.exp(1j * (phase + t * (omega + 0.5 * omega_slope * t)))
-        # Real parts are the α axis, imaginary parts the β axis; the conjugate tells them apart.
-        return A @ y + A_unequal @ y.conj() + forced + e * v_g + e_unequal * v_g.conjugate()
+        return A @ y + forced + e * v_g
 
-    solver = DOP853(derivative, 0.0, x, length, rtol=_RELATIVE, atol=atol, first_step=length)
+    def unequal(t: float, y: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        v_g = (peak + peak_slope * t) * cmath.exp(-1j * (phase + t * (omega + 0.5 * omega_slope * t)))
+        # Real parts are the α axis, imaginary parts the β axis; the conjugate tells them apart.
+        return derivative(t, y) + A_unequal @ y.conj() + e_unequal * v_g
+
+    alike = not (A_unequal.any() or e_unequal.any())
+    absolute: Any = atol  # an array, which SciPy takes and its stub does not
+    solver = DOP853(derivative if alike else unequal, 0.0, x, length, rtol=_RELATIVE, atol=absolute, first_step=length)
     while solver.status == "running":
         solver.step()
     if solver.status != "finished":
@@ -298,11 +304,18 @@ def run_reference(
     I_pk = math.sqrt(2.0) * c.S_rated / (3.0 * c.V_rated_rms)
     atol = _ABSOLUTE_PU * np.array([I_pk, V_pk, I_pk])
     x, state, waiting = start.plant.astype(complex), start.controller, start.waiting
+    complexes, numbers = ([np.empty(samples, kind) for _ in range(6)] for kind in (complex, float))
     trace = Trace(
-        np.empty((samples, 3), complex),
-        *(np.empty(samples, complex) for _ in range(2)),
-        *(np.empty(samples) for _ in range(3)),
-        *(np.empty(samples, complex) for _ in range(4)),
+        plant=np.empty((samples, 3), complex),
+        source=complexes[0],
+        power=complexes[1],
+        theta=numbers[0],
+        omega=numbers[1],
+        V=numbers[2],
+        S_f=complexes[2],
+        xi_v=complexes[3],
+        xi_i=complexes[4],
+        i_f=complexes[5],
     )
     for k in range(samples):
         now = (k + _COINCIDENT) * T

@@ -70,6 +70,9 @@ def mangle(document: dict[str, Any], path: tuple, action: str, value: Any) -> No
             here[last] = value
 
 
+HEALTH_CHECKS: Any = list(HealthCheck)
+
+
 def attempt(text: str) -> tuple[Study | None, StudyError | None]:
     """The study, or why not. Anything but a StudyError goes through and fails the test."""
     try:
@@ -78,7 +81,7 @@ def attempt(text: str) -> tuple[Study | None, StudyError | None]:
         return None, error
 
 
-@settings(max_examples=600, suppress_health_check=list(HealthCheck))
+@settings(max_examples=600, suppress_health_check=HEALTH_CHECKS)
 @given(st.lists(CHANGE, min_size=1, max_size=5))
 def test_only_a_study_error_comes_out(changes: list[tuple[tuple, str, Any]]) -> None:
     document = copy.deepcopy(DOCUMENT)

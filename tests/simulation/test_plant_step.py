@@ -30,7 +30,7 @@ def augmented(A: NDArray[np.float64], b: NDArray[np.float64], t: float) -> NDArr
     """Response from rest to a unit step of the bridge voltage that began t ago."""
     matrix = np.zeros((4, 4))
     matrix[:3, :3], matrix[:3, 3] = A * t, b * t
-    return expm(matrix)[:3, 3]
+    return np.array(expm(matrix)[:3, 3], dtype=np.float64)
 
 
 def by_hand(f: FilterGrid) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

@@ -72,7 +72,8 @@ def test_the_grid_answers_with_its_impedance() -> None:
     case = replace(study, simulation=replace(study.simulation, bridge="averaged"))
     scheduler = FixedGains(change.gains, 0.04, hold)
     recorder = Recorder(scheduler)
-    simulate(case, recorder, probe=Probe(0.005 * np.exp(1j * turn * np.arange(steps)), hold))
+    turning = np.array(0.005 * np.exp(1j * turn * np.arange(steps)), dtype=np.complex128)
+    simulate(case, recorder, probe=Probe(turning, hold))
     window = recorder.windows[-1]
     e = np.exp(-2j * np.pi * 75.0 * hold * np.arange(steps))
     v, i = (np.mean((x[:, 0] + 1j * x[:, 1]) * e) for x in (window.v_pcc, window.i_pcc))

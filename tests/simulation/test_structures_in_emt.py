@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,7 +61,7 @@ def test_a_second_and_no_overshoot_on_every_grid(published: Study, scr: float, x
     gains = angle_damped(published, grid)
     study = at_rest(published, grid, gains, 4.0)
     spec = study.simulation
-    step = {"P_ref": P_0 + STEP} if signal == "P" else {"Q_ref": spec.Q_ref + STEP}
+    step: dict[str, Any] = {"P_ref": P_0 + STEP} if signal == "P" else {"Q_ref": spec.Q_ref + STEP}
     run = simulate(replace(study, events=(Event(0.5, "step", **step),)), [GainChange(0.0, gains)])
     y, after = run.column(signal), run.t_s >= 0.5
     found = step_response(run.t_s[after] - 0.5, y[after], float(y[~after][-1]), float(y[-1]))

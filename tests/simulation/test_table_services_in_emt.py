@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.steps import references_at
 
 P_0, Q_0 = 2000.0, 500.0
-AXES = {"scr": (1.5, 20.0), "x_over_r": (0.5, 5.0)}
+AXES: dict[str, Any] = {"scr": (1.5, 20.0), "x_over_r": (0.5, 5.0)}
 
 
 @pytest.fixture(scope="module")
