@@ -38,13 +38,13 @@ def inner_loop_bandwidth(response_time: Any) -> Any:
 
 
 def current_loop_gains(response_time: Any, damping_ratio: Any, L_1: Any) -> Any:
-    """Returns the gains (K_pc, K_ic) of the current loop in V/A and V/(A·s) (:eq:`inner-gains`)."""
+    """Returns (K_pc, K_ic), the gains of the current loop in V/A and V/(A·s) (:eq:`inner-gains`)."""
     omega_c = inner_loop_bandwidth(response_time)
     return 2.0 * damping_ratio * omega_c * L_1, omega_c * omega_c * L_1
 
 
 def voltage_loop_gains(response_time: Any, damping_ratio: Any, C: Any) -> Any:
-    """Returns the gains (K_pv, K_iv) of the voltage loop in A/V and A/(V·s) (:eq:`inner-gains`)."""
+    """Returns (K_pv, K_iv), the gains of the voltage loop in A/V and A/(V·s) (:eq:`inner-gains`)."""
     omega_v = inner_loop_bandwidth(response_time)
     return 2.0 * damping_ratio * omega_v * C, omega_v * omega_v * C
 
