@@ -31,7 +31,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     result = call("estimator", "train", *arguments, "--out", folder / "w.json", "--windows", folder / "w.npz")
     assert result.exit_code == 0, result.output
     assert "w.json: recipe few" in result.stdout
-    assert "no converter in the field has that signal" in result.stdout
+    assert "no converter in the field can measure it" in result.stdout
     return folder
 
 
@@ -164,9 +164,9 @@ def test_an_interruption_that_keeps_windows_says_how_to_go_on(tmp_path: Path, mo
     monkeypatch.setattr("vsgdesign.estimator.windows.make_block", interrupted)
     arguments = ("estimator", "train", study_file(tmp_path), "--out", tmp_path / "w.json")
     kept = call(*arguments, "--windows", tmp_path / "w.npz")
-    assert (kept.exit_code, "the same command goes on" in kept.stderr) == (130, True)
+    assert (kept.exit_code, "the same command continues" in kept.stderr) == (130, True)
     lost = call(*arguments)
-    assert (lost.exit_code, "the same command goes on" in lost.stderr) == (130, False)
+    assert (lost.exit_code, "the same command continues" in lost.stderr) == (130, False)
 
 
 SIXTY = """

@@ -60,4 +60,4 @@ def test_an_interruption_says_how_to_go_on(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(windows, "make_block", interrupted)
     result = call(*VERB, study_file(tmp_path), "--recipe", recipe_file(tmp_path), "--out", tmp_path / "w.npz")
     assert result.exit_code == 130
-    assert "the same command goes on" in result.stderr
+    assert "the same command continues" in result.stderr
