@@ -1,4 +1,4 @@
-"""What ships to the controller. Needs NumPy alone."""
+"""The part that runs on the controller. It needs NumPy alone."""
 
 from vsgdesign.identification import (
     ESTIMATORS,

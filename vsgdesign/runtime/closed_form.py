@@ -9,7 +9,7 @@ from vsgdesign.equations.closed_form import EQUAL_TIMES
 from vsgdesign.equations.structures import STRUCTURES, ClosedFormAim, NormalisedGains
 from vsgdesign.runtime.schedule import Schedule
 
-if TYPE_CHECKING:  # reading study files is no part of what ships
+if TYPE_CHECKING:  # the controller does not read study files
     from vsgdesign.parameters.study import ClosedFormTarget, Study
 
 
@@ -17,9 +17,9 @@ if TYPE_CHECKING:  # reading study files is no part of what ships
 class ClosedFormSchedule(Schedule):
     """A gain schedule for any structure, target, operating point and filter.
 
-    The structure says which of these it uses: the published one ``settling_time``, ``damping_ratio`` and
-    ``droop_ratio`` (:eq:`closed-form-gains`), the others the pole placement k_1, d_1, k_2 and the shares of decoupling
-    (:eq:`decoupled-gains`, :eq:`angle-damped-gains`); law ``inertia`` H (s) and zeta.
+    The structure determines which fields are used. The published one uses ``settling_time``, ``damping_ratio`` and
+    ``droop_ratio`` (:eq:`closed-form-gains`). The others use the pole placement k_1, d_1, k_2 and the shares of
+    decoupling (:eq:`decoupled-gains`, :eq:`angle-damped-gains`). Law ``inertia`` uses H (s) and zeta.
     """
 
     settling_time: float
@@ -34,7 +34,7 @@ class ClosedFormSchedule(Schedule):
     zeta: float = 0.7
 
     def normalised(self, R_g: Any, L_g: Any) -> NormalisedGains:  # noqa: ARG002 - the same on every grid
-        """Constant, whatever the grid."""
+        """The normalised parameters, which are the same for every grid."""
         aim = ClosedFormAim(**{name: getattr(self, name) for name in ClosedFormAim._fields})
         normalised = STRUCTURES[self.structure].closed_form(aim)
         if self.law == "inertia":
@@ -45,7 +45,7 @@ class ClosedFormSchedule(Schedule):
 def closed_form_schedule(
     study: Study, target: ClosedFormTarget, P: float | None = None, Q: float | None = None
 ) -> ClosedFormSchedule:
-    """The schedule of a study's converter for a target; P and Q replace the target's operating point."""
+    """The schedule of a study's converter for a target. P and Q replace the operating point of the target."""
     c = study.converter
     droops = target.P_droop, target.Q_droop
     D_p, D_q = STRUCTURES[target.structure].rated_droops(*droops, c.S_rated, c.omega_n, c.V_rated_rms)

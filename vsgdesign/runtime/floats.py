@@ -26,7 +26,7 @@ def _minimum(a: float, b: float) -> float:
 
 
 def _as_float(function: Callable[..., Any]) -> Callable[..., float]:
-    """NumPy's own function, so that the last bit is the same; its result as a float."""
+    """Calls NumPy's own function, so that the last bit is the same, and returns its result as a float."""
     return lambda *values: float(function(*values))
 
 
@@ -44,10 +44,11 @@ _NUMPY = SimpleNamespace(
 
 @cache
 def on_floats(function: F) -> F:
-    """The function, and those that it calls, for floats alone: to the same bits at a third of the cost.
+    """A copy of the function, and of those that it calls, for floats alone. It gives the same bits at a third of the
+    cost.
 
-    NumPy's functions return NumPy's scalars, whose arithmetic takes several times as long as that of floats. What is
-    called in every window calls this copy of an equation; its text stands once.
+    NumPy's functions return NumPy's scalars, whose arithmetic takes several times as long as that of floats. Code that
+    runs in every window calls this copy, so the equation itself is written only once.
     """
     scope = dict(function.__globals__)  # type: ignore[attr-defined]
     scope["np"] = _NUMPY

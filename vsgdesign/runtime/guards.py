@@ -1,4 +1,4 @@
-"""What stands between an estimate and the gains: limits, status bits, reasons (:doc:`docs/theory/runtime.md`)."""
+"""The guards between an estimate and the gains: limits, status bits, reasons (:doc:`docs/theory/runtime.md`)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STATUSES = {
     FALLBACK: "fallback",
     REFUSED: "refused",
 }
-"""Bits of a status. Every answer is either fresh (an estimate was taken) or held (it was not)."""
+"""Bits of a status. Every answer is either fresh (an estimate was accepted) or held (no estimate was accepted)."""
 
 NO_REASON, TIME, NOT_FINITE, RANGE, SATURATED, NO_ESTIMATE, IMPLAUSIBLE, JUMP, UNDESIGNED = range(9)
 REASONS = (
@@ -40,19 +40,19 @@ REASONS = (
     "the estimate jumped and waits to be confirmed",
     "the table has no design at the place",
 )
-"""Why an estimate was not taken: the first guard that objected."""
+"""Reasons why an estimate was not accepted. The reason is that of the first guard that refused it."""
 
 ARRIVED = 1e-5
-"""A place this near to its goal, relative to it, is there: rounding alone is no way to go."""
+"""Relative distance within which a place has reached its goal. A distance this small is rounding alone."""
 
 Pair = tuple[float, float]
 
 _TICKS_LIMIT = 2**31
-"""Differences of a 32-bit counter from here on are steps backwards."""
+"""A difference of the 32-bit counter of this size or more means that time went backwards."""
 
 
 def status_text(status: int) -> str:
-    """The names of a status's bits, for people."""
+    """The names of the bits of a status, for people to read."""
     return " ".join(name for bit, name in STATUSES.items() if status & bit)
 
 
@@ -60,44 +60,44 @@ def status_text(status: int) -> str:
 class SchedulerSettings:
     """Limits of a scheduler. :func:`settings_of` derives them from a table.
 
-    Numbers are rounded to what float32 holds, certified limits inwards, so that C in single precision decides
-    alike. Raises ArtifactError with every fault.
+    All numbers are rounded to values that float32 can hold, and certified limits are rounded inwards. C in single
+    precision therefore makes the same decisions. Raises ArtifactError with every fault.
     """
 
     scr: Pair
-    """Certified box: SCR on the table's basis, R/X, P (W), Q (var), V (phase rms, V)."""
+    """The certified box: SCR on the table's basis, R/X, P (W), Q (var) and V (phase rms, V)."""
     r_over_x: Pair
     P: Pair
     Q: Pair
     V_rms: Pair
     R_g: Pair
-    """Plausible estimates, Ω and H."""
+    """Ranges of plausible estimates in Ω and H."""
     L_g: Pair
     power_range: float
     """Largest \\|P\\| and \\|Q\\| that can be measured, VA."""
     voltage_range: float
     """Largest V that can be measured, V."""
     safe_scr: float
-    """The place to go to without estimates; the strong side is the safe one."""
+    """The safe place, to which the gains move without estimates. The safe side is that of strong grids."""
     safe_r_over_x: float
     rate: float = 10.0
-    """Largest \\|d ln SCR/dt\\| and \\|d ln(R/X)/dt\\| of the gains' place, 1/s."""
+    """Largest \\|d ln SCR/dt\\| and \\|d ln(R/X)/dt\\| of the place of the gains, 1/s."""
     hysteresis: float = 0.02
-    """Relative change of SCR and R/X that is not followed."""
+    """Relative change of SCR and R/X up to which an estimate does not move the goal."""
     jump: float = 0.5
-    """Relative change that must be confirmed."""
+    """Relative change from which on an estimate must be confirmed."""
     confirm: int = 3
-    """Windows that must agree on a jump."""
+    """Number of windows that must agree on a jump."""
     ratio_floor: float = 0.1
-    """Changes of R/X are relative to this where it is smaller."""
+    """Where R/X is smaller than this, its changes are taken relative to this value."""
     tick: float = 1e-6
-    """Time of a tick of the caller's 32-bit counter, s."""
+    """Duration of one tick of the caller's 32-bit counter, s."""
     update_ticks: int = 20_000
-    """Nominal ticks between two updates."""
+    """Nominal number of ticks between two updates."""
     longest_ticks: int = 40_000
-    """Longest time that a single step may make up for."""
+    """Longest time, in ticks, for which a single update may move the place."""
     stale_ticks: int = 500_000
-    """Age of the last good estimate from which on the safe place is gone to."""
+    """Age of the last good estimate, in ticks, from which on the place moves to the safe place."""
 
     @cached_property
     def rate_per_tick(self) -> float:
@@ -122,17 +122,17 @@ class SchedulerSettings:
 
 
 def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
-    """The settings that a table asks for; ``changes`` replaces single ones.
+    """The settings that follow from a table. ``changes`` replaces single settings.
 
-    The box is what axes, validity and certificate have in common. The rate is the certificate's, at most 10 1/s, which
-    it also is without one or where the grid may jump.
-    The safe place is the largest SCR of the box at the geometric middle of its R/X.
+    The box is the intersection of the axes, the validity and the certificate of the table. The rate is that of the
+    certificate, but at most 10 1/s; it is 10 1/s without a certificate or where the grid may jump. The safe place is
+    the largest SCR of the box at the geometric mean of its limits of R/X.
     """
     from vsgdesign.artifacts.certificate_record import (
-        CertificateRegion,  # who has a table has its room, others need not
+        CertificateRegion,  # only a user with a table needs this room
     )
 
-    # A counterexample has a region, too, over which nothing is proved.
+    # A counterexample has a region, too, but nothing is proved over it.
     certificate = table.certificate
     region = certificate.region if certificate is not None and certificate.certified else CertificateRegion()
     box = {}
@@ -140,7 +140,7 @@ def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
         pairs = [getattr(table.validity, name)]
         if axis is not None:
             pairs.append((float(axis[0]), float(axis[-1])))
-        if (certified := getattr(region, name, None)) is not None:  # no certificate is about V
+        if (certified := getattr(region, name, None)) is not None:  # no certificate limits V
             pairs.append(certified)
         box[name] = (max(low for low, _ in pairs), min(high for _, high in pairs))
     x_low, x_high = box.pop("x_over_r")
@@ -158,7 +158,7 @@ def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
 
 
 def window_settings(period: float, tick: float = SchedulerSettings.tick) -> dict[str, int]:
-    """Changes to the settings where an estimate comes with every window, ``period`` s long, and not more often."""
+    """Changes to the settings if estimates come once in each window of ``period`` s and not more often."""
     nominal = SchedulerSettings
     ticks = round(period / tick)
     return {
@@ -182,7 +182,7 @@ def box_settings(
     error: float = 0.0,
     **changes: Any,
 ) -> SchedulerSettings:
-    """Settings for a box; what is plausible goes ``error`` and a factor of two beyond it."""
+    """Settings for a box. The range of plausible estimates extends by ``error`` and a factor of two beyond it."""
     Z_base = V_rated_rms / rated_current_rms(S_rated, V_rated_rms)
     Z_high = 2.0 * (1.0 + error) * Z_base / scr[0]
     X_high = Z_high
@@ -204,7 +204,7 @@ def box_settings(
 
 
 def near(scr: float, r_over_x: float, of_scr: float, of_r_over_x: float, share: float, floor: float) -> bool:
-    """Whether a place is within a share of another (:eq:`place-band`)."""
+    """Whether a place differs from another by at most a relative ``share`` (:eq:`place-band`)."""
     f = 1.0 + share
     return (
         scr <= of_scr * f and of_scr <= scr * f and abs(r_over_x - of_r_over_x) <= share * max(abs(of_r_over_x), floor)
@@ -212,12 +212,12 @@ def near(scr: float, r_over_x: float, of_scr: float, of_r_over_x: float, share: 
 
 
 def limited(goal: float, present: float, factor: float) -> float:
-    """The goal, at most a factor away from the present value (:eq:`place-rate`)."""
+    """The goal, limited to at most a factor away from the present value (:eq:`place-rate`)."""
     return min(max(goal, present / factor), present * factor)
 
 
 def _single(value: float, towards: float) -> float:
-    """The nearest number that float32 holds, from the value on towards a side."""
+    """The number nearest to the value, on the given side of it, that float32 holds."""
     rounded = np.float32(value)
     over = rounded < value if towards > value else rounded > value
     return float(np.nextafter(rounded, np.float32(towards)) if over and rounded != value else rounded)

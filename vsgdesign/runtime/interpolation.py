@@ -1,7 +1,8 @@
 """Bilinear interpolation on non-uniform axes, written so that C with the same order of operations gives the same bits.
 
-One prelookup and four weights serve every column of a table. In C: linear or binary search for the interval, one
-division per axis, then per column four products and three sums; compile without contraction to fused operations.
+One search per axis and four weights serve every column of a table. In C this is a linear or binary search for the
+interval and one division per axis, then four products and three sums per column. The C must be compiled without
+contraction to fused operations.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class Interval(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """Weights of an interval's four corners, row low/high then column low/high."""
+    """Weights of the four corners of a cell; the first word of a name is the row, the second the column."""
 
     low_low: Any
     low_high: Any
@@ -36,11 +37,11 @@ class Weights(NamedTuple):
 
 
 def locate(axis: Array, value: Any) -> Interval:
-    """The interval of a strictly increasing axis that holds a value (scalar or array); ends are held beyond.
+    """The interval of a strictly increasing axis in which a value (scalar or array) lies.
 
-    low is the last node that is not above the value, at most the one before the last; the fraction is
-    (value − axis[low])/(axis[low + 1] − axis[low]), clipped to 0 and 1. An axis of one node holds it everywhere.
-    NaN gives a fraction of NaN.
+    ``low`` is the last node that is not above the value, but at most the last but one. The fraction is (value −
+    axis[low])/(axis[low + 1] − axis[low]), clipped to 0 and 1, so a value beyond an end takes that end. An axis with
+    one node takes this node for every value. NaN gives a fraction of NaN.
     """
     value = np.asarray(value, dtype=float)
     clipped = np.where(value > axis[-1], 1, np.where(value < axis[0], -1, 0))
@@ -52,21 +53,21 @@ def locate(axis: Array, value: Any) -> Interval:
 
 
 def corner_weights(row: Any, column: Any) -> Weights:
-    """From the fractions along rows and columns: (1 − r)(1 − c), (1 − r)c, r(1 − c), rc (:eq:`bilinear`)."""
+    """The weights (1 − r)(1 − c), (1 − r)c, r(1 − c), rc for the fractions r and c (:eq:`bilinear`)."""
     r, c = 1.0 - row, 1.0 - column
     return Weights(r * c, r * column, row * c, row * column)
 
 
 def blend(weights: Weights, low_low: Any, low_high: Any, high_low: Any, high_high: Any) -> Any:
-    """((w00 v00 + w01 v01) + w10 v10) + w11 v11 (:eq:`bilinear`)."""
+    """The weighted sum ((w00 v00 + w01 v01) + w10 v10) + w11 v11 (:eq:`bilinear`)."""
     w00, w01, w10, w11 = weights
     return ((w00 * low_low + w01 * low_high) + w10 * high_low) + w11 * high_high
 
 
 def interpolate(values: Array, row: Interval, column: Interval, weights: Weights) -> Any:
-    """A column (n, m) at a place (:eq:`bilinear`).
+    """Interpolates a column (n, m) of a table (:eq:`bilinear`).
 
-    At a node one weight is 1 and three are 0, so the node's value comes out exactly.
+    At a node one weight is 1 and three are 0, so the result is exactly the value of the node.
     """
     return blend(
         weights,

@@ -1,4 +1,7 @@
-"""Gains at one place of a schedule, on plain floats: what a controller calls every window and what C is held to."""
+"""Gains at one place of a schedule on plain floats, as a controller computes them in every window.
+
+The exported C must agree with these functions.
+"""
 
 from __future__ import annotations
 
@@ -43,10 +46,10 @@ class GainLookup:
     D_p: float
     D_q: float
     V_n_rms: float
-    """Where the voltage is taken to be before any has been measured, V."""
+    """Voltage that is assumed before the first measurement, V."""
 
     def coordinates(self, R_g: float, L_g: float) -> tuple[float, float]:
-        """SCR on the table's basis, and R/X, of R_g (Ω) and L_g > 0 (H) (:eq:`scr`)."""
+        """SCR on the table's basis and R/X of a grid with R_g (Ω) and L_g > 0 (H) (:eq:`scr`)."""
         return _SCR[self.scr_basis](R_g, L_g, self.Z_base, self.omega), R_g / (self.omega * L_g)
 
     def grid(self, scr: float, r_over_x: float) -> tuple[float, float]:
@@ -54,14 +57,14 @@ class GainLookup:
         return _GRID[self.scr_basis](scr, 1.0 / r_over_x, self.Z_base, self.omega)
 
     def normalised(self, scr: float, r_over_x: float) -> NormalisedGains | None:
-        """Normalised parameters (:eq:`bilinear`); None where a node that has a say is no design."""
+        """Normalised parameters (:eq:`bilinear`). The result is None where a node with a weight has no design."""
         row, column = locate_one(self.scr, scr), locate_one(self.r_over_x, r_over_x)
         weights = corner_weights(row.fraction, column.fraction)
         low, high = self.nodes[row.low], self.nodes[row.high]
         corners = low[column.low], low[column.high], high[column.low], high[column.high]
         if None in corners and any(c is None and w != 0.0 for c, w in zip(corners, weights, strict=True)):
             return None
-        # An undesigned corner without weight: any number does.
+        # A corner without a design may have any number here, since its weight is zero.
         v00, v01, v10, v11 = (corner or _ZEROS for corner in corners)
         return NormalisedGains(*map(blend, repeat(weights), v00, v01, v10, v11))
 
@@ -78,8 +81,8 @@ def gain_lookup(
 ) -> GainLookup:
     """The lookup of a table's schedule, or of a closed form as a table of one node.
 
-    ``S_rated`` (VA) and ``scr_basis`` say how a closed form's place is counted; a table brings its own. V_n_rms:
-    nominal voltage, V.
+    ``S_rated`` (VA) and ``scr_basis`` define the SCR of a closed form; a table has its own. V_n_rms is the nominal
+    voltage in V.
     """
     if isinstance(schedule, TableSchedule):
         scr, r_over_x, Z_base, scr_basis = schedule.scr, schedule.r_over_x, schedule.Z_base, schedule.scr_basis
@@ -113,7 +116,7 @@ def gain_lookup(
 
 
 def locate_one(axis: tuple[float, ...], value: float) -> Interval:
-    """:func:`vsgdesign.runtime.interpolation.locate` of one number, to the same bits at a tenth of the cost."""
+    """:func:`vsgdesign.runtime.interpolation.locate` for one number, with the same bits at a tenth of the cost."""
     last = len(axis) - 1
     low = min(max(bisect_right(axis, value) - 1, 0), max(last - 1, 0))
     high = min(low + 1, last)

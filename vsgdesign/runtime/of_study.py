@@ -1,4 +1,4 @@
-"""The gains of a study's controller: its schedule, and the one law that every page and every run takes them from."""
+"""The gains of a study's controller: its schedule, and the one law from which every page and every run takes them."""
 
 from __future__ import annotations
 
@@ -14,40 +14,41 @@ from vsgdesign.runtime.guards import SchedulerSettings, settings_of
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.table import TableSchedule, table_schedule
 
-if TYPE_CHECKING:  # reading study files is no part of what ships
+if TYPE_CHECKING:  # the controller does not read study files
     from vsgdesign.parameters.study import ControllerSpec, Study
 
 
 def schedule_of(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> Schedule:
-    """The schedule: that of the controller's table, else the closed form.
+    """The schedule of a controller: that of its table if it has one, otherwise the closed form.
 
-    Raises InfeasibleStudyError where the controller needs a table that is not in ``ready``.
+    Raises InfeasibleStudyError if the controller needs a table that is not in ``ready``.
     """
     table = ready.table(spec)
     return closed_form_schedule(study, spec.target) if table is None else table_schedule(table)
 
 
 def follows_measured(spec: ControllerSpec) -> bool:
-    """Whether the gains follow the measured P, Q and V: those of every table, and of a closed form that asks for it."""
+    """Whether the gains follow the measured P, Q and V. Those of a table always do; a closed form may ask for it."""
     return spec.kind == "scheduled" and (spec.schedule == "table" or spec.target.follow_references)
 
 
 @dataclass(frozen=True)
 class ControllerGains:
-    """The gains of one controller, wherever they are asked for. Called with arrays or scalars that broadcast:
-    estimated R_g (Ω) and L_g (H), and P (W), Q (var) and V (phase rms, V) at the control point, in the steady state.
+    """The gains of one controller in the steady state, as a function of the grid and the operating point.
 
-    Fixed gains are what they are. A closed form at its design point ignores P, Q and V (:eq:`structure-gains` at
-    P_design, Q_design). All else is what the runtime has: a table's place, powers and voltage are clipped to the box
-    of its scheduler, then gains are made at the measured P, Q and V (:eq:`drawn-in`, :eq:`well-posed`). NaN where
-    there are none. Between two updates gains are held, so a linear model takes them as constants.
+    The arguments are arrays or scalars that broadcast: estimated R_g (Ω) and L_g (H), and P (W), Q (var) and V (phase
+    rms, V) at the control point. Fixed gains ignore them all. A closed form at its design point ignores P, Q and V
+    (:eq:`structure-gains` at P_design, Q_design). All other gains are computed as in the runtime: the place, the powers
+    and the voltage of a table are clipped to the box of its scheduler, then gains are made at the measured P, Q and V
+    (:eq:`drawn-in`, :eq:`well-posed`). The result is NaN where there are no gains. Gains are held between two updates,
+    so a linear model takes them as constants.
     """
 
     schedule: Schedule
     fixed: PowerLoopGains | None = None
     measured: bool = False
     settings: SchedulerSettings | None = None
-    """A table's scheduler; None: nothing is clipped."""
+    """Settings of the scheduler of a table. With None nothing is clipped."""
 
     def __call__(self, R_g: Any, L_g: Any, P: Any, Q: Any, V_rms: Any) -> PowerLoopGains:
         given = [np.asarray(value, dtype=float) for value in (R_g, L_g, P, Q, V_rms)]
@@ -69,17 +70,17 @@ class ControllerGains:
 
     @property
     def why_none(self) -> str:
-        """What it means where there are no gains."""
+        """The reason why there are no gains, in words."""
         if self.measured:
             return "no gains: the table has no design there" if self.settings else "no gains: the estimate is no grid"
         return "no gains: the design point does not exist on this grid"
 
 
 def gain_law(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> ControllerGains:
-    """The gains that a controller of the study has: of a known or estimated grid and measured powers.
+    """The gains of a controller of the study for a known or estimated grid and measured powers.
 
-    Raises the errors of :func:`schedule_of`, and NoOperatingPointError for fixed gains whose design grid does not carry
-    the design point.
+    Raises the errors of :func:`schedule_of`, and NoOperatingPointError for fixed gains whose design grid cannot carry
+    the powers of the design point.
     """
     schedule = schedule_of(study, spec, ready)
     if spec.kind == "fixed":

@@ -1,4 +1,4 @@
-"""The power loops as they ship: one sample at a time, the same stage that the EMT compiles."""
+"""The power loops as they run on the controller, one sample at a time. The EMT compiles the same function."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from vsgdesign.errors import ArtifactError
 class PowerController:
     """Power filters and power loops of any structure (:eq:`controller-step`, :eq:`power-loop-law`).
 
-    T_s in s; ``smoothing_P`` and ``smoothing_Q``: 1 − exp(−T_s/τ) of the power filters, 1 without. Starts at the
-    references' ω_0 and V_n with P and Q at their set points, θ = 0.
+    T_s is in s. ``smoothing_P`` and ``smoothing_Q`` are 1 − exp(−T_s/τ) of the power filters, or 1 without a filter.
+    The controller starts with ω_0 and V_n of the references, with P and Q at their set points and with θ = 0.
     """
 
     def __init__(
@@ -26,7 +26,7 @@ class PowerController:
                 "positive, the smoothing above 0 and at most 1."
             )
         self.gains, self.refs = gains, refs
-        # The power loops use nothing else of the settings and of the state: their inner loops are elsewhere.
+        # The power loops use nothing else of the settings and of the state, since the inner loops are not part of them.
         unused = dict.fromkeys(("omega_C", "omega_L", "i_max_pk", "v_max_pk", "advance_cos", "advance_sin"), 0.0)
         self._settings = ControllerSettings(T_s=T_s, smoothing_P=smoothing_P, smoothing_Q=smoothing_Q, **unused)
         self._state = ControllerState(
@@ -42,7 +42,7 @@ class PowerController:
         )
 
     def step(self, P: float, Q: float) -> tuple[float, float, float]:
-        """One sample with the measured P (W) and Q (var): ω (rad/s), V (rms) and θ (rad) of this sample.
+        """Takes one sample of P (W) and Q (var) and returns ω (rad/s), V (V rms) and θ (rad) of this sample.
 
         The integrators then advance by T_s, as in the simulation.
         """
@@ -58,18 +58,21 @@ class PowerController:
         return omega, s.V, s.theta
 
     def retune(self, gains: PowerLoopGains) -> None:
-        """Other gains from the next sample on, without a jump of ω (:eq:`bumpless`)."""
+        """Changes the gains from the next sample on, without a jump of ω (:eq:`bumpless`)."""
         s = self._state
         omega_i = bumpless(s.omega_i, s.V, s.P_f, s.Q_f, self.gains, gains)
         self._state, self.gains = s._replace(omega_i=omega_i), gains
 
     def state(self) -> dict[str, Any]:
-        """θ, ω_i, V, P_f, Q_f and the gains, in JSON's types."""
+        """The state θ, ω_i, V, P_f, Q_f and the gains, in JSON's types."""
         named = {name: float(getattr(self._state, name)) for name in _STATES}
         return named | {"gains": [float(value) for value in self.gains]}
 
     def restore(self, document: dict[str, Any]) -> None:
-        """Go on from :meth:`state` to the same bits. Raises ArtifactError where it is none."""
+        """Continues from a document of :meth:`state` with the same bits.
+
+        Raises ArtifactError if it is no such state.
+        """
         try:
             values = {name: float(document[name]) for name in _STATES}
             gains = PowerLoopGains(*(float(value) for value in document["gains"]))

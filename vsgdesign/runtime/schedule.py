@@ -1,4 +1,4 @@
-"""What every gain schedule does: normalised parameters of the grid, times the Jacobian, are the gains."""
+"""The common part of all gain schedules: the gains follow from normalised parameters and the Jacobian of the grid."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vsgdesign.errors import NoOperatingPointError
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Schedule(ABC):
-    """A gain schedule of any structure and law. A schedule of a kind adds :meth:`normalised` and what that needs.
+    """A gain schedule of any structure and law. A subclass adds :meth:`normalised` and the data that it needs.
 
     The Jacobian is taken from the estimated R_g and L_g plus the known grid-side inductor, at the design point
     (P, Q) or at measured powers and voltage.
@@ -40,19 +40,19 @@ class Schedule(ABC):
     law: str = "poles"
     """``inertia``: H (s) and zeta instead of the first two poles (:eq:`constant-inertia`)."""
     S_rated: float = 1.0
-    """VA; used by law ``inertia`` alone."""
+    """Rated power in VA. Law ``inertia`` alone uses it."""
     D_p: float = 0.0
     D_q: float = 0.0
 
     @abstractmethod
     def normalised(self, R_g: Any, L_g: Any) -> NormalisedGains:
-        """Normalised parameters for an estimated grid, scalars or arrays."""
+        """Normalised parameters for an estimated grid; R_g and L_g are scalars or arrays."""
 
     def gains(self, R_g: float, L_g: float) -> PowerLoopGains:
         """Gains for a grid of R_g (Ω) and L_g (H) at the design point.
 
-        Raises NoOperatingPointError where this grid cannot carry (P, Q), or where A or D is not positive there
-        so that no positive gain closes the loop.
+        Raises NoOperatingPointError if this grid cannot carry (P, Q), or if A or D is not positive there, so that no
+        positive gain makes the loop stable.
         """
         A, B, C, D = self.plant_gains(R_g, L_g)
         if not (A > 0.0 and D > 0.0):
@@ -74,7 +74,7 @@ class Schedule(ABC):
         return self.gains_with(self.normalised(R_g, L_g), R_g, L_g)
 
     def gains_with(self, normalised: NormalisedGains, R_g: Any, L_g: Any) -> PowerLoopGains:
-        """:meth:`gains_over` with other normalised parameters."""
+        """Like :meth:`gains_over`, but with other normalised parameters."""
         A, B, C, D = self.plant_gains(R_g, L_g)
         with np.errstate(invalid="ignore", divide="ignore"):
             good = np.where((A > 0.0) & (D > 0.0), 1.0, np.nan)
@@ -83,8 +83,8 @@ class Schedule(ABC):
     def gains_measured(self, R_g: Any, L_g: Any, P: Any, Q: Any, V_rms: Any) -> PowerLoopGains:
         """Gains from an estimated grid and the measured P, Q, V at the control point, for arrays or scalars.
 
-        The Jacobian needs no operating point to be solved for (:eq:`jacobian-from-powers`), so an error of the
-        estimate does not also move V. It is kept away from where it has no inverse (:eq:`drawn-in`,
+        The Jacobian is computed without solving for an operating point (:eq:`jacobian-from-powers`), so an error of the
+        estimate does not also change V. The Jacobian is kept away from values without an inverse (:eq:`drawn-in`,
         :eq:`well-posed`).
         """
         with np.errstate(invalid="ignore"):  # an estimate that is not finite gives NaN
@@ -92,7 +92,7 @@ class Schedule(ABC):
             return self._from_plant(self.normalised(R_g, L_g), *J)
 
     def plant_gains(self, R_g: Any, L_g: Any) -> tuple[Any, Any, Any, Any]:
-        """A, B, C, D at the design point on a grid; NaN where it has no operating point."""
+        """The Jacobian A, B, C, D at the design point on a grid. It is NaN where there is no operating point."""
         R, X = self._path(R_g, L_g)
         with np.errstate(invalid="ignore"):
             V_rms, _ = operating_point(self.P, self.Q, self.V_g_rms, R, X)

@@ -1,4 +1,7 @@
-"""The gain scheduler as it ships: estimate in, guarded gains with a status out. C does the same, line by line."""
+"""The gain scheduler as it runs on the controller. It turns an estimate into guarded gains with a status.
+
+The exported C does the same, line by line.
+"""
 
 from __future__ import annotations
 
@@ -60,27 +63,31 @@ SAID = {
     "outside": IMPLAUSIBLE,
     "implausible": IMPLAUSIBLE,
 }
-"""Of an estimate's status, the reason that the guards are told; of any other status it is that there was none."""
+"""The reason that the guards are given for a status of an estimate. Any other status means that there was no
+estimate."""
 
 
 class Answer(NamedTuple):
-    """Gains from now on, and what they are worth: status bits and the reason of :mod:`vsgdesign.runtime.guards`."""
+    """The gains from now on, with the status bits and the reason of :mod:`vsgdesign.runtime.guards`."""
 
     gains: PowerLoopGains
     status: int
     reason: int
     scr: float
-    """The place that the gains are for."""
+    """The place for which the gains are made."""
     r_over_x: float
 
     @property
     def why(self) -> str:
-        """The reason in words; empty where nothing objected."""
+        """The reason in words. It is empty if no guard refused the estimate."""
         return REASONS[self.reason]
 
 
 def first_state(lookup: GainLookup, settings: SchedulerSettings) -> SchedulerState:
-    """At the safe place, without load, with everything stale. Raises ArtifactError where that is no design."""
+    """The first state: at the safe place, without load, and without an estimate so far.
+
+    Raises ArtifactError if the table has no design at the safe place.
+    """
     scr, r_over_x, V_rms = settings.safe_scr, settings.safe_r_over_x, lookup.V_n_rms
     V_rms = min(max(V_rms, settings.V_rms[0]), settings.V_rms[1])
     P = min(max(0.0, settings.P[0]), settings.P[1])
@@ -108,12 +115,12 @@ def advance(
     V_rms: float,
     ticks: int,
 ) -> tuple[SchedulerState, Answer]:
-    """One update: the next state and the answer.
+    """Makes one update. Returns the next state and the answer.
 
-    ``said`` is why there is no estimate, NO_REASON where R_g (Ω) and L_g (H) are one. P (W), Q (var) and V (phase rms,
-    V) are those of the power loops; ``ticks`` is the caller's 32-bit counter. Guards in order: time and inputs,
-    plausibility, jump (:eq:`place-band`), hysteresis, staleness, rate (:eq:`place-rate`), certified box, design.
-    Whatever the inputs are, the gains are those of a place and powers within the box.
+    ``said`` is the reason why there is no estimate, or NO_REASON if R_g (Ω) and L_g (H) are an estimate. P (W), Q (var)
+    and V (phase rms, V) are those of the power loops. ``ticks`` is the caller's 32-bit counter. The guards act in this
+    order: time and inputs, plausibility, jump (:eq:`place-band`), hysteresis, staleness, rate (:eq:`place-rate`),
+    certified box, design. Whatever the inputs are, the gains are those of a place and of powers within the box.
     """
     status, reason = 0, said
     elapsed = (ticks - s.ticks) & _MASK if s.started else 0
@@ -203,7 +210,7 @@ def advance(
 
 
 class Scheduler:
-    """A lookup, its settings, its state, and an estimator if there is one. Not for two threads at once."""
+    """A lookup with its settings, its state and, if there is one, an estimator. Two threads must not share it."""
 
     def __init__(self, lookup: GainLookup, settings: SchedulerSettings, estimator: Estimator | None = None) -> None:
         self.lookup, self.settings, self.estimator = lookup, settings, estimator
@@ -212,55 +219,58 @@ class Scheduler:
 
     @property
     def gains(self) -> PowerLoopGains:
-        """The present gains; before any update those of the safe place."""
+        """The present gains. Before the first update they are those of the safe place."""
         return self._state.gains
 
     @property
     def grid(self) -> tuple[float, float]:
-        """R_g (Ω) and L_g (H) of the place that the present gains are for."""
+        """R_g (Ω) and L_g (H) of the place for which the present gains are made."""
         return self.lookup.grid(self._state.scr, self._state.r_over_x)
 
     def update_estimate(
         self, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int | None = None
     ) -> Answer:
-        """Gains from an estimate in Ω and H and the measured P, Q, V, as :func:`advance`.
+        """Updates the gains with an estimate in Ω and H and the measured P, Q and V, as in :func:`advance`.
 
-        Without ``ticks`` one nominal period has passed. No exception is ever raised for what the numbers are: what is
-        no number (True, a text, None) or not finite is refused with a reason. ValueError where ``ticks`` is not a
-        whole number.
+        Without ``ticks`` the scheduler assumes that one nominal period has passed. The values of the numbers never
+        raise an exception: a value that is not a number (True, a text, None) or not finite is refused with a reason.
+        Raises ValueError if ``ticks`` is not a whole number.
         """
         return self._advance(NO_REASON, as_number(R_g), as_number(L_g), P, Q, V_rms, ticks)
 
     def hold(self, P: float, Q: float, V_rms: float, ticks: int | None = None) -> Answer:
-        """An update without an estimate: the place goes on to where it was going."""
+        """Makes an update without an estimate. The place continues to move to its goal."""
         return self._advance(NO_ESTIMATE, 0.0, 0.0, P, Q, V_rms, ticks)
 
     @property
     def probe(self) -> Probe | None:
-        """The probe that the estimator wants to be sent from now on; None: none."""
+        """The probe that the converter is to inject from now on for the estimator; None if there is none."""
         return None if self._fed is None else self._fed.probe
 
     def update(
         self, v: Any, i: Any, P: float, Q: float, V_rms: float, ticks: int | None = None, **measured: Any
     ) -> Answer:
-        """Gains from a window of v (V) and i (A) as the estimator takes them. Raises ArtifactError without one.
+        """Updates the gains with a window of v (V) and i (A), in the shape that the estimator takes.
 
-        ``measured`` is what else it needs of the window, as in
-        :meth:`vsgdesign.identification.feeding.FedEstimator.window`: ``omega`` for all but a network.
+        ``measured`` is the other data of the window that the estimator needs, as in
+        :meth:`vsgdesign.identification.feeding.FedEstimator.window`. Every estimator but a network needs ``omega``.
+        Raises ArtifactError if the scheduler has no estimator.
         """
         found = self._feeding.window(as_numbers(v), as_numbers(i), **measured)
         return self._advance_by(found, P, Q, V_rms, ticks)
 
     def push(self, v: Any, i: Any, **measured: Any) -> bool:
-        """One sample of v and i, or its components; whether an answer is due. Where a window is whole, further samples
-        are left out until :meth:`update_pushed`. ``measured`` as in
-        :meth:`vsgdesign.identification.feeding.FedEstimator.push`."""
+        """Takes one sample of v and i, or its components. Returns whether an answer is due.
+
+        When a window is complete, further samples are ignored until :meth:`update_pushed` is called. ``measured`` is as
+        in :meth:`vsgdesign.identification.feeding.FedEstimator.push`.
+        """
         fed = self._feeding
         v, i = (x if type(x) is float else as_numbers(x) for x in (v, i))
         return fed.push(v, i, **measured)
 
     def update_pushed(self, P: float, Q: float, V_rms: float, ticks: int | None = None) -> Answer:
-        """:meth:`update` with the samples pushed, :meth:`hold` while no answer is due."""
+        """Makes an :meth:`update` with the samples that were pushed, or a :meth:`hold` while no answer is due."""
         return self._advance_by(self._feeding.answer(), P, Q, V_rms, ticks)
 
     def _advance_by(self, found: Estimate | None, P: float, Q: float, V_rms: float, ticks: int | None) -> Answer:
@@ -270,7 +280,7 @@ class Scheduler:
         return self._advance(said, found.R_g, found.L_g, P, Q, V_rms, ticks)
 
     def start(self, R_g: float, L_g: float) -> PowerLoopGains:
-        """Begin on a known grid instead of the safe place. Raises ArtifactError where it is not in the box."""
+        """Starts on a known grid instead of the safe place. Raises ArtifactError if the grid is not in the box."""
         c, R_g, L_g = self.settings, as_number(R_g), as_number(L_g)
         scr, r_over_x = self.lookup.coordinates(R_g, L_g) if L_g > 0.0 and isfinite(R_g + L_g) else (0.0, 0.0)
         first = first_state(self.lookup, c)
@@ -288,12 +298,12 @@ class Scheduler:
         return gains
 
     def state(self) -> dict[str, Any]:
-        """Everything remembered, in JSON's types: a restored scheduler goes on to the same bits."""
+        """The whole state in JSON's types. A restored scheduler continues with the same bits."""
         fed = None if self._fed is None else self._fed.document()
         return state_document(self._state, self._made_for) | {"estimator": fed}
 
     def restore(self, document: dict[str, Any]) -> None:
-        """Go on from :meth:`state`. Raises ArtifactError where it is no state of this scheduler."""
+        """Continues from a document of :meth:`state`. Raises ArtifactError if it is no state of this scheduler."""
         state, c = state_of(document, self._made_for), self.settings
         box = ((state.scr, c.scr), (state.r_over_x, c.r_over_x), (state.P, c.P), (state.Q, c.Q), (state.V_rms, c.V_rms))
         if not all(low <= value <= high for value, (low, high) in box):
@@ -307,8 +317,8 @@ class Scheduler:
 
     @cached_property
     def _made_for(self) -> str:
-        """What a saved state belongs to."""
-        import hashlib  # a third of what all else costs to import, and needed by who saves states alone
+        """Hash of the table, the settings and the estimator to which a saved state belongs."""
+        import hashlib  # its import costs a third of all others, and only saving and restoring a state needs it
 
         title = () if self.estimator is None else (self.estimator.title,)
         return hashlib.sha256(repr((self.settings, self.lookup, *title)).encode()).hexdigest()
@@ -336,7 +346,10 @@ class Scheduler:
 
 
 def as_number(value: Any) -> float:
-    """A measurement as a float; NaN for what is no number: True, a text, None. Beyond all range it is infinite."""
+    """A measurement as a float.
+
+    It is NaN for anything but a number (True, a text, None) and infinite beyond the range.
+    """
     if type(value) is float:
         return value
     if isinstance(value, np.ndarray) and value.ndim == 0:
@@ -350,7 +363,7 @@ def as_number(value: Any) -> float:
 
 
 def as_numbers(values: Any) -> NDArray[np.float64]:
-    """Samples as floats; all NaN where they are anything but numbers."""
+    """Samples as floats. All are NaN if the samples are anything but numbers."""
     array = np.asarray(values)
     return array.astype(float, copy=False) if array.dtype.kind in "fiu" else np.full(array.shape, nan)
 
@@ -362,7 +375,7 @@ def _whole(ticks: Any) -> int:
 
 
 def scheduler_of(table: GainTable, estimator: Estimator | None = None, **changes: Any) -> Scheduler:
-    """The scheduler of a table; ``changes`` to its settings as in :func:`vsgdesign.runtime.guards.settings_of`."""
+    """The scheduler of a table. ``changes`` to its settings are as in :func:`vsgdesign.runtime.guards.settings_of`."""
     lookup = gain_lookup(table_schedule(table), V_n_rms=table.base.V_rated_rms)
     settings = settings_of(table, **changes)
     if isinstance(estimator, NeuralEstimator):
@@ -379,9 +392,9 @@ def closed_form_scheduler(
     scr_basis: str = "impedance",
     estimator: Estimator | None = None,
 ) -> Scheduler:
-    """The scheduler of a closed form: the Jacobian from measured P, Q, V, no table.
+    """The scheduler of a closed form, which takes the Jacobian from the measured P, Q and V and needs no table.
 
-    V_n_rms: nominal voltage, V; S_rated (VA) and ``scr_basis``: what the settings' SCR is counted with.
+    V_n_rms is the nominal voltage in V. S_rated (VA) and ``scr_basis`` define the SCR of the settings.
     """
     return Scheduler(gain_lookup(schedule, V_n_rms=V_n_rms, S_rated=S_rated, scr_basis=scr_basis), settings, estimator)
 
@@ -394,8 +407,11 @@ def load_scheduler(
     study: Study | None = None,
     **changes: Any,
 ) -> Scheduler:
-    """The scheduler of files. ``fit`` is what :func:`vsgdesign.runtime.network.neural_estimator` wants to know;
-    ``study`` refuses a table that was not designed from it. Raises ArtifactError."""
+    """The scheduler of a gain table's file and, if given, a weights file.
+
+    ``fit`` holds arguments of :func:`vsgdesign.identification.neural.neural_estimator`. With ``study``, a table that
+    was not designed from this study is refused. Raises ArtifactError where a file is damaged or does not fit.
+    """
     found = read_table_of(table, study)
     if weights is None:
         return scheduler_of(found, **changes)
@@ -407,8 +423,11 @@ def load_scheduler(
 
 
 def read_table_of(path: str | Path, study: Study | None = None) -> GainTable:
-    """The table of a file. Raises ArtifactError where it is damaged, newer, or was not designed from the study: then
-    with the fields that differ."""
+    """The table of a file.
+
+    Raises ArtifactError if it is damaged, if a newer version wrote it, or if it was not designed from the study. In the
+    last case the message names the fields that differ.
+    """
     from vsgdesign.artifacts.design_inputs import study_differences
     from vsgdesign.artifacts.gain_table_file import read_table_file
 
@@ -416,14 +435,14 @@ def read_table_of(path: str | Path, study: Study | None = None) -> GainTable:
     differences = [] if study is None else study_differences(table, study)
     if differences:
         raise ArtifactError(
-            f"{path}: was not designed from this study. Give the table of this study, or design one: vsgdesign table "
-            "build.\n" + "\n".join(f"  - {line}" for line in differences)
+            f"{path}: the table was not designed from this study. Give the table of this study, or design one: "
+            "vsgdesign table build.\n" + "\n".join(f"  - {line}" for line in differences)
         )
     return table
 
 
 def _check_same_case(lookup: GainLookup, settings: SchedulerSettings, estimator: NeuralEstimator) -> None:
-    """A network trained for a converter of another size knows none of the table's grids."""
+    """Refuses a network that was trained for a converter of another size and knows none of the table's grids."""
     corners = [lookup.grid(scr, r_over_x) for scr in settings.scr for r_over_x in settings.r_over_x]
     (R_low, L_low), (R_high, L_high) = estimator.least, estimator.largest
     R_all, L_all = zip(*corners, strict=True)

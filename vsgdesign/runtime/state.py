@@ -1,4 +1,4 @@
-"""What a scheduler remembers from one update to the next, and how it is saved."""
+"""The state of a scheduler between two updates, and how it is saved."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _WHOLE = ("started", "ticks", "age", "agreed")
 
 
 class SchedulerState(NamedTuple):
-    """Everything that the next answer depends on besides its inputs."""
+    """Everything, besides its inputs, on which the next answer depends."""
 
     started: int
-    """0 until the first update."""
+    """Whether there was an update: 0 until the first one."""
     ticks: int
     """The caller's counter at the last update."""
     age: int
@@ -25,10 +25,10 @@ class SchedulerState(NamedTuple):
     agreed: int
     """Windows that agree on a jump so far."""
     scr: float
-    """The place that the gains are for."""
+    """The place for which the gains are made."""
     r_over_x: float
     goal_scr: float
-    """The place that is gone to."""
+    """The goal: the place to which the present place moves."""
     goal_r_over_x: float
     candidate_scr: float
     """A jump that waits to be confirmed."""
@@ -41,20 +41,20 @@ class SchedulerState(NamedTuple):
 
 
 def state_document(state: SchedulerState, made_for: str) -> dict[str, Any]:
-    """A state in JSON's types; ``made_for`` is what it belongs to."""
+    """A state in JSON's types. ``made_for`` identifies the scheduler to which it belongs."""
     return {"schema": SCHEMA, "made_for": made_for} | state._asdict() | {"gains": list(state.gains)}
 
 
 def state_of(document: dict[str, Any], made_for: str) -> SchedulerState:
-    """The state of a document: every number the same to the last bit.
+    """The state of a document, with every number the same to the last bit.
 
-    Raises ArtifactError where it is no whole state, of a newer schema, or was saved with another table.
+    Raises ArtifactError if the state is not complete, has a newer schema, or was saved with another table.
     """
     schema = document.get("schema") if isinstance(document, dict) else None
     if schema != SCHEMA:
-        raise ArtifactError(f"state: has schema {schema!r}, this version reads {SCHEMA}; start afresh.")
+        raise ArtifactError(f"state: it has schema {schema!r}, but this version reads {SCHEMA}; start afresh.")
     if document.get("made_for") != made_for:
-        raise ArtifactError("state: was saved with another table or other settings; start afresh.")
+        raise ArtifactError("state: it was saved with another table or other settings; start afresh.")
     values: dict[str, Any] = {}
     for name in SchedulerState._fields:
         value = document.get(name)

@@ -1,4 +1,4 @@
-"""Scheduled gains from a gain table: interpolated normalised parameters times the Jacobian."""
+"""Scheduled gains from a gain table. They follow from interpolated normalised parameters and the Jacobian."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ Array = NDArray[np.float64]
 
 
 class TablePlace(NamedTuple):
-    """Where an estimated grid lies in a table, scalars or arrays.
+    """The position of an estimated grid in a table, as scalars or arrays.
 
-    ``clipped_scr``, ``clipped_x_over_r``: −1 below the axis, 1 above, 0 on it. ``designed``: all nodes that have a
-    say are designs, none is outside; False for an estimate that is no number.
+    ``clipped_scr`` and ``clipped_x_over_r`` are −1 below the axis, 1 above it and 0 on it. ``designed`` is True if
+    every node with a weight has a design, so that none is outside. It is False for an estimate that is not a number.
     """
 
     scr: Any
@@ -39,35 +39,36 @@ class TablePlace(NamedTuple):
 class TableSchedule(Schedule):
     """A gain schedule that interpolates a table over SCR and R/X (:eq:`bilinear`).
 
-    SCR and X/R come from the estimated R_g and L_g on the table's basis; beyond the axes the edge holds, and
-    :meth:`place` says so. R_g may be negative, as an estimate of a small one may be: that is the largest X/R.
-    An estimate that is not finite, or without inductance (L_g ≤ 0), gives NaN: keep the gains that are.
+    SCR and X/R come from the estimated R_g and L_g on the table's basis. Beyond the axes the value at the edge is used,
+    and :meth:`place` says so. R_g may be negative, because the estimate of a small resistance may be; this is taken as
+    the largest X/R. An estimate that is not finite or has no inductance (L_g ≤ 0) gives NaN. Keep the present gains
+    then.
     """
 
     Z_base: float
     scr_basis: str
     scr: Array
-    """(n,), strictly increasing."""
+    """SCR axis (n,), strictly increasing."""
     r_over_x: Array
-    """(m,), strictly increasing: the reciprocals of the table's X/R axis, reversed."""
+    """R/X axis (m,), strictly increasing: the reciprocals of the table's X/R axis in reversed order."""
     columns: NormalisedGains
-    """Six arrays (n, m) in SI, over scr and r_over_x."""
+    """Normalised parameters: six arrays (n, m) in SI over scr and r_over_x."""
     valid: NDArray[np.bool_]
-    """(n, m), over scr and r_over_x."""
+    """Whether each node has a design, (n, m) over scr and r_over_x."""
 
     def normalised(self, R_g: Any, L_g: Any) -> NormalisedGains:
-        """Normalised parameters for an estimated grid, scalars or arrays."""
+        """Normalised parameters for an estimated grid; R_g and L_g are scalars or arrays."""
         row, column = self._intervals(R_g, L_g)
         weights = corner_weights(row.fraction, column.fraction)
         return NormalisedGains(*(interpolate(values, row, column, weights) for values in self.columns))
 
     def place(self, R_g: Any, L_g: Any) -> TablePlace:
-        """Where the estimate lies, what is clipped, and whether only designed nodes have a say."""
+        """The position of the estimate, whether it is clipped, and whether every node with a weight has a design."""
         scr, r_over_x = self._coordinates(R_g, L_g)
         row, column = self._intervals(R_g, L_g)
         weights = corner_weights(row.fraction, column.fraction)
         corners = ((row.low, column.low), (row.low, column.high), (row.high, column.low), (row.high, column.high))
-        # A weight that is no number is neither zero nor positive: an unusable estimate is nowhere.
+        # A weight that is NaN is neither zero nor positive, so an unusable estimate is never ``designed``.
         designed = np.all(
             [(w == 0.0) | (self.valid[at] & (w > 0.0)) for at, w in zip(corners, weights, strict=True)], axis=0
         )
@@ -77,8 +78,10 @@ class TableSchedule(Schedule):
     def drawn_to(
         self, R_g: Any, L_g: Any, scr: tuple[float, float], r_over_x: tuple[float, float]
     ) -> tuple[Any, Any, Any]:
-        """R_g and L_g of the nearest place within limits of SCR and R/X, as the scheduler has it, and whether only
-        designed nodes have a say there."""
+        """R_g and L_g of the nearest place within limits of SCR and R/X, as in the scheduler.
+
+        The third result says whether every node with a weight has a design there.
+        """
         at_scr, at_r = self._coordinates(R_g, L_g)
         at_scr, at_r = np.clip(at_scr, *scr), np.clip(at_r, *r_over_x)
         R_g, L_g = SCR_BASES[self.scr_basis].grid(at_scr, 1.0 / at_r, self.Z_base, self.omega)
@@ -97,7 +100,7 @@ class TableSchedule(Schedule):
 
 
 def table_schedule(table: GainTable) -> TableSchedule:
-    """The schedule that a controller with this table has."""
+    """The schedule of a controller with this table."""
     base = table.base
     return TableSchedule(
         P=table.P_design,
@@ -129,7 +132,7 @@ def table_grids(table: GainTable) -> tuple[Array, Array]:
 
 
 def node_gains(table: GainTable) -> PowerLoopGains:
-    """SI gains (n, m) at the table's nodes and design point, from the columns; NaN in cells that are outside."""
+    """Gains (n, m) in SI at the table's nodes and design point, from its columns. They are NaN at nodes outside."""
     keep = np.where(table.valid, 1.0, np.nan)
     schedule = table_schedule(table)
     R_g, L_g = table_grids(table)
@@ -138,5 +141,5 @@ def node_gains(table: GainTable) -> PowerLoopGains:
 
 
 def with_node_gains(table: GainTable) -> GainTable:
-    """The table with ``gains`` worked out from its columns: the last step of building one."""
+    """The table with its ``gains`` computed from its columns. This is the last step of building a table."""
     return replace(table, gains=node_gains(table))
