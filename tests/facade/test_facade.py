@@ -132,7 +132,7 @@ def test_a_run_draws_and_shows_itself(run: vd.Run, tmp_path: Path) -> None:
 def test_a_picture_never_replaces_something_else(run: vd.Run, tmp_path: Path) -> None:
     work = tmp_path / "work.png"
     work.write_text("mine", encoding="utf-8")
-    with pytest.raises(ArtifactError, match="left as it is"):
+    with pytest.raises(ArtifactError, match="left unchanged"):
         run.plot(file=work)
     assert work.read_text(encoding="utf-8") == "mine"
     for name in ("step.txt", "there/step.png"):

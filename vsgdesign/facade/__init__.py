@@ -1,1 +1,4 @@
-"""What ``import vsgdesign as vd`` offers: a study in, results with pictures out. Thin calls of the other rooms."""
+"""The functions of ``import vsgdesign as vd``. They take a study and return results with figures.
+
+They do no work of their own but call the other rooms.
+"""

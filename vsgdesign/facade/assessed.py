@@ -27,13 +27,13 @@ class Margins(Shown):
         return f"Margins: {self.result.study.title}"
 
     def sentences(self) -> Sequence[str]:
-        """The verdict of the stability report, a paragraph a controller."""
+        """The verdict of the stability report, with one paragraph for each controller."""
         from vsgdesign.report.stability.verdict import verdict_text
 
         return verdict_text(self.result)
 
     def to_dict(self) -> dict[str, Any]:
-        """results.json of the stability report."""
+        """The content of results.json of the stability report."""
         from vsgdesign.pipeline.margins import stability_document
 
         return plain(stability_document(self.result))
@@ -45,9 +45,10 @@ class Margins(Shown):
 
 
 def margins(study: Study, *, evidence: bool = False, progress: Callable[[str, float], None] | None = None) -> Margins:
-    """Modes and margins over the study's stability axes; with ``evidence`` also small steps in EMT, which take longer.
+    """Computes modes and margins over the study's stability axes.
 
-    Gain tables that the study asks for are read or designed first. Raises the errors of
+    With ``evidence`` it also simulates small steps in EMT, which takes longer. Gain tables that the study asks for are
+    read or designed first. Raises the errors of
     :func:`vsgdesign.pipeline.margins.assess_study`.
     """
     from vsgdesign.pipeline.margins import assess_study

@@ -1,4 +1,4 @@
-"""Folders of evidence from Python: the same files as the verbs of the command line leave."""
+"""Result folders from Python, with the same files that the commands of the command line write."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ def write_report(
     *,
     progress: Callable[[str, float], None] | None = None,
 ) -> dict[str, Any]:
-    """Leave report.html, results.json, figures and data of a result in the folder ``out``.
+    """Writes report.html, results.json, figures and data of a result into the folder ``out``.
 
-    A study is run first (``vsgdesign run``); a :class:`Run`, :class:`Margins` or :class:`DesignedTable` is written as
-    it is. An unchanged folder of the same kind is replaced, anything else is left alone (ArtifactError). Returns the
-    content of results.json.
+    A study is run first, as ``vsgdesign run`` does. A :class:`Run`, :class:`Margins` or :class:`DesignedTable` is
+    written as it is. A folder of the same kind is replaced if nobody has changed it since. Anything else is left
+    unchanged and raises ArtifactError. Returns the content of results.json.
     """
     if isinstance(what, Study):
         from vsgdesign.pipeline.run import run_study

@@ -1,4 +1,4 @@
-"""What every result can do: show itself as text, as a picture, as HTML in a notebook, and as plain data."""
+"""The interface of every result: it shows itself as text, as figures, as HTML in a notebook, and as plain data."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
     from vsgdesign.report.figure_types import NamedFigure
 
 _BEGINNINGS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
-"""How a file of each kind of picture begins."""
+"""The first bytes of a file of each image format."""
 
 
 class Shown(ABC):
-    """A result: its sentences, its pictures, its data."""
+    """A result with its sentences, its figures and its data."""
 
     @property
     @abstractmethod
     def title(self) -> str:
-        """What it is a result of, in a few words."""
+        """A short title, which says of what this is the result."""
 
     @abstractmethod
     def sentences(self) -> Sequence[str]:
@@ -34,23 +34,23 @@ class Shown(ABC):
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """The result in JSON's types, as its results.json has it."""
+        """The result in JSON's types, as in its results.json."""
 
     @abstractmethod
     def _figures(self) -> Iterator[NamedFigure]:
-        """Every picture, the one that answers first."""
+        """All figures. The most important one comes first."""
 
     @property
     def pictures(self) -> tuple[str, ...]:
-        """Names that :meth:`plot` takes, the first being what it draws when it is given none."""
+        """The names that :meth:`plot` accepts. Without a name it draws the first of them."""
         return tuple(figure.name for figure in self._figures())
 
     def plot(self, picture: str | None = None, *, file: str | Path | None = None) -> Figure:
-        """Draw one picture (by name; the first of :attr:`pictures` where none is named); also into ``file``.
+        """Draws one figure by its name and, if ``file`` is given, writes it to this file.
 
-        ``file`` ends in .png, .svg or .pdf. A file that is there is replaced if it is such a picture, and left alone
-        otherwise. Returns the matplotlib figure. Raises KeyError for a name that is none, ArtifactError for a file
-        that cannot be written.
+        Without a name it draws the first of :attr:`pictures`. ``file`` ends in .png, .svg or .pdf. An existing file is
+        replaced if it is an image of this format, and left unchanged otherwise. Returns the matplotlib figure. Raises
+        KeyError for an unknown name and ArtifactError for a file that cannot be written.
         """
         found = self._named(picture)
         if file is not None:
@@ -70,7 +70,7 @@ class Shown(ABC):
         raise KeyError(f"no picture is called {picture!r}. {advice}")
 
     def _repr_html_(self) -> str:
-        """For notebooks: the sentences, then the first picture."""
+        """The sentences and then the first figure, for notebooks."""
         lines = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in self.sentences())
         figure = next(self._figures(), None)
         return f"<h4>{html.escape(self.title)}</h4>{lines}{'' if figure is None else _svg(figure.figure)}"
@@ -97,7 +97,7 @@ def _save(figure: Figure, path: Path) -> None:
 
     begins = _BEGINNINGS.get(path.suffix.lower())
     if begins is None:
-        raise ArtifactError(f"{path}: a picture's name ends in {', '.join(_BEGINNINGS)}. Choose one of them.")
+        raise ArtifactError(f"{path}: the name of a picture must end in {', '.join(_BEGINNINGS)}. Choose one of them.")
     if path.is_dir():
         raise ArtifactError(f"{path}: this is a folder. Give the name of a file.")
     try:
@@ -105,7 +105,9 @@ def _save(figure: Figure, path: Path) -> None:
             with path.open("rb") as stream:
                 there = stream.read(len(begins))
             if there not in (begins, b""):
-                raise ArtifactError(f"{path}: there is a file that is no such picture. It was left as it is.")
+                raise ArtifactError(
+                    f"{path}: this file exists and is not a picture of this format. It was left unchanged."
+                )
         with look():
             figure.savefig(path)
     except OSError as error:

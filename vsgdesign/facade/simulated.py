@@ -33,11 +33,11 @@ class Run(Shown):
 
     @property
     def study(self) -> Study:
-        """What was simulated."""
+        """The study that was simulated."""
         return self.result.study
 
     def controller(self, name: str | None = None) -> ControllerResult:
-        """One controller's result; the first where none is named. Raises KeyError for a name that is none."""
+        """The result of one controller, or of the first one without a name. Raises KeyError for an unknown name."""
         known = {one.spec.name: one for one in self.result.controllers}
         if name is None:
             return self.result.controllers[0]
@@ -46,22 +46,25 @@ class Run(Shown):
         return known[name]
 
     def series(self, controller: str | None = None) -> Mapping[str, NDArray[np.float64]]:
-        """Time series of one controller (the first, where none is named) by name, over ``t_s``, SI."""
+        """Time series of one controller by name, in SI units over ``t_s``.
+
+        Without a name it is the first controller.
+        """
         return self.controller(controller).series
 
     def events(self, controller: str | None = None) -> tuple[EventMetrics, ...]:
-        """Overshoot, settling time and the like of every event of one controller."""
+        """Overshoot, settling time and other figures of every event of one controller."""
         return tuple(self.controller(controller).events)
 
     def sentences(self) -> Sequence[str]:
-        """What the report says first: targets that were met or missed, and by how much."""
+        """The first sentences of the report: which targets were met or missed, and by how much."""
         from vsgdesign.report.scenario.verdict import step_outcomes, verdict
 
         warnings = [one.message for one in self.result.instabilities]
         return [*warnings, *verdict(self.result, step_outcomes(self.result))]
 
     def to_dict(self) -> dict[str, Any]:
-        """results.json of ``vsgdesign simulate``."""
+        """The content of results.json of ``vsgdesign simulate``."""
         from vsgdesign.pipeline.run import results_document
 
         return plain(results_document(self.result, {}))
@@ -81,12 +84,13 @@ def simulate(
     progress: Callable[[str, float], None] | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> Run:
-    """Simulate every controller of a study through its events, in memory.
+    """Simulates every controller of a study through its events, in memory.
 
-    ``bridge``: ``averaged`` or ``pwm`` instead of the study's. ``ready``: gain tables and network from an earlier call
-    of :func:`vsgdesign.pipeline.ready.make_ready`; else those that the study asks for are read, or designed and trained
-    first (on ``workers`` processes). ``warn`` takes one sentence on a controller that is unstable by the linear model.
-    Raises StudyError, InfeasibleStudyError, ArtifactError and SimulationDivergedError.
+    ``bridge`` is ``averaged`` or ``pwm`` and replaces that of the study. ``ready`` holds gain tables and the network
+    from an earlier call of :func:`vsgdesign.pipeline.ready.make_ready`. Without it, those that the study asks for are
+    read, or designed and trained first (on ``workers`` processes). ``warn`` is called with one sentence for each
+    controller that is unstable by the linear model. Raises StudyError, InfeasibleStudyError, ArtifactError and
+    SimulationDivergedError.
     """
     from vsgdesign.execution.progress import silent
     from vsgdesign.pipeline.ready import make_ready

@@ -14,20 +14,20 @@ from vsgdesign.parameters.loading import files_of, merged_document, read_documen
 from vsgdesign.parameters.study import InnerLoopRequest, Study, StudyOrigin
 
 _SIMULATION = ("P_ref", "Q_ref", "duration", "bridge", "start", "log_interval")
-"""Fields of [simulation] that :func:`load` takes by themselves."""
+"""Fields of [simulation] that :func:`load` takes without their section."""
 
 
 def load(source: str | Path | Mapping[str, Any], **changes: Any) -> Study:
     """The study of a file, of a packaged case (``"case:NAME"``) or of a document (a mapping, as TOML would give it).
 
-    ``changes`` are what a study file would say, by section: ``grid=vd.grid(scr=3, x_over_r=4)``, ``controllers=[...]``,
-    ``events=[...]``, ``specification={...}``; ``P_ref``, ``Q_ref``, ``duration``, ``bridge``, ``start`` and
-    ``log_interval`` of the simulation may be given by themselves. Values are SI or texts with a unit ("4 kW"). What a
-    study file has to say and is left out is filled in: one scheduled controller, references of zero, and a run that
-    ends three seconds after the last event.
+    ``changes`` are the sections of a study file: ``grid=vd.grid(scr=3, x_over_r=4)``, ``controllers=[...]``,
+    ``events=[...]``, ``specification={...}``. ``P_ref``, ``Q_ref``, ``duration``, ``bridge``, ``start`` and
+    ``log_interval`` of the simulation may be given without their section. Values are in SI units or texts with a unit
+    ("4 kW"). Required fields that are left out get a default: one scheduled controller, references of zero, and a run
+    that ends three seconds after the last event.
 
-    Inner loops that the source leaves to be designed are designed; beside a file they are kept for the next time.
-    Raises StudyError with every fault at once.
+    If the source does not give the inner loops, they are designed. Those of a study file are kept beside it for the
+    next time. Raises StudyError with every fault at once.
     """
     if not isinstance(source, Mapping) and not changes and not str(source).startswith("case:"):
         from vsgdesign.pipeline.opening import open_study
@@ -38,13 +38,19 @@ def load(source: str | Path | Mapping[str, Any], **changes: Any) -> Study:
 
 
 def grid(**fields: Any) -> dict[str, Any]:
-    """A grid: ``scr`` and ``x_over_r``, or ``R_g`` (Ω) and ``L_g`` (H); in an event one of the first two may do."""
+    """A grid with ``scr`` and ``x_over_r``, or with ``R_g`` (Ω) and ``L_g`` (H).
+
+    In an event, ``scr`` or ``x_over_r`` alone may be enough.
+    """
     return fields
 
 
 def event(time: float | str, **fields: Any) -> dict[str, Any]:
-    """What changes at a time (s, or a text such as "2 s"): ``P_ref``, ``Q_ref``, ``grid``, ``V_g_pu``, ``f_g``,
-    ``over``, ``phase_jump``, ``name``, as in a study file's [[events]]."""
+    """An event at a time in s, or at a text such as "2 s".
+
+    The fields are those of [[events]] in a study file: ``P_ref``, ``Q_ref``, ``grid``, ``V_g_pu``, ``f_g``, ``over``,
+    ``phase_jump`` and ``name``.
+    """
     return {"time": time} | fields
 
 
@@ -54,7 +60,7 @@ def controller(name: str, kind: str = "scheduled", **fields: Any) -> dict[str, A
 
 
 def _sections(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Changes by section, the simulation's own fields put where they belong."""
+    """The changes by section. Fields of the simulation are moved into its section."""
     found = {key: value for key, value in changes.items() if key not in _SIMULATION}
     alone = {key: changes[key] for key in _SIMULATION if key in changes}
     if alone:
@@ -75,7 +81,7 @@ def _read(source: str | Path | Mapping[str, Any]) -> tuple[StudyOrigin, tuple[st
 
 
 def _inner_loops(files: tuple[str, ...]) -> InnerLoopSource:
-    """Gains for a request: those kept beside the study's file where they fit, else designed for this session."""
+    """Source of gains for a request: those kept beside the study's file if they fit, otherwise newly designed ones."""
 
     def gains(request: InnerLoopRequest) -> tuple[InnerLoopGains, float]:
         from vsgdesign.pipeline.opening import design_record, kept_record

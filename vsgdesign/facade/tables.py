@@ -1,4 +1,4 @@
-"""Gain tables: designed, looked at, certified, exported, loaded into a scheduler."""
+"""Functions that design, show, certify and export gain tables, and load them into a scheduler."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class DesignedTable(Shown):
-    """A gain table with what a build found. ``table`` is the data; ``document`` what ``table build --json`` prints."""
+    """A gain table with the results of its design.
+
+    ``table`` holds the data, and ``document`` is what ``table build --json`` prints.
+    """
 
     table: GainTable
     document: dict[str, Any]
@@ -33,17 +36,20 @@ class DesignedTable(Shown):
         return f"Gain table {self.table.name} of {self.table.study}"
 
     def sentences(self) -> Sequence[str]:
-        """What it is for and what is proved of it, as ``vsgdesign table show`` prints it."""
+        """The purpose of the table and what is proved about it, as ``vsgdesign table show`` prints it."""
         from vsgdesign.report.gain_table.words import heading
 
         return list(heading(self.table))
 
     def to_dict(self) -> dict[str, Any]:
-        """What was built, in JSON's types."""
+        """The result of the design in JSON's types."""
         return self.document
 
     def save(self, file: str | Path) -> Path:
-        """The table's file; a gain table that is there is replaced, anything else is refused (ArtifactError)."""
+        """Writes the table to a file and returns its path.
+
+        An existing gain table is replaced. Any other existing file raises ArtifactError.
+        """
         from vsgdesign.artifacts import write_table_file
 
         write_table_file(self.table, Path(file))
@@ -57,13 +63,16 @@ class DesignedTable(Shown):
 
 @dataclass(frozen=True)
 class Proof(Shown):
-    """What :func:`certify` found: a certificate, or a cell that forbids one. True where it is a certificate."""
+    """The result of :func:`certify`: a certificate, or a cell that makes one impossible.
+
+    It is true for a certificate.
+    """
 
     found: Certificate | Counterexample
 
     @property
     def title(self) -> str:
-        """Whose certificate it is."""
+        """The title, with the controller that was certified."""
         return f"Certificate of {self.found.controller}"
 
     @property
@@ -75,7 +84,7 @@ class Proof(Shown):
         return self.certified
 
     def sentences(self) -> Sequence[str]:
-        """What was proved, or the cell that forbids it."""
+        """What was proved, or the cell that makes a proof impossible."""
         from vsgdesign.report.gain_table.words import certificate_text
 
         return certificate_text(self.found).split("\n")
@@ -96,11 +105,11 @@ def design_table(
     points: int | None = None,
     progress: Progress | None = None,
 ) -> DesignedTable:
-    """Design the gain table of a scheduled controller (the last one, if none is named) to the study's specification.
+    """Designs the gain table of a scheduled controller (the last one, if none is named) to the study's specification.
 
-    ``workers``: processes (None: one per core); ``points``: random grids of each look between the nodes (2000). Raises
-    StudyError where the study has no [specification], and the errors of
-    :func:`vsgdesign.pipeline.table.build_table_file`, which keeps finished cells beside its file; here nothing is kept.
+    ``workers`` is the number of processes (None means one per core). ``points`` is the number of random grids of each
+    check between the nodes (default 2000). Nothing is written to a file. Raises StudyError if the study has no
+    [specification], and the errors of :func:`vsgdesign.pipeline.table.build_table_file`.
     """
     from vsgdesign.artifacts import read_table_file
     from vsgdesign.pipeline.table import build_table_file
@@ -114,7 +123,7 @@ def design_table(
 
 
 def open_table(file: str | Path) -> DesignedTable:
-    """The gain table of a file. Raises ArtifactError for a file that is damaged, or no gain table."""
+    """The gain table of a file. Raises ArtifactError if the file is damaged or is not a gain table."""
     from vsgdesign.artifacts import read_table_file
 
     return DesignedTable(read_table_file(file), {})
@@ -129,12 +138,13 @@ def certify(
     progress: Progress | None = None,
     **region: Any,
 ) -> Proof:
-    """One Lyapunov function over a region of grids, powers and estimate errors, or the cell that forbids it.
+    """Searches for one Lyapunov function over a region of grids, powers and estimate errors.
 
-    ``table``: the gains to prove, of a controller that takes them from a table; else it is read or designed first.
-    ``decay`` (1/s): prove this much; None: the largest. ``region``: ``scr``, ``x_over_r``, ``P_pu``, ``Q_pu`` (pairs),
-    ``error`` and ``rate`` (1/s) as in :func:`vsgdesign.certificate.region_of`; what is left out is the table's own
-    box. Raises the errors of :func:`vsgdesign.certificate.certify`.
+    The result is a certificate, or a cell that makes one impossible. ``table`` holds the gains of a controller that
+    takes them from a table; without it the table is read or designed first. ``decay`` is the decay rate in 1/s to be
+    proved; None asks for the largest. ``region`` may hold the pairs ``scr``, ``x_over_r``, ``P_pu`` and ``Q_pu``, and
+    ``error`` and ``rate`` (1/s), as in :func:`vsgdesign.certificate.region_of`. Whatever it leaves out is taken from
+    the box of the table. Raises the errors of :func:`vsgdesign.certificate.certify`.
     """
     from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.certificate import certify as prove
@@ -153,8 +163,11 @@ def certify(
 
 
 def export_c(source: DesignedTable | GainTable | str | Path, out: str | Path, **options: Any) -> ExportedC:
-    """C99 of a table (or of its file) into the folder ``out``; ``options`` as in
-    :func:`vsgdesign.export.export_c_files` (``weights``, ``study``, ``rate`` ...). Raises ArtifactError."""
+    """Writes the C99 code of a table (or of its file) into the folder ``out``.
+
+    ``options`` are those of :func:`vsgdesign.export.export_c_files` (``weights``, ``study``, ``rate`` ...). Raises
+    ArtifactError where the table does not fit or the folder cannot be written.
+    """
     from vsgdesign.artifacts import write_table_file
     from vsgdesign.export import export_c_files
 

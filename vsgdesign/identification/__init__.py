@@ -1,4 +1,4 @@
-"""Ways to measure the grid's impedance, as they run on a controller: one interface, one file each. NumPy alone."""
+"""Estimators of the grid's impedance, as they run on a controller. They share one interface and need NumPy alone."""
 
 from vsgdesign.identification.interface import (
     SIGNAL_SETS,

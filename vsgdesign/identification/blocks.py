@@ -1,4 +1,4 @@
-"""The R–L equation between the means of successive blocks of samples, as the recursive methods use it."""
+"""The R–L equation between the means of successive blocks of samples, for the recursive methods."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from vsgdesign.identification.frame import (
 from vsgdesign.identification.interface import Array, Installation, Samples
 
 MODEL_VARIANCE = 1e-6
-"""Of the equation itself, per unit: sampled ripple moves the voltage by some thousandths, whatever the sensors."""
+"""Variance of the equation itself, per unit. Sampled ripple changes the voltage by some thousandths, whatever the
+sensors are."""
 
 
 class Equation(NamedTuple):
@@ -28,7 +29,7 @@ class Equation(NamedTuple):
 
     @property
     def rows(self) -> tuple[Array, Array]:
-        """(2, 2) what (R, X) multiplies, and (2,) the voltage: real part, imaginary part."""
+        """The factors (2, 2) of (R, X) and the voltage (2,). The rows are the real part and the imaginary part."""
         return (
             np.array([[self.i.real, self.slope.real], [self.i.imag, self.slope.imag]]),
             np.array([self.v.real, self.v.imag]),
@@ -36,37 +37,38 @@ class Equation(NamedTuple):
 
 
 class BlockState(NamedTuple):
-    """The rotating frame and the block before."""
+    """The rotating frame and the last block."""
 
     angle: float = 0.0
-    """Of the frame at the next sample, rad."""
+    """Angle of the frame at the next sample, rad."""
     omega: float = float("nan")
-    """Its frequency, rad/s; NaN before the first window."""
+    """Frequency of the frame, rad/s; NaN before the first window."""
     v: complex = complex("nan")
-    """Mean of the last block, V; NaN where there is none."""
+    """Mean of the last block, V; NaN if there is none."""
     i: complex = complex("nan")
     """A."""
 
 
 def blocks_per_window(samples: int) -> int:
-    """Half a window, or a whole one where its number of samples is odd.
+    """Number of blocks in a window: two, or one where the number of samples is odd.
 
-    Over half a cycle the 5th and 7th harmonics, which turn at six times the grid's frequency here, are zero on average.
+    The 5th and 7th harmonics turn at six times the grid's frequency in this frame, so their mean over half a cycle is
+    zero.
     """
     return 1 if samples % 2 else 2
 
 
 def skipped_window(state: BlockState, samples: Samples, interval: float) -> BlockState:
-    """The state after samples that cannot be used: time has passed, and no equation may span them."""
+    """The state after samples that cannot be used. The frame turns on, and no equation may span these samples."""
     length = interval * sample_count(samples)
     return BlockState(advanced(state.angle, state.omega, length), state.omega)
 
 
 def equations(at: Installation, state: BlockState, samples: Samples) -> tuple[BlockState, list[Equation | None]]:
-    """One equation a block, of the block with the one before it; None where there is none before.
+    """One equation for each block together with the block before it; None for a block without one before it.
 
-    Block means rather than samples: the difference of two samples is mostly noise, and noise in a regressor pulls L to
-    zero (from noise of 0.1 % and 200 µs by more than half).
+    The equations use means of blocks and not single samples. The difference of two samples is mostly noise, and noise
+    in a regressor makes the estimate of L too small (with 0.1 % noise and 200 µs between samples, by more than half).
     """
     omega = followed_frequency(state.omega, samples.omega, at.sample_interval * sample_count(samples))
     v, i, angle = turned(samples, state.angle, omega, at.sample_interval)
@@ -94,16 +96,19 @@ def block_length(at: Installation) -> float:
 
 
 def equation_variance(at: Installation) -> float:
-    """Of one component of an equation's error, per unit, from the sensors; the guess weighs the current's noise."""
+    """Variance of one component of an equation's error, per unit, from the noise of the sensors.
+
+    The first guess of the grid weighs the noise of the current.
+    """
     size = at.samples // blocks_per_window(at.samples)
     R_g, L_g = at.guess
     Z_sq = R_g**2 + (at.omega_n * L_g) ** 2
     block_v, block_i = (space_vector_variance(s) / size for s in at.noise)
     error = 0.5 * (block_v + Z_sq * block_i) + 2.0 * (L_g / block_length(at)) ** 2 * block_i
-    return 0.5 * error / at.V_base**2 + MODEL_VARIANCE  # of one of two components
+    return 0.5 * error / at.V_base**2 + MODEL_VARIANCE  # half of it belongs to each of the two components
 
 
 def in_ohm_and_henry(at: Installation, covariance: Array) -> Array:
-    """A (2, 2) covariance of per-unit (R, X) as one of (R_g, L_g)."""
+    """The covariance (2, 2) of (R_g, L_g) from that of (R, X) in per unit."""
     scale = np.array([at.Z_base, at.Z_base / at.omega_n])
     return covariance * np.outer(scale, scale)

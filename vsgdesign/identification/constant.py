@@ -1,4 +1,4 @@
-"""The guess that never looks: what any method must be better than."""
+"""The constant guess. It ignores all measurements, so every useful method must be better than it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from vsgdesign.identification.interface import Estimate, Installation, Needs, No
 
 @dataclass(frozen=True)
 class ConstantGuess:
-    """Always the same grid."""
+    """An estimator that always answers with the same grid."""
 
     at: Installation
     title: str = "Constant guess"
@@ -17,7 +17,7 @@ class ConstantGuess:
 
     @property
     def needs(self) -> Needs:
-        """Windows, to answer in the pace of the others."""
+        """It takes windows, so that it answers as often as the other methods."""
         return Needs(self.at.samples, self.at.sample_interval)
 
     def first(self) -> NoMemory:
@@ -25,8 +25,8 @@ class ConstantGuess:
         return NoMemory()
 
     def probe(self, state: NoMemory) -> None:
-        """It asks for none."""
+        """This method needs no probe."""
 
     def update(self, state: NoMemory, samples: Samples) -> tuple[NoMemory, Estimate]:  # noqa: ARG002
-        """The guess, whatever was measured."""
+        """Returns the guess, whatever was measured."""
         return state, Estimate(*self.at.guess, "ok")

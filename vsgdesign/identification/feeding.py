@@ -1,4 +1,4 @@
-"""An estimator with what it remembers, fed with windows or sample by sample, as a controller does."""
+"""An estimator together with its state. It takes windows or single samples, as on a controller."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ _NAN = float("nan")
 
 
 class FeedState(NamedTuple):
-    """What is remembered from one sample to the next."""
+    """The state between two samples."""
 
     memory: Any
     """The estimator's own state."""
     filled: int
-    """Samples of the present window so far."""
+    """Number of samples of the present window so far."""
     limited: int
-    """In how many of them the current was limited."""
+    """Number of these samples in which the converter limited its current."""
     omega: float
-    """The converter's frequency at the last of them, rad/s."""
+    """Frequency of the converter at the last of these samples, rad/s."""
     window: Array
-    """(2, C, filled): voltage and current, components, samples."""
+    """Samples (2, C, filled): voltage and current, C components, filled samples."""
     theta: Array
-    """(filled,): rad."""
+    """Angle of the converter at these samples (filled,), rad."""
     sent: NDArray[np.complex128]
     """(filled,)."""
 
 
 class FedEstimator:
-    """For one converter, and not for two threads at once: it remembers."""
+    """An estimator with its state, for one converter. Two threads must not share it."""
 
     def __init__(self, estimator: Estimator) -> None:
         self.estimator = estimator
@@ -51,7 +51,7 @@ class FedEstimator:
 
     @property
     def probe(self) -> Probe | None:
-        """The probe that is to be sent from now on."""
+        """The probe that the converter is to inject from now on."""
         return self.estimator.probe(self._memory)
 
     def window(
@@ -63,10 +63,10 @@ class FedEstimator:
         sent: NDArray[np.complex128] | None = None,
         limited: int = 0,
     ) -> Estimate | None:
-        """The estimate after as many samples as the estimator takes at once; None where no answer is due.
+        """The estimate after one window with as many samples as the estimator takes; None if no answer is due.
 
-        Arguments as in :class:`vsgdesign.identification.Samples`; what is not measured is left out. Raises
-        ArtifactError for another number of samples.
+        The arguments are those of :class:`vsgdesign.identification.interface.Samples`. Signals that are not measured
+        are left out. Raises ArtifactError for another number of samples.
         """
         half = self._components * self.samples
         if v.size != half or i.size != half or v.shape != i.shape:
@@ -88,10 +88,10 @@ class FedEstimator:
     def push(
         self, v: Any, i: Any, omega: float = _NAN, theta: float = _NAN, sent: complex = 0j, limited: bool = False
     ) -> bool:
-        """One sample of v and i, or its components; whether an answer is due.
+        """Takes one sample of v and i, or its components. Returns whether an answer is due.
 
-        Where a window is whole, further samples are left out until :meth:`answer`; an estimator that is fed sample by
-        sample goes on.
+        When a window is complete, further samples are ignored until :meth:`answer` is called. An estimator that takes
+        single samples ignores none.
         """
         k, n = self._filled, self.samples
         if k < n:
@@ -107,7 +107,7 @@ class FedEstimator:
         return self._filled == n
 
     def answer(self) -> Estimate | None:
-        """The estimate that is due; None where there is none."""
+        """The estimate that is due; None if there is none."""
         if self.samples == 1:
             found, self._due = self._due, None
             return found
@@ -119,23 +119,23 @@ class FedEstimator:
         return found
 
     def state(self) -> FeedState:
-        """Everything remembered but an answer that is due and was not taken yet."""
+        """The whole state, except an answer that is due and was not yet taken."""
         kept = self._filled
         window = self._window.reshape(2, self._components, -1)[:, :, :kept].copy()
         theta, sent = self._theta[:kept].copy(), self._sent[:kept].copy()
         return FeedState(self._memory, kept, self._limited, self._omega, window, theta, sent)
 
     def document(self) -> dict[str, Any]:
-        """:meth:`state` in JSON's types."""
+        """The :meth:`state` in JSON's types."""
         return memory_document(self.state())
 
     def restore(self, document: Any) -> None:
-        """Go on from :meth:`document`, to the same bits. Raises ArtifactError where it is none of this estimator."""
+        """Continues from a :meth:`document` with the same bits. Raises ArtifactError if it is not of this estimator."""
         state: FeedState = memory_of(document, FedEstimator(self.estimator).state(), "state.estimator")
         kept = state.filled
         whole = 0 <= kept <= self.samples and state.window.shape == (2, self._components, kept)
         if not whole or not state.theta.shape == state.sent.shape == (kept,):
-            raise ArtifactError("state.estimator.window: is not what this estimator's window is; start afresh.")
+            raise ArtifactError("state.estimator.window: it is not a window of this estimator; start afresh.")
         self._memory, self._filled = state.memory, kept
         self._limited, self._omega = state.limited, state.omega
         self._window.reshape(2, self._components, -1)[:, :, :kept] = state.window

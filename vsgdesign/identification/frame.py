@@ -1,4 +1,4 @@
-"""The frame that the classical methods look from: it turns at the grid's frequency as a converter knows it."""
+"""The rotating frame of the classical methods. It turns at the grid's frequency as the converter knows it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vsgdesign.frames import clarke
 from vsgdesign.identification.interface import ComplexArray, Samples
 
 FREQUENCY_MEMORY = 1.0
-"""Over how long the converter's own frequency is averaged, s: at rest that is the grid's frequency."""
+"""Time over which the converter's own frequency is averaged, s. In the steady state it is the grid's frequency."""
 
 
 def followed_frequency(known: float, measured: float, length: float) -> float:
@@ -23,8 +23,10 @@ def followed_frequency(known: float, measured: float, length: float) -> float:
 
 
 def turned(samples: Samples, angle: float, omega: float, interval: float) -> tuple[ComplexArray, ComplexArray, float]:
-    """v and i (n,) of αβ samples in the frame that stands at ``angle`` (rad) at the first of them, and its angle at the
-    sample that follows the last: there the grid's phasor stands still."""
+    """The αβ samples v and i (n,) in the rotating frame, in which the phasor of the grid is constant.
+
+    The frame is at ``angle`` (rad) at the first sample. The third result is its angle at the sample after the last.
+    """
     v, i = (np.reshape(x, (2, -1)) for x in (samples.v, samples.i))
     count = v.shape[1]
     turn = np.exp(-1j * (angle + omega * interval * np.arange(count)))
@@ -32,16 +34,16 @@ def turned(samples: Samples, angle: float, omega: float, interval: float) -> tup
 
 
 def advanced(angle: float, omega: float, length: float) -> float:
-    """An angle (rad) after ``length`` s at ω; where the frequency is not known yet it stays."""
+    """An angle (rad) after ``length`` s at ω. It does not change while the frequency is not known."""
     return math.remainder(angle + omega * length, 2.0 * math.pi) if math.isfinite(omega) else angle
 
 
 def sample_count(samples: Samples) -> int:
-    """How many αβ samples there are."""
+    """The number of αβ samples."""
     return samples.v.size // 2
 
 
 def space_vector_variance(deviation: float) -> float:
-    """E|n|² of a sample of the space vector α + jβ from three phases' noise (:eq:`phasor-noise`)."""
+    """E|n|² of a sample of the space vector α + jβ from the noise of three phases (:eq:`phasor-noise`)."""
     alpha, beta = zip(*(clarke(*phase) for phase in np.eye(3)), strict=True)
     return deviation**2 * float(np.sum(np.square(alpha)) + np.sum(np.square(beta)))

@@ -1,4 +1,4 @@
-"""A small voltage at one frequency beside the fundamental: the paper's comparator."""
+"""Injection of a small voltage at one frequency beside the fundamental. The paper compares its network with it."""
 
 from __future__ import annotations
 
@@ -26,43 +26,43 @@ from vsgdesign.identification.sampling import near_a_millisecond
 
 
 class InjectionState(NamedTuple):
-    """What the method remembers."""
+    """State of the method."""
 
     angle: float
-    """Of the frame that turns with the grid, rad."""
+    """Angle of the frame that turns with the grid, rad."""
     omega: float
     line_angle: float
-    """Of the injected line in that frame, rad."""
+    """Angle of the injected line in that frame, rad."""
     v: ComplexArray
-    """(windows − 1,): the line in the last windows, the oldest first, V; NaN where there is none."""
+    """The line in the last windows (windows − 1,), the oldest first, V; NaN where there is none."""
     i: ComplexArray
     """A."""
 
 
 @dataclass(frozen=True)
 class Injection:
-    """A positive-sequence voltage of 1.5 times the nominal frequency and ``amplitude`` (of rated), measured over
-    ``windows`` windows by a Fourier sum (:eq:`injection`).
+    """Injection of a positive-sequence voltage at 1.5 times the nominal frequency (:eq:`injection`).
 
-    Two cycles are the shortest that hold whole periods of 50 and 75 Hz, so two windows of whole cycles do; a window's
-    answer is from those that end with it.
+    Its ``amplitude`` is relative to the rated voltage. A Fourier sum over ``windows`` windows measures it. Two cycles
+    are the shortest time with whole periods of 50 Hz and 75 Hz, so two windows of whole cycles are enough. The answer
+    of a window comes from the windows that end with it.
     """
 
     at: Installation
     amplitude: float = 0.005
     windows: int = 2
     believed: float = 0.3
-    """Largest standard deviation, relative to |Z|, of an estimate that is followed."""
+    """An estimate is followed up to this standard deviation, relative to |Z|."""
     signals: str = "injection"
 
     @property
     def title(self) -> str:
-        """With its frequency."""
+        """The name with the injected frequency."""
         return f"{self.frequency_hz:.3g} Hz injection"
 
     @property
     def frequency_hz(self) -> float:
-        """What is injected, in the stationary frame, Hz."""
+        """The injected frequency in the stationary frame, Hz."""
         return 1.5 * self.at.nominal_hz
 
     @property
@@ -72,23 +72,23 @@ class Injection:
 
     @cached_property
     def hold(self) -> float:
-        """For how long each value of the probe is held, s: about a millisecond."""
+        """Time for which each value of the probe is held, s. It is about a millisecond."""
         return near_a_millisecond(self.windows * round(self.at.window / self.at.T_s), self.at.T_s)
 
     @property
     def needs(self) -> Needs:
-        """Windows of α and β, and the probe."""
+        """It needs windows of α and β, and the probe."""
         return Needs(self.at.samples, self.at.sample_interval, probe_hold=self.hold)
 
     @cached_property
     def line(self) -> Probe:
-        """The injected voltage in the converter's frame, where it turns at the difference of the two frequencies."""
+        """The injected voltage in the converter's frame, in which it turns at the difference of the two frequencies."""
         steps = round(self.windows * self.at.window / self.hold)
         values = self.amplitude * np.exp(1j * self.slip * self.hold * np.arange(steps))
         return Probe(values.astype(complex), self.hold)
 
     def probe(self, state: InjectionState) -> Probe:  # noqa: ARG002
-        """Always the same line."""
+        """The probe, which is always the same line."""
         return self.line
 
     def first(self) -> InjectionState:
@@ -97,7 +97,7 @@ class Injection:
         return InjectionState(0.0, np.nan, 0.0, none, none)
 
     def update(self, state: InjectionState, samples: Samples) -> tuple[InjectionState, Estimate]:
-        """V/I at the injected frequency."""
+        """Computes the estimate from V/I at the injected frequency."""
         at, count = self.at, sample_count(samples)
         length = at.sample_interval * count
         line_angle = advanced(state.line_angle, self.slip, length)
@@ -114,20 +114,23 @@ class Injection:
         if not np.isfinite(V):
             return state, no_estimate("waiting")
         if current == 0.0:
-            return state, no_estimate("waiting", "no current answers at the injected frequency: no estimate")
+            return state, no_estimate("waiting", "the current has no component at the injected frequency: no estimate")
         Z = V / current
         covariance = self._covariance(Z, current, omega, count)
         return state, with_belief(Z.real, Z.imag / (omega + self.slip), covariance, omega, self.believed)
 
     def lines(self, i: ComplexArray, interval: float) -> tuple[ComplexArray, Array, int]:
-        """What a bound is about: the line in currents (n,) of the rotating frame, its frequency in that frame (rad/s)
-        and over how many of their last samples it is taken."""
+        """The data of the error bound, from currents (n,) of the rotating frame.
+
+        Returns the line in these currents, its frequency in that frame (rad/s) and the number of last samples over
+        which it is taken.
+        """
         count = self.windows * round(self.at.window / interval)
         back = np.exp(-1j * self.slip * interval * np.arange(len(i)))
         return np.array([(i * back)[-count:].mean()]), np.array([self.slip]), count
 
     def _covariance(self, Z: complex, current: complex, omega: float, count: int) -> Array | None:
-        """Of (R_g, L_g) from the sensors (:eq:`bound-probe`); None where their noise is not known."""
+        """Covariance of (R_g, L_g) from the noise of the sensors (:eq:`bound-probe`); None if this is not known."""
         if max(self.at.noise) == 0.0:
             return None
         s_v, s_i = (space_vector_variance(deviation) / (count * self.windows) for deviation in self.at.noise)

@@ -1,4 +1,4 @@
-"""What every estimator of the grid's impedance is given, what it answers, and what it says of itself."""
+"""The interface of all estimators of the grid's impedance: their inputs, their answers and their descriptions."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ STATUSES = {
     "ok": "an estimate",
     "not finite": "a sample is not a number: no estimate; keep the one before",
     "saturated": "a sample is at or beyond the sensor's limit: no estimate; keep the one before",
-    "outside": "an estimate, but beyond what the network was trained on: clipped to the trained range",
+    "outside": "the estimate is beyond the range of the network's training: clipped to this range",
     "limited": "the converter limited its current within the window: no estimate; keep the one before",
     "waiting": "too few samples so far: no estimate yet",
-    "uncertain": "an estimate whose standard deviation is too large to follow; keep the one before",
-    "implausible": "R_g or L_g is negative, as no grid's is: an estimate to count, not to follow",
-    "held": "nothing new was seen: the estimate before, again",
+    "uncertain": "the standard deviation of the estimate is too large to follow it; keep the one before",
+    "implausible": "R_g or L_g is negative, so this is not a grid: the estimate is counted but not followed",
+    "held": "the samples contain nothing new: the estimate before is repeated",
 }
-"""What an estimate's status says."""
+"""The meaning of each status of an estimate."""
 
 FOLLOWED = ("ok", "outside")
-"""Statuses of an estimate that a schedule may follow. With any other status the gains go on as they are."""
+"""Statuses of an estimate that a schedule may follow. With any other status the gains do not change."""
 
 CHANNELS = {"phase_a": 1, "alpha_beta": 2, "dq": 2}
-"""How voltage and current can be sampled, and in how many components: phase A alone, α and β, or d and q of the
+"""Ways to sample voltage and current, with their number of components: phase A alone, α and β, or d and q with the
 converter's own angle."""
 
 
 class Estimate(NamedTuple):
-    """R_g in Ω and L_g in H, NaN where there is no estimate, and whether to believe them (a key of ``STATUSES``)."""
+    """R_g in Ω and L_g in H, or NaN if there is no estimate, with a status (a key of ``STATUSES``)."""
 
     R_g: float
     L_g: float
     status: str
     covariance: Array | None = None
-    """(2, 2) of (R_g, L_g): Ω², Ω·H, H². None: not known."""
+    """Covariance (2, 2) of (R_g, L_g) in Ω², Ω·H and H². None if it is not known."""
     reason: str = ""
-    """More than the status says, in words, where there is more."""
+    """A more precise reason than that of the status, in words, if there is one."""
 
     @property
     def why(self) -> str:
-        """The reason, or what the status says."""
+        """The reason if there is one, otherwise the meaning of the status."""
         return self.reason or STATUSES.get(self.status, self.status)
 
 
@@ -59,33 +59,37 @@ def no_estimate(status: str, reason: str = "") -> Estimate:
 
 
 class Samples(NamedTuple):
-    """What a converter has measured since the last update: n samples, SI, peak."""
+    """The n samples that a converter has measured since the last update, in SI units and peak values."""
 
     v: Array
     """Voltage at the PCC, V: (n,) for phase A, (2, n) for αβ and dq."""
     i: Array
-    """Current into the grid, A; same shape."""
+    """Current into the grid, A, in the same shape."""
     omega: float
     """The converter's own frequency at the last sample, rad/s."""
     theta: Array
-    """(n,): the converter's own angle, rad: its d axis against α. With what a voltage probe adds to it."""
+    """Angle (n,) of the converter's own d axis against α, rad. It includes the part that a voltage probe adds."""
     sent: ComplexArray
-    """(n,): the probe as it was sent, not as it was wanted; zeros where there was none. Unit as in :class:`Probe`."""
+    """The probe (n,) as it was injected, which may differ from the one asked for. It is zero without a probe.
+
+    The unit is that of :class:`Probe`.
+    """
     limited: int = 0
-    """Of these samples, in how many the converter limited its current."""
+    """Number of these samples in which the converter limited its current."""
 
 
 @dataclass(frozen=True, eq=False)
 class Probe:
-    """A disturbance that makes the grid visible (:eq:`probe`).
+    """A small disturbance from whose response the impedance of the grid is measured (:eq:`probe`).
 
-    ``values`` (K,), complex, are sent one after another, each held for ``hold`` s, a whole multiple of the controller's
-    sampling period, and over again. They begin when the probe is first asked for; the same object asked for again goes
-    on where it is, another one begins anew.
+    The complex ``values`` (K,) are injected one after another and then repeated. Each is held for ``hold`` s, a whole
+    multiple of the controller's sampling period. The sequence begins when the estimator first asks for the probe. If it
+    asks for the same object again, the sequence continues; another object begins from its first value.
 
-    ``quantity`` ``voltage``: d and q in the converter's frame, relative to the rated voltage, added to the reference of
-    the inner voltage loop. The power loops see its answer in P and Q, and the Q loop's droop sees the added magnitude.
-    ``quantity`` ``power``: P + jQ relative to the rating, added to the references of the power loops.
+    With ``quantity`` ``voltage``, a value is d + jq in the converter's frame, relative to the rated voltage. It is
+    added to the reference of the inner voltage loop. The power loops see the response in P and Q, and the droop of the
+    Q loop sees the added magnitude. With ``quantity`` ``power``, a value is P + jQ relative to the rating. It is added
+    to the references of the power loops.
     """
 
     values: ComplexArray
@@ -95,24 +99,24 @@ class Probe:
 
 @dataclass(frozen=True)
 class Needs:
-    """What an estimator asks for."""
+    """The data that an estimator needs."""
 
     samples: int
-    """Samples of an update: those of a window, or 1 to be fed sample by sample."""
+    """Number of samples of an update: those of a window, or 1 for an estimator that takes single samples."""
     sample_interval: float
-    """s, a whole multiple of the controller's sampling period."""
+    """Time between two samples, s: a whole multiple of the controller's sampling period."""
     channels: str = "alpha_beta"
     """One of ``CHANNELS``."""
     grid_phase: bool = False
-    """Whether windows must begin at the phase of the grid's own voltage that it was trained with. No converter in the
-    field has that signal: the simulator lends it, and says so."""
+    """Whether windows must begin at the phase of the grid's own voltage that was used in its training. No converter in
+    the field has this signal. The simulator provides it, and the report says so."""
     probe_hold: float | None = None
-    """For how long each value of its probes is held, s. None: it asks for no probe."""
+    """Time for which each value of its probes is held, s. None if it never asks for a probe."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Installation:
-    """The converter and the sensors that an estimator is built for, SI."""
+    """The converter and the sensors for which an estimator is built, in SI units."""
 
     T_s: float
     """Sampling period of the controller, s."""
@@ -123,22 +127,22 @@ class Installation:
     Z_base: float
     """Base impedance, Ω."""
     samples: int
-    """Samples of a window, which is ``cycles`` nominal cycles long or as near to it as the control period allows."""
+    """Samples of a window, which is ``cycles`` nominal cycles long, or as close to it as the control period allows."""
     sample_interval: float
     """s."""
     cycles: int = 1
     guess: tuple[float, float] = (0.0, 0.0)
-    """R_g (Ω) and L_g (H) to begin with."""
+    """First guess of R_g (Ω) and L_g (H)."""
     noise: tuple[float, float] = (0.0, 0.0)
-    """Standard deviation of one sample of one phase's sensor, V and A; zeros: not known."""
+    """Standard deviation of one sample of the sensor of one phase, V and A. Zeros mean that it is not known."""
     v_limit: float = float("inf")
-    """Where the voltage sensors saturate, V."""
+    """Voltage at which the voltage sensors saturate, V."""
     i_limit: float = float("inf")
-    """Where the current sensors saturate, A."""
+    """Current at which the current sensors saturate, A."""
     weights: Any = None
     """Trained weights (artifacts.network_weights.NetworkWeights) for an estimator that needs them."""
     grid_phase: bool = False
-    """Whether windows will begin at the grid phase that an estimator was trained with."""
+    """Whether windows will begin at the grid phase with which the estimator was trained."""
 
     @property
     def window(self) -> float:
@@ -147,29 +151,33 @@ class Installation:
 
     @property
     def nominal_hz(self) -> float:
-        """The frequency whose whole cycles a window holds, Hz: the grid's own where a window is exactly that."""
+        """The frequency of which a window holds whole cycles, Hz.
+
+        It is the nominal one if a window is exactly that long.
+        """
         return self.cycles / self.window
 
 
 class Estimator(Protocol):
-    """One way to measure the grid, built for an installation.
+    """A method that measures the grid, built for an installation.
 
-    It is frozen: what it remembers is its state, a NamedTuple that goes in and out, to copy, save and compare.
+    The object is frozen. Its state is a separate NamedTuple that is passed in and returned, so that it can be copied,
+    saved and compared.
     """
 
     @property
     def title(self) -> str:
-        """As figures and tables call it."""
+        """The name of the method in figures and tables."""
         ...
 
     @property
     def signals(self) -> str:
-        """What it lives on: a key of ``SIGNAL_SETS``."""
+        """The signals from which it works: a key of ``SIGNAL_SETS``."""
         ...
 
     @property
     def needs(self) -> Needs:
-        """What it asks for."""
+        """The data that it needs."""
         ...
 
     def first(self) -> Any:
@@ -177,24 +185,27 @@ class Estimator(Protocol):
         ...
 
     def update(self, state: Any, samples: Samples) -> tuple[Any, Estimate | None]:
-        """The state after some samples and the estimate; None where no answer is due at these samples.
+        """The state after some samples, and the estimate, which is None if no answer is due at these samples.
 
-        No exception is ever raised for what the samples are.
+        The values of the samples never raise an exception.
         """
         ...
 
     def probe(self, state: Any) -> Probe | None:
-        """The probe that it wants to be sent from now on; None: none."""
+        """The probe that the converter is to inject from now on; None for no probe."""
         ...
 
 
 @runtime_checkable
 class ProbeLines(Protocol):
-    """An estimator that reads lines beside the fundamental, of which the bound of its error can be computed."""
+    """An estimator that measures spectral lines beside the fundamental. The bound of its error can be computed."""
 
     def lines(self, i: ComplexArray, interval: float) -> tuple[ComplexArray, Array, int]:
-        """Of the current (n,) in the rotating frame (A), sampled every ``interval`` s: phasors (M,), their angular
-        frequencies in that frame (M,), rad/s, and over how many of the last samples they are taken."""
+        """The spectral lines of a current (n,) in the rotating frame (A), which is sampled every ``interval`` s.
+
+        Returns phasors (M,), their angular frequencies in that frame (M,) in rad/s, and the number of last samples over
+        which they are taken.
+        """
         ...
 
 
@@ -207,39 +218,39 @@ SIGNAL_SETS = {
     "pseudo_random": "one period of the binary sequence",
     "other": "signals of its own: no bound is known",
 }
-"""Signals that an estimator can live on, in words. A bound of its error belongs to each but the first and the last."""
+"""Signals from which an estimator can work, in words. Each but the first and the last has a bound of the error."""
 
 
 @dataclass(frozen=True)
 class EstimatorKind:
-    """An estimator that can be asked for by name."""
+    """An estimator that a study can select by name."""
 
     title: str
-    """What it is, in words that go on after "the estimate of": ``"the extended Kalman filter"``."""
+    """Its name in words that can follow "the estimate of": ``"the extended Kalman filter"``."""
     build: Callable[[Installation], Estimator]
-    """Raises ArtifactError where it cannot be built for an installation, with all that does not fit."""
+    """Builds the estimator for an installation. Raises ArtifactError with everything that does not fit."""
     trained: bool = False
     """Whether it needs trained weights."""
     in_c: bool = False
-    """Whether there is C for it."""
+    """Whether the C export contains it."""
 
 
 class NoMemory(NamedTuple):
-    """State of an estimator that remembers nothing."""
+    """State of an estimator without memory."""
 
 
 @dataclass(frozen=True)
 class SpoiltBy:
-    """What makes samples useless: the sensors' limits in V and A."""
+    """The limits of the sensors in V and A. Samples at or beyond a limit are useless."""
 
     v_limit: float = field(default=float("inf"))
     i_limit: float = field(default=float("inf"))
 
     def status(self, samples: Samples) -> str | None:
-        """The status of samples that cannot be used; None where they can.
+        """The status of samples that cannot be used; None if they can be used.
 
-        A limited current is the answer to a disturbance of the grid, which a passive method would take for the grid's
-        impedance, and a probe does not get through as it was wanted.
+        While the current is limited, it responds to a disturbance of the grid, and a passive method would take this
+        response for the grid's impedance. A probe also does not reach the grid as it was asked for.
         """
         if samples.limited > 0:
             return "limited"
@@ -250,9 +261,12 @@ class SpoiltBy:
 
 
 def with_belief(R_g: float, L_g: float, covariance: Array | None, omega: float, believed: float) -> Estimate:
-    """An estimate that is followed where the standard deviation of Z at ω (rad/s) is less than ``believed`` of |Z|, or
-    where its covariance is not known; and where it is a grid: R_g at least −10 % of |Z|, for what error does to a grid
-    without resistance, and L_g positive."""
+    """An estimate with its status. It is followed if it is precise enough and if it describes a possible grid.
+
+    It is precise enough if the standard deviation of Z at ω (rad/s) is less than ``believed`` times |Z|, or if its
+    covariance is not known. It is a possible grid if L_g is positive and R_g is at least −10 % of |Z|: an error of the
+    estimate may make a small resistance negative.
+    """
     if not np.isfinite(R_g + L_g):
         return no_estimate("not finite", "the method's equations have no solution here: keep the estimate before")
     size = float(np.hypot(R_g, omega * L_g))

@@ -1,4 +1,4 @@
-"""Extended Kalman filter of an R–L grid: R, L, the grid's phasor and its frequency as states."""
+"""Extended Kalman filter of an R–L grid. Its states are R, L, the phasor of the grid and its frequency."""
 
 from __future__ import annotations
 
@@ -32,23 +32,24 @@ from vsgdesign.identification.interface import (
 
 
 class KalmanState(NamedTuple):
-    """What the filter remembers."""
+    """State of the filter."""
 
     blocks: BlockState
     started: int
-    """0 until the first equation."""
+    """Whether there was an equation: 0 until the first one."""
     x: Array
-    """(5,): R and X of the base impedance, the grid's phasor per unit, its frequency's deviation in rad/s."""
+    """States (5,): R and X relative to the base impedance, the grid's phasor (2) in per unit, and the deviation of its
+    frequency in rad/s."""
     P: Array
     """(5, 5)."""
 
 
 @dataclass(frozen=True)
 class ExtendedKalmanFilter:
-    """Five states: R_g, L_g, the grid's phasor (2) and how far its frequency is off (:eq:`kalman`).
+    """Kalman filter with five states: R_g, L_g, the grid's phasor (2) and the error of its frequency (:eq:`kalman`).
 
-    R_g and L_g walk at random by ``drift`` (of the base impedance, per √s), the phasor by ``g_drift`` (per unit per
-    √s), its frequency by ``omega_drift`` (rad/s per √s).
+    The states follow random walks. ``drift`` is that of R_g and L_g (relative to the base impedance, per √s),
+    ``g_drift`` that of the phasor (per unit per √s) and ``omega_drift`` that of its frequency (rad/s per √s).
     """
 
     at: Installation
@@ -56,13 +57,13 @@ class ExtendedKalmanFilter:
     g_drift: float = 1e-4
     omega_drift: float = 1e-3
     believed: float = 0.3
-    """Largest standard deviation, relative to |Z|, of an estimate that is followed."""
+    """An estimate is followed up to this standard deviation, relative to |Z|."""
     title: str = "Extended Kalman filter"
     signals: str = "windows"
 
     @property
     def needs(self) -> Needs:
-        """Windows of α and β."""
+        """It needs windows of α and β."""
         return Needs(self.at.samples, self.at.sample_interval)
 
     @cached_property
@@ -70,13 +71,13 @@ class ExtendedKalmanFilter:
         return equation_variance(self.at)
 
     def first(self) -> KalmanState:
-        """The guess, with a wide covariance."""
+        """The first guess, with a large covariance."""
         R_g, L_g = self.at.guess
         x = np.array([R_g / self.at.Z_base, L_g * self.at.omega_n / self.at.Z_base, 0.0, 0.0, 0.0])
         return KalmanState(BlockState(), 0, x, np.diag([0.05, 0.05, 0.05, 0.05, 1e-5]))
 
     def probe(self, state: KalmanState) -> None:
-        """It asks for none."""
+        """This method needs no probe."""
 
     def update(self, state: KalmanState, samples: Samples) -> tuple[KalmanState, Estimate]:
         """The estimate after a window."""
@@ -100,7 +101,7 @@ class ExtendedKalmanFilter:
         return state, with_belief(R_g, L_g, covariance, self.at.omega_n, self.believed)
 
     def _later(self, state: KalmanState) -> KalmanState:
-        """The prediction for the next block; there is nothing to predict before the first equation."""
+        """The prediction for the next block. Before the first equation the state does not change."""
         if not state.started:
             return state
         h = block_length(self.at)
@@ -123,7 +124,8 @@ class ExtendedKalmanFilter:
 
 
 def turn_grid(x: Array, h: float) -> tuple[Array, Array]:
-    """States (5,) after h s, in which the grid's phasor turns by its frequency's deviation, and their Jacobian."""
+    """The states (5,) after h s, in which the grid's phasor turns with the deviation of its frequency, and their
+    Jacobian."""
     turn = cmath.exp(1j * h * x[4])
     g = complex(x[2], x[3]) * turn
     by_omega = 1j * h * g

@@ -1,4 +1,4 @@
-"""What an estimator remembers, as JSON holds it: every number the same to the last bit."""
+"""The state of an estimator as a JSON document, with every number the same to the last bit."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def memory_document(state: Any) -> Any:
 
 
 def memory_of(document: Any, like: Any, where: str = "state.memory") -> Any:
-    """The state of a document, of the kind of another state of the same estimator.
+    """The state of a document. ``like`` is any state of the same estimator, of which it takes the types.
 
-    Raises ArtifactError where it is none.
+    Raises ArtifactError if the document is not such a state.
     """
     try:
         return _read(document, like, where)
     except (TypeError, ValueError, KeyError) as error:
-        raise ArtifactError(f"{where}: is not what this estimator remembers; start afresh.") from error
+        raise ArtifactError(f"{where}: it is not a state of this estimator; start afresh.") from error
 
 
 def _read(document: Any, like: Any, where: str) -> Any:
@@ -59,5 +59,5 @@ def _number(value: Any) -> float:
     if value is None:
         return math.nan
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError(f"{value!r} is no number")
+        raise TypeError(f"{value!r} is not a number")
     return float(value)

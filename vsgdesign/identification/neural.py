@@ -1,4 +1,5 @@
-"""The neural estimator as it ships: a window in, the grid's R and L out, or the reason why not."""
+"""The neural estimator as it runs on the controller. From a window it estimates R and L of the grid, or says why
+not."""
 
 from __future__ import annotations
 
@@ -24,8 +25,10 @@ _LIMITED = no_estimate("limited")
 
 
 def fold(network: Any) -> tuple[Array, Array, Array, Array]:
-    """W_1, b_1, W_2, b_2 of a network (artifacts.network_weights.Network) for windows in V and A and answers in Ω and H
-    (:eq:`fold-scaling`)."""
+    """W_1, b_1, W_2, b_2 of a network (artifacts.network_weights.Network) with its scaling folded in.
+
+    They take windows in V and A and give answers in Ω and H (:eq:`fold-scaling`).
+    """
     gain, offset = network.inputs.gain_and_offset()
     gain_out, offset_out = network.outputs.gain_and_offset()
     return (
@@ -40,7 +43,7 @@ def fold(network: Any) -> tuple[Array, Array, Array, Array]:
 class NeuralEstimator:
     """A network with its scaling folded in. Made by :func:`neural_estimator`.
 
-    ``v_limit`` (V) and ``i_limit`` (A): a sample that reaches its sensor's limit spoils the window.
+    ``v_limit`` (V) and ``i_limit`` (A) are the limits of the sensors. A window with a sample at its limit is not used.
     """
 
     W_1: Array
@@ -57,13 +60,13 @@ class NeuralEstimator:
     """s."""
     channels: str = "phase_a"
     synchronised: bool = False
-    """Whether its windows begin at a phase of the grid's own voltage."""
+    """Whether its windows begin at a given phase of the grid's own voltage."""
     title: str = "Neural network"
     signals: str = "steady"
 
     @property
     def needs(self) -> Needs:
-        """Windows as it was trained on."""
+        """It needs windows like those of its training."""
         return Needs(self.samples, self.sample_interval, self.channels, self.synchronised)
 
     def first(self) -> NoMemory:
@@ -71,17 +74,17 @@ class NeuralEstimator:
         return NoMemory()
 
     def probe(self, state: NoMemory) -> None:
-        """It asks for none."""
+        """This method needs no probe."""
 
     def update(self, state: NoMemory, samples: Samples) -> tuple[NoMemory, Estimate]:
-        """:meth:`estimate` of a window; none where the current was limited in it."""
+        """The :meth:`estimate` of a window. There is none if the current was limited in it."""
         return state, self.estimate(samples.v, samples.i) if samples.limited == 0 else _LIMITED
 
     def estimate(self, window_v: Array, window_i: Array) -> Estimate:
         """R_g and L_g from one window of v_pcc (V) and i_pcc (A) (:eq:`network`).
 
-        Each (samples,), or (components, samples) for αβ and dq; the rows one after another do as well. Raises
-        ArtifactError for another shape. No exception is ever raised for what the samples are.
+        Each has the shape (samples,), or (components, samples) for αβ and dq. The rows may also follow one another in
+        one array. Raises ArtifactError for another shape. The values of the samples never raise an exception.
         """
         half = self.components * self.samples
         if window_v.size != half or window_i.size != half or window_v.shape != window_i.shape:
@@ -90,7 +93,7 @@ class NeuralEstimator:
                 f"{self.components} × {self.samples} samples of each. Take windows as the network was trained."
             )
         v, i = window_v.ravel(), window_i.ravel()
-        # Largest magnitudes: they are NaN or infinite if any sample is.
+        # The largest magnitudes are NaN or infinite if any sample is.
         v_peak, i_peak = max(v.max(), -v.min()), max(i.max(), -i.min())
         if not (v_peak < self.v_limit and i_peak < self.i_limit):
             finite = np.isfinite(v).all() and np.isfinite(i).all()
@@ -114,12 +117,12 @@ def neural_estimator(
     i_limit: float = np.inf,
     margin: float = 0.2,
 ) -> NeuralEstimator:
-    """The estimator of some weights (artifacts.network_weights.NetworkWeights) for windows of a sampling (s) and frame.
+    """The estimator of some weights (artifacts.network_weights.NetworkWeights) for a sample interval (s) and a frame.
 
-    ``grid_phase`` says that windows will start at the grid phase that the weights were trained with, known from
-    elsewhere: weights that need it are refused without. ``v_limit`` and ``i_limit`` are the sensors' limits in V and
-    A. ``margin`` is how far beyond the trained range, relative to it, an answer is believed. Raises ArtifactError
-    with everything that does not fit.
+    ``grid_phase`` says that windows will start at the grid phase with which the weights were trained, and that this
+    phase is known from another source. Weights that need it are refused without it. ``v_limit`` and ``i_limit`` are the
+    limits of the sensors in V and A. ``margin`` is the distance beyond the trained range, relative to it, up to which
+    an answer is accepted. Raises ArtifactError with everything that does not fit.
     """
     window, faults = weights.window, []
     if not abs(sample_interval - window.sample_interval) <= 1e-9 * window.sample_interval:
@@ -133,7 +136,7 @@ def neural_estimator(
         faults.append(
             "grid_phase = false: the weights were trained on windows synchronised with the grid's own voltage, which "
             "a converter does not measure. If you have that signal, say so with the option --grid-phase, or with "
-            "grid_phase = true under [estimator] in a study; else train without it"
+            "grid_phase = true under [estimator] in a study; otherwise train without it"
         )
     for name, value in (("v_limit", v_limit), ("i_limit", i_limit)):
         if not value > 0.0:

@@ -1,4 +1,4 @@
-"""A pseudo-random binary sequence, and weighted least squares over the lines of its spectrum."""
+"""Injection of a pseudo-random binary sequence, with weighted least squares over the lines of its spectrum."""
 
 from __future__ import annotations
 
@@ -30,9 +30,10 @@ _ROUNDS = 50
 
 
 def binary_sequence(length: int, lines: Sequence[int], seed: int = 0) -> Array:
-    """(length,) of ±1 with its power, as far as it can be had, evenly on some lines of its spectrum.
+    """A sequence (length,) of ±1 whose power lies as evenly as possible on the given lines of its spectrum.
 
-    Signs of the wanted spectrum, with the phases of the sequence before, over and over (van den Bos and Krol, 1979).
+    Each step gives the wanted spectrum the phases of the last sequence and takes the signs of the result as the next
+    sequence (van den Bos and Krol, 1979).
     """
     wanted = np.zeros(length)
     wanted[list(lines)] = wanted[[-line for line in lines]] = 1.0
@@ -47,70 +48,71 @@ def binary_sequence(length: int, lines: Sequence[int], seed: int = 0) -> Array:
 
 
 class SequenceState(NamedTuple):
-    """What the method remembers."""
+    """State of the method."""
 
     angle: float
     omega: float
     v: ComplexArray
-    """(≤ 2n,): the last two periods in the rotating frame, V."""
+    """The last two periods (≤ 2n,) in the rotating frame, V."""
     i: ComplexArray
     """A."""
 
 
 @dataclass(frozen=True)
 class PseudoRandomSequence:
-    """A binary voltage of ``amplitude`` (of rated) on both axes of the converter's frame; every window's answer is
-    from the last whole period, less what drifts from the period before to it (:eq:`pseudo-random`).
+    """Injection of a binary voltage on both axes of the converter's frame (:eq:`pseudo-random`).
 
-    A period is three cycles of the fundamental, or whole windows of at least as many, and the lines that are harmonics
-    are left out: whatever the grid or the sampled ripple of the bridge puts there is no answer to the probe.
+    Its ``amplitude`` is relative to the rated voltage. The answer of each window comes from the last whole period,
+    without the drift from the period before. A period is three cycles of the fundamental, or the whole windows that
+    hold at least three. Lines at harmonics are not used, because the grid and the sampled ripple of the bridge put
+    voltages there that are no response to the probe.
     """
 
     at: Installation
     amplitude: float = 0.005
     least_cycles: int = 3
     highest_hz: float = 250.0
-    """Lines up to here, in the rotating frame, are used: beyond, the inner loops let little through."""
+    """Highest frequency of a line that is used, in the rotating frame. The inner loops attenuate higher ones."""
     believed: float = 0.3
-    """Largest standard deviation, relative to |Z|, of an estimate that is followed."""
+    """An estimate is followed up to this standard deviation, relative to |Z|."""
     title: str = "PRBS, least squares"
     signals: str = "pseudo_random"
 
     @property
     def period_windows(self) -> int:
-        """Windows of a period."""
+        """Number of windows in a period."""
         return -(-self.least_cycles // self.at.cycles)
 
     @property
     def cycles(self) -> int:
-        """Cycles of a period."""
+        """Number of cycles in a period."""
         return self.period_windows * self.at.cycles
 
     @cached_property
     def hold(self) -> float:
-        """For how long each value is held, s: about a millisecond."""
+        """Time for which each value is held, s. It is about a millisecond."""
         return near_a_millisecond(self.period_windows * round(self.at.window / self.at.T_s), self.at.T_s)
 
     @property
     def needs(self) -> Needs:
-        """Windows of α and β, and the probe."""
+        """It needs windows of α and β, and the probe."""
         return Needs(self.at.samples, self.at.sample_interval, probe_hold=self.hold)
 
     @cached_property
     def used_lines(self) -> tuple[int, ...]:
-        """Multiples of the sequence's frequency that are used, of both signs."""
+        """Multiples of the sequence's frequency that are used, with both signs."""
         highest = int(self.highest_hz / self.at.nominal_hz * self.cycles)
         return tuple(line for line in range(1, highest + 1) if line % self.cycles)
 
     @cached_property
     def sequence(self) -> Probe:
-        """The sequence, along 45° of the converter's frame."""
+        """The sequence as a probe along 45° in the converter's frame."""
         length = round(self.period_windows * self.at.window / self.hold)
         values = self.amplitude * cmath.exp(0.25j * math.pi) * binary_sequence(length, self.used_lines)
         return Probe(values.astype(complex), self.hold)
 
     def probe(self, state: SequenceState) -> Probe:  # noqa: ARG002
-        """Always the same sequence."""
+        """The probe, which is always the same sequence."""
         return self.sequence
 
     def first(self) -> SequenceState:
@@ -119,7 +121,7 @@ class PseudoRandomSequence:
         return SequenceState(0.0, np.nan, none, none)
 
     def update(self, state: SequenceState, samples: Samples) -> tuple[SequenceState, Estimate]:
-        """Weighted least squares, in rounds: the weights need the impedance."""
+        """Solves weighted least squares. It is iterated, because the weights depend on the impedance."""
         at = self.at
         length = at.sample_interval * sample_count(samples)
         spoilt = SpoiltBy(at.v_limit, at.i_limit).status(samples)
@@ -139,18 +141,22 @@ class PseudoRandomSequence:
         try:
             R_g, L_g, covariance = fit_lines(V, current, omega + slip, s_v, s_i)
         except np.linalg.LinAlgError:
-            return state, no_estimate("waiting", "no current answers on the probe's lines: no estimate")
+            return state, no_estimate("waiting", "the current has no component at the lines of the probe: no estimate")
         return state, with_belief(R_g, L_g, None if max(at.noise) == 0.0 else covariance, omega, self.believed)
 
     def lines(self, i: ComplexArray, interval: float) -> tuple[ComplexArray, Array, int]:
-        """What a bound is about: the lines in currents (n,) of the rotating frame, their frequencies in that frame
-        (rad/s) and over how many of their last samples they are taken."""
+        """The data of the error bound, from currents (n,) of the rotating frame.
+
+        Returns the lines in these currents, their frequencies in that frame (rad/s) and the number of last samples over
+        which they are taken.
+        """
         count = round(self.period_windows * self.at.window / interval)
         found, slip = self._spectrum(i[-2 * count :])
         return found, slip, count
 
     def _spectrum(self, x: ComplexArray) -> tuple[ComplexArray, Array]:
-        """(M,) phasors of two periods (2n,), rotating, beside the fundamental; their frequencies (M,), rad/s."""
+        """Phasors (M,) beside the fundamental of two periods (2n,) in the rotating frame, and their frequencies (M,),
+        rad/s."""
         used = [*self.used_lines, *(-line for line in self.used_lines)]
         still = without_drift(x)
         spacing = 2.0 * math.pi * self.at.nominal_hz / self.cycles
@@ -158,7 +164,7 @@ class PseudoRandomSequence:
 
 
 def without_drift(x: ComplexArray) -> ComplexArray:
-    """The second of two periods without the ramp that runs through both: its lines would drown the probe's."""
+    """The second of two periods without the ramp through both, whose lines would hide those of the probe."""
     before, after = np.split(x, 2)
     rise = (after - before).mean()
     return after - rise * (np.arange(len(after)) / len(after) - 0.5)
@@ -167,11 +173,10 @@ def without_drift(x: ComplexArray) -> ComplexArray:
 def fit_lines(
     V: ComplexArray, i: ComplexArray, omega: Array, v_variance: float, i_variance: float
 ) -> tuple[float, float, Array]:
-    """R (Ω), L (H) and their covariance (2, 2) of V = (R + jωL)·i over M lines (M,) with noise E|n|² on both
-    (:eq:`fit-lines`).
+    """Fits V = (R + jωL)·i over M lines (M,) with noise E|n|² on both (:eq:`fit-lines`).
 
-    The noise of i would make the answer small; its known share is taken out of the normal matrix. Raises LinAlgError
-    where the lines say nothing.
+    Returns R (Ω), L (H) and their covariance (2, 2). The noise of i would make the result too small, so its known share
+    is subtracted from the normal matrix. Raises LinAlgError if the lines do not determine R and L.
     """
     columns = np.stack([i, 1j * omega * i], axis=1)
     pure = np.stack([np.ones_like(omega, dtype=complex), 1j * omega], axis=1)
@@ -185,5 +190,5 @@ def fit_lines(
         left = normal - spent
         x = np.linalg.solve(left, right)
         Z_sq = x[0] ** 2 + (omega * x[1]) ** 2
-    # The weights are 1/E|n|² of a complex error, of which each of the two components has half.
+    # The weights are 1/E|n|² of a complex error. Each of its two components has half of this variance.
     return float(x[0]), float(x[1]), np.asarray(0.5 * np.linalg.inv(left), dtype=np.float64)

@@ -30,34 +30,37 @@ from vsgdesign.identification.interface import (
 
 
 class RecursiveState(NamedTuple):
-    """What recursive least squares remember."""
+    """State of recursive least squares."""
 
     blocks: BlockState
     started: int
-    """0 until the first equation."""
+    """Whether there was an equation: 0 until the first one."""
     x: Array
-    """(4,): R and X of the base impedance, the grid's phasor, per unit."""
+    """Unknowns (4,): R and X relative to the base impedance, and the grid's phasor (2) in per unit."""
     P: Array
     """(4, 4)."""
 
 
 @dataclass(frozen=True)
 class RecursiveLeastSquares:
-    """Unknown: R_g, L_g and the grid's phasor (:eq:`rls`). The forgetting factor follows the surprise, so that what
-    was learnt stays where nothing new is seen (Fortescue, Kershenbaum and Ydstie, 1981)."""
+    """Recursive least squares for R_g, L_g and the grid's phasor (:eq:`rls`).
+
+    The forgetting factor depends on the residual, so that the estimate keeps its information while the samples contain
+    nothing new (Fortescue, Kershenbaum and Ydstie, 1981).
+    """
 
     at: Installation
     memory: float = 1.0
-    """How long information lasts where the residual is as large as the noise, s."""
+    """Time for which information is kept while the residual is as large as the noise, s."""
     least_forgetting: float = 0.7
     believed: float = 0.3
-    """Largest standard deviation, relative to |Z|, of an estimate that is followed."""
+    """An estimate is followed up to this standard deviation, relative to |Z|."""
     title: str = "Recursive least squares"
     signals: str = "windows"
 
     @property
     def needs(self) -> Needs:
-        """Windows of α and β."""
+        """It needs windows of α and β."""
         return Needs(self.at.samples, self.at.sample_interval)
 
     @cached_property
@@ -65,13 +68,13 @@ class RecursiveLeastSquares:
         return equation_variance(self.at)
 
     def first(self) -> RecursiveState:
-        """The guess, with a wide covariance."""
+        """The first guess, with a large covariance."""
         R_g, L_g = self.at.guess
         x = np.array([R_g / self.at.Z_base, L_g * self.at.omega_n / self.at.Z_base, 0.0, 0.0])
         return RecursiveState(BlockState(), 0, x, np.diag([0.05] * 4))
 
     def probe(self, state: RecursiveState) -> None:
-        """It asks for none."""
+        """This method needs no probe."""
 
     def update(self, state: RecursiveState, samples: Samples) -> tuple[RecursiveState, Estimate]:
         """The estimate after a window."""

@@ -1,4 +1,4 @@
-"""The estimators by name: what a study can ask for, and what is compared."""
+"""The estimators by the names that a study or a comparison can select."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from vsgdesign.identification.recursive import RecursiveLeastSquares
 from vsgdesign.identification.two_windows import TwoWindows
 
 GUESS_SCR = 6.3
-"""Short-circuit ratio (on the reactance, X/R 1) that estimators begin with where nothing better is known: the geometric
-middle of 2 and 20."""
+"""Short-circuit ratio (on the reactance, X/R 1) with which estimators begin if nothing better is known. It is the
+geometric mean of 2 and 20."""
 
 ESTIMATORS: dict[str, EstimatorKind] = {
     "constant": EstimatorKind("a constant guess", ConstantGuess),
@@ -25,12 +25,12 @@ ESTIMATORS: dict[str, EstimatorKind] = {
     "prbs": EstimatorKind("the pseudo-random sequence", PseudoRandomSequence),
     "neural": EstimatorKind("the network", installed_network, trained=True, in_c=True),
 }
-"""Every estimator by the name that a study gives it. One more is one more entry: the study reader, the simulation and
-the comparison go by this table alone."""
+"""Every estimator by its name in a study. A new estimator is one more entry: the study reader, the simulation and the
+comparison use this table alone."""
 
 
 def estimator_kind(name: str) -> EstimatorKind:
-    """The kind of a name. Raises StudyError for an unknown one, with the known names."""
+    """The estimator of this name. Raises StudyError with the known names for an unknown one."""
     kind = ESTIMATORS.get(name)
     if kind is None:
         raise StudyError("estimator", [Fault("estimate", name, "unknown", f"Known: {', '.join(ESTIMATORS)}.")])
@@ -38,13 +38,13 @@ def estimator_kind(name: str) -> EstimatorKind:
 
 
 def needs_network(name: str) -> bool:
-    """Whether what a study says of ``estimate`` needs trained weights; ``truth`` and unknown names do not."""
+    """Whether the value of ``estimate`` in a study needs trained weights. ``truth`` and unknown names do not."""
     kind = ESTIMATORS.get(name)
     return kind is not None and kind.trained
 
 
 def why_no_c(controller: str, estimate: str) -> str:
-    """A sentence where a controller's estimator has no C; empty where it has, or where it is told the truth."""
+    """A sentence for a controller whose estimator has no C. It is empty if there is C or no estimator is used."""
     kind = ESTIMATORS.get(estimate)
     if kind is None or kind.in_c:
         return ""
@@ -55,8 +55,8 @@ def why_no_c(controller: str, estimate: str) -> str:
 
 
 def build_estimator(name: str, at: Installation) -> Estimator:
-    """The estimator of a name for an installation.
+    """Builds the estimator of this name for an installation.
 
-    Raises StudyError for an unknown name and ArtifactError where it cannot be built for the installation.
+    Raises StudyError for an unknown name, and ArtifactError if the estimator cannot be built for the installation.
     """
     return estimator_kind(name).build(at)

@@ -1,4 +1,4 @@
-"""How windows are sampled on a converter: whole control periods, whole cycles of the grid."""
+"""Sampling of windows on a converter, in whole control periods and whole cycles of the grid."""
 
 from __future__ import annotations
 
@@ -8,33 +8,35 @@ from typing import NamedTuple
 from vsgdesign.errors import ArtifactError
 
 INTERVAL = 200e-6
-"""The published spacing of the samples, s: what is not given comes as near to it as the converter allows."""
+"""The published sample interval, s. An interval that is not given is as close to it as the converter allows."""
 
 MOST_CYCLES = 6
-"""Nominal cycles of the longest window that is chosen: a schedule that waits longer than 0.1 s is no longer online."""
+"""Nominal cycles of the longest window that is chosen. A schedule that waits longer than 0.1 s is no longer online."""
 
 LEAST_PER_CYCLE = 8
-"""Control periods of a cycle with which a window can be taken at all."""
+"""Least number of control periods in a cycle with which a window can be taken."""
 
 PER_CYCLE = (40, 200)
-"""Samples of a cycle in a chosen window, where the control period allows it."""
+"""Number of samples of a cycle in a chosen window, if the control period allows it."""
 
 EXACT = 1e-6
-"""Cycles by which a window that counts as whole may miss a whole number of them: rounding of f_n and T_s."""
+"""Largest deviation, in cycles, of a window that counts as whole cycles. It allows for rounding of f_n and T_s."""
 
 NEAR = 5e-3
-"""Cycles by which a chosen window may miss where no whole one exists; a synchronised window is turned back by it."""
+"""Largest deviation from whole cycles, in cycles, of a chosen window where no window of whole cycles exists.
+
+The angle of a synchronised window is corrected by this deviation."""
 
 
 class WindowPlan(NamedTuple):
-    """How a window is sampled."""
+    """The sampling of a window."""
 
     steps: int
-    """Control periods between two samples."""
+    """Number of control periods between two samples."""
     samples: int
     cycles: int
     missed: float
-    """Cycles by which it misses a whole number of them."""
+    """Deviation from a whole number of cycles, in cycles."""
 
 
 def choose_window(
@@ -42,10 +44,10 @@ def choose_window(
 ) -> WindowPlan | None:
     """The window of a converter that samples ``rate`` times a second, ``per_cycle`` times in a nominal cycle.
 
-    Of what is left open (0), the window is the least number of nominal cycles, up to ``MOST_CYCLES``, that is a whole
-    number of sample intervals, and among these the interval is the one nearest to ``INTERVAL``. Where the control
-    period divides no such number of cycles the window is the shortest that misses one by at most ``NEAR``. None where
-    no window has four samples.
+    Values that are left open (0) are chosen here. The window is the least number of nominal cycles, up to
+    ``MOST_CYCLES``, that is a whole number of sample intervals. Among these the interval is the one closest to
+    ``INTERVAL``. If the control period divides no such number of cycles, the window is the shortest that differs from
+    whole cycles by at most ``NEAR``. The result is None if no window has four samples.
     """
     found = []
     for whole in _cycles(per_cycle, steps, samples, cycles):
@@ -62,7 +64,7 @@ def choose_window(
 def window_of_rate(rate: float, omega_n: float) -> WindowPlan:
     """The window that is chosen for a converter that samples ``rate`` times a second at the nominal frequency (rad/s).
 
-    Raises ArtifactError where a cycle has too few control periods.
+    Raises ArtifactError if a cycle has too few control periods.
     """
     per_cycle = rate * 2.0 * math.pi / omega_n
     found = choose_window(rate, per_cycle) if per_cycle >= LEAST_PER_CYCLE else None
@@ -83,7 +85,7 @@ def _cycles(per_cycle: float, steps: int, samples: int, cycles: int) -> list[int
 
 
 def _steps(per_cycle: float, samples: int, cycles: int) -> list[int]:
-    """Control periods that a sample interval may have."""
+    """The numbers of control periods that a sample interval may have."""
     if samples:
         return [max(round(cycles * per_cycle / samples), 1)]
     least, most = (per_cycle / count for count in reversed(PER_CYCLE))
@@ -91,6 +93,7 @@ def _steps(per_cycle: float, samples: int, cycles: int) -> list[int]:
 
 
 def near_a_millisecond(periods: int, T_s: float) -> float:
-    """The time nearest to 1 ms that is whole control periods and divides a probe of so many evenly, s."""
+    """The time in s closest to 1 ms that is a whole number of control periods and divides ``periods`` of them
+    evenly."""
     divisors = [k for k in range(1, periods + 1) if periods % k == 0]
     return min(divisors, key=lambda k: abs(math.log(k * T_s / 1e-3))) * T_s

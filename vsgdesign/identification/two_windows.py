@@ -1,4 +1,4 @@
-"""ΔV/ΔI of two windows: the textbook's passive measurement."""
+"""Passive measurement of the impedance by ΔV/ΔI between two windows, as in textbooks."""
 
 from __future__ import annotations
 
@@ -21,38 +21,41 @@ from vsgdesign.identification.interface import (
 
 
 class TwoWindowState(NamedTuple):
-    """What the method remembers."""
+    """State of the method."""
 
     angle: float
     omega: float
     v: ComplexArray
-    """(apart,): fundamental phasors of the last windows, the oldest first, V; NaN where there is none."""
+    """Fundamental phasors (apart,) of the last windows, the oldest first, V; NaN where there is none."""
     i: ComplexArray
     """A."""
     largest: float
-    """Largest current seen, A."""
+    """Largest current so far, A."""
     R_g: float
-    """The last answer, Ω; NaN before the first."""
+    """The last answer, Ω; NaN before the first one."""
     L_g: float
 
 
 @dataclass(frozen=True)
 class TwoWindows:
-    """Z = ΔV/ΔI of the fundamental phasors of a window and of the one ``apart`` windows before it
-    (:eq:`two-windows`). Answers only where the current has moved by ``gate`` of the largest current seen; holds the
-    last answer otherwise."""
+    """Z = ΔV/ΔI from the fundamental phasors of a window and of the one ``apart`` windows before it
+    (:eq:`two-windows`).
+
+    There is a new answer only if the current has changed by ``gate`` times the largest current so far. Otherwise the
+    last answer is held.
+    """
 
     at: Installation
     apart: int = 10
     gate: float = 0.05
     believed: float = 0.3
-    """Largest standard deviation, relative to |Z|, of an estimate that is followed."""
+    """An estimate is followed up to this standard deviation, relative to |Z|."""
     title: str = "Two windows ΔV/ΔI"
     signals: str = "two_windows"
 
     @property
     def needs(self) -> Needs:
-        """Windows of α and β."""
+        """It needs windows of α and β."""
         return Needs(self.at.samples, self.at.sample_interval)
 
     def first(self) -> TwoWindowState:
@@ -61,10 +64,10 @@ class TwoWindows:
         return TwoWindowState(0.0, np.nan, none, none, 0.0, np.nan, np.nan)
 
     def probe(self, state: TwoWindowState) -> None:
-        """It asks for none."""
+        """This method needs no probe."""
 
     def update(self, state: TwoWindowState, samples: Samples) -> tuple[TwoWindowState, Estimate]:
-        """The quotient of this window, or the last answer again."""
+        """The quotient for this window, or the last answer again."""
         at, length = self.at, self.at.sample_interval * sample_count(samples)
         spoilt = SpoiltBy(at.v_limit, at.i_limit).status(samples)
         if spoilt is not None:
@@ -77,9 +80,9 @@ class TwoWindows:
         state = self._after(state, v_now, i_now)._replace(
             angle=angle, omega=omega, largest=max(state.largest, abs(i_now))
         )
-        if not abs(di) > self.gate * state.largest:  # NaN: there is no window to compare with
+        if not abs(di) > self.gate * state.largest:  # it is NaN if there is no window to compare with
             if np.isnan(state.R_g):
-                return state, no_estimate("waiting", "the current has not moved yet: no estimate")
+                return state, no_estimate("waiting", "the current has not changed yet: no estimate")
             return state, Estimate(state.R_g, state.L_g, "held")
         Z = dv / di
         state = state._replace(R_g=Z.real, L_g=Z.imag / omega)
@@ -89,7 +92,8 @@ class TwoWindows:
         return state._replace(v=np.append(state.v[1:], v), i=np.append(state.i[1:], i))
 
     def _covariance(self, Z: complex, di: complex, omega: float, count: int) -> np.ndarray | None:
-        """Of (R_g, L_g) from the sensors (:eq:`bound-two-windows`); None where their noise is not known."""
+        """Covariance of (R_g, L_g) from the noise of the sensors (:eq:`bound-two-windows`); None if this is not
+        known."""
         if max(self.at.noise) == 0.0:
             return None
         s_v, s_i = (space_vector_variance(deviation) / count for deviation in self.at.noise)
