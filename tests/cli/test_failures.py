@@ -34,7 +34,7 @@ def test_a_folder(verb: str, tmp_path: Path) -> None:
         (b"\xff\xfe\x00", "is not UTF-8 text"),
         (b"", "missing table"),
         (b'base = "case:nobody2025"\n', 'no such case. Known: "case:'),
-        (b'base = "small.toml"\n', "bases on top of one another (a circle?)"),
+        (b'base = "small.toml"\n', "bases, each based on the next (a circle?)"),
         (b'base = "elsewhere.toml"\n', "there is no such file"),
     ],
 )

@@ -134,8 +134,8 @@ def test_a_folder_that_may_not_be_written_to_is_no_hindrance(study: Path, monkey
 
 def test_validate_designs_nothing(study: Path, designed: Path) -> None:
     _, sentence = check_study(study)
-    assert "still to be designed" in sentence
-    assert "still to be designed" in call("validate", study).stdout
+    assert "not designed yet" in sentence
+    assert "not designed yet" in call("validate", study).stdout
     assert not inner_loops_file(study).exists()
     shutil.copy(designed, inner_loops_file(study))
     assert "mine.inner.json" in call("validate", study).stdout

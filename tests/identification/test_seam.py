@@ -174,5 +174,7 @@ def test_a_status_that_nobody_knows_is_refused(monkeypatch: pytest.MonkeyPatch) 
             return state, found._replace(status="fine")
 
     monkeypatch.setitem(ESTIMATORS, "own", EstimatorKind("a test's own estimator", Wrong))
-    with pytest.raises(ArtifactError, match=r"A test's own: it says status 'fine'\. Known: ok, "):
+    with pytest.raises(
+        ArtifactError, match=r"A test's own: its estimate has the status 'fine'\. The known ones are ok, "
+    ):
         run_scenario(study_from_text(TEXT))

@@ -163,7 +163,7 @@ RULES = [
     ("controllers.1.name", "a/b", "controllers[1].name", "may hold letters"),
     ("controllers.0.gains", GAINS, "controllers[0].design_grid", "gains are given too"),
     ("controllers", [], "controllers", "none given"),
-    ("events.0.over", "1 s", "events[0].over", "ramps nothing"),
+    ("events.0.over", "1 s", "events[0].over", "there is nothing to ramp"),
     ("events.0", {"time": 1.0}, "events[0]", "changes nothing"),
     ("events.0.time", "61 s", "events[0].time", "outside 0 s to 60 s"),
     ("grid.R_g", 1.0, "grid", "not both"),

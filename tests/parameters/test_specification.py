@@ -92,7 +92,7 @@ def test_nothing_stands_back_in_silence_with_constant_inertia() -> None:
 
 def test_an_error_of_both_has_no_say_beside_its_two_parts() -> None:
     fault = the_fault(document(error=0.1, error_R=0.2, error_X=0.3), "specification.error")
-    assert "has no say" in fault.problem
+    assert "has no effect" in fault.problem
     assert read(error=0.1, error_R=0.2).box.error_X == 0.1
 
 

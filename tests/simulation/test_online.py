@@ -156,7 +156,7 @@ def test_what_is_logged_does_not_depend_on_the_windows_samples() -> None:
     ],
 )
 def test_times_that_do_not_fit_the_sampling_are_refused(period: float, interval: float, named: str) -> None:
-    with pytest.raises(InfeasibleStudyError, match=f"{named} = .* is no whole multiple of"):
+    with pytest.raises(InfeasibleStudyError, match=f"{named} = .* is not a whole multiple of"):
         simulate(study_of("lc"), FixedGains(GAINS, period, interval))
 
 

@@ -33,7 +33,7 @@ def study_with(duration: str, events: str, sections: str = "", **gains: float) -
         ("settled", None, study_with("6 s", STEP)),
         ("not known", "too short", study_with("0.3 s", STEP)),
         ("not known", "ramp", study_with("0.3 s", RAMP)),
-        ("not known", "nothing is measured after the start", study_with("0.3 s", "")),
+        ("not known", "there is no measurement after the start", study_with("0.3 s", "")),
         ("infeasible", "current_limit_pu", study_with("1 s", TOO_MUCH, LIMIT)),
         ("not settled", "unstable", study_with("1 s", TO_STRONG)),
         ("diverged", "power loops", study_with("1 s", STEP, K_ip=1e5)),

@@ -84,7 +84,9 @@ def build_table(
     """
     spec = study.specification
     if spec is None:
-        raise InfeasibleStudyError("the study has no [specification]: say what the table has to keep, and over what.")
+        raise InfeasibleStudyError(
+            "the study has no [specification]. Add one: it gives the requirements and their box."
+        )
     with one_thread():
         if certificate and executor is not None:
             # One worker compiles this while the others compile what designs need, instead of all of them the same.

@@ -1,4 +1,4 @@
-"""What we are given: study files and published cases, as frozen, validated data in SI."""
+"""The inputs: study files and published cases, as frozen, validated data in SI units."""
 
 from vsgdesign.parameters.loading import case_names, load_study, study_from_text
 from vsgdesign.parameters.study import (

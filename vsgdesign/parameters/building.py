@@ -123,7 +123,7 @@ def _designed(
             Fault(
                 "inner_loops",
                 "",
-                "the gains are to be designed, and load_study designs none",
+                "the gains are to be designed, but load_study does not design gains",
                 "Open the study with vsgdesign.pipeline.open_study, or give the gains.",
             )
         )
@@ -204,7 +204,7 @@ def _check_resonance(filter_: Filter, converter: Converter, grids: list[Grid], f
     nyquist_hz = 0.5 / converter.T_s
     if resonance_hz > nyquist_hz:
         problem = (
-            f"with L_1 and the strongest grid it resonates at {resonance_hz:.4g} Hz, above half the sampling "
+            f"it resonates with L_1 and the strongest grid at {resonance_hz:.4g} Hz, above half the sampling "
             f"frequency ({nyquist_hz:.4g} Hz)"
         )
         faults.append(Fault("filter.C", f"{filter_.C:.4g} F", problem, "Sample faster, or enlarge L_1 or C."))
@@ -295,8 +295,8 @@ def _read_controllers(
                     table.fault(
                         field,
                         table.table[field],
-                        'has no say with schedule = "table": the table is designed to the [specification]',
-                        "Leave it out, or say it there.",
+                        'has no effect with schedule = "table": the table is designed to the [specification]',
+                        "Leave it out, or set it there.",
                     )
             table_file = table.text("table", default=None)
             if table_file is not None:

@@ -70,7 +70,7 @@ def changed(study: Study, changes: Mapping[str, Any]) -> Study:
     if origin is None:
         raise StudyError(
             study.name,
-            [Fault("study", "", "was put together from its parts, not read from a document", "Use vd.load.")],
+            [Fault("study", "", "was built from its parts and not read from a document", "Use vd.load.")],
         )
 
     def same_gains(request: InnerLoopRequest) -> tuple[InnerLoopGains, float]:
@@ -82,8 +82,8 @@ def changed(study: Study, changes: Mapping[str, Any]) -> Study:
                 Fault(
                     "inner_loops",
                     "",
-                    "the gains were designed for other data than the changed study has",
-                    "Say the change in vd.load, which designs them again, or give the gains.",
+                    "the gains were designed for data that differ from those of the changed study",
+                    "Make the change in vd.load, which designs them again, or give the gains.",
                 )
             ],
         )

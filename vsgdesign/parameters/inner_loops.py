@@ -57,7 +57,7 @@ def read_inner_loops(table: TableReader | None, filter_: Filter, converter: Conv
         return _read_request(table, given)
     for field in ("scr", "x_over_r", "seed"):
         if table.has(field):
-            table.fault(field, table.table[field], "belongs to designed gains", "Say design = true, or remove it.")
+            table.fault(field, table.table[field], "is for designed gains only", "Set design = true, or remove it.")
             table.quantities(field, "1", 0.0, math.inf, ())
     return _read_gains(table, filter_, converter)
 
@@ -93,7 +93,7 @@ def _read_request(table: TableReader, given: list[str]) -> Reading:
             field,
             table.table[field],
             "the gains are to be designed (design = true)",
-            "Remove it, or say design = false and give all gains.",
+            "Remove it, or set design = false and give all gains.",
         )
     ranges: list[tuple[float, ...] | None] = []
     for field, low, high in (("scr", 0.05, 1e4), ("x_over_r", 1e-3, 1e4)):
@@ -144,7 +144,7 @@ def _read_gains(table: TableReader, filter_: Filter, converter: Converter) -> Re
         table.fault(
             "transient_corner",
             table.table["transient_corner"],
-            "there is no transient impedance to turn on above it",
+            "there is no transient impedance that this corner could belong to",
             "Add transient_resistance_pu (0.08 is a first guess), or leave the corner out.",
         )
     table.finish()

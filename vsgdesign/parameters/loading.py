@@ -28,9 +28,9 @@ def case_names() -> tuple[str, ...]:
 
 
 def load_study(path: str | Path, inner_loops: InnerLoopSource | None = None) -> Study:
-    """Read, merge and check a study file. StudyError lists every fault in it.
+    """Reads, merges and checks a study file. Raises StudyError with every fault in it.
 
-    ``inner_loops`` gives the gains where the study leaves them to be designed, once the rest is without a fault.
+    ``inner_loops`` supplies the gains if the study asks for a design of them and the rest of it has no fault.
     """
     origin = read_document(path)
     return replace(study_from_document(origin.document, origin, inner_loops), files=files_of(path))
@@ -118,7 +118,7 @@ def _merge_bases(document: dict[str, Any], folder: Path, source: str, depth: int
     if base is None:
         return document
     if not isinstance(base, str) or depth == 0:
-        problem = "must be a text" if depth else f"more than {_MAX_BASES} bases on top of one another (a circle?)"
+        problem = "must be a text" if depth else f"more than {_MAX_BASES} bases, each based on the next (a circle?)"
         raise StudyError(source, [Fault("base", str(base), problem, 'Give "case:NAME" or a path.')])
     if base.startswith(_CASE_PREFIX):
         name = base[len(_CASE_PREFIX) :]

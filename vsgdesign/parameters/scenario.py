@@ -105,7 +105,7 @@ def read_events(
         P_ref = table.quantity("P_ref", "W", -limit, limit, default=None)
         Q_ref = table.quantity("Q_ref", "var", -limit, limit, default=None)
         if over > 0.0 and V_g_pu is None and f_g is None:
-            table.fault("over", f"{over:.6g} s", "ramps nothing", "It belongs to V_g_pu or f_g.")
+            table.fault("over", f"{over:.6g} s", "there is nothing to ramp", "Use it with V_g_pu or f_g.")
         event = Event(
             t_s=t_s,
             name="",

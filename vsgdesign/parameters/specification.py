@@ -81,7 +81,7 @@ def read_specification(
         return None
     aim = table.choice("aim", AIMS, default="settling")
     if aim == "settling" and table.has("H"):
-        table.fault("H", table.table["H"], 'belongs to aim = "inertia"', 'Set aim = "inertia", or use H_min, H_max.')
+        table.fault("H", table.table["H"], 'is for aim = "inertia" only', 'Set aim = "inertia", or use H_min, H_max.')
         table.quantity("H", "s")
     if aim == "inertia":
         for field, advice in _NOT_WITH_INERTIA.items():
@@ -96,7 +96,7 @@ def read_specification(
         table.fault(
             "error",
             table.table["error"],
-            "has no say beside error_R and error_X, which are both given",
+            "has no effect, because error_R and error_X are both given",
             "Leave one of the three out.",
         )
     omega_g = tuple(2.0 * math.pi * f for f in table.quantities("f_g", "Hz", 10.0, 1000.0, (_hz(source.omega_g),)))

@@ -309,7 +309,7 @@ class Study:
     files: tuple[str, ...] = field(default=(), compare=False)
     """Paths of the study file and of the files that it is based on; none for a study from a text."""
     origin: StudyOrigin | None = field(default=None, compare=False, repr=False)
-    """What it was read from; None for a study that was put together from its parts."""
+    """The document from which it was read; None for a study that was built from its parts."""
 
     def with_changes(self, **sections: Any) -> Study:
         """A study with sections changed as a study file would say it, checked by the same reader.

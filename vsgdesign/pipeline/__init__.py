@@ -1,4 +1,4 @@
-"""Whole paths: study in, folder of evidence out. Names are imported when they are asked for."""
+"""Whole paths from a study to a folder of results. Names are imported when they are first used."""
 
 from __future__ import annotations
 

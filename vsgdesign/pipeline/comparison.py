@@ -1,4 +1,4 @@
-"""What scheduling has to beat: every controller of a study and the best fixed tunings, side by side."""
+"""Comparison of every controller of a study with the best fixed tunings, which scheduling must outperform."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ if TYPE_CHECKING:  # the optimizer's libraries are loaded by who compares
 VERB = "vsgdesign compare"
 
 EMT_SCR, EMT_X_OVER_R = 3, 4
-"""EMT grids: so many of each axis, evenly spaced in the logarithm from end to end."""
+"""Number of EMT grids on each axis, evenly spaced in the logarithm from end to end."""
 
 EMT_SHARE = 0.5
-"""EMT steps begin at so much of the design point: the step is a small one around what the converter mostly does."""
+"""EMT steps begin at this share of the design point, so that they are small steps around the usual operation."""
 
 LOST = 5.0
-"""A response beyond so many times its step has lost synchronism, wherever it comes to rest afterwards."""
+"""A response beyond this multiple of its step has lost synchronism, wherever it settles afterwards."""
 
 SETTLINGS = 4.0
-"""How long a step is looked at in EMT, in settling times."""
+"""Duration of a step in EMT, in settling times."""
 
 
 def report_comparison(
@@ -46,9 +46,9 @@ def report_comparison(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Compare and leave results.json, comparison.csv, figures and report.html in ``out``; returns results.json.
+    """Compares and writes results.json, comparison.csv, figures and report.html to ``out``; returns results.json.
 
-    Gain tables that the study asks for and that no file has are built first. The folder appears when everything is
+    Gain tables that the study asks for without naming a file are built first. The folder appears when everything is
     done. Raises the errors of :func:`compare_study` and ArtifactError.
     """
     from vsgdesign.report import write_comparison_figures, write_comparison_report
@@ -69,11 +69,12 @@ def report_comparison(
 def compare_study(
     study: Study, ready: Ready = NOTHING, *, emt: bool = True, seed: int = 0, progress: Progress | None = None
 ) -> Comparison:
-    """The controllers of a study and the best fixed tuning of each of their structures, under its specification.
+    """Compares a study's controllers with the best fixed tuning of each of their structures, under its specification.
 
-    On the specification's nodes and between them, from the coupled model; steps in averaged EMT on a few grids.
-    ``ready`` has the gain tables that the controllers ask for (:func:`vsgdesign.pipeline.table.make_tables`). Raises
-    InfeasibleStudyError without a specification with the aim ``settling``, and where a table is not there.
+    The coupled model is evaluated at the nodes of the specification and between them, and averaged EMT simulates steps
+    on a few grids. ``ready`` holds the gain tables that the controllers ask for
+    (:func:`vsgdesign.pipeline.table.make_tables`). Raises InfeasibleStudyError if there is no specification with the
+    aim ``settling`` or if a table is missing.
     """
     from vsgdesign.design.comparison import (
         BEST_FIXED,
@@ -91,7 +92,8 @@ def compare_study(
     spec = study.specification
     if spec is None or not spec.settles:
         raise InfeasibleStudyError(
-            'a comparison needs a [specification] with aim = "settling": it says what to keep, and over what. Add one.'
+            'a comparison needs a [specification] with aim = "settling": it gives the requirements and '
+            "their box. Add one."
         )
     axes = comparison_axes(spec)
     grids = list(itertools.product(*axes))

@@ -1,4 +1,4 @@
-"""From a study to the estimators' pages: comparison of methods, and stress."""
+"""From a study to the result pages of the estimators: the comparison of methods and the stress test."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ def report_comparison(
     settings: ComparisonSettings | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Leave results.json, figures and report.html in ``out``; returns the content of results.json.
+    """Writes results.json, figures and report.html to ``out``. Returns the content of results.json.
 
-    ``weights`` are files of networks to compare, ``recipes`` names or files of recipes of which one each is trained
-    with ``seed`` on ``workers`` processes; without either, the published network and one that has seen noise are
-    trained. The folder appears when everything is done. Raises as
+    ``weights`` are files of networks to compare. ``recipes`` are names or files of recipes; one network is trained for
+    each, with ``seed`` on ``workers`` processes. Without either, the published network and one with noise in its
+    training data are trained. The folder appears when everything is done. Raises the errors of
     :func:`vsgdesign.estimator.comparison.compare_methods`, and ArtifactError.
     """
     from vsgdesign.estimator.comparison import ComparisonSettings, compare_methods
@@ -69,7 +69,7 @@ def report_stress(
     settings: ComparisonSettings | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """The same for the stress page."""
+    """Does the same as :func:`report_comparison` for the stress test."""
     from vsgdesign.estimator.runnable import nominal_settings
     from vsgdesign.estimator.stress import STRESS_SETTINGS, stress_methods
     from vsgdesign.report.estimator.figures import stress_figures

@@ -1,4 +1,4 @@
-"""What a study's inner loops keep, over its grids: designed ones and given ones alike."""
+"""Assessment of a study's inner loops over its grids, for designed and for given gains."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class InnerAssessment:
 
     study: Study
     request: InnerLoopRequest
-    """What they were designed for; for given gains, what they would be designed for."""
+    """The request for which they were designed, or for given gains the request for which they would be designed."""
     score: InnerScore
     full_order: FullOrderCheck
     resonance_hz: float
     """Highest resonance of filter and grid in the box."""
     alternatives: tuple[Alternative, ...] | None
-    """What another sampling, delay or L_2 would buy; None: not asked."""
+    """The improvement by another sampling, delay or L_2. None if it was not asked for."""
 
     @property
     def designed(self) -> bool:
@@ -45,10 +45,11 @@ class InnerAssessment:
 
 
 def assess_inner_loops(study: Study, *, what_if: bool = True, progress: Progress | None = None) -> InnerAssessment:
-    """Score the study's inner gains on the grids that they serve, and (``what_if``) what would buy more.
+    """Scores the study's inner gains on the grids that they serve; with ``what_if`` also alternatives that may be
+    better.
 
-    The grids are those of the study's request; for given gains those of its specification, else SCR 1.2 to 20 and
-    X/R 0.3 to 20. Takes about a second, and some seconds for each alternative.
+    The grids are those of the study's request. For given gains they are those of its specification, or SCR 1.2 to 20
+    and X/R 0.3 to 20 without one. This takes about one second, and some seconds more for each alternative.
     """
     from vsgdesign.design.inner import GridBox, check_full_order, score_inner_loops, what_would_help
     from vsgdesign.design.inner.grids import highest_resonance
@@ -92,7 +93,7 @@ def _as_if_asked(study: Study) -> InnerLoopRequest:
 def report_inner_loops(
     study: Study, out: str | Path, *, what_if: bool = True, progress: Progress | None = None
 ) -> InnerAssessment:
-    """Assess, and leave results.json, inner.csv, figures and report.html in ``out``.
+    """Assesses the inner loops and writes results.json, inner.csv, figures and report.html to ``out``.
 
     The folder appears when everything is done. Raises ArtifactError.
     """

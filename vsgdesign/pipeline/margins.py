@@ -29,9 +29,9 @@ VERB = "vsgdesign report"
 def assess_study(
     study: Study, ready: Ready | None = None, *, evidence: bool = True, progress: Progress | None = None
 ) -> StabilityResult:
-    """Assess every controller of a study; with ``evidence``, also small EMT steps at each of its stable grids.
+    """Assesses every controller of a study; with ``evidence``, it also simulates small EMT steps at its stable grids.
 
-    ``ready`` has the gain tables that the study asks for; None: they are read or designed first.
+    ``ready`` holds the gain tables that the study asks for. With None they are read or designed first.
     """
     tell = progress or silent
     if ready is None:
@@ -66,10 +66,10 @@ def _knows_the_truth(study: Study, ready: Ready, spec: ControllerSpec) -> bool:
 def report_stability(
     study: Study, out: str | Path, *, pdf: bool = False, progress: Progress | None = None
 ) -> dict[str, Any]:
-    """Assess a study and leave figures, CSV files, results.json and report.html in ``out``.
+    """Assesses a study and writes figures, CSV files, results.json and report.html to ``out``.
 
-    With ``pdf`` also report.pdf, which needs the extra of that name. Returns the content of results.json. The
-    folder appears when everything is done. Raises the errors of :func:`assess_study` and ArtifactError.
+    With ``pdf`` it also writes report.pdf, which needs the extra of that name. Returns the content of results.json.
+    The folder appears when everything is done. Raises the errors of :func:`assess_study` and ArtifactError.
     """
     from vsgdesign.report import require_pdf
 
@@ -83,7 +83,7 @@ def report_stability(
 def write_stability(
     result: StabilityResult, out: str | Path, *, pdf: bool = False, progress: Progress | None = None
 ) -> dict[str, Any]:
-    """The folder of :func:`report_stability` for a result that is there already. Raises ArtifactError."""
+    """Writes the folder of :func:`report_stability` for an existing result. Raises ArtifactError."""
     from vsgdesign.report import require_pdf
 
     if pdf:

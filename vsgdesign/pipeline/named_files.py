@@ -1,4 +1,4 @@
-"""The files that a study names: opened before the work, with every fault in them at once."""
+"""The files that a study names. They are opened before the work, and all faults in them are reported at once."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from vsgdesign.parameters.study import Study
 
 
 def check_named_files(study: Study, source: str) -> None:
-    """Opens gain tables, network weights and the recipe of a study and looks whether they are for it.
+    """Opens gain tables, network weights and the recipe of a study and checks whether they fit it.
 
-    Raises StudyError of the ``source`` with every fault: a file that cannot be read or is not what it should be, a
-    table for another converter, weights or a recipe that do not fit a controller's windows.
+    Raises StudyError for ``source`` with every fault: a file that cannot be read or has the wrong kind, a table for
+    another converter, and weights or a recipe that do not fit the windows of a controller.
     """
     faults: list[Fault] = []
     for k, spec in enumerate(study.controllers):

@@ -28,7 +28,7 @@ Say = Callable[[str], None]
 
 
 def inner_loops_file(study_file: str | Path) -> Path:
-    """Where the designed inner loops of a study file are kept: beside it."""
+    """The file, beside a study file, in which its designed inner loops are kept."""
     path = Path(study_file)
     return path.with_name(f"{path.stem}.inner.json")
 
@@ -48,22 +48,22 @@ def kept_record(request: InnerLoopRequest, files: Iterable[str | Path]) -> Inner
 
 @dataclass
 class KeptInnerLoops:
-    """Designed inner loops of one study file: read where they are kept, else designed and kept.
+    """Designed inner loops of one study file. They are read if they were kept, otherwise designed and kept.
 
-    A file beside a base (or beside a packaged case) serves as well, where it was made for the same request. After a
-    call ``record`` holds what was used and ``file`` where it lies; None: it could not be kept.
+    A file beside a base (or beside a packaged case) is used, too, if it was made for the same request. After a call
+    ``record`` holds the record that was used, and ``file`` its path, or None if it could not be kept.
     """
 
     study_file: Path
     design: bool = True
-    """Whether gains that are not kept are designed; else they are NaN, for who only checks the study."""
+    """Whether gains that were not kept are designed. Otherwise they are NaN, which is enough to check a study."""
     progress: Progress | None = None
     say: Say | None = None
     record: InnerLoopsRecord | None = None
     file: Path | None = None
 
     def __call__(self, request: InnerLoopRequest) -> tuple[InnerLoopGains, float]:
-        """The gains and ω_t of a request. Raises ArtifactError where the kept file is damaged or somebody else's."""
+        """The gains and ω_t of a request. Raises ArtifactError if the kept file is damaged or has another origin."""
         wanted = request_document(request)
         own = inner_loops_file(self.study_file)
         stale = None
@@ -111,14 +111,14 @@ def open_study(path: str | Path, *, progress: Progress | None = None, say: Say |
 def check_study(path: str | Path) -> tuple[Study, str]:
     """The study of a file without designing anything, and one sentence on its inner loops ("" where it gives gains).
 
-    Only to be looked at: gains that are not kept yet are NaN. Raises StudyError and ArtifactError.
+    The study is not fit for a run, because gains that are not kept yet are NaN. Raises StudyError and ArtifactError.
     """
     kept = KeptInnerLoops(Path(path), design=False)
     study = load_study(path, kept)
     if study.inner_request is None:
         return study, ""
     if kept.record is None:
-        return study, "The inner loops are still to be designed; the first verb that needs them does so."
+        return study, "The inner loops are not designed yet; the first command that needs them designs them."
     return study, f"The designed inner loops are kept in {kept.file} (score {plain(kept.record.score, 3)})."
 
 

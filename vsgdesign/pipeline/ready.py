@@ -1,4 +1,4 @@
-"""Everything that a study needs beside what it says itself: its gain tables and its network, read or made."""
+"""The gain tables and the network that a study needs. They are read from files or made."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ def make_ready(
 ) -> Ready:
     """The gain tables and the network that a study's controllers ask for.
 
-    What the study names as a file is read; a table that it leaves open is designed to its specification, and a
-    network is trained on windows with the ``bridge`` of the run (None: the study's). ``out``, ``workers`` and errors
-    are those of :func:`vsgdesign.pipeline.table.make_tables` and :func:`vsgdesign.pipeline.training.make_network`.
+    Whatever the study names as a file is read. A table without a file is designed to the specification, and a network
+    without a file is trained on windows with the ``bridge`` of the run (None means that of the study). ``out``,
+    ``workers`` and errors are those of :func:`vsgdesign.pipeline.table.make_tables` and
+    :func:`vsgdesign.pipeline.training.make_network`.
     """
     tables = make_tables(study, out, workers=workers, progress=progress)
     return Ready(tables=tables, network=make_network(study, bridge=bridge, progress=progress)[0])

@@ -1,4 +1,4 @@
-"""The whole path: study in, folder of evidence out."""
+"""The whole path from a study to a folder of results."""
 
 from __future__ import annotations
 
@@ -43,15 +43,13 @@ def run_study(
     progress: Progress | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
-    """Simulate every controller and leave time series, results, figures and a report in ``out``.
+    """Simulates every controller and writes time series, results, figures and a report to ``out``.
 
-    Gain tables that the study asks for are designed first, on ``workers`` processes (None: one per core), then its
-    network is trained; they lie beside the rest.
-    ``warn`` is called before the run with what it is going to show that is no response: controllers that the
-    full-order model says are unstable.
-    Returns the content of results.json. The folder appears when everything is done; an error or an
-    interruption leaves what was there before. Raises the errors of :func:`vsgdesign.simulation.run_scenario`
-    and ArtifactError.
+    Gain tables that the study asks for are designed first, on ``workers`` processes (None means one per core). Then its
+    network is trained. Both are written to the same folder. ``warn`` is called before the run for each controller that
+    is unstable by the full-order model, since its run shows no meaningful response. Returns the content of
+    results.json. The folder appears when everything is done; after an error or an interruption the old folder is
+    unchanged. Raises the errors of :func:`vsgdesign.simulation.run_scenario` and ArtifactError.
     """
     tell = progress or silent
     begin = time.perf_counter()
@@ -82,7 +80,7 @@ def run_study(
 
 
 def write_run(result: ScenarioResult, out: str | Path, *, progress: Progress | None = None) -> dict[str, Any]:
-    """The folder of :func:`run_study` for a scenario that is simulated already. Raises ArtifactError."""
+    """Writes the folder of :func:`run_study` for a scenario that was simulated before. Raises ArtifactError."""
     verb = "vsgdesign run"
     with staged_folder(out, verb, inputs=result.study.input_files) as folder:
         for name, table in result.ready.tables.items():

@@ -30,7 +30,7 @@ _LOCK = "lock"
 
 
 def cells_folder(out: str | Path) -> Path:
-    """Where finished cells of a table wait until it is whole; a link is followed to where the table will be."""
+    """The folder that keeps finished cells of a table until the table is complete. Links are followed."""
     out = Path(os.path.realpath(out))
     return out.with_name(f".{out.name}.cells")
 
@@ -84,18 +84,18 @@ def build_table_file(
     points: int | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Design the gain table of a controller (the last one, if none is named) and write it to ``out``.
+    """Designs the gain table of a controller (the last one, if none is named) and writes it to ``out``.
 
-    Returns what was built, in JSON's types. Finished cells are kept beside ``out`` until the file is whole: the same
-    call goes on from them and writes the same bytes; ``fresh`` does not look at them. ``workers``, ``cluster``: see
-    :func:`vsgdesign.design.sweep.executor_of`; ``points``: random grids of each look between nodes (2000). Raises
-    StudyError, InfeasibleStudyError, WorkerError, and ArtifactError where the file cannot be written or would replace
-    something else than a gain table.
+    Returns the result in JSON's types. Finished cells are kept beside ``out`` until the file is complete, so the same
+    call continues from them after an interruption and writes the same bytes. ``fresh`` ignores them. ``workers`` and
+    ``cluster`` are those of :func:`vsgdesign.design.sweep.executor_of`. ``points`` is the number of random grids of
+    each check between nodes (default 2000). Raises StudyError, InfeasibleStudyError, WorkerError, and ArtifactError if
+    the file cannot be written or would replace anything but a gain table.
     """
     out = Path(out)
     spec = _controller(study, controller)
     if study.specification is None:
-        advice = "Add one: what the table has to keep, and over what."
+        advice = "Add one: it gives the requirements of the table and their box."
         raise StudyError(study.name, [Fault("specification", "", "missing table", advice)])
     TABLE_FILE.check_target(out)
     from vsgdesign.design.between import POINTS
@@ -167,9 +167,9 @@ def _built_document(built: BuiltTable, out: Path) -> dict[str, Any]:
 def report_table(
     table: GainTable, out: str | Path, *, inputs: Iterable[str | Path] = (), progress: Progress | None = None
 ) -> dict[str, Any]:
-    """Leave table.json, figures, results.json and report.html in ``out``; returns the content of results.json.
+    """Writes table.json, figures, results.json and report.html to ``out``. Returns the content of results.json.
 
-    ``inputs`` are the files that the table comes from: a folder with one of them in it is not replaced. The folder
+    ``inputs`` are the files from which the table comes. A folder that contains one of them is not replaced. The folder
     appears when everything is done. Raises ArtifactError.
     """
     from vsgdesign.report import write_table_figures, write_table_report
@@ -210,11 +210,12 @@ def make_tables(
     certificates: bool = True,
     progress: Progress | None = None,
 ) -> dict[str, GainTable]:
-    """The gain table of every controller that asks for one, by its name: read where a file is named, else built.
+    """The gain table of every controller that asks for one, by the controller's name.
 
-    Finished cells wait beside ``out`` while a table is being built; None: in a temporary folder, and an interrupted
-    build starts again. ``certificates``: whether built tables get theirs. Raises ArtifactError for a file that is no
-    table or is not this converter's, and the errors of :func:`vsgdesign.design.table.build_table`.
+    A table is read if the study names a file, otherwise it is built. Finished cells are kept beside ``out`` during a
+    build. With None they are in a temporary folder, and an interrupted build starts again. ``certificates`` says
+    whether built tables are certified. Raises ArtifactError for a file that is not a table of this converter, and the
+    errors of :func:`vsgdesign.design.table.build_table`.
     """
     tables = {}
     with ExitStack() as held:

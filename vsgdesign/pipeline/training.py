@@ -1,4 +1,4 @@
-"""The network of a study: read where a file is named, else trained in the run; and its verb."""
+"""The network of a study, which is read from a file or trained in the run, and the function of its command."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:  # the estimator's room is loaded by who trains
 def make_network(
     study: Study, *, bridge: str | None = None, progress: Progress | None = None
 ) -> tuple[NetworkWeights | None, TrainedEstimator | None]:
-    """The network of a study, None where no controller asks for one; and how it was trained, if it was.
+    """Returns the network of a study (None if no controller asks for one) and, if it was trained, how it was trained.
 
-    It is read where the study names a file. Windows to train on are taken with the bridge of the run: a switched
-    bridge biases samples of v_pcc, and the network has to have seen that. Raises StudyError where recipe and study do
-    not fit, ArtifactError for a file that is no network, and the errors of
+    If the study names a file, the network is read from it. Training windows are taken with the bridge of the run: a
+    switched bridge biases samples of v_pcc, and the training data must contain this. Raises StudyError if recipe and
+    study do not fit, ArtifactError for a file that is not a network, and the errors of
     :func:`vsgdesign.estimator.trained.train_estimator`.
     """
     spec = study.estimator
@@ -58,7 +58,7 @@ def make_network(
 
 
 def check_fit(study: Study, spec: EstimatorSpec, recipe: WindowRecipe) -> None:
-    """Before the work rather than after it. Raises StudyError with every fault."""
+    """Checks recipe and study before the work starts. Raises StudyError with every fault."""
     faults = []
     if recipe.synchronised and not spec.grid_phase:
         faults.append(
@@ -67,7 +67,7 @@ def check_fit(study: Study, spec: EstimatorSpec, recipe: WindowRecipe) -> None:
                 "false",
                 f"recipe {recipe.name} trains on windows synchronised with the grid's own voltage, which no converter "
                 "in the field can measure",
-                "Give a recipe with a range of phase, or set grid_phase = true to be lent the simulator's own phase.",
+                "Give a recipe with a range of phase, or set grid_phase = true to use the simulator's own phase.",
             )
         )
     from vsgdesign.estimator.sampling import describe_sampling, with_sampling
@@ -98,9 +98,10 @@ def train_weights_file(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Train a network as ``spec`` says and write its weights; returns file, network and training in JSON's types.
+    """Trains a network as ``spec`` says and writes its weights. Returns file, network and training in JSON's types.
 
-    ``windows`` keeps the windows as well, with the bridge of the recipe. Raises as :func:`make_network`.
+    ``windows`` is a file for the training windows; they are then taken with the bridge of the recipe. Raises the errors
+    of :func:`make_network`.
     """
     from vsgdesign.estimator.data_set import check_data_target
     from vsgdesign.estimator.recipes import load_recipe
@@ -128,7 +129,7 @@ def train_weights_file(
 
 
 def network_document(weights: NetworkWeights) -> dict[str, Any]:
-    """What a network is, in JSON's types."""
+    """The description of a network in JSON's types."""
     return {
         "weights_sha256": weights.hash,
         "data_sha256": weights.data_hash,

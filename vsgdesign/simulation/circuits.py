@@ -32,7 +32,8 @@ def circuits_of(study: Study, timeline: Timeline, circuit: CircuitOfGrid | None)
     sizes = sorted({len(one.A) for one in full.values()})
     if len(sizes) > 1:
         raise InfeasibleStudyError(
-            f"circuit: has {' and '.join(map(str, sizes))} states on different grids. Give all of them the same states."
+            f"circuit: it has {' and '.join(map(str, sizes))} states on different grids. "
+            "Give it the same states on all grids."
         )
     first = timeline.grid_at(0.0)
     given, own = full[first], two_axes(study.circuit(first))

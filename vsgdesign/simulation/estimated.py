@@ -1,4 +1,4 @@
-"""Gains from an estimated grid: what is measured goes to the estimator, its answer through the schedule."""
+"""Gains from an estimated grid. The estimator gets the measured samples, and the schedule gets its estimate."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ from vsgdesign.simulation.timeline import Timeline
 Array = NDArray[np.float64]
 
 NO_DESIGN = "no design"
-"""The schedule has no gains for this estimate, so the gains before go on. Other statuses: identification.STATUSES."""
+"""The schedule has no gains for this estimate, so the gains do not change. Other statuses are in
+identification.STATUSES."""
 
 _FIRST = ("ok", "not finite", "saturated", "outside", NO_DESIGN)
 ALL_STATUSES = (*_FIRST, *(status for status in STATUSES if status not in _FIRST))
@@ -47,27 +48,27 @@ TRAINED_PHASE = -0.5 * math.pi
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateLog:
-    """What an estimator said, beside the truth. Arrays have a row per answer."""
+    """The answers of an estimator beside the true grid. Arrays have one row for each answer."""
 
     t_s: Array
-    """When the answer acts: the end of its window."""
+    """Time at which the answer acts, s: the end of its window."""
     R_g: Array
     L_g: Array
     """True grid at the end of the window, Ω and H."""
     R_g_hat: Array
     L_g_hat: Array
-    """Its estimate; NaN where there is none."""
+    """The estimate, Ω and H; NaN where there is none."""
     status: tuple[str, ...]
-    """One of ``ALL_STATUSES`` each."""
+    """The status of each answer, one of ``ALL_STATUSES``."""
     period: float
     """Length of a window, s."""
     R_g_deviation: Array
     L_g_deviation: Array
     """Standard deviation of the estimate, Ω and H; NaN where it is not known."""
     limited: NDArray[np.bool_]
-    """Whether the scheduler's rate limit held the gains back; never without a gain table."""
+    """Whether the rate limit of the scheduler delayed the gains. Without a gain table it never does."""
     rate: float | None = None
-    """That limit: of \\|d ln SCR/dt\\| and \\|d ln(R/X)/dt\\|, 1/s; None without a gain table."""
+    """The limit of \\|d ln SCR/dt\\| and \\|d ln(R/X)/dt\\|, 1/s; None without a gain table."""
 
     def series(self) -> dict[str, Array]:
         """Columns for a file; ``status`` counts along ALL_STATUSES."""
@@ -96,13 +97,14 @@ class _Row:
 
 
 class EstimatedScheduler:
-    """An online scheduler (:class:`vsgdesign.simulation.online.OnlineScheduler`) that knows the grid by estimate.
+    """An online scheduler (:class:`vsgdesign.simulation.online.OnlineScheduler`) that estimates the grid.
 
-    Windows do not overlap, the first begins at t = 0, and an answer acts where its window ends, so that it is one
-    window old. An estimate is followed where its status is one of ``FOLLOWED``. Without one, or where the schedule has
-    no gains for it, the gains go on as they were. Until the first answer they are those of the study's grid at the
-    start: what the converter was commissioned on. A controller with a gain table is run by the scheduler that ships,
-    guards and all. The probe that the estimator asks for is sent. For one run at a time: it remembers.
+    Windows do not overlap, and the first begins at t = 0. An answer acts at the end of its window, so the samples
+    behind it are up to one window old. An estimate is followed if its status is one of ``FOLLOWED``. Otherwise, or if
+    the schedule has no gains for it, the gains do not change. Until the first answer the gains are those of the study's
+    grid at the start, on which the converter was commissioned. A controller with a gain table uses the scheduler of the
+    runtime with all its guards. The probe that the estimator asks for is injected. The object has a state, so it must
+    not be shared by two runs at a time.
     """
 
     def __init__(self, study: Study, spec: ControllerSpec, ready: Ready) -> None:
@@ -119,12 +121,12 @@ class EstimatedScheduler:
 
     @property
     def sample_interval(self) -> float:
-        """That of the estimator's samples, s."""
+        """Sample interval of the estimator, s."""
         return self._needs.sample_interval
 
     @property
     def probe_hold(self) -> float | None:
-        """For how long each value of the estimator's probes is held, s."""
+        """Time for which each value of the estimator's probes is held, s."""
         return self._needs.probe_hold
 
     def wanted(self) -> Probe | None:
@@ -143,7 +145,7 @@ class EstimatedScheduler:
         return self._answers.grid
 
     def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
-        """Gains for the estimated grid, None to go on as before."""
+        """Gains for the estimated grid. None means that the gains do not change."""
         found = None
         for samples in samples_of(window, self._needs):
             self._memory, found = self.estimator.update(self._memory, samples)
@@ -151,8 +153,8 @@ class EstimatedScheduler:
             return None
         if found.status not in STATUSES:
             raise ArtifactError(
-                f"{self.estimator.title}: it says status {found.status!r}. Known: {', '.join(STATUSES)}. More than "
-                "these is said by the reason of the estimate."
+                f"{self.estimator.title}: its estimate has the status {found.status!r}. The known ones are "
+                f"{', '.join(STATUSES)}. Give anything more precise as the reason of the estimate."
             )
         followed = found.status in FOLLOWED
         R_g, L_g = found[:2] if followed else (math.nan, math.nan)
@@ -162,7 +164,7 @@ class EstimatedScheduler:
         return gains
 
     def log(self, timeline: Timeline) -> EstimateLog:
-        """What was said during the run, beside the truth."""
+        """All answers of the run, beside the true grid."""
         t_s = np.array([row.t_s for row in self._rows], dtype=float)
         said = np.array([row.estimate[:2] for row in self._rows], dtype=float).reshape(-1, 2)
         deviations = np.array([_deviations(row.estimate) for row in self._rows], dtype=float).reshape(-1, 2)
@@ -249,8 +251,8 @@ def installed_weights(study: Study, spec: ControllerSpec, weights: NetworkWeight
     steps = window.sample_interval / c.T_s
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-6 * steps:
         faults.append(
-            f"sample_interval = {window.sample_interval * 1e6:g} µs: no whole multiple of the controller's sampling "
-            f"period, {c.T_s * 1e6:g} µs. Train with one that is (sample_interval in the recipe)"
+            f"sample_interval = {window.sample_interval * 1e6:g} µs: it is not a whole multiple of the controller's "
+            f"sampling period, {c.T_s * 1e6:g} µs. Train with one that is (sample_interval in the recipe)"
         )
     f_n = c.omega_n / (2.0 * math.pi)
     for name, unit, value in (("S_rated", "VA", c.S_rated), ("V_rated_rms", "V", c.V_rated_rms), ("f_n", "Hz", f_n)):
@@ -264,7 +266,7 @@ def installed_weights(study: Study, spec: ControllerSpec, weights: NetworkWeight
         faults.append(
             "grid_phase = false: the weights were trained on windows synchronised with the grid's own voltage, which "
             "no converter in the field can measure. Train without (a recipe with a range of phase), or set "
-            "grid_phase = true to be lent the simulator's own phase"
+            "grid_phase = true to use the simulator's own phase"
         )
     if faults:
         where = f"controller {spec.name}, [estimator]: these weights do not fit:\n"

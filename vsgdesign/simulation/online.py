@@ -398,7 +398,7 @@ def _whole(value: float, unit: float, what: str, of: str) -> int:
     count = round(value / unit) if value > 0.0 and math.isfinite(value) else 0
     if count < 1 or abs(value / unit - count) > 1e-6:
         raise InfeasibleStudyError(
-            f"online schedule: {what} = {value:.6g} s is no whole multiple of {of}, {unit:.6g} s. "
+            f"online schedule: {what} = {value:.6g} s is not a whole multiple of {of}, {unit:.6g} s. "
             "Choose one that is, or another carrier frequency (f_sw, samples_per_carrier)."
         )
     return count

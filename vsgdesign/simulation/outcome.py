@@ -103,6 +103,6 @@ def outcome_of(divergence: Divergence | None, found: Sequence[Rest], events: Seq
     if not last.stable:
         return Outcome("not settled", last.end_state("P_pcc", False, 1.0).obstacle)
     if not measured:
-        return Outcome("not known", f"nothing is measured after {last.name}")
+        return Outcome("not known", f"there is no measurement after {last.name}")
     short = next((event for event in measured if event.status != MEASURED), None)
     return Outcome("settled") if short is None else Outcome("not known", short.reason)

@@ -25,7 +25,7 @@ class HeldProbe:
         self._every = round(hold / T_s)
         if self._every < 1 or abs(hold / T_s - self._every) > 1e-6:
             raise InfeasibleStudyError(
-                f"probe: hold = {hold:.6g} s is no whole multiple of the controller's sampling period, "
+                f"probe: hold = {hold:.6g} s is not a whole multiple of the controller's sampling period, "
                 f"{T_s:.6g} s. Choose one that is, or another carrier frequency."
             )
         self._V_rated_rms, self._S_rated = study.converter.V_rated_rms, study.converter.S_rated
