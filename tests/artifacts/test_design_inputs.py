@@ -165,4 +165,4 @@ def test_a_table_of_schema_1_is_read(tmp_path: Path) -> None:
     # It cannot say what it was designed from: its study's document has to be the very same.
     assert study_differences(read, study) == []
     (line,) = study_differences(read, study_from_text(text(SAME["a title"])))
-    assert "does not keep what it was designed from: build it again" in line
+    assert "does not hold the inputs of its design: build it again" in line

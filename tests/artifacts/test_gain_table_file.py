@@ -160,7 +160,7 @@ def setter(*keys: Any, to: Any) -> Callable[[dict[str, Any]], None]:
     [
         (setter("kind", to="other"), "not a gain table"),
         (setter("schema", to=3), "update vsgdesign"),
-        (setter("schema", to=True), "no schema number"),
+        (setter("schema", to=True), "not a schema number"),
         (setter("structure", to="droop"), "structure: 'droop' is unknown"),
         (setter("law", to="lead"), "law: 'lead' is unknown"),
         (setter("base", "scr_basis", to="resistance"), "base.scr_basis"),
@@ -176,7 +176,7 @@ def setter(*keys: Any, to: Any) -> Callable[[dict[str, Any]], None]:
         (setter("columns", "k_1", 0, 1, to=None), "columns.k_1: not a number"),
         (setter("columns", "k_1", 0, 1, to=-1.0), "columns.k_1: must be positive"),
         (setter("columns", "k_1", 0, 1, to="15.8"), "text"),
-        (setter("columns", "k_1", 0, to=[1.0]), "no whole gain table"),
+        (setter("columns", "k_1", 0, to=[1.0]), "not a complete gain table"),
         (setter("columns", "k_1", to=[[1.0, 2.0]]), "shape (1, 2), the axes have (3, 2)"),
         (setter("columns", "k_9", to=[[1.0, 2.0]]), "law poles has"),
         (setter("gains", "K_ip", 0, 0, to=None), "gains.K_ip: not a number"),
@@ -199,7 +199,7 @@ def test_what_is_no_table_is_refused_though_its_hash_fits(
 
 
 def test_a_change_without_the_hash_is_refused(tmp_path: Path) -> None:
-    assert "not what its sha256 says" in refusal(tmp_path / "t.json", setter("D_p", to=1.0), sign=False)
+    assert "does not match its sha256" in refusal(tmp_path / "t.json", setter("D_p", to=1.0), sign=False)
 
 
 def test_reformatted_text_is_refused(tmp_path: Path) -> None:
@@ -222,7 +222,7 @@ def test_reformatted_text_is_refused(tmp_path: Path) -> None:
         (b"study = 1\n", "not JSON"),
         (b'{"kind": 1e999}\n', "holds 1e999"),
         (b'{"kind": ' + b"1" * 5000 + b"}\n", "not JSON"),
-        (b'{"kind": "vsgdesign gain table", "schema": 1, "name": "\\ud800"}\n', "not what its sha256 says"),
+        (b'{"kind": "vsgdesign gain table", "schema": 1, "name": "\\ud800"}\n', "does not match its sha256"),
         (b"[" * 100_000, "nested too deeply"),
     ],
 )

@@ -32,7 +32,7 @@ def test_a_table_belongs_to_the_controller_of_that_name() -> None:
     assert ready.table(TABLED) is made
     assert ready.table(controller(robust_study())) is None  # takes its gains from no table, whatever lies there
     assert NOTHING.tables == {}  # a new object, the one before is as it was
-    with pytest.raises(InfeasibleStudyError, match="controller other: its gain table is not there"):
+    with pytest.raises(InfeasibleStudyError, match="controller other: its gain table is missing"):
         ready.table(replace(TABLED, name="other"))
 
 
@@ -57,7 +57,7 @@ def test_it_cannot_be_changed() -> None:
     ids=["gain_law", "run_scenario", "assess"],
 )
 def test_a_missing_table_is_asked_for_with_what_to_do(ask) -> None:
-    with pytest.raises(InfeasibleStudyError, match="controller tabled: its gain table is not there") as caught:
+    with pytest.raises(InfeasibleStudyError, match="controller tabled: its gain table is missing") as caught:
         ask(robust_study())
     for way in ("vsgdesign run", "vsgdesign table build", 'table = "FILE.json"', "make_ready(study)"):
         assert way in str(caught.value)

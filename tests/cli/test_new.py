@@ -55,8 +55,8 @@ def test_a_file_is_never_overwritten(tmp_path: Path) -> None:
     study.write_text("mine")
     (tmp_path / "link.toml").symlink_to(tmp_path / "nowhere.toml")
     for out, said in (
-        ("study.toml", "is there already"),
-        ("link.toml", "is there already"),
+        ("study.toml", "already exists"),
+        ("link.toml", "already exists"),
         (".", "is a folder"),
         ("absent/study.toml", "there is no folder"),
         ("a" * 300, "File name too long"),

@@ -119,7 +119,7 @@ def test_wrong_files_are_wrong_input(written: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.json"
     write_table_file(table(base=replace(whole().base, L_2=1e-3), name="other"), other)
     for arguments, problem in (
-        (("show", changed), "not what its sha256 says"),
+        (("show", changed), "does not match its sha256"),
         (("check", tmp_path / "no.json"), "No such file"),
         (("compare", written), "at least two tables"),
         (("compare", written, other), "different systems"),

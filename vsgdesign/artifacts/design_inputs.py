@@ -82,7 +82,7 @@ def study_differences(table: GainTable, study: Study) -> list[str]:
             return []
         return [
             f"the study's hash is {study.hash[:12]}…, the table was made for {table.study_hash[:12]}…, and it does not "
-            "keep what it was designed from: build it again to hold it against a study"
+            "hold the inputs of its design: build it again to compare it with a study"
         ]
     # The controller that it is named after, or the one that comes nearest.
     specs = sorted(study.controllers, key=lambda spec: spec.name != table.name)

@@ -60,7 +60,9 @@ class GuardedFile(Generic[T]):
         """
         faults = self.faults(value)
         if faults:
-            raise ArtifactError(f'"{path}" is not written, it would be no usable {self._noun}.{_listed(faults)}')
+            raise ArtifactError(
+                f'"{path}" was not written, because it would not be a usable {self._noun}.{_listed(faults)}'
+            )
         with staged_file(path, self.what, self.is_unchanged) as place:
             place.write_text(self.render(self.document(value)), encoding="utf-8", newline="\n")
 
@@ -105,10 +107,10 @@ class GuardedFile(Generic[T]):
         try:
             value = self.build(document)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise ArtifactError(f"it is no whole {self._noun} ({_reason(error)}); {self.again}.") from error
+            raise ArtifactError(f"it is not a complete {self._noun} ({_reason(error)}); {self.again}.") from error
         faults = self.faults(value)
         if faults:
-            raise ArtifactError(f"no usable {self._noun}; {self.again}.{_listed(faults)}")
+            raise ArtifactError(f"it is not a usable {self._noun}; {self.again}.{_listed(faults)}")
         if content_hash(self.document(value)) != said:
             raise ArtifactError(f"it has text or an integer where a number must be, or the reverse; {self.again}.")
         return value
@@ -120,7 +122,7 @@ class GuardedFile(Generic[T]):
             raise ArtifactError(f"it is not {self.what}; give a file {self.origin}.")
         schema = document.get("schema")
         if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
-            raise ArtifactError(f"schema = {schema!r} is no schema number; {self.again}.")
+            raise ArtifactError(f"schema = {schema!r} is not a schema number; {self.again}.")
         if schema > self.schema:
             raise ArtifactError(f"it has schema {schema}, this version reads up to {self.schema}; update vsgdesign.")
         said = document.pop("sha256", None)
@@ -129,7 +131,7 @@ class GuardedFile(Generic[T]):
         except UnicodeEncodeError:  # half of a surrogate pair: nothing of ours
             is_what_it_says = False
         if not is_what_it_says:
-            raise ArtifactError(f"its content is not what its sha256 says; fetch the original or {self.again}.")
+            raise ArtifactError(f"its content does not match its sha256; fetch the original or {self.again}.")
         if data != self.render(document).encode():
             raise ArtifactError("its text was re-formatted since it was written; fetch the original file.")
         return document
@@ -150,7 +152,7 @@ class GuardedFile(Generic[T]):
                 raise ArtifactError(f"it is cut short; fetch it again or {self.again}.") from error
             raise ArtifactError(f"it is not JSON ({error}); give the file of {self.what}.") from error
         except ValueError as error:  # an integer of thousands of digits
-            raise ArtifactError(f"it is not JSON of ours ({error}); give the file of {self.what}.") from error
+            raise ArtifactError(f"it is not JSON of vsgdesign ({error}); give the file of {self.what}.") from error
         except RecursionError as error:
             raise ArtifactError(f"it is nested too deeply to be {self.what}; give another file.") from error
 

@@ -188,7 +188,7 @@ def _faults(weights: NetworkWeights) -> Iterator[str]:
     if window.channels not in CHANNELS:
         yield f"window.channels: {window.channels!r} must be one of {', '.join(CHANNELS)}"
     elif window.length != n:
-        yield f"window: {window.samples} samples of {window.channels} are {window.length} inputs, W_1 has {n}"
+        yield f"window: {window.samples} samples of {window.channels} are {window.length} inputs, but W_1 has {n}"
     if not (isinstance(window.sample_interval, float) and 0.0 < window.sample_interval < math.inf):
         yield f"window.sample_interval: {window.sample_interval!r} must be a positive time in s"
     if not isinstance(window.synchronised, bool):

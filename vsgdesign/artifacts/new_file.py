@@ -22,7 +22,7 @@ def check_new(path: str | Path) -> Path:
     if path.is_dir():
         raise ArtifactError(f'"{path}" is a folder; give a file, for example {path / "study.toml"}.')
     if path.exists() or path.is_symlink():
-        raise ArtifactError(f'"{path}" is there already and is left untouched; give another file.')
+        raise ArtifactError(f'"{path}" already exists and was left untouched; give another file.')
     if not path.parent.is_dir():
         raise ArtifactError(f'there is no folder "{path.parent}"; make it, or give a file in another one.')
     if not os.access(path.parent, os.W_OK):
@@ -41,7 +41,7 @@ def write_new_text(path: str | Path, text: str) -> None:
         os.chmod(name, 0o644)
         os.link(name, path)  # unlike a rename it fails where somebody else was quicker
     except FileExistsError:
-        raise ArtifactError(f'"{path}" is there already and is left untouched; give another file.') from None
+        raise ArtifactError(f'"{path}" already exists and was left untouched; give another file.') from None
     except OSError as error:
         raise ArtifactError(f'cannot write "{path}": {error.strerror}. Give a file in another folder.') from None
     finally:

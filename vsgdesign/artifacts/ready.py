@@ -38,27 +38,27 @@ class Ready:
         return replace(self, tables={**self.tables, controller: table})
 
     def table(self, spec: ControllerSpec) -> GainTable | None:
-        """The controller's gain table; None where it takes its gains from no table.
+        """The controller's gain table, or None if its gains do not come from a table.
 
-        Raises InfeasibleStudyError where it needs one that is not here.
+        Raises InfeasibleStudyError if it needs a table that is missing.
         """
         if spec.schedule != "table":
             return None
         if spec.name not in self.tables:
             raise InfeasibleStudyError(
-                f"controller {spec.name}: its gain table is not there. vsgdesign run builds it; vsgdesign table build "
-                'keeps it, and table = "FILE.json" in the study uses it. In Python, make_ready(study) builds or reads '
-                "it, and what that returns is given on."
+                f"controller {spec.name}: its gain table is missing. vsgdesign run builds it; vsgdesign table build "
+                'writes it to a file, and table = "FILE.json" in the study uses it. In Python, make_ready(study) '
+                "builds or reads it; pass its result on as ready."
             )
         return self.tables[spec.name]
 
     def network_of(self, spec: ControllerSpec) -> NetworkWeights:
-        """The network that a controller estimates with. Raises InfeasibleStudyError where it is not here."""
+        """The network of a controller's estimator. Raises InfeasibleStudyError if it is missing."""
         if self.network is None:
             raise InfeasibleStudyError(
-                f"controller {spec.name}: the network that it estimates with is not there. vsgdesign run trains it; "
-                'vsgdesign estimator train keeps it, and weights = "FILE.json" in [estimator] uses it. In Python, '
-                "make_ready(study) trains or reads it, and what that returns is given on."
+                f"controller {spec.name}: the network of its estimator is missing. vsgdesign run trains it; "
+                'vsgdesign estimator train writes it to a file, and weights = "FILE.json" in [estimator] uses it. In '
+                "Python, make_ready(study) trains or reads it; pass its result on as ready."
             )
         return self.network
 

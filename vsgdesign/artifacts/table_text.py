@@ -26,7 +26,7 @@ def certificate_sentence(certificate: CertificateRecord | None) -> str:
             f"while SCR and X/R change by no more than {_text(100.0 * certificate.region.rate, 3)} % per second each"
         )
     decay = certificate.decay
-    at = "at a rate that the certificate does not say" if decay is None else f"at {_text(decay, 3)} 1/s or faster"
+    at = "at a rate that the certificate does not state" if decay is None else f"at {_text(decay, 3)} 1/s or faster"
     return (
         f"{_proof(certificate)} Over {over}, within the static limits, {what} {at}, {speed} "
         "(power loops; ideal inner loops, no power filters)."
@@ -64,7 +64,7 @@ _CURES = {
         "With ideal inner loops and an exact estimate",
     ),
     "static limit": ("the static limit", "With half of the powers"),
-    "neighbours": ("the designs beside it, which it has to go well with", "Alone"),
+    "neighbours": ("the neighbouring designs, which limit how much it may differ from them", "Without them"),
 }
 
 
@@ -75,13 +75,13 @@ def cause_text(cause: Document) -> str:
     if kind == "interpolation":
         return (
             f"{at}: the cell itself keeps every promise, but a grid between it and the cells around it does not "
-            f"({missed}). Nodes closer together are the way out."
+            f"({missed}). Nodes closer together would help."
         )
     if kind == "specification":
         near = f" Of its {cause['limit']} it uses {_text(100.0 * cause['limit_use'], 3)} %." if cause["limit"] else ""
         return (
             f"{at}: it misses its promises ({missed}) even with ideal inner loops and an exact estimate, and with half "
-            f"of the powers: the specification asks for more than this structure has.{near}"
+            f"of the powers: the specification asks for more than this structure can reach.{near}"
         )
     what, without = _CURES.get(kind, (kind, "Without that"))
     if kind == "static limit":
@@ -186,7 +186,7 @@ def _region(region: CertificateRegion) -> str:
     ]
     if (error := region.error) is not None:
         parts.append(f"R_g and L_g known {'exactly' if error == 0.0 else f'to ±{_text(100.0 * error, 3)} %'}")
-    return ", ".join(parts) if parts else "a region that the certificate does not say"
+    return ", ".join(parts) if parts else "a region that the certificate does not state"
 
 
 def _is_number(value: Any) -> TypeGuard[float]:

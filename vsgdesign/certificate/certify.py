@@ -161,7 +161,7 @@ def certify(
         sampled, largest = _verified(matrices, motion.family(every), found, spec.name)
         if decay is not None and decay > sampled:
             raise InfeasibleStudyError(
-                f"controller {spec.name}: decay = {decay:g} 1/s does not hold, at most {sampled:.3g} 1/s does. Ask for "
+                f"controller {spec.name}: decay = {decay:g} 1/s does not hold; at most {sampled:.3g} 1/s does. Ask for "
                 "less, or shrink the region, the error or the rate."
             )
         if not boxes:
@@ -210,7 +210,7 @@ def _verified(A: Array, family: Family, found: Fit, name: str) -> tuple[float, f
         largest = float(residual(A, family, found.P, decay).max())
     if largest >= 0.0:
         raise InfeasibleStudyError(
-            f"controller {name}: what holds on the grid does not hold between its nodes. Shrink the region."
+            f"controller {name}: the decay at the sampled points does not hold between them. Shrink the region."
         )
     return decay, largest
 
@@ -241,7 +241,7 @@ def largest_rate(
 
     if not holds(low):
         raise InfeasibleStudyError(
-            f"controller {spec.name}: decay = {decay:g} 1/s does not hold even on a grid at rest. Ask for less."
+            f"controller {spec.name}: decay = {decay:g} 1/s does not hold even on a constant grid. Ask for less."
         )
     while high / low > 1.05:
         middle = float(np.sqrt(low * high))

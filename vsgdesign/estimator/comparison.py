@@ -146,7 +146,7 @@ def comparison_recipe(study: Study, settings: ComparisonSettings, windows: dict[
         )
         raise ArtifactError(
             f"networks of different windows cannot be compared on the same ones ({taken}). Compare them in two calls, "
-            "or train them with one samples and sample_interval."
+            "or train them with the same samples and sample_interval."
         )
     return with_sampling(settings.recipe(next(iter(windows.values()), None)), study.converter)
 

@@ -113,9 +113,9 @@ STOPS = {
     "goal": "the cost reached its goal",
     "gradient": "the gradient is below its limit: a stationary point",
     "validation": "the validation error rose too often in a row",
-    "damping": "no damping up to mu_max improves the cost: converged to rounding, or stuck",
-    "epochs": "the epochs are used up: go on from the state, or allow more",
-    "interrupted": "stopped from outside: go on from the state",
+    "damping": "no damping up to mu_max improves the cost: the training has converged to rounding or cannot go on",
+    "epochs": "all epochs are used: continue from the state, or allow more",
+    "interrupted": "the training was interrupted: continue from the state",
 }
 """Why a search ended, and what that means."""
 

@@ -32,7 +32,7 @@ def compile_c(
     """
     folder = Path(folder)
     if shutil.which(compiler) is None:
-        raise ArtifactError(f'compiler "{compiler}": is not installed. Install one (gcc, clang), or name another.')
+        raise ArtifactError(f'compiler "{compiler}": it is not installed. Install one (gcc, clang), or name another.')
     try:
         import cffi
     except ImportError as error:
