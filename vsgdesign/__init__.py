@@ -29,7 +29,7 @@ _HOMES = {
 }
 """Where each public name lives (SPEC 1: lazy loading)."""
 
-__all__ = ["__version__", *_HOMES]
+__all__ = ["__version__", *_HOMES]  # pyright: ignore[reportUnsupportedDunderAll] - __init__.pyi has the types
 
 
 def __getattr__(name: str) -> object:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 
 from vsgdesign.cli.common import JSON, load, print_json, verb
@@ -18,7 +20,11 @@ def export() -> None:
 @click.option("--weights", default=None, metavar="W.json", type=click.Path(), help="Also the impedance estimator.")
 @click.option("--out", required=True, metavar="FOLDER", help="Folder to write. A folder with other files is refused.")
 @click.option(
-    "--study", "study_file", default=None, metavar="STUDY.toml", help="Refuse the table if it belongs to another study."
+    "--study",
+    "study_file",
+    default=None,
+    metavar="STUDY.toml",
+    help="Refuse the table if it belongs to another study, and take the study's current limiter.",
 )
 @click.option(
     "--v-limit", type=float, default=None, metavar="V", help="Full scale of the sensor.  [default: 4 rated peaks]"
@@ -47,6 +53,7 @@ def c(
     from vsgdesign.export import export_c_files
 
     study = None if study_file is None else load(study_file)
+    changes: dict[str, Any] = {} if rate is None else {"rate": rate}
     made = export_c_files(
         table_file,
         out,
@@ -55,7 +62,7 @@ def c(
         v_limit=v_limit,
         i_limit=i_limit,
         grid_phase=grid_phase,
-        **({} if rate is None else {"rate": rate}),
+        **changes,
     )
     if as_json:
         print_json({"folder": str(made.folder)} | made.manifest)

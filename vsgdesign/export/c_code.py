@@ -97,17 +97,20 @@ def export_c_files(
     v_limit: float | None = None,
     i_limit: float | None = None,
     grid_phase: bool = False,
-    limiter: str = CIRCULAR.name,
+    limiter: str | None = None,
     **changes: Any,
 ) -> ExportedC:
     """C from a table's and a network's file into the folder ``out``.
 
     ``v_limit`` (V) and ``i_limit`` (A) are the sensors' limits, four times the rated peaks where they are not given;
-    ``study`` refuses a table that was not designed from it; ``limiter`` is how the exported controller limits its
-    current, as studies name it; ``changes`` to the settings as in :func:`vsgdesign.runtime.guards.settings_of`. Raises
-    ArtifactError with what to do: a file that is damaged, newer or of another case, a folder with other files.
+    ``study`` refuses a table that was not designed from it. ``limiter`` is how the exported controller limits its
+    current, as studies name it; None is the study's own, and ``circular`` without a study. ``changes`` go to the
+    settings as in :func:`vsgdesign.runtime.guards.settings_of`. Raises ArtifactError with what to do: a file that is
+    damaged, newer or of another case, a folder with other files.
     """
     found = read_table_of(table, study)
+    if limiter is None:
+        limiter = CIRCULAR.name if study is None else study.current_limiter
     origin = Origin(
         table=found.name,
         table_sha256=found.sha256,
