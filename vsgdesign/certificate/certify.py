@@ -44,22 +44,22 @@ from vsgdesign.runtime.of_study import follows_measured, schedule_of
 Array = NDArray[np.float64]
 
 _TOLERANCE = 0.005
-"""Of the largest decay that any cell allows: how finely the decay is looked for."""
+"""Tolerance of the search for the decay, relative to the largest decay that any cell allows."""
 
 _ROOM = 0.985
-"""Share of the fitted decay that is claimed: what is left lets boxes of a size be proved."""
+"""Share of the fitted decay that is claimed. The remainder allows a proof on boxes of finite size."""
 
 _SHARES = (0.95, 0.85, 0.7, 0.5)
-"""Of the decay that holds at the points: what is tried to be proved between them, one after another."""
+"""Shares of the decay at the points that are tried one after another in the proof between the points."""
 
 _BUDGET = 1_500_000
-"""Boxes that are looked at before the proof is called gridded: some fifteen seconds on two cores."""
+"""Number of boxes after which the proof is given up and called gridded: about fifteen seconds on two cores."""
 
 _ATTEMPTS = 12
-"""Functions that are tried on boxes."""
+"""Number of functions that are tried on boxes."""
 
 _HARDENINGS = 6
-"""Searches for points at which a function does not hold, before it is tried on boxes."""
+"""Number of searches for points at which a function does not hold, before it is tried on boxes."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Motion:
 
     region: Region
     moving: bool
-    """Whether P depends on the grid; False: one P for all."""
+    """Whether P depends on the grid. With False there is one P for all grids."""
 
     @property
     def _middle(self) -> Array:
@@ -347,7 +347,7 @@ def _fitted(system: System, motion: Motion, name: str, points: Array, A: Array) 
 def _slowest(
     system: System, motion: Motion, name: str, points: Array, A: Array
 ) -> tuple[float, dict[str, float]] | Counterexample:
-    """The least decay of all cells and where it is, or the cell that is unstable by itself."""
+    """The least decay of all cells and its place, or the cell that is unstable by itself."""
     least = np.linalg.eigvals(A).real.max(axis=1)
     worst = int(np.argmax(least))
     limit = -float(least[worst])

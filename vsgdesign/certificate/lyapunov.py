@@ -123,7 +123,7 @@ def best_fit(A: Array, family: Family, limit: float, tolerance: float) -> tuple[
 
 
 def _solve(A: Array, family: Family, decay: float) -> Array | None:
-    """The best-conditioned P for a few cells; None where infeasible.
+    """The best-conditioned P for a few cells, or None if there is none.
 
     Variables: the triangles of P_0 … P_K and t. Least t with I ⪯ P(ρ) ⪯ t·I at the corners and the inequality,
     by a little strict, at every cell and way of moving.

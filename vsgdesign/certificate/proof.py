@@ -1,4 +1,4 @@
-"""From points to the whole region: the inequality on boxes, and on smaller boxes where that is too coarse."""
+"""From points to the whole region: the inequality is proved on boxes, which are cut where they are too large."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _SAMPLES = 4000
 
 @dataclass(frozen=True)
 class Outcome:
-    """How the proof over the boxes ended.
+    """The result of the proof on boxes.
 
     ``decay``: the last one tried, 1/s. ``seen``: how many boxes were looked at; ``proved``: how many hold the
     inequality, or nothing within the static limits. ``left``: those that are undecided, of ``whole``. ``broken``:

@@ -1,4 +1,4 @@
-"""Where a certificate is asked for, and the power loops' state matrices there."""
+"""The region of a certificate, and the state matrices of the power loops in it."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ Array = NDArray[np.float64]
 STATES = ("delta", "omega_i", "V")
 
 OMEGA_SCALE = 4.0
-"""rad/s that ω_i is divided by, so that all three states are of one size."""
+"""Scale of ω_i in rad/s, so that all three states have a similar size."""
 
 
 class MeasuredSchedule(Protocol):
-    """A gain schedule as the runtime has it: estimated R_g (Ω), L_g (H) and measured P, Q, V to gains, on arrays.
+    """A gain schedule as in the runtime: a function of arrays of estimated R_g (Ω), L_g (H) and measured P, Q, V.
 
     Any such schedule can be certified on points, a closed form or a gain table without gaps, too.
     """
@@ -37,7 +37,7 @@ class MeasuredSchedule(Protocol):
 
 @dataclass(frozen=True)
 class AtDesignPoint:
-    """A closed form whose Jacobian is that of its design point, as a run has it: what is measured has no say."""
+    """A closed form with the Jacobian of its design point, as in a run. The measured P, Q and V have no effect."""
 
     schedule: Schedule
 
@@ -69,7 +69,7 @@ class Region:
 
 
 def region_faults(region: Region) -> list[Fault]:
-    """Everything that is wrong with a region."""
+    """All faults of a region."""
     faults = []
     for name, (low, high), least, most in (
         ("scr", region.scr, 0.05, 1e3),

@@ -1,4 +1,4 @@
-"""What a certificate says, as data and as a document."""
+"""The statements of a certificate, as data and as a document."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ GRIDDED = "gridded"
 
 @dataclass(frozen=True)
 class Gap:
-    """What a gridded proof leaves open; all zero in one without gaps.
+    """The gaps of a gridded proof. All values are zero in a proof without gaps.
 
     ``share``: of the region's volume, where the inequality is not proved between the points. ``box``: the largest
     box left, as a share of the region along SCR⁻¹, atan X/R, P, Q and both errors. ``decay``: 1/s by which the
@@ -49,7 +49,8 @@ class Certificate:
     region: Region
     decay: float
     sampled: float
-    """1/s that holds at every cell and random point; more than ``decay`` where the boxes needed room."""
+    """Decay in 1/s that holds at every cell and random point. It exceeds ``decay`` if the proof on boxes needed
+    room."""
     P: Array
     scale: Array
     proof: str
@@ -88,7 +89,8 @@ class Certificate:
 
 
 def refusal_record(reason: str, region: Region, slowest: CertificateCell | None = None) -> CertificateRecord:
-    """Why there is neither a certificate nor a counterexample over a region; its slowest cell, if known."""
+    """The reason why there is neither a certificate nor a counterexample over a region, with its slowest cell if
+    known."""
     refused: dict[str, Any] = {"certified": False, "reason": reason, "region": asdict(region)}
     if slowest is not None:
         refused["slowest"] = {name: value for name, value in asdict(slowest).items() if value is not None}
@@ -96,7 +98,7 @@ def refusal_record(reason: str, region: Region, slowest: CertificateCell | None 
 
 
 class NoFunctionError(InfeasibleStudyError):
-    """Every cell that was looked at is stable, and no function of the kind exists. ``slowest``: the slowest of them."""
+    """Every checked cell is stable, but no function of this kind exists. ``slowest`` is the slowest cell."""
 
     def __init__(self, text: str, slowest: CertificateCell) -> None:
         super().__init__(text)
@@ -105,7 +107,7 @@ class NoFunctionError(InfeasibleStudyError):
 
 @dataclass(frozen=True)
 class Trajectory:
-    """The growing mode's response: times (s) and x = (δ in rad, ω_i in rad/s, V in V) as deviations, (M, 3)."""
+    """The response of the growing mode: times (s) and the deviations x = (δ in rad, ω_i in rad/s, V in V), (M, 3)."""
 
     t_s: Array
     x: Array

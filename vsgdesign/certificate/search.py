@@ -1,4 +1,4 @@
-"""Where a Lyapunov function holds worst: random search about the worst points that are known."""
+"""Search for the points at which a Lyapunov function holds worst: random search around the worst known points."""
 
 from __future__ import annotations
 

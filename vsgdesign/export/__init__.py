@@ -1,4 +1,4 @@
-"""What leaves for the controller: C99 and ONNX from tables and weights."""
+"""Exports for the controller: C99 and ONNX from gain tables and weights."""
 
 from vsgdesign.export.c_code import ExportedC, export_c, export_c_files, initialiser
 from vsgdesign.export.compiled import CompiledC, compile_c

@@ -1,4 +1,4 @@
-"""A scheduler as C99: templates filled with the table's and the network's numbers, whole or not at all."""
+"""A scheduler as C99. Templates are filled with the numbers of the table and the network, completely or not at all."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ _BLOCK = 20
 
 @dataclass(frozen=True)
 class ExportedC:
-    """What was written, and from what."""
+    """The files that were written, and their origin."""
 
     folder: Path
     manifest: dict[str, Any]
@@ -73,19 +73,19 @@ class ExportedC:
 
 @dataclass(frozen=True)
 class Origin:
-    """Names and hashes of what a scheduler was made from."""
+    """Names and hashes of the inputs from which a scheduler was made."""
 
     table: str
     table_sha256: str
     study: str
     study_hash: str
     certificate: str = certificate_sentence(None)
-    """What is proved of the box, in words."""
+    """The proved properties of the box, in words."""
     weights_sha256: str | None = None
     channels: str = ""
     sample_interval: float = 0.0
     limiter: str = CIRCULAR.name
-    """How the exported controller limits its current, as a study names it."""
+    """The current limiter of the exported controller, by its name in a study."""
 
 
 def export_c_files(
@@ -145,7 +145,7 @@ def export_c_files(
 
 
 def _check_same_converter(trained: NetworkWeights, base: TableBase) -> None:
-    """Weights say what converter they are scaled for, where they were trained from a study."""
+    """Refuses weights that were trained from a study of another converter. Such weights name their converter."""
     for name, unit in (("S_rated", "VA"), ("V_rated_rms", "V")):
         ours = float(getattr(base, name))
         theirs = trained.training.get("converter", {}).get(name, ours)
@@ -157,7 +157,7 @@ def _check_same_converter(trained: NetworkWeights, base: TableBase) -> None:
 
 
 def network_of(scheduler: Scheduler) -> NeuralEstimator | None:
-    """The network of a scheduler; None where it has no estimator. Raises ArtifactError for an estimator without C."""
+    """The network of a scheduler, or None without an estimator. Raises ArtifactError for an estimator without C."""
     estimator = scheduler.estimator
     if estimator is None or isinstance(estimator, NeuralEstimator):
         return estimator

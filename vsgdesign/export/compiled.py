@@ -1,4 +1,4 @@
-"""Exported C, compiled here and called from Python: software in the loop. Needs a C compiler and the package cffi."""
+"""Exported C, compiled and called from Python for software in the loop. It needs a C compiler and the package cffi."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def compile_c(
 
 
 def run_compiler(command: Sequence[str], text: str | None = None) -> str:
-    """What a compiler prints. Raises ArtifactError with its complaint."""
+    """Runs a compiler and returns its output. Raises ArtifactError with its error message."""
     done = subprocess.run(command, input=text, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise ArtifactError(f"{command[0]} failed with {done.returncode}:\n{done.stderr.strip()[:2000]}")
@@ -57,7 +57,7 @@ def run_compiler(command: Sequence[str], text: str | None = None) -> str:
 
 
 def _declarations(folder: Path, compiler: str, precision: Sequence[str]) -> str:
-    """The public header as cffi takes it: the integer types are known to it, so nothing is included."""
+    """The public header in the form that cffi takes. cffi knows the integer types, so there are no includes."""
     try:
         lines = (folder / "vsg.h").read_text(encoding="utf-8").splitlines()
     except OSError as error:

@@ -1,4 +1,4 @@
-"""What exported C takes on a Cortex-M4F: flash, RAM and stack, measured with arm-none-eabi-gcc."""
+"""Flash, RAM and stack of the exported C on a Cortex-M4F, measured with arm-none-eabi-gcc."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Footprint:
 
 
 def measure_footprint(folder: str | Path) -> Footprint:
-    """Of an exported folder in single precision. Raises ArtifactError without the compiler."""
+    """The footprint of an exported folder in single precision. Raises ArtifactError without the compiler."""
     folder = Path(folder)
     network = "vsg_window_t" in (folder / "vsg.h").read_text(encoding="utf-8")
     text = _MAIN.format(
@@ -97,5 +97,5 @@ def measure_footprint(folder: str | Path) -> Footprint:
 
 
 def _sizes(said: str) -> dict[str, int]:
-    """Bytes by symbol, of what nm says."""
+    """Bytes by symbol, from the output of nm."""
     return {m[2]: int(m[1]) for m in re.finditer(r"^\d+ (\d+) \w (\w+)$", said, re.MULTILINE)}

@@ -1,4 +1,4 @@
-"""Golden vectors: what Python answers to a sequence of calls that passes every guard."""
+"""Known answers: the answers of Python to a sequence of calls in which every guard acts."""
 
 from __future__ import annotations
 
@@ -37,18 +37,18 @@ class KnownAnswer:
     reason: int
     answer: PowerLoopGains
     size: tuple[float, ...]
-    """What an error of each gain is relative to."""
+    """The reference values for the relative error of each gain."""
 
 
 def gain_sizes(gains: PowerLoopGains) -> tuple[float, ...]:
-    """What errors of the gains are relative to: the larger of a row, whose other entry may pass through zero."""
+    """The reference values for relative errors of the gains: the larger of a row, since the other may cross zero."""
     K_ip, D_p, K_iq, D_q, K_pq, K_qp, k_P, k_Q = (abs(float(value)) for value in gains)
     P_row, Q_row, damping = max(K_ip, K_pq), max(K_iq, K_qp), max(k_P, k_Q)
     return P_row, D_p, Q_row, D_q, P_row, Q_row, damping, damping
 
 
 def known_answers(scheduler: Scheduler) -> list[KnownAnswer]:
-    """A sequence from the first state on: confirmed jump, rate, edges, refusals, time backwards, fallback."""
+    """A sequence of calls from the first state on: confirmed jump, rate, edges, refusals, time backwards, fallback."""
     lookup, c = scheduler.lookup, scheduler.settings
     middle = float(np.sqrt(c.scr[0] * c.scr[1])), float(np.sqrt(c.r_over_x[0] * c.r_over_x[1]))
     R, L = lookup.grid(*middle)
@@ -108,7 +108,7 @@ def known_windows(estimator: NeuralEstimator) -> tuple[tuple[float, float], list
 
 @dataclass(frozen=True, kw_only=True)
 class KnownSteps:
-    """Samples of the whole controller from its start on; with other gains in the second half."""
+    """Samples of the whole controller from its start on. The gains change in the second half."""
 
     refs: References
     gains: tuple[PowerLoopGains, PowerLoopGains]
@@ -118,7 +118,7 @@ class KnownSteps:
     measured: list[Measurement]
     outputs: list[ControllerOutput]
     size: ControllerOutput
-    """What an error of each output is relative to."""
+    """The reference values for the relative error of each output."""
 
 
 def known_steps(lookup: GainLookup, settings: SchedulerSettings, limiter: Limiter) -> KnownSteps:
@@ -186,5 +186,5 @@ _STEPS = 20
 
 
 def _single(record: Any) -> Any:
-    """A NamedTuple of what single precision holds."""
+    """The NamedTuple with its numbers rounded to single precision."""
     return type(record)(*(_single(value) if isinstance(value, tuple) else float(np.float32(value)) for value in record))

@@ -1,4 +1,4 @@
-"""The estimator as ONNX, its scaling inside: V and A in, Ω and H out. Needs the extra ``onnx``."""
+"""The estimator as ONNX with its scaling: it takes V and A and gives Ω and H. It needs the extra ``onnx``."""
 
 from __future__ import annotations
 
@@ -82,14 +82,14 @@ def export_onnx(weights: str | Path, out: str | Path, *, double: bool = False) -
 
 
 def _sealed(model: Any) -> bytes:
-    """The model's bytes, with the hash of those before it was added."""
+    """The bytes of the model, with the hash that they had before it was added."""
     digest = hashlib.sha256(model.SerializeToString(deterministic=True)).hexdigest()
     model.metadata_props.add(key=_SEAL, value=digest)
     return model.SerializeToString(deterministic=True)
 
 
 def _is_unchanged(path: Path) -> bool:
-    """Whether a file is one of ours and as it was written."""
+    """Whether vsgdesign wrote the file and nobody has changed it since."""
     import onnx
 
     try:
