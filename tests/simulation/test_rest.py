@@ -112,7 +112,7 @@ def test_an_end_beyond_the_current_limit_is_none() -> None:
     study = study_from_text(text.format(duration="1 s", bridge="averaged") + step("0.2 s", "V_g_pu = 0.6") + limit)
     m = figures(run_scenario(study), 0.2)
     assert m.status == NO_STEADY_STATE
-    assert "A peak and the limit is" in (m.reason or "")
+    assert "A peak, but the limit is" in (m.reason or "")
 
 
 @pytest.mark.parametrize("kind", ["fixed", "scheduled"])

@@ -1,4 +1,4 @@
-"""Equilibrium, then linearisation: where the converter sits on a grid, and its power loops there."""
+"""Operating points of the converter on a grid, and linear models at them."""
 
 from vsgdesign.operating_point.equilibrium import OperatingPoint, solve_operating_point, solve_with_droop
 

@@ -1,4 +1,4 @@
-"""Where a converter rests when its gains follow what it measures: the steady state and the gains, together."""
+"""Steady state of a converter whose gains follow its measurements. Steady state and gains are found together."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vsgdesign.operating_point.sampled import SampledState, steady_state
 from vsgdesign.parameters.study import Grid, GridSource, Study
 
 GainsOfMeasured = Callable[[float, float, float], PowerLoopGains]
-"""P (W), Q (var) and V (phase rms, V) at the control point to gains; NaN where there are none."""
+"""Function of P (W), Q (var) and V (phase rms, V) at the control point that returns gains, or NaN if there are none."""
 
 _ROUNDS = 100
 _TOLERANCE = 1e-10
@@ -27,18 +27,18 @@ def rest_with_measured_gains(
     gains_of: GainsOfMeasured,
     phase: float = 0.0,
 ) -> tuple[SampledState, PowerLoopGains]:
-    """The steady state under gains that are those of its own P, Q and V, and these gains.
+    """The steady state with the gains that belong to its own P, Q and V, and these gains.
 
-    Where the droops do not depend on the measured values the first answer is the last; else gains and steady state are
-    asked for in turn until they agree to 1e-10. Raises InfeasibleStudyError where there is no steady state, no gains
-    there, or no agreement.
+    If the droops do not depend on the measured values, the first result is the final one. Otherwise gains and steady
+    state are computed in turn until they agree to 1e-10. Raises InfeasibleStudyError if there is no steady state, if
+    there are no gains in it, or if the iteration does not converge.
     """
     gains = gains_of(P_ref, Q_ref, study.converter.V_rated_rms)
     for _ in range(_ROUNDS):
         if not np.isfinite(gains).all():
             raise InfeasibleStudyError(
-                f"no gains: R_g = {grid.R_g:.4g} Ω, L_g = {grid.L_g * 1e3:.4g} mH is no place of the "
-                "schedule. Leave this grid out, or take a schedule that knows it."
+                f"no gains: R_g = {grid.R_g:.4g} Ω, L_g = {grid.L_g * 1e3:.4g} mH is not in the "
+                "schedule. Leave this grid out, or take a schedule that contains it."
             )
         state = steady_state(study, grid, source, P_ref, Q_ref, gains, phase)
         before, at = gains, state.controller

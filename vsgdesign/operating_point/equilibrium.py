@@ -22,9 +22,10 @@ from vsgdesign.frames import PHASES
 
 @dataclass(frozen=True, kw_only=True)
 class OperatingPoint:
-    """Where the converter sits: powers (W, var), V (phase rms), δ (rad) and the Jacobian there.
+    """An operating point: powers (W, var), V (phase rms), δ (rad) and the Jacobian at this point.
 
-    A = ∂P/∂δ, B = ∂P/∂V, C = ∂Q/∂δ, D = ∂Q/∂V. ``V_within_limits`` is a flag, not an error.
+    A = ∂P/∂δ, B = ∂P/∂V, C = ∂Q/∂δ, D = ∂Q/∂V. A voltage beyond its limits sets ``V_within_limits`` to False and raises
+    no error.
     """
 
     P: float
@@ -43,8 +44,9 @@ def solve_operating_point(
 ) -> OperatingPoint:
     """The operating point that delivers P and Q, in closed form (:eq:`operating-point`).
 
-    R and X in Ω from the control point to the source. Raises NoOperatingPointError where the power flow has no
-    real solution, saying by how much the request is too large and what to change, and where the source has no voltage.
+    R and X are in Ω, from the control point to the source. Raises NoOperatingPointError if the source has no voltage or
+    if the power flow has no real solution. The message then says by how much the request is too large and what to
+    change.
     """
     _require_voltage(P, V_g_rms)
     _, discriminant = operating_point_discriminant(P, Q, V_g_rms, R, X)
@@ -57,11 +59,11 @@ def solve_operating_point(
 def solve_with_droop(
     P: float, Q_ref: float, D_q: float, V_n_rms: float, V_g_rms: float, R: float, X: float
 ) -> OperatingPoint:
-    """The operating point where Q = Q_ref + D_q (V_n − V): the Q loop at rest. D_q in var/V rms.
+    """The operating point where Q = Q_ref + D_q (V_n − V), the steady state of the Q loop. D_q is in var/V rms.
 
-    For each V the angle that delivers P is known in closed form, so one scalar equation in V is left; its
-    highest root is taken (the lower one is the far side of the nose curve). Raises NoOperatingPointError where there is
-    none, saying whether the grid or the droop is what forbids it, and what to change.
+    For each V the angle that delivers P is known in closed form, so one scalar equation in V remains. Its highest root
+    is taken, since the lower one is on the lower side of the nose curve. Raises NoOperatingPointError if there is none.
+    The message then says whether the grid or the droop is the cause, and what to change.
     """
     if D_q == 0.0:
         return solve_operating_point(P, Q_ref, V_g_rms, R, X)
@@ -122,8 +124,8 @@ def _at(P: float, Q: float, V_rms: float, delta: float, R: float, X: float, limi
 def _require_voltage(P: float, V_g_rms: float) -> None:
     if not V_g_rms > 0.0:
         raise NoOperatingPointError(
-            f"no operating point: the grid source has no voltage (V_g = {V_g_rms:.4g} V, a bolted fault). Let it be "
-            "over after a short time (an event with V_g_pu above 0), or rest on a source that has one.",
+            f"no operating point: the grid source has no voltage (V_g = {V_g_rms:.4g} V, a bolted fault). End the "
+            "fault after a short time (an event with V_g_pu above 0), or use a source with a voltage.",
             shortfall_w=abs(P),
         )
 

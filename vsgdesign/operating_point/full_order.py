@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Cell:
-    """One point to linearise at."""
+    """One grid and operating point at which the model is linearised."""
 
     grid: Grid
     gains: PowerLoopGains
@@ -55,7 +55,10 @@ class FullOrderModel:
 
 
 def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
-    """Linearise at the steady state of every cell. A cell without one is recorded, not raised."""
+    """Linearises at the steady state of every cell.
+
+    A cell without one is recorded in ``faults`` and raises no error.
+    """
     settings = study.controller_settings()
     rows, params, good, faults = [], [], [], []
     functions = full_order_map(

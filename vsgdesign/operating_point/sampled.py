@@ -1,4 +1,4 @@
-"""The exact steady state of the sampled converter: where a run starts so that nothing moves."""
+"""The exact steady state of the sampled converter, in which a run can start without a transient."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def steady_state(
 
 
 def cold_start(study: Study, phase: float = 0.0) -> SampledState:
-    """Everything at rest: no current, empty capacitor, controller at nominal voltage in phase with the grid."""
+    """The cold start: no current, an empty capacitor, and the controller at nominal voltage in phase with the grid."""
     c = study.converter
     asleep = dict.fromkeys(ControllerState._fields, 0.0)
     view = LimiterView(**dict.fromkeys(LimiterView._fields, 0.0) | {"V": c.V_rated_rms, "omega_i": c.omega_n})
@@ -168,13 +168,13 @@ def _check_limits(study: Study, x: NDArray[np.complex128], v_b: complex) -> None
     settings = study.controller_settings()
     if abs(v_b) > settings.v_max_pk:
         raise LimitHitError(
-            f"the steady state needs a bridge voltage of {abs(v_b):.4g} V peak and the bridge makes "
+            f"the steady state needs a bridge voltage of {abs(v_b):.4g} V peak, but the bridge makes at most "
             f"{settings.v_max_pk:.4g} V. Raise V_dc, or ask for less P and Q.",
             limit="bridge voltage",
         )
     if abs(x[0]) > settings.i_max_pk:
         raise LimitHitError(
-            f"the steady state needs {abs(x[0]):.4g} A peak and the limit is {settings.i_max_pk:.4g} A. "
+            f"the steady state needs {abs(x[0]):.4g} A peak, but the limit is {settings.i_max_pk:.4g} A. "
             "Raise current_limit_pu, or ask for less P and Q.",
             limit="current",
         )

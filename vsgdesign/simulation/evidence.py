@@ -1,4 +1,4 @@
-"""Small steps in EMT beside what the linear models predict: how far a margin can be believed."""
+"""Small steps in EMT compared with the predictions of the linear models, as evidence for the margins."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class StepEvidence:
     """Where ``emt``, ``full_order`` and ``reduced`` end, W or var: the models' own steady states, EMT's that of the
     full order."""
     decay: dict[str, float]
-    """Of the slowest mode of each, 1/s; not positive where it does not die."""
+    """Decay rate of the slowest mode of each, 1/s. It is not positive if the mode does not decay."""
 
     def error(self, which: str) -> float:
         """Largest distance of a prediction from EMT over the size of the step."""

@@ -1,4 +1,4 @@
-"""Scheduled gains in a run: what a controller answers to a grid and to what it measures, and what it starts with."""
+"""Scheduled gains in a run: the gains at its start, and those for a grid and the measured powers."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 
 class ScheduledAnswers:
-    """A scheduled controller's gains for a grid and the measured P, Q, V: those of the scheduler that ships, guards and
-    all, where it has a table, else of its closed form. For one run at a time: the scheduler remembers.
+    """Gains of a scheduled controller for a grid and the measured P, Q, V.
+
+    With a table they come from the scheduler of the runtime with all its guards, otherwise from the closed form. The
+    scheduler has a state, so the object must not be shared by two runs at a time.
     """
 
     def __init__(
@@ -42,7 +44,7 @@ class ScheduledAnswers:
 
     @property
     def grid(self) -> Grid:
-        """The grid that the present gains are for: of a table's scheduler its place, after all guards."""
+        """The grid for which the present gains are made. For a table it is the place of its scheduler."""
         return self._grid if self._runtime is None else Grid(*self._runtime.grid)
 
     def first(self) -> PowerLoopGains:

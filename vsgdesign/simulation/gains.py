@@ -1,4 +1,4 @@
-"""Which gains a controller of the study has, and when: fixed, or rescheduled from the true grid impedance."""
+"""The gains of a study's controller over time: fixed ones, or ones scheduled from the true grid impedance."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ class GainChange:
     t_s: float
     gains: PowerLoopGains
     grid: Grid | None = field(default=None, compare=False)
-    """The grid that the gains are made for; None: gains that were given, which name none."""
+    """The grid for which the gains are made; None for given gains, which belong to no grid."""
 
 
 def gain_changes(study: Study, spec: ControllerSpec, timeline: Timeline) -> tuple[GainChange, ...]:
-    """Every change of a controller's gains over the scenario, the first at t = 0, where the grid alone decides them.
+    """Every change of a controller's gains over the scenario, from t = 0 on, if they depend on the grid alone.
 
-    A scheduled controller updates at whole multiples of its period. What it knows then is the grid up to that
-    instant: a change of grid that coincides with an update is seen by the next one. Raises ValueError for gains that
-    follow what is measured (:func:`vsgdesign.simulation.following.gain_feed`).
+    A scheduled controller updates at whole multiples of its period. It then knows the grid up to that instant, so the
+    next update is the first to see a change of grid at this instant. Raises ValueError for gains that follow
+    measurements (:func:`vsgdesign.simulation.following.gain_feed`).
     """
     if follows_measured(spec):
         raise ValueError(f"controller {spec.name}: its gains follow the measured P, Q and V; give simulate a gain_feed")

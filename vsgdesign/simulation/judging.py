@@ -1,4 +1,4 @@
-"""What an estimated grid is worth in a scenario: errors, delays, and the response beside that with the truth."""
+"""Quality of the estimates in a scenario: errors, delays, and the response compared with that for the true grid."""
 
 from __future__ import annotations
 

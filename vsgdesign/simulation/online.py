@@ -1,8 +1,8 @@
-"""Gains decided while the simulation runs: what a scheduler is told, when its answer acts, and what is kept.
+"""Gains that are decided while the simulation runs: the inputs of a scheduler and the time at which its answer acts.
 
-A scheduler is asked at every whole multiple of its period, with what a controller has measured during the
-period that ends there. Windows do not overlap and the first begins at t = 0. Its answer acts from that very
-sample on; :class:`HeldBack` makes it act whole windows later.
+A scheduler is called at every whole multiple of its period, with the samples of the period that ends at this time.
+Windows do not overlap, and the first begins at t = 0. The answer acts from this sample on; :class:`HeldBack` delays it
+by whole windows.
 """
 
 from __future__ import annotations
@@ -31,9 +31,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredWindow:
-    """What a controller has measured during one period, SI, and its own quantities at the end of it.
+    """The samples of one period in SI units, and the controller's own quantities at its end.
 
-    Arrays have a row per sample, the first at the begin of the period, the last one interval before its end.
+    Arrays have one row for each sample. The first is at the beginning of the period, the last one interval before its
+    end.
     """
 
     index: int
@@ -61,7 +62,7 @@ class MeasuredWindow:
     """Angle of the grid source's space vector at the first sample, rad. No converter can measure it: it is what
     a window that is synchronised with the grid is given."""
     sent: NDArray[np.complex128] | None = None
-    """(n): the probe as it was sent; None: none was."""
+    """The probe (n) as it was injected; None if there was none."""
     limited: int = 0
     """In how many of the controller's samples within the window it limited its current. The controller may sample more
     often than the window does."""
@@ -73,7 +74,7 @@ class MeasuredWindow:
 
 
 class OnlineScheduler(Protocol):
-    """Decides the power-loop gains while a run is under way."""
+    """An object that decides the power-loop gains during a run."""
 
     @property
     def update_period(self) -> float:
@@ -90,13 +91,13 @@ class OnlineScheduler(Protocol):
         ...
 
     def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
-        """Gains from the end of the window on; None: go on as before."""
+        """Gains from the end of the window on. None means that they do not change."""
         ...
 
 
 @runtime_checkable
 class ProbingScheduler(Protocol):
-    """A scheduler that asks for a probe, too."""
+    """A scheduler that also asks for a probe."""
 
     @property
     def probe_hold(self) -> float | None:
@@ -139,9 +140,9 @@ class FixedGains:
 
 @dataclass(frozen=True)
 class HeldBack:
-    """A scheduler whose answers act ``windows`` updates later than they are given: computing takes time.
+    """A scheduler whose answers act ``windows`` updates late, as a model of the computing time.
 
-    With 1, what window k says acts from the end of window k + 1 on. For one run only: it remembers.
+    With 1, the answer to window k acts from the end of window k + 1 on. The object has a state and serves one run only.
     """
 
     scheduler: OnlineScheduler
@@ -192,7 +193,7 @@ class HeldBack:
 
 @dataclass(frozen=True)
 class Recorder:
-    """A scheduler with everything kept that it was told and that it answered, in order."""
+    """A scheduler that keeps all its inputs and answers in order."""
 
     scheduler: OnlineScheduler
     windows: list[MeasuredWindow] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""What became of a run: it settled, did not, has nowhere to settle, diverged, or it is not known."""
+"""The outcome of a run: it settled, did not settle, has no steady state, diverged, or the outcome is not known."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from vsgdesign.simulation.rest import Rest
 
 RunStatus = Literal["settled", "not settled", "infeasible", "diverged", "not known"]
-"""``infeasible``: there is no steady state to come to. ``diverged``: a quantity left every sensible bound, and the
-simulation ended there. ``not known``: the simulated time is too short to tell, or nothing happens in it."""
+"""``infeasible`` means that there is no steady state. ``diverged`` means that a quantity left every sensible bound and
+the simulation ended there. ``not known`` means that the simulated time is too short, or that nothing happens in it."""
 
 BOUND_PU = 1e3
 """A current, a voltage or a frequency beyond this many times its rated value has diverged. A circuit with the
@@ -28,13 +28,13 @@ converter's limited voltage stays far below it even at resonance."""
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended, and why."""
+    """The outcome of a run with its reason."""
 
     status: RunStatus
     reason: str | None = None
-    """In words; None where it settled."""
+    """The reason in words; None if the run settled."""
     t_s: float | None = None
-    """Until when the run can be believed, s; None: to its end."""
+    """Time up to which the run is valid, s; None if it is valid to its end."""
 
 
 @dataclass(frozen=True)

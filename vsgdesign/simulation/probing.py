@@ -1,4 +1,4 @@
-"""A small disturbance that makes the grid visible, as a run sends it: between stretches, not in the loop."""
+"""The probe of an estimator as a run injects it, between the stretches of the compiled loop."""
 
 from __future__ import annotations
 

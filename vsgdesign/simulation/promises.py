@@ -1,4 +1,7 @@
-"""What each controller was asked for, and whether it keeps that where a scenario rests: ideal and real inner loops."""
+"""The promises of each controller, and whether it keeps them at the operating points of a scenario.
+
+They are checked with ideal and with real inner loops.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ _SLACK = 1e-3
 
 @dataclass(frozen=True)
 class Promises:
-    """What a controller is held to. None: not asked."""
+    """The promises of a controller. None means that there is no such promise."""
 
     source: str
     settling_time: float | None
@@ -77,7 +80,10 @@ def promises_of(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> P
 
 
 def not_promised(table: GainTable | None, study: Study, row: OperatingPointRow | None) -> str:
-    """Why a table promises nothing at an operating point: which of its box is left; empty where it promises."""
+    """The reason why a table promises nothing at an operating point: the limits of its box that are exceeded.
+
+    The text is empty where the table promises something.
+    """
     if table is None or row is None or row.point is None:
         return ""
     box, basis, c, point = table.validity, table.base.scr_basis, study.converter, row.point
@@ -99,9 +105,9 @@ def not_promised(table: GainTable | None, study: Study, row: OperatingPointRow |
 
 @dataclass(frozen=True, kw_only=True)
 class Kept:
-    """One promise of a controller at one operating point of a scenario: the limit, and what both models have.
+    """One promise of a controller at one operating point of a scenario: its limit, and the values of both models.
 
-    Values are NaN where a loop is unstable. ``excuse``: why nothing is promised or can be said here; else empty.
+    Values are NaN if a loop is unstable. ``excuse`` is the reason why nothing is promised or known here, or empty.
     """
 
     controller: str
@@ -134,9 +140,10 @@ class Kept:
 
 
 def promises_kept(result: ScenarioResult) -> tuple[Kept, ...]:
-    """Every margin that a controller was asked for, at every operating point of the scenario, both models.
+    """Every promise of every controller at every operating point of the scenario, for both models.
 
-    An estimating controller is looked at with the exact grid: what its estimate costs is judged in time.
+    A controller with an estimator is checked with the exact grid. The effect of its estimate is judged in the time
+    domain.
     """
     found: list[Kept] = []
     for controller in result.controllers:

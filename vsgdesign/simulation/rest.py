@@ -1,4 +1,5 @@
-"""Where each stretch of a scenario comes to rest by the full-order model, how fast, and whether it does at all."""
+"""The steady state of each part of a scenario by the full-order model, whether it is stable, and how fast it
+settles."""
 
 from __future__ import annotations
 
@@ -26,16 +27,16 @@ from vsgdesign.stability.loci import Mode, modes
 from vsgdesign.stability.words import mode_in_words
 
 _STILL = -1e-6
-"""A mode that dies more slowly than this, 1/s, does not die."""
+"""A mode that decays more slowly than this, 1/s, counts as one that does not decay."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rest:
-    """The state that a controller is bound for between two events, with the gains it has at the end of them.
+    """The steady state that a controller approaches between two events, with the gains at the end of this time.
 
-    ``P_pcc`` (W) and ``Q_pcc`` (var) are those of the averaged bridge, droops included. ``mode`` is the slowest mode
-    there, the fastest growing one where it is unstable. ``obstacle`` says why there is no such state: then both powers
-    are NaN and there is no mode.
+    ``P_pcc`` (W) and ``Q_pcc`` (var) are those of the averaged bridge and include the droops. ``mode`` is the slowest
+    mode of this state, or the fastest growing one if it is unstable. ``obstacle`` says why there is no such state. Both
+    powers are then NaN, and there is no mode.
     """
 
     t_s: float
@@ -56,7 +57,7 @@ class Rest:
 
     @property
     def stable(self) -> bool:
-        """Whether every mode dies; True where there is nothing to be stable."""
+        """Whether every mode decays. It is True if there is no steady state."""
         return self.mode is None or self.mode.s.real < _STILL
 
     def end_state(self, signal: str, switched: bool, interval: float) -> EndState:
@@ -86,7 +87,7 @@ class Instability:
 
 
 def rests(study: Study, timeline: Timeline, changes: Sequence[GainChange]) -> tuple[Rest, ...]:
-    """One for the start and one for every instant with an event, up to the next, in order of time."""
+    """The steady states in order of time: one for the start, and one for the time after every instant with an event."""
     names: dict[float, str] = {0.0: "the start"}
     for event in study.events:
         names[event.t_s] = (
@@ -173,7 +174,7 @@ def _measured_changes(study: Study, timeline: Timeline, spec: ControllerSpec, re
 
 
 def instabilities(study: Study, spec: ControllerSpec, found: Sequence[Rest]) -> tuple[Instability, ...]:
-    """The parts that are unstable, each stretch on one grid as one, with a sentence on each."""
+    """The unstable parts of a scenario, one for each stretch on one grid, with a sentence on each."""
     said = []
     unstable = [rest for rest in found if not rest.stable]
     while unstable:
