@@ -1,4 +1,4 @@
-"""What stages hand over as files, and how they are written: whole, or not at all."""
+"""The files that stages pass on to each other. Each is written completely or not at all."""
 
 from vsgdesign.artifacts.files import write_json
 from vsgdesign.artifacts.folders import staged_folder, write_record

@@ -35,7 +35,8 @@ RATES = {"k_1": 2, "d_1": 1, "k_2": 1}
 
 @dataclass(frozen=True, kw_only=True)
 class TableBase:
-    """What the table is made for: the converter's rating and filter, the source, the basis of its SCR axis."""
+    """The system for which the table is made: the converter's rating and filter, the source, the basis of its SCR
+    axis."""
 
     S_rated: float
     """VA."""
@@ -121,23 +122,24 @@ class GainTable:
     active: NDArray[np.str_]
     """Which constraint stops the design from being better; empty where none or outside."""
     price: Array
-    """What the active constraint costs, ≥ 0, in the objective's unit."""
+    """Cost of the active constraint, ≥ 0, in the unit of the objective."""
     margins: dict[str, Array] = field(default_factory=dict)
     """Figures per cell. Names of docs/gain-table-file.md are understood (checked, drawn); others are carried."""
     specification: dict[str, Any] = field(default_factory=dict)
     validity: ValidityBox
     certificate: CertificateRecord | None = None
-    """What is proved over its box, or why nothing is; None: no proof was sought."""
+    """The proof over its box, or the reason why there is none. None if no proof was tried."""
     provenance: dict[str, str] = field(default_factory=dict)
     """Versions of what made it."""
     inputs: dict[str, str] = field(default_factory=dict)
     """Hashes of what it was made from, by name."""
     design_inputs: dict[str, Any] = field(default_factory=dict)
-    """What its design depended on (:mod:`vsgdesign.artifacts.design_inputs`); empty where it was made by hand."""
+    """The inputs of its design (:mod:`vsgdesign.artifacts.design_inputs`). They are empty for a table made by hand."""
     between: dict[str, Any] | None = None
-    """What the last look between the nodes found: ``points``, ``outside``, ``promised``, ``seed`` and ``broken``."""
+    """The result of the last check between the nodes: ``points``, ``outside``, ``promised``, ``seed`` and
+    ``broken``."""
     causes: list[dict[str, Any]] = field(default_factory=list)
-    """Of relaxed cells, why a promise was given up (:mod:`vsgdesign.design.causes`)."""
+    """The reasons why relaxed cells give up a promise (:mod:`vsgdesign.design.causes`)."""
 
     def __post_init__(self) -> None:
         for name, kind in (("scr", float), ("x_over_r", float), ("price", float), ("status", str), ("active", str)):

@@ -1,4 +1,4 @@
-"""What made a result: the versions of everything that had a say in its numbers."""
+"""The provenance of a result: the versions of everything that influenced its numbers."""
 
 from __future__ import annotations
 

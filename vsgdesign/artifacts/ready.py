@@ -1,4 +1,5 @@
-"""What was designed, read or trained for a study. It lies beside the study, which holds what was given alone."""
+"""The tables and the network that were designed, read or trained for a study. The study itself holds only its
+inputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run says of a gain table: the same figures in results.json, on the terminal and on the page."""
+"""The summary of a gain table, with the same figures in results.json, on the terminal and on the page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a gain table says of itself in words, the same in every place that shows it."""
+"""The description of a gain table in words, which is the same in every place that shows it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Document = Mapping[str, Any]
 
 
 def certificate_sentence(certificate: CertificateRecord | None) -> str:
-    """What a certificate proves, or what defeats it."""
+    """The sentence of a certificate: what it proves, or why there is none."""
     if certificate is None:
         return "There is no certificate: no proof was made for this table."
     over = _region(certificate.region)

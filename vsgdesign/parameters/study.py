@@ -112,11 +112,11 @@ class Grid:
 
 @dataclass(frozen=True)
 class Place:
-    """A grid as a converter sees it: short-circuit ratio, X/R, and what the ratio is taken on."""
+    """A grid as a converter sees it: short-circuit ratio, X/R, and the basis of the ratio."""
 
     scr: float
     x_over_r: float
-    """Infinite: no resistance."""
+    """X/R of the grid impedance. It is infinite without resistance."""
     basis: str
     """A name of :data:`vsgdesign.equations.grid.SCR_BASES`. Raises UnknownNameError for another."""
 
@@ -133,23 +133,23 @@ class Place:
 
 @dataclass(frozen=True, kw_only=True)
 class InnerLoopRequest:
-    """What inner loops are designed for. Equal requests get equal gains."""
+    """The data for which inner loops are designed. Equal requests get equal gains."""
 
     converter: Converter
     filter: Filter
     scr: tuple[float, float]
     x_over_r: tuple[float, float]
-    """Least and largest of the grids to serve."""
+    """Smallest and largest value of the grids to be served."""
     scr_basis: str
     """``impedance`` or ``reactance``."""
     settling_time: float
-    """Of the power loops, s: the inner loops have to be faster."""
+    """Settling time of the power loops, s. The inner loops have to be faster."""
     seed: int = 0
 
 
 @dataclass(frozen=True)
 class GridSource:
-    """The stiff source behind the grid impedance."""
+    """The ideal voltage source behind the grid impedance."""
 
     V_g_rms: float
     omega_g: float
@@ -157,7 +157,7 @@ class GridSource:
 
 @dataclass(frozen=True, kw_only=True)
 class ClosedFormTarget:
-    """What the closed-form gains aim at, and the operating point at which the Jacobian is taken."""
+    """The targets of the closed-form gains, and the operating point at which the Jacobian is taken."""
 
     settling_time: float
     damping_ratio: float
@@ -170,42 +170,41 @@ class ClosedFormTarget:
     k_1: float = EQUAL_TIMES.k_1
     d_1: float = EQUAL_TIMES.d_1
     k_2: float = EQUAL_TIMES.k_2
-    """Pole placement of structures that take the coupling out: δ by s² + d_1 s + k_1, V by s + k_2."""
+    """Pole placement of structures that cancel the coupling: s² + d_1 s + k_1 for δ and s + k_2 for V."""
     P_droop: float = 0.05
     Q_droop: float = 0.05
-    """Frequency and voltage deviation, per unit, that rated power answers; 0: no droop."""
+    """Deviation of frequency and voltage, per unit, at which the droop adds rated power. 0 means no droop."""
     share_P: float = 1.0
     share_Q: float = 1.0
-    """How much of the coupling B (C) is taken out of the P (Q) row, 0 to 1."""
+    """Share of the coupling B (C) that is cancelled in the P (Q) row, 0 to 1."""
     follow_references: bool = False
-    """Take the Jacobian at the measured P, Q and V, which follow the references, instead of at (P, Q)."""
+    """Whether the Jacobian is taken at the measured P, Q and V, which follow the references, instead of at (P, Q)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerSpec:
-    """One controller to simulate: fixed gains, or gains rescheduled from the grid impedance."""
+    """One controller of a study, with fixed gains or with gains scheduled from the grid impedance."""
 
     name: str
     kind: str
     """``fixed`` or ``scheduled``."""
     target: ClosedFormTarget
     gains: PowerLoopGains | None = None
-    """Given gains of a fixed controller; None: designed in closed form at ``design_grid``."""
+    """Given gains of a fixed controller. With None they are designed in closed form at ``design_grid``."""
     design_grid: Grid | None = None
     update_period: float | None = UPDATE_PERIOD
-    """Time between two updates of a scheduled controller, s; None: the length of the window of the network that it
-    estimates with."""
+    """Time between two updates of a scheduled controller, s. None means the length of its network's window."""
     schedule: str = "closed_form"
     """Of a scheduled controller: ``closed_form``, or ``table`` (designed to the study's specification)."""
     table_file: str | None = None
-    """Where its gain table is; None: it is built."""
+    """File of its gain table. With None the table is built."""
     estimate: str = "truth"
-    """What a scheduled controller knows of the grid: the ``truth``, or what the study's ``neural`` network says."""
+    """Source of the grid impedance of a scheduled controller: ``truth``, or an estimator such as ``neural``."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """What changes at an instant. None: unchanged."""
+    """The changes at one instant. None means that a quantity does not change."""
 
     t_s: float
     name: str
@@ -213,7 +212,7 @@ class Event:
     V_g_rms: float | None = None
     omega_g: float | None = None
     over: float = 0.0
-    """Duration of a linear ramp of V_g_rms and omega_g; zero: a step."""
+    """Duration of a linear ramp of V_g_rms and omega_g, s. Zero means a step."""
     phase_jump: float = 0.0
     P_ref: float | None = None
     Q_ref: float | None = None
@@ -236,7 +235,7 @@ class SimulationSpec:
 
 @dataclass(frozen=True)
 class Gates:
-    """Limits that a design is held against. Ours, configurable, and no grid code's."""
+    """Gates: limits for the margins of a design. They are set in the study and do not come from a grid code."""
 
     damping_ratio: float = 0.3
     gain_margin_db: float = 6.0
@@ -263,11 +262,11 @@ class StudyOrigin:
     """The document that a study was read from, so that a changed study is checked by the same reader."""
 
     document: Mapping[str, Any]
-    """Sections and fields as they were written, bases merged."""
+    """Sections and fields as they were written, after the bases were merged."""
     folder: str
-    """Where relative paths in it begin."""
+    """Folder to which relative paths in it refer."""
     source: str
-    """What messages call it."""
+    """Name of the document in messages."""
     default_name: str
 
 
@@ -291,7 +290,7 @@ class Study:
     tau_P: float
     tau_Q: float
     omega_t: float
-    """Corner of the transient impedance, rad/s: changes of the grid current that are faster see it."""
+    """Corner of the transient impedance, rad/s. It acts on changes of the grid current that are faster than this."""
     controllers: tuple[ControllerSpec, ...]
     simulation: SimulationSpec
     events: tuple[Event, ...]
@@ -299,11 +298,11 @@ class Study:
     hash: str
     """SHA-256 of the resolved study document."""
     specification: Specification | None = None
-    """What a designed gain table has to keep; None where the study has no [specification]."""
+    """The requirements of a designed gain table; None if the study has no [specification]."""
     estimator: EstimatorSpec | None = None
     """The network that estimates the grid's impedance; None where the study has no [estimator]."""
     inner_request: InnerLoopRequest | None = None
-    """What the inner loops were designed for; None where the study gives their gains."""
+    """The request for which the inner loops were designed; None if the study gives their gains."""
     current_limiter: str = CIRCULAR.name
     """How the controllers limit their current: a name in ``equations.limiters.LIMITERS``."""
     files: tuple[str, ...] = field(default=(), compare=False)
@@ -350,7 +349,7 @@ class Study:
 
     @property
     def limiter(self) -> Limiter:
-        """How the controllers limit their current. Raises ValueError where there is no limiter of that name."""
+        """The current limiter of the controllers. Raises ValueError if there is no limiter of this name."""
         return limiter_named(self.current_limiter)
 
     def controller_settings(self) -> ControllerSettings:
