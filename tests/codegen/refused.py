@@ -91,14 +91,14 @@ def uses_membership(x: Any) -> Any:
 def binds_in_one_branch(x: Any) -> Any:
     if x > 0.0:
         limit = 2.0 * x
-    return limit
+    return limit  # pyright: ignore[reportPossiblyUnboundVariable]
 
 
 PHASES = 3.0
 
 
 def binds_late(x: Any) -> Any:
-    y = PHASES * x  # noqa: F823
+    y = PHASES * x  # noqa: F823  # pyright: ignore[reportUnboundVariable]
     PHASES = 2.0 * y
     return PHASES
 
@@ -149,7 +149,7 @@ def generates(x: Any) -> Iterator[Any]:
 
 
 def unpacks_too_few(x: Any) -> Any:
-    a, b = (x, x, x)
+    a, b = (x, x, x)  # pyright: ignore[reportAssignmentType]
     return a + b
 
 

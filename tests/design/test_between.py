@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ PARAMETERS = {"k_1": 12.0, "d_1": 6.0, "k_2": 3.4, "q": 0.0, "share_P": 1.0, "sh
 GRID = np.array([[4.2, 1.7], [9.0, 3.0], [5.0, 1.2]])
 
 
-def constant_table(**changes: np.ndarray) -> GainTable:
+def constant_table(**changes: Any) -> GainTable:
     box = ValidityBox((3.0, 12.0), (1.0, 4.0), (-4500.0, 4500.0), (-2000.0, 2000.0), (93.5, 137.5), 0.2)
     made = table(
         scr=SPEC.scr,

@@ -29,7 +29,7 @@ from vsgdesign.runtime import closed_form_schedule
 from vsgdesign.runtime.table import table_schedule
 
 STUDY = replace(load_study("studies/structures/study.toml"), scr_basis="impedance")
-POWERS = {"P": (-4500.0, 4500.0), "Q": (-2000.0, 2000.0)}
+POWERS = (-4500.0, 4500.0), (-2000.0, 2000.0)
 
 
 def controller(name: str, **target: float) -> ControllerSpec:
@@ -64,8 +64,8 @@ def test_the_inequality_of_a_point_is_that_of_its_state_matrix(k: int) -> None:
     s = systems()[k]
     # Beyond its limit the published gains are large: their inequality is compared where they are not.
     ratio = (1.0, 20.0) if k == 2 else (0.3, 20.0)
-    region = Region((1.2, 20.0), ratio, **POWERS, error=0.2)
-    weak = Region((1.2, 1.4), (ratio[0], 1.4 * ratio[0]), **POWERS, error=0.2)
+    region = Region((1.2, 20.0), ratio, *POWERS, error=0.2)
+    weak = Region((1.2, 1.4), (ratio[0], 1.4 * ratio[0]), *POWERS, error=0.2)
     rng = np.random.default_rng(0)
     points, A = s.matrices(np.concatenate([random_points(region, 200, rng), random_points(weak, 1000, rng)]))
     P = np.array([[3.0, -1.0, 0.2], [-1.0, 2.0, 0.1], [0.2, 0.1, 1.5]])
@@ -138,7 +138,7 @@ def pieces_of(s: System, region: Region, places: NDArray[np.float64]) -> Boxes:
 @pytest.mark.parametrize("k", [0, 3, 4])
 def test_places_and_points_are_the_same_two_ways(k: int) -> None:
     s = systems()[k]
-    region = Region((1.3, 20.0), (0.3, 20.0), **POWERS, error=0.2)
+    region = Region((1.3, 20.0), (0.3, 20.0), *POWERS, error=0.2)
     points, _ = s.matrices(random_points(region, 300, np.random.default_rng(1)))
     np.testing.assert_allclose(points_of(s, region, places_of(s, points)), points, rtol=1e-10, atol=1e-8)
 
@@ -175,7 +175,7 @@ def test_no_point_of_a_proved_box_fails_and_an_empty_box_has_none(k: int, rate: 
 def test_what_is_compiled_ahead_is_what_a_proof_calls() -> None:
     """One signature each: another would be compiled again, when the proof asks for it."""
     compile_ahead()
-    s, region = systems()[4], Region((2.0, 2.1), (1.0, 1.05), **POWERS, error=0.05)
+    s, region = systems()[4], Region((2.0, 2.1), (1.0, 1.05), *POWERS, error=0.05)
     ready = programs(s, region, Motion(region, False).weights, np.eye(3)[None], 0.1)
     whole = whole_region(s, region)
     look_at(s, ready, whole, whole)
@@ -223,7 +223,7 @@ def test_a_decay_that_is_asked_for_is_proved_and_claimed() -> None:
 def test_a_function_that_follows_the_grid_falls_along_a_bounded_ramp() -> None:
     """xᵀP(ρ)x of the published loops while SCR and X/R move at the full rate."""
     rate = 0.5
-    region = Region((2.0, 20.0), (1.0, 20.0), **POWERS, rate=rate)
+    region = Region((2.0, 20.0), (1.0, 20.0), *POWERS, rate=rate)
     spec = controller("published")
     found = certify(STUDY, spec, region, nodes_per_axis=7, fresh=1000, budget=0)
     common = certify(STUDY, spec, replace(region, rate=np.inf), nodes_per_axis=7, fresh=1000, budget=0)

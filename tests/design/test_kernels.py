@@ -5,6 +5,7 @@ from __future__ import annotations
 import control
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.design.robust_studies import SETTLING, law, robust_study, scenarios
 from vsgdesign.design.box import Scenarios
@@ -59,7 +60,7 @@ def test_steps_are_those_of_python_control(design: int, box: Scenarios, evaluate
     finals = (np.ones(len(box)), final_Q(model.J, np.broadcast_to(gains.D_q, len(box))))
     for k in range(len(box)):
         system = control.ss(model.A[k], model.B[k][:, :2], model.C[k][:2], np.zeros((2, 2)))
-        if control.poles(system).real.max() >= 0.0:
+        if np.real(control.poles(system)).max() >= 0.0:
             assert evaluated["overshoot_P"][design, k] == evaluated["settling_Q"][design, k] == np.inf
             assert evaluated["disk_margin"][design, k] == 0.0
             continue
@@ -88,7 +89,7 @@ def test_damping_and_stability_are_those_of_the_poles(box: Scenarios, evaluated:
     for design in range(5):
         model, _ = model_of(design, box)
         for k in range(len(box)):
-            poles = control.poles(control.ss(model.A[k], model.B[k], model.C[k], model.D[k]))
+            poles: NDArray[np.complex128] = control.poles(control.ss(model.A[k], model.B[k], model.C[k], model.D[k]))
             assert evaluated.abscissa[design, k] == pytest.approx(poles.real.max(), rel=1e-6)
             damping = (-poles.real / np.abs(poles)).min()
             assert evaluated["damping_ratio"][design, k] == pytest.approx(damping, abs=1e-6)

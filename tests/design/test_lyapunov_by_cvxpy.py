@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import warnings
+from importlib import import_module
 from types import SimpleNamespace
 from typing import Any
 
-import clarabel
 import cvxpy as cp
 import numpy as np
 import pytest
@@ -74,6 +74,7 @@ def test_a_function_of_the_solver_is_not_believed_before_its_eigenvalues(monkeyp
             x[6:12] = 2.0 * x[:6]  # P_1 = 2 P_0: P_0 − P_1 is negative
             return SimpleNamespace(status=solution.status, x=x)
 
+    clarabel: Any = import_module("clarabel")  # compiled, without types
     clarabel_solver = clarabel.DefaultSolver
     monkeypatch.setattr(clarabel, "DefaultSolver", Wrong)
     assert fit(A, moving, 0.1)[0] is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from vsgdesign.equations.structures import NormalisedGains, effective_inertia
 from vsgdesign.errors import InfeasibleStudyError
 
 GRIDS = ((3.0, 2.0), (6.0, 2.0))
-SMALL = {"population": 8, "generations": 4}
+best_of_few = partial(best_fixed, population=8, generations=4)
 
 
 def test_given_gains_have_the_figures_of_the_parameters_they_come_from() -> None:
@@ -35,7 +36,7 @@ def test_it_is_no_worse_than_any_closed_form_made_for_one_of_the_grids(name: str
     """The oracle is the closed form of each grid, at its own design point and at three paces."""
     study = robust_study()
     spec, target, structure = specification(study), controller(study, name).target, law(study, name)
-    found = best_fixed(study, target, GRIDS, **SMALL)
+    found = best_of_few(study, target, GRIDS)
     s = exact_scenarios(study, spec, GRIDS, target.P, target.Q)
     share, q = (0.0, 0.01) if name == "published" else (1.0, 0.0)
     worst = []
@@ -52,7 +53,7 @@ def test_it_is_no_worse_than_any_closed_form_made_for_one_of_the_grids(name: str
 def test_equal_calls_give_equal_digits_and_the_droops_are_those_asked_for() -> None:
     study = robust_study()
     target = controller(study).target
-    one, other = (best_fixed(study, target, GRIDS, seed=3, **SMALL) for _ in range(2))
+    one, other = (best_of_few(study, target, GRIDS, seed=3) for _ in range(2))
     assert one == other
     c = study.converter
     assert one.gains.D_p == pytest.approx(c.S_rated / (0.05 * c.omega_n))
@@ -84,11 +85,11 @@ def test_a_bound_on_the_inertia_is_part_of_the_search() -> None:
     """Half of the inertia of the tuning without a bound at most, or twice at least: another tuning is found."""
     study = robust_study()
     target, c = controller(study).target, study.converter
-    free = best_fixed(study, target, GRIDS, **SMALL)
+    free = best_of_few(study, target, GRIDS)
     H = float(effective_inertia(free.gains, c.S_rated, c.omega_n))
     for low, high in ((0.0, 0.5 * H), (2.0 * H, 1e6)):
         bounded = replace(study, specification=replace(specification(study), H_min=low, H_max=high))
-        found = best_fixed(bounded, target, GRIDS, **SMALL)
+        found = best_of_few(bounded, target, GRIDS)
         reached = float(effective_inertia(found.gains, c.S_rated, c.omega_n))
         assert low <= reached <= high
         assert found.violation == free.violation == 0.0

@@ -80,7 +80,7 @@ def test_inner_loops_in_complex_numbers(
 
 def test_anti_windup_brings_the_integrator_to_the_limit_and_no_further() -> None:
     """A constant unreachable reference: the limited output settles on the limit, the integrator stays bounded."""
-    xi_d = xi_q = 0.0
+    xi_d = xi_q = out_d = out_q = 0.0
     for _ in range(20000):
         e_d, e_q, want_d, want_q = voltage_loop(300.0, 0.0, 0.0, 100.0, 0.0, 0.0, 0.0, xi_d, xi_q, GAINS, 0.0)
         out_d, out_q = limit_length(want_d, want_q, 20.0)
@@ -156,7 +156,7 @@ def test_rotating_the_frame_rotates_the_loops() -> None:
 
     def loop(v: complex, i_g: complex, xi: complex, drop: complex) -> complex:
         parts = (part for x in (drop, v, i_g, xi) for part in (x.real, x.imag))
-        wanted = voltage_loop(0.0, *parts, GAINS, 0.1)[2:]
+        wanted = voltage_loop(0.0, *parts, gains=GAINS, omega_C=0.1)[2:]
         return complex(*limit_length(*wanted, 2.0))
 
     turned = loop(v * turn, i_g * turn, xi * turn, drop * turn)

@@ -59,7 +59,7 @@ def closed_loop(P: float, Q: float, R: float, X: float, gains: PowerLoopGains) -
     assert np.abs(rates(at)).max() < 1e-8
     h = np.array([1e-5, 1e-4, 1e-3])
     columns = [(rates(at + h * e) - rates(at - h * e)) / (2.0 * h @ e) for e in np.eye(3)]
-    return np.linalg.eigvals(np.array(columns).T)
+    return np.linalg.eigvals(np.array(columns).T).astype(complex)
 
 
 def wanted() -> NDArray[np.complex128]:

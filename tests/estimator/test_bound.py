@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from vsgdesign.estimator.bound import (
     SensorNoise,
@@ -21,6 +22,8 @@ from vsgdesign.frames import clarke
 from vsgdesign.identification.pseudo_random import fit_lines
 from vsgdesign.parameters import load_study
 
+Phasors = NDArray[np.float64] | NDArray[np.complex128]
+
 OMEGA = 100.0 * np.pi
 R, L = 0.9, 0.0029
 NOISE = SensorNoise(0.16, 0.02)
@@ -33,7 +36,7 @@ def whole_information(i: np.ndarray, omega: np.ndarray, v_var: float, i_var: flo
     count = 2 + 2 * M + 2 * K
     J = np.zeros((4 * M, count))
 
-    def put(column: int, v: np.ndarray, current: np.ndarray) -> None:
+    def put(column: int, v: Phasors, current: Phasors) -> None:
         J[:, column] = np.concatenate([v.real, v.imag, current.real, current.imag])
 
     zero = np.zeros(M, dtype=complex)

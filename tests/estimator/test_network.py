@@ -34,7 +34,7 @@ def jacobian(shape: Shape, x: Array, u: Array, t: Array) -> Array:
     for k in range(len(x)):
         moved = x.astype(complex)
         moved[k] += 1e-30j
-        columns.append(residuals(shape, moved, u, t).imag / 1e-30)
+        columns.append(np.imag(residuals(shape, moved, u, t)) / 1e-30)
     return np.column_stack(columns)
 
 
@@ -110,7 +110,7 @@ def test_in_the_full_form_directions_without_input_stay_as_they_were() -> None:
 def test_phasor_windows_carry_their_power_through_their_grid() -> None:
     """Power, voltage drop and phase from the samples alone."""
     R_g, L_g, P, Q, V_g = 1.1, 4e-3, 2500.0, 800.0, 112.0
-    t_s = 2e-4 * np.arange(100)
+    t_s = 2e-4 * np.arange(100, dtype=float)
     v, i = phasor_windows(R_g, [L_g], P, Q, V_g, OMEGA, t_s, 0.3)
     assert v.shape == i.shape == (1, 100)
     turn = np.exp(-1j * OMEGA * t_s) * 2.0 / 100.0 / math.sqrt(2.0)

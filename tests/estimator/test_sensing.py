@@ -58,7 +58,7 @@ def test_background_harmonics_are_the_emts_own_response(kind: str, monkeypatch: 
     references = (study.simulation.P_ref, study.simulation.Q_ref)
     phasors = harmonic_phasors(study, study.grid, FAST_GAINS, references, list(AMPLITUDES))
     window = clean.windows[-1]
-    angles = window.source_phase + study.grid_source.omega_g * 200e-6 * np.arange(100)
+    angles = window.source_phase + study.grid_source.omega_g * 200e-6 * np.arange(100, dtype=float)
     expected = background_vectors(phasors, AMPLITUDES, angles)
     for row, name in enumerate(("v_pcc", "i_pcc")):
         found = getattr(dirty.windows[-1], name) - getattr(window, name)

@@ -113,9 +113,9 @@ def compare(scheduler: Scheduler, compiled: CompiledC, calls: Calls, *, each_afr
         if each_afresh:
             state = rounded(state, scheduler)
             compiled.load_state(state)
-        state, answer = advance(lookup, c, state, said, *values, ticks)
+        state, answer = advance(lookup, c, state, said, *values, ticks=ticks)
         estimated = said == NO_REASON
-        got = compiled.update_estimate(*values, ticks) if estimated else compiled.hold(*values[2:], ticks)
+        got = compiled.update_estimate(*values, ticks=ticks) if estimated else compiled.hold(*values[2:], ticks=ticks)
         difference.add(answer, got)
     return difference
 

@@ -24,13 +24,13 @@ def z(omega: float) -> complex:
 def windows_of(i: ComplexArray, v: ComplexArray, omega: float = OMEGA, count: int = N) -> list[Samples]:
     """Rotating signals as the windows of α and β that a controller measures."""
     turn = np.exp(1j * OMEGA * H * np.arange(len(i)))
-    pairs = [np.stack([(x * turn).real, (x * turn).imag]) for x in (v, i)]
+    pairs = [np.array([(x * turn).real, (x * turn).imag], dtype=float) for x in (v, i)]
     return [
         Samples(
             pairs[0][:, k : k + count],
             pairs[1][:, k : k + count],
             omega,
-            OMEGA * H * np.arange(k, k + count),
+            OMEGA * H * np.arange(k, k + count, dtype=float),
             np.zeros(count, dtype=complex),
         )
         for k in range(0, len(i), count)

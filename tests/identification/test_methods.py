@@ -26,6 +26,7 @@ from tests.identification.signals import (
 from vsgdesign.identification import Estimate, Estimator
 from vsgdesign.identification.constant import ConstantGuess
 from vsgdesign.identification.injection import Injection
+from vsgdesign.identification.interface import ComplexArray
 from vsgdesign.identification.kalman import ExtendedKalmanFilter, turn_grid
 from vsgdesign.identification.pseudo_random import PseudoRandomSequence, binary_sequence
 from vsgdesign.identification.recursive import RecursiveLeastSquares
@@ -37,7 +38,7 @@ def test_a_constant_stays() -> None:
 
 
 def test_two_windows_are_exact_on_a_step_and_keep_the_answer_after() -> None:
-    i = np.where(np.arange(W * N) < 20 * N, 12.0, 15.0 - 1.0j)
+    i = np.where(np.arange(W * N) < 20 * N, 12.0 + 0.0j, 15.0 - 1.0j)
     found = answers(TwoWindows(AT), windows_of(i, V + z(OMEGA) * i))
     assert {one.status for one in found[:20]} == {"waiting"}
     assert {one.status for one in found[20:30]} == {"ok"}
@@ -49,7 +50,7 @@ def test_two_windows_give_minus_the_converter_where_the_grid_moves() -> None:
     """A converter that is a voltage behind Z_c, and a grid voltage that steps: ΔV/ΔI = −Z_c."""
     Z_c, E = 0.4 + 1.1j, 170.0
     V_g = np.where(np.arange(W * N) < 20 * N, V, 0.95 * V)
-    i = (E - V_g) / (Z_c + z(OMEGA))
+    i = ((E - V_g) / (Z_c + z(OMEGA))).astype(np.complex128)
     last = answers(TwoWindows(AT), windows_of(i, E - Z_c * i))[-1]
     assert last.R_g == pytest.approx(-0.4, rel=1e-6)
     assert OMEGA * last.L_g == pytest.approx(-1.1, rel=1e-6)
@@ -75,7 +76,8 @@ def test_nothing_is_learnt_at_rest_and_nothing_is_claimed(method: Estimator) -> 
 
 def test_injection_is_exact_between_whole_periods() -> None:
     method = Injection(AT)
-    line = 0.3 * np.exp(1j * method.slip * H * np.arange(W * N))
+    turn: ComplexArray = np.exp(1j * method.slip * H * np.arange(W * N))
+    line = 0.3 * turn
     i = 12.0 + line
     found = answers(method, windows_of(i, V + z(OMEGA) * 12.0 + z(OMEGA + method.slip) * line))
     assert found[0].status == "waiting"
@@ -84,8 +86,8 @@ def test_injection_is_exact_between_whole_periods() -> None:
 
 def test_the_sequence_is_exact_and_blind_to_harmonics() -> None:
     method = PseudoRandomSequence(AT)
-    t = H * np.arange(W * N)
-    i, v = np.full(W * N, 12.0 + 0j), V + z(OMEGA) * np.full(W * N, 12.0)
+    t = H * np.arange(W * N, dtype=np.float64)
+    i, v = np.full(W * N, 12.0, dtype=np.complex128), V + z(OMEGA) * np.full(W * N, 12.0)
     rng = np.random.default_rng(0)
     for line in (*method.used_lines, *(-line for line in method.used_lines)):
         slip = 2.0 * np.pi * 50.0 / 3.0 * line
@@ -99,7 +101,7 @@ def test_the_sequence_is_exact_and_blind_to_harmonics() -> None:
 
 def test_without_a_probe_nothing_answers_and_nothing_is_raised() -> None:
     """The current of a steady window has no line beside the fundamental: 0/0, or what rounding makes of it."""
-    i = np.zeros(W * N, dtype=complex)
+    i = np.zeros(W * N, dtype=np.complex128)
     for method in (Injection(AT), PseudoRandomSequence(AT)):
         assert {one.status for one in answers(method, windows_of(i, V + i))} == {"waiting"}
 
@@ -135,13 +137,13 @@ def _noisy(seed: int, method: Injection | PseudoRandomSequence, windows: int) ->
     """Fed with the method's own lines and white noise on both space vectors; the last answer."""
     rng = np.random.default_rng(seed)
     count = windows * N
-    t = H * np.arange(count)
+    t = H * np.arange(count, dtype=np.float64)
     if isinstance(method, Injection):
         slips = [method.slip]
     else:
         spacing = 2.0 * np.pi * 50.0 / 3.0
         slips = [sign * line * spacing for line in method.used_lines for sign in (1, -1)]
-    i, v = np.full(count, 12.0 + 0j), V + z(OMEGA) * np.full(count, 12.0 + 0j)
+    i, v = np.full(count, 12.0, dtype=np.complex128), V + z(OMEGA) * np.full(count, 12.0, dtype=np.complex128)
     for k, slip in enumerate(slips):
         wave = 0.1 * np.exp(1j * (slip * t + k * k))
         i, v = i + wave, v + z(OMEGA + slip) * wave
@@ -156,6 +158,6 @@ def test_the_covariance_is_that_of_many_draws(kind: type, windows: int) -> None:
     method = kind(replace(AT, noise=(0.05, 0.01)), believed=10.0)
     found = [_noisy(seed, method, windows) for seed in range(200)]
     drawn = np.cov(np.array([one[:2] for one in found]).T)
-    said = np.mean([one.covariance for one in found], axis=0)
+    said = np.mean(np.array([one.covariance for one in found]), axis=0)
     for k, scale in enumerate((R_TRUE, L_TRUE)):
         assert np.sqrt(said[k, k]) == pytest.approx(np.sqrt(drawn[k, k]), rel=0.13), scale

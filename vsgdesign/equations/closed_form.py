@@ -49,7 +49,7 @@ def voltage_loop_gains(response_time: Any, damping_ratio: Any, C: Any) -> Any:
     return 2.0 * damping_ratio * omega_v * C, omega_v * omega_v * C
 
 
-def closed_form_poles(settling_time: Any, damping_ratio: Any) -> Any:
+def closed_form_poles(settling_time: Any, damping_ratio: Any) -> tuple[Any, Any, Any]:
     """Returns (k_1, d_1, k_2) of the published loops in 1/s², 1/s and 1/s (:eq:`closed-form-gains`).
 
     ω_n = 4/(ξ T_s); k_1 = ω_n², d_1 = 2ξω_n, k_2 = 4/T_s. With the published structure and q = 0.01, ξ = 1 and

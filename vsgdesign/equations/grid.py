@@ -14,13 +14,13 @@ import numpy as np
 from vsgdesign.errors import UnknownNameError
 
 
-def grid_from_scr_impedance(scr: Any, x_over_r: Any, Z_base: Any, omega: Any) -> Any:
+def grid_from_scr_impedance(scr: Any, x_over_r: Any, Z_base: Any, omega: Any) -> tuple[Any, Any]:
     """Returns (R_g, L_g) in Ω and H for a ratio taken on \\|Z_g\\| (:eq:`scr`)."""
     R_g = Z_base / scr / np.hypot(1.0, x_over_r)
     return R_g, R_g * x_over_r / omega
 
 
-def grid_from_scr_reactance(scr: Any, x_over_r: Any, Z_base: Any, omega: Any) -> Any:
+def grid_from_scr_reactance(scr: Any, x_over_r: Any, Z_base: Any, omega: Any) -> tuple[Any, Any]:
     """Returns (R_g, L_g) in Ω and H for a ratio taken on X_g (:eq:`scr`)."""
     X_g = Z_base / scr
     return X_g / x_over_r, X_g / omega

@@ -39,14 +39,16 @@ class InnerLoopGains(NamedTuple):
     """1"""
 
 
-def limit_length(x: Any, y: Any, limit: Any) -> Any:
+def limit_length(x: Any, y: Any, limit: Any) -> tuple[Any, Any]:
     """Shortens the vector (x, y) to the length ``limit`` if it is longer. Returns (short_x, short_y)."""
     # The squares are compared, so that the root is never taken at zero, where it has no derivative.
     scale = limit / np.sqrt(np.maximum(x * x + y * y, limit * limit))
     return x * scale, y * scale
 
 
-def transient_impedance(i_g_d: Any, i_g_q: Any, i_f_d: Any, i_f_q: Any, gains: InnerLoopGains, smoothing: Any) -> Any:
+def transient_impedance(
+    i_g_d: Any, i_g_q: Any, i_f_d: Any, i_f_q: Any, gains: InnerLoopGains, smoothing: Any
+) -> tuple[Any, Any, Any, Any]:
     """Voltage that is subtracted from the reference while the grid current changes (:eq:`transient-impedance`).
 
     i_f is the grid current behind its low-pass. Returns (drop_d, drop_q, i_f_d, i_f_q): the drop in V, the new i_f
@@ -61,7 +63,7 @@ def transient_impedance(i_g_d: Any, i_g_q: Any, i_f_d: Any, i_f_q: Any, gains: I
 
 def predicted_current(
     i_d: Any, i_q: Any, v_d: Any, v_q: Any, u_d: Any, u_q: Any, kappa: Any, omega_L: Any, T_over_L: Any
-) -> Any:
+) -> tuple[Any, Any]:
     """Converter current a share κ of one period ahead (:eq:`current-prediction`).
 
     u is the bridge voltage that was computed one sample ago and acts from this sample on. With κ = 0 the function
@@ -83,7 +85,7 @@ def voltage_loop(
     xi_q: Any,
     gains: InnerLoopGains,
     omega_C: Any,
-) -> Any:
+) -> tuple[Any, Any, Any, Any]:
     """Voltage error and the converter current that the loop asks for (:eq:`voltage-loop`).
 
     Each axis has a PI controller, feed-forward of the grid current and ωC cross-coupling. Returns (e_d, e_q, i_want_d,
@@ -99,7 +101,7 @@ def voltage_loop(
 
 def voltage_integrators(
     e_d: Any, e_q: Any, cut_d: Any, cut_q: Any, xi_d: Any, xi_q: Any, gains: InnerLoopGains, T_s: Any
-) -> Any:
+) -> tuple[Any, Any]:
     """The integrators ξ_v of the voltage loop for the next sample (:eq:`voltage-loop`).
 
     They integrate the error and ``cut``, the change that the limiter made to the requested current: cut = i_ref − i*

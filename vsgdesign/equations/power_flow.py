@@ -19,7 +19,7 @@ LEAST_SHARE = 0.2
 """Least share of b that A and D·V keep where gains are made of them (:eq:`well-posed`)."""
 
 
-def power_flow(delta: Any, V_rms: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
+def power_flow(delta: Any, V_rms: Any, V_g_rms: Any, R: Any, X: Any) -> tuple[Any, Any]:
     """P and Q that leave the control point (:eq:`power-flow`, the paper's eqs. 1 and 2)."""
     Z_sq = R * R + X * X
     sine = V_rms * V_g_rms * np.sin(delta)
@@ -30,7 +30,7 @@ def power_flow(delta: Any, V_rms: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
     return P, Q
 
 
-def operating_point_discriminant(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
+def operating_point_discriminant(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> tuple[Any, Any]:
     """Returns (b_0, discriminant) of :eq:`operating-point` in V² and V⁴.
 
     A negative discriminant means that there is no operating point.
@@ -40,7 +40,7 @@ def operating_point_discriminant(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -
     return b_0, b_0 * b_0 - 4.0 * Z_sq * (P * P + Q * Q) / (PHASES * PHASES)
 
 
-def operating_point(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
+def operating_point(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> tuple[Any, Any]:
     """The voltage V∠δ that delivers P and Q. It is the high-voltage root of :eq:`operating-point`.
 
     Returns (V_rms, delta) in V and rad. Both are NaN where the power flow has no real root.
@@ -62,18 +62,18 @@ def largest_scale(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
     return V_g_rms * V_g_rms / (2.0 * np.hypot(R, X) * np.hypot(P, Q) / PHASES - c)
 
 
-def admittance(V_rms: Any, R: Any, X: Any, Z_sq: Any) -> Any:
+def admittance(V_rms: Any, R: Any, X: Any, Z_sq: Any) -> tuple[Any, Any]:
     """Returns (b, g) in W: 3V² times the susceptance X/Z² and the conductance R/Z² of a path. Z_sq is R² + X²."""
     scale = PHASES * V_rms * V_rms / Z_sq
     return scale * X, scale * R
 
 
-def jacobian_from_admittance(P: Any, Q: Any, V_rms: Any, b: Any, g: Any) -> Any:
+def jacobian_from_admittance(P: Any, Q: Any, V_rms: Any, b: Any, g: Any) -> tuple[Any, Any, Any, Any]:
     """The Jacobian of :eq:`jacobian-from-powers` for b and g of :func:`admittance`. Returns (A, B, C, D)."""
     return b - Q, (P + g) / V_rms, P - g, (b + Q) / V_rms
 
 
-def jacobian_from_powers(P: Any, Q: Any, V_rms: Any, R: Any, X: Any) -> Any:
+def jacobian_from_powers(P: Any, Q: Any, V_rms: Any, R: Any, X: Any) -> tuple[Any, Any, Any, Any]:
     """The Jacobian from measured P, Q and V; neither δ nor a solver is needed (:eq:`jacobian-from-powers`).
 
     Returns (A, B, C, D): A = ∂P/∂δ (W/rad), B = ∂P/∂V (W/V), C = ∂Q/∂δ (var/rad), D = ∂Q/∂V (var/V). V is phase rms.
@@ -95,7 +95,7 @@ def well_posed_power(Q: Any, b: Any) -> Any:
     return np.minimum(np.maximum(Q, -most), most)
 
 
-def scheduled_jacobian(P: Any, Q: Any, V_rms: Any, R: Any, X: Any) -> Any:
+def scheduled_jacobian(P: Any, Q: Any, V_rms: Any, R: Any, X: Any) -> tuple[Any, Any, Any, Any]:
     """The Jacobian A, B, C, D from which gains are made, for an estimated impedance with X > 0 that may be wrong.
 
     An impedance that cannot carry the measured P and Q with POWER_MARGIN is too large. R and X are then drawn in: they

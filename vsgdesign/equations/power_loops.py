@@ -49,7 +49,9 @@ class References(NamedTuple):
     """V, phase rms"""
 
 
-def power_loops(omega_i: Any, V_rms: Any, P: Any, Q: Any, refs: References, gains: PowerLoopGains) -> Any:
+def power_loops(
+    omega_i: Any, V_rms: Any, P: Any, Q: Any, refs: References, gains: PowerLoopGains
+) -> tuple[Any, Any, Any]:
     """The law of every structure (:eq:`power-loop-law`). Returns (omega, domega_dt, dV_dt) in rad/s, rad/s² and V/s.
 
     ω = ω_i − k_P P − k_Q (Q + D_q V). With the errors e_P = P_ref − P + D_p (ω_0 − ω) and

@@ -174,7 +174,7 @@ def test_no_smaller_error_of_all_sensors_is_unstable_and_that_one_is(case: str) 
         return float(np.abs(np.linalg.eigvals(matrices(wrong, circuit))).max())
 
     # The critical frequency, looked for again on the loop by states, between points of the coarse grid.
-    at = omega
+    at, worst = omega, np.ones(3, dtype=complex)
     for _ in range(3):
         S, parts = loop_by_states(c, f, law[0], point, np.exp(1j * at * c.T_s))
         k = int(np.argmax(np.abs(S) * np.abs(parts).sum(axis=1)))
