@@ -73,8 +73,27 @@ class FullOrderMap:
     states: tuple[str, ...]
     step: ca.Function
     linear: ca.Function
-    directional: ca.Function
-    of_parameters: ca.Function
+    _period: ca.SX
+    """The next z, in ``_z`` and ``_p``: what the derivatives are made of."""
+    _A: ca.SX
+    _z: ca.SX
+    _p: ca.SX
+
+    # Few need the other two, and they take longer to build than all the rest.
+
+    @functools.cached_property
+    def directional(self) -> ca.Function:
+        """dA along (dz, dp)."""
+        A, z, p = self._A, self._z, self._p
+        dz, dp = ca.SX.sym("dz", z.shape), ca.SX.sym("dp", p.shape)
+        dA = ca.reshape(ca.jtimes(ca.vec(A), ca.vertcat(z, p), ca.vertcat(dz, dp)), *A.shape)
+        return ca.Function("directional", [z, p, dz, dp], [ca.densify(dA)], {"cse": True})
+
+    @functools.cached_property
+    def of_parameters(self) -> ca.Function:
+        """∂step/∂p."""
+        z, p = self._z, self._p
+        return ca.Function("of_parameters", [z, p], [ca.densify(ca.jacobian(self._period, p))], {"cse": True})
 
 
 @functools.cache
@@ -105,14 +124,14 @@ def full_order_map(
     A, B = rested(ca.jacobian(following, z)), rested(ca.jacobian(following, u))
     C, D = rested(ca.jacobian(outputs, z)), rested(ca.jacobian(outputs, u))
     following, outputs = rested(following), rested(outputs)
-    dz, dp = ca.SX.sym("dz", z.shape), ca.SX.sym("dp", p.shape)
-    dA = ca.reshape(ca.jtimes(ca.vec(A), ca.vertcat(z, p), ca.vertcat(dz, dp)), *A.shape)
     return FullOrderMap(
         names,
         ca.Function("step", [z, p], [following, outputs]),
         ca.Function("linear", [z, p], [ca.densify(m) for m in (A, B, C, D)], {"cse": True}),
-        ca.Function("directional", [z, p, dz, dp], [ca.densify(dA)], {"cse": True}),
-        ca.Function("of_parameters", [z, p], [ca.densify(ca.jacobian(following, p))], {"cse": True}),
+        following,
+        A,
+        z,
+        p,
     )
 
 
