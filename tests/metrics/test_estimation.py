@@ -9,7 +9,7 @@ import pytest
 
 from vsgdesign.metrics.estimation import changes_seen, errors_at_rest, relative_errors_pct
 
-T = 0.1 * np.arange(1, 61)
+T = 0.1 * np.arange(1, 61, dtype=float)
 """Ends of 60 windows of 0.1 s."""
 R = np.where(T < 3.05, 2.0, 1.0)
 L = 1e-3 * R

@@ -13,7 +13,7 @@ from vsgdesign.metrics.events import MEASURED, NO_STEADY_STATE, NOT_SETTLED, TOO
 DT = 2e-4
 PER_CYCLE = 100
 RATING = 5000.0
-T = np.arange(30_000) * DT  # 0 … 6 s
+T = np.arange(30_000, dtype=float) * DT  # 0 … 6 s
 TAU = 0.2
 
 
@@ -146,7 +146,7 @@ def test_a_critically_damped_step_seen_for_a_second() -> None:
     since = np.maximum(T - 2.0, 0.0)
     y = 2500.0 - 500.0 * (1.0 + 4.0 * since) * np.exp(-4.0 * since)
     seen = y[(T > 2.0 - 0.5 * DT) & (T < 3.0 - 0.5 * DT)]
-    by_eye = step_response(np.arange(len(seen)) * DT, seen, 2000.0, float(seen[-len(seen) // 10 :].mean()))
+    by_eye = step_response(np.arange(len(seen), dtype=float) * DT, seen, 2000.0, float(seen[-len(seen) // 10 :].mean()))
     assert by_eye.settling_time_s is not None
     assert by_eye.settling_time_s < 1.0
     end = EndState(2500.0, 4.0)
@@ -159,7 +159,7 @@ def test_a_critically_damped_step_seen_for_a_second() -> None:
 def test_no_window_gives_a_settling_time_that_a_longer_one_takes_back(switched: bool) -> None:
     """Random sums of three modes, windows of any length: a figure is that of the whole response, or there is none."""
     rng = np.random.default_rng(21)
-    t = np.arange(60_000) * 1e-3
+    t = np.arange(60_000, dtype=float) * 1e-3
     figures = refused = 0
     for _ in range(150):
         decay = rng.uniform(0.5, 8.0, 3)
@@ -168,7 +168,7 @@ def test_no_window_gives_a_settling_time_that_a_longer_one_takes_back(switched: 
         swing = np.cos(np.outer(rng.uniform(0.0, 20.0, 3) * rng.integers(0, 2, 3), t))
         error = weights @ (np.exp(-np.outer(decay, t)) * swing)
         y = np.concatenate([np.full(1000, 0.0), 1000.0 * (1.0 - error)])
-        grid = np.arange(len(y)) * 1e-3
+        grid = np.arange(len(y), dtype=float) * 1e-3
         length = rng.uniform(0.3, 10.0 if switched else 6.0) / decay.min()
         end = EndState(None if switched else 1000.0, float(decay.min()))
         window = EventWindow("step", 1.0, 1.0 + length, True)

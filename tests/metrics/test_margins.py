@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import slycot
@@ -18,7 +20,7 @@ from vsgdesign.metrics.margins import (
 )
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 
 def random_matrices(rng: np.random.Generator, count: int) -> Complex:

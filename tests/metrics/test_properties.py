@@ -27,7 +27,7 @@ thorough = settings(max_examples=150)
 
 
 def times(y: Array) -> Array:
-    return np.arange(len(y)) * 0.125
+    return np.arange(len(y), dtype=float) * 0.125
 
 
 @thorough
@@ -36,6 +36,7 @@ def test_scale_and_offset_do_not_matter(y: Array, step: float, exponent: int, of
     t, scale = times(y), 2.0**exponent
     here = step_response(t, y, 0.0, step)
     there = step_response(t, scale * (y + offset), scale * offset, scale * (step + offset))
+    assert here.peak_deviation is not None
     assert there == replace(
         here, initial=scale * offset, final=scale * (step + offset), peak_deviation=scale * here.peak_deviation
     )
@@ -47,6 +48,7 @@ def test_a_step_down_has_the_figures_of_the_step_up(y: Array, step: float, offse
     t = times(y)
     up = step_response(t, y + offset, offset, offset + step)
     down = step_response(t, -(y + offset), -offset, -(offset + step))
+    assert up.final is not None
     assert down == replace(up, initial=-up.initial, final=-up.final)
 
 
@@ -56,6 +58,7 @@ def test_slower_by_a_factor_is_slower_by_a_factor(y: Array, step: float, exponen
     t, slower = times(y), 2.0**exponent
     here, there = step_response(t, y, 0.0, step), step_response(slower * t, y, 0.0, step)
     assert there.overshoot_pct == here.overshoot_pct
+    assert here.itae_s2 is not None
     assert there.itae_s2 == slower * slower * here.itae_s2
     for name in ("settling_time_s", "rise_time_s"):
         before, after = getattr(here, name), getattr(there, name)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from vsgdesign.metrics import ResponseMetrics, disturbance_response, step_response
 
@@ -38,7 +38,11 @@ def second_order(t: Array, zeta: float) -> Array:
 
 def crossing(zeta: float, level: float, after: float, before: float) -> float:
     """Where the closed-form response passes a level."""
-    return float(brentq(lambda t: float(second_order(np.array(t), zeta)) - level, after, before, xtol=1e-13))
+
+    def above(t: float) -> float:
+        return float(second_order(np.array(t), zeta)) - level
+
+    return root_scalar(above, bracket=(after, before), method="brentq", xtol=1e-13).root
 
 
 def last_exit(zeta: float, band: float) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,7 @@ class OnePeriod:
         M = np.zeros((5, 5), complex)
         M[:3, :3], M[:3, 3], M[:3, 4] = self.A, self.b, self.e
         M[4, 4] = 1j * omega
-        after = expm(M * self.T) @ np.array([*x, v_b, math.sqrt(2.0) * V_g])
+        after: Any = expm(M * self.T) @ np.array([*x, v_b, math.sqrt(2.0) * V_g])
         return after[:3] * cmath.exp(-1j * omega * self.T)
 
     def __call__(self, z: dict[str, float], push: dict[str, float]) -> tuple[dict[str, float], dict[str, float]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import control
 import numpy as np
 import pytest
@@ -41,7 +43,7 @@ def random_structure(rng: np.random.Generator) -> PowerLoopGains:
 
 
 def model_at(point: dict[str, float], gains: PowerLoopGains, tau_P=0.0, tau_Q=0.0, coupling=True) -> CoupledModel:
-    return coupled_model(*point.values(), gains, tau_P=tau_P, tau_Q=tau_Q, coupling=coupling)
+    return coupled_model(*point.values(), gains=gains, tau_P=tau_P, tau_Q=tau_Q, coupling=coupling)
 
 
 @pytest.mark.parametrize(("tau_P", "tau_Q"), [(0.0, 0.0), (0.0, 0.03), (0.02, 0.0), (0.02, 0.03)])
@@ -99,7 +101,9 @@ def test_a_filter_that_gets_faster_disappears() -> None:
     rng = np.random.default_rng(13)
     for _ in range(10):
         point, gains = random_point(rng), random_gains(rng)
-        limit = np.linalg.eigvals(model_at(point, gains).A[0])
+        without = model_at(point, gains, tau_Q=0.0)
+        assert without.states == ("delta", "omega_i", "V")
+        limit = np.linalg.eigvals(without.A[0])
         fast = float(np.abs(limit).max())
         distances = []
         for tau in (1e-3 / fast, 1e-4 / fast, 1e-5 / fast):
@@ -112,7 +116,6 @@ def test_a_filter_that_gets_faster_disappears() -> None:
         assert distances[0] < 2e-2
         # In proportion to τ, or to its root where two modes of the limit fall together; then rounding.
         assert distances[2] < 0.2 * distances[0] + 1e-9
-    assert model_at(point, gains, tau_Q=0.0).states == ("delta", "omega_i", "V")
 
 
 def test_without_coupling_the_papers_loops_are_left() -> None:
@@ -126,13 +129,15 @@ def test_without_coupling_the_papers_loops_are_left() -> None:
         A, D = full.J[0, 0, 0], full.J[0, 1, 1]
         assert abs(full.J[0, 0, 1]) > 1e-3 * A / V_N
         np.testing.assert_array_equal(m.J[0], np.diag([A, D]))
-        closed = [control.feedback(control.ss(loop.A, loop.b, loop.c, 0.0), 1) for loop in decoupled_loops(gains, A, D)]
+        closed: list[Any] = [
+            control.feedback(control.ss(loop.A, loop.b, loop.c, 0.0), 1) for loop in decoupled_loops(gains, A, D)
+        ]
         poles = np.concatenate([system.poles() for system in closed])
         # Two equal poles part by the root of rounding.
         np.testing.assert_allclose(
             np.sort_complex(np.linalg.eigvals(m.A[0])), np.sort_complex(poles), rtol=1e-6, atol=1e-6
         )
-        system = control.ss(m.A[0], m.B[0], m.C[0], m.D[0])
+        system: Any = control.ss(m.A[0], m.B[0], m.C[0], m.D[0])
         for k in (0, 1):
             expected = control.step_response(closed[k], t).outputs
             got = control.step_response(system[k, k], t).outputs

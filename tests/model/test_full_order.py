@@ -44,7 +44,7 @@ def turning_states(study: Study, run: Simulation, gains, refs: tuple[float, floa
     turn = np.conj(source / np.abs(source))
     complex_ = {n: (run.column(f"{n}_alpha") + 1j * run.column(f"{n}_beta")) for n in ("i_s", "v_c", "i_g")}
     theta, omega, V, P_f, Q_f, xi_vd, xi_vq, xi_id, xi_iq, i_f_d, i_f_q, *_ = run.controller_log.T
-    controller, waiting = SampledController(study), np.zeros(len(theta), complex)
+    controller, waiting = SampledController(study), np.zeros(len(theta), np.complex128)
     for k in range(len(theta) - 1):
         state = State(
             theta[k],

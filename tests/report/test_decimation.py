@@ -62,6 +62,6 @@ def test_transients_are_no_ripple():
 
 
 def test_a_part_of_a_trace_includes_both_ends():
-    t = np.arange(11) * 0.1
+    t = np.arange(11, dtype=float) * 0.1
     part = Trace(t, t, t, 0.0).between(0.3, 0.7)
     assert np.allclose(part.t, [0.3, 0.4, 0.5, 0.6, 0.7])

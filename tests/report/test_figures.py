@@ -11,8 +11,11 @@ import xml.etree.ElementTree as ET
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.mathtext import MathTextParser
+from matplotlib.patches import Rectangle
 
+from tests.report.layout import assert_apart
 from vsgdesign.report import write_figures
 from vsgdesign.report.drawing import formulas
 from vsgdesign.report.drawing.files import compact, write_figure
@@ -104,7 +107,7 @@ def test_a_users_settings_do_not_show_and_stay_as_they_were(short):
 def test_curves_keep_the_peaks_of_the_signal(short):
     signal = next(signals(short.result))
     axes = signal_figure(short.result, signal).figure.axes[0]
-    drawn = [line.get_ydata() for line in axes.get_lines() if len(line.get_ydata()) > 50]
+    drawn = [y for line in axes.get_lines() if len(y := np.asarray(line.get_ydata())) > 50]
     assert len(drawn) == 2
     for line, controller in zip(drawn, short.result.controllers, strict=True):
         power = controller.series["P_pcc"] / 1e3
@@ -112,15 +115,22 @@ def test_curves_keep_the_peaks_of_the_signal(short):
         assert np.min(line) == np.min(power)
 
 
+def heights_of_bands(axes: Axes) -> list[float]:
+    bands = []
+    for patch in axes.patches:
+        assert isinstance(patch, Rectangle)
+        bands.append(patch.get_height())
+    return bands
+
+
 def test_own_steps_are_enlarged_with_their_band(short):
     P, Q, *_ = signals(short.result)
     assert [zoom.event.t_s for zoom in choose_zooms(short.result, P) if zoom.is_step] == [1.0]
     assert [zoom.event.t_s for zoom in choose_zooms(short.result, Q) if zoom.is_step] == [6.0]
     first, *panels = signal_figure(short.result, P).figure.axes
-    heights = [patch.get_height() for patch in panels[0].patches]
     # 2 % of the 500 W step to either side, in kW; both controllers end at the same power.
-    assert heights == pytest.approx([0.02], rel=1e-3)
-    assert not [patch for patch in first.patches if patch.get_height() == pytest.approx(0.02)]
+    assert heights_of_bands(panels[0]) == pytest.approx([0.02], rel=1e-3)
+    assert not [height for height in heights_of_bands(first) if height == pytest.approx(0.02)]
 
 
 def test_ripple_is_drawn_light_under_its_mean_with_pwm_only(short, megawatt):
@@ -135,24 +145,18 @@ def test_ripple_is_drawn_light_under_its_mean_with_pwm_only(short, megawatt):
 def test_no_axes_or_legends_overlap(made):
     for signal in signals(made.result):
         figure = signal_figure(made.result, signal).figure
-        renderer = figure.canvas.get_renderer()
         figure.draw_without_rendering()
-        boxes = [axes.get_tightbbox(renderer) for axes in figure.axes]
-        boxes += [legend.get_window_extent(renderer) for legend in figure.legends]
-        for index, box in enumerate(boxes):
-            assert box.x0 > -1.0
-            assert box.x1 < figure.bbox.width + 1.0
-            assert box.y0 > -1.0
-            assert box.y1 < figure.bbox.height + 1.0
-            for other in boxes[index + 1 :]:
-                assert not box.overlaps(other), (signal.name, box, other)
+        assert_apart(figure, 1.0, signal.name)
 
 
 def test_scheduled_loops_are_alike_on_all_grids_and_fixed_ones_are_not(short):
     fixed, scheduled = (loops_on_grids(short.result, controller) for controller in short.result.controllers)
-    crossovers = [[loop.margins.crossover_rad_s for loop in loops] for loops in (fixed, scheduled)]
-    assert crossovers[1][0] == pytest.approx(crossovers[1][1], rel=1e-9)
-    assert crossovers[0][1] > 2.0 * crossovers[0][0]
+    first, second = (loop.margins.crossover_rad_s for loop in scheduled[:2])
+    assert first == pytest.approx(second, rel=1e-9)
+    first, second = (loop.margins.crossover_rad_s for loop in fixed[:2])
+    assert first is not None
+    assert second is not None
+    assert second > 2.0 * first
     for loop in (*fixed, *scheduled):
         at_crossover = loop.response(np.array([loop.margins.crossover_rad_s]))[0]
         assert abs(at_crossover) == pytest.approx(1.0, rel=1e-6)

@@ -36,10 +36,10 @@ class Checker(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.tags.append(tag)
-        values = dict(attrs)
+        values = {name: value or "" for name, value in attrs}
         self.ids += [values["id"]] if "id" in values else []
         self.targets += [values[name] for name in ("href", "xlink:href", "src") if name in values]
-        self.targets += re.findall(r"url\(([^)]*)\)", " ".join(v or "" for v in values.values()))
+        self.targets += re.findall(r"url\(([^)]*)\)", " ".join(values.values()))
         if tag == "tr":
             self.rows.append([])
         if tag in ("td", "th"):

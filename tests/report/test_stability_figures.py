@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.report.layout import assert_apart
 from tests.report.stability_cases import TEXTS, assessed, drawn
 from vsgdesign.parameters.study import Grid
 from vsgdesign.report import write_stability_figures
@@ -46,20 +47,11 @@ def test_every_axis_has_a_unit_and_nothing_overlaps(name: str) -> None:
     for named in drawn(name).values():
         figure = named.figure
         with look():
-            renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
             figure.draw_without_rendering()  # lays out as drawing does, in a third of the time
         labels = [label for axes in figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
         assert labels
         assert all(UNIT.search(label) for label in labels), (named.name, labels)
-        boxes = [axes.get_tightbbox(renderer) for axes in figure.axes]
-        boxes += [legend.get_window_extent(renderer) for legend in figure.legends]
-        for index, box in enumerate(boxes):
-            assert box.x0 > -1.5, (named.name, index, box)
-            assert box.x1 < figure.bbox.width + 1.5, (named.name, index, box)
-            assert box.y0 > -1.5, (named.name, index, box)
-            assert box.y1 < figure.bbox.height + 1.5, (named.name, index, box)
-            for other in boxes[index + 1 :]:
-                assert not box.overlaps(other), (named.name, box, other)
+        assert_apart(figure, 1.5, named.name)
 
 
 def test_files_are_small_well_formed_and_the_same_twice(tmp_path) -> None:

@@ -11,8 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 
 from tests.gain_tables import table
+from tests.report.layout import assert_apart
 from vsgdesign.artifacts import GainTable, read_table_file
 from vsgdesign.pipeline.table import report_table
 from vsgdesign.report import write_table_figures, write_table_report
@@ -92,20 +94,11 @@ def test_every_axis_has_a_unit_and_nothing_overlaps(name: str) -> None:
     for named in drawn(name).values():
         figure = named.figure
         with look():
-            renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
             figure.draw_without_rendering()  # lays out as drawing does, in a third of the time
         labels = [label for axes in figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
         assert labels
         assert all(UNIT.search(label) for label in labels), (named.name, labels)
-        boxes = [axes.get_tightbbox(renderer) for axes in figure.axes]
-        boxes += [legend.get_window_extent(renderer) for legend in figure.legends]
-        for index, box in enumerate(boxes):
-            assert box.x0 > -1.5, (named.name, index, box)
-            assert box.x1 < figure.bbox.width + 1.5, (named.name, index, box)
-            assert box.y0 > -1.5, (named.name, index, box)
-            assert box.y1 < figure.bbox.height + 1.5, (named.name, index, box)
-            for other in boxes[index + 1 :]:
-                assert not box.overlaps(other), (named.name, box, other)
+        assert_apart(figure, 1.5, named.name)
 
 
 def legend_of(name: str, figure: str) -> list[str]:
@@ -127,7 +120,9 @@ def test_the_constraint_map_counts_its_cells() -> None:
 
 def test_the_certified_region_is_drawn_where_it_is() -> None:
     axes = drawn("rich")["table_certificate"].figure.axes[0]
-    region = axes.patches[0].get_bbox()
+    patch = axes.patches[0]
+    assert isinstance(patch, Rectangle)
+    region = patch.get_bbox()
     assert (region.x0, region.x1, region.y0, region.y1) == pytest.approx((2.0, 8.0, 0.5, 20.0))
     assert "certified: decay ≥ 2.1 1/s" in legend_of("rich", "table_certificate")
 

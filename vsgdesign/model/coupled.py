@@ -101,11 +101,11 @@ def coupled_function(filter_P: bool, filter_Q: bool, coupling: bool = True) -> c
 
 
 def coupled_model(
-    delta: Array,
-    V_rms: Array,
-    V_g_rms: Array,
-    R: Array,
-    X: Array,
+    delta: float | Array,
+    V_rms: float | Array,
+    V_g_rms: float | Array,
+    R: float | Array,
+    X: float | Array,
     gains: PowerLoopGains,
     *,
     tau_P: float = 0.0,
