@@ -66,7 +66,7 @@ def _at(study: Study, cell: Cell, hz: float, settle_s: float, amplitude: float) 
     peak = math.sqrt(2.0) * source.V_g_rms
     v, i = np.empty((2, 2), complex), np.empty((2, 2), complex)
     for axis, direction in enumerate((1.0, 1j)):
-        sizes = np.array([peak, 0.5 * amplitude * peak * direction, 0.5 * amplitude * peak * direction])
+        sizes = np.array([peak, 0.5 * amplitude * peak * direction, 0.5 * amplitude * peak * direction], complex)
         sums = _compiled()(
             round(settle_s / T),
             window,
@@ -136,7 +136,8 @@ def _run(settle, window, x, pending, state, pi, step, integrals, sizes, bands, k
             applied = pending
             pending = v_b
 
-        X[:3] = x
+        for m in range(3):  # as a slice, the message of an error is compiled too, and takes longer than all the rest
+            X[m] = x[m]
         X[3] = applied
         for m in range(3):
             X[4 + m] = sizes[m] * np.exp(1j * (bands[m] * (n * T)))

@@ -9,6 +9,7 @@ every real matrix, and complex numbers carry both; where they differ the matrice
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -93,25 +94,51 @@ def plant_step(circuit: FilterGrid | TwoAxisCircuit, h: float, omega: float, *, 
     return PlantStep(h, transition, bridge, edge, source)
 
 
+def averaged_steps(circuits: Sequence[FilterGrid], h: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Φ(h) (G, n, n) and ∫Φ b (G, n) of many circuits: transition and bridge of :class:`PlantStep`, to the bit."""
+    augmented = []
+    for circuit in circuits:
+        A, b, _ = state_matrices(circuit)
+        augmented.append(_augmented(A, b[:, None], h))
+    exponentials = _exponentials(np.array(augmented))
+    return exponentials[:, :-1, :-1].copy(), exponentials[:, :-1, -1].copy()
+
+
 def _transition_and_integral(A: NDArray[np.float64], b: NDArray[np.float64], h: float) -> tuple:
     """Φ(h) and ∫₀ʰ Φ(s) b ds, from one exponential; A may be singular (no resistance anywhere)."""
-    n, inputs = len(A), b.reshape(len(A), -1)
-    augmented = np.zeros((n + inputs.shape[1], n + inputs.shape[1]))
-    augmented[:n, :n] = A * h
-    augmented[:n, n:] = inputs * h
-    exponential = _exponential(augmented)
+    n = len(A)
+    exponential = _exponentials(_augmented(A, b.reshape(n, -1), h)[None])[0]
     return exponential[:n, :n].copy(), exponential[:n, n:].reshape(b.shape).copy()
 
 
-def _exponential(M: NDArray[np.float64]) -> NDArray[np.float64]:
-    """e^M of a small matrix by a Taylor series of M/2^k, squared k times.
+def _augmented(A: NDArray[np.float64], inputs: NDArray[np.float64], h: float) -> NDArray[np.float64]:
+    n = len(A)
+    augmented = np.zeros((n + inputs.shape[1], n + inputs.shape[1]))
+    augmented[:n, :n] = A * h
+    augmented[:n, n:] = inputs * h
+    return augmented
+
+
+def _exponentials(M: NDArray[np.float64]) -> NDArray[np.float64]:
+    """e^M of small matrices (G, m, m) by Taylor series of M/2^k, squared k times.
 
     SciPy's general routine costs the same alone and up to a thousand times more when its threads meet a busy
     machine; a run needs one for every stretch of a ramp, a map one for every cell.
     """
-    squarings = max(0, math.ceil(math.log2(max(np.abs(M).sum(axis=0).max(), 1e-300) / 0.5)))
+    norms = np.abs(M).sum(axis=1).max(axis=1)
+    squarings = [max(0, math.ceil(math.log2(max(norm, 1e-300) / 0.5))) for norm in norms.tolist()]
+    if len(set(squarings)) == 1:
+        return _squared_series(M, squarings[0])
+    result = np.empty_like(M)
+    for k in set(squarings):
+        some = np.flatnonzero(np.array(squarings) == k)
+        result[some] = _squared_series(M[some], k)
+    return result
+
+
+def _squared_series(M: NDArray[np.float64], squarings: int) -> NDArray[np.float64]:
     scaled = M / 2.0**squarings
-    identity = np.eye(len(M))
+    identity = np.eye(M.shape[-1])
     result = identity
     for k in range(_TAYLOR_ORDER, 0, -1):
         result = identity + scaled @ result / k

@@ -15,6 +15,9 @@ from vsgdesign.operating_point.full_order import FullOrderModel
 
 Array = NDArray[np.float64]
 
+_BLOCK = 256
+"""Steps whose states are kept, so that outputs are made of many at once."""
+
 
 def reduced_step(model: CoupledModel, input_: str, output: str, t_end: float, dt: float) -> tuple[Array, Array]:
     """Unit step responses (N, K) of the reduced model at times (K,): exact at the samples."""
@@ -70,11 +73,15 @@ def _stepped(A: Array, B: Array, C: Array, every: int, count: int) -> Array:
 
 
 def _recurse(A: Array, b: Array, c: Array, d: Array, steps: int, dt: float) -> tuple[Array, Array]:
-    x = np.zeros(b.shape)
     y = np.empty((len(b), steps + 1))
-    for k in range(steps + 1):
-        y[:, k] = np.einsum("ij,ij->i", c, x) + d
-        x = np.einsum("ijk,ik->ij", A, x) + b
+    states = np.zeros((_BLOCK + 1, *b.shape))
+    for first in range(0, steps + 1, _BLOCK):
+        count = min(_BLOCK, steps + 1 - first)
+        for k in range(count):
+            np.einsum("ijk,ik->ij", A, states[k], out=states[k + 1])
+            states[k + 1] += b
+        y[:, first : first + count] = np.einsum("ij,kij->ik", c, states[:count]) + d[:, None]
+        states[0] = states[count]
     return np.arange(steps + 1, dtype=np.float64) * dt, y
 
 

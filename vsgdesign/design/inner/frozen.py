@@ -20,7 +20,7 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.metrics.modes import to_continuous
-from vsgdesign.operating_point.plant import plant_step
+from vsgdesign.operating_point.plant import averaged_steps
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
@@ -119,7 +119,7 @@ class Plants:
 def plants(circuits: Sequence[FilterGrid], settings: ControllerSettings, delay: int, omega: float) -> Plants:
     """The circuits' exact steps over one sampling period (:eq:`exact-step`), seen from the frame that turns at ω."""
     turn = complex(np.exp(-1j * omega * settings.T_s))
-    steps = [plant_step(circuit, settings.T_s, omega, edges=False) for circuit in circuits]
+    transitions, bridges = averaged_steps(circuits, settings.T_s)
     state = np.eye(3)
     sensors = [
         [capacitor_node_voltage(state[0], state[1], state[2], circuit), state[0], state[2]] for circuit in circuits
@@ -128,8 +128,8 @@ def plants(circuits: Sequence[FilterGrid], settings: ControllerSettings, delay: 
         settings.T_s,
         delay,
         turn,
-        turn * np.array([step.transition for step in steps]),
-        turn * np.array([step.bridge for step in steps]),
+        turn * transitions,
+        turn * bridges,
         np.array(sensors),
     )
 
