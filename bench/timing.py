@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 import statistics
@@ -49,7 +50,10 @@ class Row:
         """How many times better than the anchor."""
         if self.anchor is None:
             return None
-        return self.figure.value / self.anchor if self.unit == "RT" else self.anchor / self.figure.value
+        if self.unit == "RT":
+            return self.figure.value / self.anchor
+        # No difference at all is better than any anchor.
+        return self.anchor / self.figure.value if self.figure.value else math.inf
 
     @property
     def on_target(self) -> bool | None:
