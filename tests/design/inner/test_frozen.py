@@ -90,17 +90,14 @@ def loop_by_states(c: Converter, f: Filter, law: np.ndarray, point: tuple, z: np
     Phi, Gamma = turn * E[:3, :3], turn * E[:3, 3]
     sensors = np.array([[circuit.R_c, 1.0, -circuit.R_c], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     memory = 4 if c.delay_samples else 3
-    S, parts = [], []
-    for at in z:
-        x = np.linalg.solve(at * np.eye(3) - Phi, Gamma)
-        G = sensors @ x * (turn / at if c.delay_samples else 1.0)
-        # Controller: memory m' = F m + B y with u' = turn·v_b; v_b = H m + D y.
-        F = np.vstack([law[1:, 3 : 3 + memory], turn * law[:1, 3 : 3 + memory]])[:memory]
-        B = np.vstack([law[1:, :3], turn * law[:1, :3]])[:memory]
-        K = law[0, :3] + law[0, 3 : 3 + memory] @ np.linalg.solve(at * np.eye(memory) - F, B)
-        S.append(1.0 / (1.0 - G @ K))
-        parts.append(G * K)
-    return np.array(S), np.array(parts)
+    at = z[:, None, None]
+    x = np.linalg.solve(at * np.eye(3) - Phi, Gamma.astype(complex)[:, None])
+    G = (sensors @ x)[..., 0] * (turn / at[..., 0] if c.delay_samples else 1.0)
+    # Controller: memory m' = F m + B y with u' = turn·v_b; v_b = H m + D y.
+    F = np.vstack([law[1:, 3 : 3 + memory], turn * law[:1, 3 : 3 + memory]])[:memory]
+    B = np.vstack([law[1:, :3], turn * law[:1, :3]])[:memory]
+    K = law[0, :3] + law[0, 3 : 3 + memory] @ np.linalg.solve(at * np.eye(memory) - F, B)
+    return 1.0 / (1.0 - (G * K).sum(axis=1)), G * K
 
 
 @pytest.mark.parametrize("case", CASES)
