@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +57,7 @@ def test_gains_places_and_statuses(structure: str, law: str, double: bool, tmp_p
 
 @pytest.mark.parametrize("double", [True, False])
 def test_other_basis_inductor_and_undesigned_cells(double: bool, tmp_path: Path) -> None:
-    base = PUBLISHED_BASE.__class__(**vars(PUBLISHED_BASE) | {"scr_basis": "reactance", "L_2": 5e-4, "R_2": 0.02})
+    base = replace(PUBLISHED_BASE, scr_basis="reactance", L_2=5e-4, R_2=0.02)
     status = np.full((12, 10), "met", dtype="<U8")
     status[:3, :4] = status[4, 5] = "outside"
     changes = {"base": base, "status": status}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,19 +29,17 @@ kind = "scheduled"
 """
 
 
-def schedule(settling_time: float = 1.0, damping_ratio: float = 1.0, **changes: float) -> ClosedFormSchedule:
-    return ClosedFormSchedule(
-        **{
-            "P": P,
-            "Q": Q,
-            "V_g_rms": V_G,
-            "omega": OMEGA,
-            "settling_time": settling_time,
-            "damping_ratio": damping_ratio,
-            "droop_ratio": 0.01,
-        }
-        | changes
-    )
+def schedule(settling_time: float = 1.0, damping_ratio: float = 1.0, **changes: Any) -> ClosedFormSchedule:
+    given: dict[str, Any] = {
+        "P": P,
+        "Q": Q,
+        "V_g_rms": V_G,
+        "omega": OMEGA,
+        "settling_time": settling_time,
+        "damping_ratio": damping_ratio,
+        "droop_ratio": 0.01,
+    }
+    return ClosedFormSchedule(**(given | changes))
 
 
 def power(V: float, delta: float, R: float, X: float) -> complex:
@@ -51,11 +50,11 @@ def power(V: float, delta: float, R: float, X: float) -> complex:
 
 def A_and_D(R: float, X: float, P: float = P, Q: float = Q) -> tuple[float, float]:
     """∂P/∂δ and ∂Q/∂V at the upper solution of the power flow, by Newton and central differences."""
-    unknown = np.array([1.5 * V_G, 0.2])
+    unknown, residual, jacobian = np.array([1.5 * V_G, 0.2]), np.full(2, np.inf), np.eye(2)
     for _ in range(60):
-        S = power(*unknown, R, X)
+        S = power(*unknown, R=R, X=X)
         residual = np.array([S.real - P, S.imag - Q])
-        columns = [(power(*(unknown + h), R, X) - power(*(unknown - h), R, X)) / 2e-6 for h in 1e-6 * np.eye(2)]
+        columns = [(power(*(unknown + h), R=R, X=X) - power(*(unknown - h), R=R, X=X)) / 2e-6 for h in 1e-6 * np.eye(2)]
         jacobian = np.array([[c.real for c in columns], [c.imag for c in columns]])
         unknown = unknown - np.linalg.solve(jacobian, residual)
     assert np.abs(residual).max() < 1e-6

@@ -24,9 +24,9 @@ def windows(count: int, length: int = 100) -> tuple[np.ndarray, np.ndarray]:
     return 200.0 * RNG.standard_normal((count, length)), 20.0 * RNG.standard_normal((count, length))
 
 
-def made(channels: str = "phase_a", **fit: Any) -> NeuralEstimator:
+def made(channels: str = "phase_a", margin: float = 1e6, **fit: Any) -> NeuralEstimator:
     return neural_estimator(
-        random_weights(channels=channels), sample_interval=200e-6, channels=channels, **({"margin": 1e6} | fit)
+        random_weights(channels=channels), sample_interval=200e-6, channels=channels, margin=margin, **fit
     )
 
 

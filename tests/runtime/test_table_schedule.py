@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ Z_BASE = 3.0 * 110.0**2 / 5e3
 SCR, RATIO = np.array([1.5, 2.0, 5.0, 20.0]), np.array([0.3, 1.0, 3.0, 10.0, 20.0])
 
 
-def random_table(seed: int = 0, **changes: object) -> GainTable:
+def random_table(seed: int = 0, **changes: Any) -> GainTable:
     rng = np.random.default_rng(seed)
     columns = {name: rng.uniform(1.0, 9.0, (4, 5)) for name in ("k_1", "d_1", "k_2", "q", "share_P", "share_Q")}
     return table(scr=SCR, x_over_r=RATIO, parameters=columns, **changes)

@@ -64,7 +64,7 @@ def _at(study: Study, cell: Cell, hz: float, settle_s: float, amplitude: float) 
     state = np.array([s.theta, s.omega_i, s.V, s.P_f, s.Q_f])
     pi = np.array([complex(s.xi_vd, s.xi_vq), complex(s.xi_id, s.xi_iq)])
     peak = math.sqrt(2.0) * source.V_g_rms
-    v, i = np.empty((2, 2), complex), np.empty((2, 2), complex)
+    v, i = np.empty((2, 2), np.complex128), np.empty((2, 2), np.complex128)
     for axis, direction in enumerate((1.0, 1j)):
         sizes = np.array([peak, 0.5 * amplitude * peak * direction, 0.5 * amplitude * peak * direction], complex)
         sums = _compiled()(

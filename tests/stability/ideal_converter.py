@@ -5,6 +5,7 @@ Written from the mathematics alone in complex numbers, integrated by DOP853: not
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,8 +70,8 @@ class IdealConverter:
         """A power to measure by: three-phase short circuit."""
         return 3.0 * self.V_n**2 / float(np.hypot(self.R, self.X))
 
-    def run(self, x_0: Array, inputs: tuple[float, float, float, float], t: Array) -> tuple[Array, Array]:
-        """States (5, K) and (P, Q, ω, V) (4, K) at times t, with the inputs held."""
+    def run(self, x_0: Array, inputs: Sequence[float], t: Array) -> tuple[Array, Array]:
+        """States (5, K) and (P, Q, ω, V) (4, K) at times t, with P_ref, Q_ref, ω_g and V_g held."""
         atol = 1e-13 * np.array([1.0, self.omega_0, self.V_n, self.scale, self.scale])
         solved = solve_ivp(
             lambda _, x: self.rates(x, *inputs), (t[0], t[-1]), x_0, "DOP853", t_eval=t, rtol=1e-12, atol=atol

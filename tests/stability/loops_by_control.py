@@ -7,6 +7,7 @@ by taking that path out again: A − b C. The loop is L = −C (sI − A_open)�
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import control
 import numpy as np
@@ -16,7 +17,8 @@ from vsgdesign.model.coupled import CoupledModel
 from vsgdesign.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.operating_point.full_order import FullOrderModel
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 PORTS = {"output": (("P_meas", "Q_meas"), ("P", "Q")), "input": (("theta_cmd", "V_cmd"), ("delta", "V"))}
 
@@ -32,24 +34,24 @@ class OpenLoop:
 
     def system(self) -> control.StateSpace:
         """L with both channels open."""
-        return control.ss(self.A, self.b, -self.C, np.zeros((2, 2)), self.dt)
+        return control.StateSpace(self.A, self.b, -self.C, np.zeros((2, 2)), self.dt)
 
     def channel(self, k: int) -> control.StateSpace:
         """L of one channel with the other closed."""
         other = 1 - k
         A = self.A + np.outer(self.b[:, other], self.C[other])
-        return control.ss(A, self.b[:, [k]], -self.C[[k]], 0.0, self.dt)
+        return control.StateSpace(A, self.b[:, [k]], -self.C[[k]], 0.0, self.dt)
 
-    def closed(self, factors: Array) -> Array:
+    def closed(self, factors: Array | Complex) -> Array | Complex:
         """The loop closed with a (complex) factor in each channel."""
         return self.A + (self.b * factors) @ self.C
 
-    def growth(self, factors: Array) -> float:
+    def growth(self, factors: Array | Complex) -> float:
         """How far the worst mode of that is beyond the limit: Re s, or (|z| − 1)/T_s."""
         modes = np.linalg.eigvals(self.closed(factors))
         return float(modes.real.max() if self.dt == 0.0 else (np.abs(modes).max() - 1.0) / self.dt)
 
-    def sensitivity(self, omega: float) -> NDArray[np.complex128]:
+    def sensitivity(self, omega: float) -> Complex:
         """S = (I + L)⁻¹ from L itself."""
         point = 1j * omega if self.dt == 0.0 else np.exp(1j * omega * self.dt)
         L = -self.C @ np.linalg.solve(point * np.eye(len(self.A)) - self.A, self.b)

@@ -158,8 +158,8 @@ def test_passivity_index() -> None:
     for k in range(20):
         power = np.einsum("ni,ij,nj->n", v.conj(), Y[k], v).real
         assert power.min() >= index[k] - 1e-12
-        assert power.min() == pytest.approx(index[k], abs=0.02 * np.linalg.norm(Y[k]))
-    np.testing.assert_allclose(passivity_index(np.array([np.eye(2) * 0.5, -np.eye(2)])), [0.5, -1.0])
+        assert power.min() == pytest.approx(index[k], abs=0.02 * float(np.linalg.norm(Y[k])))
+    np.testing.assert_allclose(passivity_index(np.array([np.eye(2) * 0.5, -np.eye(2)], dtype=complex)), [0.5, -1.0])
 
 
 def test_frequency_response_is_what_the_recursion_settles_to() -> None:

@@ -10,6 +10,7 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import control
 import numpy as np
@@ -19,6 +20,7 @@ from scipy import signal
 
 from tests.stability.studies import PUBLISHED, case_study
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.metrics.step_response import ResponseMetrics
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.study import Place
 from vsgdesign.runtime.of_study import gain_law
@@ -27,13 +29,13 @@ from vsgdesign.stability.loci import stability_limit
 from vsgdesign.stability.margins import MarginTable, reduced_margins
 from vsgdesign.stability.steps import reduced_step_metrics
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 P, Q, S, V_G = 4500.0, 1000.0, 5000.0, 110.0
 
 # SCR (on the reactance): X/R: overshoot %, settling s, least damping, disk margin. T_s = 1 s, ξ = 1, q = 0.01. An
 # independent computation, with its settling times taken on a grid of 2.5 ms (see the test).
-TABLE = {
+TABLE: dict[float, dict[float, tuple[float, float, float, float]]] = {
     2: {0.5: (49, 3.79, 0.19, 0.24), 1: (12, 1.51, 0.56, 0.69), 2: (0.5, 1.17, 0.88, 1.18),
         3: (0, 1.58, 0.97, 1.42), 10: (0, 2.12, 0.94, 1.44)},
     5: {0.5: (54, 4.24, 0.16, 0.20), 1: (15, 1.98, 0.52, 0.63), 2: (1.9, 0.98, 0.80, 1.04),
@@ -87,7 +89,7 @@ def study() -> Study:
     return case_study(PUBLISHED)
 
 
-def analysed(scr: float, ratio: float) -> tuple[MarginTable, object]:
+def analysed(scr: float, ratio: float) -> tuple[MarginTable, ResponseMetrics | None]:
     s = study()
     grid = Place(scr, ratio, "reactance").grid(s.converter)
     law = gain_law(s, s.controllers[0])
@@ -104,6 +106,7 @@ def test_a_cell_of_the_table(scr: float, ratio: float) -> None:
     first instant inside the band on a grid of 2.5 ms rounds to; so the last digit may be one off.
     """
     table, metrics = analysed(scr, ratio)
+    assert metrics is not None
     want = expected(scr, ratio)
     assert metrics.overshoot_pct == pytest.approx(want.overshoot_pct, abs=2e-3)
     assert metrics.settling_time_s == pytest.approx(want.settling_s, abs=1e-4)
@@ -160,7 +163,7 @@ def test_the_limit_of_stability(scr: float) -> None:
 
     def unstable(ratio: float) -> bool:
         num, den = channel(coupling(scr, ratio))
-        return bool(control.tf(num, den).poles().real.max() > 0.0)
+        return bool(np.real(control.TransferFunction(num, den).poles()).max() > 0.0)
 
     low, high = 0.2, 1.0
     assert unstable(low)

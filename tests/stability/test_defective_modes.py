@@ -118,5 +118,6 @@ def test_step_responses_of_defective_cells(rotated: bool, every: int) -> None:
     np.testing.assert_allclose(t, np.arange(0, count + 1, every) * T_S, rtol=1e-14)
     for cell in range(len(made.A)):
         system = control.ss(made.A[cell], made.B[cell][:, [column]], made.C[cell][[row]], 0.0, T_S)
-        expected = control.forced_response(system, np.arange(count + 1) * T_S, np.ones(count + 1)).outputs
+        inputs: Any = np.ones(count + 1)
+        expected = control.forced_response(system, np.arange(count + 1) * T_S, inputs).outputs
         np.testing.assert_allclose(y[cell], expected[::every], rtol=1e-9, atol=1e-9 * np.abs(expected).max())

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import control
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from tests.stability.loops_by_control import OpenLoop, open_full_order, open_reduced
 from tests.stability.studies import PUBLISHED, Situation, case_study, designed, random_situations, situation
@@ -29,7 +30,7 @@ from vsgdesign.stability.margins import (
 )
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 BREAKS = ("output", "input")
 MODELS = ("reduced", "full_order")
@@ -185,7 +186,7 @@ def test_a_resonance_narrower_than_a_step_of_the_grid() -> None:
         grid = Place(12.0, ratio, study.scr_basis).grid(study.converter)
         return situation(study, Cell(grid, designed(study, grid, 0.3), 1500.0, 300.0))
 
-    limit = brentq(lambda ratio: at_ratio(ratio).growth, 12.0, 15.0, xtol=1e-9)
+    limit = root_scalar(lambda ratio: at_ratio(ratio).growth, bracket=(12.0, 15.0), method="brentq", xtol=1e-9).root
     s = at_ratio(limit * (1.0 - 1e-4))
     assert -0.01 < s.growth < 0.0
     z = np.linalg.eigvals(s.model.A[0])
@@ -205,7 +206,7 @@ class Slope:
 
     width, frequency, share = 0.001, 50.0, 0.005
 
-    def at(self, _: NDArray[np.intp], omega: Array) -> Complex:
+    def at(self, cells: NDArray[np.intp], omega: Array) -> Complex:  # noqa: ARG002 - there is one cell
         s = 1j * omega
         resonance = 1.0 + self.share * s / (s * s + 2.0 * self.width * s + self.frequency**2)
         return (3.0 / (1.0 + s / 10.0) * resonance)[:, None, None] * np.eye(2)

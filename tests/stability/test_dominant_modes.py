@@ -7,6 +7,7 @@ rating, so that nonlinearity (1e-5) and rounding (1e-7) stay far below the 0.1 %
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from vsgdesign.parameters.study import Place
 from vsgdesign.stability.loci import modes
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 BOUND = 1e-3
 
@@ -33,7 +34,7 @@ def matrix_pencil(y: Array, dt: float) -> Complex:
     _, sigma, vh = np.linalg.svd(hankel, full_matrices=False)
     order = int(np.sum(sigma > 1e-6 * sigma[0]))
     v = vh[:order].conj().T
-    z = np.linalg.eigvals(np.linalg.lstsq(v[:-1], v[1:], rcond=None)[0])
+    z = np.linalg.eigvals(np.linalg.lstsq(v[:-1], v[1:], rcond=None)[0]).astype(np.complex128)
     powers = z[None, :] ** np.arange(count)[:, None]
     amplitude = np.linalg.lstsq(powers, y.astype(complex), rcond=None)[0]
     weight = np.linalg.norm(powers * amplitude, axis=0)
@@ -41,7 +42,8 @@ def matrix_pencil(y: Array, dt: float) -> Complex:
 
 
 def to_log(z: Complex, dt: float) -> Complex:
-    return np.log(z.astype(complex)) / dt
+    exponents: Complex = np.log(z.astype(np.complex128))
+    return exponents / dt
 
 
 def test_the_pencil_finds_what_was_put_in() -> None:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from vsgdesign.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.operating_point.full_order import FullOrderModel
@@ -40,7 +40,8 @@ def open_loops(model: FullOrderModel, cell: int, omega: NDArray[np.float64]) -> 
     A, B, C = model.A[cell], model.B[cell][:, COLUMNS], model.C[cell][ROWS]
     z = np.exp(1j * omega * model.T_s)[:, None, None]
     response = C @ np.linalg.solve(z * np.eye(len(A)) - A, B.astype(complex))
-    return 1.0 / (1.0 + np.diagonal(response, axis1=1, axis2=2)) - 1.0
+    diagonal: NDArray[np.complex128] = np.diagonal(response, axis1=1, axis2=2)
+    return 1.0 / (1.0 + diagonal) - 1.0
 
 
 def margins(
@@ -50,7 +51,10 @@ def margins(
 
     def crossings(function: Callable[[float], float], sampled: np.ndarray) -> list[float]:
         places = np.flatnonzero(np.signbit(sampled[1:]) != np.signbit(sampled[:-1]))
-        return [float(brentq(function, omega[k], omega[k + 1], xtol=1e-14, rtol=1e-15)) for k in places]
+        return [
+            root_scalar(function, bracket=(omega[k], omega[k + 1]), method="brentq", xtol=1e-14, rtol=1e-15).root
+            for k in places
+        ]
 
     at_one = crossings(lambda w: np.log(abs(L(w))), np.log(np.abs(values)))
     real_axis = [w for w in crossings(lambda w: L(w).imag, values.imag) if L(w).real < 0.0]

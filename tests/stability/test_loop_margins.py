@@ -8,7 +8,7 @@ import control
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from tests.stability.loops_by_control import balanced, open_full_order, open_reduced
 from tests.stability.studies import PUBLISHED, Situation, case_study, designed, random_situations
@@ -83,14 +83,17 @@ def test_reduced_margins_against_control() -> None:
 def crossings(loop: control.StateSpace, high: float) -> dict[str, float]:
     """Margins of a sampled loop from python-control's frequency response: scanned finely, then Brent's method."""
     omega = np.geomspace(1e-3, high, 6000)
-    L = loop(np.exp(1j * omega * loop.dt)).ravel()
+    L: NDArray[np.complex128] = loop(np.exp(1j * omega * loop.dt)).ravel()
 
     def at(w: float) -> complex:
         return complex(loop(np.exp(1j * w * loop.dt)))
 
     def located(values: Array, function) -> list[float]:
         change = np.flatnonzero(np.signbit(values[1:]) != np.signbit(values[:-1]))
-        return [brentq(function, omega[k], omega[k + 1], xtol=1e-14, rtol=1e-14) for k in change]
+        return [
+            root_scalar(function, bracket=(omega[k], omega[k + 1]), method="brentq", xtol=1e-14, rtol=1e-14).root
+            for k in change
+        ]
 
     w_g = located(L.imag, lambda w: at(w).imag)
     GM = np.array([-1.0 / at(w).real for w in w_g if at(w).real < 0.0])
@@ -133,7 +136,7 @@ def test_the_scan_agrees_with_controls_own_margins(situations: list[Situation]) 
     for k in (0, 1):
         loop = open_full_order(s.model, 0, "output").channel(k)
         omega = np.geomspace(1e-2, 0.99 * np.pi / s.model.T_s, 5000)
-        L = loop(np.exp(1j * omega * loop.dt)).ravel()
+        L: NDArray[np.complex128] = loop(np.exp(1j * omega * loop.dt)).ravel()
         data = (np.abs(L), np.degrees(np.unwrap(np.angle(L))), omega)
         GM, PM, _, _, w_p, _ = control.stability_margins(data, returnall=True)
         expected = least(GM, PM, w_p)

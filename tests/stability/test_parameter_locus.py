@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from vsgdesign.model.full_order import PARAMETERS
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
@@ -23,7 +24,7 @@ def model():
     return linearise_full_order(STUDY, [CELL])
 
 
-def slow(eigenvalues: np.ndarray) -> np.ndarray:
+def slow(eigenvalues: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """The modes below 1000 rad/s, in a fixed order: the fast ones have nothing to do with what is moved here."""
     kept = eigenvalues[np.abs(eigenvalues) < 1e3]
     return kept[np.lexsort((kept.imag, kept.real.round(3)))]

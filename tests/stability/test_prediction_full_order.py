@@ -142,11 +142,11 @@ def test_frequency_and_voltage_of_the_source() -> None:
     T_s, samples = study.converter.T_s, 6000
     source = study.grid_source
     for input_, size, event in (
-        ("omega_g", 1e-4, {"omega_g": source.omega_g + 1e-4}),
-        ("V_g", 1e-3, {"V_g_rms": source.V_g_rms + 1e-3}),
+        ("omega_g", 1e-4, Event(START * T_s, "step", omega_g=source.omega_g + 1e-4)),
+        ("V_g", 1e-3, Event(START * T_s, "step", V_g_rms=source.V_g_rms + 1e-3)),
     ):
         spec = replace(study.simulation, duration=(START + samples) * T_s, P_ref=2000.0, Q_ref=300.0)
-        moved = replace(study, grid=grid, simulation=spec, events=(Event(START * T_s, "step", **event),))
+        moved = replace(study, grid=grid, simulation=spec, events=(event,))
         run = simulate(moved, [GainChange(0.0, s.cell.gains)], bridge="averaged")
         values = np.stack([run.column(name) for name in ("P", "Q", "omega", "V_rms")], axis=1)
         predicted = linear_response(s, input_, size, samples)

@@ -228,7 +228,7 @@ class Scheduler:
         return self.lookup.grid(self._state.scr, self._state.r_over_x)
 
     def update_estimate(
-        self, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int | None = None
+        self, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int | np.integer[Any] | None = None
     ) -> Answer:
         """Updates the gains with an estimate in Ω and H and the measured P, Q and V, as in :func:`advance`.
 
@@ -238,7 +238,7 @@ class Scheduler:
         """
         return self._advance(NO_REASON, as_number(R_g), as_number(L_g), P, Q, V_rms, ticks)
 
-    def hold(self, P: float, Q: float, V_rms: float, ticks: int | None = None) -> Answer:
+    def hold(self, P: float, Q: float, V_rms: float, ticks: int | np.integer[Any] | None = None) -> Answer:
         """Makes an update without an estimate. The place continues to move to its goal."""
         return self._advance(NO_ESTIMATE, 0.0, 0.0, P, Q, V_rms, ticks)
 
@@ -248,7 +248,14 @@ class Scheduler:
         return None if self._fed is None else self._fed.probe
 
     def update(
-        self, v: Any, i: Any, P: float, Q: float, V_rms: float, ticks: int | None = None, **measured: Any
+        self,
+        v: Any,
+        i: Any,
+        P: float,
+        Q: float,
+        V_rms: float,
+        ticks: int | np.integer[Any] | None = None,
+        **measured: Any,
     ) -> Answer:
         """Updates the gains with a window of v (V) and i (A), in the shape that the estimator takes.
 
@@ -269,11 +276,13 @@ class Scheduler:
         v, i = (x if type(x) is float else as_numbers(x) for x in (v, i))
         return fed.push(v, i, **measured)
 
-    def update_pushed(self, P: float, Q: float, V_rms: float, ticks: int | None = None) -> Answer:
+    def update_pushed(self, P: float, Q: float, V_rms: float, ticks: int | np.integer[Any] | None = None) -> Answer:
         """Makes an :meth:`update` with the samples that were pushed, or a :meth:`hold` while no answer is due."""
         return self._advance_by(self._feeding.answer(), P, Q, V_rms, ticks)
 
-    def _advance_by(self, found: Estimate | None, P: float, Q: float, V_rms: float, ticks: int | None) -> Answer:
+    def _advance_by(
+        self, found: Estimate | None, P: float, Q: float, V_rms: float, ticks: int | np.integer[Any] | None
+    ) -> Answer:
         if found is None:
             return self.hold(P, Q, V_rms, ticks)
         said = SAID.get(found.status, NO_ESTIMATE)
@@ -333,7 +342,7 @@ class Scheduler:
         return self._fed
 
     def _advance(
-        self, said: int, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int | None
+        self, said: int, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int | np.integer[Any] | None
     ) -> Answer:
         if ticks is None:
             ticks = self._state.ticks + self.settings.update_ticks

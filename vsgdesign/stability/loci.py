@@ -89,7 +89,7 @@ def mode_sensitivities(
     return tuple(sorted(found, key=lambda item: -abs(item.relative)))
 
 
-def parameter_locus(model: FullOrderModel, cell: int, parameter: str, values: Sequence[float]) -> Complex:
+def parameter_locus(model: FullOrderModel, cell: int, parameter: str, values: Sequence[float] | Array) -> Complex:
     """Eigenvalues s (K, n) of one cell along any of PARAMETERS, tracked; NaN where there is no steady state.
 
     The steady state follows by Newton's method on the one-period map, from the cell's own value outwards. The
