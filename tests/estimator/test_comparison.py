@@ -54,7 +54,9 @@ def compared() -> Comparison:
 
 @functools.cache
 def stressed() -> Stress:
-    few = tuple(axis for axis in stress_axes(50.0) if axis.name in ("shift", "harmonics"))
+    """Two of the axes, each at its ends and one value between them."""
+    axes = [axis for axis in stress_axes(50.0) if axis.name in ("shift", "harmonics")]
+    few = tuple(replace(axis, values=axis.values[::2]) for axis in axes)
     return stress_methods(load_study("studies/published/study.toml"), NETWORKS, axes=few)
 
 

@@ -80,7 +80,10 @@ def expected(scr: float, ratio: float) -> Expected:
     t = np.arange(0.0, 12.0, 1e-5)
     y = np.zeros(len(t))
     for r, p in zip(residues, exponents, strict=True):
-        y += (r * np.exp(p * t)).real
+        if p.imag > 0.0:  # stands for its conjugate too
+            y += 2.0 * (r * np.exp(p * t)).real
+        elif p.imag == 0.0:
+            y += r.real * np.exp(p.real * t)
     outside = np.flatnonzero(np.abs(y - 1.0) > 0.02)
     return Expected(100.0 * max(y.max() - 1.0, 0.0), float(t[outside[-1]]), float((-poles.real / abs(poles)).min()))
 

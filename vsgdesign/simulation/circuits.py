@@ -50,18 +50,21 @@ def states_of(circuit: FilterGrid | TwoAxisCircuit) -> int:
     return len(circuit.A) if isinstance(circuit, TwoAxisCircuit) else 6
 
 
-def stacked_plants(circuit: CircuitOfGrid, pieces: tuple[tuple[Grid, float, float], ...]) -> PlantPieces:
-    """Some pieces of an interval, each a grid, a length (s) and a source frequency (rad/s), without their sources."""
-    steps = [plant_step(circuit(grid), h, omega) for grid, h, omega in pieces]
+def stacked_plants(circuit: CircuitOfGrid, edges: bool, pieces: tuple[tuple[Grid, float, float], ...]) -> PlantPieces:
+    """Some pieces of an interval, each a grid, a length (s) and a source frequency (rad/s), without their sources.
+
+    ``edges``: whether the bridge switches within them.
+    """
+    steps = [plant_step(circuit(grid), h, omega, edges=edges) for grid, h, omega in pieces]
     degree = max(step.edge.shape[0] for step in steps)
-    edges = np.zeros((len(steps), degree, *steps[0].edge.shape[1:]))
+    polynomials = np.zeros((len(steps), degree, *steps[0].edge.shape[1:]))
     for k, step in enumerate(steps):
-        edges[k, : step.edge.shape[0]] = step.edge
+        polynomials[k, : step.edge.shape[0]] = step.edge
     return PlantPieces(
         lengths=np.array([h for _, h, _ in pieces]),
         transitions=np.array([step.transition for step in steps]),
         bridges=np.array([step.bridge for step in steps]),
-        edges=edges,
+        edges=polynomials,
         responses=np.array([step.source for step in steps]),
         sources=np.empty((len(steps), 6)),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
@@ -53,7 +54,8 @@ def outside(study: Study, x: NDArray[np.float64], state: ControllerState) -> str
     """What has diverged, and what to do: the circuit's state x (2n) and the controller's are no numbers or beyond every
     sensible bound. None where all is well."""
     c = study.converter
-    if not (np.isfinite(x).all() and np.isfinite(flat_state(state)).all()):
+    circuit = x.tolist()
+    if not all(map(math.isfinite, (*circuit, *flat_state(state)))):
         return (
             "a quantity is no longer a number. The inner loops are unstable on this grid (slow them down, "
             "inner_loops response times, or sample faster), or the power loops are (lower their gains)"
@@ -62,9 +64,9 @@ def outside(study: Study, x: NDArray[np.float64], state: ControllerState) -> str
         return f"the frequency is beyond {BOUND_PU:g} times its nominal value. {_POWER}"
     if abs(state.V) > BOUND_PU * c.V_rated_rms:
         return f"the voltage of the Q loop is beyond {BOUND_PU:g} times its rated value. {_POWER}"
-    if np.any(np.abs([*x[0:2], *x[4:6]]) > BOUND_PU * c.I_rated_pk):
+    if max(map(abs, circuit[0:2] + circuit[4:6])) > BOUND_PU * c.I_rated_pk:
         return f"a current is beyond {BOUND_PU:g} times its rated value. {_INNER}"
-    if np.any(np.abs(x[2:4]) > BOUND_PU * c.V_rated_rms):
+    if max(map(abs, circuit[2:4])) > BOUND_PU * c.V_rated_rms:
         return f"the capacitor voltage is beyond {BOUND_PU:g} times its rated value. {_INNER}"
     return None
 

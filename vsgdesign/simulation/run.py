@@ -148,7 +148,7 @@ def simulate(
         R_c=study.filter.R_c,
     )
     loop = compiled_loop(study.limiter.law)
-    plants = functools.lru_cache(maxsize=64)(functools.partial(stacked_plants, circuit_of))
+    plants = functools.lru_cache(maxsize=64)(functools.partial(stacked_plants, circuit_of, pwm))
     loop_seconds, divergence = 0.0, None
     no_rows = np.empty((0, controller_log.shape[1]))
     gains = feed.first()
