@@ -174,17 +174,26 @@ def _draw(study: Study, recipe: WindowRecipe, index: int, key: tuple[int, ...], 
 
 def _why_not(study: Study, scenario: Scenario) -> str:
     """Why a scenario does not rest before or after its change, of REASONS; empty: it does."""
-    cells = []
-    for grid, gains, refs in zip(scenario.grids, scenario.gains, scenario.references, strict=True):
-        try:
-            steady_state(study, grid, scenario.source, *refs, gains)
-        except LimitHitError as error:
-            return error.limit
-        except (InfeasibleStudyError, NoOperatingPointError):
-            return "no operating point"
-        cells.append(Cell(grid, gains, *refs, scenario.source))
-    largest = np.abs(np.linalg.eigvals(linearise_full_order(study, cells).A)).max()
-    return "unstable" if largest > 1.0 + 1e-9 else ""
+    cells = [
+        Cell(grid, gains, *refs, scenario.source)
+        for grid, gains, refs in zip(scenario.grids, scenario.gains, scenario.references, strict=True)
+    ]
+    model = linearise_full_order(study, cells)
+    for cell, fault in zip(cells, model.faults, strict=True):
+        if fault is not None:
+            return _obstacle(study, cell, scenario.source)
+    return "unstable" if np.abs(np.linalg.eigvals(model.A)).max() > 1.0 + 1e-9 else ""
+
+
+def _obstacle(study: Study, cell: Cell, source: GridSource) -> str:
+    """Which of REASONS a cell without a steady state has."""
+    try:
+        steady_state(study, cell.grid, source, cell.P_ref, cell.Q_ref, cell.gains)
+    except LimitHitError as error:
+        return error.limit
+    except InfeasibleStudyError:
+        pass
+    return "no operating point"
 
 
 def _other_grid(study: Study, recipe: WindowRecipe, rng: np.random.Generator, scr: float) -> Grid:
