@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,10 +47,11 @@ def steady_state(
     v_g = rms_to_peak(source.V_g_rms) * np.exp(1j * phase)
 
     guess = _guess(study, grid, source, refs, gains)
+    phasors = _phasors(study, plant, omega_g, v_g)
 
     def residual(unknown: NDArray[np.float64]) -> list[float]:
         V, delta, omega_i = unknown[0] * V_n, unknown[1], unknown[2] * omega_n
-        x, _ = _phasors(study, plant, omega_g, rms_to_peak(V) * np.exp(1j * (delta + phase)), v_g)
+        x, _ = phasors(rms_to_peak(V) * np.exp(1j * (delta + phase)))
         v = x[1] + study.filter.R_c * (x[0] - x[2])
         P, Q = instantaneous_power(v.real, v.imag, x[2].real, x[2].imag)
         omega, domega_dt, dV_dt = power_loops(omega_i, V, P, Q, refs, gains)
@@ -66,7 +68,7 @@ def steady_state(
         raise InfeasibleStudyError(f"no steady state (residual {error:.2g} pu): {solved.message}")
     V, delta, omega_i = solved.x[0] * V_n, float(solved.x[1]), solved.x[2] * omega_n
     theta = delta + phase
-    x, v_b = _phasors(study, plant, omega_g, rms_to_peak(V) * np.exp(1j * theta), v_g)
+    x, v_b = phasors(rms_to_peak(V) * np.exp(1j * theta))
     _check_limits(study, x, v_b)
 
     turn = np.exp(-1j * theta)
@@ -149,9 +151,9 @@ def _guess(study: Study, grid: Grid, source: GridSource, refs: References, gains
 
 
 def _phasors(
-    study: Study, plant: PlantStep, omega_g: float, v_node: complex, v_g: complex
-) -> tuple[NDArray[np.complex128], complex]:
-    """Plant state and bridge voltage at a sample, given the capacitor node's voltage there.
+    study: Study, plant: PlantStep, omega_g: float, v_g: complex
+) -> Callable[[complex], tuple[NDArray[np.complex128], complex]]:
+    """Plant state and bridge voltage at a sample, as a function of the capacitor node's voltage there.
 
     x(k+1) = Φ x + Γ v_b + u v_g and x(k+1) = e^{jω_g T} x: x is affine in v_b.
     """
@@ -160,8 +162,13 @@ def _phasors(
     per_bridge = inverse @ plant.bridge
     from_grid = inverse @ plant.source[0] * v_g
     node = np.array([study.filter.R_c, 1.0, -study.filter.R_c])
-    v_b = (v_node - node @ from_grid) / (node @ per_bridge)
-    return per_bridge * v_b + from_grid, complex(v_b)
+    node_from_grid, node_per_bridge = node @ from_grid, node @ per_bridge
+
+    def at(v_node: complex) -> tuple[NDArray[np.complex128], complex]:
+        v_b = (v_node - node_from_grid) / node_per_bridge
+        return per_bridge * v_b + from_grid, complex(v_b)
+
+    return at
 
 
 def _check_limits(study: Study, x: NDArray[np.complex128], v_b: complex) -> None:
