@@ -76,7 +76,7 @@ def test_where_it_starts_is_what_was_asked_for() -> None:
 
 def test_a_start_outside_the_limits_is_refused_with_the_reason() -> None:
     for sections, P_ref, reason in (
-        ('[converter]\nV_dc = "312 V"\n', 2000.0, "bridge makes 156 V"),
+        ('[converter]\nV_dc = "312 V"\n', 2000.0, "bridge makes at most 156 V"),
         ("[converter]\ncurrent_limit_pu = 0.5\n[grid]\nscr = 20\n", 4500.0, "Raise current_limit_pu"),
     ):
         study = lc_study("1 ms", sections=sections)
