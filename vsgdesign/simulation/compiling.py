@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -28,12 +28,14 @@ _ROOMS = ("equations", "simulation")
 
 
 @functools.cache
-def compile_function(function: FunctionType, cache: bool = False, **replaced: Any) -> Callable[..., Any]:
+def compile_function(
+    function: FunctionType, outermost: bool = False, cache: bool = False, **replaced: Any
+) -> Callable[..., Any]:
     """The function, and every function of this package or of its own module that it calls, compiled for speed.
 
-    ``cache=True`` keeps the machine code on disk; only for the outermost function, through
-    :func:`source_stamp`, so that a change anywhere in the compiled sources makes it stale. ``replaced``: what names
-    that the function takes from its module stand for instead.
+    ``outermost`` is the loop itself, into which everything else is inlined. ``cache=True`` keeps the machine code on
+    disk; only for the outermost function, through :func:`source_stamp`, so that a change anywhere in the compiled
+    sources makes it stale. ``replaced``: what names that the function takes from its module stand for instead.
     """
     names = dict(function.__globals__)
     for name in function.__code__.co_names:
@@ -45,11 +47,20 @@ def compile_function(function: FunctionType, cache: bool = False, **replaced: An
     rebuilt.__module__ = function.__module__
     rebuilt.__qualname__ = function.__qualname__
     # Left to itself the compiler keeps the larger stages of the controller as calls: that costs a fifth of the speed.
-    return numba.njit(cache=cache, forceinline=not cache, **_OPTIONS)(rebuilt)
+    return numba.njit(cache=cache, forceinline=not outermost, **_OPTIONS)(rebuilt)
 
 
 def _is_ours(value: FunctionType, caller: FunctionType) -> bool:
     return value.__module__.startswith("vsgdesign.") or value.__module__ == caller.__module__
+
+
+def is_packaged(functions: Iterable[FunctionType]) -> bool:
+    """Whether functions come with the package.
+
+    Machine code of others is not kept on disk: the compiler's index would name their module, and a process that cannot
+    import it could not read the index, nor anything else that is kept there.
+    """
+    return all(function.__module__.startswith("vsgdesign.") for function in functions)
 
 
 class CompiledLaw:

@@ -24,7 +24,7 @@ from vsgdesign.identification import Probe
 from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state
 from vsgdesign.parameters.study import Grid, GridSource, Study
 from vsgdesign.simulation.circuits import CircuitOfGrid, circuits_of, stacked_plants, states_of
-from vsgdesign.simulation.compiling import compile_function, compiled_law, source_stamp
+from vsgdesign.simulation.compiling import compile_function, compiled_law, is_packaged, source_stamp
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.kernel import LOG_COLUMNS, Bridge, ControllerInputs, LogRows, PlantPieces, run_stretch
 from vsgdesign.simulation.online import ListedGains, OnlineGains, OnlineScheduler
@@ -80,7 +80,7 @@ acting: LimiterLaw = CIRCULAR.law
 
 @functools.cache
 def compiled_loop(law: LimiterLaw) -> Callable[..., ControllerState]:
-    """The compiled inner loop with a limiter, from the disk cache where its sources are unchanged."""
+    """The compiled inner loop with a limiter, from the disk cache where its sources are the package's and unchanged."""
     return _with_stamp(source_stamp(*law), law)  # type: ignore[arg-type]
 
 
@@ -100,7 +100,8 @@ def _with_stamp(stamp: int, law: LimiterLaw) -> Callable[..., ControllerState]:
             count = 0
         return run_stretch(first, count, x, pending, state, given, bridge, plant, log, acting)
 
-    return compile_function(loop, cache=True, acting=compiled_law(law))  # type: ignore[arg-type]
+    kept = is_packaged(law)  # type: ignore[arg-type]
+    return compile_function(loop, outermost=True, cache=kept, acting=compiled_law(law))  # type: ignore[arg-type]
 
 
 def simulate(
