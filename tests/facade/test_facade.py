@@ -121,6 +121,9 @@ def test_a_run_draws_and_shows_itself(run: vd.Run, tmp_path: Path) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert figure.get_axes()[0].get_ylabel().startswith("Active power")
     run.plot("voltage", file=picture)  # our own picture is replaced
+    for suffix in (".svg", ".pdf"):
+        run.plot(file=picture.with_suffix(suffix))
+        run.plot("voltage", file=picture.with_suffix(suffix))
     html = run._repr_html_()
     assert html.startswith("<h4>")
     assert "<svg" in html
@@ -131,10 +134,11 @@ def test_a_run_draws_and_shows_itself(run: vd.Run, tmp_path: Path) -> None:
 
 def test_a_picture_never_replaces_something_else(run: vd.Run, tmp_path: Path) -> None:
     work = tmp_path / "work.png"
-    work.write_text("mine", encoding="utf-8")
-    with pytest.raises(ArtifactError, match="left unchanged"):
-        run.plot(file=work)
-    assert work.read_text(encoding="utf-8") == "mine"
+    for own in (b"mine", b"\x89PNG\r\n\x1a\n a photograph"):
+        work.write_bytes(own)
+        with pytest.raises(ArtifactError, match="left unchanged"):
+            run.plot(file=work)
+        assert work.read_bytes() == own
     for name in ("step.txt", "there/step.png"):
         with pytest.raises(ArtifactError):
             run.plot(file=tmp_path / name)

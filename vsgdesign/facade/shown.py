@@ -16,8 +16,10 @@ if TYPE_CHECKING:
 
     from vsgdesign.report.figure_types import NamedFigure
 
-_BEGINNINGS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
-"""The first bytes of a file of each image format."""
+_MARK = "vsgdesign"
+
+_MARKED_FIELDS = {".png": "Software", ".svg": "Creator", ".pdf": "Creator"}
+"""The field of each image format that says what drew it. A picture of the user's own is never replaced."""
 
 
 class Shown(ABC):
@@ -49,7 +51,7 @@ class Shown(ABC):
         """Draws one figure by its name and, if ``file`` is given, writes it to this file.
 
         Without a name it draws the first of :attr:`pictures`. ``file`` ends in .png, .svg or .pdf. An existing file is
-        replaced if it is an image of this format, and left unchanged otherwise. Returns the matplotlib figure. Raises
+        replaced if vsgdesign drew it, and left unchanged otherwise. Returns the matplotlib figure. Raises
         KeyError for an unknown name and ArtifactError for a file that cannot be written.
         """
         found = self._named(picture)
@@ -95,20 +97,18 @@ def _svg(figure: Figure) -> str:
 def _save(figure: Figure, path: Path) -> None:
     from vsgdesign.report.drawing.style import look
 
-    begins = _BEGINNINGS.get(path.suffix.lower())
-    if begins is None:
-        raise ArtifactError(f"{path}: the name of a picture must end in {', '.join(_BEGINNINGS)}. Choose one of them.")
+    field = _MARKED_FIELDS.get(path.suffix.lower())
+    if field is None:
+        raise ArtifactError(
+            f"{path}: the name of a picture must end in {', '.join(_MARKED_FIELDS)}. Choose one of them."
+        )
     if path.is_dir():
         raise ArtifactError(f"{path}: this is a folder. Give the name of a file.")
     try:
-        if path.exists():
-            with path.open("rb") as stream:
-                there = stream.read(len(begins))
-            if there not in (begins, b""):
-                raise ArtifactError(
-                    f"{path}: this file exists and is not a picture of this format. It was left unchanged."
-                )
+        there = path.read_bytes() if path.exists() else b""
+        if there and _MARK.encode() not in there:
+            raise ArtifactError(f"{path}: this file exists and was not drawn by vsgdesign. It was left unchanged.")
         with look():
-            figure.savefig(path)
+            figure.savefig(path, metadata={field: _MARK})
     except OSError as error:
         raise ArtifactError(f"{path}: the picture cannot be written ({error.strerror}).") from None
