@@ -1,0 +1,299 @@
+"""Whether a converter survived a disturbance: one judge for every page, study and measurement.
+
+A converter survives if, in time, it is at the new rest and stays there, has not slipped by a turn and has not latched
+in its current limit (docs/survival.md). The judge sees arrays alone, so it serves a simulation, another tool's
+simulation and a measurement alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.metrics.step_response import SETTLING_BAND, one_cycle_mean, settling_time
+
+Array = NDArray[np.float64]
+
+SURVIVED = "survived"
+NOT_AT_REST = "not at rest"
+SLIPPED = "slipped"
+LATCHED = "latched"
+DIVERGED = "diverged"
+NOT_KNOWN = "not known"
+NO_REST = "no rest"
+OVER_LIMIT = "rest over limit"
+STATUSES = (SURVIVED, NOT_AT_REST, SLIPPED, LATCHED, DIVERGED, NOT_KNOWN, NO_REST, OVER_LIMIT)
+"""All results of the judge. The first five are verdicts. The last three say why there is none."""
+
+VERDICTS = STATUSES[:5]
+
+SETTLING_TIMES, GRACE_S = 2.0, 0.2
+"""The new rest must be reached within SETTLING_TIMES · T + GRACE_S after the clearing."""
+
+FIRST_S = 5e-3
+"""The current in the first 5 ms of an event is judged apart, because no sampled loop can act at once."""
+
+REST_SHARE = 0.9
+"""Largest current of a rest that a converter is asked to reach, as a share of its limit."""
+
+_WATCHED = 0.25
+"""How long the rest is watched after the deadline, as a share of the settling time."""
+
+_HALF_TURN_EITHER = math.radians(20.0)
+"""An event that leaves the angle within this distance of half a turn from the rest may go either way round."""
+
+_END_S = 0.3
+"""The last part of a record, in which a latched limiter shows."""
+
+_LATCHED_SHARE = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurvivalRecord:
+    """What is known of a run: arrays of the same length (n), equally spaced in time.
+
+    A run that diverged ends where it did, with ``diverged`` set. A value that is no number counts as a divergence.
+    """
+
+    t_s: Array
+    P: Array
+    """Active power at the point at which the rest is known, W."""
+    Q: Array
+    """Reactive power there, var."""
+    delta: Array
+    """Angle of the converter's frame against the grid source, rad, wrapped or not. It turns by less than half a turn
+    between two rows, except by a phase jump."""
+    i_s_pu: Array
+    """Length of the converter's current vector over the rated peak."""
+    limited: Array
+    """Share of the samples since the row before in which the current limiter acted, 0 to 1."""
+    diverged: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExpectedRest:
+    """The steady state to which a disturbance leads, computed from a model and not from the record."""
+
+    P: float
+    """W."""
+    Q: float
+    """var."""
+    delta: float
+    """rad."""
+    i_s_pu: float
+    """Converter current with the current of the filter capacitor, over the rated peak."""
+    obstacle: str | None = None
+    """Why there is no such state; None if there is one. The numbers are then NaN."""
+
+    @classmethod
+    def none(cls, obstacle: str) -> ExpectedRest:
+        """No steady state, with its reason in words."""
+        return cls(P=math.nan, Q=math.nan, delta=math.nan, i_s_pu=math.nan, obstacle=obstacle)
+
+    def refused(self, i_max_pu: float | None) -> tuple[str, str] | None:
+        """(status, reason) if no converter is asked to reach this rest: NO_REST or OVER_LIMIT. None if one is.
+
+        ``i_max_pu``: limit of the converter's current, None without a limit.
+        """
+        if self.obstacle is not None:
+            return NO_REST, self.obstacle
+        if not all(map(math.isfinite, (self.P, self.Q, self.delta, self.i_s_pu))):
+            return NO_REST, "the rest is not known: one of its values is no number"
+        if i_max_pu is not None and self.i_s_pu > REST_SHARE * i_max_pu:
+            return OVER_LIMIT, (
+                f"the rest needs {self.i_s_pu:.3g} pu, more than {100.0 * REST_SHARE:.0f} % of the limit of "
+                f"{i_max_pu:.3g} pu"
+            )
+        return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurvivalDemand:
+    """What is asked of a converter."""
+
+    S_rated: float
+    """VA. The band is 2 % of it, for P and for Q."""
+    settling_time: float
+    """T of the specification, s."""
+    cycle_s: float
+    """Period of the grid at the end, s: P and Q are judged by their means over it."""
+    i_max_pu: float | None
+    """Limit of the converter's current, pu of the rated peak; None without a limit."""
+    settling_times: float = SETTLING_TIMES
+    """The deadline is this many T, and ``grace_s``, after the clearing."""
+    grace_s: float = GRACE_S
+
+    @property
+    def deadline_s(self) -> float:
+        """Time from the clearing until the converter must be at rest, s."""
+        return self.settling_times * self.settling_time + self.grace_s
+
+    @property
+    def needed_s(self) -> float:
+        """Length of the record from the clearing on that the judge needs, s."""
+        return self.deadline_s + _WATCHED * self.settling_time
+
+
+@dataclass(frozen=True, kw_only=True)
+class Survival:
+    """The verdict on one record. A figure is None where there is none."""
+
+    status: str
+    """One of STATUSES."""
+    reason: str | None = None
+    """Why it did not survive, or why there is no verdict; None if it survived."""
+    recovery_s: float | None = None
+    """Time from the clearing until P and Q stay at the new rest, s; None if they are not there at the end."""
+    peak_pu: float | None = None
+    """Largest converter current later than 5 ms after each event, pu of the rated peak."""
+    first_peak_pu: float | None = None
+    """Largest converter current within 5 ms of an event, pu of the rated peak."""
+    limited_s: float | None = None
+    """Time for which the limiter acted after the first event, s."""
+    limited_at_end: float | None = None
+    """Share of the last 0.3 s in which the limiter acted, 0 to 1."""
+    swing_rad: float | None = None
+    """Largest distance of the angle from the nearest rest that each event leaves it, rad."""
+
+    @property
+    def survived(self) -> bool:
+        """Whether the converter survived."""
+        return self.status == SURVIVED
+
+    @property
+    def judged(self) -> bool:
+        """Whether there is a verdict at all."""
+        return self.status in VERDICTS
+
+
+def judge_survival(
+    record: SurvivalRecord, events_s: Sequence[float], cleared_s: float, rest: ExpectedRest, demand: SurvivalDemand
+) -> Survival:
+    """The verdict on a record.
+
+    ``events_s``: the instants of all sudden changes in ascending order, the end of a fault among them. ``cleared_s``:
+    when the last disturbance was over, at or after the last event. Times are those of the record.
+
+    The converter survived if the one-cycle means of P and Q stay within 2 % of S_rated of the rest from the deadline
+    on, if the angle was never further than one turn from its rest and did not come to rest a turn further on, and if
+    the limiter does not hold it. "Its rest" is the one nearest to the angle right after each event. Where an event
+    leaves the angle close to half a turn from it, the converter may go either way round.
+
+    Raises ValueError with all faults of the arguments.
+    """
+    _check(record, events_s, cleared_s, demand)
+    refused = rest.refused(demand.i_max_pu)
+    if refused is not None:
+        return Survival(status=refused[0], reason=refused[1])
+    good = _finite_rows(record)
+    diverged = record.diverged or good < len(record.t_s)
+    t = record.t_s[:good]
+    if good < 2 or t[-1] <= events_s[0]:
+        status, where = (DIVERGED, "before the first event") if diverged else (NOT_KNOWN, "the record has no event")
+        return Survival(status=status, reason=where)
+    step = float(t[1] - t[0])
+    # Half a step of slack: times of events and of rows are both rounded.
+    starts = np.searchsorted(t, np.asarray(events_s, dtype=float) - 0.5 * step)
+    after = np.zeros(good, dtype=bool)
+    first = np.zeros(good, dtype=bool)
+    after[starts[0] :] = True
+    for event_s, start in zip(events_s, starts, strict=True):
+        first[start : int(np.searchsorted(t, event_s + FIRST_S - 0.5 * step))] = True
+    current, limited = record.i_s_pu[:good], record.limited[:good]
+    swing, slipped = _swing(record.delta[:good], starts, rest.delta, ended=not diverged)
+    at_end = float(np.mean(limited[t > t[-1] - _END_S]))
+    recovery = None if diverged else _recovery(record, cleared_s, rest, demand)
+    figures = Survival(
+        status=SURVIVED,
+        recovery_s=recovery,
+        peak_pu=_largest(current[after & ~first]),
+        first_peak_pu=_largest(current[first]),
+        limited_s=float(np.sum(limited[starts[0] + 1 :]) * step),
+        limited_at_end=at_end,
+        swing_rad=swing,
+    )
+    status, reason = SURVIVED, None
+    if diverged:
+        status, reason = DIVERGED, f"a quantity left every sensible bound at {t[-1]:.4g} s"
+    elif slipped:
+        status, reason = SLIPPED, f"the angle moved {swing:.3g} rad away from its rest"
+    elif t[-1] + 0.5 * step < cleared_s + demand.needed_s - step:
+        status = NOT_KNOWN
+        reason = f"the record ends {t[-1] - cleared_s:.4g} s after the clearing, and {demand.needed_s:.4g} s are needed"
+    elif recovery is None and at_end > _LATCHED_SHARE:
+        status = LATCHED
+        reason = f"not at rest at the end, and the limiter acts in {100.0 * at_end:.0f} % of the last {_END_S:g} s"
+    elif recovery is None:
+        status, reason = NOT_AT_REST, f"not at rest {t[-1] - cleared_s:.3g} s after the clearing"
+    elif recovery > demand.deadline_s:
+        status, reason = NOT_AT_REST, f"at rest after {recovery:.3g} s, later than {demand.deadline_s:.3g} s"
+    return Survival(**{**vars(figures), "status": status, "reason": reason})
+
+
+def _recovery(record: SurvivalRecord, cleared_s: float, rest: ExpectedRest, demand: SurvivalDemand) -> float | None:
+    """Time from the clearing from which the one-cycle means stay in their band, s; None if they end outside."""
+    t = record.t_s
+    cycle = max(round(demand.cycle_s / float(t[1] - t[0])), 1)
+    P, Q = one_cycle_mean(record.P, cycle), one_cycle_mean(record.Q, cycle)
+    error = np.maximum(np.abs(P - rest.P), np.abs(Q - rest.Q)) / demand.S_rated
+    since = t - cleared_s
+    later = since >= 0.0
+    return settling_time(since[later], error[later], SETTLING_BAND) if later.any() else None
+
+
+def _swing(delta: Array, starts: NDArray[np.intp], rest: float, ended: bool) -> tuple[float, bool]:
+    """Largest distance of the angle from its rest after each event, rad, and whether it slipped by a turn."""
+    turn = 2.0 * math.pi
+    angle = np.unwrap(delta) - rest
+    ends = [*starts[1:], len(angle)]
+    swing, slipped = 0.0, False
+    for k, (begin, end) in enumerate(zip(starts, ends, strict=True)):
+        part = angle[begin:end]
+        if part.size == 0:
+            continue
+        base = turn * round(float(part[0]) / turn)
+        if ended and k == len(starts) - 1:
+            reached = turn * round(float(part[-1]) / turn)
+            if abs(float(part[0]) - reached) <= math.pi + _HALF_TURN_EITHER:
+                base = reached
+            slipped = reached != base
+        swing = max(swing, float(np.max(np.abs(part - base))))
+    return swing, slipped or swing > turn
+
+
+def _finite_rows(record: SurvivalRecord) -> int:
+    """How many rows come before the first that holds anything but numbers."""
+    values = np.column_stack([record.P, record.Q, record.delta, record.i_s_pu, record.limited])
+    bad = ~np.isfinite(values).all(axis=1)
+    return int(np.argmax(bad)) if bad.any() else len(bad)
+
+
+def _largest(values: Array) -> float | None:
+    return float(np.max(values)) if values.size else None
+
+
+def _check(record: SurvivalRecord, events_s: Sequence[float], cleared_s: float, demand: SurvivalDemand) -> None:
+    faults = []
+    lengths = {name: np.shape(getattr(record, name)) for name in ("t_s", "P", "Q", "delta", "i_s_pu", "limited")}
+    if len(set(lengths.values())) > 1 or len(lengths["t_s"]) != 1:
+        faults.append(f"record: the arrays have the shapes {lengths}, but must all have one dimension and one length.")
+    elif lengths["t_s"][0] < 2:
+        faults.append("record: it has fewer than two rows.")
+    else:
+        steps = np.diff(record.t_s)
+        if not (steps > 0.0).all() or not np.allclose(steps, steps[0], rtol=1e-6, atol=0.0):
+            faults.append("t_s: the rows must be equally spaced and ascending. Resample the record.")
+    if not events_s or list(events_s) != sorted(events_s) or not np.isfinite(events_s).all():
+        faults.append(f"events_s = {list(events_s)}: there must be at least one event, in ascending order.")
+    elif not cleared_s >= events_s[-1]:
+        faults.append(f"cleared_s = {cleared_s:g} s: must not be before the last event, {events_s[-1]:g} s.")
+    for name in ("S_rated", "settling_time", "cycle_s"):
+        value = getattr(demand, name)
+        if not (value > 0.0 and math.isfinite(value)):
+            faults.append(f"{name} = {value:g}: must be positive.")
+    if faults:
+        raise ValueError(" ".join(faults))
