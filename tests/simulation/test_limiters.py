@@ -28,8 +28,16 @@ from vsgdesign.equations.limiters import (
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import StudyError
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters import Grid, Study
-from vsgdesign.simulation import FixedGains, GainChange, MeasuredWindow, Recorder, Simulation, simulate
+from vsgdesign.parameters import Grid, Study, study_from_text
+from vsgdesign.simulation import (
+    FixedGains,
+    GainChange,
+    MeasuredWindow,
+    Recorder,
+    Simulation,
+    run_scenario,
+    simulate,
+)
 from vsgdesign.simulation.run import compiled_loop
 
 SAG = """
@@ -285,3 +293,45 @@ def test_only_the_packages_machine_code_is_kept_on_disk() -> None:
     """The compiler's index names the modules of what it keeps, and who cannot import one cannot read the index."""
     kept = [type(getattr(compiled_loop(one.law), "_cache")).__name__ for one in (CIRCULAR, LEANING)]  # noqa: B009
     assert kept == ["FunctionCache", "NullCache"]
+
+
+OWN = """
+base = "case:hoang2025_5kva"
+converter = { current_limit_pu = 0.9 }
+simulation = { duration = "60 ms", bridge = "averaged", log_interval = "50 us", P_ref = "2 kW", Q_ref = "0 var" }
+controllers = [
+    { name = "as-given", kind = "scheduled" },
+    { name = "lower", kind = "scheduled", current_limit_pu = 0.7 },
+    { name = "free", kind = "scheduled", current_limiter = "none" },
+]
+events = [{ time = "10 ms", V_g_pu = 0.3 }]
+"""
+
+
+def test_each_controller_has_its_own_limit() -> None:
+    """It runs as in a study whose converter has that limit, to the bit."""
+    found = {c.spec.name: c.simulation for c in run_scenario(study_from_text(OWN)).controllers}
+    limits = {"as-given": "current_limit_pu = 0.9", "lower": "current_limit_pu = 0.7", "free": ""}
+    for name, limit in limits.items():
+        alone = study_from_text(OWN.replace("current_limit_pu = 0.9", limit).replace(", current_limit_pu = 0.7", ""))
+        one = next(c.simulation for c in run_scenario(alone).controllers if c.spec.name == "as-given")
+        assert np.array_equal(found[name].log, one.log), name
+    acted = {name: run.column("limited_samples")[-1] > 0 for name, run in found.items()}
+    assert acted == {"as-given": True, "lower": True, "free": False}
+    assert np.ptp(found["free"].log[:, 0] - found["lower"].log[:, 0]) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("controller", "said"),
+    [
+        ('current_limiter = "square"', 'controllers[0].current_limiter = "square": must be one of "none", "circular"'),
+        ('current_limiter = "none", current_limit_pu = 1.2', "has no effect"),
+        ('current_limiter = "circular"', "Add current_limit_pu, for example 1.2"),
+        ("current_limit_pu = 0.1", "0.5"),
+    ],
+)
+def test_a_limit_that_a_controller_cannot_have(controller: str, said: str) -> None:
+    text = OWN.split("controllers")[0].replace("converter = { current_limit_pu = 0.9 }\n", "")
+    with pytest.raises(StudyError) as caught:
+        study_from_text(f'{text}controllers = [{{ name = "a", kind = "scheduled", {controller} }}]')
+    assert said in str(caught.value)

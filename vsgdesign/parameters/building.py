@@ -30,6 +30,7 @@ from vsgdesign.parameters.scenario import read_events, read_grid, read_simulatio
 from vsgdesign.parameters.specification import read_specification
 from vsgdesign.parameters.stability import read_stability
 from vsgdesign.parameters.study import (
+    NO_LIMITER,
     UPDATE_PERIOD,
     ClosedFormTarget,
     ControllerSpec,
@@ -158,7 +159,7 @@ def _read_converter(table: TableReader) -> Converter:
         samples_per_carrier=table.integer("samples_per_carrier", 1, 64, default=2),
         delay_samples=table.integer("delay_samples", 0, 1, default=1),
         zero_sequence=table.choice("modulation", ("sine_triangle", "min_max"), default="sine_triangle") == "min_max",
-        current_limit_pu=table.quantity("current_limit_pu", "1", 0.5, 20.0, default=None),
+        current_limit_pu=_read_limit(table),
         V_min_pu=table.quantity("V_min_pu", "1", 0.0, 1.0, default=0.85),
         V_max_pu=table.quantity("V_max_pu", "1", 1.0, 3.0, default=1.25),
     )
@@ -174,6 +175,10 @@ def _read_converter(table: TableReader) -> Converter:
         table.fault("f_sw", f"{f_sw:.6g} Hz", f"samples fewer than 20 times a cycle of {f_n:.6g} Hz", "Raise f_sw.")
     table.finish()
     return converter
+
+
+def _read_limit(table: TableReader) -> float | None:
+    return table.quantity("current_limit_pu", "1", 0.5, 20.0, default=None)
 
 
 def _read_filter(table: TableReader) -> Filter:
@@ -273,6 +278,7 @@ def _read_controllers(
             table.fault("name", name, *taken)
         kind = table.choice("kind", ("fixed", "scheduled"))
         own_target = _read_target(table, target, converter)
+        own_limiter, own_limit_pu = _read_own_limit(table, converter)
         gains, design_grid, schedule, table_file, estimate = None, None, "closed_form", None, "truth"
         period: float | None = UPDATE_PERIOD
         if kind == "fixed":
@@ -338,6 +344,8 @@ def _read_controllers(
                 schedule=schedule,
                 table_file=table_file,
                 estimate=estimate,
+                current_limiter=own_limiter,
+                current_limit_pu=own_limit_pu,
             )
         )
         table.finish()
@@ -346,6 +354,27 @@ def _read_controllers(
             "controllers", None, "none given", 'Add [[controllers]] with name and kind = "fixed" or "scheduled".'
         )
     return tuple(specs)
+
+
+def _read_own_limit(table: TableReader, converter: Converter) -> tuple[str | None, float | None]:
+    """How a controller limits its current, and to how much, where it differs from the study."""
+    limiter = table.choice("current_limiter", (NO_LIMITER, *LIMITERS), default=None)
+    limit_pu = _read_limit(table)
+    if limiter == NO_LIMITER and limit_pu is not None:
+        table.fault(
+            "current_limit_pu",
+            f"{limit_pu:.6g}",
+            f'has no effect with current_limiter = "{NO_LIMITER}"',
+            "Leave one of the two out.",
+        )
+    elif limiter not in (None, NO_LIMITER) and limit_pu is None and converter.current_limit_pu is None:
+        table.fault(
+            "current_limiter",
+            limiter,
+            "has no limit to keep: neither this controller nor the converter gives one",
+            "Add current_limit_pu, for example 1.2.",
+        )
+    return limiter, limit_pu
 
 
 def _default_update_period(converter: Converter) -> float:

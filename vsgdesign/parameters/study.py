@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 UNLIMITED_PU = 1e6
 """A current limit so far out of reach that the limiter never acts (infinity would make NaN of 0·∞)."""
+
+NO_LIMITER = "none"
+"""The word for a controller of a study that does not limit its current."""
 
 UPDATE_PERIOD = 0.02
 """Time between two updates of a schedule where a study says nothing, s: as published."""
@@ -200,6 +203,11 @@ class ControllerSpec:
     """File of its gain table. With None the table is built."""
     estimate: str = "truth"
     """Source of the grid impedance of a scheduled controller: ``truth``, or an estimator such as ``neural``."""
+    current_limiter: str | None = None
+    """How it limits its current: a name in ``equations.limiters.LIMITERS``, or :data:`NO_LIMITER`. None means as the
+    study says."""
+    current_limit_pu: float | None = None
+    """Limit of its converter-current reference in pu of the rated peak. None means that of the converter."""
 
 
 @dataclass(frozen=True)
@@ -327,6 +335,19 @@ class Study:
     def with_events(self, *events: Mapping[str, Any]) -> Study:
         """The study with these events instead of its own; fields as in a study file's [[events]]."""
         return self.with_changes(events=list(events))
+
+    def with_limit_of(self, spec: ControllerSpec) -> Study:
+        """The study as one of its controllers runs in it: with this controller's current limit.
+
+        It is the study itself where the controller has no limit of its own.
+        """
+        if spec.current_limiter is None and spec.current_limit_pu is None:
+            return self
+        limiter = self.current_limiter if spec.current_limiter is None else spec.current_limiter
+        limit_pu = self.converter.current_limit_pu if spec.current_limit_pu is None else spec.current_limit_pu
+        if limiter == NO_LIMITER:
+            limiter, limit_pu = CIRCULAR.name, None
+        return replace(self, converter=replace(self.converter, current_limit_pu=limit_pu), current_limiter=limiter)
 
     @property
     def input_files(self) -> tuple[str, ...]:

@@ -152,7 +152,7 @@ def _export(study: Study, ready: Ready, folder: Path, warn: Callable[[str], None
             folder / f"{spec.name}.c",
             weights=None if network is None else folder / "estimator.weights.json",
             grid_phase=network is not None and network.grid_phase,
-            limiter=study.current_limiter,
+            limiter=study.with_limit_of(spec).current_limiter,
         )
 
 

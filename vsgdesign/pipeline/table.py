@@ -94,6 +94,7 @@ def build_table_file(
     """
     out = Path(out)
     spec = _controller(study, controller)
+    study = study.with_limit_of(spec)
     if study.specification is None:
         advice = "Add one: it gives the requirements of the table and their box."
         raise StudyError(study.name, [Fault("specification", "", "missing table", advice)])
@@ -248,5 +249,7 @@ def _built_table(
         _cells(cells, f'the table of controller {spec.name} for "{out}"') as folder,
         executor_of(workers) as executor,
     ):
-        built = build_table(study, spec, folder, executor=executor, certificate=certificates, progress=progress)
+        built = build_table(
+            study.with_limit_of(spec), spec, folder, executor=executor, certificate=certificates, progress=progress
+        )
         return built.table

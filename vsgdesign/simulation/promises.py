@@ -152,7 +152,7 @@ def promises_kept(result: ScenarioResult) -> tuple[Kept, ...]:
 
 
 def _of_controller(result: ScenarioResult, spec: ControllerSpec) -> list[Kept]:
-    study, timeline, ready = result.study, result.timeline, result.ready
+    study, timeline, ready = result.study.with_limit_of(spec), result.timeline, result.ready
     law, promises, found = gain_law(study, spec, ready), promises_of(study, spec, ready), []
     points = [row for row in result.operating_points if row.point is not None]
     sources = [timeline.source_at(row.t_s) for row in points]

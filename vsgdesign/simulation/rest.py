@@ -139,6 +139,7 @@ def expected_rests(study: Study, timeline: Timeline, spec: ControllerSpec, ready
 
     Empty where it has none on some grid of the scenario.
     """
+    study = study.with_limit_of(spec)
     try:
         known = replace(spec, estimate="truth", update_period=ready.update_period(spec))
         if follows_measured(known):

@@ -93,9 +93,12 @@ def run_scenario(
     """
     timeline = build_timeline(study)
     points = operating_points(study, timeline)
+    own = [study.with_limit_of(spec) for spec in study.controllers]
     feeds = [
-        EstimatedScheduler(study, spec, ready) if spec.estimate != "truth" else gain_feed(study, spec, timeline, ready)
-        for spec in study.controllers
+        EstimatedScheduler(own_study, spec, ready)
+        if spec.estimate != "truth"
+        else gain_feed(own_study, spec, timeline, ready)
+        for own_study, spec in zip(own, study.controllers, strict=True)
     ]
     expected = [expected_rests(study, timeline, spec, ready) for spec in study.controllers]
     pairs = zip(study.controllers, expected, strict=True)
@@ -104,14 +107,14 @@ def run_scenario(
         for text in (*(one.message for one in unstable), WHERE_TO_LOOK):
             warn(text)
     results = []
-    for spec, feed, found in zip(study.controllers, feeds, expected, strict=True):
+    for own_study, spec, feed, found in zip(own, study.controllers, feeds, expected, strict=True):
         report = None if progress is None else _reporter(progress, spec.name)
-        run = simulate(study, feed, bridge=bridge, progress=report)
+        run = simulate(own_study, feed, bridge=bridge, progress=report)
         series = derive_series(study, run)
         estimates = feed.log(timeline) if isinstance(feed, EstimatedScheduler) else None
         used = bridge or study.simulation.bridge
         if estimates is not None:  # the gains that it really had
-            found = rests(study, timeline, run.gain_changes)
+            found = rests(own_study, timeline, run.gain_changes)
         events = measure_events(study, series, found, switched=used == "pwm", divergence=run.divergence)
         results.append(
             ControllerResult(

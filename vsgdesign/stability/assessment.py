@@ -121,7 +121,7 @@ def assess(
     present work and the share that is done. Raises NoOperatingPointError if fixed gains cannot be designed, and
     InfeasibleStudyError if the table is missing.
     """
-    tell = progress or silent
+    tell, study = progress or silent, study.with_limit_of(spec)
     axes, law = study.stability, gain_law(study, spec, ready)
     P, Q = axes.P[0], axes.Q[0]
     ratio = study.grid.x_over_r(study.converter.omega_n)

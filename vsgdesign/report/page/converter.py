@@ -37,7 +37,6 @@ def grid_label(result: HasStudy, grid: Grid) -> str:
 def converter_table(result: HasStudy) -> Table:
     """Ratings, bridge, inner loops and measurement."""
     study, c, g = result.study, result.study.converter, result.study.inner_gains
-    limit = "none" if c.current_limit_pu is None else f"{plain(c.current_limit_pu)} pu of the rated peak"
     rows = (
         ("Rated power", plain_quantity(c.S_rated, "VA")),
         (
@@ -51,7 +50,7 @@ def converter_table(result: HasStudy) -> Table:
         ("Sampling period", f"{plain_quantity(c.T_s, 's')} ({c.samples_per_carrier} per carrier period)"),
         ("Computation delay", "none" if c.delay_samples == 0 else f"{c.delay_samples} sample"),
         ("Modulation", "sine-triangle with min-max zero sequence" if c.zero_sequence else "sine-triangle"),
-        ("Current limit", limit),
+        *(("Current limit" + of, limit) for of, limit in _current_limits(study)),
         ("Voltage limits", f"{plain(c.V_min_pu)} to {plain(c.V_max_pu)} pu"),
         ("Voltage loop", f"K_pv = {number(g.K_pv)} A/V, K_iv = {number(g.K_iv)} A/(V·s)"),
         ("Current loop", f"K_pc = {number(g.K_pc)} V/A, K_ic = {number(g.K_ic)} V/(A·s)"),
@@ -89,6 +88,19 @@ def filter_table(result: HasStudy) -> Table:
         ),
     ]
     return Table("Filter and grid", ("Quantity", "Value"), tuple(rows), texts=2)
+
+
+def _current_limits(study: Study) -> list[tuple[str, str]]:
+    """The limit of the converter and of each controller that has its own: whose it is, and the limit in words."""
+    limits = [("", limit_in_words(study))]
+    own = {spec.name: study.with_limit_of(spec) for spec in study.controllers}
+    return limits + [(f" of {name}", limit_in_words(with_it)) for name, with_it in own.items() if with_it is not study]
+
+
+def limit_in_words(study: Study) -> str:
+    """The current limit of a study and how it acts."""
+    limit_pu = study.converter.current_limit_pu
+    return "none" if limit_pu is None else f"{plain(limit_pu)} pu of the rated peak, {study.current_limiter}"
 
 
 def _time_constant(tau: float) -> str:

@@ -152,9 +152,13 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
                 "The network was trained with an averaged bridge: samples of a switched one are biased, and so is "
                 "its estimate."
             )
-    if study.converter.current_limit_pu is None:
+    limited = [study.with_limit_of(c.spec).converter.current_limit_pu is not None for c in result.controllers]
+    if not all(limited):
+        free = [c.spec.name for c, has_limit in zip(result.controllers, limited, strict=True) if not has_limit]
+        whose = f" in {', '.join(free)}" if any(limited) else ""
         items.append(
-            "No current limit acts: currents beyond the rating are simulated as if the converter could carry them."
+            f"No current limit acts{whose}: currents beyond the rating are simulated as if the converter could carry "
+            "them."
         )
     items.append(
         f"Settling times and overshoots are read from a signal logged every "

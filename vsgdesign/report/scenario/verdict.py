@@ -296,10 +296,11 @@ def _stress(result: ScenarioResult) -> str:
         default=None,
     )
     if worst is not None:
+        limit_pu = result.study.with_limit_of(worst[2].spec).converter.current_limit_pu
         limit = (
             "no current limit is set"
-            if converter.current_limit_pu is None
-            else f"the limit of the current reference is {plain(converter.current_limit_pu)} pu"
+            if limit_pu is None
+            else f"the limit of its current reference is {plain(limit_pu)} pu"
         )
         sentences.append(
             f"The largest current after an event is {number(worst[0])} pu of the rated peak ({worst[2].spec.name}, "
