@@ -269,7 +269,7 @@ def _finite_rows(record: SurvivalRecord) -> int:
     """How many rows come before the first that holds anything but numbers."""
     values = np.column_stack([record.P, record.Q, record.delta, record.i_s_pu, record.limited])
     bad = ~np.isfinite(values).all(axis=1)
-    return int(np.argmax(bad)) if bad.any() else len(bad)
+    return int(np.argmax(bad)) if bad.any() else len(record.t_s)
 
 
 def _largest(values: Array) -> float | None:

@@ -47,15 +47,17 @@ class ScheduledAnswers:
         """The grid for which the present gains are made. For a table it is the place of its scheduler."""
         return self._grid if self._runtime is None else Grid(*self._runtime.grid)
 
-    def first(self) -> PowerLoopGains:
+    def first(self, told: Grid | None = None) -> PowerLoopGains:
         """Gains at the start: of the known grid, in the steady state that they are part of; without load for a cold
         start. A table's safe place where the grid is not in its box.
 
-        Raises InfeasibleStudyError where there is no steady state, or a closed form has no gains.
+        ``told`` is the grid that the controller takes the true one for; None: it knows the true one. Raises
+        InfeasibleStudyError where there is no steady state, or a closed form has no gains.
         """
         study, spec = self._study, self._spec
         timeline = build_timeline(study)
-        grid, source = timeline.grid_at(0.0), timeline.source_at(0.0)
+        true, source = timeline.grid_at(0.0), timeline.source_at(0.0)
+        grid = true if told is None else told
         self._grid, known = grid, True
         if self._runtime is not None:
             try:
@@ -76,7 +78,7 @@ class ScheduledAnswers:
             return gains_of(0.0, 0.0, study.converter.V_rated_rms)
         at_start = GridSource(source.V_g_rms, source.omega)
         try:
-            return rest_with_measured_gains(study, grid, at_start, *timeline.references_at(0.0), gains_of)[1]
+            return rest_with_measured_gains(study, true, at_start, *timeline.references_at(0.0), gains_of)[1]
         except InfeasibleStudyError as error:
             raise InfeasibleStudyError(f"controller {spec.name}, the start: {error}") from error
 

@@ -1,0 +1,241 @@
+"""Disturbances as data: per unit of a converter, so that one set of them serves every converter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from vsgdesign.parameters.study import Event, Grid, GridSource, Place, Study
+from vsgdesign.simulation.timeline import Timeline
+
+BASIS = "impedance"
+"""Basis of every short-circuit ratio here: then |Z| does not depend on X/R, and X/R may go down to zero."""
+
+LEAD_S = 0.1
+"""Every run is at rest for this long before its disturbance begins, s."""
+
+FOR_EVER = math.inf
+"""``GridKnowledge.silent_s`` of an estimator that never answers again."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridState:
+    """A grid and the references on it, per unit."""
+
+    scr: float
+    x_over_r: float
+    P_pu: float
+    Q_pu: float
+    V_g_pu: float = 1.0
+    df_hz: float = 0.0
+    """Frequency of the grid above nominal, Hz."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """What changes at one instant. None: does not change."""
+
+    t_s: float
+    """After the beginning of the disturbance, s."""
+    scr: float | None = None
+    x_over_r: float | None = None
+    """SCR and X/R change together: both or none are given."""
+    V_g_pu: float | None = None
+    df_hz: float | None = None
+    """New frequency of the grid above nominal, Hz."""
+    over_s: float = 0.0
+    """Duration of a linear ramp of voltage and frequency, s; zero means a step."""
+    phase_deg: float = 0.0
+    P_pu: float | None = None
+    Q_pu: float | None = None
+
+    @property
+    def of_grid(self) -> bool:
+        """Whether the grid or its source changes, and not only a reference."""
+        return any(value is not None for value in (self.scr, self.V_g_pu, self.df_hz)) or self.phase_deg != 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridKnowledge:
+    """What the scheduler is told of the grid: late, and wrong."""
+
+    silent_s: float = 0.02
+    """After every change of the grid or its source the estimator gives no answer for this long, s. The schedule is
+    stale for this time. FOR_EVER: it never answers again."""
+    magnitude: float = 1.0
+    """Estimated |Z| over the true one, at all times."""
+    angle_deg: float = 0.0
+    """Estimated angle of Z minus the true one, degrees, at all times."""
+
+    def seen(self, grid: Grid, omega_n: float) -> Grid:
+        """The grid as it is estimated. An estimator knows that a resistance and an inductance are not negative."""
+        if self.exact:
+            return grid
+        Z = complex(grid.R_g, omega_n * grid.L_g)
+        turned = self.magnitude * abs(Z)
+        angle = math.atan2(Z.imag, Z.real) + math.radians(self.angle_deg)
+        return Grid(max(turned * math.cos(angle), 0.0), max(turned * math.sin(angle), 0.0) / omega_n)
+
+    @property
+    def exact(self) -> bool:
+        """Whether the estimate has no error where there is one."""
+        return self.magnitude == 1.0 and self.angle_deg == 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurvivalCase:
+    """One disturbance of a converter that is at rest, and what is known of the grid."""
+
+    group: str
+    """Which class of disturbances it belongs to, for the tables."""
+    start: GridState
+    changes: tuple[Change, ...]
+    """In the order of time."""
+    cleared_s: float
+    """When the last change is over, s after the beginning of the disturbance."""
+    knowledge: GridKnowledge = GridKnowledge()
+
+    def __post_init__(self) -> None:
+        faults = list(_faults(self))
+        if faults:
+            raise ValueError(f"case of group {self.group}: {' '.join(faults)}")
+
+    @property
+    def name(self) -> str:
+        """The case in words, such as ``SCR 1.5, X/R 3, P 0.5, Q 0: SCR 20, X/R 3; stale 0.2 s``."""
+        s, k = self.start, self.knowledge
+        head = f"SCR {s.scr:.3g}, X/R {s.x_over_r:.3g}, P {s.P_pu:.3g}, Q {s.Q_pu:.3g}"
+        head += f", V_g {s.V_g_pu:.3g}" * (s.V_g_pu != 1.0) + f", {s.df_hz:+.3g} Hz" * (s.df_hz != 0.0)
+        parts = [f"{_in_words(change)} at {change.t_s:.4g} s" for change in self.changes]
+        known = "for ever" if math.isinf(k.silent_s) else f"{k.silent_s:.3g} s"
+        error = "" if k.exact else f", |Z| × {k.magnitude:.3g}, arg Z {k.angle_deg:+.3g}°"
+        return f"{head}: {'; '.join(parts)}; stale {known}{error}"
+
+    @property
+    def for_ever(self) -> bool:
+        """Whether the schedule stays stale for ever."""
+        return math.isinf(self.knowledge.silent_s)
+
+    @property
+    def instants_s(self) -> tuple[float, ...]:
+        """Times of a run at which something changes suddenly, s; the end of a ramp does not."""
+        return tuple(LEAD_S + change.t_s for change in self.changes)
+
+    def study(self, study: Study, after_s: float) -> Study:
+        """The study with the start and the events of this case, for ``after_s`` s after the clearing."""
+        c, s = study.converter, self.start
+        return replace(
+            study,
+            grid=Place(s.scr, s.x_over_r, BASIS).grid(c),
+            grid_source=GridSource(s.V_g_pu * c.V_rated_rms, c.omega_n + 2.0 * math.pi * s.df_hz),
+            events=tuple(_event(study, change) for change in self.changes),
+            simulation=replace(
+                study.simulation,
+                duration=LEAD_S + self.cleared_s + after_s,
+                start="steady_state",
+                log_interval=c.T_s,
+                P_ref=s.P_pu * c.S_rated,
+                Q_ref=s.Q_pu * c.S_rated,
+            ),
+        )
+
+    def told(self, study: Study, timeline: Timeline) -> tuple[tuple[float, Grid | None], ...]:
+        """What the estimator says from each instant of a run on; None: it gives no answer."""
+        omega_n = study.converter.omega_n
+        said: list[tuple[float, Grid | None]] = [(0.0, self.knowledge.seen(timeline.grid_at(0.0), omega_n))]
+        silent = [LEAD_S + change.t_s for change in self.changes if change.of_grid]
+        for k, instant in enumerate(silent):
+            said.append((instant, None))
+            answer_s = instant + self.knowledge.silent_s
+            if self.for_ever:
+                break
+            if k + 1 == len(silent) or answer_s < silent[k + 1]:
+                said.append((answer_s, self.knowledge.seen(timeline.grid_at(instant + 1e-9), omega_n)))
+        return tuple(said)
+
+
+def case_from_document(document: dict[str, Any]) -> SurvivalCase:
+    """The case of a document in JSON's types, such as ``dataclasses.asdict`` makes of one. Raises ValueError."""
+    known = {f.name for f in fields(SurvivalCase)}
+    if not isinstance(document, dict) or set(document) - known:
+        raise ValueError(f"a case has the fields {', '.join(sorted(known))}, not {document!r:.200}.")
+    try:
+        return SurvivalCase(
+            group=str(document["group"]),
+            start=GridState(**document["start"]),
+            changes=tuple(Change(**change) for change in document["changes"]),
+            cleared_s=float(document["cleared_s"]),
+            knowledge=GridKnowledge(**document.get("knowledge", {})),
+        )
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"the document of a case is not complete: {error}.") from error
+
+
+def _event(study: Study, change: Change) -> Event:
+    c = study.converter
+    grid = None
+    if change.scr is not None and change.x_over_r is not None:
+        grid = Place(change.scr, change.x_over_r, BASIS).grid(c)
+    return Event(
+        t_s=LEAD_S + change.t_s,
+        name=_in_words(change),
+        grid=grid,
+        V_g_rms=None if change.V_g_pu is None else change.V_g_pu * c.V_rated_rms,
+        omega_g=None if change.df_hz is None else c.omega_n + 2.0 * math.pi * change.df_hz,
+        over=change.over_s,
+        phase_jump=math.radians(change.phase_deg),
+        P_ref=None if change.P_pu is None else change.P_pu * c.S_rated,
+        Q_ref=None if change.Q_pu is None else change.Q_pu * c.S_rated,
+    )
+
+
+def _in_words(change: Change) -> str:
+    ramp = f" over {change.over_s:.3g} s" if change.over_s > 0.0 else ""
+    parts = []
+    if change.scr is not None:
+        parts.append(f"SCR {change.scr:.3g}, X/R {change.x_over_r:.3g}")
+    if change.V_g_pu is not None:
+        parts.append(f"V_g {change.V_g_pu:.3g} pu{ramp}")
+    if change.df_hz is not None:
+        parts.append(f"{change.df_hz:+.3g} Hz{ramp}")
+    if change.phase_deg != 0.0:
+        parts.append(f"phase {change.phase_deg:+.3g}°")
+    if change.P_pu is not None:
+        parts.append(f"P_ref {change.P_pu:.3g} pu")
+    if change.Q_pu is not None:
+        parts.append(f"Q_ref {change.Q_pu:.3g} pu")
+    return ", ".join(parts)
+
+
+def _faults(case: SurvivalCase) -> Any:
+    times = [change.t_s for change in case.changes]
+    if not times or times != sorted(times) or times[0] < 0.0:
+        yield f"changes at {times} s: there must be at least one, in the order of time and not before zero."
+    elif case.cleared_s < max(change.t_s + change.over_s for change in case.changes):
+        yield f"cleared_s = {case.cleared_s:g} s: must not be before the end of the last change."
+    for change in case.changes:
+        if (change.scr is None) != (change.x_over_r is None):
+            yield "scr and x_over_r of a change: give both or none."
+        if not (change.of_grid or change.P_pu is not None or change.Q_pu is not None):
+            yield f"the change at {change.t_s:g} s changes nothing."
+    places = [(case.start.scr, case.start.x_over_r), *((c.scr, c.x_over_r) for c in case.changes if c.scr is not None)]
+    for scr, x_over_r in places:
+        if not (scr > 0.0 and x_over_r is not None and x_over_r >= 0.0):
+            yield f"SCR {scr}, X/R {x_over_r}: SCR must be above and X/R at or above zero."
+    if not case.knowledge.silent_s >= 0.0:
+        yield f"silent_s = {case.knowledge.silent_s}: must not be negative."
+    if not case.knowledge.magnitude > 0.0:
+        yield f"magnitude = {case.knowledge.magnitude}: must be positive."
+
+
+__all__ = [
+    "BASIS",
+    "FOR_EVER",
+    "LEAD_S",
+    "Change",
+    "GridKnowledge",
+    "GridState",
+    "SurvivalCase",
+    "case_from_document",
+]

@@ -1,0 +1,73 @@
+"""A schedule whose knowledge of the grid is late and wrong."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+
+from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Grid, Study
+from vsgdesign.runtime.of_study import follows_measured
+from vsgdesign.simulation.following import ScheduledAnswers
+from vsgdesign.simulation.online import MeasuredWindow
+
+
+class LateSchedule:
+    """An online scheduler that is told of the grid what an estimator says, which may be late and wrong.
+
+    ``told``: (s, grid) from each instant on; None where the estimator gives no answer. The first entry is the grid for
+    which the run starts. A table's scheduler then holds its place and its age grows, as in the field. A closed form
+    goes on with the grid that it was told last. The object has a state, so it serves one run at a time.
+    """
+
+    def __init__(
+        self,
+        study: Study,
+        spec: ControllerSpec,
+        told: Sequence[tuple[float, Grid | None]],
+        ready: Ready = NOTHING,
+    ) -> None:
+        if not told or told[0][0] > 0.0 or told[0][1] is None:
+            raise ValueError("told: the first entry must be a grid, at or before t = 0.")
+        self._answers = ScheduledAnswers(study, spec, ready)
+        self._starts, self._grids = [t_s for t_s, _ in told], [grid for _, grid in told]
+        self._first: Grid = told[0][1]
+        self._holds = spec.schedule == "table"
+        self._follows = follows_measured(spec)
+        self._period = ready.update_period(spec) or UPDATE_PERIOD
+        self._T_s = study.converter.T_s
+
+    @property
+    def update_period(self) -> float:
+        """That of the controller, s."""
+        return self._period
+
+    @property
+    def sample_interval(self) -> float:
+        """One row a window: nothing is looked at but the powers at its end."""
+        return self._period
+
+    @property
+    def grid(self) -> Grid:
+        """The grid that the present gains are for."""
+        return self._answers.grid
+
+    def first_gains(self) -> PowerLoopGains:
+        """Gains of the first grid that is told, in the steady state on the true one."""
+        self._last = self._first
+        return self._answers.first(self._first)
+
+    def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
+        """Gains for what is told; an answer that coincides with the update is seen by the next one."""
+        now = window.t_s - 0.5 * self._T_s
+        grid = self._grids[max(bisect_right(self._starts, now) - 1, 0)]
+        if grid is None:
+            if self._holds:
+                return self._answers.to(window, math.nan, math.nan)[0]
+            grid = self._last
+        elif not self._follows and grid == self._last:
+            return None
+        self._last = grid
+        return self._answers.to(window, grid.R_g, grid.L_g)[0]

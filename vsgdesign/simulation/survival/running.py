@@ -1,0 +1,206 @@
+"""One disturbance through the EMT, and the verdict on it."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import InfeasibleStudyError, LimitHitError, SimulationDivergedError
+from vsgdesign.metrics.step_response import one_cycle_mean
+from vsgdesign.metrics.survival import (
+    DIVERGED,
+    GRACE_S,
+    NO_REST,
+    ExpectedRest,
+    Survival,
+    SurvivalDemand,
+    SurvivalRecord,
+    judge_survival,
+)
+from vsgdesign.operating_point.at_rest import rest_with_measured_gains
+from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
+from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.simulation.gains import gain_changes
+from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.simulation.survival.cases import LEAD_S, SurvivalCase
+from vsgdesign.simulation.survival.late import LateSchedule
+from vsgdesign.simulation.timeline import Timeline, build_timeline
+
+Array = NDArray[np.float64]
+
+SETTLING_TIMES, SETTLING_TIMES_FOR_EVER = 2.0, 3.0
+"""The deadline in settling times: of every case, and of one whose schedule stays stale for ever."""
+
+_OWN_REST_PU = 0.05
+"""A switched bridge rests beside the averaged model by its ripple: up to this far it is judged by its own rest."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subject:
+    """A converter with one of its controllers: what is sent through the cases.
+
+    ``limit_pu`` is the limit that decides which rests are asked for. It stands apart from the study's own limit, so
+    that a controller without a limit is asked for the same cases.
+    """
+
+    study: Study
+    spec: ControllerSpec
+    ready: Ready = NOTHING
+    limit_pu: float
+    bridge: str = "averaged"
+
+    @property
+    def settling_time(self) -> float:
+        """T: that of its table's specification, or of its closed form, s."""
+        table = self.ready.table(self.spec)
+        if table is not None and "settling_time" in table.specification:
+            return float(table.specification["settling_time"])
+        return self.spec.target.settling_time
+
+    def demand(self, case: SurvivalCase) -> SurvivalDemand:
+        """What is asked of it in a case."""
+        c = self.study.converter
+        df_hz = [change.df_hz for change in case.changes if change.df_hz is not None]
+        frequency = c.omega_n / (2.0 * math.pi) + (df_hz[-1] if df_hz else case.start.df_hz)
+        return SurvivalDemand(
+            S_rated=c.S_rated,
+            settling_time=self.settling_time,
+            cycle_s=1.0 / frequency,
+            i_max_pu=self.limit_pu,
+            settling_times=SETTLING_TIMES_FOR_EVER if case.for_ever else SETTLING_TIMES,
+            grace_s=GRACE_S,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaseRun:
+    """One run with everything that a figure of it needs."""
+
+    case: SurvivalCase
+    study: Study
+    """With the events of the case."""
+    rest: ExpectedRest
+    simulation: Simulation
+    record: SurvivalRecord
+    verdict: Survival
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaseResult:
+    """What became of a subject in one case."""
+
+    case: SurvivalCase
+    verdict: Survival
+    seconds: float
+    """Wall time of the run, s."""
+
+
+def run_case(subject: Subject, case: SurvivalCase) -> CaseResult:
+    """One case: simulated if its rests exist, and judged."""
+    begin = time.perf_counter()
+    found = trace_case(subject, case)
+    verdict = found if isinstance(found, Survival) else found.verdict
+    return CaseResult(case=case, verdict=verdict, seconds=time.perf_counter() - begin)
+
+
+def trace_case(subject: Subject, case: SurvivalCase) -> CaseRun | Survival:
+    """One case with its traces. A verdict alone where nothing was simulated, or where it diverged at once."""
+    demand = subject.demand(case)
+    study = case.study(subject.study, demand.needed_s + 2.0 * demand.cycle_s)
+    timeline = build_timeline(study)
+    told = case.told(study, timeline)
+    rests = [rest_of(subject, study, timeline, t_s, told) for t_s in (0.0, study.simulation.duration)]
+    for rest, where in zip(rests, ("before the event", "after the event"), strict=True):
+        refused = rest.refused(subject.limit_pu)
+        if refused is not None:
+            return Survival(status=refused[0], reason=f"{where}: {refused[1]}")
+    rest = rests[1]
+    try:
+        simulation = simulate(study, _feed(subject, study, timeline, told), bridge=subject.bridge)
+    except SimulationDivergedError as error:
+        return Survival(status=DIVERGED, reason=str(error))
+    except InfeasibleStudyError as error:
+        return Survival(status=NO_REST, reason=f"before the event: {error}")
+    record = record_of(study, simulation)
+    if subject.bridge == "pwm":
+        rest = _own_rest(rest, record, demand)
+    instants = case.instants_s
+    verdict = judge_survival(record, instants, LEAD_S + case.cleared_s, rest, demand)
+    return CaseRun(case=case, study=study, rest=rest, simulation=simulation, record=record, verdict=verdict)
+
+
+def rest_of(
+    subject: Subject, study: Study, timeline: Timeline, t_s: float, told: tuple[tuple[float, Grid | None], ...]
+) -> ExpectedRest:
+    """The steady state that belongs to an instant of a case, with the gains of the grid that is known then.
+
+    No limit of the current stands in its way: the current that it needs is part of the answer.
+    """
+    c = study.converter
+    source = timeline.source_at(t_s)
+    known = [grid for start, grid in told if start <= t_s and grid is not None][-1]
+    law = gain_law(study, subject.spec, subject.ready)
+    free = replace(study, converter=replace(c, current_limit_pu=None))
+
+    def gains_of(P: float, Q: float, V_rms: float) -> PowerLoopGains:
+        return PowerLoopGains(*(float(value) for value in law(known.R_g, known.L_g, P, Q, V_rms)))
+
+    try:
+        state, _ = rest_with_measured_gains(
+            free,
+            timeline.grid_at(t_s),
+            GridSource(source.V_g_rms, source.omega),
+            *timeline.references_at(t_s),
+            gains_of,
+        )
+    except LimitHitError as error:
+        return ExpectedRest.none(f"{error.limit}: {error}")
+    except InfeasibleStudyError as error:
+        return ExpectedRest.none(str(error))
+    return ExpectedRest(
+        P=state.controller.P_f,
+        Q=state.controller.Q_f,
+        delta=state.controller.theta,
+        i_s_pu=float(np.hypot(*state.plant[:2])) / c.I_rated_pk,
+    )
+
+
+def record_of(study: Study, simulation: Simulation) -> SurvivalRecord:
+    """What the judge sees of a run."""
+    log, t_s = simulation.log, simulation.t_s
+    every = max(round(study.simulation.log_interval / study.converter.T_s), 1)
+    counted = simulation.column("limited_samples")
+    return SurvivalRecord(
+        t_s=t_s,
+        P=simulation.column("P"),
+        Q=simulation.column("Q"),
+        delta=simulation.column("theta") - simulation.timeline.source_phase(t_s),
+        i_s_pu=np.hypot(log[:, 0], log[:, 1]) / study.converter.I_rated_pk,
+        limited=np.diff(counted, prepend=counted[:1]) / every,
+        diverged=simulation.divergence is not None,
+    )
+
+
+def _feed(
+    subject: Subject, study: Study, timeline: Timeline, told: tuple[tuple[float, Grid | None], ...]
+) -> LateSchedule | tuple:
+    if subject.spec.kind == "scheduled":
+        return LateSchedule(study, subject.spec, told, subject.ready)
+    return gain_changes(study, subject.spec, timeline)
+
+
+def _own_rest(rest: ExpectedRest, record: SurvivalRecord, demand: SurvivalDemand) -> ExpectedRest:
+    """The powers at which a switched bridge itself rests, where these are near those of the averaged model."""
+    cycle = max(round(demand.cycle_s / float(record.t_s[1] - record.t_s[0])), 1)
+    count = 5 * cycle
+    if record.diverged or len(record.t_s) < 2 * count:
+        return rest
+    P, Q = (float(np.mean(one_cycle_mean(values, cycle)[-count + cycle :])) for values in (record.P, record.Q))
+    near = max(abs(P - rest.P), abs(Q - rest.Q)) < _OWN_REST_PU * demand.S_rated
+    return replace(rest, P=P, Q=Q) if near else rest
