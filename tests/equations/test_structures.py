@@ -9,9 +9,10 @@ from scipy.integrate import solve_ivp
 
 from vsgdesign.equations.closed_form import closed_form_poles
 from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point, power_flow
-from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless, power_loops
+from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer, power_loops
 from vsgdesign.equations.structures import (
     STRUCTURES,
+    ClosedFormAim,
     NormalisedGains,
     angle_damped_gains,
     decoupled_gains,
@@ -22,6 +23,7 @@ OMEGA_0, V_N = 314.0, 110.0
 POLES = 5e3, OMEGA_0, False
 """Rating, frequency, and the law with poles."""
 K_1, D_1, K_2 = 15.8, 6.6, 4.0
+AIM = ClosedFormAim(1.0, 1.0, 0.01, K_1, D_1, K_2, 1.0, 1.0)
 WHOLE = NormalisedGains(K_1, D_1, K_2, 0.0, 1.0, 1.0)
 """All coupling taken out."""
 SAME_AT_ONE_SECOND = WHOLE._replace(k_1_or_H=21.329, d_1_or_zeta=8.2433, k_2=np.log(50.0))
@@ -150,15 +152,53 @@ def test_no_share_leaves_a_diagonal_and_one_row_can_stay_pure() -> None:
     assert np.array([[w11, w12], [w21, w22]]) @ np.array([[A, 0.0], [C, D]]) == pytest.approx(np.eye(2), abs=1e-12)
 
 
-def test_rescheduling_leaves_the_frequency_where_it_is() -> None:
-    refs = References(3e3, 1e3, OMEGA_0, V_N)
-    old = angle_damped_gains(8348.0, 91.9, -4840.0, 68.7, WHOLE, 318.0, 909.0, *POLES)
-    new = angle_damped_gains(24076.0, 217.0, -20845.0, 211.0, WHOLE, 318.0, 909.0, *POLES)
-    omega_i = 317.0
-    before = power_loops(omega_i, 112.0, 2.8e3, 650.0, refs, old)[0]
-    moved = bumpless(omega_i, 112.0, 2.8e3, 650.0, old, new)
-    assert abs(moved - omega_i) > 1e-3
-    assert power_loops(moved, 112.0, 2.8e3, 650.0, refs, new)[0] == pytest.approx(before, rel=1e-14)
+REFS = References(3e3, 1e3, OMEGA_0, V_N)
+WEAK, STRONG = (8348.0, 91.9, -4840.0, 68.7), (24076.0, 217.0, -20845.0, 211.0)
+"""A, B, C, D of two grids."""
+
+
+@pytest.mark.parametrize("structure", list(STRUCTURES))
+@pytest.mark.parametrize("offset", [-2.5, 0.0, 1.8])
+def test_what_is_at_rest_stays_at_rest_when_the_gains_change(structure: str, offset: float) -> None:
+    """At rest on a grid of any frequency both errors are zero, so P = P_ref − D_p (ω − ω_0) and Q + D_q V likewise."""
+    normalised = STRUCTURES[structure].closed_form(AIM)
+    old, new = (STRUCTURES[structure].gains(*J, normalised, 318.0, 90.0, *POLES) for J in (WEAK, STRONG))
+    omega, V = OMEGA_0 + offset, 112.0
+
+    def at_rest(gains: PowerLoopGains) -> tuple[float, float]:
+        return REFS.P_ref - gains.D_p * offset, REFS.Q_ref + gains.D_q * (V_N - V)
+
+    def omega_i_of(gains: PowerLoopGains) -> float:
+        P, Q = at_rest(gains)
+        return omega + gains.k_P * P + gains.k_Q * (Q + gains.D_q * V)
+
+    moved = gain_transfer(omega_i_of(old), REFS, old, new)
+    assert moved == pytest.approx(omega_i_of(new), rel=1e-15)
+    rates = power_loops(moved, V, *at_rest(new), REFS, new)
+    assert rates == pytest.approx((omega, 0.0, 0.0), abs=1e-11)
+    assert (old.k_P == new.k_P) is not STRUCTURES[structure].P_droop  # with damping through the angle there is a change
+
+
+def test_the_transfer_keeps_the_deviation_from_rest_and_asks_no_measurement() -> None:
+    """Of any ω_i, in rest or not; there and back gives the same ω_i, and equal gains the same bits."""
+    old, new = (angle_damped_gains(*J, WHOLE, 318.0, 90.0, *POLES) for J in (WEAK, STRONG))
+    for omega_i in (300.0, 317.0, 330.0):
+        rests = []
+        for gains, own in ((old, omega_i), (new, gain_transfer(omega_i, REFS, old, new))):
+            # Where e_P = 0 with e_Q = 0: solved from the law itself, linear in ω.
+            own -= gains.k_Q * (REFS.Q_ref + gains.D_q * REFS.V_n)
+            rests.append((own - gains.k_P * (REFS.P_ref + gains.D_p * OMEGA_0)) / (1.0 - gains.k_P * gains.D_p))
+        assert rests[1] == pytest.approx(rests[0], rel=1e-14)
+        there = gain_transfer(omega_i, REFS, old, new)
+        assert gain_transfer(there, REFS, new, old) == pytest.approx(omega_i, rel=1e-15)
+        assert gain_transfer(omega_i, REFS, old, old._replace()) == omega_i
+
+
+def test_the_transfer_is_finite_where_the_droop_feeds_everything_back() -> None:
+    old = angle_damped_gains(*WEAK, WHOLE, 318.0, 90.0, *POLES)
+    singular = old._replace(k_P=1.0 / old.D_p)
+    assert np.isfinite(gain_transfer(320.0, REFS, singular, old))
+    assert np.isfinite(gain_transfer(320.0, REFS, old, singular))
 
 
 INERTIA = NormalisedGains(2.5, 0.7, 4.0, 0.0, 0.0, 0.0)

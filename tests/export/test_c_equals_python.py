@@ -17,7 +17,7 @@ from tests.simulation.test_limiters import LEANING
 from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
 from vsgdesign.equations.integration import TURN, within_a_turn
 from vsgdesign.equations.limiters import CIRCULAR, LIMITERS
-from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless, frequency_at_rest
+from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.export import CompiledC, export_c, export_c_files
 from vsgdesign.export.c_code import Origin
@@ -152,7 +152,7 @@ def test_the_whole_controller(compiled: CompiledC, scheduler: Scheduler) -> None
     gains, worst, turns = first, 0.0, 0
     for k in range(samples):
         if k == samples // 2:
-            omega_i = bumpless(state.omega_i, state.V, state.P_f, state.Q_f, gains, second)
+            omega_i = gain_transfer(state.omega_i, refs, gains, second)
             state, gains = state._replace(omega_i=omega_i), second
             got.retune(second, known.grid)
         measured = known.measured[k % len(known.measured)]

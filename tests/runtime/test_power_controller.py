@@ -49,16 +49,33 @@ def test_rests_at_the_set_points(gains: PowerLoopGains) -> None:
         assert pytest.approx(REFS.V_n, rel=1e-14) == V
 
 
-def test_retuning_keeps_the_frequency() -> None:
-    controller = PowerController(GAINS, REFS, 1e-4)
+@pytest.mark.parametrize("order", [(GAINS, DAMPED), (DAMPED, GAINS)])
+def test_retuning_at_rest_moves_nothing(order: tuple[PowerLoopGains, PowerLoopGains]) -> None:
+    """On a grid of 50.3 Hz: P has moved along the droop, which both sets share."""
+    first, second = (gains._replace(D_p=318.3, D_q=90.0) for gains in order)
+    offset = 0.3 * 2.0 * math.pi
+    P = REFS.P_ref - first.D_p * offset
+    controller = PowerController(first, REFS, 1e-4)
+    at_rest = REFS.omega_0 + offset + first.k_P * P + first.k_Q * (REFS.Q_ref + first.D_q * REFS.V_n)
+    controller.restore(controller.state() | {"omega_i": at_rest, "P_f": P})
+    controller.step(P, REFS.Q_ref)
+    controller.retune(second)
     for _ in range(50):
-        controller.step(1.5e3, 900.0)
-    before, _, _ = controller.step(1.5e3, 900.0)
-    unmoved = PowerController(GAINS, REFS, 1e-4)
-    unmoved.restore(controller.state())
-    controller.retune(DAMPED)
-    assert controller.step(1.5e3, 900.0)[0] == pytest.approx(unmoved.step(1.5e3, 900.0)[0], rel=1e-14)
-    assert before != 0.0
+        omega, V, _ = controller.step(P, REFS.Q_ref)
+        assert omega == pytest.approx(REFS.omega_0 + offset, abs=1e-9)
+        assert pytest.approx(REFS.V_n, abs=1e-9) == V
+
+
+def test_retuning_during_a_surge_keeps_nothing_of_it() -> None:
+    """Two controllers that differ only in the power that they measure take the same step of ω_i."""
+    steps = []
+    for P in (2e3, 30e3):
+        controller = PowerController(DAMPED, REFS, 1e-4, 0.02, 0.02)
+        controller.restore(controller.state() | {"P_f": P})
+        before = controller.state()["omega_i"]
+        controller.retune(DAMPED._replace(k_P=9e-4))
+        steps.append(controller.state()["omega_i"] - before)
+    assert steps[0] == steps[1] != 0.0
 
 
 def test_the_angle_stays_within_a_turn() -> None:

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
+MOST_FED_BACK = 0.9
+"""Largest k_P D_p with which gains may be changed: the transfer divides by 1 − k_P D_p."""
+
 
 class PowerLoopGains(NamedTuple):
     """Gains of the power-loop law (:eq:`power-loop-law`). The published structure uses the first four.
@@ -67,13 +72,20 @@ def power_loops(
     return omega, gains.K_ip * e_P + gains.K_pq * e_Q, gains.K_qp * e_P + gains.K_iq * e_Q
 
 
-def bumpless(omega_i: Any, V_rms: Any, P: Any, Q: Any, old: PowerLoopGains, new: PowerLoopGains) -> Any:
-    """The ω_i in rad/s with which ω does not jump when the gains change (:eq:`bumpless`)."""
-    before = old.k_P * P + old.k_Q * (Q + old.D_q * V_rms)
-    after = new.k_P * P + new.k_Q * (Q + new.D_q * V_rms)
-    return omega_i + after - before
+def gain_transfer(omega_i: Any, refs: References, old: PowerLoopGains, new: PowerLoopGains) -> Any:
+    """The ω_i in rad/s that keeps the frequency at which the integrator would rest when the gains change
+    (:eq:`gain-transfer`).
+
+    ``refs`` are the references with which ``old`` has been in force. No measurement enters, so that a surge leaves
+    nothing behind, and equal gains leave ω_i as it is to the last bit. 1 − k_P D_p is taken as at least
+    1 − MOST_FED_BACK, so that the result is finite for any gains.
+    """
+    offset = (omega_i - frequency_at_rest(refs, old)) / np.maximum(1.0 - old.k_P * old.D_p, 1.0 - MOST_FED_BACK)
+    before = old.k_P * (refs.P_ref - old.D_p * offset) + old.k_Q * (refs.Q_ref + old.D_q * refs.V_n)
+    after = new.k_P * (refs.P_ref - new.D_p * offset) + new.k_Q * (refs.Q_ref + new.D_q * refs.V_n)
+    return omega_i + (after - before)
 
 
 def frequency_at_rest(refs: References, gains: PowerLoopGains) -> Any:
-    """ω_i in rad/s that makes ω = ω_0 where P, Q and V are at their set points (:eq:`power-loop-law`)."""
+    """ω_i in rad/s that makes ω = ω_0 where P, Q and V are at their set points (:eq:`rest-of-the-integrator`)."""
     return refs.omega_0 + (gains.k_P * refs.P_ref + gains.k_Q * (refs.Q_ref + gains.D_q * refs.V_n))

@@ -18,7 +18,7 @@ from vsgdesign.equations.controller import (
 )
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate, Limiter, LimiterRatings, LimiterView
-from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless, frequency_at_rest
+from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
 from vsgdesign.frames import PHASES, rms_to_peak
 from vsgdesign.identification.neural import NeuralEstimator
 from vsgdesign.runtime.guards import NO_ESTIMATE, NO_REASON, SchedulerSettings
@@ -159,7 +159,7 @@ def known_steps(lookup: GainLookup, settings: SchedulerSettings, limiter: Limite
     for k in range(_STEPS):
         if k == _STEPS // 2:
             old, new = gains
-            state = state._replace(omega_i=bumpless(state.omega_i, state.V, state.P_f, state.Q_f, old, new))
+            state = state._replace(omega_i=gain_transfer(state.omega_i, refs, old, new))
         angle, size = 1.01 * omega * T_s * k - 0.1, 2.5 if k % 5 == 4 else 0.5
         wander = rng.uniform(-0.1, 0.1, 4)
         direction = np.array([math.cos(angle), math.sin(angle)])

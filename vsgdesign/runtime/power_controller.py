@@ -6,7 +6,7 @@ from typing import Any
 
 from vsgdesign.equations.controller import ControllerSettings, ControllerState, power_stage
 from vsgdesign.equations.integration import advanced, within_a_turn
-from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless, frequency_at_rest
+from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
 from vsgdesign.errors import ArtifactError
 
 
@@ -58,10 +58,12 @@ class PowerController:
         return omega, s.V, s.theta
 
     def retune(self, gains: PowerLoopGains) -> None:
-        """Changes the gains from the next sample on, without a jump of ω (:eq:`bumpless`)."""
-        s = self._state
-        omega_i = bumpless(s.omega_i, s.V, s.P_f, s.Q_f, self.gains, gains)
-        self._state, self.gains = s._replace(omega_i=omega_i), gains
+        """Changes the gains from the next sample on. What is at rest stays at rest (:eq:`gain-transfer`).
+
+        Set new references (``refs``) after it, not before.
+        """
+        omega_i = gain_transfer(self._state.omega_i, self.refs, self.gains, gains)
+        self._state, self.gains = self._state._replace(omega_i=omega_i), gains
 
     def state(self) -> dict[str, Any]:
         """The state θ, ω_i, V, P_f, Q_f and the gains, in JSON's types."""

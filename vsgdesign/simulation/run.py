@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.controller_data import flat_state
 from vsgdesign.equations.limiters import CIRCULAR, GridEstimate, LimiterLaw
-from vsgdesign.equations.power_loops import PowerLoopGains, References, bumpless
+from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.frames import rms_to_peak
@@ -152,7 +152,7 @@ def simulate(
     plants = functools.lru_cache(maxsize=64)(functools.partial(stacked_plants, circuit_of, pwm))
     loop_seconds, divergence = 0.0, None
     no_rows = np.empty((0, controller_log.shape[1]))
-    gains = feed.first()
+    gains, refs_so_far = feed.first(), _references(study, timeline, 0)
     hold = feed.probe_hold if probe is None else probe.hold
     held = None if hold is None else HeldProbe(hold, study, samples)
     feed.held = held
@@ -168,8 +168,10 @@ def simulate(
         feed.limited_samples = int(limited[0])
         before, gains = gains, feed.update(first, gains, state, refs, log, log_every)
         if gains is not before:
-            omega_i = bumpless(state.omega_i, state.V, state.P_f, state.Q_f, before, gains)
+            # With the references of the samples before: a step of them at this sample belongs to the new gains.
+            omega_i = gain_transfer(state.omega_i, refs_so_far, before, gains)
             state = state._replace(omega_i=omega_i)
+        refs_so_far = refs
         states = controller_log[first:] if first < len(controller_log) else no_rows
         added = None
         if held is not None:

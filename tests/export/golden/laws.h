@@ -193,6 +193,7 @@ typedef struct {
 #define VSG_POWER_MARGIN VSG_C(1.3)
 #define VSG_LEAST_SHARE VSG_C(0.2)
 #define VSG_TURN VSG_C(6.283185307179586)
+#define VSG_MOST_FED_BACK VSG_C(0.9)
 #define VSG_SPACE_VECTOR_POWER VSG_C(1.5)
 #define VSG_SQRT_2 VSG_C(1.4142135623730951)
 
@@ -369,19 +370,28 @@ static inline vsg_real_t vsg_within_a_turn(vsg_real_t theta)
         ? VSG_C(1.0) : VSG_C(0.0));
 }
 
-/* omega_i in rad/s that makes omega = omega_0 where P, Q and V are at their set points (eq. power-loop-law). */
+/* omega_i in rad/s that makes omega = omega_0 where P, Q and V are at their set points (eq. rest-of-the-integrator). */
 static inline vsg_real_t vsg_frequency_at_rest(const vsg_references_t *refs, const vsg_gains_t *gains)
 {
     return refs->omega_0 + (gains->k_P * refs->P_ref + gains->k_Q * (refs->Q_ref + gains->D_q * refs->V_n));
 }
 
-/* The omega_i in rad/s with which omega does not jump when the gains change (eq. bumpless). */
-static inline vsg_real_t vsg_bumpless(vsg_real_t omega_i, vsg_real_t V_rms, vsg_real_t P, vsg_real_t Q,
-    const vsg_gains_t *old, const vsg_gains_t *new)
+/* The omega_i in rad/s that keeps the frequency at which the integrator would rest when the gains change (eq.
+ * gain-transfer).
+ *
+ * refs are the references with which old has been in force. No measurement enters, so that a surge leaves nothing
+ * behind, and equal gains leave omega_i as it is to the last bit. 1 - k_P D_p is taken as at least 1 - MOST_FED_BACK,
+ * so that the result is finite for any gains. */
+static inline vsg_real_t vsg_gain_transfer(vsg_real_t omega_i, const vsg_references_t *refs, const vsg_gains_t *old,
+    const vsg_gains_t *new)
 {
-    const vsg_real_t before = old->k_P * P + old->k_Q * (Q + old->D_q * V_rms);
-    const vsg_real_t after = new->k_P * P + new->k_Q * (Q + new->D_q * V_rms);
-    return omega_i + after - before;
+    const vsg_real_t offset = (omega_i - vsg_frequency_at_rest(refs, old)) / vsg_max(VSG_C(1.0) - old->k_P * old->D_p,
+        VSG_C(1.0) - VSG_MOST_FED_BACK);
+    const vsg_real_t before = old->k_P * (refs->P_ref - old->D_p * offset) + old->k_Q * (refs->Q_ref + old->D_q
+        * refs->V_n);
+    const vsg_real_t after = new->k_P * (refs->P_ref - new->D_p * offset) + new->k_Q * (refs->Q_ref + new->D_q
+        * refs->V_n);
+    return omega_i + (after - before);
 }
 
 /* The law of every structure (eq. power-loop-law). Returns (omega, domega_dt, dV_dt) in rad/s, rad/s^2 and V/s.
