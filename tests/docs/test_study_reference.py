@@ -49,6 +49,7 @@ voltage_response_time = "10 ms"
 [grid]
 scr = 5
 x_over_r = 2
+components = [{ order = -1, amplitude_pu = 0.01 }]
 [power_loops]
 [simulation]
 duration = "2 s"
@@ -73,6 +74,7 @@ table = "gains.json"
 [[events]]
 time = 1
 grid = { scr = 8 }
+components = [{ order = 7, amplitude_pu = 0.01 }]
 [stability]
 [stability.gates]
 """

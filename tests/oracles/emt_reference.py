@@ -107,7 +107,8 @@ class PiecewiseLinear:
 
 
 class StiffSource:
-    """√2·V_g·e^{jφ} behind the grid impedance, φ(0) = −90° because phase A is a sine."""
+    """√2·V_g·e^{jφ} and its components √2·V_n·a·e^{j(nφ + ψ)} behind the grid impedance, φ(0) = −90° because phase A is
+    a sine."""
 
     def __init__(self, study: Study) -> None:
         events = sorted(study.events, key=lambda event: event.t_s)
@@ -120,7 +121,22 @@ class StiffSource:
             [(e.t_s, e.omega_g, e.over) for e in events if e.omega_g is not None],
         )
         self.jumps = [(e.t_s, e.phase_jump) for e in events]
-        self.instants = sorted({*self.amplitude.times, *self.frequency.times, *(t for t, jump in self.jumps if jump)})
+        given = [(0.0, study.grid_source.components)]
+        given += [(e.t_s, e.components) for e in events if e.components is not None]
+        V_pk = math.sqrt(2.0) * study.converter.V_rated_rms
+        self.components = [(t, tuple((c.order, V_pk * c.amplitude_pu, c.phase) for c in some)) for t, some in given]
+        self.instants = sorted(
+            {
+                *self.amplitude.times,
+                *self.frequency.times,
+                *(t for t, jump in self.jumps if jump),
+                *(t for t, _ in self.components),
+            }
+        )
+
+    def others(self, at: float) -> tuple[tuple[float, float, float], ...]:
+        """(order, peak, phase) of every component at an instant."""
+        return [some for t, some in self.components if t <= at][-1]
 
     def held(self, at: float, since: float) -> tuple[float, float, float, float, float]:
         """The ramp that holds at an instant, described from ``since``: (peak, its slope, phase, ω, its slope)."""
@@ -249,17 +265,20 @@ def integrate(
 ) -> NDArray[np.complex128]:
     """The circuit state after ``length`` seconds, by DOP853."""
     A, b, e, A_unequal, e_unequal = matrices
-    peak, peak_slope, phase, omega, omega_slope = source
+    peak, peak_slope, phase, omega, omega_slope, others = source
     forced = b * v_b
 
+    def voltage(t: float) -> complex:
+        turned = phase + t * (omega + 0.5 * omega_slope * t)
+        v_g = (peak + peak_slope * t) * cmath.exp(1j * turned)
+        return v_g + sum(size * cmath.exp(1j * (order * turned + angle)) for order, size, angle in others)
+
     def derivative(t: float, y: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        v_g = (peak + peak_slope * t) * cmath.exp(1j * (phase + t * (omega + 0.5 * omega_slope * t)))
-        return A @ y + forced + e * v_g
+        return A @ y + forced + e * voltage(t)
 
     def unequal(t: float, y: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        v_g = (peak + peak_slope * t) * cmath.exp(-1j * (phase + t * (omega + 0.5 * omega_slope * t)))
         # Real parts are the α axis, imaginary parts the β axis; the conjugate tells them apart.
-        return derivative(t, y) + A_unequal @ y.conj() + e_unequal * v_g
+        return derivative(t, y) + A_unequal @ y.conj() + e_unequal * voltage(t).conjugate()
 
     alike = not (A_unequal.any() or e_unequal.any())
     absolute: Any = atol  # an array, which SciPy takes and its stub does not
@@ -282,9 +301,13 @@ def integrate_pieces(x: NDArray[np.complex128], pieces: Sequence[tuple], atol: N
         return _one_by_one(x, pieces, atol)
     h = np.array([length for length, *_ in pieces])[:, None, None]
     A = np.array([matrices[0] for *_, matrices in pieces])
-    peak, peak_slope, phase, omega, omega_slope = np.array([source for _, _, source, _ in pieces]).T[:, :, None]
+    peak, peak_slope, phase, omega, omega_slope = np.array([source[:5] for _, _, source, _ in pieces]).T[:, :, None]
     t = np.array(DOP853.C) * h[:, 0]
-    v_g = (peak + peak_slope * t) * np.exp(1j * (phase + t * (omega + 0.5 * omega_slope * t)))
+    turned = phase + t * (omega + 0.5 * omega_slope * t)
+    v_g = (peak + peak_slope * t) * np.exp(1j * turned)
+    for k, (_, _, source, _) in enumerate(pieces):
+        for order, size, angle in source[5]:
+            v_g[k] += size * np.exp(1j * (order * turned[k] + angle))
     forced = np.array([matrices[1] * v_b for _, v_b, _, matrices in pieces])
     drive = forced[:, None] + np.array([matrices[2] for *_, matrices in pieces])[:, None] * v_g[..., None]
     start = np.broadcast_to(np.eye(3, 4, dtype=complex), (len(pieces), 3, 4))
@@ -369,7 +392,8 @@ def run_reference(
         now = (k + _COINCIDENT) * T
         trace.plant[k] = x
         peak, _, phase, _, _ = source.held(now, k * T)
-        trace.source[k] = peak * cmath.exp(1j * phase)
+        others = (size * cmath.exp(1j * (order * phase + angle)) for order, size, angle in source.others(now))
+        trace.source[k] = peak * cmath.exp(1j * phase) + sum(others)
         for name in ("theta", "omega", "V", "S_f", "xi_v", "xi_i", "i_f"):
             getattr(trace, name)[k] = getattr(state, name)
         refs = _references(study, events, now)
@@ -390,7 +414,7 @@ def run_reference(
                 continue
             middle = k * T + 0.5 * (begin + end)
             circuit = [m for t, m in matrices if t <= middle][-1]
-            at_begin = source.held(middle, k * T + begin)
+            at_begin = (*source.held(middle, k * T + begin), source.others(middle))
             asked_for.append((end - begin, v_b, at_begin, circuit))
         x = integrate_pieces(x, asked_for, atol)
     trace.current_limited, trace.voltage_limited = controller.hits["current"], controller.hits["voltage"]

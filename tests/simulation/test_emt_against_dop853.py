@@ -62,6 +62,30 @@ over = "5 ms"
 """
 
 
+COMPONENTS = """
+[[events]]
+time = "12.011 ms"
+components = [{ order = -1, amplitude_pu = 0.06, phase = "-20 deg" }, { order = 13, amplitude_pu = 0.01 }]
+[[events]]
+time = "20.3 ms"
+phase_jump = "25 deg"
+[[events]]
+time = "25 ms"
+f_g = "50.8 Hz"
+over = "20 ms"
+[[events]]
+time = "33.33 ms"
+components = []
+"""
+
+FROM_THE_START = """components = [
+    { order = -1, amplitude_pu = 0.02, phase = "30 deg" },
+    { order = -5, amplitude_pu = 0.03, phase = "100 deg" },
+    { order = 7, amplitude_pu = 0.02 },
+]
+"""
+
+
 def library_start(study: Study, gains: Sequence[GainChange]) -> Start:
     """The library's steady start as an initial condition. (Whether it is steady has its own test.)"""
     phase = build_timeline(study).source_at(0.0).phase
@@ -135,6 +159,13 @@ def test_grid_step_and_phase_jump(build, bridge: str) -> None:
 @pytest.mark.parametrize("bridge", ["averaged", "pwm"])
 def test_voltage_and_frequency_ramps(bridge: str) -> None:
     compare(lc_study("40 ms", RAMPS), [GainChange(0.0, GAINS)], bridge)
+
+
+@pytest.mark.parametrize("bridge", ["averaged", "pwm"])
+def test_negative_sequence_and_harmonics(bridge: str) -> None:
+    """They are there from the start, change between samples, turn with a phase jump and a ramp, and stop."""
+    sections = f"[grid]\nscr = 8\nx_over_r = 3\n{FROM_THE_START}"
+    compare(lc_study("40 ms", COMPONENTS, sections), [GainChange(0.0, GAINS)], bridge)
 
 
 @pytest.mark.parametrize(("samples_per_carrier", "period"), [(1, "100 us"), (4, "25 us")])

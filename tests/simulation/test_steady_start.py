@@ -112,7 +112,7 @@ def test_an_event_at_zero_has_figures_after_a_cold_start_alone() -> None:
         gains = [GainChange(0.0, GAINS)]
         found = simulate(run, gains)
         series, ends = derive_series(run, found), rests(run, found.timeline, gains)
-        assert [event.t_s for event in measure_events(run, series, ends, switched=False)] == pytest.approx(expected)
+        assert [event.t_s for event in measure_events(run, series, ends, ripples=False)] == pytest.approx(expected)
 
 
 def test_cold_start_is_at_rest() -> None:

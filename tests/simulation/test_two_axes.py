@@ -20,14 +20,20 @@ from vsgdesign.simulation import GainChange, simulate
 CHANGES = [GainChange(0.0, GAINS)]
 OMEGA = 2.0 * np.pi * 50.0
 
+DISTORTED = """
+[[events]]
+time = "0.7 ms"
+components = [{ order = -1, amplitude_pu = 0.05, phase = 1 }, { order = -5, amplitude_pu = 0.04 }]
+"""
+
 EVENTS = '[[events]]\ntime = "2.0123 ms"\ngrid = { scr = 4 }\n' + RAMPS
 
 
 @pytest.mark.parametrize("bridge", ["averaged", "pwm"])
 @pytest.mark.parametrize("build", [lc_study, lcl_study])
 def test_equal_axes_give_the_usual_run(build: Callable[..., Study], bridge: str) -> None:
-    """With ramps, and a grid that changes between two samples."""
-    study = build("40 ms", EVENTS)
+    """With ramps, a negative sequence, harmonics, and a grid that changes between two samples."""
+    study = build("40 ms", EVENTS + DISTORTED)
     usual = simulate(study, CHANGES, bridge=bridge, log_states=10**6)
     full = simulate(study, CHANGES, bridge=bridge, log_states=10**6, circuit=lambda g: two_axes(study.circuit(g)))
     scale = np.abs(usual.log).max(axis=0) + 1e-300
@@ -47,8 +53,8 @@ def other_axis(study: Study) -> Callable[[Grid], Grid]:
 @pytest.mark.parametrize("bridge", ["averaged", "pwm"])
 @pytest.mark.parametrize("build", [lc_study, lcl_study])
 def test_unequal_axes_against_an_ode_solver(build: Callable[..., Study], bridge: str) -> None:
-    """The grid becomes unequal between two samples, and then the source sags."""
-    study = build("25 ms", '[[events]]\ntime = "1.0123 ms"\ngrid = { scr = 4 }\n' + SAG)
+    """The source is distorted, the grid becomes unequal between two samples, and then the source sags."""
+    study = build("25 ms", '[[events]]\ntime = "1.0123 ms"\ngrid = { scr = 4 }\n' + SAG + DISTORTED)
     beta = other_axis(study)
     run = simulate(
         study,

@@ -26,7 +26,7 @@ from vsgdesign.identification.sampling import window_of_rate
 from vsgdesign.parameters.estimator import read_estimator
 from vsgdesign.parameters.inner_loops import InnerLoopSource, read_inner_loops, request_of
 from vsgdesign.parameters.reader import REQUIRED, TableReader
-from vsgdesign.parameters.scenario import read_events, read_grid, read_simulation
+from vsgdesign.parameters.scenario import read_components, read_events, read_grid, read_simulation
 from vsgdesign.parameters.specification import read_specification
 from vsgdesign.parameters.stability import read_stability
 from vsgdesign.parameters.study import (
@@ -227,8 +227,9 @@ def _read_grid_section(table: TableReader, converter: Converter) -> tuple[Grid, 
     V_g_rms = table.quantity("V_g_pu", "1", 0.1, 2.0, default=1.0) * converter.V_rated_rms
     f_n = converter.omega_n / (2.0 * math.pi)
     f_g = table.quantity("f_g", "Hz", 0.8 * f_n, 1.2 * f_n, default=f_n)
+    components = read_components(table.children("components"))
     table.finish()
-    return grid, GridSource(V_g_rms, 2.0 * math.pi * f_g), basis
+    return grid, GridSource(V_g_rms, 2.0 * math.pi * f_g, components), basis
 
 
 def _read_target(table: TableReader, default: ClosedFormTarget, converter: Converter) -> ClosedFormTarget:

@@ -7,13 +7,14 @@ from dataclasses import replace
 from typing import Any
 
 from vsgdesign.parameters.reader import TableReader
-from vsgdesign.parameters.study import Converter, Event, Grid, Place, SimulationSpec
+from vsgdesign.parameters.study import Converter, Event, Grid, Place, SimulationSpec, SourceComponent
 from vsgdesign.parameters.units import UnitError, parse_quantity
 
 _SCR = (0.05, 1e4)
 _X_OVER_R = (1e-3, 1e4)
 _SAME_INSTANT = 1e-9
 """Events that are less than this apart, s, are at the same instant."""
+_HIGHEST_ORDER = 100.0
 _MOST_ROWS = 5e6
 """Largest log: about 2 GB for a controller."""
 
@@ -41,6 +42,26 @@ def read_grid(table: TableReader, converter: Converter, basis: str, previous: Gr
     scr = table.quantity("scr", "1", *_SCR)
     ratio = table.quantity("x_over_r", "1", *_X_OVER_R)
     return Place(scr, ratio, basis).grid(converter)
+
+
+def read_components(tables: list[TableReader]) -> tuple[SourceComponent, ...]:
+    """The negative sequence and the harmonics of the grid source, one table each."""
+    found: list[SourceComponent] = []
+    for table in tables:
+        order = table.quantity("order", "1", -_HIGHEST_ORDER, _HIGHEST_ORDER)
+        component = SourceComponent(
+            order=order,
+            amplitude_pu=table.quantity("amplitude_pu", "1", 0.0, 1.0),
+            phase=table.quantity("phase", "rad", -2.0 * math.pi, 2.0 * math.pi, default=0.0),
+        )
+        if order in (0.0, 1.0):
+            meant = "a dc voltage" if order == 0.0 else "the fundamental itself, which V_g_pu gives"
+            table.fault("order", f"{order:g}", f"is {meant}", "Use -1 for the negative sequence, -5, 7, -11, 13, …")
+        elif order in [other.order for other in found]:
+            table.fault("order", f"{order:g}", "is given twice", "Give one amplitude and phase for each order.")
+        found.append(component)
+        table.finish()
+    return tuple(found)
 
 
 def read_simulation(table: TableReader, converter: Converter) -> SimulationSpec:
@@ -104,6 +125,8 @@ def read_events(
         jump = table.quantity("phase_jump", "rad", -math.pi, math.pi, default=0.0)
         P_ref = table.quantity("P_ref", "W", -limit, limit, default=None)
         Q_ref = table.quantity("Q_ref", "var", -limit, limit, default=None)
+        components = read_components(table.children("components")) if table.has("components") else None
+        table.skip("components")
         if over > 0.0 and V_g_pu is None and f_g is None:
             table.fault("over", f"{over:.6g} s", "there is nothing to ramp", "Use it with V_g_pu or f_g.")
         event = Event(
@@ -116,6 +139,7 @@ def read_events(
             phase_jump=jump,
             P_ref=P_ref,
             Q_ref=Q_ref,
+            components=components,
         )
         given = _given(table, event, converter, basis)
         for earlier_t, earlier, values in said:
@@ -124,7 +148,7 @@ def read_events(
         said.append((t_s, table, given))
         described = _describe(event, converter, basis)
         if not described:
-            table.fault("", None, "changes nothing", "Give grid, V_g_pu, f_g, phase_jump, P_ref or Q_ref.")
+            table.fault("", None, "changes nothing", "Give grid, V_g_pu, f_g, phase_jump, components, P_ref or Q_ref.")
         name = table.text("name", default=described)
         events.append(replace(event, name=name))
         table.finish()
@@ -160,6 +184,11 @@ def _check_agreement(
             value, other = _at(table.table, field), _at(earlier.table, field)
             problem = f"{earlier.path} sets it to {other} at the same instant, {t_s:g} s"
             table.fault(field, value, problem, advice)
+    if "components" in table.table and table.table["components"] != earlier.table.get(
+        "components", table.table["components"]
+    ):
+        problem = f"{earlier.path} gives other components at the same instant, {t_s:g} s"
+        table.fault("components", None, problem, advice)
     impedance, ratios = {"grid.R_g", "grid.L_g"}, {"grid.scr", "grid.x_over_r"}
     for one, two in ((impedance, ratios), (ratios, impedance)):
         if one & given.keys() and two & before.keys():
@@ -183,6 +212,12 @@ def _time_or_last(table: TableReader) -> float:
         return math.inf
 
 
+def _describe_components(components: tuple[SourceComponent, ...]) -> str:
+    if not components:
+        return "no source components"
+    return "source " + " ".join(f"{c.order:+g}: {100.0 * c.amplitude_pu:.3g} %" for c in components)
+
+
 def _describe(event: Event, converter: Converter, basis: str) -> str:
     parts = []
     if event.grid is not None:
@@ -193,6 +228,8 @@ def _describe(event: Event, converter: Converter, basis: str) -> str:
         parts.append(f"f_g {event.omega_g / (2.0 * math.pi):.4g} Hz")
     if event.phase_jump != 0.0:
         parts.append(f"phase {math.degrees(event.phase_jump):+.3g}°")
+    if event.components is not None:
+        parts.append(_describe_components(event.components))
     if event.P_ref is not None:
         parts.append(f"P_ref {event.P_ref / 1e3:.4g} kW")
     if event.Q_ref is not None:

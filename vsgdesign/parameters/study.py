@@ -151,11 +151,26 @@ class InnerLoopRequest:
 
 
 @dataclass(frozen=True)
+class SourceComponent:
+    """A negative sequence or a harmonic of the grid source's voltage (:eq:`source-components`)."""
+
+    order: float
+    """Multiple of the fundamental's frequency in the space vector. A negative order turns backwards: −1 is the
+    fundamental's negative sequence, −5 the usual fifth harmonic."""
+    amplitude_pu: float
+    """Over the rated voltage."""
+    phase: float
+    """Angle of the space vector where the fundamental's is zero, rad."""
+
+
+@dataclass(frozen=True)
 class GridSource:
     """The ideal voltage source behind the grid impedance."""
 
     V_g_rms: float
     omega_g: float
+    components: tuple[SourceComponent, ...] = ()
+    """What its voltage contains besides the positive sequence of the fundamental."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,6 +239,8 @@ class Event:
     phase_jump: float = 0.0
     P_ref: float | None = None
     Q_ref: float | None = None
+    components: tuple[SourceComponent, ...] | None = None
+    """The source's components from now on, in place of all earlier ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -317,6 +334,11 @@ class Study:
     """Paths of the study file and of the files that it is based on; none for a study from a text."""
     origin: StudyOrigin | None = field(default=None, compare=False, repr=False)
     """The document from which it was read; None for a study that was built from its parts."""
+
+    @property
+    def has_components(self) -> bool:
+        """Whether the grid source's voltage contains more than its fundamental at any time."""
+        return bool(self.grid_source.components) or any(event.components for event in self.events)
 
     def with_changes(self, **sections: Any) -> Study:
         """A study with sections changed as a study file would say it, checked by the same reader.

@@ -67,6 +67,7 @@ def stacked_plants(circuit: CircuitOfGrid, edges: bool, pieces: tuple[tuple[Grid
         edges=polynomials,
         responses=np.array([step.source for step in steps]),
         sources=np.empty((len(steps), 6)),
+        background=np.empty((0, states_of(circuit(pieces[0][0])) + 2)),
     )
 
 

@@ -15,7 +15,7 @@ from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 class StepAgainstTruth:
     """One reference step of a controller with the estimate, and of the same controller with the truth.
 
-    On the instantaneous power with an averaged bridge, on its one-cycle mean with a switched one.
+    On the instantaneous power, or on its one-cycle mean where the power ripples: a switched bridge, a distorted source.
     """
 
     t_s: float
@@ -86,7 +86,7 @@ def _against(controller: ControllerResult, twin: ControllerResult) -> tuple[Step
     steps = []
     for ours, theirs in zip(controller.events, twin.events, strict=True):
         if ours.kind == "step":
-            a, b = (e.raw if controller.bridge == "averaged" else e.one_cycle_mean for e in (ours, theirs))
+            a, b = (e.one_cycle_mean if controller.ripples else e.raw for e in (ours, theirs))
             steps.append(
                 StepAgainstTruth(
                     t_s=ours.t_s,

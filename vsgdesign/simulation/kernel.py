@@ -65,7 +65,9 @@ class PlantPieces(NamedTuple):
 
     One piece, unless an event falls inside the interval. ``sources`` has, per piece, (cos φ, sin φ, V_g peak, its
     slope, ω, ω's slope) at the piece's first instant; the other arrays are those of
-    :class:`vsgdesign.operating_point.plant.PlantStep`.
+    :class:`vsgdesign.operating_point.plant.PlantStep`. ``background`` has no rows, or a row for every sample (for every
+    piece, where there are several): what the source's other components add to the states, then their own voltage at
+    the beginning (α, β).
     """
 
     lengths: Any
@@ -74,6 +76,7 @@ class PlantPieces(NamedTuple):
     edges: Any
     responses: Any
     sources: Any
+    background: Any
 
 
 class LogRows(NamedTuple):
@@ -182,6 +185,13 @@ def add_source(x: Any, response: Any, re: Any, im: Any) -> None:
             x[row] += response[row, 0] * re + response[row, 1] * im
 
 
+def add_background(values: Any, background: Any, row: Any, column: Any) -> None:
+    """Add what a row of ``background`` holds from ``column`` on. A source without other components has no rows."""
+    if background.shape[0] > 0:
+        for k in range(values.shape[0]):
+            values[k] += background[row, column + k]
+
+
 def write_state(row: Any, state: ControllerState) -> None:
     """One row of a log of states."""
     values = flat_state(state)
@@ -226,7 +236,7 @@ def run_stretch(
     ``x`` (2n) and ``pending`` (2, the voltage waiting out the delay) are updated in place. Where the interval is cut
     into several pieces, count is 1.
     """
-    lengths, sources = plant.lengths, plant.sources
+    lengths, sources, background = plant.lengths, plant.sources, plant.background
     T_s = given.settings.T_s
     pieces = lengths.shape[0]
     n = bridge.samples_per_carrier
@@ -270,6 +280,7 @@ def run_stretch(
             log.rows[row, 11] = state.V
             log.rows[row, 12] = state.theta
             log.rows[row, 13] = limited
+            add_background(log.rows[row, 6:8], background, offset, x.shape[0])
             until_log = log.every
             row += 1
         until_log -= 1
@@ -326,6 +337,7 @@ def run_stretch(
                 turn_cos, turn_sin = np.cos(angle), np.sin(angle)
                 drift += r * h
                 V_g += a * h
+            add_background(x, background, offset + piece, 0)
             source_cos, source_sin = rotate(source_cos, source_sin, turn_cos, turn_sin)
             elapsed += h
     log.limited[0] = limited

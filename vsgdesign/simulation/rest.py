@@ -60,7 +60,7 @@ class Rest:
         """Whether every mode decays. It is True if there is no steady state."""
         return self.mode is None or self.mode.s.real < _STILL
 
-    def end_state(self, signal: str, switched: bool, interval: float) -> EndState:
+    def end_state(self, signal: str, ripples: bool, interval: float) -> EndState:
         """For the figures of ``P_pcc`` or ``Q_pcc``, logged every ``interval`` s."""
         if self.mode is None:
             return EndState(None, None, self.obstacle, self.ramp_end_s)
@@ -68,7 +68,7 @@ class Rest:
         decay = -self.mode.s.real if self.stable else min(-self.mode.s.real, 0.0)
         cycle = max(round(2.0 * math.pi / self.omega_g / interval), 1)
         reason = None if self.stable else f"unstable: {mode_in_words(self.mode)}"
-        return EndState(None if switched else final, decay, reason, self.ramp_end_s, cycle)
+        return EndState(None if ripples else final, decay, reason, self.ramp_end_s, cycle)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,6 +23,7 @@ from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification import Probe
 from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state
 from vsgdesign.parameters.study import Grid, GridSource, Study
+from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.circuits import CircuitOfGrid, circuits_of, stacked_plants, states_of
 from vsgdesign.simulation.compiling import compile_function, compiled_law, is_packaged, source_stamp
 from vsgdesign.simulation.gains import GainChange
@@ -150,6 +151,7 @@ def simulate(
     )
     loop = compiled_loop(study.limiter.law)
     plants = functools.lru_cache(maxsize=64)(functools.partial(stacked_plants, circuit_of, pwm))
+    background = Background(circuit_of, rms_to_peak(c.V_rated_rms))
     loop_seconds, divergence = 0.0, None
     no_rows = np.empty((0, controller_log.shape[1]))
     gains, refs_so_far = feed.first(), _references(study, timeline, 0)
@@ -158,7 +160,7 @@ def simulate(
     feed.held = held
     cuts = feed.cuts(samples) if held is None else feed.cuts(samples) | held.cuts(samples)
     for first, count in _stretches(study, timeline, cuts, samples):
-        plant = _pieces(timeline, plants, first, T_s)
+        plant = _pieces(timeline, plants, background, (first, count), T_s)
         if pwm and not np.isfinite(plant.edges).all():
             raise InfeasibleStudyError(
                 "the circuit is too stiff to switch: its fastest mode (R/L or R_c/L) dies out many times within a "
@@ -298,19 +300,30 @@ def _of_own_types(values: Any, like: ControllerState) -> ControllerState:
     return state._replace(limiter=type(like.limiter)(*state.limiter))
 
 
-def _pieces(timeline: Timeline, plants: Callable[..., PlantPieces], first: int, T_s: float) -> PlantPieces:
-    """The circuit and its source over the interval after a sample, cut where they change."""
+def _pieces(
+    timeline: Timeline,
+    plants: Callable[..., PlantPieces],
+    background: Background,
+    stretch: tuple[int, int],
+    T_s: float,
+) -> PlantPieces:
+    """The circuit and its source over the interval after a stretch's first sample, cut where they change; and what the
+    source's components add over every interval of the stretch (first sample, count)."""
+    first, count = stretch
     start, end = first * T_s, (first + 1) * T_s
     inside = [t for t in timeline.plant_changes() if start < t < end and _on_sample(t, T_s) is None]
     instants = [start, *inside]
     lengths = np.diff([*instants, end]) if inside else np.array([T_s])
-    circuits, sources = [], []
+    intervals = []
     for k, h in enumerate(lengths):
         t_s = instants[k] + 1e-6 * T_s if k == 0 else instants[k]
         source = timeline.source_at(t_s).at(instants[k])
-        circuits.append((timeline.grid_at(t_s), float(h), source.omega))
-        sources.append(_source_row(source))
-    return plants(tuple(circuits))._replace(sources=np.array(sources))
+        intervals.append(Interval(float(h), timeline.grid_at(t_s), source, timeline.components_at(t_s)))
+    pieces = plants(tuple((one.grid, one.h, one.source.omega) for one in intervals))
+    pieces = pieces._replace(sources=np.array([_source_row(one.source) for one in intervals]))
+    if any(one.components for one in intervals):
+        pieces = pieces._replace(background=background.rows(intervals, count, T_s))
+    return pieces
 
 
 def _source_row(source: SourceSegment) -> list[float]:

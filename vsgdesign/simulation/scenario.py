@@ -44,6 +44,13 @@ class ControllerResult:
     """What became of the run in the end."""
     estimates: EstimateLog | None = None
     """Of a controller that estimates the grid: what it was told, window by window."""
+    distorted: bool = False
+    """Whether the grid source contains more than its fundamental."""
+
+    @property
+    def ripples(self) -> bool:
+        """Whether P and Q ripple at rest, so that targets are judged on their one-cycle means."""
+        return self.bridge == "pwm" or self.distorted
 
     @property
     def moves(self) -> bool:
@@ -115,7 +122,9 @@ def run_scenario(
         used = bridge or study.simulation.bridge
         if estimates is not None:  # the gains that it really had
             found = rests(own_study, timeline, run.gain_changes)
-        events = measure_events(study, series, found, switched=used == "pwm", divergence=run.divergence)
+        events = measure_events(
+            study, series, found, ripples=used == "pwm" or study.has_components, divergence=run.divergence
+        )
         results.append(
             ControllerResult(
                 spec=spec,
@@ -126,6 +135,7 @@ def run_scenario(
                 events=events,
                 outcome=outcome_of(run.divergence, found, events),
                 estimates=estimates,
+                distorted=study.has_components,
             )
         )
     return ScenarioResult(study, timeline, points, tuple(results), unstable, ready)
@@ -198,13 +208,13 @@ def measure_events(
     series: dict[str, Array],
     found: Sequence[Rest],
     *,
-    switched: bool,
+    ripples: bool,
     divergence: Divergence | None = None,
 ) -> tuple[EventMetrics, ...]:
     """Figures of P_pcc and Q_pcc after every instant with an event, up to the next one.
 
     ``found``: where each stretch comes to rest (:func:`vsgdesign.simulation.rest.rests`). An event at t = 0 is where a
-    steady start begins, not a change that anything responds to.
+    steady start begins, not a change that anything responds to. ``ripples``: whether P and Q ripple at rest.
     """
     t_s = series["t_s"]
     if not study.events or len(t_s) < 2:
@@ -224,7 +234,7 @@ def measure_events(
             if divergence is not None and rest.end_s > divergence.t_s:
                 metrics.append(diverged_event(window, signal, divergence.reason))
                 continue
-            end = rest.end_state(signal, switched, interval)
+            end = rest.end_state(signal, ripples, interval)
             if rest.end_s - rest.t_s > 4.0 * interval:
                 metrics.append(
                     measure_event(

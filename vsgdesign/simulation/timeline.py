@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.parameters.study import Event, Grid, Study
+from vsgdesign.parameters.study import Event, Grid, SourceComponent, Study
 
 _T = TypeVar("_T")
 
@@ -53,6 +53,8 @@ class Timeline:
     grids: tuple[tuple[float, Grid], ...]
     references: tuple[tuple[float, float, float], ...]
     """(t_s, P_ref, Q_ref)."""
+    components: tuple[tuple[float, tuple[SourceComponent, ...]], ...] = ((0.0, ()),)
+    """What the source has besides its fundamental."""
 
     def source_at(self, t_s: float) -> SourceSegment:
         """The source described from t_s on (after a change at t_s)."""
@@ -67,9 +69,13 @@ class Timeline:
         _, P_ref, Q_ref = _last(self.references, t_s, lambda r: r[0])
         return P_ref, Q_ref
 
+    def components_at(self, t_s: float) -> tuple[SourceComponent, ...]:
+        """What the source has besides its fundamental, from t_s on."""
+        return _last(self.components, t_s, lambda c: c[0])[1]
+
     def plant_changes(self) -> tuple[float, ...]:
         """Instants at which the circuit or its source changes."""
-        times = {s.t_s for s in self.sources} | {t for t, _ in self.grids}
+        times = {s.t_s for s in self.sources} | {t for t, _ in self.grids} | {t for t, _ in self.components}
         return tuple(sorted(times - {0.0}))
 
     def source_phase(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -94,6 +100,7 @@ def build_timeline(study: Study) -> Timeline:
     sources = [present]
     grids = [(0.0, study.grid)]
     references = [(0.0, study.simulation.P_ref, study.simulation.Q_ref)]
+    components = [(0.0, study.grid_source.components)]
     V_end, omega_end = (math.inf, 0.0), (math.inf, 0.0)  # (end of the running ramp, value held from there)
     pending = sorted(study.events, key=lambda event: event.t_s)
     while pending or V_end[0] < math.inf or omega_end[0] < math.inf:
@@ -114,6 +121,8 @@ def build_timeline(study: Study) -> Timeline:
                 omega, omega_slope, omega_end = _ramp(omega, event.omega_g, event)
             if event.grid is not None:
                 grids.append((t_s, event.grid))
+            if event.components is not None:
+                components.append((t_s, event.components))
             if event.P_ref is not None or event.Q_ref is not None:
                 _, P_ref, Q_ref = references[-1]
                 P_ref = P_ref if event.P_ref is None else event.P_ref
@@ -122,7 +131,7 @@ def build_timeline(study: Study) -> Timeline:
         if changed != now:
             present = changed
             sources = [s for s in sources if s.t_s < t_s or s.t_s == 0.0 < t_s] + [changed]
-    return Timeline(tuple(sources), tuple(grids), tuple(references))
+    return Timeline(tuple(sources), tuple(grids), tuple(references), tuple(components))
 
 
 def _ramp(value: float, goal: float, event: Event) -> tuple[float, float, tuple[float, float]]:

@@ -87,6 +87,10 @@ def filter_table(result: HasStudy) -> Table:
             f"{plain_quantity(source.V_g_rms, 'V')} phase rms, {plain(source.omega_g / (2.0 * math.pi), 5)} Hz",
         ),
     ]
+    if source.components:
+        rows.append(
+            ("", "; ".join(f"order {plain(c.order)}: {plain(100.0 * c.amplitude_pu)} %" for c in source.components))
+        )
     return Table("Filter and grid", ("Quantity", "Value"), tuple(rows), texts=2)
 
 

@@ -125,6 +125,12 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
             "The bridge switches ideally at the exact instants of its modulation: no dead time, no device losses. "
             "Figures of the instantaneous signal contain the ripple; targets are judged on the one-cycle mean."
         )
+    if study.has_components:
+        items.append(
+            "The grid source contains a negative sequence or harmonics. The simulation starts in the steady state of "
+            "the fundamental alone, so their currents begin with a transient of the inner loops. Targets are judged "
+            "on the one-cycle mean. Margins, modes and operating points are those of the fundamental."
+        )
     items += [
         f"The dc link is an ideal source of {plain_quantity(study.converter.V_dc, 'V')}, nothing behind it.",
         "The grid is an ideal three-phase source behind one balanced R–L branch; no other converter or load is near.",

@@ -61,7 +61,7 @@ def _traces(result: ScenarioResult, values: list[Array], factor: float) -> tuple
         t = controller.series["t_s"]
         scaled = y / factor
         mean = one_cycle_mean(scaled, samples_per_cycle(result, t))
-        ripple = ripple_level(scaled, mean) if controller.bridge == "pwm" else 0.0
+        ripple = ripple_level(scaled, mean) if controller.ripples else 0.0
         traces.append(Trace(t, scaled, mean, ripple, controller.simulation.divergence is not None))
     return tuple(traces)
 

@@ -235,9 +235,10 @@ METRICS_NOTES = (
     "reference, and a response that does not reach 90 % of its step has no rise time; a window that is too short, or "
     "has no stable end, has no figures. > T: still outside its band when the next event came after T. Bands of the "
     "settling time: 2 % of the step; for a disturbance 2 % of the rated power. The value that a response ends at is "
-    "the computed steady state, droops included; with a switched bridge it is the mean of the window's last whole "
-    "cycles. Peak deviation: from that value. ITAE: ∫ t·|error| dt, the error "
-    "relative to the step, or to the rated power for a disturbance. Peak current: largest length of the current "
+    "the computed steady state, droops included; with a switched bridge, or a grid source with more than its "
+    "fundamental, it is the mean of the window's last whole cycles. Peak deviation: from that value. "
+    "ITAE: ∫ t·|error| dt, the error relative to the step, or to the rated power for a disturbance. Peak current: "
+    "largest length of the current "
     "vector over the rated peak.",
 )
 """What the dashes and the columns of the metrics tables mean."""

@@ -114,7 +114,7 @@ class StepOutcome:
         return None if self.row is None else coupling(self.row)
 
     def _measured(self):
-        return self.metrics.raw if self.controller.bridge == "averaged" else self.metrics.one_cycle_mean
+        return self.metrics.one_cycle_mean if self.controller.ripples else self.metrics.raw
 
 
 def coupling(row: OperatingPointRow) -> float | None:
