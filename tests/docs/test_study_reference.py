@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.limiters import LIMITERS
 from vsgdesign.parameters import (
     building,
     estimator,
@@ -38,6 +39,9 @@ V_rated_rms = "110 V"
 f_n = "50 Hz"
 V_dc = "800 V"
 f_sw = "10 kHz"
+current_limit_pu = 1.2
+current_limiter = "projection"
+[converter.limiter]
 [filter]
 kind = "LC"
 L_1 = "1 mH"
@@ -192,7 +196,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], list[Asked]]
     spy("text", lambda a: Asked("text", default=a["default"]))
     spy("child", lambda _: Asked("table"))
     spy("children", lambda _: Asked("list of tables"))
-    for text in (LC_WITH_TIMES, LCL_WITH_GAINS, DESIGNED):
+    others = [LC_WITH_TIMES.replace('"projection"', f'"{name}"') for name in LIMITERS if name != "projection"]
+    for text in (LC_WITH_TIMES, LCL_WITH_GAINS, DESIGNED, *others):
         study_from_text(text, inner_loops=lambda _: (InnerLoopGains(1.0, 1.0, 1.0, 1.0), 100.0))
     return record
 

@@ -92,6 +92,7 @@ def controller_sample(
         omega_i=state.omega_i,
         P=P,
         Q=Q,
+        K_pv=inner_gains.K_pv,
     )
     sample = limiter.limit(state.limiter, view, grid, refs, power_gains, settings)
     xi_vd, xi_vq = voltage_integrators(

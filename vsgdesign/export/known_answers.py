@@ -133,7 +133,7 @@ def known_steps(lookup: GainLookup, settings: SchedulerSettings, limiter: Limite
     R_g, L_g = lookup.grid(settings.safe_scr, settings.safe_r_over_x)
     ratings = LimiterRatings(
         T_s=T_s, V_rated_pk=V_pk, I_rated_pk=I_pk, i_max_pk=1.2 * I_pk, Z_base=Z, omega_0=omega, R_2=lookup.R_2,
-        L_2=lookup.L_2,
+        L_2=lookup.L_2, V_low_pu=0.85, V_high_pu=1.25,
     )  # fmt: skip
     constants = _single(
         ControllerSettings(

@@ -46,7 +46,7 @@ def laws(structure: str, law: str, scr_basis: str, limiter: str) -> CText:
     """C99 of the grid's functions on a basis, the scheduled Jacobian, the gains of a structure under a law, the power
     loops and the whole controller with a current limiter."""
     chosen = limiter_named(limiter)
-    memory, constants = (typing.get_type_hints(made)["return"] for made in (chosen.at_rest, chosen.constants))
+    memory, constants = (typing.get_type_hints(made)["return"] for made in (chosen.at_rest, chosen.build))
     functions = [
         *_GRID[scr_basis],
         scheduled_jacobian,

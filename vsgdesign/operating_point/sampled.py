@@ -97,6 +97,7 @@ def steady_state(
         omega_i=omega_i,
         P=P,
         Q=Q,
+        K_pv=study.inner_gains.K_pv,
     )
     state = ControllerState(
         theta=float(theta),

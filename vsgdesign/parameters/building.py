@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import unicodedata
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from vsgdesign.equations.closed_form import paced
 from vsgdesign.equations.filters import FilterGrid, filter_grid_derivative
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.inner_loops import InnerLoopGains
-from vsgdesign.equations.limiters import CIRCULAR, LIMITERS
+from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, KnownRatings, Limiter
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import Fault
@@ -40,7 +41,9 @@ from vsgdesign.parameters.study import (
     GridSource,
     InnerLoopRequest,
     Study,
+    limiter_ratings,
 )
+from vsgdesign.parameters.units import format_quantity
 
 SCHEMA = 1
 
@@ -61,8 +64,10 @@ def build_study(
     name, title, source = _read_identity(root.child("study"), default_name)
     converter_table = root.section("converter")
     current_limiter = converter_table.choice("current_limiter", tuple(LIMITERS), default=CIRCULAR.name)
+    limiter_table = converter_table.child("limiter")
     converter = _read_converter(converter_table)
     filter_ = _read_filter(root.section("filter"))
+    limiter_given = _read_limiter(limiter_table, LIMITERS[current_limiter], converter, filter_)
     inner = read_inner_loops(root.child("inner_loops"), filter_, converter)
     grid_table = root.section("grid")
     grid, source_, basis = _read_grid_section(grid_table, converter)
@@ -77,7 +82,9 @@ def build_study(
     simulation = read_simulation(root.section("simulation"), converter)
     events = read_events(root.children("events"), grid, basis, converter, simulation)
     _check_resonance(filter_, converter, [grid, *(event.grid for event in events if event.grid)], faults)
-    controllers = _read_controllers(root, target, grid, basis, converter, simulation)
+    controllers = _read_controllers(
+        root, target, grid, basis, converter, filter_, (current_limiter, limiter_given), simulation
+    )
     specification = read_specification(root.child("specification"), converter, source_, target, basis)
     asked = target.settling_time if specification is None else specification.settling_time
     stability = read_stability(root.child("stability"), converter, target, asked)
@@ -110,6 +117,7 @@ def build_study(
         estimator=estimator,
         inner_request=request,
         current_limiter=current_limiter,
+        limiter_given=limiter_given,
     )
 
 
@@ -179,6 +187,36 @@ def _read_converter(table: TableReader) -> Converter:
 
 def _read_limit(table: TableReader) -> float | None:
     return table.quantity("current_limit_pu", "1", 0.5, 20.0, default=None)
+
+
+def _read_limiter(
+    table: TableReader | None,
+    limiter: Limiter,
+    converter: Converter,
+    filter_: Filter,
+    inherited: tuple[tuple[str, float], ...] = (),
+) -> tuple[tuple[str, float], ...]:
+    """The parameters of a current limiter that are set: those of its table, else those that it inherits."""
+    if table is None:
+        return inherited
+    if converter.current_limit_pu is None and table.table:
+        table.fault("", None, "there is no current limit", "Give current_limit_pu.")
+    ratings = limiter_ratings(converter, filter_)
+    values: dict[str, float] = {}
+    for parameter in limiter.parameters:
+        known = KnownRatings(ratings, values)
+        default = dict(inherited).get(parameter.name, parameter.default(known))
+        low, high = parameter.low(known), parameter.high(known)
+        values[parameter.name] = table.quantity(parameter.name, parameter.unit, low, high, default)
+        if parameter.name in dict(inherited) and not table.has(parameter.name) and not low <= default <= high:
+            limits = f"outside {format_quantity(low, parameter.unit)} to {format_quantity(high, parameter.unit)}"
+            value = format_quantity(default, parameter.unit)
+            table.fault(parameter.name, value, f"{limits} with this controller's limit", "Give it its own value.")
+    for field in table.table:
+        if field not in values:
+            advice = f'current_limiter = "{limiter.name}" {limiter.has_parameters}.'
+            table.fault(field, None, "unknown parameter", advice)
+    return tuple((name, value) for name, value in values.items() if table.has(name) or name in dict(inherited))
 
 
 def _read_filter(table: TableReader) -> Filter:
@@ -270,7 +308,14 @@ _OF_CLOSED_FORMS = ("settling_time", "damping_ratio", "droop_ratio", "k_1", "d_1
 
 
 def _read_controllers(
-    root: TableReader, target: ClosedFormTarget, grid: Grid, basis: str, converter: Converter, simulation: Any
+    root: TableReader,
+    target: ClosedFormTarget,
+    grid: Grid,
+    basis: str,
+    converter: Converter,
+    filter_: Filter,
+    limiter: tuple[str, tuple[tuple[str, float], ...]],
+    simulation: Any,
 ) -> tuple[ControllerSpec, ...]:
     specs: list[ControllerSpec] = []
     for table in root.children("controllers"):
@@ -279,7 +324,7 @@ def _read_controllers(
             table.fault("name", name, *taken)
         kind = table.choice("kind", ("fixed", "scheduled"))
         own_target = _read_target(table, target, converter)
-        own_limiter, own_limit_pu = _read_own_limit(table, converter)
+        own_limiter, own_limit_pu, limiter_given = _read_own_limit(table, converter, filter_, *limiter)
         gains, design_grid, schedule, table_file, estimate = None, None, "closed_form", None, "truth"
         period: float | None = UPDATE_PERIOD
         if kind == "fixed":
@@ -347,6 +392,7 @@ def _read_controllers(
                 estimate=estimate,
                 current_limiter=own_limiter,
                 current_limit_pu=own_limit_pu,
+                limiter_given=limiter_given,
             )
         )
         table.finish()
@@ -357,25 +403,36 @@ def _read_controllers(
     return tuple(specs)
 
 
-def _read_own_limit(table: TableReader, converter: Converter) -> tuple[str | None, float | None]:
-    """How a controller limits its current, and to how much, where it differs from the study."""
+def _read_own_limit(
+    table: TableReader,
+    converter: Converter,
+    filter_: Filter,
+    of_study: str,
+    given: tuple[tuple[str, float], ...],
+) -> tuple[str | None, float | None, tuple[tuple[str, float], ...] | None]:
+    """How a controller limits its current, to how much, and with which parameters, where it differs from the study."""
     limiter = table.choice("current_limiter", (NO_LIMITER, *LIMITERS), default=None)
     limit_pu = _read_limit(table)
-    if limiter == NO_LIMITER and limit_pu is not None:
-        table.fault(
-            "current_limit_pu",
-            f"{limit_pu:.6g}",
-            f'has no effect with current_limiter = "{NO_LIMITER}"',
-            "Leave one of the two out.",
-        )
-    elif limiter not in (None, NO_LIMITER) and limit_pu is None and converter.current_limit_pu is None:
+    limiter_table = table.child("limiter")
+    if limiter == NO_LIMITER:
+        for field in ("current_limit_pu", "limiter"):
+            if table.has(field):
+                table.fault(
+                    field, table.table[field], f'has no effect with current_limiter = "{NO_LIMITER}"', "Leave it out."
+                )
+    elif limiter is not None and limit_pu is None and converter.current_limit_pu is None:
         table.fault(
             "current_limiter",
             limiter,
             "has no limit to keep: neither this controller nor the converter gives one",
             "Add current_limit_pu, for example 1.2.",
         )
-    return limiter, limit_pu
+    if limiter == NO_LIMITER or (limiter_table is None and limit_pu is None and limiter in (None, of_study)):
+        return limiter, limit_pu, None
+    own = converter if limit_pu is None else replace(converter, current_limit_pu=limit_pu)
+    inherited = given if limiter in (None, of_study) else ()
+    limiter_table = limiter_table or TableReader({}, table.name("limiter"), table.faults)
+    return limiter, limit_pu, _read_limiter(limiter_table, LIMITERS[limiter or of_study], own, filter_, inherited)
 
 
 def _default_update_period(converter: Converter) -> float:

@@ -223,6 +223,8 @@ class ControllerSpec:
     study says."""
     current_limit_pu: float | None = None
     """Limit of its converter-current reference in pu of the rated peak. None means that of the converter."""
+    limiter_given: tuple[tuple[str, float], ...] | None = None
+    """Parameters of its limiter that are set, by name, in SI. None means as the study says."""
 
 
 @dataclass(frozen=True)
@@ -330,6 +332,8 @@ class Study:
     """The request for which the inner loops were designed; None if the study gives their gains."""
     current_limiter: str = CIRCULAR.name
     """How the controllers limit their current: a name in ``equations.limiters.LIMITERS``."""
+    limiter_given: tuple[tuple[str, float], ...] = ()
+    """Parameters of that limiter that the study sets, by name, in SI. The others have their defaults."""
     files: tuple[str, ...] = field(default=(), compare=False)
     """Paths of the study file and of the files that it is based on; none for a study from a text."""
     origin: StudyOrigin | None = field(default=None, compare=False, repr=False)
@@ -363,13 +367,15 @@ class Study:
 
         It is the study itself where the controller has no limit of its own.
         """
-        if spec.current_limiter is None and spec.current_limit_pu is None:
+        if spec.current_limiter is None and spec.current_limit_pu is None and spec.limiter_given is None:
             return self
         limiter = self.current_limiter if spec.current_limiter is None else spec.current_limiter
         limit_pu = self.converter.current_limit_pu if spec.current_limit_pu is None else spec.current_limit_pu
+        given = self.limiter_given if spec.limiter_given is None else spec.limiter_given
         if limiter == NO_LIMITER:
-            limiter, limit_pu = CIRCULAR.name, None
-        return replace(self, converter=replace(self.converter, current_limit_pu=limit_pu), current_limiter=limiter)
+            limiter, limit_pu, given = CIRCULAR.name, None, ()
+        converter = replace(self.converter, current_limit_pu=limit_pu)
+        return replace(self, converter=converter, current_limiter=limiter, limiter_given=given)
 
     @property
     def input_files(self) -> tuple[str, ...]:
@@ -395,21 +401,16 @@ class Study:
         """The current limiter of the controllers. Raises ValueError if there is no limiter of this name."""
         return limiter_named(self.current_limiter)
 
+    @property
+    def limiter_values(self) -> dict[str, float]:
+        """Every parameter of the current limiter, in SI: as the study gives it, else its default."""
+        return self.limiter.values(limiter_ratings(self.converter, self.filter), dict(self.limiter_given))
+
     def controller_settings(self) -> ControllerSettings:
         """The sampled controller's constants, those of its limiter among them."""
         c = self.converter
-        limit_pu = UNLIMITED_PU if c.current_limit_pu is None else c.current_limit_pu
         lead = c.omega_n * (c.delay_samples + 0.5) * c.T_s
-        ratings = LimiterRatings(
-            T_s=c.T_s,
-            V_rated_pk=rms_to_peak(c.V_rated_rms),
-            I_rated_pk=c.I_rated_pk,
-            i_max_pk=limit_pu * c.I_rated_pk,
-            Z_base=c.Z_base,
-            omega_0=c.omega_n,
-            R_2=self.filter.R_2,
-            L_2=self.filter.L_2,
-        )
+        ratings = limiter_ratings(c, self.filter)
         return ControllerSettings(
             T_s=c.T_s,
             smoothing_P=_smoothing(self.tau_P, c.T_s),
@@ -424,8 +425,26 @@ class Study:
             half_cos=float(np.cos(0.5 * c.omega_n * c.T_s)),
             half_sin=float(np.sin(0.5 * c.omega_n * c.T_s)),
             T_over_L=c.T_s / self.filter.L_1,
-            limiter=self.limiter.constants(ratings),
+            limiter=self.limiter.constants(ratings, dict(self.limiter_given)),
         )
+
+
+def limiter_ratings(converter: Converter, filter_: Filter) -> LimiterRatings:
+    """Ratings from which a current limiter computes its constants."""
+    c = converter
+    limit_pu = UNLIMITED_PU if c.current_limit_pu is None else c.current_limit_pu
+    return LimiterRatings(
+        T_s=c.T_s,
+        V_rated_pk=rms_to_peak(c.V_rated_rms),
+        I_rated_pk=c.I_rated_pk,
+        i_max_pk=limit_pu * c.I_rated_pk,
+        Z_base=c.Z_base,
+        omega_0=c.omega_n,
+        R_2=filter_.R_2,
+        L_2=filter_.L_2,
+        V_low_pu=c.V_min_pu,
+        V_high_pu=c.V_max_pu,
+    )
 
 
 def _smoothing(tau: float, T_s: float) -> float:

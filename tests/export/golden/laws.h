@@ -123,6 +123,7 @@ typedef struct {
     /* Measured powers before their filters, W and var. */
     vsg_real_t P;
     vsg_real_t Q;
+    vsg_real_t K_pv; /* Proportional gain of the voltage loop, A/V. */
 } vsg_limiter_view_t;
 
 /* Z_hat: the grid impedance that the controller's gains are made for, R_g in Ohm and L_g in H, at the PCC. */
@@ -645,7 +646,7 @@ static inline void vsg_controller_sample(const vsg_controller_state_t *state, co
         inner_gains, settings->omega_C, &e_d, &e_q, &i_want_d, &i_want_q);
     const vsg_limiter_view_t view = {.v_d = v_d, .v_q = v_q, .i_s_d = i_s_d, .i_s_q = i_s_q, .i_g_d = i_g_d,
         .i_g_q = i_g_q, .e_d = e_d, .e_q = e_q, .i_want_d = i_want_d, .i_want_q = i_want_q, .V = V_rms,
-        .omega_i = state->omega_i, .P = P, .Q = Q};
+        .omega_i = state->omega_i, .P = P, .Q = Q, .K_pv = inner_gains->K_pv};
     vsg_limited_sample_t sample;
     vsg_circular_limit(&view, grid, refs, power_gains, settings, &sample);
     vsg_real_t xi_vd, xi_vq;

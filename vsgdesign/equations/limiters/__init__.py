@@ -6,14 +6,17 @@ from vsgdesign.equations.limiters.circular import CIRCULAR
 from vsgdesign.equations.limiters.interface import (
     GridEstimate,
     IntegratorSteps,
+    KnownRatings,
     LimitedSample,
     Limiter,
     LimiterLaw,
+    LimiterParameter,
     LimiterRatings,
     LimiterView,
 )
+from vsgdesign.equations.limiters.projection import PROJECTION
 
-LIMITERS: dict[str, Limiter] = {limiter.name: limiter for limiter in (CIRCULAR,)}
+LIMITERS: dict[str, Limiter] = {limiter.name: limiter for limiter in (CIRCULAR, PROJECTION)}
 """Every limiter that a study may name."""
 
 
@@ -27,11 +30,14 @@ def limiter_named(name: str) -> Limiter:
 __all__ = [
     "CIRCULAR",
     "LIMITERS",
+    "PROJECTION",
     "GridEstimate",
     "IntegratorSteps",
+    "KnownRatings",
     "LimitedSample",
     "Limiter",
     "LimiterLaw",
+    "LimiterParameter",
     "LimiterRatings",
     "LimiterView",
     "limiter_named",

@@ -8,7 +8,7 @@ says what the limiter remembers. Both follow the rules of every equation (CONTRI
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -47,6 +47,8 @@ class LimiterView(NamedTuple):
     P: Any
     Q: Any
     """Measured powers before their filters, W and var."""
+    K_pv: Any
+    """Proportional gain of the voltage loop, A/V."""
 
 
 class LimitedSample(NamedTuple):
@@ -88,6 +90,42 @@ class LimiterRatings(NamedTuple):
     R_2: float
     L_2: float
     """Grid side of the filter, between the capacitor and the PCC."""
+    V_low_pu: float
+    V_high_pu: float
+    """Least and largest voltage of a sound operating point, pu of the rated voltage."""
+
+    @property
+    def limit_pu(self) -> float:
+        """Limit of the converter current, pu of the rated peak."""
+        return self.i_max_pk / self.I_rated_pk
+
+
+class KnownRatings(NamedTuple):
+    """What a parameter's limits and default may follow from: the ratings, and the parameters before it by name."""
+
+    ratings: LimiterRatings
+    values: Mapping[str, float]
+
+
+Rule = Callable[[KnownRatings], float]
+
+
+def always(value: float) -> Rule:
+    """The rule that gives the same number for every converter."""
+    return lambda _: value
+
+
+@dataclass(frozen=True)
+class LimiterParameter:
+    """A number of a limiter that a study may set: its name there, its SI unit ("1" for a ratio), the limits between
+    which it makes sense, its default, and what it is."""
+
+    name: str
+    unit: str
+    low: Rule
+    high: Rule
+    default: Rule
+    meaning: str
 
 
 class LimiterLaw(NamedTuple):
@@ -106,7 +144,7 @@ class LimiterLaw(NamedTuple):
     move: Callable[..., Any]
 
 
-def no_constants(ratings: LimiterRatings) -> Nothing:
+def no_constants(ratings: LimiterRatings, values: Mapping[str, float]) -> Nothing:
     """For a limiter that needs nothing beyond the controller's own settings."""
     return Nothing()
 
@@ -122,8 +160,31 @@ class Limiter:
 
     name: str
     law: LimiterLaw
-    constants: Callable[[LimiterRatings], Any] = no_constants
-    """Its own constants: a NamedTuple of floats."""
+    build: Callable[[LimiterRatings, Mapping[str, float]], Any] = no_constants
+    """Its own constants, a NamedTuple of floats, from the ratings and from a value for each of its parameters."""
     at_rest: Callable[[LimiterView, Any, ControllerSettings], Any] = no_memory
     """What it remembers in a steady state: a NamedTuple of scalars, from the sample seen there, the frequency in rad/s
     and the controller's settings. A run starts from it, and the linear model has one state for each of its fields."""
+    parameters: tuple[LimiterParameter, ...] = ()
+    """What a study may set. The rules of a parameter may use those before it."""
+
+    def values(self, ratings: LimiterRatings, given: Mapping[str, float]) -> dict[str, float]:
+        """Every parameter in SI: as given, else its default. Raises ValueError for a name that it does not have."""
+        names = [parameter.name for parameter in self.parameters]
+        if unknown := sorted(set(given) - set(names)):
+            raise ValueError(f'{", ".join(unknown)}: current_limiter = "{self.name}" {self.has_parameters}.')
+        found: dict[str, float] = {}
+        for parameter in self.parameters:
+            value = given.get(parameter.name)
+            found[parameter.name] = parameter.default(KnownRatings(ratings, found)) if value is None else value
+        return found
+
+    def constants(self, ratings: LimiterRatings, given: Mapping[str, float] | None = None) -> Any:
+        """Its own constants for a converter, with defaults for what is not given."""
+        return self.build(ratings, self.values(ratings, given or {}))
+
+    @property
+    def has_parameters(self) -> str:
+        """What it has, in words."""
+        names = ", ".join(parameter.name for parameter in self.parameters)
+        return f"has the parameters {names}" if names else "has no parameters"

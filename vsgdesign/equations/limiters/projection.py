@@ -1,0 +1,274 @@
+"""Projection: the power loops follow the voltage that the grid admits at the largest current.
+
+While the current is limited, the capacitor voltage cannot follow its reference. Power loops that do not know this wind
+up until the converter slips. This limiter computes the voltage nearest to the reference that the allowed current can
+hold, and it pulls θ, ω_i and V towards it. docs/theory/limiters.md derives the law.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vsgdesign.equations.controller_data import ControllerSettings
+from vsgdesign.equations.inner_loops import limit_length
+from vsgdesign.equations.limiters.interface import (
+    GridEstimate,
+    IntegratorSteps,
+    LimitedSample,
+    Limiter,
+    LimiterLaw,
+    LimiterParameter,
+    LimiterRatings,
+    LimiterView,
+    always,
+)
+from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.frames import peak_to_rms, rms_to_peak
+
+
+class ProjectionMemory(NamedTuple):
+    """What the limiter remembers."""
+
+    i_w_d: Any
+    i_w_q: Any
+    """Test current behind its low-pass, A peak."""
+    omega: Any
+    """Frequency of the last sample, rad/s."""
+
+
+class ProjectionConstants(NamedTuple):
+    """Constants of the limiter."""
+
+    i_soft_pk: Any
+    """Length at which the test current is projected, A peak."""
+    Z_v: Any
+    """Length of the impedance that turns a voltage error into a current, Ω."""
+    smoothing_i: Any
+    """1 − exp(−T_s/τ) of the test current's low-pass; 1 means no filter."""
+    share: Any
+    """1 − exp(−T_s/τ) of the pull: the share of its way that θ and V go in one sample."""
+    g: Any
+    """How ω_i follows the pull of θ, 1/s."""
+    largest_pull: Any
+    """Largest pull of θ in one sample that ω_i follows, rad."""
+    v_gate_pk: Any
+    """Grid voltage below which the pull of θ fades, V peak."""
+    V_low: Any
+    V_high: Any
+    """Limits of the voltage that the Q loop may ask for, V rms."""
+    R_2: Any
+    L_2: Any
+    """Grid side of the filter, Ω and H."""
+
+
+class ProjectionNotes(NamedTuple):
+    """What one sample hands to ``projection_move``: the test current behind its low-pass, and the pulls."""
+
+    i_w_d: Any
+    i_w_q: Any
+    """A peak."""
+    theta: Any
+    """rad"""
+    V: Any
+    """V rms"""
+
+
+def current_at_reference(view: LimiterView, R: Any, X: Any, Z_v: Any, omega_C: Any) -> tuple[Any, Any]:
+    """Converter current with which the voltage would reach its reference (:eq:`test-current`).
+
+    R and X are the cosine and sine of the impedance angle. Returns (i_d, i_q) in A peak.
+    """
+    e_d = rms_to_peak(view.V) - view.v_d
+    e_q = -view.v_q
+    i_d = view.i_g_d - omega_C * view.v_q + (R * e_d + X * e_q) / Z_v
+    i_q = view.i_g_q + omega_C * view.v_d + (R * e_q - X * e_d) / Z_v
+    return i_d, i_q
+
+
+def projection_limit(
+    memory: ProjectionMemory,
+    view: LimiterView,
+    grid: GridEstimate,
+    refs: References,
+    gains: PowerLoopGains,
+    settings: ControllerSettings,
+) -> LimitedSample:
+    """Both limits of one sample: the projection of the voltage reference and the circular limit of the current
+    (:eq:`projection`, :eq:`turned-error`, :eq:`one-sided-power`)."""
+    c = settings.limiter
+    R = grid.R_g + c.R_2
+    X = refs.omega_0 * (grid.L_g + c.L_2)
+    Z = np.sqrt(np.maximum(R * R + X * X, 1e-18))
+    turn_d = R / Z
+    turn_q = X / Z
+    now_d, now_q = current_at_reference(view, turn_d, turn_q, c.Z_v, settings.omega_C)
+    i_w_d = memory.i_w_d + c.smoothing_i * (now_d - memory.i_w_d)
+    i_w_q = memory.i_w_q + c.smoothing_i * (now_q - memory.i_w_q)
+    # Below the soft limit every term that follows is an exact zero, so that the limiter changes no bit.
+    length_sq = i_w_d * i_w_d + i_w_q * i_w_q
+    soft = 1.0 * (length_sq > c.i_soft_pk * c.i_soft_pk)
+    excess = soft * (c.i_soft_pk / np.sqrt(np.maximum(length_sq, c.i_soft_pk * c.i_soft_pk)) - 1.0)
+    cut_d = excess * i_w_d
+    cut_q = excess * i_w_q
+    v_ref = rms_to_peak(view.V)
+    u_d = v_ref + c.Z_v * (turn_d * cut_d - turn_q * cut_q)
+    u_q = c.Z_v * (turn_d * cut_q + turn_q * cut_d)
+    angle = np.arctan2(u_q, u_d)
+    # What is left of the grid voltage behind the estimated impedance: without it there is no angle to follow.
+    b_d = view.v_d - (R * view.i_g_d - X * view.i_g_q)
+    b_q = view.v_q - (R * view.i_g_q + X * view.i_g_d)
+    gate = np.minimum(1.0, (b_d * b_d + b_q * b_q) / (c.v_gate_pk * c.v_gate_pk))
+    V_admitted = peak_to_rms(np.sqrt(np.maximum(u_d * u_d + u_q * u_q, 1e-12 * v_ref * v_ref)))
+    V_wanted = np.maximum(V_admitted, np.minimum(view.V, refs.V_n))
+    # P may not drive θ away from the admitted voltage.
+    missing = refs.P_ref + gains.D_p * (refs.omega_0 - memory.omega) - view.P
+    away = 1.0 * (u_q * missing < 0.0)
+
+    i_ref_d, i_ref_q = limit_length(view.i_want_d, view.i_want_q, settings.i_max_pk)
+    want_sq = view.i_want_d * view.i_want_d + view.i_want_q * view.i_want_q
+    hard = 1.0 * (want_sq > settings.i_max_pk * settings.i_max_pk)
+    return LimitedSample(
+        i_ref_d=i_ref_d,
+        i_ref_q=i_ref_q,
+        e_d=view.e_d + hard * (turn_d * view.e_d + turn_q * view.e_q - view.e_d),
+        e_q=view.e_q + hard * (turn_d * view.e_q - turn_q * view.e_d - view.e_q),
+        P=view.P + away * missing,
+        Q=view.Q,
+        limited=np.maximum(soft, hard),
+        notes=ProjectionNotes(
+            i_w_d=i_w_d,
+            i_w_q=i_w_q,
+            theta=c.share * gate * angle,
+            V=soft * c.share * (V_wanted - view.V),
+        ),
+    )
+
+
+def projection_move(
+    memory: ProjectionMemory,
+    sample: LimitedSample,
+    view: LimiterView,
+    omega: Any,
+    steps: IntegratorSteps,
+    settings: ControllerSettings,
+) -> Any:
+    """Adds the pulls to the steps of the power loops and keeps V within its limits (:eq:`pulls`)."""
+    c = settings.limiter
+    pull = sample.notes.theta
+    followed = np.minimum(np.maximum(pull, -c.largest_pull), c.largest_pull)
+    V_step = np.minimum(np.maximum(steps.V + sample.notes.V, c.V_low - view.V), c.V_high - view.V)
+    taken = IntegratorSteps(theta=steps.theta + pull, omega_i=steps.omega_i + c.g * followed, V=V_step)
+    return taken, ProjectionMemory(i_w_d=sample.notes.i_w_d, i_w_q=sample.notes.i_w_q, omega=omega)
+
+
+def projection_at_rest(view: LimiterView, omega: Any, settings: ControllerSettings) -> ProjectionMemory:
+    """The memory of a steady state, in which the voltage is at its reference. Returns (memory)."""
+    i_w_d = view.i_g_d - settings.omega_C * view.v_q
+    i_w_q = view.i_g_q + settings.omega_C * view.v_d
+    return ProjectionMemory(i_w_d=i_w_d, i_w_q=i_w_q, omega=omega)
+
+
+def projection_constants(ratings: LimiterRatings, values: Mapping[str, float]) -> ProjectionConstants:
+    """The constants of a converter from its ratings and the limiter's parameters."""
+    T_s, g, V_rated = ratings.T_s, values["frequency_pull"], peak_to_rms(ratings.V_rated_pk)
+    filter_time = values["filter_time"]
+    return ProjectionConstants(
+        i_soft_pk=values["soft_limit_pu"] * ratings.I_rated_pk,
+        Z_v=values["virtual_impedance_pu"] * ratings.Z_base,
+        smoothing_i=1.0 if filter_time == 0.0 else -math.expm1(-T_s / filter_time),
+        share=-math.expm1(-T_s / values["pull_time"]),
+        g=g,
+        largest_pull=2.0 * math.pi * values["largest_rocof"] * T_s / g if g > 0.0 else 0.0,
+        v_gate_pk=values["gate_voltage_pu"] * ratings.V_rated_pk,
+        V_low=values["V_low_pu"] * V_rated,
+        V_high=values["V_high_pu"] * V_rated,
+        R_2=ratings.R_2,
+        L_2=ratings.L_2,
+    )
+
+
+PROJECTION = Limiter(
+    "projection",
+    LimiterLaw(projection_limit, projection_move),
+    projection_constants,
+    projection_at_rest,
+    (
+        LimiterParameter(
+            "soft_limit_pu",
+            "1",
+            low=lambda known: 0.7 * known.ratings.limit_pu,
+            high=lambda known: known.ratings.limit_pu,
+            default=lambda known: 1.15 / 1.2 * known.ratings.limit_pu,
+            meaning="current from which on the power loops are pulled, pu of the rated peak",
+        ),
+        LimiterParameter(
+            "virtual_impedance_pu",
+            "1",
+            low=always(0.02),
+            high=always(0.6),
+            default=always(0.2),
+            meaning="impedance that turns a voltage error into a current, pu",
+        ),
+        LimiterParameter(
+            "filter_time",
+            "s",
+            low=always(0.0),
+            high=always(0.02),
+            default=always(3e-3),
+            meaning="time constant of the test current's low-pass",
+        ),
+        LimiterParameter(
+            "pull_time",
+            "s",
+            low=lambda known: max(5e-3, 2.0 * known.ratings.T_s),
+            high=always(0.2),
+            default=always(20e-3),
+            meaning="time constant with which θ and V follow",
+        ),
+        LimiterParameter(
+            "frequency_pull",
+            "1/s",
+            low=always(0.0),
+            high=lambda known: 0.25 / known.values["pull_time"],
+            default=lambda known: min(10.0, 0.25 / known.values["pull_time"]),
+            meaning="how the frequency integrator follows the pull of θ",
+        ),
+        LimiterParameter(
+            "largest_rocof",
+            "Hz/s",
+            low=always(0.1),
+            high=always(50.0),
+            default=always(20.0 / (2.0 * math.pi)),
+            meaning="largest rate at which the frequency integrator is pulled",
+        ),
+        LimiterParameter(
+            "gate_voltage_pu",
+            "1",
+            low=always(0.01),
+            high=always(0.8),
+            default=always(0.3),
+            meaning="grid voltage below which the pull of θ fades, pu",
+        ),
+        LimiterParameter(
+            "V_low_pu",
+            "1",
+            low=always(0.0),
+            high=lambda known: known.ratings.V_low_pu,
+            default=lambda known: max(known.ratings.V_low_pu - 0.15, 0.0),
+            meaning="least voltage that the Q loop may ask for, pu",
+        ),
+        LimiterParameter(
+            "V_high_pu",
+            "1",
+            low=lambda known: known.ratings.V_high_pu,
+            high=always(3.0),
+            default=lambda known: known.ratings.V_high_pu + 0.05,
+            meaning="largest voltage that the Q loop may ask for, pu",
+        ),
+    ),
+)
+"""The limiter that survives: the recommended choice for a grid-forming converter with a current limit."""
