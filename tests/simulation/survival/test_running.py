@@ -56,7 +56,7 @@ def test_a_small_phase_jump_is_survived() -> None:
 
 def test_the_rest_is_where_grid_and_droops_agree() -> None:
     """Against the operating point's own solver, with P and Q moved along their droops."""
-    of = subject()
+    of = subject(TEXT.replace("current_limit_pu = 1.2", ""))
     c = of.study.converter
     one = case(Change(t_s=0.0, scr=8.0, x_over_r=1.0, df_hz=-0.2, V_g_pu=0.97, P_pu=0.4, Q_pu=0.1))
     run = traced(of, one)

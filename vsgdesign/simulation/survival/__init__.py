@@ -1,4 +1,4 @@
-"""Disturbances through the EMT: cases as data, one run with its verdict, many of them."""
+"""Disturbances through the EMT: cases as data, a set of them, one run with its verdict, many runs."""
 
 from vsgdesign.simulation.survival.cases import (
     FOR_EVER,
@@ -9,7 +9,10 @@ from vsgdesign.simulation.survival.cases import (
     case_from_document,
 )
 from vsgdesign.simulation.survival.late import LateSchedule
+from vsgdesign.simulation.survival.many import run_many
 from vsgdesign.simulation.survival.running import CaseResult, CaseRun, Subject, rest_of, run_case, trace_case
+from vsgdesign.simulation.survival.sets import fixed_set, random_set
+from vsgdesign.simulation.survival.summary import SurvivalFigures, by_group, figures_of
 
 __all__ = [
     "FOR_EVER",
@@ -21,8 +24,14 @@ __all__ = [
     "LateSchedule",
     "Subject",
     "SurvivalCase",
+    "SurvivalFigures",
+    "by_group",
     "case_from_document",
+    "figures_of",
+    "fixed_set",
+    "random_set",
     "rest_of",
     "run_case",
+    "run_many",
     "trace_case",
 ]
