@@ -157,6 +157,17 @@ def test_a_schedule_that_is_told_nothing_at_first_is_refused() -> None:
             LateSchedule(of.study, of.spec, told)
 
 
+@pytest.mark.parametrize("f_sw", ["10 kHz", "3 kHz"])
+def test_the_row_of_an_event_is_after_it(f_sw: str) -> None:
+    """At 6 kHz the 600th sample's time is rounded to a hair before 0.1 s."""
+    of = subject(TEXT.replace("[converter]", f'[converter]\nf_sw = "{f_sw}"'))
+    run = traced(of, case(Change(t_s=0.0, phase_deg=20.0)))
+    row = round(LEAD_S / of.study.converter.T_s)
+    turned = np.exp(1j * (run.record.delta[row - 1 : row + 1] - run.rest.delta))
+    before, after = np.angle(turned, deg=True)
+    assert (before, after) == pytest.approx((0.0, -20.0), abs=1e-3)
+
+
 def test_a_run_is_the_same_every_time() -> None:
     one = case(Change(t_s=0.0, scr=20.0, x_over_r=3.0), silent_s=0.2)
     assert run_case(subject(), one).verdict == run_case(subject(), one).verdict

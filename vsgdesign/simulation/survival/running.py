@@ -41,6 +41,10 @@ _OWN_REST_PU = 0.05
 """A switched bridge rests beside the averaged model by its ripple: up to this far it is judged by its own rest."""
 
 
+_SAME_INSTANT = 1e-6
+"""Share of a sample by which a row may lie before an event and is still after it: times are rounded."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Subject:
     """A converter with one of its controllers: what is sent through the cases.
@@ -180,7 +184,7 @@ def record_of(study: Study, simulation: Simulation) -> SurvivalRecord:
         t_s=t_s,
         P=simulation.column("P"),
         Q=simulation.column("Q"),
-        delta=simulation.column("theta") - simulation.timeline.source_phase(t_s),
+        delta=simulation.column("theta") - simulation.timeline.source_phase(t_s + _SAME_INSTANT * study.converter.T_s),
         i_s_pu=np.hypot(log[:, 0], log[:, 1]) / study.converter.I_rated_pk,
         limited=np.diff(counted, prepend=counted[:1]) / every,
         diverged=simulation.divergence is not None,
