@@ -21,7 +21,7 @@ def _study() -> Study:
 
 def _spec(study: Study, name: str, Q_droop: float) -> ControllerSpec:
     spec = next(spec for spec in study.controllers if spec.name == name)
-    return replace(spec, target=replace(spec.target, Q_droop=Q_droop))
+    return replace(spec, target=replace(spec.target, Q_droop=Q_droop, follow_references=True))
 
 
 def _row(name: str, region: Region, budget: int | None) -> Row:

@@ -15,6 +15,7 @@ from vsgdesign.artifacts import GainTable, read_table_file, write_table_file
 from vsgdesign.artifacts.design_inputs import design_hash, design_inputs, input_differences, study_differences
 from vsgdesign.artifacts.gain_table import base_of, table_document
 from vsgdesign.artifacts.gain_table_file import TABLE_FILE
+from vsgdesign.artifacts.table_text import certificate_sentence
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.parameters import Study, study_from_text
 
@@ -151,6 +152,31 @@ def schema_1(made: GainTable) -> dict[str, Any]:
     for name in ("design_inputs", "between", "causes"):
         document.pop(name)
     return document | {"schema": 1}
+
+
+def test_a_certificate_of_schema_2_is_none_any_more_and_its_gains_are_read(tmp_path: Path) -> None:
+    """It followed ω_i, which jumps when the gains change; a counterexample is one with any state."""
+    made = designed(study_from_text(TEXT))
+    region = {"scr": [2.0, 20.0], "rate": None}
+    for certificate, kept in (
+        ({"decay": 1.5, "proof": "gap-free", "P": [[1.0]], "region": region}, False),
+        ({"certified": False, "reason": "no function", "region": region}, True),
+        (None, True),
+    ):
+        document = table_document(made) | {"schema": 2, "certificate": certificate}
+        (tmp_path / "old.json").write_text(TABLE_FILE.render(document), encoding="utf-8")
+        read = read_table_file(tmp_path / "old.json")
+        np.testing.assert_array_equal(read.gains.K_ip, made.gains.K_ip)
+        assert (read.certificate is None) == (certificate is None)
+        if read.certificate is not None:
+            assert not read.certificate.certified
+            assert read.certificate.decay is None
+            assert read.certificate.region.scr == (2.0, 20.0)
+            sentence = certificate_sentence(read.certificate)
+            assert ("no function" in sentence) == kept
+            assert ("not continuous when the gains change; prove the table again" in sentence) != kept
+        write_table_file(read, tmp_path / "new.json")
+        assert read_table_file(tmp_path / "new.json").sha256 == read.sha256
 
 
 def test_a_table_of_schema_1_is_read(tmp_path: Path) -> None:

@@ -159,7 +159,7 @@ def setter(*keys: Any, to: Any) -> Callable[[dict[str, Any]], None]:
     ("change", "says"),
     [
         (setter("kind", to="other"), "not a gain table"),
-        (setter("schema", to=3), "update vsgdesign"),
+        (setter("schema", to=4), "update vsgdesign"),
         (setter("schema", to=True), "not a schema number"),
         (setter("structure", to="droop"), "structure: 'droop' is unknown"),
         (setter("law", to="lead"), "law: 'lead' is unknown"),

@@ -19,7 +19,7 @@ from vsgdesign.certificate.proof import Outcome
 from vsgdesign.certificate.region import System, random_points
 from vsgdesign.design import Certificate, Counterexample, Region, certify
 from vsgdesign.equations.power_flow import operating_point, power_flow
-from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
+from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer, power_loops
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.parameters import ControllerSpec, Study, load_study
 from vsgdesign.parameters.study import Place
@@ -53,7 +53,9 @@ def weight_of(found: Certificate) -> NDArray[np.float64]:
 
 
 def state_matrices(study: Study, spec: ControllerSpec, points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """A of each point by differences of the nonlinear equations, with gains from the wrong estimate."""
+    """A of each point by differences of the nonlinear equations, with gains from the wrong estimate.
+
+    The second state is the ω_i that the transfer hands to a controller without damping through the angle."""
     V_n, omega = study.converter.V_rated_rms, study.converter.omega_n
     found = []
     for scr, ratio, P, Q, e_R, e_L in points:
@@ -63,13 +65,17 @@ def state_matrices(study: Study, spec: ControllerSpec, points: NDArray[np.float6
         gains = gain_law(study, spec)(grid.R_g * (1.0 + e_R), grid.L_g * (1.0 + e_L), P, Q, V)
         gains = PowerLoopGains(*(float(value) for value in gains))
         refs = References(P, Q - gains.D_q * (V_n - V), omega, V_n)
+        bare = gains._replace(k_P=0.0, k_Q=0.0)
 
-        def rates(x: NDArray[np.float64], R: float = R, X: float = X, refs=refs, gains=gains) -> NDArray[np.float64]:
+        def rates(
+            x: NDArray[np.float64], R: float = R, X: float = X, refs=refs, gains=gains, bare=bare
+        ) -> NDArray[np.float64]:
             p, q = power_flow(x[0], x[2], V_n, R, X)
-            speed, domega, dV = power_loops(x[1], x[2], p, q, refs, gains)
-            return np.array([speed - omega, domega, dV])
+            omega_i = gain_transfer(x[1], refs, bare, gains)
+            speed, domega, dV = power_loops(omega_i, x[2], p, q, refs, gains)
+            return np.array([speed - omega, gain_transfer(omega_i + domega, refs, gains, bare) - x[1], dV])
 
-        at = np.array([delta, omega + gains.k_P * P + gains.k_Q * (Q + gains.D_q * V), V])
+        at = np.array([delta, omega, V])
         h = np.array([1e-6, 1e-4, 1e-4])
         found.append(np.array([(rates(at + h * e) - rates(at - h * e)) / (2.0 * h @ e) for e in np.eye(3)]).T)
     return found

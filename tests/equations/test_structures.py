@@ -9,7 +9,13 @@ from scipy.integrate import solve_ivp
 
 from vsgdesign.equations.closed_form import closed_form_poles
 from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point, power_flow
-from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer, power_loops
+from vsgdesign.equations.power_loops import (
+    PowerLoopGains,
+    References,
+    gain_transfer,
+    power_loops,
+    power_loops_about_rest,
+)
 from vsgdesign.equations.structures import (
     STRUCTURES,
     ClosedFormAim,
@@ -192,6 +198,43 @@ def test_the_transfer_keeps_the_deviation_from_rest_and_asks_no_measurement() ->
         there = gain_transfer(omega_i, REFS, old, new)
         assert gain_transfer(there, REFS, new, old) == pytest.approx(omega_i, rel=1e-15)
         assert gain_transfer(omega_i, REFS, old, old._replace()) == omega_i
+
+
+@pytest.mark.parametrize("structure", [*STRUCTURES, "other"])
+def test_the_law_about_its_rest_is_the_law(structure: str) -> None:
+    """With ω_i by the transfer from gains without damping through the angle, and dω_i/dt taken back likewise."""
+    if structure == "other":  # k_P and k_Q in another ratio than K_ip and K_pq
+        gains = PowerLoopGains(0.02, 300.0, 0.1, 90.0, -3e-3, 5e-3, 1.5e-3, 4e-4)
+    else:
+        gains = STRUCTURES[structure].gains(*WEAK, STRUCTURES[structure].closed_form(AIM), 318.0, 90.0, *POLES)
+    bare = gains._replace(k_P=0.0, k_Q=0.0)
+    omega_r, V, P, Q = 316.0, 108.0, 4.1e3, -700.0
+    omega_i = gain_transfer(omega_r, REFS, bare, gains)
+    omega, domega_i, dV = power_loops(omega_i, V, P, Q, REFS, gains)
+    back = gain_transfer(omega_i + domega_i, REFS, gains, bare) - omega_r
+    found = power_loops_about_rest(omega_r - OMEGA_0, V, P, Q, REFS, gains)
+    assert found == pytest.approx((omega, back, dV), rel=1e-10)
+
+
+def test_a_chain_of_transfers_is_the_transfer_to_the_last_gains() -> None:
+    first, last = (angle_damped_gains(*J, WHOLE, 318.0, 90.0, *POLES) for J in (WEAK, STRONG))
+    between = angle_damped_gains(*STRONG, SAME_AT_ONE_SECOND, 200.0, 500.0, *POLES)
+    there = gain_transfer(gain_transfer(320.0, REFS, first, between), REFS, between, last)
+    assert there == pytest.approx(gain_transfer(320.0, REFS, first, last), rel=1e-14)
+
+
+@pytest.mark.parametrize("grid", random_grids(40, seed=8))
+def test_the_droop_feeds_back_at_most_the_square_of_the_damping(grid: tuple[float, float, float, float]) -> None:
+    """On any grid, with any droop, and with gains of a grid that is not there: the bound knows the poles alone."""
+    P, Q, R, X = grid
+    rng = np.random.default_rng(int(1e3 * X))
+    J = jacobian_from_powers(P, Q, V_N, R, X)
+    for normalised, bound in ((WHOLE, D_1**2 / (4.0 * K_1)), (WHOLE._replace(d_1_or_zeta=3.0), 9.0 / (4.0 * K_1))):
+        for D_p in 10.0 ** rng.uniform(0.0, 5.0, 30):
+            gains = angle_damped_gains(*J, normalised, D_p, 90.0, *POLES)
+            assert gains.k_P * gains.D_p <= bound * (1.0 + 1e-12)
+    inertial = angle_damped_gains(*J, NormalisedGains(3.0, 0.9, 4.0, 0.0, 1.0, 1.0), 318.0, 90.0, 5e3, OMEGA_0, True)
+    assert inertial.k_P * 318.0 <= 0.81
 
 
 def test_the_transfer_is_finite_where_the_droop_feeds_everything_back() -> None:

@@ -27,7 +27,7 @@ from vsgdesign.simulation.compiling import compile_function, compiled_law
 RANGES: dict[str, tuple[float, float]] = {
     "response_time": (1e-3, 1e-2), "settling_time": (0.1, 3.0), "damping_ratio": (0.3, 2.0), "droop_ratio": (0.0, 0.1),
     "A": (1e3, 1e5), "D": (10.0, 1e3), "C": (1e-6, 1e-4), "scr": (1.0, 20.0), "x_over_r": (0.1, 10.0),
-    "Z_base": (1.0, 10.0), "omega": (300.0, 320.0), "delta": (-1.0, 1.0), "theta": (-6.0, 6.0),
+    "Z_base": (1.0, 10.0), "offset": (-5.0, 5.0), "omega": (300.0, 320.0), "delta": (-1.0, 1.0), "theta": (-6.0, 6.0),
     "cosine": (-1.0, 1.0), "sine": (-1.0, 1.0), "limit": (1.0, 20.0), "T_s": (2e-5, 1e-4),
     "smoothing_P": (0.01, 1.0), "smoothing_Q": (0.01, 1.0), "smoothing_t": (1e-3, 0.1), "smoothing": (1e-3, 1.0),
     "e_d": (-20.0, 20.0), "e_q": (-20.0, 20.0), "cut_d": (-5.0, 5.0), "cut_q": (-5.0, 5.0),

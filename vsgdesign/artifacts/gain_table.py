@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # reading a table reads no study files
 Array = NDArray[np.float64]
 
 KIND = "vsgdesign gain table"
-SCHEMA = 2
+SCHEMA = 3
 
 COLUMNS = {
     "poles": ("k_1", "d_1", "k_2", "q", "share_P", "share_Q"),

@@ -138,6 +138,22 @@ def _from_schema_1(document: dict[str, Any]) -> dict[str, Any]:
     return document | {"design_inputs": {}, "between": None, "causes": []}
 
 
+_NOT_OVER_CHANGES = (
+    "the certificate of a table file before schema 3 follows ω_i, which is not continuous when the gains change; prove "
+    "the table again (vsgdesign certify, or vsgdesign table build)."
+)
+
+
+def _from_schema_2(document: dict[str, Any]) -> dict[str, Any]:
+    """A proof of before says nothing about changes of gains, so that it is no certificate any more. A counterexample
+    stays one: its cell is unstable with any state."""
+    certificate = document.get("certificate")
+    if not isinstance(certificate, dict) or certificate.get("certified") is False:
+        return document
+    kept = {name: certificate[name] for name in ("region", "rate") if name in certificate}
+    return document | {"certificate": {"certified": False, "reason": _NOT_OVER_CHANGES} | kept}
+
+
 def _from_document(document: dict[str, Any]) -> GainTable:
     unknown = document.keys() - {f.name for f in fields(GainTable)} - {"kind", "schema"}
     if unknown:
@@ -167,5 +183,5 @@ TABLE_FILE = GuardedFile(
     build=_from_document,
     faults=table_faults,
     layout=_rows_on_a_line,
-    upgrades=(_from_schema_1,),
+    upgrades=(_from_schema_1, _from_schema_2),
 )

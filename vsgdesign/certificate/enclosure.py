@@ -25,7 +25,7 @@ from vsgdesign.equations.power_flow import (
     jacobian_from_admittance,
     well_posed_power,
 )
-from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
+from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops_about_rest
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.frames import PHASES
 from vsgdesign.runtime.table import TableSchedule
@@ -276,10 +276,10 @@ class _Loops:
             [a31 * to_V, a32 * o * to_V, a33],
         ]
 
-    def _answer(self, omega_i: float, V: float, P: Any, Q: Any) -> list[Any]:
-        """dδ/dt, dω_i/dt and dV/dt by :func:`~vsgdesign.equations.power_loops.power_loops`."""
-        none = References(0.0, 0.0, 0.0, 0.0)
-        return [self.algebra.symbol(self.algebra.value(x)) for x in power_loops(omega_i, V, P, Q, none, self.gains)]
+    def _answer(self, offset: float, V: float, P: Any, Q: Any) -> list[Any]:
+        """dδ/dt, dω_r/dt and dV/dt by :func:`~vsgdesign.equations.power_loops.power_loops_about_rest`."""
+        answers = power_loops_about_rest(offset, V, P, Q, References(0.0, 0.0, 0.0, 0.0), self.gains)
+        return [self.algebra.symbol(self.algebra.value(x)) for x in answers]
 
 
 def _inequality(A: list[list[Any]], functions: Sequence[Any], way: Sequence[Any], P: Array, decay: float) -> list[Any]:

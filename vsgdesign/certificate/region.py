@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_flow import POWER_MARGIN, jacobian_from_powers, operating_point
-from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
+from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops_about_rest
 from vsgdesign.errors import Fault, InfeasibleStudyError
 from vsgdesign.frames import PHASES
 from vsgdesign.parameters.study import Study
@@ -18,10 +18,12 @@ from vsgdesign.runtime.schedule import Schedule
 
 Array = NDArray[np.float64]
 
-STATES = ("delta", "omega_i", "V")
+STATES = ("delta", "omega_r", "V")
+"""ω_r is the frequency at which the integrator would rest: it is continuous when the gains change
+(:eq:`gain-transfer`)."""
 
 OMEGA_SCALE = 4.0
-"""Scale of ω_i in rad/s, so that all three states have a similar size."""
+"""Scale of ω_r in rad/s, so that all three states have a similar size."""
 
 
 class MeasuredSchedule(Protocol):
@@ -97,7 +99,7 @@ class System:
 
     @property
     def scale(self) -> Array:
-        """What δ, ω_i and V are divided by: rad, 4 rad/s, rated voltage."""
+        """What δ, ω_r and V are divided by: rad, 4 rad/s, rated voltage."""
         return np.array([1.0, OMEGA_SCALE, self.study.converter.V_rated_rms])
 
     def matrices(self, points: Array, partial: bool = False) -> tuple[Array, Array]:
@@ -134,9 +136,9 @@ class System:
         none = References(0.0, 0.0, 0.0, 0.0)
         # The law is linear: its answers to one unit of each state are the columns of the matrix.
         columns = [
-            power_loops(0.0, 0.0, A, C, none, gains),
-            power_loops(1.0, 0.0, 0.0, 0.0, none, gains),
-            power_loops(0.0, 1.0, B, D, none, gains),
+            power_loops_about_rest(0.0, 0.0, A, C, none, gains),
+            power_loops_about_rest(1.0, 0.0, 0.0, 0.0, none, gains),
+            power_loops_about_rest(0.0, 1.0, B, D, none, gains),
         ]
         found = np.empty((len(points), 3, 3))
         for i in range(3):

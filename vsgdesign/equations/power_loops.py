@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-MOST_FED_BACK = 0.9
-"""Largest k_P D_p with which gains may be changed: the transfer divides by 1 − k_P D_p."""
+MOST_FED_BACK = 0.95
+"""Largest k_P D_p with which gains may be changed: the transfer divides by 1 − k_P D_p (:eq:`droop-fed-back`)."""
 
 
 class PowerLoopGains(NamedTuple):
@@ -70,6 +70,24 @@ def power_loops(
     e_P = refs.P_ref - P + gains.D_p * (refs.omega_0 - omega)
     e_Q = refs.Q_ref - Q + gains.D_q * (refs.V_n - V_rms)
     return omega, gains.K_ip * e_P + gains.K_pq * e_Q, gains.K_qp * e_P + gains.K_iq * e_Q
+
+
+def power_loops_about_rest(
+    offset: Any, V_rms: Any, P: Any, Q: Any, refs: References, gains: PowerLoopGains
+) -> tuple[Any, Any, Any]:
+    """The law with the state Δ of :eq:`gain-transfer` in place of ω_i (:eq:`law-about-rest`). Returns (omega,
+    doffset_dt, dV_dt) in rad/s, rad/s² and V/s.
+
+    ``offset`` is Δ in rad/s: the frequency at which the integrator would rest, less ω_0. It is continuous when the
+    gains change. The certificate follows this state.
+    """
+    free = 1.0 - gains.k_P * gains.D_p
+    omega_i = frequency_at_rest(refs, gains) + free * offset
+    omega, _, dV_dt = power_loops(omega_i, V_rms, P, Q, refs, gains)
+    # K_ip e_P + K_pq e_Q over 1 − k_P D_p. The bracket is zero where k_P and k_Q are in the ratio of K_ip and K_pq.
+    e_Q = refs.Q_ref - Q + gains.D_q * (refs.V_n - V_rms)
+    across = gains.K_pq + (gains.K_pq * gains.k_P - gains.K_ip * gains.k_Q) * gains.D_p / free
+    return omega, gains.K_ip * (refs.P_ref - P - gains.D_p * offset) + across * e_Q, dV_dt
 
 
 def gain_transfer(omega_i: Any, refs: References, old: PowerLoopGains, new: PowerLoopGains) -> Any:
