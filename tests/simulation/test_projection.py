@@ -63,7 +63,7 @@ def answers(
     return sample, *PROJECTION.law.move(memory, sample, view, REFS.omega_0, NO_STEPS, settings)
 
 
-@pytest.mark.parametrize(("depth", "degrees"), [(0.4, -170.0), (0.4, 90.0), (1.0, -90.0), (1.0, 60.0), (1.0, 150.0)])
+@pytest.mark.parametrize(("depth", "degrees"), [(0.7, -170.0), (0.7, 90.0), (1.0, -90.0), (1.0, 60.0), (1.0, 150.0)])
 def test_it_is_pulled_towards_the_nearest_voltage_that_the_grid_admits(depth: float, degrees: float) -> None:
     """The disc of voltages about v_g with radius |Z| I: its point nearest to the reference, found by search.
 
@@ -110,16 +110,26 @@ def test_power_may_not_drive_the_angle_away(P: float, degrees: float) -> None:
     assert pytest.approx(min(P, 2000.0) if degrees > 0.0 else max(P, 2000.0)) == sample.P
 
 
-def test_without_a_grid_voltage_there_is_no_angle_to_follow() -> None:
-    """At v_g = 0 the pull of θ is zero; at half of the gate's voltage it is a quarter."""
+@pytest.mark.parametrize("error", [1.0, 1.2 * cmath.exp(0.17j), 0.8 * cmath.exp(-0.17j)])
+def test_without_a_grid_voltage_the_power_loops_rest(error: complex) -> None:
+    """At v_g = 0, whatever the error of the estimate: no pull, and the powers at which P and Q rows rest."""
     current = OWN.i_soft_pk * cmath.exp(0.4j)
-    assert answers(Z * current, current)[1].theta == pytest.approx(0.0, abs=1e-18)
-    v_g = 0.5 * OWN.v_gate_pk * 1j
-    faded = answers(v_g + Z * current, current)[1].theta
-    open_ = answers(
-        v_g + Z * current, current, settings=SETTINGS._replace(limiter=OWN._replace(v_gate_pk=1e-3 * OWN.v_gate_pk))
-    )[1].theta
-    assert faded == pytest.approx(0.25 * open_, rel=1e-12)
+    sample, steps, _ = answers(error * Z * current, current, P=-3000.0, V=0.95 * REFS.V_n)
+    assert sample.limited == 1.0
+    assert (steps.theta, steps.omega_i) == (0.0, 0.0)
+    assert pytest.approx(REFS.P_ref) == sample.P
+    assert pytest.approx(GAINS.D_q * 0.05 * REFS.V_n) == sample.Q
+
+
+def test_the_gate_opens_with_the_grid_voltage() -> None:
+    """Half open where |v_g|² is 1.5 times the doubtful square."""
+    current = OWN.i_soft_pk * cmath.exp(0.4j)
+    doubtful = math.hypot(OWN.v_gate_pk, OWN.doubt * abs(Z) * abs(current))
+    v = math.sqrt(1.5) * doubtful * 1j + Z * current
+    wide = SETTINGS._replace(limiter=OWN._replace(v_gate_pk=1e-3, doubt=0.0))
+    half, whole = answers(v, current)[1].theta, answers(v, current, settings=wide)[1].theta
+    assert whole != 0.0
+    assert half == pytest.approx(0.5 * whole, rel=1e-9)
 
 
 @pytest.mark.parametrize(("V", "step", "end"), [(0.71, -50.0, 0.70), (1.29, 50.0, 1.30), (1.0, 5.0, 1.0 + 5.0 / 110.0)])

@@ -56,7 +56,9 @@ class ProjectionConstants(NamedTuple):
     largest_pull: Any
     """Largest pull of θ in one sample that ω_i follows, rad."""
     v_gate_pk: Any
-    """Grid voltage below which the pull of θ fades, V peak."""
+    """Grid voltage that counts as none, V peak."""
+    doubt: Any
+    """Error of the estimated impedance that the gate allows for, as a share of its length."""
     V_low: Any
     V_high: Any
     """Limits of the voltage that the Q loop may ask for, V rms."""
@@ -98,7 +100,7 @@ def projection_limit(
     settings: ControllerSettings,
 ) -> LimitedSample:
     """Both limits of one sample: the projection of the voltage reference and the circular limit of the current
-    (:eq:`projection`, :eq:`turned-error`, :eq:`one-sided-power`)."""
+    (:eq:`projection`, :eq:`turned-error`, :eq:`gate`, :eq:`one-sided-power`)."""
     c = settings.limiter
     R = grid.R_g + c.R_2
     X = refs.omega_0 * (grid.L_g + c.L_2)
@@ -118,15 +120,21 @@ def projection_limit(
     u_d = v_ref + c.Z_v * (turn_d * cut_d - turn_q * cut_q)
     u_q = c.Z_v * (turn_d * cut_q + turn_q * cut_d)
     angle = np.arctan2(u_q, u_d)
-    # What is left of the grid voltage behind the estimated impedance: without it there is no angle to follow.
+    # Where the grid voltage behind the estimated impedance may be none, there is no angle to follow and no power that
+    # means anything: the gate closes, and the power loops rest.
     b_d = view.v_d - (R * view.i_g_d - X * view.i_g_q)
     b_q = view.v_q - (R * view.i_g_q + X * view.i_g_d)
-    gate = np.minimum(1.0, (b_d * b_d + b_q * b_q) / (c.v_gate_pk * c.v_gate_pk))
+    i_sq = view.i_g_d * view.i_g_d + view.i_g_q * view.i_g_q
+    doubt_sq = c.v_gate_pk * c.v_gate_pk + c.doubt * c.doubt * Z * Z * i_sq
+    gate = np.minimum(np.maximum((b_d * b_d + b_q * b_q) / doubt_sq - 1.0, 0.0), 1.0)
     V_admitted = peak_to_rms(np.sqrt(np.maximum(u_d * u_d + u_q * u_q, 1e-12 * v_ref * v_ref)))
     V_wanted = np.maximum(V_admitted, np.minimum(view.V, refs.V_n))
     # P may not drive θ away from the admitted voltage.
     missing = refs.P_ref + gains.D_p * (refs.omega_0 - memory.omega) - view.P
     away = 1.0 * (u_q * missing < 0.0)
+    held = soft * (1.0 - gate)
+    share_P = np.maximum(away, held)
+    missing_Q = refs.Q_ref + gains.D_q * (refs.V_n - view.V) - view.Q
 
     i_ref_d, i_ref_q = limit_length(view.i_want_d, view.i_want_q, settings.i_max_pk)
     want_sq = view.i_want_d * view.i_want_d + view.i_want_q * view.i_want_q
@@ -136,8 +144,8 @@ def projection_limit(
         i_ref_q=i_ref_q,
         e_d=view.e_d + hard * (turn_d * view.e_d + turn_q * view.e_q - view.e_d),
         e_q=view.e_q + hard * (turn_d * view.e_q - turn_q * view.e_d - view.e_q),
-        P=view.P + away * missing,
-        Q=view.Q,
+        P=view.P + share_P * missing,
+        Q=view.Q + held * missing_Q,
         limited=np.maximum(soft, hard),
         notes=ProjectionNotes(
             i_w_d=i_w_d,
@@ -184,6 +192,7 @@ def projection_constants(ratings: LimiterRatings, values: Mapping[str, float]) -
         g=g,
         largest_pull=2.0 * math.pi * values["largest_rocof"] * T_s / g if g > 0.0 else 0.0,
         v_gate_pk=values["gate_voltage_pu"] * ratings.V_rated_pk,
+        doubt=values["impedance_doubt"],
         V_low=values["V_low_pu"] * V_rated,
         V_high=values["V_high_pu"] * V_rated,
         R_2=ratings.R_2,
@@ -249,9 +258,17 @@ PROJECTION = Limiter(
             "gate_voltage_pu",
             "1",
             low=always(0.01),
-            high=always(0.8),
-            default=always(0.3),
-            meaning="grid voltage below which the pull of θ fades, pu",
+            high=always(0.5),
+            default=always(0.05),
+            meaning="grid voltage that counts as none, pu",
+        ),
+        LimiterParameter(
+            "impedance_doubt",
+            "1",
+            low=always(0.0),
+            high=always(0.9),
+            default=always(0.4),
+            meaning="error of the grid impedance that the gate allows for, a share of its length",
         ),
         LimiterParameter(
             "V_low_pu",
