@@ -21,7 +21,13 @@ from vsgdesign import equations, frames
 from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
 from vsgdesign.equations.controller_data import Nothing, flat_settings, flat_state
 from vsgdesign.equations.limiters import CIRCULAR, LimiterLaw, limiter_named
-from vsgdesign.equations.limiters.interface import no_constants, no_memory
+from vsgdesign.equations.limiters.interface import always, no_constants, no_memory
+from vsgdesign.equations.limiters.projection import (
+    projection_at_rest,
+    projection_constants,
+    projection_limit,
+    projection_move,
+)
 from vsgdesign.simulation.compiling import compile_function, compiled_law
 
 RANGES: dict[str, tuple[float, float]] = {
@@ -43,7 +49,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "k_1": (5.0, 30.0), "d_1": (3.0, 9.0), "k_2": (2.0, 8.0), "share_P": (0.0, 1.0), "share_Q": (0.0, 1.0),
     "k_1_or_H": (2.0, 30.0), "d_1_or_zeta": (0.5, 9.0), "q": (0.0, 0.05), "H": (1.0, 10.0), "zeta": (0.4, 1.2),
     "K_ip": (1e-3, 1e-2), "D_p": (500.0, 3000.0), "K_iq": (0.05, 0.5), "D_q": (0.1, 3.0),
-    "S_rated": (1e3, 1e6), "dc_voltage": (300.0, 900.0), "zero_sequence": (0.0, 1.0),
+    "Z_v": (0.5, 3.0), "S_rated": (1e3, 1e6), "dc_voltage": (300.0, 900.0), "zero_sequence": (0.0, 1.0),
 }  # fmt: skip
 BY_PREFIX: tuple[tuple[str, tuple[float, float]], ...] = (
     ("V_", (90.0, 130.0)),
@@ -61,8 +67,12 @@ FLAGS = ("zero_sequence", "by_inertia")
 """Arguments that choose between formulas and are never symbols."""
 
 
-NO_EQUATIONS = (limiter_named, no_constants, no_memory, flat_state, flat_settings)
-"""Look a name up, have no numbers, or put numbers side by side."""
+NO_EQUATIONS = (limiter_named, always, no_constants, projection_constants, no_memory, flat_state, flat_settings)
+"""Look a name up, make constants from a study, have no numbers, or put numbers side by side."""
+
+OF_ONE_LIMITER = (projection_limit, projection_move, projection_at_rest)
+"""Need the constants and the memory of their own limiter. tests/export/test_limited_steps.py compares their C with
+Python, tests/simulation/test_projection.py the compiled loop."""
 
 
 def all_functions() -> Iterator[tuple[str, Callable[..., Any]]]:
@@ -71,7 +81,7 @@ def all_functions() -> Iterator[tuple[str, Callable[..., Any]]]:
     ]
     for module in [*modules, frames]:
         for name, function in inspect.getmembers(module, inspect.isfunction):
-            if function.__module__ == module.__name__ and function not in NO_EQUATIONS:
+            if function.__module__ == module.__name__ and function not in NO_EQUATIONS + OF_ONE_LIMITER:
                 yield f"{module.__name__.rpartition('.')[2]}.{name}", function
 
 

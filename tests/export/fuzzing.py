@@ -9,10 +9,12 @@ import numpy as np
 
 from vsgdesign.artifacts import GainTable
 from vsgdesign.equations.grid import grid_from_scr_impedance
+from vsgdesign.equations.limiters import Limiter
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.export import initialiser
 from vsgdesign.export.compiled import SOURCES, STRICT, run_compiler
-from vsgdesign.export.known_answers import gain_sizes
-from vsgdesign.runtime import table_schedule
+from vsgdesign.export.known_answers import gain_sizes, known_steps
+from vsgdesign.runtime import Scheduler, table_schedule
 
 SANITIZERS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
@@ -24,6 +26,38 @@ def build_fuzz(folder: Path, build: Path, *, double: bool, compiler: str = "gcc"
     precision = ["-DVSG_DOUBLE"] if double else []
     run_compiler([compiler, *STRICT, *SANITIZERS, *precision, f"-I{folder}", *sources, "-o", str(program), "-lm"])
     return program
+
+
+def build_control_fuzz(
+    folder: Path, build: Path, scheduler: Scheduler, limiter: Limiter, *, double: bool, compiler: str = "gcc"
+) -> Path:
+    """The program that feeds the whole controller, its retune and its scheduler, with sanitizers."""
+    known = known_steps(scheduler.lookup, scheduler.settings, limiter)
+    lines = [
+        f"#define FUZZ_INNER_GAINS {initialiser(known.inner_gains)}",
+        f"#define FUZZ_REFERENCES {initialiser(known.refs)}",
+        f"#define FUZZ_SETTINGS {initialiser(known.settings)}",
+        f"#define FUZZ_V_PK {known.size.v_b_alpha!r}",
+        f"#define FUZZ_I_PK {known.settings.i_max_pk / 1.2!r}",
+    ]
+    constants = known.settings.limiter
+    if hasattr(constants, "V_low"):
+        lines += ["#define FUZZ_V_BOX", f"#define FUZZ_V_LOW {constants.V_low!r}"]
+        lines += [f"#define FUZZ_V_HIGH {constants.V_high!r}"]
+    (build / "fuzz_settings.h").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    program = build / "fuzz_control"
+    sources = [str(Path(__file__).with_name("fuzz_control.c")), *(str(folder / name) for name in SOURCES)]
+    precision = ["-DVSG_DOUBLE"] if double else []
+    run_compiler(
+        [compiler, *STRICT, *SANITIZERS, *precision, f"-I{folder}", f"-I{build}", *sources, "-o", str(program), "-lm"]
+    )
+    return program
+
+
+def run_control_fuzz(program: Path, calls: int, seed: int) -> tuple[int, str]:
+    """Exit code, and what it says."""
+    done = subprocess.run([str(program), str(calls), str(seed)], capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout + done.stderr
 
 
 def run_fuzz(program: Path, calls: int, seed: int) -> tuple[int, str, np.ndarray]:

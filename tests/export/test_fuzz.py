@@ -10,11 +10,14 @@ import pytest
 
 from tests.compilers import require_compiler
 from tests.export.exchange import written
-from tests.export.fuzzing import build_fuzz, distance_from_table, run_fuzz
+from tests.export.fuzzing import build_control_fuzz, build_fuzz, distance_from_table, run_control_fuzz, run_fuzz
 from tests.gain_tables import table
 from vsgdesign.artifacts import read_table_file
+from vsgdesign.equations.limiters import LIMITERS
 from vsgdesign.errors import ArtifactError
+from vsgdesign.export import export_c_files
 from vsgdesign.export.compiled import run_compiler
+from vsgdesign.runtime import load_scheduler
 
 
 @pytest.fixture(autouse=True)
@@ -59,3 +62,43 @@ def test_what_is_broken_is_seen(line: str, instead: str, seen: str, folder: Path
     (broken / "vsg.c").write_text(code.replace(line, instead), encoding="utf-8")
     failed, said, _ = run_fuzz(build_fuzz(broken, tmp_path, double=True), 20_000, seed=7)
     assert (failed, seen in said) == (1, True), said
+
+
+@pytest.mark.parametrize("limiter", LIMITERS)
+@pytest.mark.parametrize("double", [True, False])
+def test_no_input_spoils_the_controller(limiter: str, double: bool, tmp_path: Path) -> None:
+    """A million calls of each limiter: ``python -m evidence exported_c``."""
+    table_file, _ = written(tmp_path)
+    folder = export_c_files(table_file, tmp_path / "c", limiter=limiter).folder
+    program = build_control_fuzz(folder, tmp_path, load_scheduler(table_file), LIMITERS[limiter], double=double)
+    code, said = run_control_fuzz(program, 30_000, seed=3)
+    assert code == 0, said
+    calls, used, limited, retuned = map(int, re.findall(r"\d+", said))
+    assert calls == 30_000
+    assert 0.9 * calls < used < calls  # most samples are good, some are not
+    assert 0.1 * calls < limited
+    assert retuned > 100
+
+
+@pytest.mark.parametrize(
+    "broken_lines",
+    [
+        {
+            "&c->settings) > VSG_C(0.5));": "&c->settings) <= VSG_C(1.0));",
+            "vsg_bounded(&following) != 0U": "vsg_bounded(&following) <= 1U",
+            "&c->settings) > VSG_C(0.5)));": "&c->settings) <= VSG_C(1.0)));",
+        },
+        {"if (used == 0U) {": "if (used == 2U) {"},
+    ],
+)
+def test_a_guard_that_is_missing_is_seen(broken_lines: dict[str, str], tmp_path: Path) -> None:
+    table_file, _ = written(tmp_path)
+    broken = export_c_files(table_file, tmp_path / "c").folder
+    code = (broken / "vsg_control.c").read_text(encoding="utf-8")
+    for line, instead in broken_lines.items():
+        assert line in code
+        code = code.replace(line, instead)
+    (broken / "vsg_control.c").write_text(code, encoding="utf-8")
+    program = build_control_fuzz(broken, tmp_path, load_scheduler(table_file), LIMITERS["circular"], double=True)
+    failed, said = run_control_fuzz(program, 30_000, seed=3)
+    assert failed == 1, said

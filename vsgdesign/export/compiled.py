@@ -203,21 +203,22 @@ class CompiledControl:
         refs: References,
         settings: ControllerSettings,
     ) -> None:
-        self._ffi, self._library = made.ffi, made.library
+        self._ffi, self._library, self.used = made.ffi, made.library, True
         self.data, self._output = made.ffi.new("vsg_control_t *"), made.ffi.new("vsg_controller_output_t *")
         given = (("gains", gains), ("inner_gains", inner_gains), ("grid_estimate", grid), ("references", refs))
         records = [self._of(name, record) for name, record in given]
         self._library.vsg_control_init(self.data, *records, self._of("controller_settings", settings))
 
     def step(self, measured: Measurement) -> ControllerOutput:
-        """One sample."""
-        self._library.vsg_control_step(self.data, self._of("measurement", measured), self._output)
+        """One sample. ``used`` says whether the measurement was taken, or left out as implausible."""
+        self.used = bool(self._library.vsg_control_step(self.data, self._of("measurement", measured), self._output))
         return ControllerOutput(*(float(getattr(self._output, name)) for name in ControllerOutput._fields))
 
     def retune(self, gains: PowerLoopGains, grid: GridEstimate) -> None:
-        """Other gains of the power loops, and the grid that they are made for, from the next sample on."""
+        """Other gains of the power loops, and the grid that they are made for, from the next sample on. ``used`` says
+        whether they were taken, or refused as no numbers."""
         records = self._of("gains", gains), self._of("grid_estimate", grid)
-        self._library.vsg_control_retune(self.data, *records)
+        self.used = bool(self._library.vsg_control_retune(self.data, *records))
 
     def _of(self, name: str, record: Any) -> Any:
         return self._ffi.new(f"vsg_{name}_t *", _numbers(record))

@@ -8,6 +8,7 @@ from typing import Any
 from vsgdesign.codegen import CText, c_functions
 from vsgdesign.equations.controller import ControllerSettings, ControllerState, controller_step, power_stage
 from vsgdesign.equations.grid import grid_from_scr_impedance, grid_from_scr_reactance, scr_impedance, scr_reactance
+from vsgdesign.equations.guarded_controller import LARGEST_STATE, TIMES_NOMINAL, plausible, skipped_step, sound
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.integration import within_a_turn
 from vsgdesign.equations.limiters import limiter_named
@@ -53,9 +54,12 @@ def laws(structure: str, law: str, scr_basis: str, limiter: str) -> CText:
         STRUCTURES[structure].gains,
         within_a_turn,
         frequency_at_rest,
-        gain_transfer,
         power_stage,
         controller_step,
+        plausible,
+        skipped_step,
+        sound,
+        gain_transfer,
         *([chosen.at_rest] if memory._fields else []),
     ]
     kinds = {ControllerState: {"limiter": memory}, ControllerSettings: {"limiter": constants}}
@@ -69,7 +73,11 @@ def laws_content(structure: str, law: str, scr_basis: str, limiter: str) -> dict
     public = text.needed_by(PUBLIC)
     scr, grid = _GRID[scr_basis]
     at_rest = limiter_named(limiter).at_rest
+    remembered = typing.get_type_hints(at_rest)["return"]._fields
     return {
+        "state_fields": [*ControllerState._fields[:-1], *(f"limiter.{name}" for name in remembered)],
+        "largest_state": repr(LARGEST_STATE),
+        "times_nominal": repr(TIMES_NOMINAL),
         "public_structs": "\n".join(text.structs[name] for name in public).rstrip(),
         "private_structs": "\n".join(body for name, body in text.structs.items() if name not in public).rstrip(),
         "law_constants": text.constants.rstrip(),

@@ -20,6 +20,7 @@ from vsgdesign.runtime.power_controller import PowerController
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.scheduler import Answer, Scheduler, closed_form_scheduler, load_scheduler, scheduler_of
 from vsgdesign.runtime.table import TableSchedule, table_schedule
+from vsgdesign.runtime.whole_controller import guarded_step
 
 __all__ = [
     "ESTIMATORS",
@@ -46,6 +47,7 @@ __all__ = [
     "closed_form_schedule",
     "closed_form_scheduler",
     "gain_lookup",
+    "guarded_step",
     "load_neural_estimator",
     "load_scheduler",
     "neural_estimator",

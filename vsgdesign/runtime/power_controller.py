@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from vsgdesign.equations.controller import ControllerSettings, ControllerState, power_stage
+from vsgdesign.equations.guarded_controller import LARGEST_STATE
 from vsgdesign.equations.integration import advanced, within_a_turn
-from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
+from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest
 from vsgdesign.errors import ArtifactError
+from vsgdesign.runtime.whole_controller import sound_transfer
 
 
 class PowerController:
@@ -44,9 +46,12 @@ class PowerController:
     def step(self, P: float, Q: float) -> tuple[float, float, float]:
         """Takes one sample of P (W) and Q (var) and returns ω (rad/s), V (V rms) and θ (rad) of this sample.
 
-        The integrators then advance by T_s, as in the simulation.
+        The integrators then advance by T_s, as in the simulation. If P or Q is no number, the filters of both keep
+        their values in this sample.
         """
         s = self._state
+        if not abs(P) + abs(Q) <= LARGEST_STATE:
+            P, Q = s.P_f, s.Q_f
         omega, P_f, Q_f, steps = power_stage(s, P, Q, self.refs, self.gains, self._settings)
         self._state = s._replace(
             theta=within_a_turn(advanced(s.theta, steps.theta)),
@@ -62,7 +67,7 @@ class PowerController:
 
         Set new references (``refs``) after it, not before.
         """
-        omega_i = gain_transfer(self._state.omega_i, self.refs, self.gains, gains)
+        omega_i = sound_transfer(self._state.omega_i, self.refs, self.gains, gains)
         self._state, self.gains = self._state._replace(omega_i=omega_i), gains
 
     def state(self) -> dict[str, Any]:

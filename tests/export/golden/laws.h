@@ -179,11 +179,13 @@ typedef struct {
 } vsg_controller_state_lost_t;
 
 #ifdef VSG_DOUBLE
+#define VSG_ABS fabs
 #define VSG_COS cos
 #define VSG_HYPOT hypot
 #define VSG_SIN sin
 #define VSG_SQRT sqrt
 #else
+#define VSG_ABS fabsf
 #define VSG_COS cosf
 #define VSG_HYPOT hypotf
 #define VSG_SIN sinf
@@ -194,9 +196,12 @@ typedef struct {
 #define VSG_POWER_MARGIN VSG_C(1.3)
 #define VSG_LEAST_SHARE VSG_C(0.2)
 #define VSG_TURN VSG_C(6.283185307179586)
-#define VSG_MOST_FED_BACK VSG_C(0.9)
 #define VSG_SPACE_VECTOR_POWER VSG_C(1.5)
 #define VSG_SQRT_2 VSG_C(1.4142135623730951)
+#define VSG_V_PLAUSIBLE VSG_C(5.0)
+#define VSG_I_PLAUSIBLE VSG_C(20.0)
+#define VSG_TIMES_NOMINAL VSG_C(10.0)
+#define VSG_MOST_FED_BACK VSG_C(0.95)
 
 /* The larger of two; NaN where either is. */
 static inline vsg_real_t vsg_max(vsg_real_t a, vsg_real_t b)
@@ -375,24 +380,6 @@ static inline vsg_real_t vsg_within_a_turn(vsg_real_t theta)
 static inline vsg_real_t vsg_frequency_at_rest(const vsg_references_t *refs, const vsg_gains_t *gains)
 {
     return refs->omega_0 + (gains->k_P * refs->P_ref + gains->k_Q * (refs->Q_ref + gains->D_q * refs->V_n));
-}
-
-/* The omega_i in rad/s that keeps the frequency at which the integrator would rest when the gains change (eq.
- * gain-transfer).
- *
- * refs are the references with which old has been in force. No measurement enters, so that a surge leaves nothing
- * behind, and equal gains leave omega_i as it is to the last bit. 1 - k_P D_p is taken as at least 1 - MOST_FED_BACK,
- * so that the result is finite for any gains. */
-static inline vsg_real_t vsg_gain_transfer(vsg_real_t omega_i, const vsg_references_t *refs, const vsg_gains_t *old,
-    const vsg_gains_t *new)
-{
-    const vsg_real_t offset = (omega_i - vsg_frequency_at_rest(refs, old)) / vsg_max(VSG_C(1.0) - old->k_P * old->D_p,
-        VSG_C(1.0) - VSG_MOST_FED_BACK);
-    const vsg_real_t before = old->k_P * (refs->P_ref - old->D_p * offset) + old->k_Q * (refs->Q_ref + old->D_q
-        * refs->V_n);
-    const vsg_real_t after = new->k_P * (refs->P_ref - new->D_p * offset) + new->k_Q * (refs->Q_ref + new->D_q
-        * refs->V_n);
-    return omega_i + (after - before);
 }
 
 /* The law of every structure (eq. power-loop-law). Returns (omega, domega_dt, dV_dt) in rad/s, rad/s^2 and V/s.
@@ -705,4 +692,101 @@ static inline void vsg_controller_step(const vsg_controller_state_t *state, cons
     vsg_instantaneous_power(measured->v_alpha, measured->v_beta, measured->i_g_alpha, measured->i_g_beta, &P, &Q);
     vsg_controller_sample(state, measured, P, Q, state->theta, state->V, grid, refs, power_gains, inner_gains, settings,
         state_lost, following, output);
+}
+
+/* 1 if six numbers can be a measurement, 0 if one of them is NaN, infinite or far beyond every limit. */
+static inline vsg_real_t vsg_plausible(const vsg_measurement_t *measured, const vsg_controller_settings_t *settings)
+{
+    const vsg_real_t v = vsg_max(VSG_ABS(measured->v_alpha), VSG_ABS(measured->v_beta));
+    const vsg_real_t i_s = vsg_max(VSG_ABS(measured->i_s_alpha), VSG_ABS(measured->i_s_beta));
+    const vsg_real_t i_g = vsg_max(VSG_ABS(measured->i_g_alpha), VSG_ABS(measured->i_g_beta));
+    return VSG_C(1.0) * ((v <= VSG_V_PLAUSIBLE * settings->v_max_pk) ? VSG_C(1.0) : VSG_C(0.0))
+        * ((i_s <= VSG_I_PLAUSIBLE * settings->i_max_pk) ? VSG_C(1.0) : VSG_C(0.0)) * ((i_g <= VSG_I_PLAUSIBLE
+        * settings->i_max_pk) ? VSG_C(1.0) : VSG_C(0.0));
+}
+
+/* A sample without a measurement (eq. skipped-step): the next state, and the output of this one.
+ *
+ * The frame and the bridge voltage go on turning at the frequency that the filtered powers ask for. All other state
+ * variables keep their values. */
+static inline void vsg_skipped_step(const vsg_controller_state_t *state, const vsg_references_t *refs,
+    const vsg_gains_t *gains, const vsg_controller_settings_t *settings, vsg_controller_state_lost_t *state_lost,
+    vsg_controller_state_t *following, vsg_controller_output_t *output)
+{
+    vsg_real_t omega, domega_dt, dV_dt;
+    vsg_power_loops(state->omega_i, state->V, state->P_f, state->Q_f, refs, gains, &omega, &domega_dt, &dV_dt);
+    /* At most half a turn in a sample: gains that make no sense may ask for any frequency. */
+    const vsg_real_t fastest = VSG_C(0.5) * VSG_TURN / settings->T_s;
+    const vsg_real_t omega_new = vsg_min(vsg_max(omega, -fastest), fastest);
+    const vsg_real_t turn = settings->T_s * omega_new;
+    vsg_real_t u_alpha, u_beta;
+    vsg_limit_length(state->u_alpha, state->u_beta, settings->v_max_pk, &u_alpha, &u_beta);
+    vsg_real_t u_alpha_new, u_beta_new;
+    vsg_rotate(u_alpha, u_beta, VSG_COS(turn), VSG_SIN(turn), &u_alpha_new, &u_beta_new);
+    const vsg_real_t theta = vsg_advanced(state->theta, turn, &state_lost->theta);
+    const vsg_real_t omega_i = state->omega_i;
+    const vsg_real_t V = state->V;
+    const vsg_real_t P_f = state->P_f;
+    const vsg_real_t Q_f = state->Q_f;
+    const vsg_real_t xi_vd = state->xi_vd;
+    const vsg_real_t xi_vq = state->xi_vq;
+    const vsg_real_t xi_id = state->xi_id;
+    const vsg_real_t xi_iq = state->xi_iq;
+    const vsg_real_t i_f_d = state->i_f_d;
+    const vsg_real_t i_f_q = state->i_f_q;
+    const vsg_real_t P = state->P_f;
+    const vsg_real_t Q = state->Q_f;
+    following->theta = theta;
+    following->omega_i = omega_i;
+    following->V = V;
+    following->P_f = P_f;
+    following->Q_f = Q_f;
+    following->xi_vd = xi_vd;
+    following->xi_vq = xi_vq;
+    following->xi_id = xi_id;
+    following->xi_iq = xi_iq;
+    following->i_f_d = i_f_d;
+    following->i_f_q = i_f_q;
+    following->u_alpha = u_alpha_new;
+    following->u_beta = u_beta_new;
+    output->v_b_alpha = u_alpha_new;
+    output->v_b_beta = u_beta_new;
+    output->omega = omega_new;
+    output->P = P;
+    output->Q = Q;
+    output->limited = VSG_C(0.0);
+}
+
+/* 1 if the frequency and the integrators of a state are where a converter can be, 0 if one is NaN or far beyond.
+ *
+ * A step that would leave this range is not taken, so that gains or references that make no sense leave nothing behind
+ * in the integrators. */
+static inline vsg_real_t vsg_sound(const vsg_controller_state_t *state, vsg_real_t omega, const vsg_references_t *refs,
+    const vsg_controller_settings_t *settings)
+{
+    const vsg_real_t xi_v = vsg_max(VSG_ABS(state->xi_vd), VSG_ABS(state->xi_vq));
+    const vsg_real_t xi_i = vsg_max(VSG_ABS(state->xi_id), VSG_ABS(state->xi_iq));
+    return VSG_C(1.0) * ((VSG_ABS(omega) <= VSG_TIMES_NOMINAL * refs->omega_0) ? VSG_C(1.0) : VSG_C(0.0))
+        * ((VSG_ABS(state->omega_i) <= VSG_TIMES_NOMINAL * refs->omega_0) ? VSG_C(1.0) : VSG_C(0.0))
+        * ((VSG_ABS(state->V) <= VSG_TIMES_NOMINAL * refs->V_n) ? VSG_C(1.0) : VSG_C(0.0)) * ((xi_v <= VSG_I_PLAUSIBLE
+        * settings->i_max_pk) ? VSG_C(1.0) : VSG_C(0.0)) * ((xi_i <= VSG_V_PLAUSIBLE * settings->v_max_pk)
+        ? VSG_C(1.0) : VSG_C(0.0));
+}
+
+/* The omega_i in rad/s that keeps the frequency at which the integrator would rest when the gains change (eq.
+ * gain-transfer).
+ *
+ * refs are the references with which old has been in force. No measurement enters, so that a surge leaves nothing
+ * behind, and equal gains leave omega_i as it is to the last bit. 1 - k_P D_p is taken as at least 1 - MOST_FED_BACK,
+ * so that the result is finite for any gains. */
+static inline vsg_real_t vsg_gain_transfer(vsg_real_t omega_i, const vsg_references_t *refs, const vsg_gains_t *old,
+    const vsg_gains_t *new)
+{
+    const vsg_real_t offset = (omega_i - vsg_frequency_at_rest(refs, old)) / vsg_max(VSG_C(1.0) - old->k_P * old->D_p,
+        VSG_C(1.0) - VSG_MOST_FED_BACK);
+    const vsg_real_t before = old->k_P * (refs->P_ref - old->D_p * offset) + old->k_Q * (refs->Q_ref + old->D_q
+        * refs->V_n);
+    const vsg_real_t after = new->k_P * (refs->P_ref - new->D_p * offset) + new->k_Q * (refs->Q_ref + new->D_q
+        * refs->V_n);
+    return omega_i + (after - before);
 }

@@ -1,0 +1,47 @@
+"""One sample of the whole controller as it runs on a target, where any number may come out of a sensor."""
+
+from __future__ import annotations
+
+import math
+
+from vsgdesign.equations.controller import controller_step
+from vsgdesign.equations.controller_data import (
+    ControllerOutput,
+    ControllerSettings,
+    ControllerState,
+    Measurement,
+    flat_state,
+)
+from vsgdesign.equations.guarded_controller import LARGEST_STATE, TIMES_NOMINAL, plausible, skipped_step, sound
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.limiters import GridEstimate, LimiterLaw
+from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
+
+
+def sound_transfer(omega_i: float, refs: References, old: PowerLoopGains, new: PowerLoopGains) -> float:
+    """:func:`gain_transfer`; where its result is not :func:`sound`, ω_i begins anew at :func:`frequency_at_rest`."""
+    kept = float(gain_transfer(omega_i, refs, old, new))
+    return kept if abs(kept) <= TIMES_NOMINAL * refs.omega_0 else float(frequency_at_rest(refs, new))
+
+
+def guarded_step(
+    state: ControllerState,
+    measured: Measurement,
+    grid: GridEstimate,
+    refs: References,
+    power_gains: PowerLoopGains,
+    inner_gains: InnerLoopGains,
+    settings: ControllerSettings,
+    limiter: LimiterLaw,
+) -> tuple[ControllerState, ControllerOutput, bool]:
+    """:func:`controller_step`, or :func:`skipped_step` where the sample cannot be used: the next state, the output of
+    this sample, and whether it was used.
+
+    A sample cannot be used if it is not :func:`plausible`, or if the next state would not be :func:`sound` and finite.
+    """
+    if plausible(measured, settings) > 0.5:
+        following, output = controller_step(state, measured, grid, refs, power_gains, inner_gains, settings, limiter)
+        finite = math.fsum(map(abs, flat_state(following))) <= LARGEST_STATE
+        if finite and sound(following, output.omega, refs, settings) > 0.5:
+            return following, output, True
+    return (*skipped_step(state, refs, power_gains, settings), False)
