@@ -21,6 +21,7 @@ from vsgdesign.parameters import (
     specification,
     stability,
     study_from_text,
+    survival,
 )
 from vsgdesign.parameters.reader import REQUIRED, TableReader
 
@@ -81,6 +82,7 @@ grid = { scr = 8 }
 components = [{ order = 7, amplitude_pu = 0.01 }]
 [stability]
 [stability.gates]
+[survival]
 """
 
 LCL_WITH_GAINS = """
@@ -212,7 +214,7 @@ def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[As
     """A field in a branch that the studies above do not take would escape the test above."""
     reached = {field for _, field in asked}
     escaped = set()
-    for module in (building, estimator, inner_loops, scenario, specification, stability):
+    for module in (building, estimator, inner_loops, scenario, specification, stability, survival):
         for node in ast.walk(ast.parse(inspect.getsource(module))):
             if (
                 isinstance(node, ast.Call)

@@ -43,6 +43,7 @@ from vsgdesign.parameters.study import (
     Study,
     limiter_ratings,
 )
+from vsgdesign.parameters.survival import read_survival
 from vsgdesign.parameters.units import format_quantity
 
 SCHEMA = 1
@@ -89,6 +90,7 @@ def build_study(
     asked = target.settling_time if specification is None else specification.settling_time
     stability = read_stability(root.child("stability"), converter, target, asked)
     estimator = read_estimator(root.child("estimator"))
+    survival = read_survival(root.child("survival"))
     root.finish()
     inner_gains, omega_t, request = inner.gains, inner.omega_t, None
     if inner_gains is None:
@@ -118,6 +120,7 @@ def build_study(
         inner_request=request,
         current_limiter=current_limiter,
         limiter_given=limiter_given,
+        survival=survival,
     )
 
 

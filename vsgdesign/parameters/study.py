@@ -17,6 +17,7 @@ from vsgdesign.equations.limiters import CIRCULAR, Limiter, LimiterRatings, limi
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.frames import base_impedance, linear_modulation_limit, rated_current_rms, rms_to_peak
+from vsgdesign.parameters.survival import SurvivalSpec
 
 if TYPE_CHECKING:
     from vsgdesign.parameters.estimator import EstimatorSpec
@@ -334,6 +335,8 @@ class Study:
     """How the controllers limit their current: a name in ``equations.limiters.LIMITERS``."""
     limiter_given: tuple[tuple[str, float], ...] = ()
     """Parameters of that limiter that the study sets, by name, in SI. The others have their defaults."""
+    survival: SurvivalSpec = field(default_factory=SurvivalSpec)
+    """Random disturbances of a survival measurement."""
     files: tuple[str, ...] = field(default=(), compare=False)
     """Paths of the study file and of the files that it is based on; none for a study from a text."""
     origin: StudyOrigin | None = field(default=None, compare=False, repr=False)

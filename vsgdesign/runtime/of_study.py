@@ -51,6 +51,9 @@ class ControllerGains:
     """Settings of the scheduler of a table. With None nothing is clipped."""
 
     def __call__(self, R_g: Any, L_g: Any, P: Any, Q: Any, V_rms: Any) -> PowerLoopGains:
+        if self.fixed is None and self.measured and self.settings is None and type(R_g) is type(P) is float:
+            # What a run asks every 20 ms: the same numbers without a fifth of its time spent on shapes.
+            return self.schedule.gains_measured(R_g, L_g, P, Q, V_rms)
         given = [np.asarray(value, dtype=float) for value in (R_g, L_g, P, Q, V_rms)]
         R_g, L_g, P, Q, V_rms = np.broadcast_arrays(*given)
         if self.fixed is not None:

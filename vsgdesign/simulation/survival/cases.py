@@ -118,6 +118,11 @@ class SurvivalCase:
         return math.isinf(self.knowledge.silent_s)
 
     @property
+    def largest_phase_deg(self) -> float:
+        """Largest jump of the phase, degrees."""
+        return max(abs(change.phase_deg) for change in self.changes)
+
+    @property
     def instants_s(self) -> tuple[float, ...]:
         """Times of a run at which something changes suddenly, s; the end of a ramp does not."""
         return tuple(LEAD_S + change.t_s for change in self.changes)

@@ -49,8 +49,8 @@ _SAME_INSTANT = 1e-6
 class Subject:
     """A converter with one of its controllers: what is sent through the cases.
 
-    ``limit_pu`` is the limit that decides which rests are asked for. It stands apart from the study's own limit, so
-    that a controller without a limit is asked for the same cases.
+    The controller's own current limiter acts, else that of the study. ``limit_pu`` is the limit that decides which
+    rests are asked for. It stands apart, so that a controller without a limit is asked for the same cases.
     """
 
     study: Study
@@ -116,7 +116,7 @@ def run_case(subject: Subject, case: SurvivalCase) -> CaseResult:
 def trace_case(subject: Subject, case: SurvivalCase) -> CaseRun | Survival:
     """One case with its traces. A verdict alone where nothing was simulated, or where it diverged at once."""
     demand = subject.demand(case)
-    study = case.study(subject.study, demand.needed_s + 2.0 * demand.cycle_s)
+    study = case.study(subject.study.with_limit_of(subject.spec), demand.needed_s + 2.0 * demand.cycle_s)
     timeline = build_timeline(study)
     told = case.told(study, timeline)
     rests = [rest_of(subject, study, timeline, t_s, told) for t_s in (0.0, study.simulation.duration)]

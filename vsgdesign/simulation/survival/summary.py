@@ -27,6 +27,9 @@ class SurvivalFigures:
     """How many of each status, those without a verdict among them."""
     peak_pu: float | None
     """Largest current later than 5 ms after an event."""
+    peak_median_pu: float | None
+    peak_99_pu: float | None
+    """Median and 99th percentile of that current over the cases."""
     peak_kept: float | None
     """Share of the judged cases in which it stays at or below CURRENT_PU."""
     first_peak_pu: float | None
@@ -57,6 +60,8 @@ def figures_of(results: Iterable[CaseResult], settling_time: float) -> SurvivalF
         survived=len(good),
         statuses={status: count[status] for status in STATUSES if count[status]},
         peak_pu=_largest(peaks),
+        peak_median_pu=float(np.median(peaks)) if peaks else None,
+        peak_99_pu=float(np.percentile(peaks, 99.0)) if peaks else None,
         peak_kept=sum(peak <= CURRENT_PU for peak in peaks) / len(judged) if peaks else None,
         first_peak_pu=_largest([v.first_peak_pu for v in judged if v.first_peak_pu is not None]),
         recovery_median=float(np.median(recoveries)) if recoveries else None,

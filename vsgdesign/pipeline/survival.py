@@ -1,0 +1,181 @@
+"""From a study to a survival measurement: every controller with every current limiter through many disturbances."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts import read_table_file, write_table_file
+from vsgdesign.artifacts.design_inputs import study_differences
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.artifacts.tables import write_table
+from vsgdesign.errors import ArtifactError, Fault, StudyError
+from vsgdesign.execution.progress import Progress
+from vsgdesign.parameters.study import NO_LIMITER, ControllerSpec, Study
+
+if TYPE_CHECKING:  # the simulation is loaded by who measures
+    from vsgdesign.simulation.survival import CaseResult, Subject, SurvivalCase
+
+LIMITERS = (NO_LIMITER, "circular", "projection")
+"""The current limiters with which each controller is measured."""
+
+PLAIN_PHASE_DEG = 60.0
+"""The current of the first 5 ms has a figure of its own for cases without larger jumps of the phase."""
+
+
+def variant_name(controller: str, limiter: str) -> str:
+    """What a controller with a limiter is called in results."""
+    return f"{controller}, {limiter}"
+
+
+def survival_tables(
+    study: Study, folder: str | Path, *, workers: int | None = None, progress: Progress | None = None
+) -> Ready:
+    """The gain tables of a study's controllers, as :class:`vsgdesign.artifacts.ready.Ready`.
+
+    A table that ``folder`` has is read if it was designed from this study; any other is designed and kept there,
+    without its certificate, which no run needs. Raises the errors of :func:`vsgdesign.pipeline.table.make_tables`.
+    """
+    from vsgdesign.pipeline.table import make_tables
+
+    folder = Path(folder)
+    kept: dict[str, GainTable] = {}
+    for spec in study.controllers:
+        path = _table_path(folder, study, spec)
+        if spec.schedule == "table" and spec.table_file is None and path.exists():
+            try:
+                table = read_table_file(path)
+            except ArtifactError:
+                continue
+            if not study_differences(table, study):
+                kept[spec.name] = table
+    missing = [spec for spec in study.controllers if spec.schedule == "table" and spec.name not in kept]
+    if missing:
+        folder.mkdir(parents=True, exist_ok=True)
+        part = replace(study, controllers=tuple(missing))
+        for name, table in make_tables(part, folder, workers=workers, certificates=False, progress=progress).items():
+            kept[name] = table
+            spec = next(one for one in missing if one.name == name)
+            if spec.table_file is None:
+                write_table_file(table, _table_path(folder, study, spec))
+    return Ready(tables=kept)
+
+
+def _table_path(folder: Path, study: Study, spec: ControllerSpec) -> Path:
+    return folder / f"{study.name}.{spec.name}.table.json"
+
+
+def subjects_of(
+    study: Study,
+    ready: Ready,
+    *,
+    controllers: Iterable[str] | None = None,
+    limiters: Iterable[str] = LIMITERS,
+    bridge: str = "averaged",
+) -> dict[str, Subject]:
+    """Every named controller (None: all) with every limiter, by :func:`variant_name`.
+
+    Raises StudyError if the converter has no current limit, or if there is no controller of a name.
+    """
+    from vsgdesign.simulation.survival import Subject
+
+    limit_pu, faults = study.converter.current_limit_pu, []
+    known = {spec.name: spec for spec in study.controllers}
+    wanted = list(known if controllers is None else controllers)
+    if limit_pu is None:
+        advice = "Set it, for example to 1.2: it decides which states of rest are asked for."
+        faults.append(Fault("converter.current_limit_pu", "", "is missing", advice))
+    for name in wanted:
+        if name not in known:
+            faults.append(Fault("controller", f'"{name}"', "unknown", f"The study has: {', '.join(known)}."))
+    if faults or limit_pu is None:
+        raise StudyError(study.name, faults)
+    found = {}
+    for name in wanted:
+        for limiter in limiters:
+            spec = replace(known[name], current_limiter=limiter)
+            if limiter == study.current_limiter:  # with the parameters that the study gives it
+                spec = replace(known[name], current_limiter=None)
+            found[variant_name(name, limiter)] = Subject(
+                study=study, spec=spec, ready=ready, limit_pu=limit_pu, bridge=bridge
+            )
+    return found
+
+
+def survival_cases(study: Study, *, random: bool = True) -> tuple[SurvivalCase, ...]:
+    """The systematic disturbances, and the random ones that the study's [survival] asks for."""
+    from vsgdesign.simulation.survival import fixed_set, random_set
+
+    drawn = random_set(study.survival.seed, study.survival.random) if random else ()
+    return (*fixed_set(), *drawn)
+
+
+def survival_document(
+    study: Study, subjects: Mapping[str, Subject], results: Mapping[str, Sequence[CaseResult]]
+) -> dict[str, Any]:
+    """Figures of every variant, by group and over all, and every lost case with its reason, in JSON's types."""
+    return {
+        "study": study.name,
+        "title": study.title,
+        "limit_pu": study.converter.current_limit_pu,
+        "seed": study.survival.seed,
+        "variants": {name: _variant(subjects[name], results[name]) for name in results},
+    }
+
+
+def _variant(subject: Subject, results: Sequence[CaseResult]) -> dict[str, Any]:
+    from vsgdesign.simulation.survival import by_group, figures_of
+
+    def figures(chosen: Iterable[CaseResult]) -> dict[str, Any]:
+        found = figures_of(chosen, T)
+        return asdict(found) | {"share": found.share}
+
+    T = subject.settling_time
+    plain = [result for result in results if result.case.largest_phase_deg <= PLAIN_PHASE_DEG]
+    return {
+        "settling_time": T,
+        "stale_to_1_s": figures(result for result in results if not result.case.for_ever),
+        "for_ever": figures(result for result in results if result.case.for_ever),
+        "phase_to_60": figures(result for result in plain if not result.case.for_ever),
+        "groups": {group: figures(members) for group, members in by_group(results).items()},
+        "lost": [
+            {
+                "group": result.case.group,
+                "case": result.case.name,
+                "status": result.verdict.status,
+                "reason": result.verdict.reason,
+            }
+            for result in results
+            if result.verdict.judged and not result.verdict.survived
+        ],
+    }
+
+
+CSV_HEADER = (
+    "variant",
+    "group",
+    "case",
+    "status",
+    "recovery_s",
+    "peak_pu",
+    "first_5_ms_pu",
+    "limited_s",
+    "swing_rad",
+    "reason",
+)
+
+
+def write_cases(path: str | Path, results: Mapping[str, Sequence[CaseResult]]) -> None:
+    """Every verdict as a row of a CSV file."""
+
+    def rows() -> Iterable[Sequence[object]]:
+        for name, found in results.items():
+            for result in found:
+                v, case = result.verdict, result.case
+                figures = (v.recovery_s, v.peak_pu, v.first_peak_pu, v.limited_s, v.swing_rad)
+                yield name, case.group, case.name, v.status, *figures, v.reason
+
+    write_table(path, CSV_HEADER, rows())
