@@ -150,6 +150,22 @@ def test_fixed_gains_know_nothing() -> None:
     assert len(found.simulation.gain_changes) == 1
 
 
+def test_a_stale_closed_form_goes_to_the_middle_of_its_specification() -> None:
+    """SCR 1.2 to 20 and X/R 0.3 to 20: the geometric middles, SCR 4.90 and X/R 2.45."""
+    asked = TEXT + "[specification]\nscr = [1.2, 5, 20]\nx_over_r = [0.3, 3, 20]\n"
+    of, jump = subject(asked), case(Change(t_s=0.0, scr=10.0, x_over_r=3.0), silent_s=FOR_EVER)
+    middle, c = of.safe, of.study.converter
+    assert middle is not None
+    assert middle.scr(c, "impedance") == pytest.approx(math.sqrt(24.0))
+    assert middle.x_over_r(c.omega_n) == pytest.approx(math.sqrt(6.0))
+    late = traced(of, jump).simulation.gain_changes[-1]
+    told = traced(subject(), replace(jump, start=replace(START, scr=middle.scr(c, "impedance"), x_over_r=6.0**0.5)))
+    assert late.gains.K_ip == pytest.approx(told.simulation.gain_changes[-1].gains.K_ip, rel=0.02)
+    held = traced(subject(), jump).simulation.gain_changes
+    assert subject().safe is None
+    assert held[-1].gains.K_ip == pytest.approx(held[0].gains.K_ip, rel=0.1)
+
+
 def test_a_schedule_that_is_told_nothing_at_first_is_refused() -> None:
     of = subject()
     for told in ((), ((0.0, None),), ((0.1, of.study.grid),)):

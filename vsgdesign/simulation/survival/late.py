@@ -13,13 +13,17 @@ from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.online import MeasuredWindow
 
+STALE_S = 0.5
+"""Time without an answer from which on gains are those of a safe place, s: as a table's scheduler has it."""
+
 
 class LateSchedule:
     """An online scheduler that is told of the grid what an estimator says, which may be late and wrong.
 
     ``told``: (s, grid) from each instant on; None where the estimator gives no answer. The first entry is the grid for
-    which the run starts. A table's scheduler then holds its place and its age grows, as in the field. A closed form
-    goes on with the grid that it was told last. The object has a state, so it serves one run at a time.
+    which the run starts. Without an answer a table's scheduler holds its place and its age grows, as in the field. A
+    closed form goes on with the grid that it was told last, and after ``stale_s`` with the grid ``safe``, if there is
+    one. The object has a state, so it serves one run at a time.
     """
 
     def __init__(
@@ -28,12 +32,16 @@ class LateSchedule:
         spec: ControllerSpec,
         told: Sequence[tuple[float, Grid | None]],
         ready: Ready = NOTHING,
+        *,
+        safe: Grid | None = None,
+        stale_s: float = STALE_S,
     ) -> None:
         if not told or told[0][0] > 0.0 or told[0][1] is None:
             raise ValueError("told: the first entry must be a grid, at or before t = 0.")
         self._answers = ScheduledAnswers(study, spec, ready)
         self._starts, self._grids = [t_s for t_s, _ in told], [grid for _, grid in told]
         self._first: Grid = told[0][1]
+        self._safe, self._stale_s = safe, stale_s
         self._holds = spec.schedule == "table"
         self._follows = follows_measured(spec)
         self._period = ready.update_period(spec) or UPDATE_PERIOD
@@ -62,11 +70,15 @@ class LateSchedule:
     def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
         """Gains for what is told; an answer that coincides with the update is seen by the next one."""
         now = window.t_s - 0.5 * self._T_s
-        grid = self._grids[max(bisect_right(self._starts, now) - 1, 0)]
+        k = max(bisect_right(self._starts, now) - 1, 0)
+        grid = self._grids[k]
         if grid is None:
             if self._holds:
                 return self._answers.to(window, math.nan, math.nan)[0]
-            grid = self._last
+            while k > 0 and self._grids[k - 1] is None:
+                k -= 1
+            stale = self._safe is not None and now - self._starts[k] >= self._stale_s
+            grid = self._safe if stale and self._safe is not None else self._last
         elif not self._follows and grid == self._last:
             return None
         self._last = grid

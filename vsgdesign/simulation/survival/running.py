@@ -24,7 +24,7 @@ from vsgdesign.metrics.survival import (
     judge_survival,
 )
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
-from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
+from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Place, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.run import Simulation, simulate
@@ -58,6 +58,18 @@ class Subject:
     ready: Ready = NOTHING
     limit_pu: float
     bridge: str = "averaged"
+
+    @property
+    def safe(self) -> Grid | None:
+        """Where a closed form takes its gains from once its estimate is stale: the middle of the specification's grids.
+
+        None without a specification: the closed form then goes on with what it was told last.
+        """
+        asked = self.study.specification
+        if asked is None:
+            return None
+        scr, x_over_r = (math.sqrt(axis[0] * axis[-1]) for axis in (asked.scr, asked.x_over_r))
+        return Place(scr, x_over_r, asked.scr_basis).grid(self.study.converter)
 
     @property
     def settling_time(self) -> float:
@@ -149,6 +161,8 @@ def rest_of(
     c = study.converter
     source = timeline.source_at(t_s)
     known = [grid for start, grid in told if start <= t_s and grid is not None][-1]
+    if told[-1][1] is None and t_s >= told[-1][0] and subject.safe is not None:
+        known = subject.safe
     law = gain_law(study, subject.spec, subject.ready)
     free = replace(study, converter=replace(c, current_limit_pu=None))
 
@@ -195,7 +209,7 @@ def _feed(
     subject: Subject, study: Study, timeline: Timeline, told: tuple[tuple[float, Grid | None], ...]
 ) -> LateSchedule | tuple:
     if subject.spec.kind == "scheduled":
-        return LateSchedule(study, subject.spec, told, subject.ready)
+        return LateSchedule(study, subject.spec, told, subject.ready, safe=subject.safe)
     return gain_changes(study, subject.spec, timeline)
 
 
