@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from vsgdesign.equations.limiters.circular import CIRCULAR
+from vsgdesign.equations.limiters.hybrid import HYBRID
 from vsgdesign.equations.limiters.interface import (
     GridEstimate,
     IntegratorSteps,
@@ -15,8 +16,12 @@ from vsgdesign.equations.limiters.interface import (
     LimiterView,
 )
 from vsgdesign.equations.limiters.projection import PROJECTION
+from vsgdesign.equations.limiters.saturation import SATURATION
+from vsgdesign.equations.limiters.threshold_impedance import THRESHOLD_IMPEDANCE
 
-LIMITERS: dict[str, Limiter] = {limiter.name: limiter for limiter in (CIRCULAR, PROJECTION)}
+LIMITERS: dict[str, Limiter] = {
+    limiter.name: limiter for limiter in (CIRCULAR, THRESHOLD_IMPEDANCE, SATURATION, HYBRID, PROJECTION)
+}
 """Every limiter that a study may name."""
 
 
@@ -29,8 +34,11 @@ def limiter_named(name: str) -> Limiter:
 
 __all__ = [
     "CIRCULAR",
+    "HYBRID",
     "LIMITERS",
     "PROJECTION",
+    "SATURATION",
+    "THRESHOLD_IMPEDANCE",
     "GridEstimate",
     "IntegratorSteps",
     "KnownRatings",
