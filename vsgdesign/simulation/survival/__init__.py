@@ -8,6 +8,7 @@ from vsgdesign.simulation.survival.cases import (
     SurvivalCase,
     case_from_document,
 )
+from vsgdesign.simulation.survival.clearing import ClearingTime, critical_clearing_time
 from vsgdesign.simulation.survival.late import LateSchedule
 from vsgdesign.simulation.survival.many import run_many
 from vsgdesign.simulation.survival.running import CaseResult, CaseRun, Subject, rest_of, run_case, trace_case
@@ -19,6 +20,7 @@ __all__ = [
     "CaseResult",
     "CaseRun",
     "Change",
+    "ClearingTime",
     "GridKnowledge",
     "GridState",
     "LateSchedule",
@@ -27,6 +29,7 @@ __all__ = [
     "SurvivalFigures",
     "by_group",
     "case_from_document",
+    "critical_clearing_time",
     "figures_of",
     "fixed_set",
     "random_set",
