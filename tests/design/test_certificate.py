@@ -162,7 +162,7 @@ def test_what_is_claimed_holds_where_boxes_broke_it(study: Study, monkeypatch: p
     monkeypatch.setattr(module, "nodes", strong)
     monkeypatch.setattr(module, "_HARDENINGS", 0)
     monkeypatch.setattr(module, "_ATTEMPTS", 1)
-    monkeypatch.setattr(module, "_proved", broken)
+    monkeypatch.setattr(module, "proved_between", broken)
     found = certify(study, spec, PUBLISHED_BOX, fresh=2)
     assert isinstance(found, Certificate)
     assert found.proof == "gridded"

@@ -9,6 +9,7 @@ from typing import Any
 
 from vsgdesign.artifacts.files import sorted_plain
 from vsgdesign.artifacts.guarded_file import is_number
+from vsgdesign.artifacts.step_record import StepStatement, step_statement
 
 Pair = tuple[float, float]
 
@@ -68,6 +69,8 @@ class CertificateRecord:
     """Of a failed proof."""
     reason: str | None = None
     """Of a failed proof without a counterexample."""
+    steps: StepStatement | None = None
+    """Where no limit acts; None where the document does not say."""
     document: Mapping[str, Any] = field(repr=False)
     """The whole in JSON's types, as the table's file has it: also the matrices, which nobody reads here."""
 
@@ -101,11 +104,21 @@ def certificate_record(document: Any) -> CertificateRecord:
         points=sum(counts) if counts else None,
         cell=None if certified else _cell(reader),
         reason=reader.text("reason"),
+        steps=_steps(reader),
         document=reader.document,
     )
     if reader.faults:
         raise ValueError("; ".join(reader.faults))
     return record
+
+
+def _steps(reader: _Reader) -> StepStatement | None:
+    if reader.document.get("steps") is None:
+        return None
+    try:
+        return step_statement(reader.document["steps"])
+    except ValueError as error:
+        return reader.fault("steps", str(error))
 
 
 class _Reader:

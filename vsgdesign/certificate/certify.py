@@ -131,7 +131,7 @@ def certify(
     decay is wrong, InfeasibleStudyError where the region is empty, where the controller is not scheduled or its table
     is not there, or where every cell is stable but no function of the kind exists.
     """
-    system, motion = _prepared(study, spec, region, ready, schedule, decay)
+    system, motion = prepared(study, spec, region, ready, schedule, decay)
     rng = np.random.default_rng(seed)
     points = np.concatenate([nodes(region, nodes_per_axis), random_points(region, fresh, rng)])
     # A cell that is unstable is a counterexample, also where others have no gains at all.
@@ -168,7 +168,7 @@ def certify(
             outcome = None
             break
         decays = [share * sampled for share in _SHARES] if decay is None else [decay]
-        outcome = _proved(system, motion, found.P, decays, region, boxes, progress, seed + proofs)
+        outcome = proved_between(system, motion, found.P, decays, region, boxes, progress, seed + proofs)
         boxes -= outcome.seen
         proofs += 1
         if len(outcome.broken) == 0:
@@ -304,7 +304,7 @@ def _whole_region(study: Study, spec: ControllerSpec | None, ready: Ready) -> Re
     return Region(scr, x_over_r, (-0.9 * S, 0.9 * S), (-0.4 * S, 0.4 * S), 0.2)
 
 
-def _prepared(
+def prepared(
     study: Study,
     spec: ControllerSpec,
     region: Region,
@@ -370,7 +370,7 @@ def _slowest(
     return limit, {"scr": scr, "x_over_r": ratio, "P": P, "Q": Q, "error_R": e_R, "error_L": e_L}
 
 
-def _proved(
+def proved_between(
     system: System,
     motion: Motion,
     P: Array,

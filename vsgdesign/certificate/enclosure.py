@@ -51,25 +51,25 @@ def programs(system: System, region: Region, weights: Weights, P: Array, decay: 
     """The inequality of :eq:`affine-lyapunov` with functions P (K, 3, 3) at a decay, for all boxes of the region."""
     tracer = Tracer(6)
     first, angle, p, q, e_R, e_L = tracer.symbols()
-    here = _Estimate.of(system, first, angle)
+    here = Estimate.of(system, first, angle)
     true_r, true_x = here.direction[0] / (1.0 + e_R), here.direction[1] / (1.0 + e_L)
     path = (true_r + here.fixed[0], (true_x + here.fixed[1]) * here.share)
-    inverse_V, conditions = _voltage(system, region, p, q, path, here.base)
+    inverse_V, conditions = voltage_conditions(system, region, p, q, path, here.base)
     counted = SCR_BASES[system.study.scr_basis].counted(true_r, true_x)
     weakness, r_over_x = here.size * counted, true_r / true_x
     for value, (least, most) in ((weakness, region.scr), (r_over_x, region.x_over_r)):
         conditions.append((value, 1.0 / most, 1.0 / least))
     carried = [inverse_V, weakness, r_over_x] if len(P) > 1 else [inverse_V]
-    choices = [here.scheduled(p, q, first)[1] for first in _PIECES]
+    choices = [here.scheduled(p, q, first)[1] for first in PIECES]
     asked = _distinct(choices)
     situation = program_of(tracer, [*carried, *asked, *(value for value, _, _ in conditions)])
     between = np.array([[low, high] for _, low, high in conditions])
     # From here on errors act through the polygon, and on V as one quantity of its own between bounds.
     inequalities = []
-    for piece in _PIECES:
+    for piece in PIECES:
         tracer = Tracer(4 + len(carried))
         first, angle, p, q, inverse_V, *grid = tracer.symbols()
-        here = _Estimate.of(system, first, angle)
+        here = Estimate.of(system, first, angle)
         matrices = _state_matrices(system, tracer, here, p, q, inverse_V, region.error > 0.0, piece)
         functions, ways = weights(*(grid or (0.0, 0.0)))
         outputs = [entry for A in matrices for way in ways for entry in _inequality(A, functions, way, P, decay)]
@@ -77,9 +77,7 @@ def programs(system: System, region: Region, weights: Weights, P: Array, decay: 
     return BoxPrograms(situation, between, tuple(inequalities), _signs(choices, asked))
 
 
-_PIECES = tuple(
-    (drawn_in, *side) for drawn_in in (False, True) for side in ((True, True), (True, False), (False, True))
-)
+PIECES = tuple((drawn_in, *side) for drawn_in in (False, True) for side in ((True, True), (True, False), (False, True)))
 """The smooth pieces of the schedule's Jacobian by its choices, each whether the first of two values is taken: the
 impedance that is wanted for drawing in (:eq:`drawn-in`), then Q before its lower and before its upper limit
 (:eq:`well-posed`)."""
@@ -111,7 +109,7 @@ def _same(one: Symbol, other: Symbol) -> bool:
 
 
 @dataclass(frozen=True)
-class _Estimate:
+class Estimate:
     """An estimated grid in units of |Ẑ_g| and V_rated²/|Ẑ_g|: most of what strong and weak grids differ in is gone
     (:eq:`grid-units`). ``fixed``: the grid-side inductor; ``share``: the grid's speed over the rated one; ``base``:
     |Ẑ_g|·S/V_rated², per unit powers to these units."""
@@ -124,21 +122,37 @@ class _Estimate:
     size_sq: Any
     """|Z|² of the path."""
     normalised: Callable[[Tracer], NormalisedGains]
+    first: Symbol
+    """First coordinate of :func:`~vsgdesign.certificate.boxes.whole_region`, pu."""
+    slope: Symbol
+    """R̂/X̂."""
 
     @classmethod
-    def of(cls, system: System, first: Symbol, angle: Symbol) -> _Estimate:
-        c, f = system.study.converter, system.study.filter
+    def of(cls, system: System, first: Symbol, angle: Symbol) -> Estimate:
+        """An estimate by its first coordinate and its angle, in units of |Ẑ_g|."""
         direction = np.cos(angle), np.sin(angle)
         size = basis_of(system).magnitude(first, direction[1])
-        r_2, x_2 = f.R_2 / c.Z_base, c.omega_n * f.L_2 / c.Z_base
-        inverse = size.reciprocal() if r_2 or x_2 else 0.0
-        schedule = system.schedule
+        r, x = _grid_side(system, size)
+        size_sq = 1.0 if not (r or x) else 1.0 + 2.0 * (direction[0] * r + direction[1] * x) + (r * r + x * x)
+        return cls._with(system, size, direction, (r, x), size_sq, first)
+
+    @classmethod
+    def about(cls, system: System, size: Symbol, direction: tuple[Symbol, Symbol]) -> Estimate:
+        """An estimate R̂ + jX̂ = ``direction`` in units of any impedance of ``size`` (pu), such as the true grid's."""
+        r, x = _grid_side(system, size)
+        along, across = direction[0] + r, direction[1] + x
+        size_sq = along * along + across * across
+        return cls._with(system, size, direction, (r, x), size_sq, basis_of(system).counted(*direction) * size)
+
+    @classmethod
+    def _with(cls, system: System, size: Symbol, direction: Any, fixed: Any, size_sq: Any, first: Symbol) -> Estimate:
+        schedule, slope = system.schedule, direction[0] / direction[1]
 
         def normalised(tracer: Tracer) -> NormalisedGains:
             if not isinstance(schedule, TableSchedule):
                 return schedule.normalised(0.0, 0.0)  # type: ignore[attr-defined]
-            x, y = first.reciprocal(), direction[0] / direction[1]
-            terms = [tracer.constant(1.0), x, y, x * y]
+            x_axis = first.reciprocal()
+            terms = [tracer.constant(1.0), x_axis, slope, x_axis * slope]
             found = []
             for k, values in enumerate(schedule.columns):
                 if np.ptp(values) == 0.0:  # a constant column needs no parameters
@@ -148,10 +162,8 @@ class _Estimate:
             return NormalisedGains(*found)
 
         # Z_base·S = PHASES·V_rated²
-        share = system.study.grid_source.omega_g / c.omega_n
-        r, x = inverse * r_2, inverse * x_2
-        size_sq = 1.0 if not (r_2 or x_2) else 1.0 + 2.0 * (direction[0] * r + direction[1] * x) + (r * r + x * x)
-        return cls(size, direction, (r, x), share, size * PHASES, size_sq, normalised)
+        share = system.study.grid_source.omega_g / system.study.converter.omega_n
+        return cls(size, direction, fixed, share, size * PHASES, size_sq, normalised, first, slope)
 
     def scheduled(self, p: Symbol, q: Symbol, first: Sequence[bool]) -> tuple[tuple[Any, ...], list[Symbol]]:
         """The Jacobian that gains are made of (:func:`~vsgdesign.equations.power_flow.scheduled_jacobian`) on one of
@@ -164,7 +176,15 @@ class _Estimate:
             return jacobian_from_admittance(p, well_posed_power(q, b), 1.0, b, g), choices
 
 
-def _voltage(
+def _grid_side(system: System, size: Symbol) -> tuple[Any, Any]:
+    """The grid-side inductor in units of an impedance of ``size``."""
+    c, f = system.study.converter, system.study.filter
+    r_2, x_2 = f.R_2 / c.Z_base, c.omega_n * f.L_2 / c.Z_base
+    inverse = size.reciprocal() if r_2 or x_2 else 0.0
+    return inverse * r_2, inverse * x_2
+
+
+def voltage_conditions(
     system: System, region: Region, p: Symbol, q: Symbol, path: Any, base: Symbol
 ) -> tuple[Symbol, list[tuple[Any, float, float]]]:
     """1/V per unit within the static limits, and the conditions for those and for P and Q (:eq:`box-coordinates`,
@@ -186,7 +206,7 @@ def _voltage(
 def _state_matrices(
     system: System,
     tracer: Tracer,
-    here: _Estimate,
+    here: Estimate,
     p: Symbol,
     q: Symbol,
     inverse_V: Symbol,
@@ -196,10 +216,10 @@ def _state_matrices(
     """A of the scaled states at each corner of the true grids' polygon, or of the exact estimate
     (:eq:`certificate-matrix`), on one piece of the schedule."""
     J_hat, _ = here.scheduled(p, q, piece)
-    loops = _Loops.of(system, here.normalised(tracer), J_hat, inverse_V, here.base)
+    loops = Loops.of(system, here.normalised(tracer), J_hat, inverse_V, here.base)
     if wrong:
         corners = _polygon(tracer, here)
-    elif here.share == 1.0 and piece == _PIECES[0]:
+    elif here.share == 1.0 and piece == PIECES[0]:
         return [loops.matrix(None)]
     else:  # the estimate is exact in R and L, and taken at the rated frequency
         r, x = here.direction[0] + here.fixed[0], (here.direction[1] + here.fixed[1]) * here.share
@@ -208,7 +228,7 @@ def _state_matrices(
     return [loops.matrix([one - hat for one, hat in zip(J, J_hat, strict=True)]) for J in true]
 
 
-def _polygon(tracer: Tracer, here: _Estimate) -> list[tuple[Any, Any]]:
+def _polygon(tracer: Tracer, here: Estimate) -> list[tuple[Any, Any]]:
     """Corners (b, g) that enclose all true grids of an estimate (:eq:`estimate-polygon`).
 
     The image of a rectangle of (R, X) under 3V²(X, R)/|Z|²: its corners, and where the tangents of the two arcs that
@@ -223,7 +243,7 @@ def _polygon(tracer: Tracer, here: _Estimate) -> list[tuple[Any, Any]]:
 
 
 @dataclass(frozen=True)
-class _Loops:
+class Loops:
     """The power loops with the gains of an estimate, V as its logarithm and powers in V²/|Ẑ_g|. What is enclosed are
     the loops about an exact estimate, with all that cancels there, and the small part that the error adds."""
 
@@ -234,7 +254,7 @@ class _Loops:
     inverse_V: Symbol
 
     @classmethod
-    def of(cls, system: System, normalised: NormalisedGains, J_hat: Any, inverse_V: Symbol, base: Symbol) -> _Loops:
+    def of(cls, system: System, normalised: NormalisedGains, J_hat: Any, inverse_V: Symbol, base: Symbol) -> Loops:
         """With the gains that the schedule makes of a Jacobian in these units."""
         s: Any = system.schedule
         c = system.study.converter

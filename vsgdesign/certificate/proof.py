@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 UNDECIDED, PROVED, EMPTY = 0, 1, 2
 
-_CHUNK = 1024
+CHUNK = 1024
 
 Failing = Callable[[Array, float], Array]
 """Points (N, 6) and a decay to those points at which the inequality does not hold."""
@@ -110,11 +110,11 @@ def look_at(
     parameters = parameters_of(system, boxes, pieces)
 
     def look(start: int) -> None:
-        part = slice(start, start + _CHUNK)
+        part = slice(start, start + CHUNK)
         low, high = boxes.low[part], boxes.high[part]
         state[part], dimension[part] = _look(ready, low, high, np.ascontiguousarray(parameters[:, part]))
 
-    starts = range(0, len(boxes), _CHUNK)
+    starts = range(0, len(boxes), CHUNK)
     if len(starts) <= 1:  # the first round always: here the code is compiled
         with interrupts_deferred():
             list(map(look, starts))
@@ -133,7 +133,7 @@ def _look(ready: BoxPrograms, low: Array, high: Array, parameters: Array) -> tup
     carried = len(ready.situation.outputs) - len(ready.conditions) - signs.shape[1]
     empty, applies = np.zeros(count, dtype=np.bool_), np.zeros((len(signs), count), dtype=np.bool_)
     forms = np.zeros((count, carried, rows(FOLLOWED + 1)))
-    survey(low, high, parameters, _arrays(ready.situation), ready.conditions, signs, empty, applies, forms)
+    survey(low, high, parameters, arrays(ready.situation), ready.conditions, signs, empty, applies, forms)
     proved, score = np.ones(count, dtype=np.bool_), np.zeros((count, FOLLOWED + 1))
     for case, inequality in enumerate(ready.inequalities):
         some = np.flatnonzero(applies[case] & ~empty)
@@ -144,17 +144,17 @@ def _look(ready: BoxPrograms, low: Array, high: Array, parameters: Array) -> tup
             low[some],
             high[some],
             np.ascontiguousarray(parameters[:, some]),
-            _arrays(inequality),
+            arrays(inequality),
             forms[some],
             held,
             pull,
         )
         proved[some] &= held
         score[some] = np.maximum(score[some], pull)  # NaN stays
-    return np.where(empty, EMPTY, np.where(proved, PROVED, UNDECIDED)), _to_cut(low, high, score)
+    return np.where(empty, EMPTY, np.where(proved, PROVED, UNDECIDED)), to_cut(low, high, score)
 
 
-def _to_cut(low: Array, high: Array, score: Array) -> NDArray[np.intp]:
+def to_cut(low: Array, high: Array, score: Array) -> NDArray[np.intp]:
     """The coordinate that leaves most unknown; the widest where there is no bound at all. Of the errors, the wider."""
     width = (high - low) / UNIT
     errors = np.where(width[:, 4] >= width[:, 5], 4, 5)
@@ -164,5 +164,5 @@ def _to_cut(low: Array, high: Array, score: Array) -> NDArray[np.intp]:
     return np.where(chosen < FOLLOWED, chosen, errors)
 
 
-def _arrays(program: Program) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], Array, NDArray[np.int64], int]:
+def arrays(program: Program) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], Array, NDArray[np.int64], int]:
     return program.code, program.number, program.places, program.factors, program.outputs, program.registers

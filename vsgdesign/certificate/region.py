@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,6 +89,23 @@ def region_faults(region: Region) -> list[Fault]:
     return faults
 
 
+class Cells(NamedTuple):
+    """M points of a region with what follows from them, arrays (M,)."""
+
+    points: Array
+    """(M, 6)."""
+    R: Array
+    X: Array
+    """Path from the control point to the grid source at the grid's frequency, Ω."""
+    V_rms: Array
+    gains: PowerLoopGains
+
+    @property
+    def jacobian(self) -> tuple[Any, Any, Any, Any]:
+        """A, B, C, D of the true grid (:eq:`jacobian-from-powers`)."""
+        return jacobian_from_powers(self.points[:, 2], self.points[:, 3], self.V_rms, self.R, self.X)
+
+
 @dataclass(frozen=True)
 class System:
     """A study's power loops under a schedule. A point is (1/SCR, atan(X/R) in rad, P, Q, relative error of R_g, of
@@ -102,9 +119,8 @@ class System:
         """What δ, ω_r and V are divided by: rad, 4 rad/s, rated voltage."""
         return np.array([1.0, OMEGA_SCALE, self.study.converter.V_rated_rms])
 
-    def matrices(self, points: Array, partial: bool = False) -> tuple[Array, Array]:
-        """Points (N, 6) that lie within the static limits (:eq:`static-limits`), and their state matrices over
-        ``scale``, (M, 3, 3).
+    def cells(self, points: Array, partial: bool = False) -> Cells:
+        """The cells of those of the points (N, 6) that lie within the static limits (:eq:`static-limits`).
 
         Raises InfeasibleStudyError where one of them has no gains; ``partial`` leaves those out instead.
         """
@@ -125,26 +141,34 @@ class System:
         bare = np.isnan(np.broadcast_to(np.asarray(gains.K_ip, dtype=float), P.shape))
         if bare.any():
             if partial:
-                return self.matrices(points[~bare])
+                return self.cells(points[~bare])
             k = int(np.argmax(bare))
             raise InfeasibleStudyError(
                 f"no gains for an estimate of R_g = {R_g[k] * (1.0 + e_R[k]):.4g} Ω, "
                 f"L_g = {1e3 * L_g[k] * (1.0 + e_L[k]):.4g} mH, which the region holds: the design point does not "
                 'exist on this grid. Shrink the region, lower P_design, Q_design, or set operating_point = "reference".'
             )
-        A, B, C, D = jacobian_from_powers(P, Q, V_rms, R, X)
+        return Cells(points, R, X, V_rms, gains)
+
+    def matrices(self, points: Array, partial: bool = False) -> tuple[Array, Array]:
+        """Points (N, 6) that lie within the static limits, and their state matrices over ``scale``, (M, 3, 3).
+
+        Raises the error of :meth:`cells`.
+        """
+        cells = self.cells(points, partial)
+        A, B, C, D = cells.jacobian
         none = References(0.0, 0.0, 0.0, 0.0)
         # The law is linear: its answers to one unit of each state are the columns of the matrix.
         columns = [
-            power_loops_about_rest(0.0, 0.0, A, C, none, gains),
-            power_loops_about_rest(1.0, 0.0, 0.0, 0.0, none, gains),
-            power_loops_about_rest(0.0, 1.0, B, D, none, gains),
+            power_loops_about_rest(0.0, 0.0, A, C, none, cells.gains),
+            power_loops_about_rest(1.0, 0.0, 0.0, 0.0, none, cells.gains),
+            power_loops_about_rest(0.0, 1.0, B, D, none, cells.gains),
         ]
-        found = np.empty((len(points), 3, 3))
+        found = np.empty((len(cells.points), 3, 3))
         for i in range(3):
             for j in range(3):
                 found[:, i, j] = columns[j][i]
-        return points, found * (self.scale[None, None, :] / self.scale[None, :, None])
+        return cells.points, found * (self.scale[None, None, :] / self.scale[None, :, None])
 
 
 def nodes(region: Region, count: int) -> Array:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.certificate_record import CertificateCell, CertificateRecord, certificate_record
 from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.step_record import StepStatement
 from vsgdesign.certificate.region import STATES, Region
 from vsgdesign.errors import InfeasibleStudyError
 
@@ -60,6 +61,8 @@ class Certificate:
     boxes: int
     vertices: int
     largest: float
+    steps: StepStatement | None = None
+    """Where no limit acts (:func:`vsgdesign.certificate.certified_steps`); None where that was not asked."""
 
     def as_record(self) -> CertificateRecord:
         """What a gain table keeps."""
@@ -85,6 +88,7 @@ class Certificate:
                 "vertices": self.vertices,
                 "largest": self.largest,
             }
+            | ({} if self.steps is None else {"steps": self.steps.as_document()})
         )
 
 

@@ -204,12 +204,13 @@ def certify(
 ) -> None:
     """Prove stability on a range of grids, or refute it.
 
-    The proof is one Lyapunov function for a range of grids, powers and estimate errors.
+    The proof is one Lyapunov function for a range of grids, powers and estimate errors. It also says after which steps
+    no limit of the controller acts.
     """
     from dataclasses import replace
 
     from vsgdesign.artifacts.ready import Ready, read_tables
-    from vsgdesign.certificate import Certificate, certify, region_of
+    from vsgdesign.certificate import Certificate, certify, region_of, with_steps
     from vsgdesign.pipeline.table import make_tables
 
     study = _load(study_file)
@@ -218,6 +219,7 @@ def certify(
     with _progress(quiet=as_json) as progress:
         ready = Ready(tables=make_tables(replace(study, controllers=(spec,)), progress=progress))
         found = certify(study, spec, region, ready=ready, decay=decay, budget=boxes, progress=progress)
+        found = with_steps(study, spec, found, ready=ready, budget=boxes, progress=progress)
     if as_json:
         _print_json(found.as_document())
     else:

@@ -12,7 +12,7 @@ import numpy as np
 
 from vsgdesign.artifacts.certificate_record import CertificateRecord
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.certificate import NoFunctionError, Region, certify, refusal_record
+from vsgdesign.certificate import NoFunctionError, Region, certify, refusal_record, with_steps
 from vsgdesign.certificate.box_check import compile_ahead
 from vsgdesign.design.assembly import Withdrawn, assemble, withdraw_promises
 from vsgdesign.design.between import POINTS, BetweenCheck, between_document
@@ -46,6 +46,9 @@ _EXPLAINED = 40
 _CERTIFICATES = ((np.inf, 1_500_000), (0.05, 150_000))
 """Relative change of SCR and X/R per second that a certificate is asked for, the second where no common function
 exists; and boxes that it may take: some ten seconds on two cores."""
+
+_STEP_BOXES = 100_000
+"""Boxes for each part of the region in the proof of the certified steps."""
 
 
 @dataclass(frozen=True)
@@ -177,6 +180,7 @@ def table_certificate(study: Study, controller: ControllerSpec, table: GainTable
         region = Region(box.scr, box.x_over_r, box.P, box.Q, error, rate)
         try:
             found = certify(study, controller, region, schedule=table_schedule(table), budget=boxes)
+            found = with_steps(study, controller, found, schedule=table_schedule(table), budget=_STEP_BOXES)
         except (InfeasibleStudyError, StudyError) as fault:  # no such function, or a box that is not asked for
             slowest = fault.slowest if isinstance(fault, NoFunctionError) else None
             refused = refusal_record(str(fault), region, slowest)

@@ -144,11 +144,12 @@ def certify(
     takes them from a table; without it the table is read or designed first. ``decay`` is the decay rate in 1/s to be
     proved; None asks for the largest. ``region`` may hold the pairs ``scr``, ``x_over_r``, ``P_pu`` and ``Q_pu``, and
     ``error`` and ``rate`` (1/s), as in :func:`vsgdesign.certificate.region_of`. Whatever it leaves out is taken from
-    the box of the table. Raises the errors of :func:`vsgdesign.certificate.certify`.
+    the box of the table. A certificate also says after which steps no limit of the controller acts. Raises the errors of
+    :func:`vsgdesign.certificate.certify`.
     """
     from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.certificate import certify as prove
-    from vsgdesign.certificate import region_of
+    from vsgdesign.certificate import region_of, with_steps
     from vsgdesign.pipeline.table import make_tables
 
     given = table.table if isinstance(table, DesignedTable) else table
@@ -159,7 +160,9 @@ def certify(
     spec, chosen = region_of(study, controller, **asked, ready=Ready(tables=tables))
     if spec.name not in tables:
         tables |= make_tables(replace(study, controllers=(spec,)), progress=progress)
-    return Proof(prove(study, spec, chosen, ready=Ready(tables=tables), decay=decay, progress=progress))
+    ready = Ready(tables=tables)
+    found = prove(study, spec, chosen, ready=ready, decay=decay, progress=progress)
+    return Proof(with_steps(study, spec, found, ready=ready, progress=progress))
 
 
 def export_c(source: DesignedTable | GainTable | str | Path, out: str | Path, **options: Any) -> ExportedC:

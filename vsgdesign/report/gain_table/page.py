@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.step_text import STEP_HEAD, step_rows, step_sentence
 from vsgdesign.artifacts.table_text import (
     between_text,
     causes_text,
@@ -64,7 +65,11 @@ def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_pat
         causes=causes_table(table),
         certificate=None
         if table.certificate is None
-        else open_table("Certificate", table.certificate.document, CERTIFICATE_UNITS),
+        else open_table("Certificate", _without_steps(table.certificate.document), CERTIFICATE_UNITS),
+        steps=steps_table(table),
+        steps_text=None
+        if table.certificate is None or table.certificate.steps is None
+        else step_sentence(table.certificate.steps),
         made=open_table("Made with", table.provenance | table.inputs),
     )
 
@@ -158,6 +163,18 @@ def causes_table(table: GainTable) -> Table:
     )
     groups = (("", 5), ("without the cause it would keep", len(names)))
     return Table("Why cells are relaxed", head, tuple(rows), groups=groups)
+
+
+def steps_table(table: GainTable) -> Table | None:
+    """The largest steps for which no limit acts; None where the certificate has none."""
+    found = None if table.certificate is None else table.certificate.steps
+    if found is None or not found.rows:
+        return None
+    return Table("Largest certified steps, each alone", STEP_HEAD, tuple(step_rows(found)), texts=3)
+
+
+def _without_steps(document: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in document.items() if name != "steps"}
 
 
 def _share(value: float | None) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.step_text import step_lines
 from vsgdesign.artifacts.table_text import (
     between_text,
     cause_text,
@@ -51,6 +52,8 @@ def heading(table: GainTable) -> Iterator[str]:
         yield between_text(table.between)
     if not certificate_failed(table.certificate):
         yield certificate_sentence(table.certificate)
+    if table.certificate is not None and table.certificate.steps is not None:
+        yield from step_lines(table.certificate.steps)
     if table.design_hash:
         yield f"design hash {table.design_hash}"
     yield f"sha256 {table.sha256}"
@@ -61,11 +64,12 @@ def certificate_text(found: Certificate | Counterexample) -> str:
     text = f"{found.controller}: {certificate_sentence(found.as_record())}"
     if not isinstance(found, Certificate):
         return text
+    steps = "" if found.steps is None else "\n" + "\n".join(step_lines(found.steps))
     boxes = f"Proved on {found.boxes} {'box' if found.boxes == 1 else 'boxes'}. " if found.boxes else ""
     spare = "" if found.proof == "gap-free" else f", the slowest of which has {found.gap.decay:.2g} 1/s to spare"
     return (
         f"{text}\n{boxes}Verified at {found.checked} cells and {found.fresh} fresh random points{spare}; "
-        f"{found.vertices} vertices decide."
+        f"{found.vertices} vertices decide.{steps}"
     )
 
 
