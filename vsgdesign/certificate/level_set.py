@@ -21,7 +21,7 @@ def largest_level_set(
 ) -> tuple[Array | None, tuple[int, ...]]:
     """P (3, 3) of the set {xᵀPx ≤ 1} of largest volume that decays in all cells, and the cells that decide.
 
-    ``A`` (N, 3, 3): state matrices over the scaled states (δ, ω_i, V). The set keeps |Δv| ≤ 1 for every resting
+    ``A`` (N, 3, 3): state matrices over the scaled states (δ, ω_r, V). The set keeps |Δv| ≤ 1 for every resting
     voltage between ``V_limits_pu`` and ΔV² ≤ ``V_share``, and the inequality at ``decay`` (1/s) holds in every cell
     (:eq:`largest-level-set`). None where there is no such function. ``start``: cells to begin with.
     """

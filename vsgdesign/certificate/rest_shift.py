@@ -19,13 +19,13 @@ def rest_shift(
     V_g: Any = 0.0,
     omega_g: Any = 0.0,
 ) -> tuple[Any, Any, Any]:
-    """From the old to the new resting point (δ, ω_r, V), for small changes, by the Jacobian at rest (:eq:`rest-shift`).
+    """Step of the resting point (δ, ω_r, V) when a reference or the grid source changes a little (:eq:`rest-shift`).
 
-    At rest both errors of the power loops are zero, and ω and ω_r are the grid's frequency. The changes are those of
-    P_ref (W), Q_ref (var), the source's voltage V_g as a share of itself, and its frequency omega_g (rad/s). ω_i does
-    not change at the step, so that a step of P_ref or Q_ref moves ω_r itself. P, Q and V are those at rest. P and Q are homogeneous of second degree in (V, V_g), so their derivatives with respect to ln V_g are
-    2P − BV and 2Q − DV. Returns (delta, omega_r, V) in rad, rad/s and V: what the state is short of its new
-    rest right after the step.
+    The changes are those of P_ref (W), Q_ref (var), the source's voltage V_g as a share of itself, and its frequency
+    omega_g (rad/s). P, Q and V are those at rest, ``jacobian`` is A, B, C, D there. ω_i is continuous, so that a step
+    of P_ref or Q_ref moves ω_r instead of its rest. P and Q are homogeneous of second degree in (V, V_g); their
+    derivatives with respect to ln V_g are therefore 2P − BV and 2Q − DV. Returns (delta, omega_r, V) in rad, rad/s
+    and V: what the state lacks to its new rest right after the step.
     """
     A, B, C, D = jacobian
     P_rest = P_ref - gains.D_p * omega_g

@@ -38,7 +38,7 @@ class Gap:
 class Certificate:
     """V = xᵀP(ρ)x decays at least as e^{−2·decay·t} along every change of grid and estimate within the region.
 
-    x = (δ, ω_i, V) as deviations over ``scale``. ``P`` (K, 3, 3): P_0 alone for a common function; else
+    x = (δ, ω_r, V) as deviations over ``scale``. ``P`` (K, 3, 3): P_0 alone for a common function; else
     P(ρ) = P_0 + ρ_1 P_1 + ρ_2 P_2 with the ρ of :eq:`certificate-coordinates`, and the grid changes no faster than
     ``region.rate``. ``proof``: ``gap-free`` (all points of the region) or ``gridded`` (cells and random points,
     with what the boxes leave open as ``gap``). ``checked`` and ``fresh`` count the cells and the random points at
@@ -111,7 +111,7 @@ class NoFunctionError(InfeasibleStudyError):
 
 @dataclass(frozen=True)
 class Trajectory:
-    """The response of the growing mode: times (s) and the deviations x = (δ in rad, ω_i in rad/s, V in V), (M, 3)."""
+    """The response of the growing mode: times (s) and the deviations x = (δ in rad, ω_r in rad/s, V in V), (M, 3)."""
 
     t_s: Array
     x: Array

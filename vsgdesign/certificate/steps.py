@@ -71,7 +71,7 @@ def certified_steps(
     """
     region = replace(certificate.region, rate=np.inf)
     system, motion = prepared(study, spec, region, ready, schedule, None)
-    limits = acting_limits(study)
+    limits = acting_limits(study.with_limit_of(spec))
     boxes = budget if encloses(system) else 0
     decay = _DECAY * certificate.decay
     rng = np.random.default_rng(seed)
