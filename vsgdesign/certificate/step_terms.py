@@ -155,7 +155,7 @@ def _square(vector: list[Any], P: Array) -> Any:
 
 
 def rest_current_pu(system: System, cells: Cells) -> Array:
-    """Converter current at rest, pu of the rated one: grid current and the capacitor's."""
+    """Converter current at rest, pu of the rated one: grid current and the capacitor's (:eq:`converter-current`)."""
     c = system.study.converter
     _, _, P, Q, _, _ = cells.points.T
     V = cells.V_rms / c.V_rated_rms
