@@ -90,9 +90,15 @@ def test_trained_on_every_grid_on_grids_it_never_saw(continuous: tuple[Study, Re
     assert max(errors.values()) <= 1.0
 
 
-def test_trained_on_five_grids() -> None:
+@pytest.fixture(scope="module")
+def published() -> tuple[Study, Ready]:
     study = load_study(STUDIES / "published" / "study.toml")
-    one = judged(study, Ready(network=make_network(study)[0]))
+    return study, Ready(network=make_network(study)[0])
+
+
+def test_trained_on_five_grids(published: tuple[Study, Ready]) -> None:
+    study = published[0]
+    one = judged(*published)
     errors = worst_at_rest(one, study)
     assert errors[2.0] <= 0.5
     assert errors[8.0] <= 1.0
@@ -100,3 +106,20 @@ def test_trained_on_five_grids() -> None:
     assert 1.0 < errors[20.0] < 10.0
     as_with_the_truth(one)
     assert np.isfinite(one.log.R_g_hat).all()
+
+
+def test_the_damped_controller_keeps_its_current_limit(published: tuple[Study, Ready]) -> None:
+    """The jumps to SCR 8 and 20 ask for 11.5 and 8.5 kW; 1.2 pu of current carry 6 kW per pu of voltage."""
+    study, ready = published
+    alone = replace(study, controllers=tuple(spec for spec in study.controllers if spec.name == "DAMPED-ANN"))
+    (found,) = run_scenario(alone, ready).controllers
+    t_s, current = found.series["t_s"], np.hypot(*found.simulation.log[:, :2].T) / study.converter.I_rated_pk
+    for jump_s in (20.0, 40.0):
+        after = (t_s >= jump_s) & (t_s < jump_s + 10.0)
+        assert 4500.0 < found.series["P_pcc"][after].max() < 6000.0
+        assert current[after].max() < 1.26
+        assert np.ptp(found.simulation.column("limited_samples")[after]) > 100
+    steps = {(e.t_s, e.signal): e.one_cycle_mean for e in found.events}
+    for place in ((10.0, "P_pcc"), (30.0, "P_pcc"), (50.0, "Q_pcc")):
+        assert steps[place].settling_time_s == pytest.approx(1.0, abs=0.05)
+        assert steps[place].overshoot_pct == pytest.approx(0.0, abs=0.8)

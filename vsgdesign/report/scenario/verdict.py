@@ -285,27 +285,22 @@ def _stress(result: ScenarioResult) -> str:
     """Currents and voltages that the converter must withstand."""
     converter = result.study.converter
     sentences = []
-    worst = max(
-        (
-            (event.peak_current_pu, event, c)
-            for c in result.controllers
-            for event in c.events
-            if event.peak_current_pu is not None
-        ),
-        key=lambda item: item[0],
-        default=None,
-    )
-    if worst is not None:
-        limit_pu = result.study.with_limit_of(worst[2].spec).converter.current_limit_pu
-        limit = (
-            "no current limit is set"
-            if limit_pu is None
-            else f"the limit of its current reference is {plain(limit_pu)} pu"
-        )
-        sentences.append(
-            f"The largest current after an event is {number(worst[0])} pu of the rated peak ({worst[2].spec.name}, "
-            f"{worst[1].name} at {plain(worst[1].t_s)} s); {limit}."
-        )
+    currents = [
+        (event.peak_current_pu, event, c)
+        for c in result.controllers
+        for event in c.events
+        if event.peak_current_pu is not None
+    ]
+    limits_pu = {c.spec.name: result.study.with_limit_of(c.spec).converter.current_limit_pu for c in result.controllers}
+    for limit_pu in dict.fromkeys(limits_pu.values()):  # the worst of the controllers with the same limit
+        of_limit = [item for item in currents if limits_pu[item[2].spec.name] == limit_pu]
+        if not of_limit:
+            continue
+        value, event, c = max(of_limit, key=lambda item: item[0])
+        current = f"{number(value)} pu of the rated peak ({c.spec.name}, {event.name} at {plain(event.t_s)} s)"
+        limit = f"the limit of its current reference is {plain(limit_pu)} pu" if limit_pu else "no current limit is set"
+        start = "The largest current after an event is" if not sentences else "With another limit, it is"
+        sentences.append(f"{start} {current}; {limit}.")
     points = [(row.t_s, row.point) for row in result.operating_points if row.point is not None]
     flagged = [(t_s, point) for t_s, point in points if not point.V_within_limits]
     total = len(points)
