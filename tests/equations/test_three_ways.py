@@ -50,9 +50,14 @@ RANGES: dict[str, tuple[float, float]] = {
     "k_1_or_H": (2.0, 30.0), "d_1_or_zeta": (0.5, 9.0), "q": (0.0, 0.05), "H": (1.0, 10.0), "zeta": (0.4, 1.2),
     "K_ip": (1e-3, 1e-2), "D_p": (500.0, 3000.0), "K_iq": (0.05, 0.5), "D_q": (0.1, 3.0),
     "Z_v": (0.5, 3.0), "S_rated": (1e3, 1e6), "dc_voltage": (300.0, 900.0), "zero_sequence": (0.0, 1.0),
+    "value": (-4e3, 4e3), "mean": (-4e3, 4e3), "ripple": (-4e3, 4e3), "damping": (0.1, 1.0), "gain": (0.01, 0.1),
+    "step": (1e-4, 1e-2), "back": (0.01, 0.1), "notch_gain": (0.01, 0.1), "notch_step": (1e-4, 1e-2),
+    "notch_back": (0.01, 0.1),
 }  # fmt: skip
 BY_PREFIX: tuple[tuple[str, tuple[float, float]], ...] = (
     ("V_", (90.0, 130.0)),
+    ("ripple_", (-4e3, 4e3)),
+    ("mean_", (-4e3, 4e3)),
     ("v_", (-200.0, 200.0)),
     ("i_", (-30.0, 30.0)),
     ("I_", (5.0, 50.0)),

@@ -75,6 +75,10 @@ def random_samples(known: KnownSteps, limiter: Limiter, count: int, seed: int) -
         i_f_q=about(i_q, I_pk),
         u_alpha=v.real + about(0.0, 0.5 * V),
         u_beta=v.imag + about(0.0, 0.5 * V),
+        ripple_P=about(0.0, 0.5 * S),
+        ripple_Q=about(0.0, 0.5 * S),
+        mean_P=about(0.5 * S, S),
+        mean_Q=about(0.1 * S, S),
         limiter=tuple(_memory(name, rng, wide, omega, I_pk, count) for name in memory_of(limiter)._fields),
     )
     measured = Measurement(v.real, v.imag, i_s.real, i_s.imag, i_g.real, i_g.imag)
@@ -138,7 +142,9 @@ def compare_steps(scheduler: Scheduler, limiter: Limiter, compiled: CompiledC, c
 def scales(known: KnownSteps, limiter: Limiter) -> np.ndarray:
     """What the error of each number is relative to: a turn, the nominal frequency, rated voltage, power and current."""
     V, I_pk, S = known.size.v_b_alpha, known.settings.i_max_pk / 1.2, known.size.P
-    state = ControllerState(2.0 * np.pi, known.refs.omega_0, known.refs.V_n, S, S, I_pk, I_pk, V, V, I_pk, I_pk, V, V)
+    state = ControllerState(
+        2.0 * np.pi, known.refs.omega_0, known.refs.V_n, S, S, I_pk, I_pk, V, V, I_pk, I_pk, V, V, S, S, S, S
+    )
     memory = [
         known.refs.omega_0 if name.startswith("omega") else I_pk if name.startswith("i_") else 1.0
         for name in memory_of(limiter)._fields

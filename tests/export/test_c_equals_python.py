@@ -17,6 +17,7 @@ from tests.simulation.test_limiters import LEANING
 from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
 from vsgdesign.equations.integration import TURN, within_a_turn
 from vsgdesign.equations.limiters import CIRCULAR, LIMITERS
+from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants, notch_constants
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.export import CompiledC, export_c, export_c_files
@@ -107,10 +108,14 @@ SOFT = PowerLoopGains(2e-3, 318.3, 0.05, 90.9, -4e-4, 6e-3, 8e-4, -3e-4)
 FIRM = PowerLoopGains(5e-3, 2087.0, 0.115, 0.687)
 
 
-def test_the_power_loops(compiled: CompiledC) -> None:
+SINGLE_NOTCH = NotchConstants(*(float(np.float32(x)) for x in notch_constants(200.0 * np.pi, 0.5, 1e-4)))
+
+
+@pytest.mark.parametrize("before", [NO_NOTCH, SINGLE_NOTCH], ids=["low_pass", "notch"])
+def test_the_power_loops(compiled: CompiledC, before: NotchConstants) -> None:
     """Closed over a grid of A, B, C, D, with two retunings, for 2 s: rounding must not pile up in the integrators."""
     A, B, C, D = 8000.0, 60.0, -4500.0, 70.0
-    loops = [made(FIRM, REFS, 1e-4, 0.02, 0.02) for made in (PowerController, compiled.power)]
+    loops = [made(FIRM, REFS, 1e-4, 0.02, 0.02, before) for made in (PowerController, compiled.power)]
     delta = [0.0, 0.0]
     worst = np.zeros(3)
     following = delta[0]
@@ -146,7 +151,7 @@ def test_the_whole_controller(compiled: CompiledC, scheduler: Scheduler) -> None
     refs = known.refs
     state = ControllerState(
         theta=0.0, omega_i=frequency_at_rest(refs, first), V=refs.V_n, P_f=refs.P_ref, Q_f=refs.Q_ref, xi_vd=0.0,
-        xi_vq=0.0, xi_id=0.0, xi_iq=0.0,
+        xi_vq=0.0, xi_id=0.0, xi_iq=0.0, mean_P=refs.P_ref, mean_Q=refs.Q_ref,
     )  # fmt: skip
     samples = 2000 if compiled.double else 20
     gains, worst, turns = first, 0.0, 0

@@ -20,7 +20,7 @@ from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.simulation import GainChange, Simulation, simulate
 
 CASES = ("hoang2025_5kva", "lab_12kva_lcl", "utility_1mva_60hz")
-"""Without and with a sample of delay, LC and LCL, 50 and 60 Hz, 5 kVA to 1 MVA."""
+"""Without and with a sample of delay, LC and LCL, 50 and 60 Hz, 5 kVA to 1 MVA; the last one with a notch."""
 DURATION, STEP_AT, RETUNED_AT = 3.0, 0.5, 1.5
 
 
@@ -29,6 +29,7 @@ def scenario(case: str) -> tuple[Study, list[GainChange]]:
     text = f"""
 base = "case:{case}"
 controllers = [{{ name = "fixed", kind = "fixed", structure = "angle_damped" }}]
+power_loops = {{ power_filter = "{"notch" if case == CASES[-1] else "low_pass"}" }}
 simulation = {{ duration = "{DURATION} s", bridge = "averaged", P_ref = "0 W", Q_ref = "0 var" }}
 """
     bare = study_from_text(text)
@@ -96,7 +97,7 @@ def programs(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[boo
 def test_as_simulated(case: str, programs: dict[bool, Path], folder: Path, tmp_path: Path) -> None:
     study, gains = scenario(case)
     run = simulate(study, gains, log_states=1)
-    assert run.controller_log.shape[1] == len(flat_state(run.final_state)) == 13
+    assert run.controller_log.shape[1] == len(flat_state(run.final_state)) == 17
     given = inputs(study, gains, run)
     double, single = (told(programs[kind], given, tmp_path) for kind in (True, False))
     every = round(study.simulation.log_interval / study.converter.T_s)

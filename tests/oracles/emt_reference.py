@@ -43,6 +43,8 @@ class State:
     xi_i: complex
     i_f: complex = 0j
     asked: complex = 0j
+    seen: tuple[complex, complex, complex, complex] = (0j, 0j, 0j, 0j)
+    """What a notch keeps: the measured power of the last two samples, then what it let through."""
 
 
 @dataclass
@@ -186,13 +188,27 @@ class SampledController:
         self.lead = cmath.exp(1j * c.omega_n * (c.delay_samples + 0.5) * self.T)
         self.smoothing = [1.0 if tau == 0.0 else 1.0 - math.exp(-self.T / tau) for tau in (study.tau_P, study.tau_Q)]
         self.hits = {"current": 0, "voltage": 0}
+        # The notch as a difference equation, in powers of z^-1: zeros on the unit circle, poles within.
+        turn = 2.0 * math.cos(2.0 * c.omega_n * self.T)
+        if study.has_notch:
+            width = study.notch_damping * math.sin(2.0 * c.omega_n * self.T)
+            kept = (1.0 - width) / (1.0 + width)
+            self.notch = (turn, turn - 1.0 + kept, kept)
+        else:
+            self.notch = None
 
     def step(
         self, s: State, v: complex, i_s: complex, i_g: complex, refs: tuple[float, float], gains: Any
     ) -> tuple[State, complex, complex]:
         """Next state, bridge voltage asked for (αβ), and the unfiltered complex power."""
-        S = 1.5 * v * i_g.conjugate()
-        S_f = s.S_f + complex(self.smoothing[0] * (S.real - s.S_f.real), self.smoothing[1] * (S.imag - s.S_f.imag))
+        S = passed = 1.5 * v * i_g.conjugate()
+        if self.notch is not None:
+            turn, turn_back, kept = self.notch
+            before, earlier, let, let_earlier = s.seen
+            passed = S - turn * before + earlier + turn_back * let - kept * let_earlier
+        S_f = s.S_f + complex(
+            self.smoothing[0] * (passed.real - s.S_f.real), self.smoothing[1] * (passed.imag - s.S_f.imag)
+        )
         P_ref, Q_ref = refs
         acceleration = gains.K_ip * (P_ref - S_f.real + gains.D_p * (self.omega_0 - s.omega))
         rise = gains.K_iq * (Q_ref - S_f.imag + gains.D_q * (self.V_n - s.V))
@@ -217,6 +233,7 @@ class SampledController:
             xi_i,
             s.i_f + self.used_to * (i_g - s.i_f),
             v_b * self.lead / frame,
+            (S, s.seen[0], passed, s.seen[2]),
         )
         return following, following.asked, S
 

@@ -18,15 +18,17 @@ DAMPED = GAINS._replace(k_P=2e-4, k_Q=1e-4, K_pq=1e-4, K_qp=2e-4)
 REFS = References(2e3, 500.0, 100.0 * math.pi, 110.0)
 
 
-def test_the_same_as_in_emt() -> None:
+@pytest.mark.parametrize("power_filter", ["low_pass", "notch"])
+def test_the_same_as_in_emt(power_filter: str) -> None:
     """Fed the run's P and Q it goes the run's way, across two changes of gains; rounding alone differs."""
-    study = lc_study("0.12 s", sections='[power_loops]\ntau_P = "5 ms"\ntau_Q = "2 ms"\n')
+    filters = f'[power_loops]\ntau_P = "5 ms"\ntau_Q = "2 ms"\npower_filter = "{power_filter}"\n'
+    study = lc_study("0.12 s", sections="[grid]\ncomponents = [{ order = -1, amplitude_pu = 0.02 }]\n" + filters)
     changes = [GainChange(0.0, GAINS), GainChange(0.04, DAMPED), GainChange(0.08, FAST_GAINS)]
     run = simulate(study, changes, log_states=1)
     c, settings = study.converter, study.controller_settings()
     P, Q, omega, V, theta = (run.column(name) for name in ("P", "Q", "omega", "V_rms", "theta"))
     refs = References(*run.timeline.references_at(0.0)[:2], c.omega_n, c.V_rated_rms)
-    controller = PowerController(GAINS, refs, settings.T_s, settings.smoothing_P, settings.smoothing_Q)
+    controller = PowerController(GAINS, refs, settings.T_s, settings.smoothing_P, settings.smoothing_Q, study.notch)
     first = run.controller_log[0]
     controller.restore(
         dict(zip(("theta", "omega_i", "V", "P_f", "Q_f"), map(float, first[:5]), strict=True)) | {"gains": list(GAINS)}

@@ -101,6 +101,7 @@ def library_start(study: Study, gains: Sequence[GainChange]) -> Start:
         complex(s.xi_id, s.xi_iq),
         complex(s.i_f_d, s.i_f_q),
         complex(s.u_alpha, s.u_beta),
+        (complex(s.P_f, s.Q_f),) * 4,
     )
     return Start(x[0::2] + 1j * x[1::2], state, complex(*pending))
 
@@ -166,6 +167,14 @@ def test_negative_sequence_and_harmonics(bridge: str) -> None:
     """They are there from the start, change between samples, turn with a phase jump and a ramp, and stop."""
     sections = f"[grid]\nscr = 8\nx_over_r = 3\n{FROM_THE_START}"
     compare(lc_study("40 ms", COMPONENTS, sections), [GainChange(0.0, GAINS)], bridge)
+
+
+@pytest.mark.parametrize("build", [lc_study, lcl_study])
+def test_a_notch_before_the_power_filters(build) -> None:
+    """The oracle's is a difference equation. It starts at rest; then a negative sequence appears."""
+    study = build("60 ms", COMPONENTS)
+    study = replace(study, power_filter="notch", notch_damping=0.4, tau_P=2e-3)
+    compare(study, [GainChange(0.0, FAST_GAINS)], "averaged")
 
 
 @pytest.mark.parametrize(("samples_per_carrier", "period"), [(1, "100 us"), (4, "25 us")])

@@ -37,7 +37,8 @@ def resolved_inputs(study: Study, target: ClosedFormTarget) -> dict[str, Any]:
         "converter": asdict(study.converter),
         "filter": asdict(study.filter),
         "inner_loops": study.inner_gains._asdict() | {"omega_t": study.omega_t},
-        "power_loops": {"tau_P": study.tau_P, "tau_Q": study.tau_Q},
+        "power_loops": {"tau_P": study.tau_P, "tau_Q": study.tau_Q}
+        | ({"notch_damping": study.notch_damping} if study.has_notch else {}),
         "grid": {"V_g_rms": study.grid_source.V_g_rms, "omega_g": study.grid_source.omega_g},
         "controller": {"structure": target.structure, "P_design": target.P, "Q_design": target.Q} | droops,
     }

@@ -53,7 +53,8 @@ class TableBase:
     """``impedance`` or ``reactance``."""
     tau_P: float = 0.0
     tau_Q: float = 0.0
-    """Time constants of the power filters that the margins are taken with, s."""
+    """Time constants of the power filters that the margins are taken with, s; with the delay of a notch, if there is
+    one."""
 
     def __post_init__(self) -> None:
         _to_floats(self)
@@ -188,6 +189,7 @@ class GainTable:
 def base_of(study: Study, scr_basis: str | None = None) -> TableBase:
     """The base of a table for a study's converter; ``scr_basis``: of the table's axis, if not the study's."""
     c, f = study.converter, study.filter
+    tau_P, tau_Q = study.power_lags
     return TableBase(
         S_rated=c.S_rated,
         V_rated_rms=c.V_rated_rms,
@@ -196,8 +198,8 @@ def base_of(study: Study, scr_basis: str | None = None) -> TableBase:
         R_2=f.R_2,
         L_2=f.L_2,
         scr_basis=scr_basis or study.scr_basis,
-        tau_P=study.tau_P,
-        tau_Q=study.tau_Q,
+        tau_P=tau_P,
+        tau_Q=tau_Q,
     )
 
 

@@ -58,6 +58,7 @@ def law_of(study: Study, target: ClosedFormTarget, aim: str) -> LawOfStudy:
     """The law of a controller's target under a specification's aim."""
     c = study.converter
     droops = target.P_droop, target.Q_droop
+    tau_P, tau_Q = study.power_lags
     D_p, D_q = STRUCTURES[target.structure].rated_droops(*droops, c.S_rated, c.omega_n, c.V_rated_rms)
     return LawOfStudy(
         structure=target.structure,
@@ -66,8 +67,8 @@ def law_of(study: Study, target: ClosedFormTarget, aim: str) -> LawOfStudy:
         D_q=D_q,
         S_rated=c.S_rated,
         omega_n=c.omega_n,
-        tau_P=study.tau_P,
-        tau_Q=study.tau_Q,
+        tau_P=tau_P,
+        tau_Q=tau_Q,
     )
 
 

@@ -19,6 +19,7 @@ from vsgdesign.equations.inner_loops import (
 )
 from vsgdesign.equations.integration import advanced
 from vsgdesign.equations.limiters import GridEstimate, IntegratorSteps, LimiterLaw, LimiterView
+from vsgdesign.equations.power_filter import notch
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.frames import instantaneous_power, rms_to_peak, rotate, rotate_back
 
@@ -28,8 +29,8 @@ def power_stage(
 ) -> Any:
     """Power filters and power loops of one sample: the frequency ω, the new P_f and Q_f, and the steps.
 
-    P_f and Q_f are those of the next sample. The steps are the changes of θ, ω_i and V by forward Euler with period
-    T_s. The step of θ uses the frequency of this sample.
+    P and Q come from the notch. P_f and Q_f are those of the next sample. The steps are the changes of θ, ω_i and V by
+    forward Euler with period T_s. The step of θ uses the frequency of this sample.
     """
     P_f = state.P_f + settings.smoothing_P * (P - state.P_f)
     Q_f = state.Q_f + settings.smoothing_Q * (Q - state.Q_f)
@@ -77,6 +78,12 @@ def controller_sample(
         inner_gains,
         settings.omega_C,
     )
+    passed_P, ripple_P, mean_P = notch(
+        P, state.ripple_P, state.mean_P, settings.notch_gain, settings.notch_step, settings.notch_back
+    )
+    passed_Q, ripple_Q, mean_Q = notch(
+        Q, state.ripple_Q, state.mean_Q, settings.notch_gain, settings.notch_step, settings.notch_back
+    )
     view = LimiterView(
         v_d=v_d,
         v_q=v_q,
@@ -90,8 +97,8 @@ def controller_sample(
         i_want_q=i_want_q,
         V=V_rms,
         omega_i=state.omega_i,
-        P=P,
-        Q=Q,
+        P=passed_P,
+        Q=passed_Q,
         K_pv=inner_gains.K_pv,
     )
     sample = limiter.limit(state.limiter, view, grid, refs, power_gains, settings)
@@ -144,6 +151,10 @@ def controller_sample(
         i_f_q=i_f_q,
         u_alpha=v_b_alpha,
         u_beta=v_b_beta,
+        ripple_P=ripple_P,
+        ripple_Q=ripple_Q,
+        mean_P=mean_P,
+        mean_Q=mean_Q,
         limiter=remembered,
     )
     output = ControllerOutput(v_b_alpha=v_b_alpha, v_b_beta=v_b_beta, omega=omega, P=P, Q=Q, limited=sample.limited)

@@ -34,6 +34,12 @@ class ControllerState(NamedTuple):
     u_alpha: Any = 0.0
     u_beta: Any = 0.0
     """Bridge voltage of the last sample, V peak; with a delay of one sample it acts from this sample on."""
+    ripple_P: Any = 0.0
+    ripple_Q: Any = 0.0
+    """Ripple of P (W) and Q (var) at twice the grid's frequency, as the notch predicts it for this sample."""
+    mean_P: Any = 0.0
+    mean_Q: Any = 0.0
+    """What the notch holds for the rest of P (W) and Q (var)."""
     limiter: Any = Nothing()
     """What the current limiter remembers: a NamedTuple of its own."""
 
@@ -78,6 +84,10 @@ class ControllerSettings(NamedTuple):
     """cos and sin of ω₀T_s/2, by which the frame turns in half a period."""
     T_over_L: Any = 0.0
     """T_s/L_1 of the current prediction, s/H."""
+    notch_gain: Any = 0.0
+    notch_step: Any = 0.0
+    notch_back: Any = 0.0
+    """Constants of the notch in front of the power filters; zeros: there is none."""
     limiter: Any = Nothing()
     """The current limiter's own constants: a NamedTuple."""
 

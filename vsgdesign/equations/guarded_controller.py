@@ -91,6 +91,10 @@ def skipped_step(state: ControllerState, refs: References, gains: PowerLoopGains
         i_f_q=state.i_f_q,
         u_alpha=u_alpha,
         u_beta=u_beta,
+        ripple_P=state.ripple_P,
+        ripple_Q=state.ripple_Q,
+        mean_P=state.mean_P,
+        mean_Q=state.mean_Q,
         limiter=state.limiter,
     )
     output = ControllerOutput(v_b_alpha=u_alpha, v_b_beta=u_beta, omega=omega, P=state.P_f, Q=state.Q_f, limited=0.0)

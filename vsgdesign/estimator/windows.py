@@ -138,7 +138,14 @@ def generate_windows(
 
 def _header(study: Study, recipe: WindowRecipe, seed: int) -> dict[str, Any]:
     c = study.converter
-    loops = (study.inner_gains, study.omega_t, study.target, study.tau_P, study.tau_Q)
+    loops = (
+        study.inner_gains,
+        study.omega_t,
+        study.target,
+        study.tau_P,
+        study.tau_Q,
+        *([study.notch] if study.has_notch else []),
+    )
     used = (c, study.filter, *loops, study.grid_source.V_g_rms)
     return {
         "recipe": recipe.document(),

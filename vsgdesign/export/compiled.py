@@ -14,6 +14,7 @@ import numpy as np
 from vsgdesign.equations.controller import ControllerOutput, ControllerSettings, Measurement
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
+from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import ArtifactError
 from vsgdesign.runtime.scheduler import Answer
@@ -135,10 +136,16 @@ class CompiledC:
                 setattr(self._scheduler, name, value)
 
     def power(
-        self, gains: PowerLoopGains, refs: References, T_s: float, smoothing_P: float = 1.0, smoothing_Q: float = 1.0
+        self,
+        gains: PowerLoopGains,
+        refs: References,
+        T_s: float,
+        smoothing_P: float = 1.0,
+        smoothing_Q: float = 1.0,
+        before: NotchConstants = NO_NOTCH,
     ) -> CompiledPower:
-        """Power loops of the compiled C."""
-        return CompiledPower(self, gains, refs, T_s, smoothing_P, smoothing_Q)
+        """Power loops of the compiled C, with a notch ``before`` their low-pass."""
+        return CompiledPower(self, gains, refs, T_s, (smoothing_P, smoothing_Q), before)
 
     def control(
         self,
@@ -169,14 +176,16 @@ class CompiledPower:
         gains: PowerLoopGains,
         refs: References,
         T_s: float,
-        smoothing_P: float,
-        smoothing_Q: float,
+        smoothing: tuple[float, float],
+        before: NotchConstants,
     ) -> None:
         self._ffi, self._library = made.ffi, made.library
         self._power, self._voltage = made.ffi.new("vsg_power_t *"), made.ffi.new("vsg_voltage_t *")
         self._library.vsg_power_init(
-            self._power, self._of(gains), made.ffi.new("vsg_references_t *", list(refs)), T_s, smoothing_P, smoothing_Q
+            self._power, self._of(gains), made.ffi.new("vsg_references_t *", list(refs)), T_s, *smoothing
         )
+        if before != NO_NOTCH:
+            self._library.vsg_power_notch(self._power, *before)
 
     def step(self, P: float, Q: float) -> tuple[float, float, float]:
         """ω (rad/s), V (rms) and θ (rad) of this sample."""

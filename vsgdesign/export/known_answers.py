@@ -18,6 +18,7 @@ from vsgdesign.equations.controller import (
 )
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate, Limiter, LimiterRatings, LimiterView
+from vsgdesign.equations.power_filter import notch_constants
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
 from vsgdesign.frames import PHASES, rms_to_peak
 from vsgdesign.identification.neural import NeuralEstimator
@@ -135,12 +136,14 @@ def known_steps(lookup: GainLookup, settings: SchedulerSettings, limiter: Limite
         T_s=T_s, V_rated_pk=V_pk, I_rated_pk=I_pk, i_max_pk=1.2 * I_pk, Z_base=Z, omega_0=omega, R_2=lookup.R_2,
         L_2=lookup.L_2, V_low_pu=0.85, V_high_pu=1.25,
     )  # fmt: skip
+    notch = notch_constants(2.0 * omega, 0.5, T_s)
     constants = _single(
         ControllerSettings(
             T_s=T_s, smoothing_P=0.02, smoothing_Q=0.03, omega_C=omega * C, omega_L=omega * L_1, i_max_pk=1.2 * I_pk,
             v_max_pk=1.3 * V_pk, advance_cos=math.cos(1.5 * omega * T_s), advance_sin=math.sin(1.5 * omega * T_s),
             smoothing_t=0.05, half_cos=math.cos(0.5 * omega * T_s), half_sin=math.sin(0.5 * omega * T_s),
-            T_over_L=T_s / L_1, limiter=limiter.constants(ratings),
+            T_over_L=T_s / L_1, notch_gain=notch.gain, notch_step=notch.step, notch_back=notch.back,
+            limiter=limiter.constants(ratings),
         )
     )  # fmt: skip
     refs = _single(References(0.4 * S, 0.1 * S, omega, lookup.V_n_rms))
@@ -153,7 +156,8 @@ def known_steps(lookup: GainLookup, settings: SchedulerSettings, limiter: Limite
     view = LimiterView(**dict.fromkeys(LimiterView._fields, 0.0) | {"V": refs.V_n, "omega_i": omega_i})
     state = ControllerState(
         theta=0.0, omega_i=omega_i, V=refs.V_n, P_f=refs.P_ref, Q_f=refs.Q_ref, xi_vd=0.0,
-        xi_vq=0.0, xi_id=0.0, xi_iq=0.0, limiter=limiter.at_rest(view, refs.omega_0, constants),
+        xi_vq=0.0, xi_id=0.0, xi_iq=0.0, mean_P=refs.P_ref, mean_Q=refs.Q_ref,
+        limiter=limiter.at_rest(view, refs.omega_0, constants),
     )  # fmt: skip
     rng, measured, outputs = np.random.default_rng(20), [], []
     for k in range(_STEPS):

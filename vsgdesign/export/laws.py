@@ -12,6 +12,7 @@ from vsgdesign.equations.guarded_controller import LARGEST_STATE, TIMES_NOMINAL,
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.integration import within_a_turn
 from vsgdesign.equations.limiters import limiter_named
+from vsgdesign.equations.power_filter import notch
 from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
@@ -54,6 +55,7 @@ def laws(structure: str, law: str, scr_basis: str, limiter: str) -> CText:
         STRUCTURES[structure].gains,
         within_a_turn,
         frequency_at_rest,
+        notch,
         power_stage,
         controller_step,
         plausible,

@@ -45,6 +45,7 @@ OUTPUTS = ("P", "Q", "omega", "V", "delta", "v_b_d", "v_b_q")
 applied from this sample on (peak, in the source's frame)."""
 
 _TAYLOR_ORDER = 13
+_NOTCH = ("ripple_P", "ripple_Q", "mean_P", "mean_Q")
 _INTEGRATORS = ("xi_vd", "xi_vq", "xi_id", "xi_iq")
 
 
@@ -63,7 +64,7 @@ def limiter_states(fields: tuple[str, ...]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class FullOrderMap:
-    """The CasADi functions of one structure (delay, power filters, transient impedance), for any parameters.
+    """The CasADi functions of one structure (delay, power filters, notch, transient impedance), for any parameters.
 
     ``states`` names z. ``step(z, p)`` gives the next z; ``linear(z, p)`` gives A, B, C, D for INPUTS and
     OUTPUTS; ``directional(z, p, dz, dp)`` gives dA along a direction; ``of_parameters(z, p)`` gives ∂step/∂p.
@@ -104,13 +105,14 @@ def full_order_map(
     transient: bool,
     squarings: int,
     limiter: LimiterInModel = LimiterInModel(CIRCULAR.law, Nothing, Nothing),  # noqa: B008
+    notch: bool = False,
 ) -> FullOrderMap:
-    """Build the map for 0 or 1 samples of delay, with or without power filters and transient impedance.
+    """Build the map for 0 or 1 samples of delay, with or without power filters, transient impedance and notch.
 
     ``squarings`` k: matrix exponentials by Taylor series of (A T_s)/2^k, squared k times. The limiter's memory is part
     of the state, a field each.
     """
-    names = _state_names(delay, filter_P, filter_Q, transient, limiter)
+    names = _state_names(delay, filter_P, filter_Q, transient, notch, limiter)
     z = ca.SX.sym("z", len(names))
     p = ca.SX.sym("p", len(PARAMETERS) + len(SETTINGS) + len(limiter.constants._fields))
     u = ca.SX.sym("u", len(INPUTS))
@@ -136,14 +138,15 @@ def full_order_map(
 
 
 def _state_names(
-    delay: int, filter_P: bool, filter_Q: bool, transient: bool, limiter: LimiterInModel
+    delay: int, filter_P: bool, filter_Q: bool, transient: bool, notch: bool, limiter: LimiterInModel
 ) -> tuple[str, ...]:
     plant = ("i_s_d", "i_s_q", "v_c_d", "v_c_q", "i_g_d", "i_g_q")
     pending = ("pending_d", "pending_q") if delay else ()
     filters = (*(("P_f",) if filter_P else ()), *(("Q_f",) if filter_Q else ()))
     low_pass = ("i_f_d", "i_f_q") if transient else ()
     remembered = limiter_states(limiter.memory._fields)
-    return (*plant, *pending, "delta", "omega_i", "V", *filters, *_INTEGRATORS, *low_pass, *remembered)
+    notches = _NOTCH if notch else ()
+    return (*plant, *pending, "delta", "omega_i", "V", *filters, *notches, *_INTEGRATORS, *low_pass, *remembered)
 
 
 def _one_period(
@@ -182,7 +185,7 @@ def _one_period(
     P, Q = instantaneous_power(v_d, v_q, measured.i_g_alpha, measured.i_g_beta)
     # Without a filter the remembered power is of no consequence: any value serves. Without a transient impedance the
     # remembered current is the present one, in which the impedance sees no change. The voltage that the prediction
-    # takes is the one that waits out the delay.
+    # takes is the one that waits out the delay. Without a notch there is no ripple to take away.
     i_g = rotate_back(state["i_g_d"], state["i_g_q"], np.cos(state["delta"]), np.sin(state["delta"]))
     controller = ControllerState(
         theta=state["delta"],
@@ -195,6 +198,7 @@ def _one_period(
         i_f_q=state.get("i_f_q", i_g[1]),
         u_alpha=state.get("pending_d", 0.0),
         u_beta=state.get("pending_q", 0.0),
+        **{name: state[name] for name in _NOTCH if name in state},
         limiter=limiter.memory(*(state[name] for name in limiter_states(limiter.memory._fields))),
     )
     after, output = controller_sample(

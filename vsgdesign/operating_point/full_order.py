@@ -70,6 +70,7 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
         LimiterInModel(
             law=study.limiter.law, memory=type(cold_start(study).controller.limiter), constants=type(settings.limiter)
         ),
+        study.has_notch,
     )
     for k, cell in enumerate(cells):
         source = cell.source or study.grid_source

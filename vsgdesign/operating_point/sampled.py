@@ -113,6 +113,8 @@ def steady_state(
         i_f_q=float(i_g.imag),
         u_alpha=float(v_b.real),
         u_beta=float(v_b.imag),
+        mean_P=float(P),
+        mean_Q=float(Q),
         limiter=_remembered(study, view, omega_g),
     )
     return SampledState(plant=_interleave(x), controller=state, pending=np.array([v_b.real, v_b.imag]))

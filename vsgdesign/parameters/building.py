@@ -32,6 +32,8 @@ from vsgdesign.parameters.specification import read_specification
 from vsgdesign.parameters.stability import read_stability
 from vsgdesign.parameters.study import (
     NO_LIMITER,
+    NOTCH_DAMPING,
+    POWER_FILTERS,
     UPDATE_PERIOD,
     ClosedFormTarget,
     ControllerSpec,
@@ -75,6 +77,10 @@ def build_study(
     power = root.child("power_loops") or TableReader({}, "power_loops", faults)
     tau_P = power.quantity("tau_P", "s", 0.0, 1.0, default=0.0)
     tau_Q = power.quantity("tau_Q", "s", 0.0, 1.0, default=0.0)
+    power_filter = power.choice("power_filter", POWER_FILTERS, default="low_pass")
+    notch_damping = power.quantity("notch_damping", "1", 0.05, 2.0, default=NOTCH_DAMPING)
+    if power_filter == "low_pass" and power.has("notch_damping"):
+        power.fault("notch_damping", power.table["notch_damping"], "there is no notch", 'Add power_filter = "notch".')
     default_target = ClosedFormTarget(
         settling_time=1.0, damping_ratio=1.0, droop_ratio=0.01, P=converter.S_rated * 0.9, Q=converter.S_rated * 0.2
     )
@@ -109,6 +115,8 @@ def build_study(
         target=target,
         tau_P=tau_P,
         tau_Q=tau_Q,
+        power_filter=power_filter,
+        notch_damping=notch_damping,
         omega_t=omega_t,
         controllers=controllers,
         simulation=simulation,

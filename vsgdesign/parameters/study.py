@@ -14,6 +14,7 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, Limiter, LimiterRatings, limiter_named
+from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants, notch_constants, notch_delay
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.frames import base_impedance, linear_modulation_limit, rated_current_rms, rms_to_peak
@@ -28,6 +29,12 @@ UNLIMITED_PU = 1e6
 
 NO_LIMITER = "none"
 """The word for a controller of a study that does not limit its current."""
+
+POWER_FILTERS = ("low_pass", "notch")
+"""How P and Q are filtered before the power loops."""
+
+NOTCH_DAMPING = 0.5
+"""Damping ratio of the notch's poles where a study says nothing."""
 
 UPDATE_PERIOD = 0.02
 """Time between two updates of a schedule where a study says nothing, s: as published."""
@@ -317,6 +324,10 @@ class Study:
     target: ClosedFormTarget
     tau_P: float
     tau_Q: float
+    power_filter: str = "low_pass"
+    """``low_pass``, or ``notch``: a notch at twice the nominal frequency before the low-pass of P and of Q."""
+    notch_damping: float = NOTCH_DAMPING
+    """Damping ratio of the notch's poles."""
     omega_t: float
     """Corner of the transient impedance, rad/s. It acts on changes of the grid current that are faster than this."""
     controllers: tuple[ControllerSpec, ...]
@@ -341,6 +352,28 @@ class Study:
     """Paths of the study file and of the files that it is based on; none for a study from a text."""
     origin: StudyOrigin | None = field(default=None, compare=False, repr=False)
     """The document from which it was read; None for a study that was built from its parts."""
+
+    @property
+    def has_notch(self) -> bool:
+        """Whether the measured powers go through a notch."""
+        return self.power_filter == "notch"
+
+    @property
+    def notch(self) -> NotchConstants:
+        """The constants of the notch; zeros without one."""
+        if not self.has_notch:
+            return NO_NOTCH
+        found = notch_constants(2.0 * self.converter.omega_n, self.notch_damping, self.converter.T_s)
+        return NotchConstants(*(float(value) for value in found))
+
+    @property
+    def power_lags(self) -> tuple[float, float]:
+        """Time constants in s of first-order lags that stand for the filters of P and Q where a model has no more.
+
+        They are those of the low-passes; a notch adds the delay that it has for slow changes (:eq:`notch-delay`).
+        """
+        delay = notch_delay(self.notch, self.converter.T_s) if self.has_notch else 0.0
+        return self.tau_P + delay, self.tau_Q + delay
 
     @property
     def has_components(self) -> bool:
@@ -428,6 +461,9 @@ class Study:
             half_cos=float(np.cos(0.5 * c.omega_n * c.T_s)),
             half_sin=float(np.sin(0.5 * c.omega_n * c.T_s)),
             T_over_L=c.T_s / self.filter.L_1,
+            notch_gain=self.notch.gain,
+            notch_step=self.notch.step,
+            notch_back=self.notch.back,
             limiter=self.limiter.constants(ratings, dict(self.limiter_given)),
         )
 

@@ -7,6 +7,7 @@ from typing import Any
 from vsgdesign.equations.controller import ControllerSettings, ControllerState, power_stage
 from vsgdesign.equations.guarded_controller import LARGEST_STATE
 from vsgdesign.equations.integration import advanced, within_a_turn
+from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants, notch
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest
 from vsgdesign.errors import ArtifactError
 from vsgdesign.runtime.whole_controller import sound_transfer
@@ -16,11 +17,18 @@ class PowerController:
     """Power filters and power loops of any structure (:eq:`controller-step`, :eq:`power-loop-law`).
 
     T_s is in s. ``smoothing_P`` and ``smoothing_Q`` are 1 − exp(−T_s/τ) of the power filters, or 1 without a filter.
-    The controller starts with ω_0 and V_n of the references, with P and Q at their set points and with θ = 0.
+    ``before`` is a notch before these filters (:eq:`notch`). The controller starts with ω_0 and V_n of the references,
+    with P and Q at their set points and with θ = 0.
     """
 
     def __init__(
-        self, gains: PowerLoopGains, refs: References, T_s: float, smoothing_P: float = 1.0, smoothing_Q: float = 1.0
+        self,
+        gains: PowerLoopGains,
+        refs: References,
+        T_s: float,
+        smoothing_P: float = 1.0,
+        smoothing_Q: float = 1.0,
+        before: NotchConstants = NO_NOTCH,
     ) -> None:
         if not (T_s > 0.0 and 0.0 < smoothing_P <= 1.0 and 0.0 < smoothing_Q <= 1.0):
             raise ArtifactError(
@@ -30,7 +38,15 @@ class PowerController:
         self.gains, self.refs = gains, refs
         # The power loops use nothing else of the settings and of the state, since the inner loops are not part of them.
         unused = dict.fromkeys(("omega_C", "omega_L", "i_max_pk", "v_max_pk", "advance_cos", "advance_sin"), 0.0)
-        self._settings = ControllerSettings(T_s=T_s, smoothing_P=smoothing_P, smoothing_Q=smoothing_Q, **unused)
+        self._settings = ControllerSettings(
+            T_s=T_s,
+            smoothing_P=smoothing_P,
+            smoothing_Q=smoothing_Q,
+            notch_gain=before.gain,
+            notch_step=before.step,
+            notch_back=before.back,
+            **unused,
+        )
         self._state = ControllerState(
             theta=0.0,
             omega_i=frequency_at_rest(refs, gains),
@@ -41,6 +57,8 @@ class PowerController:
             xi_vq=0.0,
             xi_id=0.0,
             xi_iq=0.0,
+            mean_P=refs.P_ref,
+            mean_Q=refs.Q_ref,
         )
 
     def step(self, P: float, Q: float) -> tuple[float, float, float]:
@@ -50,9 +68,14 @@ class PowerController:
         their values in this sample.
         """
         s = self._state
-        if not abs(P) + abs(Q) <= LARGEST_STATE:
+        c = self._settings
+        if abs(P) + abs(Q) <= LARGEST_STATE:
+            P, ripple_P, mean_P = notch(P, s.ripple_P, s.mean_P, c.notch_gain, c.notch_step, c.notch_back)
+            Q, ripple_Q, mean_Q = notch(Q, s.ripple_Q, s.mean_Q, c.notch_gain, c.notch_step, c.notch_back)
+            s = s._replace(ripple_P=ripple_P, ripple_Q=ripple_Q, mean_P=mean_P, mean_Q=mean_Q)
+        else:
             P, Q = s.P_f, s.Q_f
-        omega, P_f, Q_f, steps = power_stage(s, P, Q, self.refs, self.gains, self._settings)
+        omega, P_f, Q_f, steps = power_stage(s, P, Q, self.refs, self.gains, c)
         self._state = s._replace(
             theta=within_a_turn(advanced(s.theta, steps.theta)),
             omega_i=advanced(s.omega_i, steps.omega_i),
@@ -71,21 +94,22 @@ class PowerController:
         self._state, self.gains = self._state._replace(omega_i=omega_i), gains
 
     def state(self) -> dict[str, Any]:
-        """The state θ, ω_i, V, P_f, Q_f and the gains, in JSON's types."""
+        """The state θ, ω_i, V, P_f, Q_f, that of the notch and the gains, in JSON's types."""
         named = {name: float(getattr(self._state, name)) for name in _STATES}
         return named | {"gains": [float(value) for value in self.gains]}
 
     def restore(self, document: dict[str, Any]) -> None:
         """Continues from a document of :meth:`state` with the same bits.
 
-        Raises ArtifactError if it is no such state.
+        A document from before there was a notch leaves it at rest. Raises ArtifactError if it is no such state.
         """
         try:
-            values = {name: float(document[name]) for name in _STATES}
+            at_rest = {"ripple_P": 0.0, "ripple_Q": 0.0, "mean_P": document["P_f"], "mean_Q": document["Q_f"]}
+            values = {name: float((at_rest | document)[name]) for name in _STATES}
             gains = PowerLoopGains(*(float(value) for value in document["gains"]))
         except (KeyError, TypeError, ValueError) as error:
             raise ArtifactError(f"state of the power controller: {error}; start afresh.") from error
         self._state, self.gains = self._state._replace(**values), gains
 
 
-_STATES = ("theta", "omega_i", "V", "P_f", "Q_f")
+_STATES = ("theta", "omega_i", "V", "P_f", "Q_f", "ripple_P", "ripple_Q", "mean_P", "mean_Q")

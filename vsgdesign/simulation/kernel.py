@@ -215,6 +215,10 @@ def with_theta(state: ControllerState, theta: Any) -> ControllerState:
         i_f_q=state.i_f_q,
         u_alpha=state.u_alpha,
         u_beta=state.u_beta,
+        ripple_P=state.ripple_P,
+        ripple_Q=state.ripple_Q,
+        mean_P=state.mean_P,
+        mean_Q=state.mean_Q,
         limiter=state.limiter,
     )
 

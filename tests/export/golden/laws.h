@@ -58,6 +58,12 @@ typedef struct {
     /* Bridge voltage of the last sample, V peak; with a delay of one sample it acts from this sample on. */
     vsg_real_t u_alpha;
     vsg_real_t u_beta;
+    /* Ripple of P (W) and Q (var) at twice the grid's frequency, as the notch predicts it for this sample. */
+    vsg_real_t ripple_P;
+    vsg_real_t ripple_Q;
+    /* What the notch holds for the rest of P (W) and Q (var). */
+    vsg_real_t mean_P;
+    vsg_real_t mean_Q;
 } vsg_controller_state_t;
 
 /* Constants of the controller, in SI units. They do not change while it runs. */
@@ -80,6 +86,10 @@ typedef struct {
     vsg_real_t half_cos;
     vsg_real_t half_sin;
     vsg_real_t T_over_L; /* T_s/L_1 of the current prediction, s/H. */
+    /* Constants of the notch in front of the power filters; zeros: there is none. */
+    vsg_real_t notch_gain;
+    vsg_real_t notch_step;
+    vsg_real_t notch_back;
 } vsg_controller_settings_t;
 
 /* Changes of the power loops' integrators in this sample: theta in rad, omega_i in rad/s, V in V rms. */
@@ -120,7 +130,7 @@ typedef struct {
     vsg_real_t i_want_q;
     vsg_real_t V; /* Voltage that the Q loop asks for, phase rms V. */
     vsg_real_t omega_i; /* Frequency integrator of the P loop, rad/s. */
-    /* Measured powers before their filters, W and var. */
+    /* Measured powers before their low-pass, and behind the notch if there is one, W and var. */
     vsg_real_t P;
     vsg_real_t Q;
     vsg_real_t K_pv; /* Proportional gain of the voltage loop, A/V. */
@@ -382,6 +392,21 @@ static inline vsg_real_t vsg_frequency_at_rest(const vsg_references_t *refs, con
     return refs->omega_0 + (gains->k_P * refs->P_ref + gains->k_Q * (refs->Q_ref + gains->D_q * refs->V_n));
 }
 
+/* Takes the predicted ripple from a measured power (eq. notch).
+ *
+ * ripple and mean are what it remembers, in the unit of value: the ripple that is predicted for this sample, and a mean
+ * that equals the value at rest. Returns (passed, ripple, mean): what goes on to the power filter, and what to
+ * remember. */
+static inline void vsg_notch(vsg_real_t value, vsg_real_t ripple, vsg_real_t mean, vsg_real_t gain, vsg_real_t step,
+    vsg_real_t back, vsg_real_t *passed_out, vsg_real_t *ripple_out, vsg_real_t *mean_out)
+{
+    const vsg_real_t passed = value - ripple;
+    const vsg_real_t error = passed - mean;
+    *passed_out = passed;
+    *ripple_out = ripple - step * ripple + gain * error;
+    *mean_out = mean + step * error + back * ripple;
+}
+
 /* The law of every structure (eq. power-loop-law). Returns (omega, domega_dt, dV_dt) in rad/s, rad/s^2 and V/s.
  *
  * omega = omega_i - k_P P - k_Q (Q + D_q V). With the errors e_P = P_ref - P + D_p (omega_0 - omega) and e_Q = Q_ref -
@@ -406,8 +431,8 @@ static inline void vsg_power_loops(vsg_real_t omega_i, vsg_real_t V_rms, vsg_rea
 
 /* Power filters and power loops of one sample: the frequency omega, the new P_f and Q_f, and the steps.
  *
- * P_f and Q_f are those of the next sample. The steps are the changes of theta, omega_i and V by forward Euler with
- * period T_s. The step of theta uses the frequency of this sample. */
+ * P and Q come from the notch. P_f and Q_f are those of the next sample. The steps are the changes of theta, omega_i
+ * and V by forward Euler with period T_s. The step of theta uses the frequency of this sample. */
 static inline void vsg_power_stage(const vsg_controller_state_t *state, vsg_real_t P, vsg_real_t Q,
     const vsg_references_t *refs, const vsg_gains_t *gains, const vsg_controller_settings_t *settings,
     vsg_real_t *omega_out, vsg_real_t *P_f_out, vsg_real_t *Q_f_out, vsg_integrator_steps_t *steps)
@@ -631,9 +656,15 @@ static inline void vsg_controller_sample(const vsg_controller_state_t *state, co
     vsg_real_t e_d, e_q, i_want_d, i_want_q;
     vsg_voltage_loop(vsg_rms_to_peak(V_rms), drop_d, drop_q, v_d, v_q, i_g_d, i_g_q, state->xi_vd, state->xi_vq,
         inner_gains, settings->omega_C, &e_d, &e_q, &i_want_d, &i_want_q);
+    vsg_real_t passed_P, ripple_P, mean_P;
+    vsg_notch(P, state->ripple_P, state->mean_P, settings->notch_gain, settings->notch_step, settings->notch_back,
+        &passed_P, &ripple_P, &mean_P);
+    vsg_real_t passed_Q, ripple_Q, mean_Q;
+    vsg_notch(Q, state->ripple_Q, state->mean_Q, settings->notch_gain, settings->notch_step, settings->notch_back,
+        &passed_Q, &ripple_Q, &mean_Q);
     const vsg_limiter_view_t view = {.v_d = v_d, .v_q = v_q, .i_s_d = i_s_d, .i_s_q = i_s_q, .i_g_d = i_g_d,
         .i_g_q = i_g_q, .e_d = e_d, .e_q = e_q, .i_want_d = i_want_d, .i_want_q = i_want_q, .V = V_rms,
-        .omega_i = state->omega_i, .P = P, .Q = Q, .K_pv = inner_gains->K_pv};
+        .omega_i = state->omega_i, .P = passed_P, .Q = passed_Q, .K_pv = inner_gains->K_pv};
     vsg_limited_sample_t sample;
     vsg_circular_limit(&view, grid, refs, power_gains, settings, &sample);
     vsg_real_t xi_vd, xi_vq;
@@ -674,6 +705,10 @@ static inline void vsg_controller_sample(const vsg_controller_state_t *state, co
     following->i_f_q = i_f_q;
     following->u_alpha = v_b_alpha;
     following->u_beta = v_b_beta;
+    following->ripple_P = ripple_P;
+    following->ripple_Q = ripple_Q;
+    following->mean_P = mean_P;
+    following->mean_Q = mean_Q;
     output->v_b_alpha = v_b_alpha;
     output->v_b_beta = v_b_beta;
     output->omega = omega;
@@ -734,6 +769,10 @@ static inline void vsg_skipped_step(const vsg_controller_state_t *state, const v
     const vsg_real_t xi_iq = state->xi_iq;
     const vsg_real_t i_f_d = state->i_f_d;
     const vsg_real_t i_f_q = state->i_f_q;
+    const vsg_real_t ripple_P = state->ripple_P;
+    const vsg_real_t ripple_Q = state->ripple_Q;
+    const vsg_real_t mean_P = state->mean_P;
+    const vsg_real_t mean_Q = state->mean_Q;
     const vsg_real_t P = state->P_f;
     const vsg_real_t Q = state->Q_f;
     following->theta = theta;
@@ -749,6 +788,10 @@ static inline void vsg_skipped_step(const vsg_controller_state_t *state, const v
     following->i_f_q = i_f_q;
     following->u_alpha = u_alpha_new;
     following->u_beta = u_beta_new;
+    following->ripple_P = ripple_P;
+    following->ripple_Q = ripple_Q;
+    following->mean_P = mean_P;
+    following->mean_Q = mean_Q;
     output->v_b_alpha = u_alpha_new;
     output->v_b_beta = u_beta_new;
     output->omega = omega_new;

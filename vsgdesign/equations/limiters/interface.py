@@ -46,7 +46,7 @@ class LimiterView(NamedTuple):
     """Frequency integrator of the P loop, rad/s."""
     P: Any
     Q: Any
-    """Measured powers before their filters, W and var."""
+    """Measured powers before their low-pass, and behind the notch if there is one, W and var."""
     K_pv: Any
     """Proportional gain of the voltage loop, A/V."""
 

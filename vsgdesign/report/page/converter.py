@@ -62,7 +62,7 @@ def converter_table(result: HasStudy) -> Table:
             f"X {plain(g.X_t / c.Z_base)} pu above {plain(study.omega_t / (2.0 * math.pi))} Hz",
         ),
         ("Current prediction", "none" if g.kappa == 0.0 else f"κ = {plain(g.kappa)} sampling periods"),
-        ("Power filters", f"P {_time_constant(study.tau_P)}, Q {_time_constant(study.tau_Q)}"),
+        ("Power filters", f"P {_time_constant(study.tau_P)}, Q {_time_constant(study.tau_Q)}{_notch(study)}"),
     )
     return Table("Converter", ("Quantity", "Value"), rows, texts=2)
 
@@ -109,6 +109,11 @@ def limit_in_words(study: Study) -> str:
 
 def _time_constant(tau: float) -> str:
     return "unfiltered" if tau == 0.0 else plain_quantity(tau, "s")
+
+
+def _notch(study: Study) -> str:
+    frequency = 2.0 * study.converter.omega_n / (2.0 * math.pi)
+    return f", behind a notch at {plain(frequency)} Hz" if study.has_notch else ""
 
 
 def _ohm(value: float) -> str:
