@@ -21,6 +21,7 @@ FOLDER_VERBS = (
     ("simulate", "small.toml"),
     ("report", "small.toml"),
     ("compare", "small.toml"),
+    ("survive", "small.toml"),
     ("estimator", "compare", "small.toml"),
     ("estimator", "stress", "small.toml"),
     ("table", "report", "t.json"),

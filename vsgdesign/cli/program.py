@@ -24,6 +24,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
     from vsgdesign.cli.export import export
     from vsgdesign.cli.inner import inner
     from vsgdesign.cli.new import new
+    from vsgdesign.cli.survive import survive
     from vsgdesign.cli.table import table
     from vsgdesign.errors import counted
 
@@ -300,6 +301,7 @@ main.add_command(estimator)
 main.add_command(export)
 main.add_command(inner)
 main.add_command(new)
+main.add_command(survive)
 main.add_command(table)
 
 if __name__ == "__main__":

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.artifacts import read_table_file, write_table_file
+from vsgdesign.artifacts import provenance, read_table_file, staged_folder, write_record, write_table_file
 from vsgdesign.artifacts.design_inputs import study_differences
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.tables import write_table
+from vsgdesign.equations.limiters import LIMITERS as KNOWN
 from vsgdesign.errors import ArtifactError, Fault, StudyError
 from vsgdesign.execution.progress import Progress
 from vsgdesign.parameters.study import NO_LIMITER, ControllerSpec, Study
 
 if TYPE_CHECKING:  # the simulation is loaded by who measures
     from vsgdesign.simulation.survival import CaseResult, Subject, SurvivalCase
+
+VERB = "vsgdesign survive"
 
 LIMITERS = (NO_LIMITER, "circular", "projection")
 """The current limiters with which each controller is measured."""
@@ -26,9 +30,46 @@ PLAIN_PHASE_DEG = 60.0
 """The current of the first 5 ms has a figure of its own for cases without larger jumps of the phase."""
 
 
-def variant_name(controller: str, limiter: str) -> str:
-    """What a controller with a limiter is called in results."""
-    return f"{controller}, {limiter}"
+def variant_name(controller: str, limiter: str | None) -> str:
+    """What a controller with a limiter is called in results; None: with the limiter that the study gives it."""
+    return controller if limiter is None else f"{controller}, {limiter}"
+
+
+def report_survival(
+    study: Study,
+    out: str | Path,
+    *,
+    controllers: Iterable[str] | None = None,
+    limiters: Sequence[str] | None = None,
+    bridge: str = "averaged",
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Sends a study's controllers through all disturbances; writes results.json and cases.csv to ``out``.
+
+    ``controllers`` and ``limiters`` are those of :func:`subjects_of`. Gain tables without a file are designed first.
+    Finished runs and tables are kept beside ``out`` until everything is done, so the same call continues after an
+    interruption. Returns results.json. Raises StudyError, ArtifactError and WorkerError.
+    """
+    from vsgdesign.simulation.survival import run_many
+
+    with staged_folder(out, VERB, inputs=study.input_files) as folder:
+        # Its faults are said before anything is designed.
+        subjects_of(study, Ready(), controllers=controllers, limiters=limiters)
+        place = Path(os.path.realpath(out))
+        beside = place.with_name(f".{place.name}.survival")
+        names = None if controllers is None else set(controllers)
+        part = replace(study, controllers=tuple(c for c in study.controllers if names is None or c.name in names))
+        ready = survival_tables(part, beside, workers=workers, progress=progress)
+        subjects = subjects_of(study, ready, controllers=controllers, limiters=limiters, bridge=bridge)
+        results = run_many(subjects, survival_cases(study), beside / "runs.jsonl", workers=workers, progress=progress)
+        write_cases(folder / "cases.csv", results)
+        document = survival_document(study, subjects, results) | {"bridge": bridge, "provenance": provenance()}
+        written = write_record(folder, document, VERB)
+    for path in beside.iterdir():
+        path.unlink()
+    beside.rmdir()
+    return written
 
 
 def survival_tables(
@@ -73,12 +114,12 @@ def subjects_of(
     ready: Ready,
     *,
     controllers: Iterable[str] | None = None,
-    limiters: Iterable[str] = LIMITERS,
+    limiters: Iterable[str] | None = LIMITERS,
     bridge: str = "averaged",
 ) -> dict[str, Subject]:
-    """Every named controller (None: all) with every limiter, by :func:`variant_name`.
+    """Every named controller (None: all) with every limiter (None: with its own), by :func:`variant_name`.
 
-    Raises StudyError if the converter has no current limit, or if there is no controller of a name.
+    Raises StudyError with every fault: no current limit, no controller or limiter of a name.
     """
     from vsgdesign.simulation.survival import Subject
 
@@ -91,14 +132,18 @@ def subjects_of(
     for name in wanted:
         if name not in known:
             faults.append(Fault("controller", f'"{name}"', "unknown", f"The study has: {', '.join(known)}."))
+    for limiter in limiters or ():
+        if limiter != NO_LIMITER and limiter not in KNOWN:
+            advice = f"There are {', '.join((NO_LIMITER, *KNOWN))}."
+            faults.append(Fault("limiter", f'"{limiter}"', "unknown", advice))
     if faults or limit_pu is None:
         raise StudyError(study.name, faults)
     found = {}
     for name in wanted:
-        for limiter in limiters:
-            spec = replace(known[name], current_limiter=limiter)
-            if limiter == study.current_limiter:  # with the parameters that the study gives it
-                spec = replace(known[name], current_limiter=None)
+        for limiter in (None,) if limiters is None else limiters:
+            spec = known[name]
+            if limiter is not None:  # that of the study has the parameters that the study gives it
+                spec = replace(spec, current_limiter=None if limiter == study.current_limiter else limiter)
             found[variant_name(name, limiter)] = Subject(
                 study=study, spec=spec, ready=ready, limit_pu=limit_pu, bridge=bridge
             )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import json
 import os
@@ -15,6 +14,7 @@ from typing import Any, NamedTuple
 
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.locks import LockedError, locked
+from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import ArtifactError, WorkerError
 from vsgdesign.execution.processes import worker_processes
@@ -27,8 +27,6 @@ from vsgdesign.simulation.survival.running import CaseResult, Subject, run_case
 
 CHUNK = 20
 """Cases that a worker takes at a time: about a second of work."""
-
-_PACKAGE = Path(__file__).resolve().parents[2]
 
 
 def run_many(
@@ -152,13 +150,5 @@ def _key(stamp: str, case: SurvivalCase) -> str:
 def _stamp(subject: Subject) -> str:
     """Everything that a verdict depends on besides the case."""
     study = replace(subject.study, files=(), name="", title="", source="", hash="")
-    parts = (_sources(), study, subject.spec, dict(subject.ready.tables), subject.limit_pu, subject.bridge)
+    parts = (package_hash(), study, subject.spec, dict(subject.ready.tables), subject.limit_pu, subject.bridge)
     return hashlib.sha256(repr(parts).encode()).hexdigest()
-
-
-@functools.cache
-def _sources() -> str:
-    digest = hashlib.sha256()
-    for path in sorted(_PACKAGE.rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()

@@ -1,0 +1,130 @@
+"""The survive verb: what it prints and leaves, how it goes on after an interruption, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.cli.small_studies import call, failure
+from vsgdesign.simulation import survival
+from vsgdesign.simulation.survival import Change, GridState, SurvivalCase, many
+
+TEXT = """
+base = "case:hoang2025_5kva"
+[study]
+name = "small"
+[converter]
+current_limit_pu = 1.2
+[inner_loops]
+transient_resistance_pu = 0.08
+[power_loops]
+structure = "angle_damped"
+tau_P = "5 ms"
+tau_Q = "5 ms"
+[simulation]
+duration = "1 s"
+P_ref = "2 kW"
+Q_ref = "0 var"
+[survival]
+random = 2
+seed = 5
+[[controllers]]
+name = "scheduled"
+kind = "scheduled"
+[[controllers]]
+name = "other"
+kind = "fixed"
+"""
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> tuple[SurvivalCase, ...]:
+    """Four systematic disturbances: two small, one too large for a circular limit, one without a rest."""
+    start = GridState(scr=5.0, x_over_r=3.0, P_pu=0.4, Q_pu=0.0)
+    events = (
+        ("phase", Change(t_s=0.0, phase_deg=3.0)),
+        ("phase", Change(t_s=0.0, phase_deg=-3.0)),
+        ("overload", Change(t_s=0.0, phase_deg=170.0)),
+        ("jump", Change(t_s=0.0, scr=0.2, x_over_r=3.0)),
+    )
+    cases = tuple(SurvivalCase(group=group, start=start, changes=(one,), cleared_s=0.0) for group, one in events)
+    monkeypatch.setattr(survival, "fixed_set", lambda: cases)
+    return cases
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    path = tmp_path / "small.toml"
+    path.write_text(TEXT)
+    return path
+
+
+def survive(study: Path, *arguments: str) -> Any:
+    return call("survive", str(study), "--workers", "1", "--controller", "scheduled", *arguments)
+
+
+def test_it_prints_and_leaves_the_same_numbers(study: Path, tmp_path: Path, few: tuple[SurvivalCase, ...]) -> None:
+    out = tmp_path / "out"
+    printed = json.loads(survive(study, "--out", str(out), "--json").stdout)
+    kept = json.loads((out / "results.json").read_text())
+    assert printed == {key: value for key, value in kept.items() if key in printed}
+    one = kept["variants"]["scheduled"]
+    assert one["stale_to_1_s"]["cases"] == len(few) + 2
+    assert one["groups"]["phase"]["survived"] == 2
+    assert one["groups"]["jump"]["statuses"] == {"no rest": 1}
+    with (out / "cases.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == len(few) + 2
+    assert sum(row["status"] == "survived" for row in rows) == one["stale_to_1_s"]["survived"]
+    assert not list(tmp_path.glob(".out*"))
+    text = survive(study, "--out", str(out)).stdout
+    assert f"{one['stale_to_1_s']['survived']}/{one['stale_to_1_s']['judged']}" in text
+    assert "results.json" in text
+
+
+def test_an_interruption_is_continued(
+    study: Path, tmp_path: Path, few: tuple[SurvivalCase, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, run, made = tmp_path / "out", many.run_case, []
+    monkeypatch.setattr(many, "CHUNK", 1)
+
+    def stopping(subject: Any, case: SurvivalCase) -> Any:
+        if len(made) == 3:
+            raise KeyboardInterrupt
+        made.append(case)
+        return run(subject, case)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(many, "run_case", stopping)
+        result = survive(study, "--out", str(out))
+    assert result.exit_code == 130
+    assert not out.exists()
+    made.clear()
+    monkeypatch.setattr(many, "run_case", lambda subject, case: made.append(case) or run(subject, case))
+    assert survive(study, "--out", str(out)).exit_code == 0
+    assert len(made) == len(few) + 2 - 3
+
+
+def test_limiters_stand_beside_each_other(study: Path, tmp_path: Path, few: tuple[SurvivalCase, ...]) -> None:
+    result = survive(study, "--out", str(tmp_path / "out"), "--limiter", "none", "--limiter", "circular", "--json")
+    assert list(json.loads(result.stdout)["variants"]) == ["scheduled, none", "scheduled, circular"]
+    assert len(few) == 4
+
+
+def test_every_fault_at_once(study: Path, tmp_path: Path) -> None:
+    study.write_text(TEXT.replace("current_limit_pu = 1.2", ""))
+    message = failure(2, "survive", str(study), "--controller", "nobody", "--limiter", "square")
+    for word in ("converter.current_limit_pu", '"nobody"', '"square"', "projection"):
+        assert word in message
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_wrong_section(study: Path) -> None:
+    study.write_text(TEXT.replace("random = 2", "random = -2\nsize = 3"))
+    message = failure(2, "survive", str(study))
+    assert "survival.random" in message
+    assert "survival.size" in message

@@ -1,0 +1,65 @@
+"""The verb that sends a study's controllers through jumps, faults and phase steps."""
+
+from __future__ import annotations
+
+import click
+
+from vsgdesign.cli.common import JSON, STUDY, load, print_json, progress, verb
+
+
+@click.command()
+@STUDY
+@click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-survival]")
+@click.option(
+    "--controller", "controllers", multiple=True, metavar="NAME", help="Only this controller. May be repeated."
+)
+@click.option(
+    "--limiter",
+    "limiters",
+    multiple=True,
+    metavar="NAME",
+    help="With this current limiter instead of the study's; none: without. May be repeated.",
+)
+@click.option("--bridge", type=click.Choice(["averaged", "pwm"]), default="averaged", show_default=True)
+@click.option(
+    "--workers", type=click.IntRange(1), default=None, metavar="N", help="Processes.  [default: one per core]"
+)
+@JSON
+@verb
+def survive(
+    study_file: str,
+    out: str | None,
+    controllers: tuple[str, ...],
+    limiters: tuple[str, ...],
+    bridge: str,
+    workers: int | None,
+    as_json: bool,
+) -> None:
+    """Send the controllers through jumps, faults and phase steps.
+
+    The systematic disturbances are always the same; [survival] in the study adds random ones. An interrupted
+    measurement continues with the same command.
+    """
+    from pathlib import Path
+
+    from vsgdesign.pipeline.survival import report_survival
+
+    study = load(study_file)
+    folder = Path("out") / f"{study.name}-survival" if out is None else Path(out)
+    with progress(quiet=as_json) as tell:
+        document = report_survival(
+            study,
+            folder,
+            controllers=controllers or None,
+            limiters=limiters or None,
+            bridge=bridge,
+            workers=workers,
+            progress=tell,
+        )
+    if as_json:
+        print_json(document)
+        return
+    from vsgdesign.cli.console.survive import survival_tables
+
+    survival_tables(document)
+    click.echo(f"results: {folder / 'results.json'}, every case: {folder / 'cases.csv'}")
