@@ -110,6 +110,20 @@ def test_power_may_not_drive_the_angle_away(P: float, degrees: float) -> None:
     assert pytest.approx(min(P, 2000.0) if degrees > 0.0 else max(P, 2000.0)) == sample.P
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_the_frequency_is_pulled_within_its_range_only(side: float) -> None:
+    """At the end of the range no further, back into it as everywhere."""
+    end = OWN.omega_high if side > 0.0 else OWN.omega_low
+    for degrees, pulled in ((side * 90.0, False), (-side * 90.0, True)):
+        v_g = V_PK * cmath.exp(1j * math.radians(degrees))
+        v = v_g + (V_PK - v_g) / abs(V_PK - v_g) * abs(Z) * OWN.i_soft_pk
+        sample, inside, memory = answers(v, (v - v_g) / Z)
+        view = LimiterView(**dict.fromkeys(LimiterView._fields, 0.0) | {"V": REFS.V_n})
+        steps, _ = PROJECTION.law.move(memory, sample, view, end, NO_STEPS, SETTINGS)
+        assert steps.theta == inside.theta != 0.0
+        assert steps.omega_i == (inside.omega_i if pulled else 0.0)
+
+
 @pytest.mark.parametrize("error", [1.0, 1.2 * cmath.exp(0.17j), 0.8 * cmath.exp(-0.17j)])
 def test_without_a_grid_voltage_the_power_loops_rest(error: complex) -> None:
     """At v_g = 0, whatever the error of the estimate: no pull, and the powers at which P and Q rows rest."""

@@ -55,6 +55,9 @@ class ProjectionConstants(NamedTuple):
     """How ω_i follows the pull of θ, 1/s."""
     largest_pull: Any
     """Largest pull of θ in one sample that ω_i follows, rad."""
+    omega_low: Any
+    omega_high: Any
+    """Frequencies beyond which ω_i is not pulled, rad/s."""
     v_gate_pk: Any
     """Grid voltage that counts as none, V peak."""
     doubt: Any
@@ -167,9 +170,13 @@ def projection_move(
     """Adds the pulls to the steps of the power loops and keeps V within its limits (:eq:`pulls`)."""
     c = settings.limiter
     pull = sample.notes.theta
-    followed = np.minimum(np.maximum(pull, -c.largest_pull), c.largest_pull)
+    followed = c.g * np.minimum(np.maximum(pull, -c.largest_pull), c.largest_pull)
+    # The pull ends at the limits of the frequency: in an island, the voltage that it follows is the converter's own.
+    slower = np.minimum(c.omega_low - omega, 0.0)
+    faster = np.maximum(c.omega_high - omega, 0.0)
+    followed = np.minimum(np.maximum(followed, slower), faster)
     V_step = np.minimum(np.maximum(steps.V + sample.notes.V, c.V_low - view.V), c.V_high - view.V)
-    taken = IntegratorSteps(theta=steps.theta + pull, omega_i=steps.omega_i + c.g * followed, V=V_step)
+    taken = IntegratorSteps(theta=steps.theta + pull, omega_i=steps.omega_i + followed, V=V_step)
     return taken, ProjectionMemory(i_w_d=sample.notes.i_w_d, i_w_q=sample.notes.i_w_q, omega=omega)
 
 
@@ -191,6 +198,8 @@ def projection_constants(ratings: LimiterRatings, values: Mapping[str, float]) -
         share=-math.expm1(-T_s / values["pull_time"]),
         g=g,
         largest_pull=2.0 * math.pi * values["largest_rocof"] * T_s / g if g > 0.0 else 0.0,
+        omega_low=ratings.omega_0 - 2.0 * math.pi * values["frequency_range"],
+        omega_high=ratings.omega_0 + 2.0 * math.pi * values["frequency_range"],
         v_gate_pk=values["gate_voltage_pu"] * ratings.V_rated_pk,
         doubt=values["impedance_doubt"],
         V_low=values["V_low_pu"] * V_rated,
@@ -253,6 +262,14 @@ PROJECTION = Limiter(
             high=always(50.0),
             default=always(20.0 / (2.0 * math.pi)),
             meaning="largest rate at which the frequency integrator is pulled",
+        ),
+        LimiterParameter(
+            "frequency_range",
+            "Hz",
+            low=always(0.1),
+            high=lambda known: 0.2 * known.ratings.omega_0 / (2.0 * math.pi),
+            default=lambda known: 0.05 * known.ratings.omega_0 / (2.0 * math.pi),
+            meaning="deviation from the nominal frequency beyond which ω_i is not pulled",
         ),
         LimiterParameter(
             "gate_voltage_pu",
