@@ -101,17 +101,11 @@ def draw_jumps(maps: dict[str, Any]) -> Any:
         Patch(facecolor=SHARES(1.0), label="all survived"),
         Patch(facecolor=SHARES(0.5), label="some survived, as written"),
         Patch(facecolor=SHARES(0.0), label="all lost"),
-        Patch(facecolor=LEFT_OUT, label="×: no state of rest within the limit"),
     ]
-    figure.legend(handles=handles, loc="lower left", bbox_to_anchor=(left / PAGE_IN, 0.012), ncols=4)
-    figure.text(
-        (left + 4 * size + 3 * gap) / PAGE_IN,
-        1.0 - 0.035,
-        f"P = {powers} pu; the schedule is 0.2 s late",
-        ha="right",
-        fontsize=6.5,
-        color=NOTE_COLOUR,
-    )
+    figure.legend(handles=handles, loc="lower left", bbox_to_anchor=(left / PAGE_IN, 0.012), ncols=3)
+    right = (left + 4 * size + 3 * gap) / PAGE_IN
+    note = f"P = {powers} pu; the schedule is 0.2 s late"
+    figure.text(right, 0.015, note, ha="right", fontsize=6.5, color=NOTE_COLOUR)
     return figure
 
 
@@ -128,7 +122,7 @@ def recovery_cell(axes: Any, x: float, y: float, verdict: list[Any]) -> None:
 
 def draw_faults(maps: dict[str, Any]) -> Any:
     """Recovery after phase jumps by SCR, and after sags by depth and length."""
-    width, left, gap = 1.86, 0.62, 0.13
+    width, left, gap = 2.05, 0.62, 0.14
     figure = new_figure(PAGE_IN, 4.28)
     for column, limiter in enumerate(maps):
         cases, at = maps[limiter]["cases"], left + column * (width + gap)
@@ -137,7 +131,7 @@ def draw_faults(maps: dict[str, Any]) -> Any:
             for j, scr in enumerate(SCR):
                 recovery_cell(above, i, j, cases[phase(scr, degrees).name])
         ticks(above, PHASES, SCR)
-        shown = [k for k, value in enumerate(PHASES) if value in (-180, -120, -60, 60, 120, 180)]
+        shown = [k for k, value in enumerate(PHASES) if value in (-150, -90, -30, 30, 90, 150)]
         above.set_xticks(shown, [f"{PHASES[k]:+g}".replace("-", "−") for k in shown], fontsize=6.0)
         above.set_xlabel("jump of the phase [°]")
         above.set_title(TITLES[limiter])
@@ -146,6 +140,7 @@ def draw_faults(maps: dict[str, Any]) -> Any:
             for j, V in enumerate(DEPTHS):
                 recovery_cell(below, i, j, cases[sag(5.0, V, length).name])
         ticks(below, LENGTHS_S, DEPTHS)
+        below.set_xticks(range(0, len(LENGTHS_S), 2), [f"{value:g}" for value in LENGTHS_S[::2]], fontsize=6.0)
         below.set_xlabel("length of the sag [s]")
         if column == 0:
             above.set_ylabel("SCR [–]")
@@ -168,7 +163,7 @@ def draw_clearing(maps: dict[str, Any]) -> Any:
         for limiter in maps:
             rows = [one for one in maps[limiter]["clearing"] if one["P_pu"] == P and one["longest_s"] is not None]
             scr = np.array([one["scr"] for one in rows])
-            longest = np.array([max(one["longest_s"], 0.01) for one in rows])
+            longest = np.array([max(one["longest_s"], 0.04) for one in rows])
             free = np.array([not one["bounded"] for one in rows], dtype=bool)
             axes.plot(scr, longest, **STYLES[limiter], marker="o", markersize=3.0, zorder=3)
             axes.plot(
@@ -178,8 +173,8 @@ def draw_clearing(maps: dict[str, Any]) -> Any:
         axes.set_yscale("log")
         axes.set_xticks(SCR, [f"{value:g}" for value in SCR])
         axes.minorticks_off()
-        axes.set_yticks([0.01, 0.1, 1.0, 3.0], ["≤ 0.01", "0.1", "1", "3"])
-        axes.set_ylim(0.007, 4.5)
+        axes.set_yticks([0.05, 0.1, 0.3, 1.0, 3.0], ["0.05", "0.1", "0.3", "1", "3"])
+        axes.set_ylim(0.04, 4.5)
         axes.set_xlabel("SCR [–]")
         axes.set_title(f"P = {P:g} pu")
         if column == 0:
@@ -194,7 +189,7 @@ def draw_clearing(maps: dict[str, Any]) -> Any:
 
 PANELS = (
     ("i_s_pu", "current [pu]", (0.0, 3.0)),
-    ("delta", "change of δ [°]", (-120.0, 60.0)),
+    ("delta", "change of δ [°]", (-45.0, 95.0)),
     ("f_hz", "frequency [Hz]", (48.4, 52.6)),
     ("P_pu", "P [pu]", (-1.6, 2.6)),
     ("limited", "limiter", None),

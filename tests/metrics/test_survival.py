@@ -143,13 +143,28 @@ def test_half_a_turn_may_be_gone_either_way_round(way: float) -> None:
     assert found.swing_rad == pytest.approx(np.pi, abs=1e-3)
 
 
-def test_a_jump_of_120_degrees_may_not() -> None:
-    start, end = -math.radians(120.0), -2.0 * np.pi
-    gone = end + (start - end) * np.exp(-3.0 * np.maximum(TIMES - EVENT, 0.0))
-    found = judge_survival(
-        record(delta=REST.delta + np.where(TIMES < EVENT, 0.0, gone)), (EVENT,), CLEARED, REST, DEMAND
-    )
-    assert found.status == SLIPPED
+@pytest.mark.parametrize(
+    ("lead", "jump", "turns", "status"),
+    [
+        (0.0, 120.0, 1, SLIPPED),
+        (0.0, 165.0, 1, SURVIVED),
+        (0.0, -120.0, -1, SLIPPED),
+        (35.0, 150.0, 1, SURVIVED),  # the unstable equilibrium is at 180° − 2·35° = 110° from the rest
+        (35.0, 80.0, 1, SLIPPED),
+        (35.0, -150.0, -1, SLIPPED),  # on the other side it is 250° away
+        (-35.0, -150.0, -1, SURVIVED),
+        (-35.0, 150.0, 1, SLIPPED),
+        (35.0 + 360.0, 150.0, 1, SURVIVED),
+    ],
+)
+def test_beyond_the_unstable_equilibrium_the_next_rest_is_its_own(
+    lead: float, jump: float, turns: int, status: str
+) -> None:
+    rest = replace(REST, delta=math.radians(lead))
+    start, end = math.radians(jump), 2.0 * np.pi * turns
+    gone = end + (start - end) * np.exp(-5.0 * np.maximum(TIMES - EVENT, 0.0))
+    moved = record(delta=rest.delta + np.where(TIMES < EVENT, 0.0, gone))
+    assert judge_survival(moved, (EVENT,), CLEARED, rest, DEMAND).status == status
 
 
 def test_currents_within_and_after_five_milliseconds() -> None:

@@ -43,8 +43,8 @@ REST_SHARE = 0.9
 _WATCHED = 0.25
 """How long the rest is watched after the deadline, as a share of the settling time."""
 
-_HALF_TURN_EITHER = math.radians(20.0)
-"""An event that leaves the angle within this distance of half a turn from the rest may go either way round."""
+_EITHER_WAY = math.radians(20.0)
+"""An event that leaves the angle this near to the unstable equilibrium between two rests may go either way round."""
 
 _END_S = 0.3
 """The last part of a record, in which a latched limiter shows."""
@@ -180,8 +180,9 @@ def judge_survival(
 
     The converter survived if the one-cycle means of P and Q stay within 2 % of S_rated of the rest from the deadline
     on, if the angle was never further than one turn from its rest and did not come to rest a turn further on, and if
-    the limiter does not hold it. "Its rest" is the one nearest to the angle right after each event. Where an event
-    leaves the angle close to half a turn from it, the converter may go either way round.
+    the limiter does not hold it. "Its rest" is the one nearest to the angle right after each event. Between two rests
+    δ and δ + 2π lies an unstable equilibrium, at π − δ on an inductive grid. Where an event leaves the angle within 20°
+    of it or beyond it, the converter may go on to the next rest.
 
     Raises ValueError with all faults of the arguments.
     """
@@ -258,7 +259,9 @@ def _swing(delta: Array, starts: NDArray[np.intp], rest: float, ended: bool) -> 
         base = turn * round(float(part[0]) / turn)
         if ended and k == len(starts) - 1:
             reached = turn * round(float(part[-1]) / turn)
-            if abs(float(part[0]) - reached) <= math.pi + _HALF_TURN_EITHER:
+            lead = math.remainder(rest, turn)
+            beyond = max(2.0 * lead if reached > base else -2.0 * lead, 0.0)
+            if abs(float(part[0]) - reached) <= math.pi + beyond + _EITHER_WAY:
                 base = reached
             slipped = reached != base
         swing = max(swing, float(np.max(np.abs(part - base))))
