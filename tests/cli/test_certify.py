@@ -22,6 +22,12 @@ def test_a_region_that_can_be_certified() -> None:
     assert code == 0
     assert text.startswith("angle_damped: Certified on a grid only, not gap-free (")
     assert "Over SCR 3 to 20, X/R 1 to 20, P −4.5 to 4.5 kW" in text
+    # The published converter has no limit of its current.
+    assert "The converter has no current limit, so no limit acts after any step." in text
+    assert "it is certified that V stays from 0.7 to 1.3 pu" in text
+    head = next(line for line in text.splitlines() if "P_ref [kW]" in line)
+    assert head.split("  ")[-1].strip() == "proof"
+    assert text.count("\n     3 to ") == 3  # three loadings of the weakest grids
 
 
 def test_a_counterexample_is_exit_code_1_and_names_the_cell() -> None:
@@ -40,6 +46,9 @@ def test_json() -> None:
     assert np.shape(document["P"]) == (1, 3, 3)
     assert document["proof"] in ("gap-free", "gridded")
     assert document["region"]["error"] == 0.2
+    rows = document["steps"]["rows"]
+    assert len(rows) == 9
+    assert all(row["phase"] > 0.0 for row in rows)
     code, text = certify("--controller", "published", "--x-over-r", "0.3", "20", "--json")
     assert code == 1
     assert json.loads(text)["eigenvalue"]["real"] > 0.0

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.guarded_file import is_number
 
 Pair = tuple[float, float]
 
@@ -20,8 +21,8 @@ class StepRow:
     scr: Pair
     P: Pair
     Q: Pair
-    rest_current_pu: float
-    """Largest converter current at rest that was seen, pu of the rated one."""
+    rest_current_pu: float | None
+    """Largest converter current at rest that was seen, pu of the rated one. None: there is no operating point."""
     proof: str
     """``gap-free``: at every point; ``gridded``: at points, with a margin."""
     P_ref: float | None = None
@@ -71,14 +72,36 @@ class StepStatement:
         return plain({**vars(self), "rows": [vars(row) for row in self.rows]})
 
 
+_TEXTS = ("limiter", "proof", "reason")
+_TRUTHS = ("soft", "clips_V")
+_PAIRS = ("scr", "P", "Q")
+
+
 def step_statement(document: Any) -> StepStatement:
     """The statement of a document. Raises ValueError where it is none."""
     try:
-        rows = tuple(
-            StepRow(**{name: tuple(v) if isinstance(v, list) else v for name, v in row.items()})
-            for row in document["rows"]
-        )
+        rows = tuple(StepRow(**_checked(row, _PAIRS)) for row in document["rows"])
         matrix = tuple(tuple(float(value) for value in row) for row in document["P"])
-        return StepStatement(**{**document, "rows": rows, "P": matrix})
+        rest = {name: value for name, value in document.items() if name not in ("rows", "P")}
+        return StepStatement(**_checked(rest, ()), rows=rows, P=matrix)
     except (TypeError, KeyError, ValueError, AttributeError) as error:
         raise ValueError(f"is not what certify writes ({error})") from error
+
+
+def _checked(values: dict[str, Any], pairs: tuple[str, ...]) -> dict[str, Any]:
+    """Values of the right kinds, lists as tuples. Raises ValueError."""
+    found = {}
+    for name, value in values.items():
+        if name in pairs:
+            low, high = value
+            good, value = is_number(low) and is_number(high), (low, high)
+        elif name in _TEXTS:
+            good = value is None or isinstance(value, str)
+        elif name in _TRUTHS:
+            good = isinstance(value, bool)
+        else:
+            good = value is None or is_number(value)
+        if not good:
+            raise ValueError(f"{name}: {value!r}")
+        found[name] = value
+    return found

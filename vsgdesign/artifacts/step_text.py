@@ -58,11 +58,11 @@ def _row(row: StepRow, found: StepStatement) -> tuple[str, ...]:
 
 
 def _why_none(row: StepRow, found: StepStatement) -> str:
-    if math.isnan(row.rest_current_pu):
+    if row.rest_current_pu is None:
         return "no operating point"
-    if found.current_pu is not None and row.rest_current_pu >= 0.97 * found.current_pu:
+    if found.current_pu is not None and row.rest_current_pu >= found.current_pu:
         return f"current at rest up to {_number(row.rest_current_pu)} pu"
-    return "a limit acts at rest"
+    return "V at rest reaches its limit"
 
 
 def _bounded(found: StepStatement) -> bool:

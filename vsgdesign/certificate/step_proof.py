@@ -12,8 +12,16 @@ from vsgdesign.certificate.box_check import COORDINATES, FOLLOWED, survey
 from vsgdesign.certificate.boxes import ERROR_PARAMETERS, UNIT, Boxes, parameters_of, whole_region
 from vsgdesign.certificate.enclosure import PIECES, Estimate, Loops
 from vsgdesign.certificate.proof import CHUNK, arrays, to_cut
-from vsgdesign.certificate.region import Region, System
-from vsgdesign.certificate.step_terms import STEPS, ActingLimits, Cell, LevelShape, step_sizes, step_terms
+from vsgdesign.certificate.region import Cells, Region, System
+from vsgdesign.certificate.step_terms import (
+    STEPS,
+    ActingLimits,
+    Cell,
+    LevelShape,
+    rest_current_pu,
+    step_sizes,
+    step_terms,
+)
 from vsgdesign.certificate.taylor_kernel import SEEN, rows
 from vsgdesign.certificate.tracing import Program, Symbol, Tracer, program_of
 from vsgdesign.equations.grid import SCR_BASES
@@ -40,10 +48,11 @@ _ROUNDING = 1e-12
 @dataclass(frozen=True)
 class StepProof:
     """Sizes (5,) of steps that are proved on ``boxes`` boxes; ``whole``: on all of the region. ``sampled`` (5,): the
-    least sizes at all points that were looked at."""
+    least sizes at all points that were looked at, ``current_pu`` the largest current at rest there."""
 
     sizes: Array
     sampled: Array
+    current_pu: float
     boxes: int
     whole: bool
 
@@ -75,7 +84,7 @@ def prove_steps(
     shape: LevelShape,
     limits: ActingLimits,
     sampled: Array,
-    typical_pu: float,
+    current_pu: float,
     budget: int,
     seed: int = 0,
 ) -> StepProof:
@@ -83,14 +92,14 @@ def prove_steps(
     kind that any point allows.
 
     ``sampled`` (5,): the least sizes that are known; places in undecided boxes show where less is allowed.
-    ``typical_pu``: a resting current near the largest. Boxes are cut in half where the bound is too coarse; when a
-    part of ``budget`` is used, what is left is tried with smaller sizes.
+    ``current_pu``: the largest resting current that is known. Boxes are cut in half where the bound is too coarse; when
+    a part of ``budget`` is used, what is left is tried with smaller sizes.
     """
     rng = np.random.default_rng(seed)
     cells = whole_region(system, region)
     boxes = _true_boxes(system, region, cells)
     level, seen = _Level(boxes, np.ones((len(boxes), len(PIECES)), dtype=np.bool_)), 0
-    ready = _programs(system, region, shape, limits, typical_pu)
+    ready = _programs(system, region, shape, limits, max(current_pu, 1e-3))
     share = _SHARES[0]
     for turn, share in enumerate(_SHARES):
         part = budget * (turn + 1) / len(_SHARES)
@@ -98,27 +107,28 @@ def prove_steps(
             undecided, dimension = _looked_at(system, ready, level, cells, (share * sampled) ** 2)
             seen += len(level.boxes)
             level = level.halves(undecided, dimension)
-            sampled = np.minimum(sampled, _least(system, level.boxes, shape, limits, rng))
+            found = _cells_in(system, level.boxes, rng)
+            sampled = np.minimum(sampled, step_sizes(system, found, shape, limits).min(axis=1, initial=np.inf))
+            current_pu = max(current_pu, float(rest_current_pu(system, found).max(initial=0.0)))
             if not sampled.all():  # a limit acts at rest
-                return StepProof(0.0 * sampled, 0.0 * sampled, seen, False)
+                return StepProof(0.0 * sampled, 0.0 * sampled, current_pu, seen, False)
         if len(level.boxes) == 0:
             break
-    return StepProof(share * sampled, sampled, seen, len(level.boxes) == 0)
+    return StepProof(share * sampled, sampled, current_pu, seen, len(level.boxes) == 0)
 
 
-def _least(system: System, boxes: Boxes, shape: LevelShape, limits: ActingLimits, rng: np.random.Generator) -> Array:
-    """The least sizes (5,) at some places in boxes; infinite where none is within the static limits."""
-    if len(boxes) == 0:
-        return np.full(len(STEPS), np.inf)
-    index = rng.choice(len(boxes), _PLACES)
-    share = rng.uniform(0.0, 1.0, (_PLACES, COORDINATES))
+def _cells_in(system: System, boxes: Boxes, rng: np.random.Generator) -> Cells:
+    """The cells at some places in boxes."""
+    count = _PLACES if len(boxes) else 0
+    index = rng.integers(max(len(boxes), 1), size=count)
+    share = rng.uniform(0.0, 1.0, (count, COORDINATES))
     share[::2] = np.round(share[::2])
     points = boxes.low[index] + share * (boxes.high[index] - boxes.low[index])
     points[:, 0] = SCR_BASES[system.study.scr_basis].counted(
         points[:, 0] * np.cos(points[:, 1]), points[:, 0] * np.sin(points[:, 1])
     )
     points[:, 2:4] *= system.study.converter.S_rated
-    return step_sizes(system, system.cells(points, partial=True), shape, limits).min(axis=1, initial=np.inf)
+    return system.cells(points, partial=True)
 
 
 def _true_boxes(system: System, region: Region, cells: Boxes) -> Boxes:
@@ -179,8 +189,8 @@ def _programs(system: System, region: Region, shape: LevelShape, limits: ActingL
             outputs += [weight * terms.reach_sq for weight in terms.weights]
         programs.append(program_of(tracer, [*outputs, *(value for value, _, _ in conditions)]))
         between.append(np.array([[least, most] for _, least, most in conditions]))
-        V_limits = c.V_min_pu, c.V_max_pu
-    return _Programs(tuple(programs), tuple(between), _Margins(limits, shape, V_limits, shunt))
+        margins = _Margins(limits, shape, (c.V_min_pu, c.V_max_pu), shunt)
+    return _Programs(tuple(programs), tuple(between), margins)
 
 
 def _at_rest(
@@ -225,7 +235,7 @@ def _looked_at(
             above &= ~empty
             level.alive[part, case] = above
             score[part[above]] = np.maximum(score[part[above]], pull[above])
-    return level.alive.any(axis=1), to_cut(low, high, score)
+    return np.asarray(level.alive.any(axis=1)), to_cut(low, high, score)
 
 
 def _open(forms: Array, low: Array, high: Array, margins: _Margins, squares: Array) -> tuple[NDArray[np.bool_], Array]:
@@ -337,4 +347,5 @@ class _Forms:
 
     def spread(self) -> Array:
         """What each dimension leaves unknown, (..., 5)."""
-        return np.abs(self.form[..., 1:]) @ _TO_DIMENSIONS + self.rest
+        with np.errstate(invalid="ignore"):  # an unbounded form
+            return np.abs(self.form[..., 1:]) @ _TO_DIMENSIONS + self.rest

@@ -51,12 +51,12 @@ def acting_limits(study: Study) -> ActingLimits:
     c = study.converter
     settings = study.controller_settings()
     low, high = (getattr(settings.limiter, name, None) for name in ("V_low", "V_high"))
-    limited, clips = c.current_limit_pu is not None, low is not None and high is not None
+    limited, clips = c.current_limit_pu is not None, False
     V_limits: tuple[float | None, float | None] = None, None
-    if clips and limited:
-        V_limits = float(low / c.V_rated_rms), float(high / c.V_rated_rms)
-    elif not limited:
+    if not limited:
         V_limits = max(c.V_min_pu - _BEYOND_PU[0], 0.0), c.V_max_pu + _BEYOND_PU[1]
+    elif low is not None and high is not None:
+        clips, V_limits = True, (float(low / c.V_rated_rms), float(high / c.V_rated_rms))
     soft_pk = float(getattr(settings.limiter, "i_soft_pk", np.inf))
     return ActingLimits(
         current_pu=min(settings.i_max_pk, soft_pk) / c.I_rated_pk if limited else None,
@@ -64,7 +64,7 @@ def acting_limits(study: Study) -> ActingLimits:
         V_high_pu=V_limits[1],
         limiter=study.current_limiter,
         soft=limited and soft_pk < settings.i_max_pk,
-        clips_V=clips and limited,
+        clips_V=clips,
     )
 
 

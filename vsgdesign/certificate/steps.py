@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -43,6 +42,9 @@ _BANDS = 3
 
 _POINTS = 6_000
 _ATTEMPTS = 6
+_DECAY_BOXES = 3
+"""Boxes for the decay of the function, for each box of a row."""
+
 _DECAY_BUDGET = 400_000
 _BUDGET = 150_000
 """Boxes for one row."""
@@ -76,7 +78,7 @@ def certified_steps(
     decay = _DECAY * certificate.decay
     rng = np.random.default_rng(seed)
     points, A = system.matrices(np.concatenate([nodes(region, 7), random_points(region, _POINTS, rng)]))
-    shape, proof = _function(system, motion, limits, decay, points, A, boxes > 0, seed)
+    shape, proof = _function(system, motion, limits, decay, points, A, min(_DECAY_BOXES * boxes, _DECAY_BUDGET), seed)
     statement = StepStatement(
         limiter=limits.limiter,
         current_pu=limits.current_pu,
@@ -131,7 +133,7 @@ def _function(
     decay: float,
     points: Array,
     A: Array,
-    on_boxes: bool,
+    budget: int,
     seed: int,
 ) -> tuple[LevelShape | None, str]:
     """The function of largest sublevel set that decays over the region, and how that is proved."""
@@ -140,7 +142,7 @@ def _function(
     for _ in range(_ATTEMPTS):
         if shape is None:
             return None, GRIDDED
-        if not on_boxes:
+        if not budget:
             P = shape.P
             worst, worth = worst_points(
                 system,
@@ -154,7 +156,7 @@ def _function(
                 return shape, GRIDDED
             broken = worst[worth >= 0.0]
         else:
-            outcome = proved_between(system, motion, shape.P[None], [decay], motion.region, _DECAY_BUDGET, None, seed)
+            outcome = proved_between(system, motion, shape.P[None], [decay], motion.region, budget, None, seed)
             if len(outcome.broken) == 0:
                 return shape, GAP_FREE if len(outcome.left) == 0 else GRIDDED
             broken = outcome.broken
@@ -189,12 +191,13 @@ def _row(system: System, part: Region, shape: LevelShape, limits: ActingLimits, 
     found = system.cells(np.concatenate([nodes(part, 5), random_points(part, _POINTS // 3, rng)]))
     typical = rest_current_pu(system, found)
     if len(found.points) == 0:
-        return _impossible(part, math.nan, GRIDDED)
+        return _impossible(part, None, GRIDDED)
     sampled, largest = step_sizes(system, found, shape, limits).min(axis=1), float(typical.max())
     if not sampled.all():
         return _impossible(part, largest, GRIDDED)
     if budget:
-        outcome = prove_steps(system, part, shape, limits, sampled, max(largest, 1e-3), budget, seed)
+        outcome = prove_steps(system, part, shape, limits, sampled, largest, budget, seed)
+        largest = outcome.current_pu
         if not outcome.sampled.all():
             return _impossible(part, largest, GRIDDED)
         if outcome.whole:
@@ -216,7 +219,7 @@ def _row(system: System, part: Region, shape: LevelShape, limits: ActingLimits, 
     return _with_sizes(system, part, largest, GRIDDED, _MARGIN * sampled)
 
 
-def _impossible(part: Region, current: float, proof: str) -> StepRow:
+def _impossible(part: Region, current: float | None, proof: str) -> StepRow:
     return StepRow(scr=part.scr, P=part.P, Q=part.Q, rest_current_pu=current, proof=proof)
 
 

@@ -1,0 +1,160 @@
+"""Certified steps in the EMT: from inside, where no limit may act after 5 ms, and from outside, where it should."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.artifacts.step_record import StepRow, StepStatement
+from vsgdesign.certificate import Certificate, Region, certified_steps, certify, region_of
+from vsgdesign.certificate.certify import prepared
+from vsgdesign.certificate.region import System, random_points
+from vsgdesign.errors import InfeasibleStudyError, LimitHitError, SimulationDivergedError
+from vsgdesign.parameters import Study, load_study
+from vsgdesign.parameters.study import Event, Grid
+from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.run import simulate
+
+STUDY = Path(__file__).resolve().parents[1] / "studies" / "survival" / "study.toml"
+CONTROLLER = "angle_damped"
+REGION: dict[str, Any] = {"scr": (2.0, 20.0), "x_over_r": (1.0, 20.0), "Q_pu": (-0.3, 0.3), "error": 0.2}
+KINDS = ("P_ref", "Q_ref", "phase", "V_g", "omega_g")
+FACTORS = (0.9, 1.5, 2.0, 3.0, 5.0)
+RUNS = 1000
+"""For each factor."""
+
+_STEP_S = 0.1
+_END_S = 1.6
+_FAST_S = 5e-3
+_UPDATES_S = 0.05
+
+
+@dataclass(frozen=True)
+class SteppedRun:
+    """One step in the EMT."""
+
+    kind: str
+    factor: float
+    scr: float
+    x_over_r: float
+    P: float
+    Q: float
+    load: float
+    """Largest P of the row, W."""
+    limited_fast: int
+    """Limited samples in the first 5 ms after the step."""
+    limited_later: int
+    largest_pu: float
+    """Largest converter current from 5 ms after the step on, pu of the rated peak."""
+
+
+def stepped_run(study: Study, system: System, row: StepRow, factor: float, seed: int) -> SteppedRun | None:
+    """A step of a random kind and sign, ``factor`` times the certified one, to a random cell of a row.
+
+    The estimate is another one within its error every 50 ms. None where the run has no steady state to begin from.
+    """
+    rng = np.random.default_rng(seed)
+    region = Region(row.scr, (REGION["x_over_r"]), row.P, row.Q, REGION["error"])
+    # Every second coordinate is at a limit: that is where little room is left.
+    points = random_points(region, 40, rng)
+    low, high = region.limits
+    points = np.where(rng.random(points.shape) < 0.5, np.where(rng.random(points.shape) < 0.5, low, high), points)
+    cells = system.cells(points, partial=True)
+    if len(cells.points) == 0:
+        return None
+    weakness, angle, P, Q, _, _ = cells.points[0]
+    c, f, source = study.converter, study.filter, study.grid_source
+    grid = Grid(float(cells.R[0] - f.R_2), float(cells.X[0] / source.omega_g - f.L_2))
+    V = float(cells.V_rms[0])
+    changes = []
+    for k in range(round(_END_S / _UPDATES_S)):
+        e_R, e_L = rng.uniform(-region.error, region.error, 2)
+        gains = system.schedule.gains_measured(grid.R_g * (1.0 + e_R), grid.L_g * (1.0 + e_L), P, Q, V)
+        changes.append(GainChange(k * _UPDATES_S, type(gains)(*(float(value) for value in gains))))
+    kind, sign = KINDS[rng.integers(len(KINDS))], float(rng.choice([-1.0, 1.0]))
+    step = sign * factor * float(getattr(row, kind))
+    Q_ref = Q + changes[0].gains.D_q * (V - c.V_rated_rms)
+    before = {"P_ref": float(P), "Q_ref": float(Q_ref)}
+    after, start = dict(before), source
+    event = Event(_STEP_S, kind)
+    if kind in before:
+        before[kind] -= step
+        event = replace(event, **{kind: float(after[kind])})
+    elif kind == "phase":
+        event = replace(event, phase_jump=step)
+    elif kind == "V_g":
+        start, event = replace(source, V_g_rms=source.V_g_rms - step), replace(event, V_g_rms=source.V_g_rms)
+    else:
+        start, event = replace(source, omega_g=source.omega_g - step), replace(event, omega_g=source.omega_g)
+    simulation = replace(study.simulation, duration=_END_S, log_interval=c.T_s, **before)
+    run = replace(study, grid=grid, grid_source=start, events=(event,), simulation=simulation)
+    try:
+        found = simulate(run, tuple(changes)).to_its_end()
+    except (InfeasibleStudyError, LimitHitError, SimulationDivergedError):
+        return None
+    limited, t_s = found.column("limited_samples"), found.t_s
+    at, later = (np.searchsorted(t_s, when) for when in (_STEP_S, _STEP_S + _FAST_S))
+    current = np.hypot(found.column("i_s_alpha"), found.column("i_s_beta"))[later:].max() / c.I_rated_pk
+    return SteppedRun(
+        kind=kind,
+        factor=factor,
+        scr=float(1.0 / weakness),
+        x_over_r=float(math.tan(angle)),
+        P=float(P),
+        Q=float(Q),
+        load=row.P[1],
+        limited_fast=int(limited[later - 1] - limited[at - 1]),
+        limited_later=int(limited[-1] - limited[later - 1]),
+        largest_pu=float(current),
+    )
+
+
+def stated(budget: int = 150_000, **options: Any) -> tuple[Study, System, StepStatement]:
+    """The study, its loops and what is certified of it. ``options``: of :func:`vsgdesign.certificate.certify`."""
+    study = load_study(STUDY)
+    spec, region = region_of(study, CONTROLLER, **REGION)
+    study = study.with_limit_of(spec)
+    certificate = certify(study, spec, region, budget=0, **options)
+    if not isinstance(certificate, Certificate):
+        raise InfeasibleStudyError("the evidence's region has a counterexample")
+    system, _ = prepared(study, spec, region, NOTHING, None, None)
+    return study, system, certified_steps(study, spec, certificate, budget=budget)
+
+
+def _of_seed(study: Study, system: System, rows: list[StepRow], factor: float, seed: int) -> SteppedRun | None:
+    return stepped_run(study, system, rows[seed % len(rows)], factor, seed)
+
+
+def main(folder: Path) -> None:
+    """Prints how often a limit acts, by kind and factor."""
+    study, system, found = stated()
+    rows = [row for row in found.rows if row.possible]
+    runs: list[SteppedRun] = []
+    left_out = 0
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        waiting = [
+            pool.submit(_of_seed, study, system, rows, factor, seed) for factor in FACTORS for seed in range(RUNS)
+        ]
+        for one in waiting:
+            if (run := one.result()) is None:
+                left_out += 1
+            else:
+                runs.append(run)
+    print("| size | kind | runs | a limit acts after 5 ms | in the first 5 ms | largest current, pu |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    for factor in FACTORS:
+        for kind in (*KINDS, "all"):
+            some = [run for run in runs if run.factor == factor and kind in (run.kind, "all")]
+            later, fast = (sum(getattr(run, n) > 0 for run in some) for n in ("limited_later", "limited_fast"))
+            largest = max((run.largest_pu for run in some), default=math.nan)
+            print(f"| {factor:g} | {kind} | {len(some)} | {later} | {fast} | {largest:.3f} |")
+    print(f"left out, no steady state to begin from: {left_out}")
+    (folder / "certified_steps.json").write_text(json.dumps([vars(run) for run in runs], indent=1) + "\n")
