@@ -58,12 +58,12 @@ def answers(
         K_pv=0.06,
     )
     i_w = i_g + e / (settings.limiter.Z_v * cmath.exp(1j * cmath.phase(Z)))
-    memory = ProjectionMemory(i_w.real, i_w.imag, REFS.omega_0)
+    memory = ProjectionMemory(i_w.real, i_w.imag, v.real, v.imag, REFS.omega_0)
     sample = PROJECTION.law.limit(memory, view, GRID, REFS, GAINS, settings)
     return sample, *PROJECTION.law.move(memory, sample, view, REFS.omega_0, NO_STEPS, settings)
 
 
-@pytest.mark.parametrize(("depth", "degrees"), [(0.7, -170.0), (0.7, 90.0), (1.0, -90.0), (1.0, 60.0), (1.0, 150.0)])
+@pytest.mark.parametrize(("depth", "degrees"), [(0.9, -170.0), (0.9, 90.0), (1.0, -90.0), (1.0, 60.0), (1.0, 150.0)])
 def test_it_is_pulled_towards_the_nearest_voltage_that_the_grid_admits(depth: float, degrees: float) -> None:
     """The disc of voltages about v_g with radius |Z| I: its point nearest to the reference, found by search.
 
@@ -161,10 +161,10 @@ def test_the_linear_model_has_the_modes_of_the_circular_limit_and_its_own_memory
     circular = linearise_full_order(with_limiter(build, "circular"), [cell])
     model = linearise_full_order(with_limiter(build, "projection"), [cell])
     count = len(circular.states)
-    assert model.states[count:] == ("limiter_i_w_d", "limiter_i_w_q", "limiter_omega")
+    assert model.states[count:] == tuple(f"limiter_{name}" for name in ("i_w_d", "i_w_q", "v_d", "v_q", "omega"))
     np.testing.assert_array_equal(model.A[0][:count, :count], circular.A[0])
     np.testing.assert_array_equal(model.A[0][:count, count:], 0.0)  # its memory acts on nothing
     kept = 1.0 - with_limiter(build, "projection").controller_settings().limiter.smoothing_i
-    np.testing.assert_allclose(np.diag(model.A[0][count:, count:]), [kept, kept, 0.0], rtol=1e-12)
+    np.testing.assert_allclose(np.diag(model.A[0][count:, count:]), [kept, kept, kept, kept, 0.0], rtol=1e-12)
     after = np.array(model.map.step(model.z[0], model.p[0])[0])[:, 0]
     np.testing.assert_allclose(after, model.z[0], rtol=1e-9, atol=1e-9)

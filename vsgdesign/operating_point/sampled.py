@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.equations.limiters import LimiterView
+from vsgdesign.equations.limiters import GridEstimate, LimiterView
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, NoOperatingPointError
 from vsgdesign.frames import instantaneous_power, rms_to_peak
@@ -117,6 +117,7 @@ def steady_state(
         mean_Q=float(Q),
         limiter=_remembered(study, view, omega_g),
     )
+    _check_limiter(study, grid, state, view, refs, gains)
     return SampledState(plant=_interleave(x), controller=state, pending=np.array([v_b.real, v_b.imag]))
 
 
@@ -186,6 +187,20 @@ def _check_limits(study: Study, x: NDArray[np.complex128], v_b: complex) -> None
         raise LimitHitError(
             f"the steady state needs {abs(x[0]):.4g} A peak, but the limit is {settings.i_max_pk:.4g} A. "
             "Raise current_limit_pu, or ask for less P and Q.",
+            limit="current",
+        )
+
+
+def _check_limiter(
+    study: Study, grid: Grid, state: ControllerState, view: LimiterView, refs: References, gains: PowerLoopGains
+) -> None:
+    """A limiter may act below the limit itself. The state is then no steady state of the controller."""
+    estimate = GridEstimate(R_g=grid.R_g, L_g=grid.L_g)
+    sample = study.limiter.law.limit(state.limiter, view, estimate, refs, gains, study.controller_settings())
+    if sample.limited > 0.0:
+        raise LimitHitError(
+            f"the steady state needs {np.hypot(view.i_s_d, view.i_s_q):.4g} A peak, where the limiter "
+            f'"{study.current_limiter}" already acts. Raise current_limit_pu, or ask for less P and Q.',
             limit="current",
         )
 

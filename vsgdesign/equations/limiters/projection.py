@@ -36,6 +36,9 @@ class ProjectionMemory(NamedTuple):
     i_w_d: Any
     i_w_q: Any
     """Test current behind its low-pass, A peak."""
+    v_d: Any
+    v_q: Any
+    """Capacitor-node voltage behind the same low-pass, V peak."""
     omega: Any
     """Frequency of the last sample, rad/s."""
 
@@ -71,11 +74,14 @@ class ProjectionConstants(NamedTuple):
 
 
 class ProjectionNotes(NamedTuple):
-    """What one sample hands to ``projection_move``: the test current behind its low-pass, and the pulls."""
+    """What one sample hands to ``projection_move``: test current and voltage behind their low-pass, and the pulls."""
 
     i_w_d: Any
     i_w_q: Any
     """A peak."""
+    v_d: Any
+    v_q: Any
+    """V peak."""
     theta: Any
     """rad"""
     V: Any
@@ -113,6 +119,8 @@ def projection_limit(
     now_d, now_q = current_at_reference(view, turn_d, turn_q, c.Z_v, settings.omega_C)
     i_w_d = memory.i_w_d + c.smoothing_i * (now_d - memory.i_w_d)
     i_w_q = memory.i_w_q + c.smoothing_i * (now_q - memory.i_w_q)
+    v_d = memory.v_d + c.smoothing_i * (view.v_d - memory.v_d)
+    v_q = memory.v_q + c.smoothing_i * (view.v_q - memory.v_q)
     # Below the soft limit every term that follows is an exact zero, so that the limiter changes no bit.
     length_sq = i_w_d * i_w_d + i_w_q * i_w_q
     soft = 1.0 * (length_sq > c.i_soft_pk * c.i_soft_pk)
@@ -125,8 +133,8 @@ def projection_limit(
     angle = np.arctan2(u_q, u_d)
     # Where the grid voltage behind the estimated impedance may be none, there is no angle to follow and no power that
     # means anything: the gate closes, and the power loops rest.
-    b_d = view.v_d - (R * view.i_g_d - X * view.i_g_q)
-    b_q = view.v_q - (R * view.i_g_q + X * view.i_g_d)
+    b_d = v_d - (R * view.i_g_d - X * view.i_g_q)
+    b_q = v_q - (R * view.i_g_q + X * view.i_g_d)
     i_sq = view.i_g_d * view.i_g_d + view.i_g_q * view.i_g_q
     doubt_sq = c.v_gate_pk * c.v_gate_pk + c.doubt * c.doubt * Z * Z * i_sq
     gate = np.minimum(np.maximum((b_d * b_d + b_q * b_q) / doubt_sq - 1.0, 0.0), 1.0)
@@ -153,6 +161,8 @@ def projection_limit(
         notes=ProjectionNotes(
             i_w_d=i_w_d,
             i_w_q=i_w_q,
+            v_d=v_d,
+            v_q=v_q,
             theta=c.share * gate * angle,
             V=soft * c.share * (V_wanted - view.V),
         ),
@@ -177,14 +187,20 @@ def projection_move(
     followed = np.minimum(np.maximum(followed, slower), faster)
     V_step = np.minimum(np.maximum(steps.V + sample.notes.V, c.V_low - view.V), c.V_high - view.V)
     taken = IntegratorSteps(theta=steps.theta + pull, omega_i=steps.omega_i + followed, V=V_step)
-    return taken, ProjectionMemory(i_w_d=sample.notes.i_w_d, i_w_q=sample.notes.i_w_q, omega=omega)
+    return taken, ProjectionMemory(
+        i_w_d=sample.notes.i_w_d,
+        i_w_q=sample.notes.i_w_q,
+        v_d=sample.notes.v_d,
+        v_q=sample.notes.v_q,
+        omega=omega,
+    )
 
 
 def projection_at_rest(view: LimiterView, omega: Any, settings: ControllerSettings) -> ProjectionMemory:
     """The memory of a steady state, in which the voltage is at its reference. Returns (memory)."""
     i_w_d = view.i_g_d - settings.omega_C * view.v_q
     i_w_q = view.i_g_q + settings.omega_C * view.v_d
-    return ProjectionMemory(i_w_d=i_w_d, i_w_q=i_w_q, omega=omega)
+    return ProjectionMemory(i_w_d=i_w_d, i_w_q=i_w_q, v_d=view.v_d, v_q=view.v_q, omega=omega)
 
 
 def projection_constants(ratings: LimiterRatings, values: Mapping[str, float]) -> ProjectionConstants:
@@ -276,7 +292,7 @@ PROJECTION = Limiter(
             "1",
             low=always(0.01),
             high=always(0.5),
-            default=always(0.05),
+            default=always(0.15),
             meaning="grid voltage that counts as none, pu",
         ),
         LimiterParameter(
