@@ -92,16 +92,17 @@ def library_start(study: Study, gains: Sequence[GainChange]) -> Start:
     spec = study.simulation
     start = steady_state(study, study.grid, study.grid_source, spec.P_ref, spec.Q_ref, gains[0].gains, phase)
     x, s, pending = start.plant, start.controller, start.pending
+    S = complex(s.P_f, s.Q_f)
     state = State(
         s.theta,
         s.omega_i,
         s.V,
-        complex(s.P_f, s.Q_f),
+        S,
         complex(s.xi_vd, s.xi_vq),
         complex(s.xi_id, s.xi_iq),
         complex(s.i_f_d, s.i_f_q),
         complex(s.u_alpha, s.u_beta),
-        (complex(s.P_f, s.Q_f),) * 4,
+        (S, S, S, S),
     )
     return Start(x[0::2] + 1j * x[1::2], state, complex(*pending))
 

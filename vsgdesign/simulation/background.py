@@ -50,7 +50,7 @@ class Background:
         """What the components add over ``count`` whole samples (one interval), or over each of several intervals."""
         if len(intervals) > 1:
             return np.concatenate([self._over(one, np.zeros(1)) for one in intervals])
-        return self._over(intervals[0], np.arange(count) * T_s)
+        return self._over(intervals[0], np.arange(count, dtype=np.float64) * T_s)
 
     def _over(self, interval: Interval, since: Array) -> Array:
         """One row for every instant ``since`` the beginning (s): the states' increments, then the voltage in αβ."""
@@ -58,7 +58,7 @@ class Background:
         drift = source.omega_slope * since
         phase = source.phase + (source.omega + 0.5 * drift) * since
         added = np.zeros((len(since), states_of(self._circuit(interval.grid))))
-        voltage = np.zeros(len(since), dtype=complex)
+        voltage: NDArray[np.complex128] = np.zeros(len(since), dtype=complex)
         for component in interval.components:
             n = component.order
             c = self._V_base_pk * component.amplitude_pu * np.exp(1j * (n * phase + component.phase))
@@ -67,5 +67,5 @@ class Background:
             first, second = 1j * n * drift, 0.5j * n * source.omega_slope - 0.5 * (n * drift) ** 2
             weights = np.stack([c, c * first, c * second], axis=1)
             added += (weights @ rho).real
-            voltage += c
+            voltage = voltage + c
         return np.ascontiguousarray(np.column_stack([added, voltage.real, voltage.imag]))
