@@ -58,7 +58,7 @@ def survey(
     between = signs.shape[1]
     for start in range(0, len(low), LANES):
         width = min(LANES, len(low) - start)
-        _load(registers, own, low, high, parameters, start, d, d)
+        load_boxes(registers, own, low, high, parameters, start, d, d)
         run_program(code, number, places, factors, registers, own, d)
         applies[:, start : start + width] = True
         for n in range(between + len(conditions)):
@@ -94,7 +94,7 @@ def judge(low: Any, high: Any, parameters: Any, inequality: Any, forms: Any, pro
     held, pull = np.empty(LANES, dtype=np.bool_), np.empty((d, LANES))
     for start in range(0, len(low), LANES):
         width = min(LANES, len(low) - start)
-        _load(registers, own, low, high, parameters, start, d - 1, d)
+        load_boxes(registers, own, low, high, parameters, start, d - 1, d)
         # By element: assigned whole, Numba compiles the words of an error about shapes, for seconds.
         for n in range(forms.shape[1]):
             for k in range(forms.shape[2]):
@@ -118,7 +118,9 @@ def judge(low: Any, high: Any, parameters: Any, inequality: Any, forms: Any, pro
 
 
 @_compiled
-def _load(registers: Any, own: Any, low: Any, high: Any, parameters: Any, start: int, coordinates: int, d: int) -> None:
+def load_boxes(
+    registers: Any, own: Any, low: Any, high: Any, parameters: Any, start: int, coordinates: int, d: int
+) -> None:
     """The coordinates of boxes as forms, their widths rounded up, and the boxes' parameters."""
     for lane in range(LANES):
         box = min(start + lane, len(low) - 1)

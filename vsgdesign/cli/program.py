@@ -206,12 +206,14 @@ def certify(
     """Prove stability on a range of grids, or refute it.
 
     The proof is one Lyapunov function for a range of grids, powers and estimate errors. It also says after which steps
-    no limit of the controller acts.
+    no limit of the controller acts and, for an angle-damped controller with the limiter "projection", on which grids
+    the angle returns while the current is limited.
     """
     from dataclasses import replace
 
     from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.certificate import Certificate, certify, region_of, with_steps
+    from vsgdesign.certificate.swing import large_signal
     from vsgdesign.pipeline.table import make_tables
 
     study = _load(study_file)
@@ -221,12 +223,16 @@ def certify(
         ready = Ready(tables=make_tables(replace(study, controllers=(spec,)), progress=progress))
         found = certify(study, spec, region, ready=ready, decay=decay, budget=boxes, progress=progress)
         found = with_steps(study, spec, found, ready=ready, budget=boxes, progress=progress)
+        swing = large_signal(study, spec, region, ready=ready, budget=boxes, progress=progress)
     if as_json:
-        _print_json(found.as_document())
+        more = {} if swing is None else {"large_signal": swing.as_document()}
+        _print_json(found.as_document() | more)
     else:
-        from vsgdesign.report.gain_table.words import certificate_text
+        from vsgdesign.report.gain_table.words import certificate_text, swing_text
 
         click.echo(certificate_text(found))
+        if swing is not None:
+            click.echo(swing_text(swing))
     if not isinstance(found, Certificate):
         sys.exit(EXIT_IMPOSSIBLE)
 

@@ -18,6 +18,8 @@ from vsgdesign.artifacts.table_text import (
     status_text,
 )
 from vsgdesign.certificate import Certificate, Counterexample
+from vsgdesign.certificate.swing import SwingStatement
+from vsgdesign.certificate.swing.results import EMPTY, RETURNS
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import counted
 from vsgdesign.stability.gain_table import TableCheck
@@ -71,6 +73,49 @@ def certificate_text(found: Certificate | Counterexample) -> str:
         f"{text}\n{boxes}Verified at {found.checked} cells and {found.fresh} fresh random points{spare}; "
         f"{found.vertices} vertices decide.{steps}"
     )
+
+
+def swing_text(found: SwingStatement) -> str:
+    """The large-signal statement: on how many parts of the map it is proved, and the first place at which it is not."""
+    count, whole = found.count(RETURNS), len(found.parts) - found.count(EMPTY)
+    degrees, frequency = math.degrees(found.start.angle), found.start.speed / (2.0 * math.pi)
+    text = (
+        f"Large signal: from any angle up to ±{degrees:.0f}° and ±{frequency:g} Hz, the angle is proved to return to "
+        f"its rest on {count} of {whole} parts of the range of SCR and X/R, with V and the gains of the true grid "
+        "held, a quasi-static network, an ideal current loop and no filters."
+    )
+    rest = [part for part in found.parts if part.grade not in (RETURNS, EMPTY)]
+    if not rest:
+        return text
+    shown = next((part for part in rest if part.at is not None), rest[0])
+    scr, ratio = (_range([getattr(part, name) for part in rest]) for name in ("scr", "x_over_r"))
+    text += f"\nNot proved within SCR {scr}, X/R {ratio}"
+    if shown.at is None:
+        return f"{text}: {_SWING_CONDITIONS[shown.undecided]} with the given number of boxes."
+    at = shown.at
+    where = f"SCR {_short(at.scr)}, X/R {_short(at.x_over_r)}, P {_short(at.P / 1e3)} kW, Q {_short(at.Q / 1e3)} kvar"
+    angle = "" if at.delta is None else f" (at {math.degrees(at.delta):.0f}°)"
+    return f"{text}: at {where}, {_SWING_FAILURES[at.condition]}{angle}."
+
+
+_SWING_CONDITIONS = {
+    "gains": "it is open whether the gains keep their signs",
+    "rest": "it is open whether an unstable rest lies within the current limit",
+    "edge": "it is open whether the pull holds the angle back near 180°",
+    "falling": "it is open whether the energy falls wherever the limit acts",
+}
+"""What was not decided about a part of the map."""
+
+_SWING_FAILURES = {
+    "gains": "the gains do not keep the signs that the proof needs (K_ip > 0, k_P ≥ 0, k_P D_p < 1)",
+    "rest": "an unstable rest lies within the current limit, and the angle does not return from beyond it",
+    "falling": "the energy rises while the limit acts",
+}
+"""What fails at a point."""
+
+
+def _range(pairs: Sequence[tuple[float, float]]) -> str:
+    return f"{_short(min(low for low, _ in pairs))} to {_short(max(high for _, high in pairs))}"
 
 
 def built_text(document: dict[str, Any], shown: int = 8) -> str:

@@ -1,0 +1,229 @@
+"""The map of a controller's large-signal statement over SCR and X/R."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.certificate.box_bounds import UNDECIDED, Look, cover
+from vsgdesign.certificate.boxes import Boxes, basis_of, drop_sq, encloses, whole_region
+from vsgdesign.certificate.region import Region, System, region_faults
+from vsgdesign.certificate.swing.check import (
+    edge_holds,
+    gains_hold,
+    limited_holds,
+    looks,
+    rest_holds,
+    with_angle,
+)
+from vsgdesign.certificate.swing.conditions import SwingLaw, gains_tests, limited_tests, rest_tests
+from vsgdesign.certificate.swing.loops import SwingLoops
+from vsgdesign.certificate.swing.results import (
+    EMPTY,
+    FAILS,
+    OPEN,
+    RETURNS,
+    SwingPart,
+    SwingPoint,
+    SwingStart,
+    SwingStatement,
+)
+from vsgdesign.equations.grid import SCR_BASES
+from vsgdesign.equations.limiters.projection import PROJECTION, ProjectionConstants
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import ANGLE_DAMPED
+from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
+from vsgdesign.frames import PHASES, rms_to_peak
+from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.runtime.of_study import schedule_of
+
+Array = NDArray[np.float64]
+
+_TRIED = 64
+"""Undecided boxes whose centres are looked at after every round of cuts."""
+
+
+def swing_law(study: Study, spec: ControllerSpec) -> SwingLaw:
+    """The limiter's parameters of a controller. Raises InfeasibleStudyError if its limiter is not the projection."""
+    own = study.with_limit_of(spec)
+    settings, c = own.controller_settings(), own.converter
+    limiter = settings.limiter
+    if not isinstance(limiter, ProjectionConstants) or c.current_limit_pu is None:
+        raise InfeasibleStudyError(
+            f"controller {spec.name}: the large-signal statement is about a current limit by the limiter "
+            f'"{PROJECTION.name}", and this one has "{own.current_limiter}" with current_limit_pu = '
+            f"{c.current_limit_pu or 'none'}."
+        )
+    return SwingLaw(
+        i_soft=limiter.i_soft_pk / c.I_rated_pk,
+        i_max=c.current_limit_pu,
+        Z_v=limiter.Z_v / c.Z_base,
+        tau=-settings.T_s / math.log1p(-limiter.share),
+        g=limiter.g,
+        largest_pull=limiter.largest_pull / settings.T_s,
+        v_gate=limiter.v_gate_pk / rms_to_peak(c.V_rated_rms),
+        doubt=limiter.doubt,
+    )
+
+
+def swing_statement(
+    study: Study,
+    spec: ControllerSpec,
+    region: Region,
+    *,
+    ready: Ready = NOTHING,
+    law: SwingLaw | None = None,
+    parts: tuple[int, int] = (6, 6),
+    start: SwingStart | None = None,
+    budget: int = 1_500_000,
+    progress: Callable[[str, float], None] | None = None,
+) -> SwingStatement:
+    """Proves, part by part of a map over SCR and X/R, that the limited swing returns to its rest, or shows where a
+    condition fails.
+
+    ``law`` is that of the controller's limiter unless given. Each part has its share of ``budget`` boxes.
+    Raises StudyError for a wrong region, and InfeasibleStudyError for a controller without this limiter or whose gains
+    cannot be enclosed.
+    """
+    start = start or SwingStart()
+    faults = region_faults(region)
+    if not 0.0 < start.angle < math.pi:
+        faults.append(Fault("angle", f"{start.angle:g}", "must lie between 0 and π rad"))
+    if not 0.0 <= start.speed < math.inf:
+        faults.append(Fault("speed", f"{start.speed:g}", "must be zero or more, in rad/s"))
+    if not 0.0 <= start.angle_error < 0.5:
+        faults.append(Fault("angle_error", f"{start.angle_error:g}", "must be from 0 to 0.5 rad"))
+    if min(parts) < 1:
+        faults.append(Fault("parts", f"{parts[0]}, {parts[1]}", "must be two numbers of at least 1"))
+    if faults:
+        raise StudyError(study.name, faults)
+    law = swing_law(study, spec) if law is None else law
+    system = System(study, schedule_of(study, spec, ready))
+    if not encloses(system):
+        raise InfeasibleStudyError(f"controller {spec.name}: its gains cannot be enclosed on boxes.")
+    along = _edges(region.scr, parts[0]), _edges(region.x_over_r, parts[1])
+    share = budget // (len(along[0]) * len(along[1]))
+    found: list[SwingPart] = []
+    for scr in along[0]:
+        for x_over_r in along[1]:
+            here = replace(region, scr=scr, x_over_r=x_over_r)
+            found.append(_part(system, here, law, start, share))
+            if progress is not None:
+                progress("large-signal statement", len(found) / (len(along[0]) * len(along[1])))
+    return SwingStatement(
+        controller=spec.name,
+        region=region,
+        law=law,
+        start=start,
+        parts=tuple(found),
+    )
+
+
+def large_signal(
+    study: Study,
+    spec: ControllerSpec,
+    region: Region,
+    *,
+    ready: Ready = NOTHING,
+    budget: int = 1_500_000,
+    progress: Callable[[str, float], None] | None = None,
+) -> SwingStatement | None:
+    """The statement of an angle-damped controller that limits its current by the projection; None for any other."""
+    own = study.with_limit_of(spec)
+    schedule: Any = schedule_of(study, spec, ready)
+    if own.current_limiter != PROJECTION.name or own.converter.current_limit_pu is None or budget == 0:
+        return None
+    if schedule.structure != ANGLE_DAMPED.name:
+        return None
+    return swing_statement(study, spec, region, ready=ready, budget=budget, progress=progress)
+
+
+def _edges(limits: tuple[float, float], count: int) -> list[tuple[float, float]]:
+    low, high = limits
+    if low == high:
+        return [limits]
+    inner = np.geomspace(low, high, count + 1)[1:-1]
+    return list(pairwise([low, *map(float, inner), high]))
+
+
+def _part(system: System, region: Region, law: SwingLaw, start: SwingStart, budget: int) -> SwingPart:
+    """The conditions one after another, the cheap ones first."""
+    exact, angle, error = replace(region, error=0.0), start.angle, start.angle_error
+    estimates, grids = whole_region(system, region), whole_region(system, exact)
+    stages = [
+        ("gains", gains_tests(system, region, law), gains_hold, estimates),
+        ("rest", rest_tests(system, exact, law), rest_holds, with_angle(grids, 0.0, 0.0, error)),
+    ]
+    sides = [with_angle(grids, *side, error) for side in ((-angle, -angle), (angle, angle))]
+    limited = limited_tests(system, exact, law)
+    stages += [("edge", limited, edge_holds(law, angle, start.speed), side) for side in sides]
+    sides = [with_angle(grids, *side, error) for side in ((-angle, 0.0), (0.0, angle))]
+    stages += [("falling", limited, limited_holds(law), side) for side in sides]
+    seen, some = 0, False
+    for name, tests, holds, boxes in stages:
+        look = looks(system, tests, boxes, holds)
+        broken: list[SwingPoint] = []
+
+        def stop(left: Boxes, name: str = name, look: Look = look, broken: list[SwingPoint] = broken) -> bool:
+            point = _broken(system, law, name, look, left)
+            broken.extend([] if point is None else [point])
+            return point is not None
+
+        outcome = cover(look, boxes, budget - seen, stop)
+        seen += outcome.seen
+        if broken:
+            return SwingPart(region.scr, region.x_over_r, FAILS, seen, name, broken[0])
+        if len(outcome.left):
+            return SwingPart(region.scr, region.x_over_r, OPEN, seen, name)
+        some |= name == "rest" and outcome.proved > 0
+    return SwingPart(region.scr, region.x_over_r, RETURNS if some else EMPTY, seen)
+
+
+def _broken(system: System, law: SwingLaw, name: str, look: Look, left: Boxes) -> SwingPoint | None:
+    """A point in boxes that are left at which a condition fails, by the equations themselves."""
+    if name == "edge":
+        return None
+    index = np.linspace(0, len(left) - 1, min(len(left), _TRIED)).astype(int)
+    middle = 0.5 * (left.low + left.high)[index]
+    state, _ = look(Boxes(middle, middle, left.piece[index]))
+    for place in middle[state == UNDECIDED]:
+        loops, point = loops_at(system, law, place, name == "gains")
+        delta: float | None = None
+        if name == "gains":
+            g = loops.gains
+            fails = g.K_ip <= 0.0 or g.k_P < 0.0 or loops.kept <= 0.0
+        elif name == "rest":
+            delta = loops.unstable_rest()
+            fails = loops.limited(delta).phi == 0.0
+        else:
+            delta = float(place[4])
+            fails = max(loops.slope(delta, s) for s in np.linspace(-20.0, 20.0, 41)) > 1e-6
+        if fails:
+            return replace(point, condition=name, delta=delta)
+    return None
+
+
+def loops_at(system: System, law: SwingLaw, place: Array, wrong: bool) -> tuple[SwingLoops, SwingPoint]:
+    """The swing at one point of the boxes; ``wrong``: the last two coordinates are errors of R̂ and L̂."""
+    c, f, source = system.study.converter, system.study.filter, system.study.grid_source
+    first, angle, p, q = place[:4]
+    size = basis_of(system).magnitude(first, np.sin(angle)) * c.Z_base
+    R_hat, X_hat = size * np.cos(angle), size * np.sin(angle)
+    R_g, X_g = (R_hat / (1.0 + place[4]), X_hat / (1.0 + place[5])) if wrong else (R_hat, X_hat)
+    R, X = R_g + f.R_2, source.omega_g * (X_g / c.omega_n + f.L_2)
+    V = source.V_g_rms / math.sqrt(drop_sq(R / size, X / size, p, q))
+    P, Q = float(p * V * V / size), float(q * V * V / size)
+    gains = system.schedule.gains_measured(R_hat, X_hat / c.omega_n, P, Q, V)
+    gains = PowerLoopGains(*(float(value) for value in gains))
+    I_rated = c.S_rated / (PHASES * c.V_rated_rms)
+    error = 0.0 if wrong else float(place[5])
+    loops = SwingLoops(R, X, V, source.V_g_rms, P, Q, gains, law, I_rated, c.Z_base, error)
+    scr = c.Z_base / float(SCR_BASES[system.study.scr_basis].counted(R_g, X_g))
+    return loops, SwingPoint("", scr, float(X_g / R_g), P, Q)
