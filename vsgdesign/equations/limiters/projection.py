@@ -150,11 +150,17 @@ def projection_limit(
     i_ref_d, i_ref_q = limit_length(view.i_want_d, view.i_want_q, settings.i_max_pk)
     want_sq = view.i_want_d * view.i_want_d + view.i_want_q * view.i_want_q
     hard = 1.0 * (want_sq > settings.i_max_pk * settings.i_max_pk)
+    # While both limits act, the integrators take up the turned error. The hard limit alone clips the crests of a
+    # distorted current: what it removed is given back, because the anti-windup would rectify it.
+    added_d = soft * (turn_d * view.e_d + turn_q * view.e_q - view.e_d)
+    added_q = soft * (turn_d * view.e_q - turn_q * view.e_d - view.e_q)
+    back_d = (1.0 - soft) * (view.i_want_d - i_ref_d) / view.K_pv
+    back_q = (1.0 - soft) * (view.i_want_q - i_ref_q) / view.K_pv
     return LimitedSample(
         i_ref_d=i_ref_d,
         i_ref_q=i_ref_q,
-        e_d=view.e_d + hard * (turn_d * view.e_d + turn_q * view.e_q - view.e_d),
-        e_q=view.e_q + hard * (turn_d * view.e_q - turn_q * view.e_d - view.e_q),
+        e_d=view.e_d + hard * (added_d + back_d),
+        e_q=view.e_q + hard * (added_q + back_q),
         P=view.P + share_P * missing,
         Q=view.Q + held * missing_Q,
         limited=np.maximum(soft, hard),
