@@ -233,10 +233,18 @@ def _controller(result: ScenarioResult, controller: ControllerResult, judged: di
         "gain_changes": len(controller.gain_changes),
         "estimate": judged,
         "outcome": asdict(controller.outcome),
+        "limiter": _limiter(study.with_limit_of(controller.spec)),
         "events": [_event(event) for event in controller.events],
         "loop_s": controller.simulation.loop_seconds,
         "real_time_factor": study.simulation.duration / max(controller.simulation.loop_seconds, 1e-9),
     }
+
+
+def _limiter(study: Study) -> dict[str, Any] | None:
+    if study.converter.current_limit_pu is None:
+        return None
+    parameters = {name: float(value) for name, value in study.limiter_values.items()}
+    return {"name": study.current_limiter, "limit_pu": study.converter.current_limit_pu, "parameters": parameters}
 
 
 def _event(event: EventMetrics) -> dict[str, Any]:

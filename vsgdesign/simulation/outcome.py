@@ -1,4 +1,5 @@
-"""The outcome of a run: it settled, did not settle, has no steady state, diverged, or the outcome is not known."""
+"""The outcome of a run: it settled, did not settle, rests at its current limit, has no steady state, diverged, or the
+outcome is not known."""
 
 from __future__ import annotations
 
@@ -14,13 +15,17 @@ from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.controller_data import flat_state
 from vsgdesign.metrics.events import MEASURED, NO_STEADY_STATE, NOT_SETTLED, UNSTABLE, EventMetrics
 from vsgdesign.parameters.study import Study
+from vsgdesign.parameters.units import format_quantity
 
 if TYPE_CHECKING:
     from vsgdesign.simulation.rest import Rest
 
-RunStatus = Literal["settled", "not settled", "infeasible", "diverged", "not known"]
-"""``infeasible`` means that there is no steady state. ``diverged`` means that a quantity left every sensible bound and
-the simulation ended there. ``not known`` means that the simulated time is too short, or that nothing happens in it."""
+Array = NDArray[np.float64]
+
+RunStatus = Literal["settled", "not settled", "limited", "infeasible", "diverged", "not known"]
+"""``limited`` means that it rests where its current limiter acts. ``infeasible`` means that there is no steady state.
+``diverged`` means that a quantity left every sensible bound and the simulation ended there. ``not known`` means that
+the simulated time is too short, or that nothing happens in it."""
 
 BOUND_PU = 1e3
 """A current, a voltage or a frequency beyond this many times its rated value has diverged. A circuit with the
@@ -44,6 +49,45 @@ class Divergence:
 
     t_s: float
     reason: str
+
+
+RESTING_S = 0.4
+"""The end of a run in which it must rest at its current limit, s."""
+
+_ACTS = 0.05
+"""Share of the samples from which on a limiter counts as acting: a rest at its edge is limited in some samples only."""
+
+_MOVES = 0.02
+"""Largest difference between the mean powers of the two halves of a rest, of the rating."""
+
+
+@dataclass(frozen=True)
+class LimitedRest:
+    """A rest at the current limit: mean powers at the PCC over the end of the run, W and var."""
+
+    P: float
+    Q: float
+
+
+def limited_rest(
+    study: Study, t_s: Array, P: Array, Q: Array, limited_samples: Array, since_s: float
+) -> LimitedRest | None:
+    """Where a run rests while its current limiter acts; None where it does not, or is still moving.
+
+    Arrays of a run: time (s), the powers at the PCC (W, var), and how many samples were limited up to each row.
+    ``since_s``: the last event; the end of the run that is looked at begins after it.
+    """
+    begin = int(np.searchsorted(t_s, t_s[-1] - RESTING_S))
+    middle = (begin + len(t_s)) // 2
+    if t_s[begin] < since_s or t_s[-1] < RESTING_S:
+        return None
+    samples = (t_s[-1] - t_s[begin]) / study.converter.T_s
+    if limited_samples[-1] - limited_samples[begin] < _ACTS * samples:
+        return None
+    for power in (P, Q):
+        if abs(power[begin:middle].mean() - power[middle:].mean()) > _MOVES * study.converter.S_rated:
+            return None
+    return LimitedRest(float(P[begin:].mean()), float(Q[begin:].mean()))
 
 
 _INNER = "The inner loops are unstable on this grid: slow them down (inner_loops response times) or sample faster"
@@ -82,9 +126,14 @@ def good_rows(study: Study, rows: NDArray[Any]) -> int:
     return int(np.argmax(bad)) if bad.any() else len(rows)
 
 
-def outcome_of(divergence: Divergence | None, found: Sequence[Rest], events: Sequence[EventMetrics]) -> Outcome:
+def outcome_of(
+    divergence: Divergence | None,
+    found: Sequence[Rest],
+    events: Sequence[EventMetrics],
+    at_limit: LimitedRest | None = None,
+) -> Outcome:
     """What became of a run by its divergence, and else by its last stretch: where that comes to rest, and the figures
-    of the event that began it."""
+    of the event that began it. ``at_limit``: where it rests while its current limiter acts."""
     if divergence is not None:
         return Outcome("diverged", divergence.reason, divergence.t_s)
     if not found:
@@ -92,6 +141,10 @@ def outcome_of(divergence: Divergence | None, found: Sequence[Rest], events: Seq
     last = found[-1]
     if last.ramping:
         return Outcome("not known", last.obstacle)
+    if at_limit is not None:
+        place = f"P = {format_quantity(at_limit.P, 'W')} and Q = {format_quantity(at_limit.Q, 'var')}"
+        why = last.obstacle or "A steady state without the limit exists, but this run does not return to it."
+        return Outcome("limited", f"it rests at its current limit with {place}. {why[0].upper()}{why[1:]}")
     measured = [event for event in events if event.t_s == last.t_s]
     for statuses, status in (
         ((NO_STEADY_STATE,), "infeasible"),

@@ -22,7 +22,7 @@ from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
 from vsgdesign.simulation.following import gain_feed
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.online import pcc_vectors
-from vsgdesign.simulation.outcome import Divergence, Outcome, outcome_of
+from vsgdesign.simulation.outcome import Divergence, LimitedRest, Outcome, limited_rest, outcome_of
 from vsgdesign.simulation.rest import WHERE_TO_LOOK, Instability, Rest, expected_rests, instabilities, rests
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.timeline import Timeline, build_timeline
@@ -99,8 +99,8 @@ def run_scenario(
     network is not in ``ready``; ArtifactError where the network does not fit.
     """
     timeline = build_timeline(study)
-    points = operating_points(study, timeline)
     own = [study.with_limit_of(spec) for spec in study.controllers]
+    points = operating_points(study, timeline, limited=any(one.converter.current_limit_pu is not None for one in own))
     feeds = [
         EstimatedScheduler(own_study, spec, ready)
         if spec.estimate != "truth"
@@ -133,7 +133,7 @@ def run_scenario(
                 simulation=run,
                 series=series,
                 events=events,
-                outcome=outcome_of(run.divergence, found, events),
+                outcome=outcome_of(run.divergence, found, events, _limited_rest(own_study, run, series)),
                 estimates=estimates,
                 distorted=study.has_components,
             )
@@ -141,12 +141,22 @@ def run_scenario(
     return ScenarioResult(study, timeline, points, tuple(results), unstable, ready)
 
 
+def _limited_rest(study: Study, run: Simulation, series: dict[str, Array]) -> LimitedRest | None:
+    last_s = max((event.t_s + event.over for event in study.events), default=0.0)
+    limited = run.column("limited_samples")
+    return limited_rest(study, run.t_s, series["P_pcc"], series["Q_pcc"], limited, last_s)
+
+
 def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[float], None]:
     return lambda t_s: progress(name, t_s)
 
 
-def operating_points(study: Study, timeline: Timeline) -> tuple[OperatingPointRow, ...]:
-    """The operating point after every change of grid, source or reference."""
+def operating_points(study: Study, timeline: Timeline, limited: bool = False) -> tuple[OperatingPointRow, ...]:
+    """The operating point after every change of grid, source or reference.
+
+    ``limited``: whether a current limit acts. A converter then rests at it where the grid cannot carry what is asked,
+    and the row has no point. Without one, such a scenario is impossible, and InfeasibleStudyError says why.
+    """
     limits = study.converter.V_limits_rms
     rows = []
     instants = {t for t, _ in timeline.grids} | {t for t, _, _ in timeline.references}
@@ -158,8 +168,9 @@ def operating_points(study: Study, timeline: Timeline) -> tuple[OperatingPointRo
         try:
             point = solve_operating_point(P_ref, Q_ref, source.V_g_rms, R, X, limits)
         except NoOperatingPointError as error:
-            # A short sag has none and is ridden through; a scenario that rests there is impossible.
-            if source.V_g_rms < limits[0]:
+            # A short sag has none and is ridden through; a scenario that rests there needs a current limit. The start
+            # must have one in any case.
+            if source.V_g_rms < limits[0] or (limited and t_s > 0.0):
                 rows.append(OperatingPointRow(t_s, grid, None, str(error)))
                 continue
             raise InfeasibleStudyError(f"from {t_s:g} s on: {error}") from error

@@ -104,7 +104,14 @@ def _current_limits(study: Study) -> list[tuple[str, str]]:
 def limit_in_words(study: Study) -> str:
     """The current limit of a study and how it acts."""
     limit_pu = study.converter.current_limit_pu
-    return "none" if limit_pu is None else f"{plain(limit_pu)} pu of the rated peak, {study.current_limiter}"
+    if limit_pu is None:
+        return "none"
+    values = study.limiter_values
+    said = [
+        f"{one.name} = {plain(values[one.name]) if one.unit == '1' else plain_quantity(values[one.name], one.unit)}"
+        for one in study.limiter.parameters
+    ]
+    return "; ".join([f"{plain(limit_pu)} pu of the rated peak, {study.current_limiter}", *said])
 
 
 def _time_constant(tau: float) -> str:

@@ -1,0 +1,97 @@
+"""What no limited current can carry: the converter rests at its limit, says so, and comes back when it ends."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from vsgdesign.parameters import study_from_text
+from vsgdesign.simulation import run_scenario
+from vsgdesign.simulation.scenario import ControllerResult
+
+STUDY = """base = "case:hoang2025_5kva"
+[converter]
+current_limit_pu = 1.2
+current_limiter = "projection"
+[inner_loops]
+transient_resistance_pu = 0.08
+[power_loops]
+structure = "angle_damped"
+tau_P = "5 ms"
+tau_Q = "5 ms"
+P_droop = "5 %"
+Q_droop = "5 %"
+[grid]
+scr_basis = "impedance"
+scr = {scr}
+x_over_r = {x_over_r}
+[simulation]
+duration = "{duration} s"
+log_interval = "200 us"
+bridge = "averaged"
+P_ref = "{P_ref} kW"
+Q_ref = "0 var"
+[[controllers]]
+name = "a"
+{kind}
+[[events]]
+time = "0.2 s"
+{event}
+"""
+BACK = '[[events]]\ntime = "2 s"\n{back}\n'
+
+CASES = {
+    "more than the rating": (5.0, 3.0, 2.5, 'P_ref = "7.5 kW"', 'P_ref = "2.5 kW"'),
+    "more than a stiff grid needs": (20.0, 10.0, 2.5, 'P_ref = "7.5 kW"', 'P_ref = "2.5 kW"'),
+    "import that a resistive grid cannot carry": (1.5, 1.0, -1.5, 'P_ref = "-7.5 kW"', 'P_ref = "-1.5 kW"'),
+    "no grid voltage": (5.0, 3.0, 2.5, "V_g_pu = 0", "V_g_pu = 1"),
+    "no grid voltage near by": (20.0, 10.0, 4.5, "V_g_pu = 0", "V_g_pu = 1"),
+    "an island with too large a load": (
+        5.0,
+        3.0,
+        2.5,
+        "V_g_pu = 0\ngrid = { scr = 2, x_over_r = 0.05 }",
+        "V_g_pu = 1\ngrid = { scr = 5, x_over_r = 3 }",
+    ),
+}
+
+
+def result(case: str, back: bool) -> tuple[ControllerResult, float]:
+    """The run of the controller, with or without the end of the event, and its rated peak current."""
+    scr, x_over_r, P_ref, event, ending = CASES[case]
+    # In an island, a schedule that is told the truth would be told the load.
+    kind = 'kind = "fixed"\ndesign_grid = { scr = 5, x_over_r = 3 }' if "island" in case else 'kind = "scheduled"'
+    duration, end = (5, BACK.format(back=ending)) if back else (2.5, "")
+    text = STUDY.format(scr=scr, x_over_r=x_over_r, P_ref=P_ref, event=event, kind=kind, duration=duration) + end
+    study = study_from_text(text)
+    return run_scenario(study).controllers[0], study.converter.I_rated_pk
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_it_rests_at_its_limit_and_says_so(case: str) -> None:
+    run, rated = result(case, back=False)
+    assert run.outcome.status == "limited"
+    assert "rests at its current limit with P = " in str(run.outcome.reason)
+    log, t_s = run.simulation.log, run.simulation.t_s
+    late = t_s > 0.205
+    assert np.hypot(log[late, 0], log[late, 1]).max() < 1.32 * rated
+    if "island" not in case:  # without a grid there is no angle to keep
+        angle = np.unwrap(log[:, 12]) - run.simulation.timeline.source_phase(t_s)
+        assert np.ptp(angle) < math.pi / 2.0
+    frequency = log[late, 10] / (2.0 * math.pi)
+    assert np.abs(frequency - 50.0).max() < 5.0
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_it_comes_back_when_it_ends(case: str) -> None:
+    run, rated = result(case, back=True)
+    assert run.outcome.status in ("settled", "not known"), run.outcome.reason
+    log, t_s = run.simulation.log, run.simulation.t_s
+    P = log[t_s > 4.5, 8]
+    expected = CASES[case][2] * 1e3
+    assert np.abs(P - expected).max() < 0.02 * 5000.0
+    limited = log[:, 13]
+    assert limited[-1] == limited[np.searchsorted(t_s, 4.5)]
+    assert np.hypot(log[t_s > 2.005, 0], log[t_s > 2.005, 1]).max() < 1.32 * rated
