@@ -15,7 +15,7 @@ from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.export import CompiledC, export_c_files
 from vsgdesign.export.known_answers import gain_sizes
 from vsgdesign.runtime import Scheduler
-from vsgdesign.runtime.guards import FRESH, NO_ESTIMATE, NO_REASON
+from vsgdesign.runtime.guards import DOUBT, FALLBACK, FRESH, NO_ESTIMATE, NO_REASON
 from vsgdesign.runtime.scheduler import Answer, advance, first_state
 from vsgdesign.runtime.state import SchedulerState
 
@@ -46,6 +46,7 @@ class Calls:
     """Inputs of updates. Numbers are what single precision holds, so that both precisions get the same."""
 
     said: list[int]
+    told: list[int]
     values: np.ndarray
     """(N, 5): R_g, L_g, P, Q, V."""
     ticks: list[int]
@@ -79,7 +80,11 @@ def random_calls(scheduler: Scheduler, count: int, seed: int) -> Calls:
         p=[0.9, 0.03, 0.01, 0.01, 0.02, 0.01, 0.01, 0.005, 0.005],
     )
     said = np.where(rng.random(count) < 0.03, NO_ESTIMATE, NO_REASON)
-    return Calls(said.tolist(), values, (np.cumsum(steps) % 2**32).tolist())
+    # Now and then nothing for a while, with something that was told before it.
+    silent = np.repeat(rng.random(-(-count // 80)) < 0.1, 80)[:count]
+    said = np.where(silent, NO_ESTIMATE, said)
+    told = np.where(rng.random(count) < 0.05, rng.integers(0, 4, count), 0)
+    return Calls(said.tolist(), told.tolist(), values, (np.cumsum(steps) % 2**32).tolist())
 
 
 @dataclass
@@ -90,6 +95,8 @@ class Difference:
     statuses: int = 0
     """Calls whose status or reason differs."""
     fresh: int = 0
+    doubtful: int = 0
+    """Calls with a doubt that is not over, and not yet too old."""
     gains: float = 0.0
     """Relative, as :func:`vsgdesign.export.known_answers.gain_sizes` says."""
     place: float = 0.0
@@ -97,6 +104,7 @@ class Difference:
     def add(self, a: Answer, b: Answer) -> None:
         self.calls += 1
         self.fresh += a.status & FRESH
+        self.doubtful += a.status & (DOUBT | FALLBACK) == DOUBT
         self.statuses += (a.status, a.reason) != (b.status, b.reason)
         for want, got, size in zip(a.gains, b.gains, gain_sizes(a.gains), strict=True):
             if want != got:
@@ -109,11 +117,12 @@ def compare(scheduler: Scheduler, compiled: CompiledC, calls: Calls, *, each_afr
     lookup, c = scheduler.lookup, scheduler.settings
     state, difference = first_state(lookup, c), Difference()
     compiled.load_state(state)
-    for said, values, ticks in zip(calls.said, calls.values.tolist(), calls.ticks, strict=True):
+    for said, told, values, ticks in zip(calls.said, calls.told, calls.values.tolist(), calls.ticks, strict=True):
         if each_afresh:
             state = rounded(state, scheduler)
             compiled.load_state(state)
-        state, answer = advance(lookup, c, state, said, *values, ticks=ticks)
+        compiled.tell(told)
+        state, answer = advance(lookup, c, state._replace(told=told), said, *values, ticks=ticks)
         estimated = said == NO_REASON
         got = compiled.update_estimate(*values, ticks=ticks) if estimated else compiled.hold(*values[2:], ticks=ticks)
         difference.add(answer, got)

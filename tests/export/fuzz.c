@@ -85,6 +85,7 @@ int main(int count, char **arguments)
             R = 12.0 * uniform();
             L = 25e-3 * uniform();
         }
+        vsg_tell(&s, (uint16_t)((bits() % 20U == 0U) ? bits() : 0U));
         if (kind < 80U) {
             vsg_update_estimate(&s, number(0.97 * R, 1.03 * R), number(0.97 * L, 1.03 * L), P, Q, V, ticks, &a);
         } else if (kind < 90U) {
@@ -135,8 +136,9 @@ int main(int count, char **arguments)
                 fail(k, "the file cannot be written");
             }
         }
-        if (((a.status & VSG_FRESH) != 0U) == ((a.status & VSG_HELD) != 0U) || a.status > 63U || a.reason > 9U ||
-            ((a.reason == 0U) != ((a.status & VSG_FRESH) != 0U))) {
+        if (((a.status & VSG_FRESH) != 0U) == ((a.status & VSG_HELD) != 0U) || a.status > 127U || a.reason > 9U ||
+            ((a.reason == 0U) != ((a.status & VSG_FRESH) != 0U)) || ((a.status & VSG_FRESH) != 0U && s.doubt != 0U) ||
+            (((a.status & VSG_DOUBT) != 0U) != (s.doubt != 0U)) || s.told != 0U) {
             fail(k, "a status that cannot be");
         }
         fresh += (a.status & VSG_FRESH) != 0U ? 1UL : 0UL;

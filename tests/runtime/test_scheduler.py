@@ -35,6 +35,7 @@ from vsgdesign.runtime import (
 )
 from vsgdesign.runtime.guards import (
     CLAMPED,
+    DOUBT,
     FALLBACK,
     FRESH,
     HELD,
@@ -118,7 +119,7 @@ def test_a_jump_waits_for_confirmation_then_goes_at_the_rate(scr: float) -> None
     answer = present = scheduler.hold(*POWERS)
     for _ in range(2):
         answer = scheduler.update_estimate(*grid(scr, 1.0), *POWERS)
-        assert (answer.status, answer.reason, answer.scr) == (HELD, JUMP, present.scr)
+        assert (answer.status, answer.reason, answer.scr) == (HELD | DOUBT, JUMP, present.scr)
     before = present.scr
     for _ in range(100):
         answer = scheduler.update_estimate(*grid(scr, 1.0), *POWERS)
@@ -132,9 +133,9 @@ def test_a_jump_waits_for_confirmation_then_goes_at_the_rate(scr: float) -> None
 def test_estimates_that_jump_about_are_never_followed() -> None:
     scheduler = made()
     present = settle(scheduler, 6.0, 1.0)
-    for k in range(24):  # less than the half second to staleness
+    for k in range(49):  # less than the second that a doubt may last
         answer = scheduler.update_estimate(*grid((2.0, 18.0)[k % 2], 1.0), *POWERS)
-        assert (answer.status, answer.reason, answer.scr) == (HELD, JUMP, present.scr)
+        assert (answer.status, answer.reason, answer.scr) == (HELD | DOUBT, JUMP, present.scr)
 
 
 def test_hysteresis_leaves_the_goal() -> None:
@@ -148,12 +149,54 @@ def test_hysteresis_leaves_the_goal() -> None:
 def test_without_estimates_it_falls_back_in_time_and_comes_back() -> None:
     scheduler = made()
     settle(scheduler, 3.0, 1.0)
-    texts = [status_text(scheduler.hold(*POWERS).status) for _ in range(60)]
-    assert texts[:25] == ["held"] * 25
-    assert texts[25] == "held limited fallback"
+    texts = [status_text(scheduler.hold(*POWERS).status) for _ in range(530)]
+    assert texts[:500] == ["held"] * 500
+    assert texts[500] == "held limited fallback"
     assert texts[-1] == "held fallback"
     assert scheduler.hold(*POWERS).scr == 20.0
     assert settle(scheduler, 3.0, 1.0).status == FRESH
+
+
+@pytest.mark.parametrize("told", [{"limited": True}, {"surprised": True}, {"limited": True, "surprised": True}])
+def test_a_doubt_holds_the_place_then_leaves_it(told: dict[str, bool]) -> None:
+    """For one second, in which an estimator finds the new grid; 10 s without a doubt do nothing."""
+    scheduler = made()
+    present = settle(scheduler, 3.0, 1.0)
+    scheduler.tell(**told)
+    texts = []
+    for _ in range(80):
+        answer = scheduler.hold(*POWERS)
+        texts.append(status_text(answer.status))
+        assert (answer.scr == present.scr) == (len(texts) <= 50)
+    assert texts[:50] == ["held doubt"] * 50
+    assert texts[50] == "held limited fallback doubt"
+    assert texts[-1] == "held fallback doubt"
+    assert answer.scr == 20.0
+    assert settle(scheduler, 3.0, 1.0).status == FRESH
+    assert status_text(scheduler.hold(*POWERS).status) == "held"  # an estimate ends the doubt
+
+
+def test_an_estimate_ends_a_doubt_and_what_is_told_with_it_begins_none() -> None:
+    scheduler = made()
+    settle(scheduler, 3.0, 1.0)
+    for _ in range(200):  # a converter that is limited all the time, and an estimator that works all the same
+        scheduler.tell(limited=True)
+        assert scheduler.update_estimate(*grid(3.0, 1.0), *POWERS).status == FRESH
+    scheduler.tell(limited=True)
+    assert scheduler.hold(*POWERS).status == HELD | DOUBT
+    assert scheduler.update_estimate(*grid(3.0, 1.0), *POWERS).status == FRESH
+    scheduler.tell()
+    assert scheduler.hold(*POWERS).status == HELD
+
+
+def test_what_is_told_is_part_of_the_state() -> None:
+    scheduler, again = made(), made()
+    settle(scheduler, 3.0, 1.0)
+    scheduler.tell(surprised=True)
+    again.restore(json.loads(json.dumps(scheduler.state())))
+    assert again.hold(*POWERS) == scheduler.hold(*POWERS)
+    assert again.state() == scheduler.state()
+    assert again.state()["doubt"] == 1
 
 
 @pytest.mark.parametrize(
@@ -484,5 +527,10 @@ def test_a_network_answers_once_a_window(tmp_path: Path) -> None:
     c = load_scheduler(tmp_path / "t.json", tmp_path / "w.json", fit=fit).settings
     assert c.update_ticks * c.tick == pytest.approx(weights.window.samples * weights.window.sample_interval)
     slow = window_settings(0.3)
-    assert slow == {"update_ticks": 300_000, "longest_ticks": 600_000, "stale_ticks": 1_200_000}
+    assert slow == {
+        "update_ticks": 300_000,
+        "longest_ticks": 600_000,
+        "stale_ticks": 1_200_000,
+        "lost_ticks": 12_000_000,
+    }
     assert window_settings(0.01)["stale_ticks"] == settings_of(table()).stale_ticks

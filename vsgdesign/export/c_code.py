@@ -269,6 +269,7 @@ def _content(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
             {
                 "ticks": one.ticks,
                 "hold": int(one.hold),
+                "told": one.told,
                 "status": one.status,
                 "reason": one.reason,
                 "given": braces(one.given),
@@ -303,7 +304,7 @@ def _constants(scheduler: Scheduler) -> Iterable[tuple[str, str]]:
     ):  # fmt: skip
         yield name, f"VSG_C({literal(value)})"
     yield "CONFIRM", f"((uint16_t){c.confirm}U)"
-    for name in ("update_ticks", "longest_ticks", "stale_ticks"):
+    for name in ("update_ticks", "longest_ticks", "stale_ticks", "lost_ticks"):
         yield name.upper(), f"((uint32_t){getattr(c, name)}UL)"
     if estimator is not None:
         yield "HIDDEN", f"{len(estimator.b_1)}U"
@@ -375,7 +376,9 @@ def _figures(scheduler: Scheduler, origin: Origin) -> Mapping[str, str]:
         f"{c.V_rms[1]:.4g} V",
         "plausible R_g, L_g": f"{c.R_g[0]:.4g} to {c.R_g[1]:.4g} Ohm, {c.L_g[0] * 1e3:.4g} to {c.L_g[1] * 1e3:.4g} mH",
         "rate of SCR and R/X": f"{c.rate:g} 1/s",
-        "update period, stale after": f"{c.update_ticks * c.tick * 1e3:.4g} ms, {c.stale_ticks * c.tick * 1e3:.4g} ms",
+        "update period": f"{c.update_ticks * c.tick * 1e3:.4g} ms",
+        "to the safe place": f"after {c.stale_ticks * c.tick:.4g} s of doubt, or {c.lost_ticks * c.tick:.4g} s without "
+        "an estimate",
         "safe place": f"SCR {c.safe_scr:.4g}, R/X {c.safe_r_over_x:.4g}",
         "confirmed jump, hysteresis": f"{c.jump:.3g} for {c.confirm} windows, {c.hysteresis:.3g}",
     }

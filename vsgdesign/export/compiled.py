@@ -100,6 +100,10 @@ class CompiledC:
         """0, or the number of the first known answer that is wrong."""
         return int(self.library.vsg_selftest())
 
+    def tell(self, told: int) -> None:
+        """What happened since the last update: bits of TOLD_LIMITED and TOLD_SURPRISED."""
+        self.library.vsg_tell(self._scheduler, told)
+
     def update_estimate(self, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int) -> Answer:
         """Gains from an estimate."""
         self.library.vsg_update_estimate(self._scheduler, R_g, L_g, P, Q, V_rms, ticks & 0xFFFFFFFF, self._answer)

@@ -22,7 +22,7 @@ from vsgdesign.equations.power_filter import notch_constants
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
 from vsgdesign.frames import PHASES, rms_to_peak
 from vsgdesign.identification.neural import NeuralEstimator
-from vsgdesign.runtime.guards import NO_ESTIMATE, NO_REASON, SchedulerSettings
+from vsgdesign.runtime.guards import NO_ESTIMATE, NO_REASON, TOLD_LIMITED, TOLD_SURPRISED, SchedulerSettings
 from vsgdesign.runtime.lookup import GainLookup
 from vsgdesign.runtime.scheduler import SAID, Scheduler, advance, first_state
 
@@ -33,6 +33,8 @@ class KnownAnswer:
 
     ticks: int
     hold: bool
+    told: int
+    """What the scheduler is told before the call."""
     given: tuple[float, ...]
     status: int
     reason: int
@@ -49,13 +51,15 @@ def gain_sizes(gains: PowerLoopGains) -> tuple[float, ...]:
 
 
 def known_answers(scheduler: Scheduler) -> list[KnownAnswer]:
-    """A sequence of calls from the first state on: confirmed jump, rate, edges, refusals, time backwards, fallback."""
+    """A sequence of calls from the first state on: confirmed jump, rate, edges, refusals, time backwards, doubt that
+    ends with an estimate, doubt that lasts, and no estimate for too long."""
     lookup, c = scheduler.lookup, scheduler.settings
     middle = float(np.sqrt(c.scr[0] * c.scr[1])), float(np.sqrt(c.r_over_x[0] * c.r_over_x[1]))
     R, L = lookup.grid(*middle)
     R_weak, L_weak = lookup.grid(0.9 * c.scr[0], 1.3 * middle[1])
     P, Q, V = 0.4 * c.P[1], 0.3 * c.Q[1], 0.5 * (c.V_rms[0] + c.V_rms[1])
-    calls: list[tuple[int, bool, tuple[float, ...]]] = [(0, True, (0.0, 0.0, P, Q, V))]
+    nothing = (0.0, 0.0, P, Q, V)
+    calls: list[tuple[int, bool, tuple[float, ...]]] = [(0, True, nothing)]
     calls += [(20_000 * k, False, (R, L, P, Q, V)) for k in range(1, 9)]
     calls += [(20_000 * k, False, (1.01 * R, 1.01 * L, P, -Q, V)) for k in range(9, 11)]
     calls += [
@@ -67,17 +71,27 @@ def known_answers(scheduler: Scheduler) -> list[KnownAnswer]:
         (20_005, False, (R, L, P, Q, 1.9 * c.V_rms[1])),
     ]
     calls += [(20_005 + 20_000 * k, False, (R_weak, L_weak, P, Q, V)) for k in range(1, 12)]
-    calls += [(240_005 + 400_000 * k, True, (0.0, 0.0, P, Q, V)) for k in range(1, 4)]
+    told: dict[int, int] = {}
+    last = calls[-1][0]
+    for doubt, silent in ((TOLD_LIMITED, c.stale_ticks // 4), (TOLD_SURPRISED, c.stale_ticks)):
+        told[last + 20_000] = doubt
+        calls += [(last + 20_000, True, nothing), (last + 20_000 + silent, True, nothing)]
+        last += 20_000 + silent
+        calls += [(last + 20_000 * k, False, (R_weak, L_weak, P, Q, V)) for k in range(1, 6)]
+        last += 100_000
+    calls += [(last + c.lost_ticks // 2 * k, True, nothing) for k in range(1, 4)]
     known: list[KnownAnswer] = []
     state = first_state(lookup, c)
     for ticks, hold, values in calls:
         R_g, L_g, P, Q, V = given = tuple(float(np.float32(value)) for value in values)
+        state = state._replace(told=told.get(ticks, 0))
         said = NO_ESTIMATE if hold else NO_REASON
         state, answer = advance(lookup, c, state, said, R_g, L_g, P, Q, V, ticks)
         known.append(
             KnownAnswer(
                 ticks=ticks,
                 hold=hold,
+                told=told.get(ticks, 0),
                 given=given,
                 status=answer.status,
                 reason=answer.reason,

@@ -17,7 +17,7 @@ from vsgdesign.frames import rated_current_rms
 if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable
 
-FRESH, HELD, CLAMPED, LIMITED, FALLBACK, REFUSED = 1, 2, 4, 8, 16, 32
+FRESH, HELD, CLAMPED, LIMITED, FALLBACK, REFUSED, DOUBT = 1, 2, 4, 8, 16, 32, 64
 STATUSES = {
     FRESH: "fresh",
     HELD: "held",
@@ -25,8 +25,13 @@ STATUSES = {
     LIMITED: "limited",
     FALLBACK: "fallback",
     REFUSED: "refused",
+    DOUBT: "doubt",
 }
 """Bits of a status. Every answer is either fresh (an estimate was accepted) or held (no estimate was accepted)."""
+
+TOLD_LIMITED, TOLD_SURPRISED = 1, 2
+"""Bits of what a scheduler is told with an update: since the last one the converter limited its current, or the
+estimator or anything else was surprised. Both mean that the grid may have changed."""
 
 NO_REASON, TIME, NOT_FINITE, RANGE, SATURATED, NO_ESTIMATE, IMPLAUSIBLE, JUMP, UNDESIGNED = range(9)
 REASONS = (
@@ -96,8 +101,11 @@ class SchedulerSettings:
     """Nominal number of ticks between two updates."""
     longest_ticks: int = 40_000
     """Longest time, in ticks, for which a single update may move the place."""
-    stale_ticks: int = 500_000
-    """Age of the last good estimate, in ticks, from which on the place moves to the safe place."""
+    stale_ticks: int = 1_000_000
+    """How long a doubt may last, in ticks, before the place moves to the safe place. This is the time in which an
+    estimator finds a new grid."""
+    lost_ticks: int = 10_000_000
+    """Age of the last good estimate, in ticks, from which on the place moves to the safe place without any doubt."""
 
     @cached_property
     def rate_per_tick(self) -> float:
@@ -165,6 +173,7 @@ def window_settings(period: float, tick: float = SchedulerSettings.tick) -> dict
         "update_ticks": ticks,
         "longest_ticks": max(nominal.longest_ticks, 2 * ticks),
         "stale_ticks": max(nominal.stale_ticks, 4 * ticks),
+        "lost_ticks": max(nominal.lost_ticks, 40 * ticks),
     }
 
 
@@ -240,7 +249,9 @@ def _faults(s: SchedulerSettings) -> Iterator[str]:
         yield f"safe_scr = {s.safe_scr:g}, safe_r_over_x = {s.safe_r_over_x:g}: must lie in the box"
     if not 1 <= s.confirm <= 1000:
         yield f"confirm = {s.confirm}: must be 1 to 1000 windows"
-    for name in ("update_ticks", "longest_ticks", "stale_ticks"):
+    for name in ("update_ticks", "longest_ticks", "stale_ticks", "lost_ticks"):
         value = getattr(s, name)
         if not (isinstance(value, int) and 1 <= value < _TICKS_LIMIT // 2):
             yield f"{name} = {value}: must be a whole number from 1 to 2^30"
+    if s.lost_ticks < s.stale_ticks:
+        yield f"lost_ticks = {s.lost_ticks}: must be at least stale_ticks = {s.stale_ticks}"

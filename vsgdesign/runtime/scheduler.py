@@ -21,6 +21,7 @@ from vsgdesign.runtime.closed_form import ClosedFormSchedule
 from vsgdesign.runtime.guards import (
     ARRIVED,
     CLAMPED,
+    DOUBT,
     FALLBACK,
     FRESH,
     HELD,
@@ -35,6 +36,8 @@ from vsgdesign.runtime.guards import (
     REFUSED,
     SATURATED,
     TIME,
+    TOLD_LIMITED,
+    TOLD_SURPRISED,
     UNDESIGNED,
     SchedulerSettings,
     limited,
@@ -99,8 +102,8 @@ def first_state(lookup: GainLookup, settings: SchedulerSettings) -> SchedulerSta
             "safe_r_over_x) on the strong side."
         )
     gains = lookup.gains(normalised, scr, r_over_x, P, Q, V_rms)
-    age = settings.stale_ticks + 1
-    return SchedulerState(0, 0, age, 0, scr, r_over_x, scr, r_over_x, scr, r_over_x, P, Q, V_rms, gains)
+    age = settings.lost_ticks + 1
+    return SchedulerState(0, 0, age, 0, 0, 0, scr, r_over_x, scr, r_over_x, scr, r_over_x, P, Q, V_rms, gains)
 
 
 def advance(
@@ -119,8 +122,9 @@ def advance(
 
     ``said`` is the reason why there is no estimate, or NO_REASON if R_g (Ω) and L_g (H) are an estimate. P (W), Q (var)
     and V (phase rms, V) are those of the power loops. ``ticks`` is the caller's 32-bit counter. The guards act in this
-    order: time and inputs, plausibility, jump (:eq:`place-band`), hysteresis, staleness, rate (:eq:`place-rate`),
-    certified box, design. Whatever the inputs are, the gains are those of a place and of powers within the box.
+    order: time and inputs, plausibility, jump (:eq:`place-band`), hysteresis, doubt and staleness, rate
+    (:eq:`place-rate`), certified box, design. Whatever the inputs are, the gains are those of a place and of powers
+    within the box.
     """
     status, reason = 0, said
     elapsed = (ticks - s.ticks) & _MASK if s.started else 0
@@ -163,7 +167,12 @@ def advance(
             goal_scr, goal_r = scr, r_over_x
 
     age = min(s.age + elapsed, _OLDEST)
-    stale = reason != NO_REASON and age > c.stale_ticks
+    doubt = 0
+    if reason != NO_REASON and s.doubt > 0:
+        doubt = min(s.doubt + elapsed, _OLDEST)
+    elif reason != NO_REASON and (s.told != 0 or reason == JUMP):
+        doubt = 1
+    stale = reason != NO_REASON and (age > c.lost_ticks or doubt > c.stale_ticks)
     if stale:
         goal_scr, goal_r = c.safe_scr, c.safe_r_over_x
 
@@ -186,6 +195,7 @@ def advance(
         gains = lookup.gains(normalised, place_scr, place_r, P, Q, V_rms)
         status |= moving
     status |= FALLBACK if stale else 0
+    status |= DOUBT if doubt else 0
     if reason == NO_REASON:
         status, age = status | FRESH, 0
     else:
@@ -194,6 +204,8 @@ def advance(
         1,
         ticks & _MASK,
         age,
+        doubt,
+        0,
         count,
         place_scr,
         place_r,
@@ -226,6 +238,15 @@ class Scheduler:
     def grid(self) -> tuple[float, float]:
         """R_g (Ω) and L_g (H) of the place for which the present gains are made."""
         return self.lookup.grid(self._state.scr, self._state.r_over_x)
+
+    def tell(self, *, limited: bool = False, surprised: bool = False) -> None:
+        """Says what happened since the last update; the next one takes it into account (:func:`advance`).
+
+        ``limited``: the converter limited its current. ``surprised``: the estimator, or anything else, has seen that
+        the grid changed, and there is no estimate of the new one yet.
+        """
+        told = TOLD_LIMITED * bool(limited) | TOLD_SURPRISED * bool(surprised)
+        self._state = self._state._replace(told=self._state.told | told)
 
     def update_estimate(
         self, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int | np.integer[Any] | None = None
@@ -263,6 +284,7 @@ class Scheduler:
         :meth:`vsgdesign.identification.feeding.FedEstimator.window`. Every estimator but a network needs ``omega``.
         Raises ArtifactError if the scheduler has no estimator.
         """
+        self.tell(limited=measured.get("limited", 0) > 0)
         found = self._feeding.window(as_numbers(v), as_numbers(i), **measured)
         return self._advance_by(found, P, Q, V_rms, ticks)
 
@@ -273,6 +295,8 @@ class Scheduler:
         in :meth:`vsgdesign.identification.feeding.FedEstimator.push`.
         """
         fed = self._feeding
+        if measured.get("limited", False):
+            self.tell(limited=True)
         v, i = (x if type(x) is float else as_numbers(x) for x in (v, i))
         return fed.push(v, i, **measured)
 
@@ -348,9 +372,8 @@ class Scheduler:
             ticks = self._state.ticks + self.settings.update_ticks
         elif type(ticks) is not int:
             ticks = _whole(ticks)
-        self._state, answer = advance(
-            self.lookup, self.settings, self._state, said, R_g, L_g, as_number(P), as_number(Q), as_number(V_rms), ticks
-        )
+        powers = as_number(P), as_number(Q), as_number(V_rms)
+        self._state, answer = advance(self.lookup, self.settings, self._state, said, R_g, L_g, *powers, ticks)
         return answer
 
 

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError
 
-SCHEMA = 2
+SCHEMA = 3
 
-_WHOLE = ("started", "ticks", "age", "agreed")
+_WHOLE = ("started", "ticks", "age", "doubt", "told", "agreed")
 
 
 class SchedulerState(NamedTuple):
@@ -22,6 +22,10 @@ class SchedulerState(NamedTuple):
     """The caller's counter at the last update."""
     age: int
     """Ticks since the last estimate that was followed."""
+    doubt: int
+    """Ticks since the grid may have changed without an estimate that was followed. 0: there is no doubt."""
+    told: int
+    """What was told since the last update: bits of TOLD_LIMITED and TOLD_SURPRISED."""
     agreed: int
     """Windows that agree on a jump so far."""
     scr: float

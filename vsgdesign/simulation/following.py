@@ -93,6 +93,7 @@ class ScheduledAnswers:
             self._grid = Grid(R_g, L_g)
             return found, False
         measured = (window.P, window.Q, window.V_rms, round(window.t_s / self._runtime.settings.tick))
+        self._runtime.tell(limited=window.limited > 0)
         answer = self._runtime.update_estimate(R_g, L_g, *measured) if known else self._runtime.hold(*measured)
         return answer.gains, bool(answer.status & LIMITED)
 

@@ -78,6 +78,7 @@ class ShippedScheduler:
     def update(self, window: MeasuredWindow) -> PowerLoopGains:
         """What the runtime says."""
         measured = (window.P, window.Q, window.V_rms, round(window.t_s / self._tick))
+        self._runtime.tell(limited=window.limited > 0)
         if self._estimate is None:
             v, i = window_channels(window, self._channels, self._synchronised)
             answer = self._runtime.update(v, i, *measured)
