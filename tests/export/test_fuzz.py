@@ -74,7 +74,8 @@ def test_no_input_spoils_the_controller(limiter: str, double: bool, tmp_path: Pa
     assert code == 0, said
     calls, used, limited, retuned = map(int, re.findall(r"\d+", said))
     assert calls == 30_000
-    assert 0.9 * calls < used < calls  # most samples are good, some are not
+    # Most samples are good and taken. In open loop the integrators may leave their range until the next start.
+    assert 0.7 * calls < used < calls
     assert 0.1 * calls < limited
     assert retuned > 100
 

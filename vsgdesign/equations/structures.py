@@ -204,6 +204,9 @@ class Structure:
     uncoupled: bool = False
     """Whether it is designed as the two separate loops of the paper, without the coupling. Its promises are then the
     margins and responses of these loops; otherwise they are those of each loop with the other one closed."""
+    safe_in_the_middle: bool = False
+    """Whether gains of the geometric middle of the grids are stable on all of them, so that a schedule may wait there
+    for an estimate. Otherwise it waits at the strongest grid."""
     follows_references: bool = True
     """The default point for the Jacobian of the closed form: the measured P, Q and V, or the design point."""
 
@@ -301,6 +304,7 @@ DECOUPLED = Structure(
     start_share=1.0,
     P_droop=False,
     Q_droop=True,
+    safe_in_the_middle=True,
 )
 """The coupling is cancelled, and the P–f droop does the damping."""
 
@@ -313,6 +317,7 @@ ANGLE_DAMPED = Structure(
     start_share=1.0,
     P_droop=True,
     Q_droop=True,
+    safe_in_the_middle=True,
 )
 """The coupling is cancelled, both droops are free, and the measured powers damp through the angle."""
 

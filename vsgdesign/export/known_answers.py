@@ -52,7 +52,7 @@ def gain_sizes(gains: PowerLoopGains) -> tuple[float, ...]:
 
 def known_answers(scheduler: Scheduler) -> list[KnownAnswer]:
     """A sequence of calls from the first state on: confirmed jump, rate, edges, refusals, time backwards, doubt that
-    ends with an estimate, doubt that lasts, and no estimate for too long."""
+    ends with an estimate, doubt that lasts, the strongest grid, and no estimate for too long."""
     lookup, c = scheduler.lookup, scheduler.settings
     middle = float(np.sqrt(c.scr[0] * c.scr[1])), float(np.sqrt(c.r_over_x[0] * c.r_over_x[1]))
     R, L = lookup.grid(*middle)
@@ -79,6 +79,9 @@ def known_answers(scheduler: Scheduler) -> list[KnownAnswer]:
         last += 20_000 + silent
         calls += [(last + 20_000 * k, False, (R_weak, L_weak, P, Q, V)) for k in range(1, 6)]
         last += 100_000
+    strong = lookup.grid(0.97 * c.scr[1], middle[1])
+    calls += [(last + 20_000 * k, False, (*strong, P, Q, V)) for k in range(1, 14)]
+    last += 260_000
     calls += [(last + c.lost_ticks // 2 * k, True, nothing) for k in range(1, 4)]
     known: list[KnownAnswer] = []
     state = first_state(lookup, c)

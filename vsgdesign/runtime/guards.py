@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign.equations.grid import SCR_BASES
+from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import ArtifactError
 from vsgdesign.frames import rated_current_rms
 
@@ -83,7 +84,7 @@ class SchedulerSettings:
     voltage_range: float
     """Largest V that can be measured, V."""
     safe_scr: float
-    """The safe place, to which the gains move without estimates. The safe side is that of strong grids."""
+    """The safe place, to which the gains move without estimates (:func:`safe_scr`)."""
     safe_r_over_x: float
     rate: float = 10.0
     """Largest \\|d ln SCR/dt\\| and \\|d ln(R/X)/dt\\| of the place of the gains, 1/s."""
@@ -101,7 +102,7 @@ class SchedulerSettings:
     """Nominal number of ticks between two updates."""
     longest_ticks: int = 40_000
     """Longest time, in ticks, for which a single update may move the place."""
-    stale_ticks: int = 1_000_000
+    stale_ticks: int = 600_000
     """How long a doubt may last, in ticks, before the place moves to the safe place. This is the time in which an
     estimator finds a new grid."""
     lost_ticks: int = 10_000_000
@@ -134,7 +135,7 @@ def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
 
     The box is the intersection of the axes, the validity and the certificate of the table. The rate is that of the
     certificate, but at most 10 1/s; it is 10 1/s without a certificate or where the grid may jump. The safe place is
-    the largest SCR of the box at the geometric mean of its limits of R/X.
+    that of the table's structure in the box (:func:`safe_scr`).
     """
     from vsgdesign.artifacts.certificate_record import (
         CertificateRegion,  # only a user with a table needs this room
@@ -161,8 +162,14 @@ def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
         scr_basis=table.base.scr_basis,
         error=table.validity.error,
         **({"rate": min(region.rate, 10.0)} if math.isfinite(region.rate) else {}),
-        **changes,
+        **({"safe_scr": safe_scr(table.structure, box["scr"])} | changes),
     )
+
+
+def safe_scr(structure: str, scr: Pair) -> float:
+    """The SCR of the safe place of a structure between limits of SCR: their geometric mean where the structure is safe
+    in the middle, and otherwise the largest."""
+    return math.sqrt(scr[0] * scr[1]) if STRUCTURES[structure].safe_in_the_middle else scr[1]
 
 
 def window_settings(period: float, tick: float = SchedulerSettings.tick) -> dict[str, int]:
@@ -191,7 +198,11 @@ def box_settings(
     error: float = 0.0,
     **changes: Any,
 ) -> SchedulerSettings:
-    """Settings for a box. The range of plausible estimates extends by ``error`` and a factor of two beyond it."""
+    """Settings for a box. The range of plausible estimates extends by ``error`` and a factor of two beyond it.
+
+    The safe place has the largest SCR and the geometric mean of the limits of R/X. ``safe_scr`` gives another SCR, for
+    example that of :func:`safe_scr`.
+    """
     Z_base = V_rated_rms / rated_current_rms(S_rated, V_rated_rms)
     Z_high = 2.0 * (1.0 + error) * Z_base / scr[0]
     X_high = Z_high

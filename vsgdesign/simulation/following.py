@@ -82,7 +82,9 @@ class ScheduledAnswers:
         except InfeasibleStudyError as error:
             raise InfeasibleStudyError(f"controller {spec.name}, the start: {error}") from error
 
-    def to(self, window: MeasuredWindow, R_g: float, L_g: float) -> tuple[PowerLoopGains | None, bool]:
+    def to(
+        self, window: MeasuredWindow, R_g: float, L_g: float, *, surprised: bool = False
+    ) -> tuple[PowerLoopGains | None, bool]:
         """Gains from the end of a window on for a grid, NaN: not known; None to go on as before. And whether the
         scheduler's rate limit held them back."""
         known = bool(np.isfinite(R_g) and np.isfinite(L_g))
@@ -93,7 +95,7 @@ class ScheduledAnswers:
             self._grid = Grid(R_g, L_g)
             return found, False
         measured = (window.P, window.Q, window.V_rms, round(window.t_s / self._runtime.settings.tick))
-        self._runtime.tell(limited=window.limited > 0)
+        self._runtime.tell(limited=window.limited > 0, surprised=surprised)
         answer = self._runtime.update_estimate(R_g, L_g, *measured) if known else self._runtime.hold(*measured)
         return answer.gains, bool(answer.status & LIMITED)
 

@@ -9,11 +9,12 @@ from collections.abc import Sequence
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Grid, Study
+from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.online import MeasuredWindow
 
-STALE_S = 0.5
+STALE_S = SchedulerSettings.stale_ticks * SchedulerSettings.tick
 """Time without an answer from which on gains are those of a safe place, s: as a table's scheduler has it."""
 
 
@@ -74,7 +75,7 @@ class LateSchedule:
         grid = self._grids[k]
         if grid is None:
             if self._holds:
-                return self._answers.to(window, math.nan, math.nan)[0]
+                return self._answers.to(window, math.nan, math.nan, surprised=True)[0]
             while k > 0 and self._grids[k - 1] is None:
                 k -= 1
             stale = self._safe is not None and now - self._starts[k] >= self._stale_s
