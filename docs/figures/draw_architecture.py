@@ -157,7 +157,7 @@ GUARDS = (
     ("4 Plausibility", "R̂_g, L̂_g within the known range?", "held: the goal stays"),
     ("5 Jump", "within 50 % of the goal, or seen 3 times?", "held: the jump must be confirmed"),
     ("6 Hysteresis", "more than 2 % from the goal?", "the goal stays (the estimate counts)"),
-    ("7 Time-out", "an estimate within the last 0.5 s?", "fallback: the goal is the safe place"),
+    ("7 Doubt", "no doubt older than 0.6 s?", "fallback: the goal is the safe place"),
     ("8 Rate", "is the place at its goal?", "limited: the place moves at most at r"),
     ("9 Certified box", "is the place inside the box?", "clamped: the edge of the box is used"),
     ("10 Design", "are all nodes used there designed?", "held: place and gains stay"),
