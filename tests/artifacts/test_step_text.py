@@ -66,9 +66,18 @@ def test_where_no_step_is_possible_the_reason_is_said() -> None:
 
 
 def test_the_sentence_names_the_limits() -> None:
-    assert "below its soft limit, 1.15 pu and V stays from 0.7 to 1.3 pu" in step_sentence(FOUND)
+    assert step_sentence(FOUND).startswith(
+        'The current limiter "projection" begins to act at 1.15 pu, its soft limit, and it clips V at 0.7 and 1.3 pu. '
+    )
     circular = replace(FOUND, limiter="circular", soft=False, V_low_pu=None, V_high_pu=None, clips_V=False)
-    assert "below its limit, 1.15 pu." in step_sentence(circular)
+    assert "begins to act at 1.15 pu, its limit. In the linear model, it is certified that no" in step_sentence(
+        circular
+    )
+    assert "gridded" not in step_sentence(FOUND)  # a row without steps is not graded
+    some = replace(FOUND, rows=(replace(ROW, proof="gridded"),))
+    assert step_sentence(some).endswith(
+        'A "gridded" row is verified at points, with a margin of 20 %, and not between them.'
+    )
     free = replace(FOUND, current_pu=None, soft=False)
     assert step_sentence(free).startswith("The converter has no current limit, so no limit acts after any step.")
     without = replace(FOUND, rows=(), reason="no common function was found")

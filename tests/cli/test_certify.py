@@ -24,7 +24,7 @@ def test_a_region_that_can_be_certified() -> None:
     assert "Over SCR 3 to 20, X/R 1 to 20, P −4.5 to 4.5 kW" in text
     # The published converter has no limit of its current.
     assert "The converter has no current limit, so no limit acts after any step." in text
-    assert "it is certified that V stays from 0.7 to 1.3 pu" in text
+    assert "it is certified that V stays between 0.7 and 1.3 pu after a step" in text
     head = next(line for line in text.splitlines() if "P_ref [kW]" in line)
     assert head.split("  ")[-1].strip() == "proof"
     assert text.count("\n     3 to ") == 3  # three loadings of the weakest grids

@@ -11,24 +11,23 @@ STEP_HEAD = ("SCR", "P [kW]", "Q [kvar]", "P_ref [kW]", "Q_ref [kvar]", "phase [
 
 def step_sentence(found: StepStatement) -> str:
     """The limits that are meant, and what the numbers of the table are."""
-    limits = [f"V stays from {_number(found.V_low_pu)} to {_number(found.V_high_pu)} pu"] if _bounded(found) else []
+    V = f"{_number(found.V_low_pu)} and {_number(found.V_high_pu)} pu"
     if found.current_pu is None:
         first = "The converter has no current limit, so no limit acts after any step."
-        asked = f"that {limits[0]}" if limits else ""
+        asked = f"V stays between {V}"
     else:
         kind = "soft limit" if found.soft else "limit"
-        first = f'No limit of current_limiter = "{found.limiter}" acts'
-        limits.insert(0, f"the current stays below its {kind}, {_number(found.current_pu)} pu")
-        asked = " and ".join(limits)
-        first = f"{first} as long as {asked}."
-        asked = "that no limit acts"
+        first = f'The current limiter "{found.limiter}" begins to act at {_number(found.current_pu)} pu, its {kind}'
+        first += f", and it clips V at {V}." if found.clips_V else "."
+        asked = "no limit acts"
     if found.reason is not None:
         return f"{first} No step is certified, because {found.reason}."
-    rate = "" if found.decay is None else f" of {_number(found.decay)} 1/s"
+    decay = "" if found.decay is None else f" decays at {_number(found.decay)} 1/s or faster ({found.proof})"
+    points = any(row.possible and row.proof != "gap-free" for row in found.rows)
+    grade = ' A "gridded" row is verified at points, with a margin of 20 %, and not between them.' if points else ""
     return (
-        f"{first} The table has the largest steps, each alone, for which it is certified {asked}, in the linear model "
-        f"on a grid of the stated part. P and Q are those after the step. The Lyapunov function of the steps has a "
-        f"decay{rate} ({found.proof})."
+        f"{first} In the linear model, it is certified that {asked} after a step of the sizes in the table, each "
+        f"alone, on a grid and to P and Q of the row. Their Lyapunov function{decay}.{grade}"
     )
 
 
@@ -65,13 +64,11 @@ def _why_none(row: StepRow, found: StepStatement) -> str:
     return "V at rest reaches its limit"
 
 
-def _bounded(found: StepStatement) -> bool:
-    return found.V_low_pu is not None and found.V_high_pu is not None
-
-
 def _range(pair: Pair, scale: float = 1.0) -> str:
     low, high = (value / scale for value in pair)
-    return f"±{_number(high)}" if low == -high and high > 0.0 else f"{_number(low)} to {_number(high)}"
+    if low == high:
+        return _number(low)
+    return f"±{_number(high)}" if low == -high else f"{_number(low)} to {_number(high)}"
 
 
 def _number(value: float | None, digits: int = 3) -> str:

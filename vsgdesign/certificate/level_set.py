@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,9 @@ def largest_level_set(
         conditions.append(Y[2, 2] <= V_share)
         problem = cp.Problem(cp.Maximize(cp.log_det(Y)), conditions)
         try:
-            problem.solve(solver=cp.CLARABEL)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # an inaccurate solution is checked below like any other
+                problem.solve(solver=cp.CLARABEL)
         except cp.SolverError:
             return None, tuple(active)
         if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE) or Y.value is None:
