@@ -10,6 +10,7 @@ import pytest
 from tests.export.conftest import FIT, built
 from tests.export.exchange import exported, written
 from tests.simulation.studies import lc_study
+from vsgdesign.export import export_c_files
 from vsgdesign.parameters import Study
 from vsgdesign.runtime import load_scheduler, status_text
 from vsgdesign.runtime.guards import FALLBACK, FRESH, HELD, JUMP, LIMITED, NO_ESTIMATE
@@ -100,5 +101,29 @@ def test_the_compiled_c_gives_the_same_run(double: bool, tolerance: float, windo
             runs.append(run(runtime, study))
     (python, a), (c, b) = runs
     assert [x[1:3] for x in a.answers] == [x[1:3] for x in b.answers]
+    size = np.abs(python.log).max(axis=0)
+    assert np.all(np.abs(c.log - python.log) <= tolerance * size)
+
+
+@pytest.mark.parametrize(("double", "tolerance"), [(True, 1e-12), (False, 1e-3)])
+def test_the_compiled_scheduler_falls_back_while_the_current_is_limited(
+    double: bool, tolerance: float, tmp_path: Path
+) -> None:
+    """A jump that the estimator never sees. The projection limiter is told the grid that the gains are for."""
+    limited = '[converter]\ncurrent_limit_pu = 1.2\ncurrent_limiter = "projection"\n'
+    jump = '[[events]]\ntime = "0.1 s"\ngrid = { scr = 20, x_over_r = 1 }\n'
+    study = lc_study("0.8 s", jump, f"[grid]\nscr = 3\nx_over_r = 1\n{limited}", log="2 ms")
+    table_file = written(tmp_path)[0]
+    folder = export_c_files(table_file, tmp_path / "c", limiter="projection", stale_ticks=200_000).folder
+    runs = []
+    for runtime in (load_scheduler(table_file, stale_ticks=200_000), built(folder, double)):
+        assert runtime.start(study.grid.R_g, study.grid.L_g) is not False
+        assert runtime.grid == pytest.approx((study.grid.R_g, study.grid.L_g), rel=1e-6)
+        runs.append(run(runtime, study, blind=(0.09, 5.0)))
+    (python, a), (c, b) = runs
+    assert [x[1:3] for x in a.answers] == [x[1:3] for x in b.answers]
+    assert a.answers[-1].status & FALLBACK
+    assert a.answers[-1].scr > 5.0
+    assert python.column("limited_samples")[-1] > 100
     size = np.abs(python.log).max(axis=0)
     assert np.all(np.abs(c.log - python.log) <= tolerance * size)

@@ -96,6 +96,14 @@ class CompiledC:
         """The present gains."""
         return _gains(self._scheduler.gains)
 
+    @property
+    def grid(self) -> tuple[float, float]:
+        """R_g (Ω) and L_g (H) of the place for which the present gains are made."""
+        answer, grid = self.ffi.new("vsg_answer_t *"), self.ffi.new("vsg_grid_estimate_t *")
+        answer.scr, answer.r_over_x = self._scheduler.scr, self._scheduler.r_over_x
+        self.library.vsg_grid_of(answer, grid)
+        return float(grid.R_g), float(grid.L_g)
+
     def selftest(self) -> int:
         """0, or the number of the first known answer that is wrong."""
         return int(self.library.vsg_selftest())

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.parameters.study import Grid
 from vsgdesign.runtime.scheduler import Answer
 from vsgdesign.simulation.estimated import window_channels
 from vsgdesign.simulation.online import MeasuredWindow
@@ -21,6 +22,11 @@ class Runtime(Protocol):
     @property
     def gains(self) -> PowerLoopGains:
         """The present gains."""
+        ...
+
+    @property
+    def grid(self) -> tuple[float, float]:
+        """R_g (Ω) and L_g (H) for which they are made."""
         ...
 
     def update_estimate(self, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int) -> Answer:
@@ -69,6 +75,11 @@ class ShippedScheduler:
     def sample_interval(self) -> float:
         """Spacing of a window's samples, s."""
         return self._interval
+
+    @property
+    def grid(self) -> Grid:
+        """The grid that the present gains are for: what the current limiter is told."""
+        return Grid(*self._runtime.grid)
 
     def first_gains(self) -> PowerLoopGains:
         """The runtime's present gains."""
