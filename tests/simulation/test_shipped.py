@@ -70,7 +70,7 @@ def test_gains_follow_a_step_of_the_grid(tmp_path: Path) -> None:
 
 
 def test_without_estimates_it_falls_back_and_the_run_goes_on(tmp_path: Path) -> None:
-    study = study_of("1.4 s")
+    study = study_of("2.4 s")
     scheduler = load_scheduler(written(tmp_path)[0], stale_ticks=200_000)
     scheduler.start(study.grid.R_g, study.grid.L_g)
     simulation, shipped = run(scheduler, study, blind=(0.4, 5.0))
