@@ -123,10 +123,10 @@ def recovery_cell(axes: Any, x: float, y: float, verdict: list[Any]) -> None:
 def draw_faults(maps: dict[str, Any]) -> Any:
     """Recovery after phase jumps by SCR, and after sags by depth and length."""
     width, left, gap = 2.05, 0.62, 0.14
-    figure = new_figure(PAGE_IN, 4.28)
+    figure = new_figure(PAGE_IN, 4.13)
     for column, limiter in enumerate(maps):
         cases, at = maps[limiter]["cases"], left + column * (width + gap)
-        above = add_axes(figure, at, 2.72, width, 1.3)
+        above = add_axes(figure, at, 2.57, width, 1.3)
         for i, degrees in enumerate(PHASES):
             for j, scr in enumerate(SCR):
                 recovery_cell(above, i, j, cases[phase(scr, degrees).name])
@@ -135,7 +135,7 @@ def draw_faults(maps: dict[str, Any]) -> Any:
         above.set_xticks(shown, [f"{PHASES[k]:+g}".replace("-", "−") for k in shown], fontsize=6.0)
         above.set_xlabel("jump of the phase [°]")
         above.set_title(TITLES[limiter])
-        below = add_axes(figure, at, 0.78, width, 1.42)
+        below = add_axes(figure, at, 0.66, width, 1.42)
         for i, length in enumerate(LENGTHS_S):
             for j, V in enumerate(DEPTHS):
                 recovery_cell(below, i, j, cases[sag(5.0, V, length).name])
@@ -151,7 +151,9 @@ def draw_faults(maps: dict[str, Any]) -> Any:
     handles = [Patch(facecolor=TIMES(value / SLOWEST_S), label=f"{value:g} s") for value in (0.0, 0.5, 1.0, 1.5, 2.0)]
     handles.append(Patch(facecolor=LOST, hatch="////", edgecolor="white", label="lost"))
     figure.legend(handles=handles, loc="lower left", bbox_to_anchor=(left / PAGE_IN, 0.03), ncols=6, handlelength=1.6)
-    figure.text(left / PAGE_IN, 0.40 / 4.28, f"Recovery after the clearing (X/R 3, P = {LOADED:g} pu)", fontsize=7.0)
+    right = (left + 3 * width + 2 * gap) / PAGE_IN
+    note = f"recovery after the clearing; X/R 3, P = {LOADED:g} pu"
+    figure.text(right, 0.036, note, ha="right", fontsize=6.5, color=NOTE_COLOUR)
     return figure
 
 

@@ -34,6 +34,7 @@ PAGES = [
     ROOT / "README.md",
     ROOT / "docs" / "tutorial.md",
     ROOT / "docs" / "walk-through.md",
+    ROOT / "docs" / "survival.md",
     *sorted((ROOT / "docs" / "how-to").glob("*.md")),
 ]
 PAGES = [page for page in PAGES if page.exists()]
