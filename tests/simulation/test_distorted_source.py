@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from tests.simulation.studies import lc_study
+from vsgdesign.cli.console.scenario import results_tables
 from vsgdesign.operating_point.plant import plant_step, state_matrices
 from vsgdesign.parameters.study import SourceComponent
+from vsgdesign.pipeline.run import results_document
 from vsgdesign.report.scenario.page import limits_of_validity
 from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.scenario import run_scenario
@@ -21,7 +23,7 @@ P_ref = "2.5 kW"
 V2 = "[grid]\ncomponents = [{ order = -1, amplitude_pu = 0.02, phase = 0.4 }]\n"
 
 
-def test_its_targets_are_judged_on_one_cycle_means() -> None:
+def test_its_targets_are_judged_on_one_cycle_means(capsys: pytest.CaptureFixture[str]) -> None:
     clean, distorted = (run_scenario(lc_study("8 s", STEP, sections)) for sections in ("", V2))
     a, b = clean.controllers[0], distorted.controllers[0]
     assert not a.ripples
@@ -31,6 +33,11 @@ def test_its_targets_are_judged_on_one_cycle_means() -> None:
     (raw,) = (event.raw for event in a.events if event.signal == "P_pcc")
     assert mean.settling_time_s == pytest.approx(raw.settling_time_s, abs=0.02)
     assert [event.raw.settling_time_s for event in b.events if event.signal == "P_pcc"] == [None]
+    # The terminal shows the figures that are judged.
+    results_tables(results_document(distorted, {}))
+    shown = capsys.readouterr().out
+    assert "(one-cycle means)" in shown
+    assert f"{mean.settling_time_s:.3f} s" in shown
     said = "The grid source contains a negative sequence"
     assert any(item.startswith(said) for item in limits_of_validity(distorted))
     assert not any(item.startswith(said) for item in limits_of_validity(clean))

@@ -225,6 +225,7 @@ def _controller(result: ScenarioResult, controller: ControllerResult, judged: di
     return {
         "kind": controller.spec.kind,
         "bridge": controller.bridge,
+        "distorted": controller.distorted,
         "structure": controller.spec.target.structure,
         "schedule": controller.spec.schedule if controller.spec.kind == "scheduled" else None,
         "table": None if table is None else table_summary(study, table),

@@ -64,25 +64,29 @@ _NO_TIME = {
 
 
 def results_tables(results: dict[str, Any]) -> None:
-    """The values of every reference step and disturbance of a run, on the raw signal."""
+    """The values of every reference step and disturbance of a run: on the raw signal, or on its one-cycle mean if the
+    grid source is distorted."""
     headings = ("controller", "at", "event", "signal", "overshoot", "settles 2 %", "rise", "peak current")
-    table = new_table(results["study"]["title"], headings, left=("controller", "event", "signal"))
+    means = any(controller["distorted"] for controller in results["controllers"].values())
+    title = results["study"]["title"] + (" (one-cycle means)" if means else "")
+    table = new_table(title, headings, left=("controller", "event", "signal"))
     reasons: dict[str, list[str]] = {}
     for name, controller in results["controllers"].items():
         for event in controller["events"]:
             if event["reason"] is not None:
                 who = f"{name}, {event['t_s']:g} s, {event['signal']}"
                 reasons.setdefault(event["reason"], []).append(who)
-            if event["kind"] == "disturbance" and event["settling_time_s"] == 0.0:
+            figures = event["one_cycle_mean"] if controller["distorted"] else event
+            if event["kind"] == "disturbance" and figures["settling_time_s"] == 0.0:
                 continue  # the other signal never left its band: nothing to see
             table.add_row(
                 name,
                 f"{event['t_s']:g} s",
                 escape(event["name"]),
                 event["signal"],
-                _cell(event["overshoot_pct"], ".1f", " %"),
-                _cell(event["settling_time_s"], ".3f", " s", none=_NO_TIME[event["status"]]),
-                _cell(event["rise_time_s"], ".3f", " s"),
+                _cell(figures["overshoot_pct"], ".1f", " %"),
+                _cell(figures["settling_time_s"], ".3f", " s", none=_NO_TIME[event["status"]]),
+                _cell(figures["rise_time_s"], ".3f", " s"),
                 _cell(event["peak_current_pu"], ".2f", " pu"),
             )
     console = new_console()
