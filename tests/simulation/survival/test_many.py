@@ -119,3 +119,12 @@ def test_figures_over_results() -> None:
 def test_groups_keep_their_order() -> None:
     results = (result(SURVIVED, "b"), result(NO_REST, "a"), result(NOT_AT_REST, "b"))
     assert [(group, len(members)) for group, members in by_group(results).items()] == [("b", 2), ("a", 1)]
+
+
+def test_a_subject_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before: once for every case, which took longer than the runs where a table belongs to the subject."""
+    stamps: list[object] = []
+    stamp = many._stamp
+    monkeypatch.setattr(many, "_stamp", lambda one: stamps.append(one) or stamp(one))
+    run_many({"one": subject()}, CASES[:3], workers=1)
+    assert len(stamps) == 1

@@ -46,7 +46,8 @@ def run_many(
     """
     tell = progress or silent
     workers = workers or os.cpu_count() or 1
-    keys = {name: [_key(_stamp(subject), case) for case in cases] for name, subject in subjects.items()}
+    stamps = {name: _stamp(subject) for name, subject in subjects.items()}
+    keys = {name: [_key(stamp, case) for case in cases] for name, stamp in stamps.items()}
     with ExitStack() as held:
         if kept is not None:
             path = Path(kept)
