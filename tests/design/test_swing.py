@@ -27,6 +27,7 @@ from vsgdesign.equations.power_loops import References, frequency_at_rest, power
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.frames import PHASES, peak_to_rms, rms_to_peak
 from vsgdesign.parameters import ControllerSpec, Study, load_study
+from vsgdesign.report.gain_table.words import swing_text
 from vsgdesign.runtime.of_study import schedule_of
 
 STUDY = load_study("studies/survival/study.toml")
@@ -206,6 +207,8 @@ def test_what_is_proved_holds_at_random_states() -> None:
     """The proof is about boxes of operating points; here are points, with an error of the angle, and random speeds."""
     found = swing_statement(STUDY, SPEC, REGION, start=SwingStart(angle_error=0.05), parts=(1, 1), budget=300_000)
     assert found.proved
+    assert "proved to return to its rest on 1 of 1 parts" in swing_text(found)
+    assert found.as_document()["parts"][0]["grade"] == "proved"
     rng = np.random.default_rng(3)
     for loops in random_loops(REGION, 60, 3, error=0.05):
         assert loops.limited(loops.unstable_rest()).phi != 0.0
@@ -225,6 +228,7 @@ def test_without_the_one_sided_power_a_counterexample_is_found() -> None:
     assert part.grade == "counterexample"
     assert part.at is not None
     assert part.at.condition == "falling"
+    assert "the energy rises while the limit acts" in swing_text(found)
     assert part.at.delta is not None
 
 

@@ -76,7 +76,7 @@ def gains_tests(system: System, region: Region, law: SwingLaw) -> list[Test]:
         conditions += _of_grid(system, region, here, r, x)
         gains, choices = _gains(system, tracer, here, p, q, inverse_V, piece, law)
         conditions += [(choice, -np.inf, 0.0) for choice in choices]
-        outputs = {name: getattr(gains, name) for name in ("K_ip", "k_P", "kept", "reserve", "slope")}
+        outputs = {name: getattr(gains, name) for name in ("K_ip", "k_P", "kept")}
         found.append(_test(tracer, outputs, conditions))
     return found
 

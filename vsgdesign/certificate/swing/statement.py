@@ -46,8 +46,17 @@ from vsgdesign.runtime.of_study import schedule_of
 
 Array = NDArray[np.float64]
 
-_TRIED = 64
-"""Undecided boxes whose centres are looked at after every round of cuts."""
+_TRIED = 64, 2048
+"""Fewest and most places in undecided boxes that are looked at after a round of cuts; else one for every four boxes."""
+
+_PART = 1.6, 2.0
+"""Ratio of the ends of a part of the map: of its SCR, of its X/R."""
+
+_EDGE = 10_000
+"""Boxes for each edge. It has one coordinate less; where it holds at all, some hundred boxes are enough."""
+
+_CONFIRMED = 32
+"""Of those at which a condition fails, how many the equations look at."""
 
 
 def swing_law(study: Study, spec: ControllerSpec) -> SwingLaw:
@@ -80,7 +89,7 @@ def swing_statement(
     *,
     ready: Ready = NOTHING,
     law: SwingLaw | None = None,
-    parts: tuple[int, int] = (6, 6),
+    parts: tuple[int, int] | None = None,
     start: SwingStart | None = None,
     budget: int = 1_500_000,
     progress: Callable[[str, float], None] | None = None,
@@ -88,11 +97,14 @@ def swing_statement(
     """Proves, part by part of a map over SCR and X/R, that the limited swing returns to its rest, or shows where a
     condition fails.
 
-    ``law`` is that of the controller's limiter unless given. Each part has its share of ``budget`` boxes.
+    ``law`` is that of the controller's limiter unless given. ``parts`` is the number of parts along SCR and X/R; None
+    makes their ends differ by a factor of about 1.6 and 2. Each part has its share of ``budget`` boxes.
     Raises StudyError for a wrong region, and InfeasibleStudyError for a controller without this limiter or whose gains
     cannot be enclosed.
     """
     start = start or SwingStart()
+    if parts is None:
+        parts = _count(region.scr, _PART[0]), _count(region.x_over_r, _PART[1])
     faults = region_faults(region)
     if not 0.0 < start.angle < math.pi:
         faults.append(Fault("angle", f"{start.angle:g}", "must lie between 0 and π rad"))
@@ -145,6 +157,12 @@ def large_signal(
     return swing_statement(study, spec, region, ready=ready, budget=budget, progress=progress)
 
 
+def _count(limits: tuple[float, float], ratio: float) -> int:
+    """How many parts a range has. A range that is wrong is named with the other faults."""
+    low, high = limits
+    return max(round(math.log(high / low) / math.log(ratio)), 1) if 0.0 < low <= high < math.inf else 1
+
+
 def _edges(limits: tuple[float, float], count: int) -> list[tuple[float, float]]:
     low, high = limits
     if low == high:
@@ -176,7 +194,7 @@ def _part(system: System, region: Region, law: SwingLaw, start: SwingStart, budg
             broken.extend([] if point is None else [point])
             return point is not None
 
-        outcome = cover(look, boxes, budget - seen, stop)
+        outcome = cover(look, boxes, min(budget - seen, _EDGE if name == "edge" else budget), stop)
         seen += outcome.seen
         if broken:
             return SwingPart(region.scr, region.x_over_r, FAILS, seen, name, broken[0])
@@ -190,10 +208,14 @@ def _broken(system: System, law: SwingLaw, name: str, look: Look, left: Boxes) -
     """A point in boxes that are left at which a condition fails, by the equations themselves."""
     if name == "edge":
         return None
-    index = np.linspace(0, len(left) - 1, min(len(left), _TRIED)).astype(int)
-    middle = 0.5 * (left.low + left.high)[index]
-    state, _ = look(Boxes(middle, middle, left.piece[index]))
-    for place in middle[state == UNDECIDED]:
+    rng = np.random.default_rng(len(left))
+    count = int(np.clip(len(left) // 4, *_TRIED))
+    index = rng.choice(len(left), count)
+    share = rng.uniform(0.0, 1.0, (count, left.low.shape[1]))
+    share[::2] = np.round(share[::2])  # corners
+    places = left.low[index] + share * (left.high - left.low)[index]
+    state, _ = look(Boxes(places, places, left.piece[index]))
+    for place in places[state == UNDECIDED][:_CONFIRMED]:
         loops, point = loops_at(system, law, place, name == "gains")
         delta: float | None = None
         if name == "gains":
