@@ -217,6 +217,19 @@ def test_what_is_proved_holds_at_random_states() -> None:
             assert loops.slope(delta, speed) <= 1e-9
 
 
+def test_an_error_of_the_angle_takes_the_largest_angles_from_a_weak_grid() -> None:
+    """At SCR 1.3, 172° and an error of 10° the held current turns the voltage against the reference: V_g sin δ is less
+    than |Z| I_max sin ε."""
+    region = replace(REGION, scr=(1.3, 1.32), x_over_r=(15.0, 16.0))
+    assert swing_statement(STUDY, SPEC, region, parts=(1, 1), budget=100_000).proved
+    start = SwingStart(angle_error=math.radians(10.0))
+    (part,) = swing_statement(STUDY, SPEC, region, start=start, parts=(1, 1), budget=100_000).parts
+    assert (part.grade, part.undecided) == ("not proved", "edge")
+    (loops,) = random_loops(region, 1, 7)
+    wrong = replace(loops, angle_error=-math.radians(10.0))
+    assert loops.limited(start.angle).phi > 0.0 > wrong.limited(start.angle).phi
+
+
 def test_without_the_one_sided_power_a_counterexample_is_found() -> None:
     """P may then drive the angle away from the admitted voltage: the energy rises, which the equations confirm."""
     slow = replace(LAW, g=2.0)  # the pull of the frequency alone is then too weak to outweigh the power
@@ -245,6 +258,14 @@ def test_an_unstable_rest_within_the_limit_is_a_counterexample_and_keeps_the_ang
     _, outside = energy_along(loops, other + away, 0.0, 1.2)
     assert abs(inside - loops.rest) < 0.05
     assert abs(outside - loops.rest) > abs(other - loops.rest)
+
+
+def test_a_rest_does_not_touch_a_low_soft_limit() -> None:
+    """A soft limit below 0.9 of the limit leaves out what rests above it."""
+    study = replace(STUDY, limiter_given=(("soft_limit_pu", 0.9),))
+    law = swing_law(study, SPEC)
+    assert law.i_rest < law.i_soft < 0.9 * law.i_max
+    assert LAW.i_rest == pytest.approx(0.9 * LAW.i_max)
 
 
 def test_nothing_is_claimed_where_there_is_no_operating_point() -> None:

@@ -95,7 +95,7 @@ def limited_holds(law: SwingLaw) -> Holds:
         if not law.one_sided:
             pulls = pulls[0] + _largest(named["pulled_by_P"]), pulls[1] + _largest(named["turned_by_P"]) / kept
         small = 2.0 * pulls[0] <= law.g * law.largest_pull
-        small &= turned_by(2.0 * law.tau * np.maximum(pulls[0] / law.g, pulls[1]))
+        small &= turned_by(2.0 * law.tau * np.maximum(pulls[0] / max(law.g, 1e-9), pulls[1]))
         return (kept > 0.0) & (used | small)
 
     return holds
@@ -112,7 +112,9 @@ def edge_holds(law: SwingLaw, angle: float, speed: float) -> Holds:
         most = np.sqrt(height / kept + speed * speed) + _largest(named["turned_by_Q"]) / kept
         turned, left = _least_along(named["turned"], ahead), named["left"][1]
         held = np.minimum(law.tau * most, np.pi)
-        return (kept > 0.0) & (held < 0.9 * np.pi) & (np.cos(held) * turned - np.sin(held) * left >= 0.0)
+        # φ has the sign of δ here, and so between here and the edge of the disc: a sine is least at an end.
+        clear = named["clear"][0] > 0.0
+        return clear & (kept > 0.0) & (held < 0.9 * np.pi) & (np.cos(held) * turned - np.sin(held) * left >= 0.0)
 
     return holds
 

@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 REST_SHARE = 0.9
 """Largest current at rest as a share of the limit. Operating points with more current are not part of a statement."""
 
+_INSIDE = 0.98
+"""The same as a share of the soft limit, which a rest is not to touch."""
+
 
 @dataclass(frozen=True)
 class SwingLaw:
@@ -37,6 +40,11 @@ class SwingLaw:
     doubt: float
     one_sided: bool = True
     """Whether P may not drive the angle away from the admitted voltage (:eq:`one-sided-power`)."""
+
+    @property
+    def i_rest(self) -> float:
+        """Largest current at rest of the operating points that a statement is about, per unit."""
+        return min(REST_SHARE * self.i_max, _INSIDE * self.i_soft)
 
 
 class Test(NamedTuple):
@@ -132,7 +140,6 @@ def _limited(system: System, region: Region, law: SwingLaw, hard: bool, piece: A
     least = _least_reach_sq(system, region, law)
     reach = reach_sq.sqrt(least)
     soft_sq, hard_sq = at.path_sq * at.soft * at.soft, at.path_sq * at.hard * at.hard
-    conditions.append((at.drop * sine * sine - 1.2 * hard_sq * turn * turn, 0.0, np.inf))
     if hard:
         conditions.append((reach_sq - hard_sq, 0.0, np.inf))
         radius = path * at.hard
@@ -165,6 +172,7 @@ def _limited(system: System, region: Region, law: SwingLaw, hard: bool, piece: A
         "turned": pulled * n_im,
         "left": 1.0 - pulled * n_re,
         "steepest": _steepest(at, gains, turn),
+        "clear": at.drop * (sine * sine) - hard_sq * (turn * turn),
     }
     if not hard:
         outputs["towards"] = _towards_largest(at, gains.slope, delta)
@@ -217,7 +225,7 @@ class _Rest(NamedTuple):
             conditions += _of_grid(system, region, here, *here.direction)
         unit = here.size * inverse_V
         soft, hard = law.i_soft * unit, law.i_max * unit
-        rest = REST_SHARE * hard
+        rest = law.i_rest * unit
         conditions.append(((p * p + q * q) * (1.0 / PHASES**2) - rest * rest, -np.inf, 0.0))
         source = system.study.grid_source.V_g_rms / system.study.converter.V_rated_rms
         return cls(
