@@ -9,6 +9,9 @@ import pytest
 
 from tests.stability.studies import LABORATORY, PUBLISHED, UTILITY, Situation, case_study, designed, situation
 from tests.stability.test_prediction_full_order import BOUND, STEP_PU, compare
+from vsgdesign.artifacts.design_inputs import design_inputs
+from vsgdesign.artifacts.gain_table import base_of
+from vsgdesign.design.evaluation import law_of
 from vsgdesign.equations.power_filter import notch, notch_constants, notch_delay
 from vsgdesign.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.operating_point.full_order import Cell
@@ -95,3 +98,17 @@ def test_its_delay_stands_for_it(case: str) -> None:
     assert ours.disk_output.value[0] == pytest.approx(theirs.disk_output.value[0], rel=0.02)
     assert set(s.model.states) - set(alike.model.states) == {"ripple_P", "ripple_Q", "mean_P", "mean_Q"}
     assert with_filter(case, 0.0).study.power_lags[0] > 0.0
+
+
+def test_where_it_counts() -> None:
+    """Reduced models, the base of a table and the law of its search have the lag; the inputs of its design name it."""
+    s = with_filter(PUBLISHED, 3.4e-3)
+    plain = replace(s.study, power_filter="low_pass")
+    target = replace(s.study.target, structure="angle_damped")
+    lag = s.study.power_lags
+    assert lag[0] > 3.4e-3 + 1.5e-3
+    law, base = law_of(s.study, target, "settling"), base_of(s.study)
+    assert (law.tau_P, law.tau_Q) == (base.tau_P, base.tau_Q) == lag
+    assert plain.power_lags == (3.4e-3, 3.4e-3)
+    ours, theirs = (design_inputs(study, target)["power_loops"] for study in (s.study, plain))
+    assert ours == theirs | {"notch_damping": 0.5}

@@ -113,7 +113,7 @@ def identity_table(table: GainTable) -> Table:
             "Grid-side inductor",
             "none" if b.L_2 == b.R_2 == 0.0 else f"{plain_quantity(b.L_2, 'H')}, {plain_quantity(b.R_2, 'Ω')}",
         ),
-        ("Power filters", f"P {_filter(b.tau_P)}, Q {_filter(b.tau_Q)}"),
+        ("Lag of the power filters", f"P {_filter(b.tau_P)}, Q {_filter(b.tau_Q)}"),
         ("Droop", ", ".join(droops) or "D_p and D_q belong to the schedule"),
         ("Axes", f"{len(table.scr)} SCR ({b.scr_basis} basis) × {len(table.x_over_r)} X/R"),
         ("Design point", f"{plain_quantity(table.P_design, 'W')}, {plain_quantity(table.Q_design, 'var')}"),
