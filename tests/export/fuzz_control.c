@@ -107,6 +107,7 @@ int main(int count, char **arguments)
         m.i_g_beta = number(load * I * sin(angle - lag), 500U);
         if (bits() % 200U == 0U) { /* the scheduler, told anything */
             ticks += (uint32_t)((bits() % 50U == 0U) ? bits() : 20000U);
+            vsg_tell(&s, (uint16_t)bits());
             if (bits() % 3U != 0U) {
                 vsg_update_estimate(&s, number(1.0 + uniform(), 20U), number(4e-3 + 4e-3 * uniform(), 20U),
                                     number((double)c.state.P_f, 20U), number((double)c.state.Q_f, 20U),
