@@ -69,6 +69,45 @@ def result(case: str, back: bool) -> tuple[ControllerResult, float]:
     return run_scenario(study).controllers[0], study.converter.I_rated_pk
 
 
+DESIGNED = """K_pv = 0.16594
+K_iv = 74.024
+K_pc = 10.543
+K_ic = 279.38
+current_feedforward = 0.57889
+transient_resistance_pu = 0.02648
+transient_reactance_pu = 0.25832
+transient_corner = "48.732 Hz\""""
+"""Inner loops designed from the datasheet."""
+
+RIPPLE = """
+[[grid.components]]
+order = -1
+amplitude_pu = 0.02
+[[grid.components]]
+order = -5
+amplitude_pu = 0.02
+[[grid.components]]
+order = 7
+amplitude_pu = 0.015
+"""
+
+
+@pytest.mark.parametrize(("filter_time", "lost"), [("3 ms", 0.0), ("0 s", 0.05)])
+def test_the_soft_limit_does_not_rectify_what_the_grid_brings(filter_time: str, lost: float) -> None:
+    """At rated power on SCR 20. Without the low-pass, the crests act on P: the test sees it."""
+    text = STUDY.replace("transient_resistance_pu = 0.08", DESIGNED).format(
+        scr=20, x_over_r=3, P_ref=4.9, event='P_ref = "5 kW"', duration=2, kind='kind = "scheduled"'
+    )
+    study = study_from_text(text + RIPPLE + f'[converter.limiter]\nfilter_time = "{filter_time}"\n')
+    log = run_scenario(study).controllers[0].simulation.log
+    P = log[-2500:, 8].mean()  # 25 cycles
+    if lost == 0.0:
+        assert log[-1, 13] == 0.0
+        assert abs(P - 5000.0) < 5.0
+    else:
+        assert lost < (5000.0 - P) / 5000.0
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_it_rests_at_its_limit_and_says_so(case: str) -> None:
     run, rated = result(case, back=False)

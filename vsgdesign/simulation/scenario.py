@@ -100,7 +100,8 @@ def run_scenario(
     """
     timeline = build_timeline(study)
     own = [study.with_limit_of(spec) for spec in study.controllers]
-    points = operating_points(study, timeline, limited=any(one.converter.current_limit_pu is not None for one in own))
+    may_rest = any(one.limiter.rests and one.converter.current_limit_pu is not None for one in own)
+    points = operating_points(study, timeline, may_rest)
     feeds = [
         EstimatedScheduler(own_study, spec, ready)
         if spec.estimate != "truth"
@@ -151,11 +152,11 @@ def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[fl
     return lambda t_s: progress(name, t_s)
 
 
-def operating_points(study: Study, timeline: Timeline, limited: bool = False) -> tuple[OperatingPointRow, ...]:
+def operating_points(study: Study, timeline: Timeline, may_rest: bool = False) -> tuple[OperatingPointRow, ...]:
     """The operating point after every change of grid, source or reference.
 
-    ``limited``: whether a current limit acts. A converter then rests at it where the grid cannot carry what is asked,
-    and the row has no point. Without one, such a scenario is impossible, and InfeasibleStudyError says why.
+    ``may_rest``: whether a controller rests at its current limit where the grid cannot carry what is asked. The row
+    then has no point. Without such a controller the scenario is impossible, and InfeasibleStudyError says why.
     """
     limits = study.converter.V_limits_rms
     rows = []
@@ -168,9 +169,9 @@ def operating_points(study: Study, timeline: Timeline, limited: bool = False) ->
         try:
             point = solve_operating_point(P_ref, Q_ref, source.V_g_rms, R, X, limits)
         except NoOperatingPointError as error:
-            # A short sag has none and is ridden through; a scenario that rests there needs a current limit. The start
-            # must have one in any case.
-            if source.V_g_rms < limits[0] or (limited and t_s > 0.0):
+            # A short sag has none and is ridden through; a scenario that rests there needs a limiter that rests. The
+            # start must have one in any case.
+            if source.V_g_rms < limits[0] or (may_rest and t_s > 0.0):
                 rows.append(OperatingPointRow(t_s, grid, None, str(error)))
                 continue
             raise InfeasibleStudyError(f"from {t_s:g} s on: {error}") from error

@@ -167,6 +167,8 @@ class Limiter:
     and the controller's settings. A run starts from it, and the linear model has one state for each of its fields."""
     parameters: tuple[LimiterParameter, ...] = ()
     """What a study may set. The rules of a parameter may use those before it."""
+    rests: bool = False
+    """Whether the converter rests at its limit where the grid cannot carry what is asked, and returns from there."""
 
     def values(self, ratings: LimiterRatings, given: Mapping[str, float]) -> dict[str, float]:
         """Every parameter in SI: as given, else its default. Raises ValueError for a name that it does not have."""

@@ -236,7 +236,8 @@ PROJECTION = Limiter(
     LimiterLaw(projection_limit, projection_move),
     projection_constants,
     projection_at_rest,
-    (
+    rests=True,
+    parameters=(
         LimiterParameter(
             "soft_limit_pu",
             "1",
