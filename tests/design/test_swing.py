@@ -12,9 +12,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from tests.design.test_certificate_proof import systems
 from vsgdesign.certificate import Region
 from vsgdesign.certificate.box_bounds import bounds
-from vsgdesign.certificate.boxes import parameters_of, whole_region
+from vsgdesign.certificate.boxes import Boxes, parameters_of, whole_region
 from vsgdesign.certificate.region import System
 from vsgdesign.certificate.swing import SwingLaw, SwingStart, large_signal, swing_law, swing_statement
 from vsgdesign.certificate.swing.check import with_angle
@@ -163,22 +164,25 @@ def test_the_energy_falls_while_the_limiters_own_law_runs(seed: int) -> None:
     assert W[-1] - loops.potential(np.linspace(-math.pi, loops.rest, 4001))[-1] < 0.02 * np.ptp(W)
 
 
-@pytest.mark.parametrize("error", [0.0, 0.17])
-def test_the_programs_are_the_equations(error: float) -> None:
-    """Two writings of the limited voltage: symbols in units of the estimate, and complex numbers in volts."""
-    here, rng = system(), np.random.default_rng(1)
-    weak = replace(REGION, scr=(1.5, 20.0), x_over_r=(0.5, 20.0))
+@pytest.mark.parametrize(("k", "error"), [(0, 0.0), (0, 0.17), (3, 0.1), (4, 0.1)])
+def test_the_programs_are_the_equations(k: int, error: float) -> None:
+    """Two writings of the limited voltage: symbols in units of the estimate, and complex numbers in volts; for a closed
+    form on either basis of the SCR and for a table."""
+    here, rng = systems()[k] if k else system(), np.random.default_rng(1)
+    weak = replace(REGION, scr=(2.0, 10.0), x_over_r=(0.8, 9.0))
     boxes = with_angle(whole_region(here, weak), -3.0, 3.0, error)
-    places = boxes.low[0] + rng.random((3000, 6)) * (boxes.high - boxes.low)[0]
-    compared = 0
+    which = rng.integers(len(boxes), size=4000)
+    places = boxes.low[which] + rng.random((4000, 6)) * (boxes.high - boxes.low)[which]
+    exact = places * [1.0, 1.0, 1.0, 1.0, 0.0, 0.0]
+    own, compared = parameters_of(here, Boxes(exact, exact, boxes.piece[which]), whole_region(here, weak)), 0
     for test in limited_tests(here, weak, LAW):
-        least, most, _ = bounds(test.program, places, places, np.ones((4, len(places))))
+        least, most, _ = bounds(test.program, places, places, own)
         count = len(test.names)
         inside = ((most[count:] >= test.conditions[:, :1]) & (least[count:] <= test.conditions[:, 1:])).all(axis=0)
-        for k in np.flatnonzero(inside)[:10]:
-            loops, _ = loops_at(here, LAW, places[k], False)
-            at, g = loops.limited(float(places[k, 4])), loops.gains
-            told = dict(zip(test.names, 0.5 * (least + most)[:count, k], strict=True))
+        for i in np.flatnonzero(inside)[:10]:
+            loops, _ = loops_at(here, LAW, places[i], False)
+            at, g = loops.limited(float(places[i, 4])), loops.gains
+            told = dict(zip(test.names, 0.5 * (least + most)[:count, i], strict=True))
             assert math.atan2(told["turned"], told["left"]) == pytest.approx(at.phi, abs=1e-9)
             assert told["pulled_by_P"] == pytest.approx(g.K_ip * (at.P - loops.P), rel=1e-8, abs=1e-8)
             assert told["turned_by_Q"] == pytest.approx(g.k_Q * (at.Q - loops.Q), rel=1e-8, abs=1e-8)
