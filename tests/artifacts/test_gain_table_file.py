@@ -40,6 +40,7 @@ def random_table(seed: int, structure: str = "angle_damped", law: str = "poles")
         np.sort(rng.uniform(1.5, 20.0, 3)),
         np.sort(rng.uniform(0.3, 9.0, 2)),
         parameters,
+        D_p=0.01 if structure == "angle_damped" else 0.0,  # so little that no damping makes 1 − k_P D_p small
         margins={"overshoot_P_pct": rng.uniform(0.0, 2.0, shape), "disk_margin": rng.uniform(1.0, 2.0, shape)},
         active=np.array([["settling", ""], ["Größe", "[1, 2]"], ["a,\n b", '"']]),
         specification={"settling_time": 1.5, "box": {"P": (-4500.0, 4500), "n": 3}, "named": None},

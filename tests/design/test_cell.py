@@ -19,7 +19,7 @@ from tests.design.robust_studies import (
     with_specification,
 )
 from vsgdesign.design.box import scenarios_of_estimate
-from vsgdesign.design.cell import CellDesign, common_design, design_cell
+from vsgdesign.design.cell import TRANSFER, CellDesign, common_design, design_cell, most_damping
 from vsgdesign.design.evaluation import evaluate, law_of
 from vsgdesign.design.figures import shortfalls, worst
 from vsgdesign.design.objective import MARGIN_AIM
@@ -161,3 +161,26 @@ def test_constant_inertia_is_what_a_frequency_ramp_meets() -> None:
         end = solve_ivp(ramp, (0.0, 25.0 * slowest), np.zeros(len(A)), method="LSODA", rtol=1e-10, atol=1e-12).y[:, -1]
         H = -(C @ end) * study.converter.omega_n / (2.0 * study.converter.S_rated * rocof)
         assert pytest.approx(2.0, rel=1e-6) == H
+
+
+def test_damping_is_limited_where_the_droop_is_fed_back(monkeypatch: pytest.MonkeyPatch, designed: CellDesign) -> None:
+    """With a smaller limit than the real one, which this grid does not reach: the design is another, and says why."""
+    s, loops = scenarios(STUDY, 6.0, 3.0), law(STUDY)
+
+    def fed_back(design: CellDesign) -> float:
+        gains = loops.gains(NormalisedGains(*map(np.asarray, design.normalised)), s)
+        return float(np.max(gains.k_P * gains.D_p))
+
+    assert fed_back(designed) < 0.5
+    assert designed.active != TRANSFER
+    limit = 0.8 * fed_back(designed)
+    monkeypatch.setattr("vsgdesign.design.cell.MOST_FED_BACK", limit / 0.97)
+    limited = design_cell(loops, SPEC, s, textbook(STUDY))
+    assert fed_back(limited) <= limit * (1.0 + 1e-6)
+    assert limited.normalised.d_1_or_zeta < designed.normalised.d_1_or_zeta
+    assert limited.active == TRANSFER or not limited.met
+
+
+def test_without_a_droop_there_is_no_limit_of_damping() -> None:
+    free = replace(law(STUDY), D_p=0.0)
+    assert most_damping(free, NormalisedGains(15.8, 6.6, 4.0, 0.0, 1.0, 1.0), scenarios(STUDY, 6.0, 3.0)) == np.inf

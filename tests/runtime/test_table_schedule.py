@@ -245,7 +245,7 @@ def test_another_implementation_gets_the_same_bits(basis: str) -> None:
 def test_reading_and_using_a_table_stays_light(tmp_path: Path) -> None:
     """From file to gains without CasADi, SciPy, Numba, or what reads studies."""
     path = tmp_path / "t.json"
-    write_table_file(TABLE, path)
+    write_table_file(table(), path)
     code = (
         "import sys; from vsgdesign.artifacts.gain_table_file import read_table_file;"
         "from vsgdesign.runtime import table_schedule;"

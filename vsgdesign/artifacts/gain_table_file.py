@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.certificate_record import certificate_record
+from vsgdesign.artifacts.fed_back import fed_back_fault
 from vsgdesign.artifacts.gain_table import (
     COLUMNS,
     KIND,
@@ -91,6 +92,8 @@ def table_faults(table: GainTable) -> list[str]:
     for name in set(wanted) & {"k_1", "d_1", "k_2", "H", "zeta"} & set(table.columns):
         if np.any(table.columns[name] <= 0.0):
             faults.append(f"columns.{name}: must be positive")
+    if not faults and (fault := fed_back_fault(table)) is not None:
+        faults.append(fault)
     return faults
 
 

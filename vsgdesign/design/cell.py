@@ -17,6 +17,7 @@ from vsgdesign.design.nlp import KINDS, SLOTS, RobustProgram, robust_program
 from vsgdesign.design.search import Ground, candidates, evolved, hardest, log_stiffness
 from vsgdesign.design.variables import variables
 from vsgdesign.equations.closed_form import LEAST_BANDWIDTH
+from vsgdesign.equations.power_loops import MOST_FED_BACK
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.parameters.specification import Specification
 
@@ -60,6 +61,15 @@ class CellDesign:
         return not self.shortfalls
 
 
+TRANSFER = "transfer"
+"""Active constraint of a design whose damping is limited by 1 − k_P D_p (:eq:`droop-fed-back`)."""
+
+_FED_BACK_SHARE = 0.97
+"""Share of the largest k_P D_p of a table that its nodes use: the rest is for what lies between them."""
+
+_FED_BACK_ROUNDS = 4
+
+
 def design_cell(
     law: LawOfStudy,
     spec: Specification,
@@ -72,8 +82,50 @@ def design_cell(
     """The robust design of one grid over its scenarios (at least one), near ``centre`` where the figures allow.
 
     ``ceiling``: upper bounds of y below those of the specification. ``pull``: how much more than usual being near the
-    centre counts. Seeded: equal calls give equal digits.
+    centre counts. Seeded: equal calls give equal digits. Where k_P D_p would be too large for a change of gains, the
+    grid is designed again with less damping, and the active constraint is ``TRANSFER``.
     """
+    found = _designed(law, spec, s, centre, seed, ceiling, pull)
+    v = variables(law.structure, spec)
+    damping = v.names.index("d_1_or_zeta")
+    bound = v.high if ceiling is None else np.minimum(v.high, ceiling)
+    for _ in range(_FED_BACK_ROUNDS):
+        most = most_damping(law, found.normalised, s)
+        if found.normalised.d_1_or_zeta <= most:
+            break
+        bound = bound.copy()
+        bound[damping] = max(np.log(most / v.scale[damping]), v.low[damping])
+        found = _designed(law, spec, s, centre, seed, bound, pull)
+        if found.met and v.of(found.normalised)[damping] > bound[damping] - 1e-3:
+            found = replace(found, active=TRANSFER, price=0.0)
+    return found
+
+
+def most_damping(law: LawOfStudy, normalised: NormalisedGains, s: Scenarios) -> float:
+    """The largest d_1 (or ζ) with which k_P D_p stays so small in all scenarios that gains may be changed.
+
+    k_P is affine in it, so that two values tell. Infinite where k_P does not grow with it.
+    """
+    d_1 = normalised.d_1_or_zeta
+    less, own = (
+        law.gains(NormalisedGains(*map(np.asarray, normalised._replace(d_1_or_zeta=d))), s) for d in (0.5 * d_1, d_1)
+    )
+    slope = (own.k_P * own.D_p - less.k_P * less.D_p) / (0.5 * d_1)
+    room = _FED_BACK_SHARE * MOST_FED_BACK - (own.k_P * own.D_p - slope * d_1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(np.min(np.where(slope > 0.0, room / slope, np.inf)))
+
+
+def _designed(
+    law: LawOfStudy,
+    spec: Specification,
+    s: Scenarios,
+    centre: Array,
+    seed: int,
+    ceiling: Array | None,
+    pull: float,
+) -> CellDesign:
+    """:func:`design_cell` whatever k_P D_p is."""
     program = robust_program(law, spec)
     high = program.variables.high if ceiling is None else np.minimum(program.variables.high, ceiling)
     centre = np.minimum(centre, high)
