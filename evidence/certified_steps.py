@@ -23,13 +23,15 @@ from vsgdesign.parameters.study import Event, Grid
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.run import simulate
 
-STUDY = Path(__file__).resolve().parents[1] / "studies" / "survival" / "study.toml"
+STUDIES = ("study", "laboratory", "utility")
+"""Of studies/survival: 5 kVA LC, 12.5 kVA LCL with a sample of delay, 1 MVA at 60 Hz."""
+_FOLDER = Path(__file__).resolve().parents[1] / "studies" / "survival"
 CONTROLLER = "angle_damped"
 REGION: dict[str, Any] = {"scr": (2.0, 20.0), "x_over_r": (1.0, 20.0), "Q_pu": (-0.3, 0.3), "error": 0.2}
 KINDS = ("P_ref", "Q_ref", "phase", "V_g", "omega_g")
 FACTORS = (0.9, 1.5, 2.0, 3.0, 5.0)
 RUNS = 1000
-"""For each factor."""
+"""For each study and factor."""
 
 _STEP_S = 0.1
 _END_S = 1.6
@@ -41,6 +43,7 @@ _UPDATES_S = 0.05
 class SteppedRun:
     """One step in the EMT."""
 
+    study: str
     kind: str
     factor: float
     scr: float
@@ -104,6 +107,7 @@ def stepped_run(study: Study, system: System, row: StepRow, factor: float, seed:
     at, later = (np.searchsorted(t_s, when) for when in (_STEP_S, _STEP_S + _FAST_S))
     current = np.hypot(found.column("i_s_alpha"), found.column("i_s_beta"))[later:].max() / c.I_rated_pk
     return SteppedRun(
+        study=study.name,
         kind=kind,
         factor=factor,
         scr=float(1.0 / weakness),
@@ -117,9 +121,9 @@ def stepped_run(study: Study, system: System, row: StepRow, factor: float, seed:
     )
 
 
-def stated(budget: int = 150_000, **options: Any) -> tuple[Study, System, StepStatement]:
-    """The study, its loops and what is certified of it. ``options``: of :func:`vsgdesign.certificate.certify`."""
-    study = load_study(STUDY)
+def stated(name: str = STUDIES[0], budget: int = 150_000, **options: Any) -> tuple[Study, System, StepStatement]:
+    """A study, its loops and what is certified of it. ``options``: of :func:`vsgdesign.certificate.certify`."""
+    study = load_study(_FOLDER / f"{name}.toml")
     spec, region = region_of(study, CONTROLLER, **REGION)
     study = study.with_limit_of(spec)
     certificate = certify(study, spec, region, budget=0, **options)
@@ -134,27 +138,32 @@ def _of_seed(study: Study, system: System, rows: list[StepRow], factor: float, s
 
 
 def main(folder: Path) -> None:
-    """Prints how often a limit acts, by kind and factor."""
-    study, system, found = stated()
-    rows = [row for row in found.rows if row.possible]
+    """Prints how often a limit acts, by study, factor and kind."""
     runs: list[SteppedRun] = []
-    left_out = 0
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        waiting = [
-            pool.submit(_of_seed, study, system, rows, factor, seed) for factor in FACTORS for seed in range(RUNS)
-        ]
-        for one in waiting:
-            if (run := one.result()) is None:
-                left_out += 1
-            else:
-                runs.append(run)
-    print("| size | kind | runs | a limit acts after 5 ms | in the first 5 ms | largest current, pu |")
+    for name in STUDIES:
+        study, system, found = stated(name)
+        rows = [row for row in found.rows if row.possible]
+        with ProcessPoolExecutor(os.cpu_count()) as pool:
+            waiting = [
+                pool.submit(_of_seed, study, system, rows, factor, seed) for factor in FACTORS for seed in range(RUNS)
+            ]
+            own = [run for one in waiting if (run := one.result()) is not None]
+        _print(study.title, [row.proof for row in rows], own)
+        runs += own
+    (folder / "certified_steps.json").write_text(json.dumps([vars(run) for run in runs], indent=1) + "\n")
+
+
+def _print(title: str, proofs: list[str], runs: list[SteppedRun]) -> None:
+    print(f"{title}: {proofs.count('gap-free')} of {len(proofs)} rows gap-free\n")
+    print("| size | runs | a limit acts after 5 ms | in the first 5 ms | largest current, pu | later, by kind |")
     print("| --- | --- | --- | --- | --- | --- |")
     for factor in FACTORS:
-        for kind in (*KINDS, "all"):
-            some = [run for run in runs if run.factor == factor and kind in (run.kind, "all")]
-            later, fast = (sum(getattr(run, n) > 0 for run in some) for n in ("limited_later", "limited_fast"))
-            largest = max((run.largest_pu for run in some), default=math.nan)
-            print(f"| {factor:g} | {kind} | {len(some)} | {later} | {fast} | {largest:.3f} |")
-    print(f"left out, no steady state to begin from: {left_out}")
-    (folder / "certified_steps.json").write_text(json.dumps([vars(run) for run in runs], indent=1) + "\n")
+        some = [run for run in runs if run.factor == factor]
+        later, fast = (sum(getattr(run, n) > 0 for run in some) for n in ("limited_later", "limited_fast"))
+        largest = max((run.largest_pu for run in some), default=math.nan)
+        counts = []
+        for kind in KINDS:
+            own = [run for run in some if run.kind == kind]
+            counts.append(f"{kind} {sum(run.limited_later > 0 for run in own)}/{len(own)}")
+        print(f"| {factor:g} | {len(some)} | {later} | {fast} | {largest:.3f} | {', '.join(counts)} |")
+    print()

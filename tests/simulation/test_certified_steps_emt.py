@@ -1,6 +1,6 @@
 """A few certified steps in the EMT: none from inside makes the limiter act after 5 ms, some from outside do.
 
-``python -m evidence certified_steps`` runs 5,000.
+``python -m evidence certified_steps`` runs 15,000.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from vsgdesign.parameters import Study
 
 @functools.cache
 def statement() -> tuple[Study, System, StepStatement]:
-    return stated(1_500, nodes_per_axis=7, fresh=2_000)
+    return stated(budget=1_500, nodes_per_axis=7, fresh=2_000)
 
 
 def runs(factor: float, count: int) -> list[SteppedRun]:
