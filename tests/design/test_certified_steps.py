@@ -14,7 +14,7 @@ from scipy.optimize import fsolve
 
 from tests.gain_tables import table
 from vsgdesign.artifacts.step_record import StepStatement, step_statement
-from vsgdesign.certificate import Certificate, Region, certified_steps, certify
+from vsgdesign.certificate import Certificate, Region, certified_steps, certify, step_proof
 from vsgdesign.certificate.level_set import largest_level_set
 from vsgdesign.certificate.region import System, nodes, random_points
 from vsgdesign.certificate.rest_shift import rest_shift
@@ -165,6 +165,21 @@ def test_what_is_proved_on_boxes_holds_at_every_sample(tabled: bool) -> None:
     assert (proof.sizes >= 0.6 * least).all()
     # What few points allow is not proved where others allow less.
     assert (proof.sampled < sampled).all()
+
+
+@pytest.mark.parametrize("kind", range(5))
+def test_boxes_alone_refuse_a_step_that_is_too_large(monkeypatch: pytest.MonkeyPatch, kind: int) -> None:
+    """Without the samples in undecided boxes: a size beyond what some cell allows is given up, not proved."""
+    monkeypatch.setattr(step_proof, "_PLACES", 0)
+    part = replace(REGION, scr=(10.0, 14.0), x_over_r=(2.0, 3.0), error=0.05)
+    cells = system().cells(np.concatenate([nodes(part, 9), random_points(part, 20_000, np.random.default_rng(5))]))
+    least = step_sizes(system(), cells, shape(), LIMITS).min(axis=1)
+    asked = np.where(np.arange(5) == kind, 1.15, 0.5) * least
+    proof = prove_steps(system(), part, shape(), LIMITS, asked, 0.8, 40_000)
+    assert not proof.whole or proof.sizes[kind] <= least[kind]
+    # 95 and 90 % of it are too much, 80 % of it is not.
+    assert proof.sizes[kind] == pytest.approx(0.8 * asked[kind])
+    assert proof.whole
 
 
 def test_too_few_boxes_prove_nothing_and_a_limit_at_rest_leaves_no_step() -> None:
