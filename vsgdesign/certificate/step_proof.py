@@ -189,7 +189,7 @@ def _programs(system: System, region: Region, shape: LevelShape, limits: ActingL
             outputs += [weight * terms.reach_sq for weight in terms.weights]
         programs.append(program_of(tracer, [*outputs, *(value for value, _, _ in conditions)]))
         between.append(np.array([[least, most] for _, least, most in conditions]))
-        margins = _Margins(limits, shape, (c.V_min_pu, c.V_max_pu), shunt)
+    margins = _Margins(limits, shape, (c.V_min_pu, c.V_max_pu), shunt)
     return _Programs(tuple(programs), tuple(between), margins)
 
 
