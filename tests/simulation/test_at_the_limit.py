@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from vsgdesign.parameters import study_from_text
+from vsgdesign.report.scenario.verdict import step_outcomes, verdict
 from vsgdesign.simulation import run_scenario
-from vsgdesign.simulation.scenario import ControllerResult
+from vsgdesign.simulation.scenario import ScenarioResult
 
 STUDY = """base = "case:hoang2025_5kva"
 [converter]
@@ -58,15 +59,14 @@ CASES = {
 }
 
 
-def result(case: str, back: bool) -> tuple[ControllerResult, float]:
-    """The run of the controller, with or without the end of the event, and its rated peak current."""
+def scenario(case: str, back: bool) -> ScenarioResult:
+    """The run with or without the end of the event."""
     scr, x_over_r, P_ref, event, ending = CASES[case]
     # In an island, a schedule that is told the truth would be told the load.
     kind = 'kind = "fixed"\ndesign_grid = { scr = 5, x_over_r = 3 }' if "island" in case else 'kind = "scheduled"'
     duration, end = (5, BACK.format(back=ending)) if back else (2.5, "")
     text = STUDY.format(scr=scr, x_over_r=x_over_r, P_ref=P_ref, event=event, kind=kind, duration=duration) + end
-    study = study_from_text(text)
-    return run_scenario(study).controllers[0], study.converter.I_rated_pk
+    return run_scenario(study_from_text(text))
 
 
 DESIGNED = """K_pv = 0.16594
@@ -110,9 +110,12 @@ def test_the_soft_limit_does_not_rectify_what_the_grid_brings(filter_time: str, 
 
 @pytest.mark.parametrize("case", CASES)
 def test_it_rests_at_its_limit_and_says_so(case: str) -> None:
-    run, rated = result(case, back=False)
+    result = scenario(case, back=False)
+    run, rated = result.controllers[0], result.study.converter.I_rated_pk
     assert run.outcome.status == "limited"
     assert "rests at its current limit with P = " in str(run.outcome.reason)
+    paragraphs = verdict(result, step_outcomes(result))
+    assert sum("At the end: a: it rests at its current limit with P = " in text for text in paragraphs) == 1
     log, t_s = run.simulation.log, run.simulation.t_s
     late = t_s > 0.205
     assert np.hypot(log[late, 0], log[late, 1]).max() < 1.32 * rated
@@ -125,7 +128,8 @@ def test_it_rests_at_its_limit_and_says_so(case: str) -> None:
 
 @pytest.mark.parametrize("case", CASES)
 def test_it_comes_back_when_it_ends(case: str) -> None:
-    run, rated = result(case, back=True)
+    result = scenario(case, back=True)
+    run, rated = result.controllers[0], result.study.converter.I_rated_pk
     assert run.outcome.status in ("settled", "not known"), run.outcome.reason
     log, t_s = run.simulation.log, run.simulation.t_s
     P = log[t_s > 4.5, 8]

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +61,7 @@ _MOVES = 0.02
 """Largest difference between the mean powers of the two halves of a rest, of the rating."""
 
 
-@dataclass(frozen=True)
-class LimitedRest:
+class LimitedRest(NamedTuple):
     """A rest at the current limit: mean powers at the PCC over the end of the run, W and var."""
 
     P: float
@@ -142,7 +141,8 @@ def outcome_of(
     if last.ramping:
         return Outcome("not known", last.obstacle)
     if at_limit is not None:
-        place = f"P = {format_quantity(at_limit.P, 'W')} and Q = {format_quantity(at_limit.Q, 'var')}"
+        P, Q = (float(f"{power:.3g}") for power in at_limit)
+        place = f"P = {format_quantity(P, 'W')} and Q = {format_quantity(Q, 'var')}"
         why = last.obstacle or "A steady state without the limit exists, but this run does not return to it."
         return Outcome("limited", f"it rests at its current limit with {place}. {why[0].upper()}{why[1:]}")
     measured = [event for event in events if event.t_s == last.t_s]

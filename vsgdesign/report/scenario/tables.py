@@ -272,5 +272,5 @@ def _reasons(events: Sequence[EventMetrics], names: Sequence[str] = ()) -> list[
         if event.reason is not None:
             who = f"{names[k]}, " if names else ""
             signal = "P" if event.signal == "P_pcc" else "Q"
-            found[f"{who}{event.name} at {plain(event.t_s, 5)} s, {signal}: {event.reason}."] = None
+            found[f"{who}{event.name} at {plain(event.t_s, 5)} s, {signal}: {event.reason.rstrip('.')}."] = None
     return list(found)

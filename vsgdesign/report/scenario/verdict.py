@@ -192,13 +192,23 @@ def verdict(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> list[str
         stepped = any(event.P_ref is not None or event.Q_ref is not None for event in later)
         reason = "No reference step moves its power measurably" if stepped else "No event steps a reference"
         no_step = f"{reason}, so there is no settling time or overshoot to hold to a target."
-        return [text for text in (no_step, _stress(result)) if text]
+        return [text for text in (no_step, _at_limit(result), _stress(result)) if text]
     paragraphs = [_summary(result, outcomes)]
     for controller in result.controllers:
         own = [outcome for outcome in outcomes if outcome.controller is controller]
         if own:
             paragraphs.append(_against_target(controller, own, _MOST_LISTED // min(len(result.controllers), 3)))
-    return [*paragraphs, _stress(result)]
+    return [text for text in (*paragraphs, _at_limit(result), _stress(result)) if text]
+
+
+def _at_limit(result: ScenarioResult) -> str:
+    """Which controllers rest at their current limit in the end, and with which powers; empty if none does."""
+    said = [
+        f"{c.spec.name}: {str(c.outcome.reason).split('. ')[0]}."
+        for c in result.controllers
+        if c.outcome.status == "limited"
+    ]
+    return " ".join(["At the end:", *said]) if said else ""
 
 
 def _summary(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> str:
@@ -248,7 +258,9 @@ def _against_target(controller: ControllerResult, outcomes: Sequence[StepOutcome
     unknown = [outcome for outcome in outcomes if not outcome.judged and not outcome.excuse]
     if unknown and asked:
         lead = "" if judged or excused else f"{text}: "
-        why = "; ".join(f"{_step_name(outcome)}, {outcome.metrics.reason}" for outcome in unknown[:most])
+        why = "; ".join(
+            f"{_step_name(outcome)}, {str(outcome.metrics.reason).rstrip('.')}" for outcome in unknown[:most]
+        )
         more = f"; and {len(unknown) - most} more, in the table below" if len(unknown) > most else ""
         sentences.append(f"{lead}{_steps(len(unknown))} cannot be judged, neither met nor missed: {why}{more}.")
     return " ".join(sentences)
