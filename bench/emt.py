@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.timing import REPEATS, Row, figure, real_time_factor, repeat, scaled
 from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
-from vsgdesign.equations.limiters import GridEstimate
+from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, GridEstimate
 from vsgdesign.equations.power_loops import References
 from vsgdesign.operating_point.sampled import cold_start
 from vsgdesign.parameters import Study, load_study, study_from_text
@@ -204,10 +204,32 @@ def scaling() -> list[Row]:
     return rows
 
 
+def limiters() -> list[Row]:
+    """Every current limiter, present but not acting, against the circular one in turn."""
+    study = with_simulation(load_study(PUBLISHED), duration=10.0)
+    study = replace(study, converter=replace(study.converter, current_limit_pu=20.0))
+    changes = gain_changes(study, study.controllers[-1], build_timeline(study))
+    studies = {name: replace(study, current_limiter=name) for name in LIMITERS}
+    times: dict[str, list[float]] = {name: [] for name in studies}
+    for one in studies.values():
+        simulate(one, changes, bridge="averaged")  # compiles
+    for _ in range(3 * REPEATS):
+        for name, one in studies.items():
+            times[name].append(simulate(one, changes, bridge="averaged").loop_seconds)
+    what = "averaged, 5 kVA LC, loop: time with a limiter that does not act over that with circular"
+    rows = []
+    for name in times:
+        if name != CIRCULAR.name:
+            ratios = [own / plain for own, plain in zip(times[name], times[CIRCULAR.name], strict=True)]
+            rows.append(Row("limiters", f"{what}: {name}", figure(ratios), "×", target=1.0 / 0.75))
+    return rows
+
+
 BENCHMARKS: dict[str, Callable[[], list[Row]]] = {
     "averaged": averaged,
     "pwm": pwm,
     "lcl": lcl,
     "controller": controller,
     "scaling": scaling,
+    "limiters": limiters,
 }
