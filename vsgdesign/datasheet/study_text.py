@@ -66,6 +66,7 @@ def _converter(sheet: Datasheet) -> str:
         _line(sheet, "delay_samples", sheet.delay_samples),
         _line(sheet, "modulation", sheet.modulation),
         _line(sheet, "current_limit_pu", float(f"{sheet.current_limit_pu:.6g}"), "of the rated peak current"),
+        _line(sheet, "current_limiter", "projection", "survives jumps of the grid and faults at the limit"),
     ]
     return "\n".join(lines) + "\n"
 
@@ -119,6 +120,7 @@ def _power_loops(sheet: Datasheet) -> str:
 structure = "angle_damped"
 tau_P = "5 ms"                   # filters of the measured powers
 tau_Q = "5 ms"
+# power_filter = "notch"         # and 3.4 ms in place of 5 ms: for a grid with much negative sequence
 P_droop = "5 %"                  # of nominal frequency, for rated power
 Q_droop = "50 %"                 # soft: what a wrong estimate of the grid may do to V stays small
 P_design = "{_power(0.5 * sheet.S_rated, "W")}"
