@@ -88,6 +88,28 @@ def test_a_sample_that_is_no_measurement_is_left_out(
     assert left_out > 50
 
 
+def test_integrators_that_are_far_beyond_begin_anew(
+    table_file: Path, compiled_with: Callable[[str, bool], CompiledC]
+) -> None:
+    """Else every later step would be refused too: a latch-up, which a million fuzzed samples had found."""
+    law, scheduler, compiled = LIMITERS["circular"], load_scheduler(table_file), compiled_with("circular", True)
+    known = known_steps(scheduler.lookup, scheduler.settings, law)
+    control = compiled.control(known.gains[0], known.inner_gains, known.grid, known.refs, known.settings)
+    control.data.state.V, control.data.state.omega_i = -9.999 * known.refs.V_n, 3.0 * known.refs.omega_0
+    control.data.gains.K_qp = 1e3  # pushes V outwards
+    gains = known.gains[0]._replace(K_qp=1e3)
+    state = _state_of(control, law)
+    state, output, used = guarded_step(
+        state, known.measured[0], known.grid, known.refs, gains, known.inner_gains, known.settings, law.law
+    )
+    answer = control.step(known.measured[0])
+    assert control.used == used is False
+    assert answer == pytest.approx(output, rel=1e-12, abs=1e-9)
+    assert control.data.state.V == state.V == known.refs.V_n
+    assert control.data.state.omega_i == pytest.approx(state.omega_i, rel=1e-12)
+    assert (control.data.state.xi_vd, control.data.state.xi_iq) == (state.xi_vd, state.xi_iq) == (0.0, 0.0)
+
+
 def test_gains_that_are_no_numbers_are_refused(
     table_file: Path, compiled_with: Callable[[str, bool], CompiledC]
 ) -> None:

@@ -38,10 +38,16 @@ def guarded_step(
     this sample, and whether it was used.
 
     A sample cannot be used if it is not :func:`plausible`, or if the next state would not be :func:`sound` and finite.
+    In the second case the integrators begin anew at rest, so that they cannot stay where every step is refused.
     """
     if plausible(measured, settings) > 0.5:
         following, output = controller_step(state, measured, grid, refs, power_gains, inner_gains, settings, limiter)
         finite = math.fsum(map(abs, flat_state(following))) <= LARGEST_STATE
         if finite and sound(following, output.omega, refs, settings) > 0.5:
             return following, output, True
-    return (*skipped_step(state, refs, power_gains, settings), False)
+    following, output = skipped_step(state, refs, power_gains, settings)
+    omega_i = float(frequency_at_rest(refs, power_gains))
+    if plausible(measured, settings) > 0.5 and abs(omega_i) <= TIMES_NOMINAL * refs.omega_0:
+        nothing = dict.fromkeys(("xi_vd", "xi_vq", "xi_id", "xi_iq"), 0.0)
+        following = following._replace(omega_i=omega_i, V=refs.V_n, **nothing)
+    return following, output, False
