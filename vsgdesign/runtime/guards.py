@@ -153,6 +153,7 @@ def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
             pairs.append(certified)
         box[name] = (max(low for low, _ in pairs), min(high for _, high in pairs))
     x_low, x_high = box.pop("x_over_r")
+    own: dict[str, Any] = {"safe_scr": safe_scr(table.structure, box["scr"])} | changes
     return box_settings(
         **box,
         r_over_x=(1.0 / x_high, 1.0 / x_low),
@@ -162,7 +163,7 @@ def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
         scr_basis=table.base.scr_basis,
         error=table.validity.error,
         **({"rate": min(region.rate, 10.0)} if math.isfinite(region.rate) else {}),
-        **({"safe_scr": safe_scr(table.structure, box["scr"])} | changes),
+        **own,
     )
 
 
