@@ -72,7 +72,7 @@ def test_a_sample_that_is_no_measurement_is_left_out(
             measured = measured._replace(**{column: rng.choice(NO_NUMBERS)})
         before = state
         state, output, used = guarded_step(
-            state, measured, known.grid, known.refs, known.gains[0], known.inner_gains, known.settings, law.law
+            state, measured, known.grid, known.refs, known.gains[0], known.inner_gains, known.settings, law
         )
         state = state._replace(theta=within_a_turn(state.theta))
         answer = control.step(measured)
@@ -100,7 +100,7 @@ def test_integrators_that_are_far_beyond_begin_anew(
     gains = known.gains[0]._replace(K_qp=1e3)
     state = _state_of(control, law)
     state, output, used = guarded_step(
-        state, known.measured[0], known.grid, known.refs, gains, known.inner_gains, known.settings, law.law
+        state, known.measured[0], known.grid, known.refs, gains, known.inner_gains, known.settings, law
     )
     answer = control.step(known.measured[0])
     assert control.used == used is False
