@@ -265,3 +265,12 @@ def test_uneven_rows() -> None:
     t[5] += 0.3 * STEP
     with pytest.raises(ValueError, match="equally spaced"):
         verdict(record(t))
+
+
+def test_a_row_just_before_an_event_is_not_after_it() -> None:
+    """Half a turn between two rows: the row before would say that the angle was at its rest."""
+    event = EVENT + 0.4 * STEP
+    start, end = -math.radians(179.0), -2.0 * np.pi
+    gone = end + (start - end) * np.exp(-5.0 * np.maximum(TIMES - event, 0.0))
+    moved = record(delta=REST.delta + np.where(TIMES - event < 0.0, 0.0, gone))
+    assert judge_survival(moved, (event,), CLEARED, REST, DEMAND).status == SURVIVED

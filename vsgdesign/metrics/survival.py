@@ -197,8 +197,8 @@ def judge_survival(
         status, where = (DIVERGED, "before the first event") if diverged else (NOT_KNOWN, "the record has no event")
         return Survival(status=status, reason=where)
     step = float(t[1] - t[0])
-    # Half a step of slack: times of events and of rows are both rounded.
-    starts = np.searchsorted(t, np.asarray(events_s, dtype=float) - 0.5 * step)
+    # A little slack, because times are rounded; a row just before an event must not count as after it.
+    starts = np.searchsorted(t, np.asarray(events_s, dtype=float) - 1e-3 * step)
     after = np.zeros(good, dtype=bool)
     first = np.zeros(good, dtype=bool)
     after[starts[0] :] = True
