@@ -18,7 +18,7 @@ from tests.design.robust_studies import (
     textbook,
     with_specification,
 )
-from vsgdesign.design.box import scenarios_of_estimate
+from vsgdesign.design.box import measured_at_limits, scenarios_of_estimate
 from vsgdesign.design.cell import TRANSFER, CellDesign, common_design, design_cell, most_damping
 from vsgdesign.design.evaluation import evaluate, law_of
 from vsgdesign.design.figures import shortfalls, worst
@@ -184,3 +184,17 @@ def test_damping_is_limited_where_the_droop_is_fed_back(monkeypatch: pytest.Monk
 def test_without_a_droop_there_is_no_limit_of_damping() -> None:
     free = replace(law(STUDY), D_p=0.0)
     assert most_damping(free, NormalisedGains(15.8, 6.6, 4.0, 0.0, 1.0, 1.0), scenarios(STUDY, 6.0, 3.0)) == np.inf
+
+
+def test_a_weak_resistive_grid_keeps_room_for_a_change_of_gains() -> None:
+    """SCR 1.2 at X/R 0.3: less damping alone asks for less bandwidth, which allows still less damping. The room is kept
+    at the lowest voltage without power as well, where nothing rests, but where a table's file is checked."""
+    s, loops = scenarios(STUDY, 1.2, 0.3), law(STUDY)
+    measured = measured_at_limits(STUDY, SPEC, 1.2, 0.3)
+    kept = design_cell(loops, SPEC, s, textbook(STUDY), measured=measured)
+
+    def fed_back(design: CellDesign) -> float:
+        gains = loops.gains(NormalisedGains(*map(np.asarray, design.normalised)), measured)
+        return float(np.max(gains.k_P * gains.D_p))
+
+    assert fed_back(kept) <= 0.95

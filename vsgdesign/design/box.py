@@ -212,6 +212,28 @@ def _scenarios(study: Study, spec: Specification, grids: Sequence[tuple[Grid, Gr
     return found.take(np.flatnonzero(within_limits(study, found)))
 
 
+def measured_at_limits(study: Study, spec: Specification, scr: float, x_over_r: float) -> Scenarios:
+    """What a schedule may measure on a grid without an error, whether the grid carries it or not: P, Q and V at the
+    limits and in the middle of the table's validity, (27,). Good for gains alone: nothing rests there."""
+    grid = Place(scr, x_over_r, spec.scr_basis).grid(study.converter)
+    R, X = study.path_to_grid(grid, study.converter.omega_n)
+    axes = [np.linspace(min(pair), max(pair), 3) for pair in (spec.box.P, spec.box.Q, study.converter.V_limits_rms)]
+    P, Q, V_rms = (values.ravel() for values in np.meshgrid(*axes, indexing="ij"))
+    same = np.ones_like(P)
+    return Scenarios(
+        R=R * same,
+        X=X * same,
+        R_hat=R * same,
+        X_hat=X * same,
+        V_g_rms=V_rms,
+        omega_g=study.converter.omega_n * same,
+        P=P,
+        Q=Q,
+        V_rms=V_rms,
+        delta=0.0 * same,
+    )
+
+
 def within_limits(study: Study, s: Scenarios) -> NDArray[np.bool_]:
     """(S,), which scenarios the converter and the grid can carry with room to spare.
 

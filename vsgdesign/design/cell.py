@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.design.box import Scenarios
+from vsgdesign.design.box import Scenarios, joined
 from vsgdesign.design.evaluation import Each, Evaluation, LawOfStudy
 from vsgdesign.design.figures import Figures, shortfalls, worst
 from vsgdesign.design.nlp import KINDS, SLOTS, RobustProgram, robust_program
@@ -67,7 +67,7 @@ TRANSFER = "transfer"
 _FED_BACK_SHARE = 0.97
 """Share of the largest k_P D_p of a table that its nodes use: the rest is for what lies between them."""
 
-_FED_BACK_ROUNDS = 4
+_FED_BACK_ROUNDS = 12
 
 
 def design_cell(
@@ -78,23 +78,26 @@ def design_cell(
     seed: int = 0,
     ceiling: Array | None = None,
     pull: float = 1.0,
+    measured: Scenarios | None = None,
 ) -> CellDesign:
     """The robust design of one grid over its scenarios (at least one), near ``centre`` where the figures allow.
 
     ``ceiling``: upper bounds of y below those of the specification. ``pull``: how much more than usual being near the
-    centre counts. Seeded: equal calls give equal digits. Where k_P D_p would be too large for a change of gains, the
-    grid is designed again with less damping, and the active constraint is ``TRANSFER``.
+    centre counts. Seeded: equal calls give equal digits. Where k_P D_p would be too large for a change of gains, in a
+    scenario or in one of ``measured``, the grid is designed again with less damping, and the active constraint is
+    ``TRANSFER``.
     """
     found = _designed(law, spec, s, centre, seed, ceiling, pull)
     v = variables(law.structure, spec)
     damping = v.names.index("d_1_or_zeta")
     bound = v.high if ceiling is None else np.minimum(v.high, ceiling)
     for _ in range(_FED_BACK_ROUNDS):
-        most = most_damping(law, found.normalised, s)
+        most = most_damping(law, found.normalised, s if measured is None else joined([s, measured]))
         if found.normalised.d_1_or_zeta <= most:
             break
+        # A design with less damping also takes less bandwidth, and then may have still less damping: two steps at once.
         bound = bound.copy()
-        bound[damping] = max(np.log(most / v.scale[damping]), v.low[damping])
+        bound[damping] = max(np.log(most * most / found.normalised.d_1_or_zeta / v.scale[damping]), v.low[damping])
         found = _designed(law, spec, s, centre, seed, bound, pull)
         if found.met and v.of(found.normalised)[damping] > bound[damping] - 1e-3:
             found = replace(found, active=TRANSFER, price=0.0)

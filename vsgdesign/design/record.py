@@ -18,6 +18,7 @@ from vsgdesign.design.box import (
     Reach,
     Scenarios,
     joined,
+    measured_at_limits,
     scenarios_around_estimate,
     scenarios_of_estimate,
     scenarios_of_truth,
@@ -136,10 +137,12 @@ def designs_of(task: CellTask, law: LawOfStudy, s: Scenarios) -> Iterator[CellDe
         wide = with_hard(law, spec, more, centre, len(s))
     P, Q = task.target.P, task.target.Q
     wide = joined([wide, *(scenarios_of_truth(study, spec, *grid, P, Q) for grid in task.beside)])
-    first = design_cell(law, spec, wide, centre, task.seed, None, task.pull)
+    measured = measured_at_limits(study, spec, task.scr, task.x_over_r)
+    first = design_cell(law, spec, wide, centre, task.seed, None, task.pull, measured)
     yield first
     for slower in _SLOWER:
-        yield design_cell(law, spec, wide, centre, task.seed, v.slower(first.normalised, slower), task.pull)
+        ceiling = v.slower(first.normalised, slower)
+        yield design_cell(law, spec, wide, centre, task.seed, ceiling, task.pull, measured)
 
 
 def better(before: CellRecord | None, new: CellRecord) -> CellRecord:
