@@ -111,6 +111,10 @@ CANCELLING = {
 }
 """Differences of large terms: their scale is what the last digit of every input is worth there."""
 
+IN_DOUBLE_ALONE = {"power_loops.power_loops_about_rest"}
+"""Run in the certificate alone: no exported C has them. This one divides by 1 − k_P D_p, which random gains bring near
+zero."""
+
 POLES = {
     "power_flow.largest_scale": "infinite where there is no limit",
     "structures.effective_inertia": "infinite where the coupling takes all inertia away",
@@ -118,7 +122,7 @@ POLES = {
 """Compared by their reciprocals, which are finite."""
 
 
-@pytest.mark.parametrize("name", TRANSLATED)
+@pytest.mark.parametrize("name", [name for name in TRANSLATED if name not in IN_DOUBLE_ALONE])
 def test_single_precision_is_near(name: str, double: Compiled, single: Compiled) -> None:
     """1e-6 of the largest value of a result over all samples, or some times what rounding the inputs changes."""
     inputs, expected = samples(name)

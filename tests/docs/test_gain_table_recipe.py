@@ -90,7 +90,9 @@ def test_a_runtime_that_follows_the_page_has_the_gains_of_the_product(structure:
     rng = np.random.default_rng(12)
     first, second = ("H", "zeta") if law == "inertia" else ("k_1", "d_1")
     shares = {} if structure == "published" else {"share_P": rng.uniform(0, 1, (4, 4)), "share_Q": 0.7}
-    columns = {first: rng.uniform(2, 20, (4, 4)), second: rng.uniform(0.5, 9, (4, 4)), "k_2": rng.uniform(3, 5, (4, 4))}
+    stiffness, damping = rng.uniform(2, 20, (4, 4)), rng.uniform(0.2, 0.9, (4, 4))  # ζ < 1, or the file is refused
+    columns = {first: stiffness, second: damping if law == "inertia" else 2.0 * damping * np.sqrt(stiffness)}
+    columns["k_2"] = rng.uniform(3, 5, (4, 4))
     status = np.full((4, 4), "met", dtype="<U7")
     status[1, 2] = "outside"
     made = table(structure, law, SCR, X_OVER_R, columns | shares, status=status)

@@ -20,14 +20,8 @@ import pytest
 from vsgdesign import equations, frames
 from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
 from vsgdesign.equations.controller_data import Nothing, flat_settings, flat_state
-from vsgdesign.equations.limiters import CIRCULAR, LimiterLaw, limiter_named
-from vsgdesign.equations.limiters.interface import always, no_constants, no_memory
-from vsgdesign.equations.limiters.projection import (
-    projection_at_rest,
-    projection_constants,
-    projection_limit,
-    projection_move,
-)
+from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, LimiterLaw, limiter_named
+from vsgdesign.equations.limiters.interface import always, no_memory
 from vsgdesign.simulation.compiling import compile_function, compiled_law
 
 RANGES: dict[str, tuple[float, float]] = {
@@ -72,12 +66,21 @@ FLAGS = ("zero_sequence", "by_inertia")
 """Arguments that choose between formulas and are never symbols."""
 
 
-NO_EQUATIONS = (limiter_named, always, no_constants, projection_constants, no_memory, flat_state, flat_settings)
-"""Look a name up, make constants from a study, have no numbers, or put numbers side by side."""
+NO_EQUATIONS = (limiter_named, always, no_memory, flat_state, flat_settings)
+"""Look a name up, have no numbers, or put numbers side by side."""
 
-OF_ONE_LIMITER = (projection_limit, projection_move, projection_at_rest)
+CONSTANTS_OF_A_STUDY = tuple(limiter.build for limiter in LIMITERS.values())
+"""Python's alone: the exported C has their numbers."""
+
+OF_ONE_LIMITER = tuple(
+    function
+    for limiter in LIMITERS.values()
+    if limiter is not CIRCULAR
+    for function in (*limiter.law, limiter.at_rest)
+    if function not in CIRCULAR.law
+)
 """Need the constants and the memory of their own limiter. tests/export/test_limited_steps.py compares their C with
-Python, tests/simulation/test_projection.py the compiled loop."""
+Python, tests/simulation/test_limiters.py the compiled loop."""
 
 
 def all_functions() -> Iterator[tuple[str, Callable[..., Any]]]:
@@ -86,7 +89,11 @@ def all_functions() -> Iterator[tuple[str, Callable[..., Any]]]:
     ]
     for module in [*modules, frames]:
         for name, function in inspect.getmembers(module, inspect.isfunction):
-            if function.__module__ == module.__name__ and function not in NO_EQUATIONS + OF_ONE_LIMITER:
+            if function.__module__ == module.__name__ and function not in (
+                *NO_EQUATIONS,
+                *CONSTANTS_OF_A_STUDY,
+                *OF_ONE_LIMITER,
+            ):
                 yield f"{module.__name__.rpartition('.')[2]}.{name}", function
 
 

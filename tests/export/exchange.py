@@ -15,7 +15,7 @@ from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.export import CompiledC, export_c_files
 from vsgdesign.export.known_answers import gain_sizes
 from vsgdesign.runtime import Scheduler
-from vsgdesign.runtime.guards import DOUBT, FALLBACK, FRESH, NO_ESTIMATE, NO_REASON
+from vsgdesign.runtime.guards import DOUBT, FALLBACK, FRESH, NO_ESTIMATE, NO_REASON, TOLD_LIMITED, TOLD_SURPRISED
 from vsgdesign.runtime.scheduler import Answer, advance, first_state
 from vsgdesign.runtime.state import SchedulerState
 
@@ -121,7 +121,7 @@ def compare(scheduler: Scheduler, compiled: CompiledC, calls: Calls, *, each_afr
         if each_afresh:
             state = rounded(state, scheduler)
             compiled.load_state(state)
-        compiled.tell(told)
+        compiled.tell(limited=bool(told & TOLD_LIMITED), surprised=bool(told & TOLD_SURPRISED))
         state, answer = advance(lookup, c, state._replace(told=told), said, *values, ticks=ticks)
         estimated = said == NO_REASON
         got = compiled.update_estimate(*values, ticks=ticks) if estimated else compiled.hold(*values[2:], ticks=ticks)

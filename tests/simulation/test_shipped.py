@@ -71,16 +71,15 @@ def test_gains_follow_a_step_of_the_grid(tmp_path: Path) -> None:
 
 def test_without_estimates_it_falls_back_and_the_run_goes_on(tmp_path: Path) -> None:
     study = study_of("2.4 s")
-    scheduler = load_scheduler(written(tmp_path)[0], stale_ticks=200_000)
+    scheduler = load_scheduler(written(tmp_path)[0], stale_ticks=200_000, lost_ticks=200_000)
     scheduler.start(study.grid.R_g, study.grid.L_g)
     simulation, shipped = run(scheduler, study, blind=(0.4, 5.0))
     assert shipped.answers[24].status & HELD
     assert shipped.answers[24].reason == NO_ESTIMATE
     assert shipped.answers[-1].status == HELD | FALLBACK, status_text(shipped.answers[-1].status)
-    assert shipped.answers[-1].scr == 20.0
+    assert shipped.answers[-1].scr == pytest.approx(scheduler.settings.safe_scr, rel=1e-4)
     P = simulation.column("P")
-    assert np.all(np.abs(P[-50:] - 2.5e3) < 700.0)  # slow there, and on its way
-    assert P[-1] > P[-50]
+    assert np.all(np.abs(P[-50:] - 2.5e3) < 50.0)  # at rest again, 1 % of rated
 
 
 @pytest.mark.parametrize(("double", "tolerance"), [(True, 1e-12), (False, 2e-6)])

@@ -17,6 +17,7 @@ from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import ArtifactError
+from vsgdesign.runtime.guards import TOLD_LIMITED, TOLD_SURPRISED
 from vsgdesign.runtime.scheduler import Answer
 from vsgdesign.runtime.state import SchedulerState
 
@@ -108,8 +109,9 @@ class CompiledC:
         """0, or the number of the first known answer that is wrong."""
         return int(self.library.vsg_selftest())
 
-    def tell(self, told: int) -> None:
-        """What happened since the last update: bits of TOLD_LIMITED and TOLD_SURPRISED."""
+    def tell(self, *, limited: bool = False, surprised: bool = False) -> None:
+        """What happened since the last update."""
+        told = TOLD_LIMITED * bool(limited) | TOLD_SURPRISED * bool(surprised)
         self.library.vsg_tell(self._scheduler, told)
 
     def update_estimate(self, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int) -> Answer:
