@@ -19,9 +19,12 @@ from vsgdesign.runtime import table_schedule
 def largest_by_the_schedule(made, count: int) -> float:
     """By the schedule itself at random places and powers of the box, beside what :func:`largest_fed_back` looks at."""
     rng, box, base = np.random.default_rng(4), made.validity, made.base
-    scr, r_over_x = rng.uniform(*box.scr, count), rng.uniform(1.0 / box.x_over_r[1], 1.0 / box.x_over_r[0], count)
+    scr, r_over_x = (
+        rng.uniform(box.scr[0], box.scr[1], count),
+        rng.uniform(1.0 / box.x_over_r[1], 1.0 / box.x_over_r[0], count),
+    )
     P, Q, V = (
-        np.where(rng.random(count) < 0.5, rng.choice(pair, count), rng.uniform(*pair, count))
+        np.where(rng.random(count) < 0.5, rng.choice(pair, count), rng.uniform(pair[0], pair[1], count))
         for pair in (box.P, box.Q, box.V_rms)
     )
     schedule = table_schedule(made)

@@ -173,7 +173,7 @@ def test_a_doubt_holds_the_place_then_leaves_it(told: dict[str, bool]) -> None:
     assert texts[:30] == ["held doubt"] * 30
     assert texts[30] == "held limited fallback doubt"
     assert texts[-1] == "held fallback doubt"
-    assert answer.scr == pytest.approx(MIDDLE, rel=1e-6)
+    assert scheduler.hold(*POWERS).scr == pytest.approx(MIDDLE, rel=1e-6)
     assert settle(scheduler, 3.0, 1.0).status == FRESH
     assert status_text(scheduler.hold(*POWERS).status) == "held"  # an estimate ends the doubt
 

@@ -29,6 +29,10 @@ class Runtime(Protocol):
         """R_g (Ω) and L_g (H) for which they are made."""
         ...
 
+    def tell(self, *, limited: bool = False, surprised: bool = False) -> None:
+        """What happened since the last update."""
+        ...
+
     def update_estimate(self, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int) -> Answer:
         """Gains from an estimate."""
         ...
