@@ -47,8 +47,9 @@ _CERTIFICATES = ((np.inf, 1_500_000), (0.05, 150_000))
 """Relative change of SCR and X/R per second that a certificate is asked for, the second where no common function
 exists; and boxes that it may take: some ten seconds on two cores."""
 
-_STEP_BOXES = 100_000
-"""Boxes for each part of the region in the proof of the certified steps."""
+_STEP_BOXES = 15_000
+"""Boxes for each part of the region in the proof of the certified steps: some seconds. ``certify`` takes more and
+leaves fewer parts at points."""
 
 
 @dataclass(frozen=True)
