@@ -1,0 +1,229 @@
+"""What an estimator said of the grid over time: how wrong, how late, how sure, and how long silent.
+
+An answer acts from its instant until the next answer. It is judged against the grid that holds at its instant. All
+times are those of the run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FOUND = 0.10
+"""An answer with a relative error of up to this has found the grid."""
+
+WRONG, VERY_WRONG = 0.20, 0.30
+"""A valid answer with a relative error above these is wrong, and very wrong."""
+
+GRACE_S = 0.04
+"""For this long after an event, s, an answer that is valid and wrong is not counted: the cycle in which the event
+falls must end before it can be seen at all."""
+
+FALSE_AFTER_S = 1.0
+"""A change that is announced later than this after the last change of the grid's impedance, s, is a false one."""
+
+_SLACK_S = 1e-9
+"""Instants are equal up to this, s: they are sums of many sampling periods."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Answers:
+    """All answers of a run, one row each, in the order of time. Impedances are R + jX at the nominal frequency."""
+
+    t_s: Array
+    """(n,) instants from which on the answers act, s: the end of the cycle behind each."""
+    Z: NDArray[np.complex128]
+    """(n,) true impedance of the grid, Ω."""
+    Z_hat: NDArray[np.complex128]
+    """(n,) estimate, Ω; NaN where there is none."""
+    covariance: Array
+    """(n, 2, 2) covariance of the estimate's (R, X), Ω²; NaN where it is not known."""
+    valid: Mask
+    """(n,) whether the estimator stands by its answer."""
+    changed: Mask
+    """(n,) whether it announced with this answer that the grid has changed."""
+    end_s: float
+    """End of the run, s: the last answer acts until then."""
+
+    def __post_init__(self) -> None:
+        n = len(self.t_s)
+        shapes = {"t_s": (n,), "Z": (n,), "Z_hat": (n,), "covariance": (n, 2, 2), "valid": (n,), "changed": (n,)}
+        faults = [
+            f"{name} has the shape {np.shape(getattr(self, name))}, but must have {shape}."
+            for name, shape in shapes.items()
+            if np.shape(getattr(self, name)) != shape
+        ]
+        if not faults and n and not (np.diff(self.t_s) > 0.0).all():
+            faults.append("t_s must ascend.")
+        if not faults and n and self.end_s < self.t_s[-1] - _SLACK_S:
+            faults.append(f"end_s = {self.end_s:g} s is before the last answer, {self.t_s[-1]:g} s.")
+        if faults:
+            raise ValueError("answers: " + " ".join(faults))
+
+    @property
+    def error(self) -> Array:
+        """(n,) |Ẑ − Z|/|Z|; NaN where there is no estimate."""
+        return np.abs(self.Z_hat - self.Z) / np.abs(self.Z)
+
+    def rows(self, begin_s: float, end_s: float) -> Mask:
+        """(n,) which answers act from an instant in [begin_s, end_s)."""
+        return (self.t_s >= begin_s - _SLACK_S) & (self.t_s < end_s - _SLACK_S)
+
+    def held_s(self) -> Array:
+        """(n,) how long each answer acts, s: until the next one, the last until the end of the run."""
+        return np.diff(self.t_s, append=max(self.end_s, self.t_s[-1])) if len(self.t_s) else np.zeros(0)
+
+
+def answers_of(
+    t_s: ArrayLike,
+    true: tuple[ArrayLike, ArrayLike],
+    estimate: tuple[ArrayLike, ArrayLike],
+    variances: tuple[ArrayLike, ArrayLike, ArrayLike],
+    valid: ArrayLike,
+    changed: ArrayLike,
+    *,
+    omega_n: float,
+    end_s: float,
+) -> Answers:
+    """Answers from series of R (Ω) and L (H): ``true`` and ``estimate`` are (R_g, L_g), ``variances`` the estimate's
+    (var R, cov RL, var L) in Ω², Ω·H and H², all (n,). ``omega_n``: nominal angular frequency, rad/s."""
+    R_L = [[np.asarray(x, dtype=float) for x in pair] for pair in (true, estimate)]
+    RR, RL, LL = (np.asarray(x, dtype=float) for x in variances)
+    X_scaled = np.stack([np.stack([RR, omega_n * RL], -1), np.stack([omega_n * RL, omega_n**2 * LL], -1)], -2)
+    Z, Z_hat = (R + 1j * omega_n * L for R, L in R_L)
+    return Answers(
+        t_s=np.asarray(t_s, dtype=float),
+        Z=Z,
+        Z_hat=Z_hat,
+        covariance=X_scaled,
+        valid=np.asarray(valid).astype(bool) & np.isfinite(Z_hat),
+        changed=np.asarray(changed).astype(bool),
+        end_s=end_s,
+    )
+
+
+def inside_ellipse(answers: Answers, level: float = 0.95) -> Mask:
+    """(n,) whether the true impedance is inside the answer's own ellipse of a level.
+
+    With the error e = (R̂ − R, X̂ − X) and the covariance P it is inside if eᵀP⁻¹e ≤ −2 ln(1 − level), which is the
+    quantile of χ² with two degrees of freedom. An answer without a covariance, or with one that is not positive
+    definite, contains nothing.
+    """
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level = {level:g}: must be between 0 and 1.")
+    off = answers.Z_hat - answers.Z
+    P_RR, P_RX, P_XX = answers.covariance[:, 0, 0], answers.covariance[:, 0, 1], answers.covariance[:, 1, 1]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        determinant = P_RR * P_XX - P_RX**2
+        squared = (P_XX * off.real**2 - 2.0 * P_RX * off.real * off.imag + P_RR * off.imag**2) / determinant
+        return (determinant > 0.0) & (P_RR > 0.0) & (squared <= -2.0 * math.log1p(-level))
+
+
+def coverage(answers: Answers, rows: Mask, level: float = 0.95) -> float:
+    """Share of the valid answers among ``rows`` whose ellipse contains the true impedance; NaN where none is valid."""
+    chosen = rows & answers.valid
+    return float(np.mean(inside_ellipse(answers, level)[chosen])) if chosen.any() else math.nan
+
+
+def time_to_stay(answers: Answers, change_s: float, until_s: float, within: float = FOUND) -> float:
+    """Time from a change of the grid until it is found for good, s; infinite where it is not found until ``until_s``.
+
+    It ends with the first valid answer whose error is at most ``within`` and after which no valid answer has a larger
+    error until ``until_s``. Answers that are not valid neither find the grid nor lose it.
+    """
+    rows = np.flatnonzero(answers.rows(change_s, until_s) & answers.valid)
+    off = np.flatnonzero(~(answers.error[rows] <= within))
+    first = int(off[-1]) + 1 if off.size else 0
+    return float(answers.t_s[rows[first]] - change_s) if first < len(rows) else math.inf
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """How long an estimator was valid and wrong, and how wrong a valid answer was at most."""
+
+    seconds: float
+    """Time in force of valid answers with an error above WRONG, s."""
+    worst: float
+    """Largest relative error of a valid answer that was in force; zero where none was."""
+
+
+def valid_and_wrong(
+    answers: Answers,
+    begin_s: float,
+    until_s: float,
+    events_s: Sequence[float],
+    *,
+    above: float = WRONG,
+    grace_s: float = GRACE_S,
+) -> Wrong:
+    """For how long valid answers were off by more than ``above`` between two instants, and the largest error of one.
+
+    Time up to ``grace_s`` after each of the events is left out of both. An answer that acts across an event counts up
+    to the event, and the rest of it lies within the grace.
+    """
+    edges = np.append(answers.t_s, max(answers.end_s, answers.t_s[-1])) if len(answers.t_s) else np.zeros(1)
+    counted = _overlap(edges, begin_s, until_s)
+    last = begin_s
+    for event_s in sorted(events_s):
+        # Graces that follow one another closely overlap: each counts from the end of the one before.
+        start, last = max(event_s, last), max(event_s + grace_s, last)
+        counted = counted - _overlap(edges, max(start, begin_s), min(last, until_s))
+    in_force = answers.valid & (counted > _SLACK_S)
+    error = answers.error
+    return Wrong(
+        seconds=float(np.sum(counted[in_force & (error > above)])),
+        worst=float(np.max(error[in_force], initial=0.0)),
+    )
+
+
+def share_valid(answers: Answers, begin_s: float, until_s: float) -> float:
+    """Share of the time between two instants in which a valid answer acts; before the first answer none does."""
+    return _valid_time(answers, begin_s, until_s) / (until_s - begin_s)
+
+
+def silence(answers: Answers, begin_s: float, until_s: float) -> float:
+    """Time between two instants in which no valid answer acts, s."""
+    return until_s - begin_s - _valid_time(answers, begin_s, until_s)
+
+
+def longest_silence(answers: Answers, begin_s: float, until_s: float) -> float:
+    """Longest time without a break in which no valid answer acts, s; it counts from ``begin_s`` on."""
+    longest, quiet = 0.0, begin_s
+    for begin, held, valid in zip(answers.t_s, answers.held_s(), answers.valid, strict=True):
+        if valid and begin + held > begin_s + _SLACK_S and begin < until_s:
+            longest = max(longest, float(begin) - quiet)
+            quiet = float(begin + held)
+    return max(longest, until_s - quiet, 0.0)
+
+
+def false_changes(
+    answers: Answers, begin_s: float, until_s: float, changes_s: Sequence[float], after_s: float = FALSE_AFTER_S
+) -> int:
+    """How many announcements of a change between two instants have no change of the grid's impedance behind them.
+
+    ``changes_s``: the instants at which the impedance changed. An announcement up to ``after_s`` later is a true one.
+    """
+    announced = answers.t_s[answers.rows(begin_s, until_s) & answers.changed]
+    return sum(not any(change < t + _SLACK_S and t - change <= after_s for change in changes_s) for t in announced)
+
+
+def _valid_time(answers: Answers, begin_s: float, until_s: float) -> float:
+    if not until_s > begin_s:
+        raise ValueError(f"until_s = {until_s:g} s: must be after begin_s = {begin_s:g} s.")
+    if not len(answers.t_s):
+        return 0.0
+    edges = np.append(answers.t_s, max(answers.end_s, answers.t_s[-1]))
+    return float(np.sum(_overlap(edges, begin_s, until_s)[answers.valid]))
+
+
+def _overlap(edges: Array, begin_s: float, until_s: float) -> Array:
+    """How much of every interval between two edges lies in [begin_s, until_s], s."""
+    clipped = np.clip(edges, begin_s, max(until_s, begin_s))
+    return np.diff(clipped)
