@@ -3,55 +3,24 @@
 from __future__ import annotations
 
 import difflib
-import math
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from vsgdesign.artifacts.files import plain
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.estimator.recipe_fields import (
+    FieldRule,
+    Spread,
+    field_faults,
+    log_uniform,
+    one_of,
+    read_fields,
+    uniform,
+)
 from vsgdesign.identification.interface import CHANNELS
 from vsgdesign.parameters.toml_file import read_toml
-from vsgdesign.parameters.units import UnitError, parse_quantity
-
-KINDS = ("one_of", "uniform", "log_uniform")
-
-
-@dataclass(frozen=True)
-class Spread:
-    """What a quantity is drawn from: each of some values in turn, or a range, linear or logarithmic."""
-
-    kind: str
-    values: tuple[float, ...]
-    """The values of ``one_of``; low and high of the others."""
-
-    def draw(self, rng: np.random.Generator, index: int) -> float:
-        """One value; ``one_of`` goes by the scenario's index, so that every value is used equally often."""
-        if self.kind == "one_of":
-            return self.values[index % len(self.values)]
-        low, high = self.values
-        if self.kind == "uniform":
-            return float(rng.uniform(low, high))
-        return float(math.exp(rng.uniform(math.log(low), math.log(high))))
-
-
-def one_of(*values: float) -> Spread:
-    """Each of the values in turn."""
-    return Spread("one_of", values)
-
-
-def uniform(low: float, high: float) -> Spread:
-    """Evenly between two values."""
-    return Spread("uniform", (low, high))
-
-
-def log_uniform(low: float, high: float) -> Spread:
-    """Evenly in the logarithm between two values."""
-    return Spread("log_uniform", (low, high))
-
 
 _NOMINAL, _NONE = one_of(1.0), one_of(0.0)
 
@@ -176,21 +145,6 @@ More windows are left out than in the published recipes: designed inner loops ma
 RECIPES = {recipe.name: recipe for recipe in (PUBLISHED, CONTINUOUS, WIDE)}
 
 
-@dataclass(frozen=True)
-class FieldRule:
-    """What a recipe's field may be: docs/how-to/windows.md has a row of each."""
-
-    kind: str
-    """``spread``, ``number``, ``whole number``, ``word``, ``text`` or ``true or false``."""
-    low: float = -math.inf
-    high: float = math.inf
-    """Limits, SI; of a spread: of each of its values."""
-    unit: str = "1"
-    words: tuple[str, ...] = ()
-    or_zero: bool = False
-    """0 is allowed too: it follows from the converter."""
-
-
 FIELDS = {
     "name": FieldRule("text"),
     "scr": FieldRule("spread", 0.05, 1e4),
@@ -259,43 +213,14 @@ def load_recipe(source: str | Path) -> WindowRecipe:
     if not isinstance(name, str) or name not in RECIPES:
         faults.append(_unknown(str(name), "base"))
     base = RECIPES.get(str(name), CONTINUOUS)
-    changes: dict[str, Any] = {"name": path.stem}
-    for field, raw in document.items():
-        if field not in FIELDS:
-            near = difflib.get_close_matches(field, FIELDS, n=1)
-            known = "Known: " + ", ".join(FIELDS) + "."
-            faults.append(Fault(field, "", "unknown field", f"Did you mean {near[0]}?" if near else known))
-            continue
-        try:
-            changes[field] = _read(raw, FIELDS[field])
-        except UnitError as error:
-            faults.append(Fault(field, f'"{raw}"' if isinstance(raw, str) else str(raw), str(error)))
-    recipe = replace(base, **changes)
+    found, unread = read_fields(document, FIELDS)
+    faults += unread
+    recipe = replace(base, **({"name": path.stem} | found))
     # What could not be read is still the base's, so that the limits of the rest are told at the same time.
     faults += _faults(recipe)
     if faults:
         raise StudyError(str(path), faults)
     return recipe
-
-
-def _read(raw: Any, rule: FieldRule) -> Any:
-    if rule.kind == "spread":
-        if not isinstance(raw, dict):
-            return one_of(parse_quantity(raw, rule.unit))
-        if len(raw) != 1 or next(iter(raw)) not in KINDS or not isinstance(next(iter(raw.values())), list):
-            raise UnitError(f"expected a number or {{ {' | '.join(KINDS)} = [...] }}")
-        (kind, values), *_ = raw.items()
-        return Spread(kind, tuple(parse_quantity(value, rule.unit) for value in values))
-    if rule.kind == "number":
-        return parse_quantity(raw, rule.unit)
-    if rule.kind == "true or false":
-        if not isinstance(raw, bool):
-            raise UnitError("must be true or false")
-        return raw
-    wanted = int if rule.kind == "whole number" else str
-    if isinstance(raw, bool) or not isinstance(raw, wanted):
-        raise UnitError("expected a whole number" if wanted is int else "expected a text")
-    return raw
 
 
 def check_recipe(recipe: WindowRecipe, source: str = "recipe") -> WindowRecipe:
@@ -307,49 +232,7 @@ def check_recipe(recipe: WindowRecipe, source: str = "recipe") -> WindowRecipe:
 
 
 def _faults(recipe: WindowRecipe) -> list[Fault]:
-    faults = []
-    for name, rule in FIELDS.items():
-        value = getattr(recipe, name)
-        if rule.kind == "spread":
-            problem, shown = _spread_problem(value, rule), f"{value.kind} {list(value.values)}"
-        elif rule.kind == "word":
-            problem = "" if value in rule.words else "must be one of " + ", ".join(f'"{word}"' for word in rule.words)
-            shown = f'"{value}"'
-        elif rule.kind in ("number", "whole number"):
-            problem, shown = _number_problem(value, rule), str(value)
-        else:
-            continue
-        if problem:
-            faults.append(
-                Fault(name, shown, problem, "Check the unit: a bare number is SI." if rule.unit != "1" else "")
-            )
+    faults = field_faults(recipe, FIELDS)
     if recipe.before + recipe.after < 1:
         faults.append(Fault("before", "0", "no window is kept", "Keep at least one, before or after the change."))
     return faults
-
-
-def _limits(rule: FieldRule) -> str:
-    whole = "a whole number " if rule.kind == "whole number" else ""
-    unit = "" if rule.unit == "1" else f" {rule.unit}"
-    zero = ", or 0: it follows from the converter" if rule.or_zero else ""
-    return f"must be {whole}from {rule.low:g} to {rule.high:g}{unit}{zero}"
-
-
-def _number_problem(value: Any, rule: FieldRule) -> str:
-    whole = rule.kind != "whole number" or (isinstance(value, int) and not isinstance(value, bool))
-    if whole and (rule.low <= value <= rule.high or (rule.or_zero and value == 0)):
-        return ""
-    return _limits(rule)
-
-
-def _spread_problem(spread: Spread, rule: FieldRule) -> str:
-    values = spread.values
-    if spread.kind not in KINDS:
-        return "must be one of " + ", ".join(KINDS)
-    if not values or not all(math.isfinite(value) for value in values):
-        return "needs finite numbers"
-    if spread.kind != "one_of" and (len(values) != 2 or values[0] > values[1]):
-        return "needs [low, high] with low not above high"
-    if spread.kind == "log_uniform" and values[0] <= 0.0:
-        return "a logarithmic range must be positive"
-    return "" if min(values) >= rule.low and max(values) <= rule.high else _limits(rule)

@@ -6,12 +6,9 @@ what it will see.
 
 from __future__ import annotations
 
-import glob
 import hashlib
-import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,32 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import ArtifactError, Fault, StudyError
-from vsgdesign.estimator.data_set import (
-    DataSet,
-    check_data_target,
-    content_hash,
-    read_arrays,
-    write_arrays,
-    write_data_set,
-)
+from vsgdesign.errors import Fault, StudyError
+from vsgdesign.estimator.blocks import Arrays, Parts, made_blocks
+from vsgdesign.estimator.data_set import DataSet, check_data_target, write_data_set
 from vsgdesign.estimator.recipes import WindowRecipe, check_recipe
 from vsgdesign.estimator.sampling import turn_per_window, with_sampling
 from vsgdesign.estimator.scenarios import Scenario, check_draws, draw_scenario
 from vsgdesign.estimator.sensing import background, measured_channels
-from vsgdesign.execution.processes import worker_processes
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.frames import rotate
 from vsgdesign.identification import Estimator, Probe
 from vsgdesign.parameters.study import Event, Study
 from vsgdesign.simulation import MeasuredWindow, Recorder, simulate
-from vsgdesign.simulation.compiling import source_stamp
 from vsgdesign.simulation.estimated import samples_of
 
 BLOCK = 20
 """Scenarios that are made, kept and handed between processes together."""
-
-Arrays = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -114,21 +101,18 @@ def generate_windows(
         check_data_target(out)
     recipe = with_sampling(recipe, study.converter)
     header = _header(study, recipe, seed)
-    parts = _Parts(out, header)
+    parts = Parts(out, header | {"block": BLOCK})
     blocks = [range(first, min(first + BLOCK, recipe.scenarios)) for first in range(0, recipe.scenarios, BLOCK)]
-    tell = progress or silent
-    done: dict[int, Arrays] = {k: found for k in range(len(blocks)) if (found := parts.read(k)) is not None}
-    tell("windows", len(done) / len(blocks))
-    missing = [k for k in range(len(blocks)) if k not in done]
-    if missing:
-        check_draws(study, recipe, seed)
-    with _block_maker(executor, min(workers, len(missing))) as submit:
-        waiting = [(k, submit(study, recipe, seed, blocks[k])) for k in missing]
-        for k, result in waiting:
-            done[k] = result()
-            parts.write(k, done[k])
-            tell("windows", len(done) / len(blocks))
-    arrays = {name: np.concatenate([done[k][name] for k in range(len(blocks))]) for name in done[0]}
+    arrays = made_blocks(
+        parts,
+        [(study, recipe, seed, block) for block in blocks],
+        make_block,
+        what="windows",
+        executor=executor,
+        workers=workers,
+        progress=progress or silent,
+        before=lambda: check_draws(study, recipe, seed),
+    )
     data = DataSet(**arrays, header=header)
     if out is not None:
         write_data_set(out, data)
@@ -158,52 +142,6 @@ def _header(study: Study, recipe: WindowRecipe, seed: int) -> dict[str, Any]:
         "omega_n": c.omega_n,
         "T_s": c.T_s,
     }
-
-
-class _Parts:
-    """Finished blocks in a folder beside the file, of this recipe, seed, converter and code only."""
-
-    def __init__(self, out: str | Path | None, header: dict[str, Any]) -> None:
-        self._header = header | {"source_stamp": source_stamp(), "block": BLOCK}
-        self._out = None if out is None else Path(out)
-        self._folder = None
-        if self._out is not None:
-            name = content_hash(self._header, {})[:16]
-            self._folder = self._out.with_name(f".{self._out.name}.{name}.parts")
-
-    def read(self, k: int) -> Arrays | None:
-        if self._folder is None or not (self._folder / f"{k}.npz").is_file():
-            return None
-        try:
-            header, arrays = read_arrays(self._folder / f"{k}.npz")
-        except ArtifactError:
-            return None  # half a block is no block
-        return arrays if header == self._header else None
-
-    def write(self, k: int, arrays: Arrays) -> None:
-        if self._folder is not None:
-            path = self._folder / f"{k}.npz"
-            path.unlink(missing_ok=True)  # a damaged block, or it would have been read
-            write_arrays(path, self._header, arrays)
-
-    def remove(self) -> None:
-        """These blocks, and those that an earlier recipe or version left beside the same file."""
-        if self._out is not None:
-            for folder in self._out.parent.glob(f".{glob.escape(self._out.name)}.*.parts"):
-                shutil.rmtree(folder, ignore_errors=True)
-
-
-@contextmanager
-def _block_maker(executor: Executor | None, workers: int) -> Iterator[Callable[..., Callable[[], Arrays]]]:
-    """How to have a block made: here and now, or by other processes."""
-    if executor is None and workers <= 1:
-        yield lambda *arguments: lambda: make_block(*arguments)
-        return
-    if executor is not None:
-        yield lambda *arguments: executor.submit(make_block, *arguments).result
-        return
-    with worker_processes(workers) as own:
-        yield lambda *arguments: own.submit(make_block, *arguments).result
 
 
 def make_block(study: Study, recipe: WindowRecipe, seed: int, indices: range) -> Arrays:
