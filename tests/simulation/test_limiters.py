@@ -38,7 +38,7 @@ from vsgdesign.simulation import (
     run_scenario,
     simulate,
 )
-from vsgdesign.simulation.run import compiled_loop
+from vsgdesign.simulation.loop import compiled_loop
 
 SAG = """
 [[events]]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import FunctionType
@@ -17,14 +18,62 @@ import numba
 from numba import types
 from numba.core.imputils import lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
-from numba.extending import NativeValue, register_model, typeof_impl, unbox
+from numba.extending import NativeValue, intrinsic, register_model, typeof_impl, unbox
 from numba.extending import models as data_models
 
 from vsgdesign.equations.limiters import LimiterLaw
+from vsgdesign.simulation.observing import ObserverLaw, pack, unpack
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz", "arcp"}, "nogil": True}
 _ROOMS = ("equations", "simulation")
+
+Law = LimiterLaw | ObserverLaw
+"""Functions by name that a loop is compiled with."""
+
+
+@intrinsic
+def _unpack(_context: Any, values: Any, like: Any) -> Any:
+    """:func:`vsgdesign.simulation.observing.unpack`: one load for each number, whatever their count."""
+
+    def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, given[0]).data
+        place = itertools.count()
+
+        def built(kind: Any) -> Any:
+            if isinstance(kind, types.BaseTuple):
+                return context.make_tuple(builder, kind, [built(one) for one in kind])
+            return builder.load(builder.gep(data, [context.get_constant(types.intp, next(place))]))
+
+        return built(signature.return_type)
+
+    return like(values, like), code
+
+
+@intrinsic
+def _pack(_context: Any, values: Any, record: Any) -> Any:
+    """:func:`vsgdesign.simulation.observing.pack`: one store for each number."""
+
+    def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, given[0]).data
+        place = itertools.count()
+
+        def stored(kind: Any, value: Any) -> None:
+            if isinstance(kind, types.BaseTuple):
+                for k, one in enumerate(kind):
+                    stored(one, builder.extract_value(value, k))
+                return
+            number = context.cast(builder, value, kind, types.float64)
+            builder.store(number, builder.gep(data, [context.get_constant(types.intp, next(place))]))
+
+        stored(signature.args[1], given[1])
+        return context.get_dummy_value()
+
+    return types.none(values, record), code
+
+
+_INTRINSICS: dict[Any, Any] = {pack: _pack, unpack: _unpack}
+"""What compiled code has instead of functions that are plain loops in Python."""
 
 
 @functools.cache
@@ -41,7 +90,7 @@ def compile_function(
     for name in function.__code__.co_names:
         value = names.get(name)
         if isinstance(value, FunctionType) and _is_ours(value, function):
-            names[name] = compile_function(value)
+            names[name] = _INTRINSICS.get(value) or compile_function(value)
     names |= replaced
     rebuilt = FunctionType(function.__code__, names, function.__name__, function.__defaults__, function.__closure__)
     rebuilt.__module__ = function.__module__
@@ -64,19 +113,20 @@ def is_packaged(functions: Iterable[FunctionType]) -> bool:
 
 
 class CompiledLaw:
-    """A limiter's two functions, compiled: what compiled code is given for a :class:`LimiterLaw`.
+    """The functions of a law, compiled: what compiled code is given for a :class:`LimiterLaw` or an
+    :class:`vsgdesign.simulation.observing.ObserverLaw`.
 
     To the compiler this is a type without a value: which functions are meant is known when the code is compiled, so
     that it can be kept on disk. (A tuple of functions would carry their addresses, which change from run to run.)
     """
 
-    def __init__(self, law: LimiterLaw) -> None:
+    def __init__(self, law: Law) -> None:
         self.law = law
-        self.limit, self.move = (compile_function(function) for function in law)  # type: ignore[arg-type]
+        self.functions = {name: compile_function(function) for name, function in law._asdict().items()}
 
 
 @functools.cache
-def compiled_law(law: LimiterLaw) -> CompiledLaw:
+def compiled_law(law: Law) -> CompiledLaw:
     """The law's twin for compiled code."""
     return CompiledLaw(law)
 
@@ -90,7 +140,7 @@ class _LawType(types.Dummy):
         super().__init__(f"CompiledLaw({names})")
 
     @property
-    def key(self) -> LimiterLaw:
+    def key(self) -> Law:
         return self.compiled.law
 
 
@@ -107,7 +157,7 @@ class _LawFunctions(AttributeTemplate):
     key = _LawType
 
     def generic_resolve(self, law: _LawType, name: str) -> Any:
-        return types.Dispatcher(getattr(law.compiled, name)) if name in LimiterLaw._fields else None
+        return types.Dispatcher(law.compiled.functions[name]) if name in law.compiled.functions else None
 
 
 @lower_getattr_generic(_LawType)

@@ -18,6 +18,7 @@ from vsgdesign.equations.integration import within_a_turn
 from vsgdesign.equations.limiters import GridEstimate, LimiterLaw
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.frames import clarke, clarke_inverse, rotate
+from vsgdesign.simulation.observing import ObserverLaw, Watch
 
 LOG_COLUMNS = (
     "i_s_alpha",
@@ -50,6 +51,23 @@ class Bridge(NamedTuple):
     R_c: float
 
 
+class Span(NamedTuple):
+    """A stretch: its first sample in the run, the sample of the stretch to go on with, and how many samples it has."""
+
+    first: int
+    begin: int
+    count: int
+
+
+class Moving(NamedTuple):
+    """What a stretch moves: the circuit's states x (2n), the voltage that waits out the delay (2), and the state of the
+    controller."""
+
+    x: Any
+    pending: Any
+    state: ControllerState
+
+
 class ControllerInputs(NamedTuple):
     """What the controller is given for a stretch, besides its measurements and its own state."""
 
@@ -64,7 +82,7 @@ class PlantPieces(NamedTuple):
     """The circuit over the interval after a sample, cut into pieces, arrays stacked over them.
 
     One piece, unless an event falls inside the interval. ``sources`` has, per piece, (cos φ, sin φ, V_g peak, its
-    slope, ω, ω's slope) at the piece's first instant; the other arrays are those of
+    slope, ω, ω's slope, by how much ω has drifted so far) at the piece's first instant; the other arrays are those of
     :class:`vsgdesign.operating_point.plant.PlantStep`. ``background`` has no rows, or a row for every sample (for every
     piece, where there are several): what the source's other components add to the states, then their own voltage at
     the beginning (α, β).
@@ -199,12 +217,12 @@ def write_state(row: Any, state: ControllerState) -> None:
         row[k] = values[k]
 
 
-def with_theta(state: ControllerState, theta: Any) -> ControllerState:
-    """The state with another angle. (The compiler knows no ``_replace``.)"""
+def commanding(state: ControllerState, theta: Any, V: Any) -> ControllerState:
+    """The state with another angle (rad) and voltage (rms V). (The compiler knows no ``_replace``.)"""
     return ControllerState(
         theta=theta,
         omega_i=state.omega_i,
-        V=state.V,
+        V=V,
         P_f=state.P_f,
         Q_f=state.Q_f,
         xi_vd=state.xi_vd,
@@ -224,22 +242,24 @@ def with_theta(state: ControllerState, theta: Any) -> ControllerState:
 
 
 def run_stretch(
-    first: int,
-    count: int,
-    x: Any,
-    pending: Any,
-    state: ControllerState,
+    span: Span,
+    moving: Moving,
     given: ControllerInputs,
     bridge: Bridge,
     plant: PlantPieces,
     log: LogRows,
+    watch: Watch,
     limiter: LimiterLaw,
+    observer: ObserverLaw,
 ) -> Any:
-    """Run samples first … first + count − 1. Returns the controller's state after the last.
+    """Run the samples of a stretch from ``span.begin`` on. Returns the controller's state after the last one, and how
+    many samples of the stretch have been run by then: all, unless the observer stopped the loop before.
 
-    ``x`` (2n) and ``pending`` (2, the voltage waiting out the delay) are updated in place. Where the interval is cut
-    into several pieces, count is 1.
+    The arrays of ``moving``, ``plant.sources`` and ``watch`` are updated in place, so that the same stretch can go on.
+    Where the interval is cut into several pieces, ``span.count`` is 1.
     """
+    first, begin, count = span
+    x, pending, state = moving
     lengths, sources, background = plant.lengths, plant.sources, plant.background
     T_s = given.settings.T_s
     pieces = lengths.shape[0]
@@ -247,11 +267,13 @@ def run_stretch(
     ramped = sources[0, 3] != 0.0 or sources[0, 5] != 0.0 or pieces > 1
     source_cos, source_sin, V_g = sources[0, 0], sources[0, 1], sources[0, 2]
     turn_cos, turn_sin = np.cos(sources[0, 4] * lengths[0]), np.sin(sources[0, 4] * lengths[0])
-    drift = 0.0
-    until_log = (-first) % log.every
-    row = (first + until_log) // log.every
+    drift = sources[0, 6]
+    until_log = (-first - begin) % log.every
+    row = (first + begin + until_log) // log.every
     limited = log.limited[0]
-    for offset in range(count):
+    memory, constants = observer.begin(watch)
+    done = begin
+    for offset in range(begin, count):
         measured = Measurement(
             v_alpha=x[2] + bridge.R_c * (x[0] - x[4]),
             v_beta=x[3] + bridge.R_c * (x[1] - x[5]),
@@ -260,6 +282,8 @@ def run_stretch(
             i_g_alpha=x[4],
             i_g_beta=x[5],
         )
+        sent = observer.probe(memory, state.V, constants)
+        state = commanding(state, state.theta + sent.theta, state.V + sent.V)
         if offset < log.states.shape[0]:
             write_state(log.states[offset], state)
         following, output = controller_step(
@@ -272,6 +296,7 @@ def run_stretch(
             given.settings,
             limiter,
         )
+        memory = observer.listen(memory, measured, state.theta, sent, output.limited, constants)
         limited += output.limited
         if until_log == 0:
             for j in range(6):
@@ -288,7 +313,7 @@ def run_stretch(
             until_log = log.every
             row += 1
         until_log -= 1
-        state = with_theta(following, within_a_turn(following.theta))
+        state = commanding(following, within_a_turn(following.theta - sent.theta), following.V - sent.V)
         if bridge.delay_samples == 0:
             applied_alpha, applied_beta = output.v_b_alpha, output.v_b_beta
         else:
@@ -344,5 +369,10 @@ def run_stretch(
             add_background(x, background, offset + piece, 0)
             source_cos, source_sin = rotate(source_cos, source_sin, turn_cos, turn_sin)
             elapsed += h
+        done = offset + 1
+        if observer.closed(memory) != 0:
+            break
     log.limited[0] = limited
-    return state
+    sources[0, 0], sources[0, 1], sources[0, 2], sources[0, 6] = source_cos, source_sin, V_g, drift
+    observer.keep(watch, memory)
+    return state, done

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.controller_data import flat_state
-from vsgdesign.equations.limiters import CIRCULAR, GridEstimate, LimiterLaw
+from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.execution.interrupts import interrupts_deferred
@@ -25,9 +25,18 @@ from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_s
 from vsgdesign.parameters.study import Grid, GridSource, Study
 from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.circuits import CircuitOfGrid, circuits_of, stacked_plants, states_of
-from vsgdesign.simulation.compiling import compile_function, compiled_law, is_packaged, source_stamp
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.kernel import LOG_COLUMNS, Bridge, ControllerInputs, LogRows, PlantPieces, run_stretch
+from vsgdesign.simulation.kernel import (
+    LOG_COLUMNS,
+    Bridge,
+    ControllerInputs,
+    LogRows,
+    Moving,
+    PlantPieces,
+    Span,
+)
+from vsgdesign.simulation.loop import compiled_loop
+from vsgdesign.simulation.observing import NO_WATCH
 from vsgdesign.simulation.online import ListedGains, OnlineGains, OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence, good_rows, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
@@ -73,36 +82,6 @@ class Simulation:
     def column(self, name: str) -> NDArray[np.float64]:
         """One logged quantity by name."""
         return self.log[:, LOG_COLUMNS.index(name)]
-
-
-acting: LimiterLaw = CIRCULAR.law
-"""Stands for the limiter in the text of the loop below; the compiled loop has the one that it was asked for."""
-
-
-@functools.cache
-def compiled_loop(law: LimiterLaw) -> Callable[..., ControllerState]:
-    """The compiled inner loop with a limiter, from the disk cache where its sources are the package's and unchanged."""
-    return _with_stamp(source_stamp(*law), law)  # type: ignore[arg-type]
-
-
-def _with_stamp(stamp: int, law: LimiterLaw) -> Callable[..., ControllerState]:
-    def loop(
-        first: int,
-        count: int,
-        x: Any,
-        pending: Any,
-        state: ControllerState,
-        given: ControllerInputs,
-        bridge: Bridge,
-        plant: PlantPieces,
-        log: LogRows,
-    ) -> Any:
-        if stamp < 0:  # never: it only makes the stamp part of the cache key
-            count = 0
-        return run_stretch(first, count, x, pending, state, given, bridge, plant, log, acting)
-
-    kept = is_packaged(law)  # type: ignore[arg-type]
-    return compile_function(loop, outermost=True, cache=kept, acting=compiled_law(law))  # type: ignore[arg-type]
 
 
 def simulate(
@@ -183,12 +162,9 @@ def simulate(
             state = add_offset(state, *added)
         begin = time.perf_counter()
         with interrupts_deferred():
-            following = loop(
-                first,
-                count,
-                x,
-                pending,
-                state,
+            following, _ = loop(
+                Span(first, 0, count),
+                Moving(x, pending, state),
                 ControllerInputs(
                     grid=_estimate(feed.grid(first) or study.grid),
                     refs=refs,
@@ -199,6 +175,7 @@ def simulate(
                 bridge_data,
                 plant,
                 LogRows(rows=log, every=log_every, states=states, limited=limited),
+                NO_WATCH,
             )
         state = _of_own_types(following, state)
         loop_seconds += time.perf_counter() - begin
@@ -334,4 +311,5 @@ def _source_row(source: SourceSegment) -> list[float]:
         rms_to_peak(source.V_slope),
         source.omega,
         source.omega_slope,
+        0.0,
     ]
