@@ -76,6 +76,10 @@ def choices(x: Any, y: Any) -> Any:
     return np.where(x > y, np.clip(x, -1.0, GAIN), np.maximum(np.abs(y), np.floor(x)))
 
 
+class Twice(NamedTuple):
+    inner: Pair
+
+
 def records(x: Any, y: Any, nest: Nest) -> Any:
     made = Nest(Pair(x * nest.inner.first), last=half(y))
     taken = inside(made.inner, made.last) if x > 0.0 else inside(nest.inner, y)
@@ -85,6 +89,21 @@ def records(x: Any, y: Any, nest: Nest) -> Any:
 
 def inside(pair: Pair, x: Any) -> Any:
     return pair.first * x - pair.second
+
+
+def kept(nest: Nest, x: Any) -> Any:
+    """Returns (nest, made)."""
+    other = doubled(nest.inner, x)
+    return Nest(inner=nest.inner, last=nest.last + x), Twice(inner=other)
+
+
+def doubled(pair: Pair, x: Any) -> Pair:
+    return Pair(first=2.0 * x, second=pair.second)
+
+
+def swapped(one: Pair, other: Pair) -> Any:
+    """Returns (first, second)."""
+    return other, one
 
 
 def unfolded(x: Any, rule: str) -> Any:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -102,4 +104,35 @@ def test_outputs_may_be_the_places_of_inputs() -> None:
     for body in text().split("static inline ")[1:]:
         lines = [line.strip() for line in body.splitlines() if line.strip()]
         first = next((k for k, line in enumerate(lines) if line.startswith("following->")), len(lines))
-        assert not any("state->" in line or "steps->" in line for line in lines[first:]), body
+        # A field that stays what it was is its own place.
+        written = [line for line in lines[first:] if not re.fullmatch(r"following->(\w+) = state->\1;", line)]
+        assert not any("state->" in line or "steps->" in line for line in written), body
+
+
+def test_what_stays_as_it_was_is_copied_in_one_piece(tmp_path: Path) -> None:
+    """Whole records, in either place; what changes its place, or could be another output's place, is read first."""
+    text = c_functions([language.kept, language.swapped])
+    assert "nest_out->inner = nest->inner;" in text.functions
+    assert "made->inner = other;" in text.functions
+    program = (
+        text.text
+        + """
+#include <stdio.h>
+int main(void)
+{
+    vsg_nest_t a = {{1, 2}, 3};
+    vsg_twice_t made;
+    vsg_pair_t one = {4, 5}, other = {6, 7};
+    vsg_kept(&a, 10, &a, &made);
+    vsg_swapped(&one, &other, &one, &other);
+    printf("%g %g %g %g %g %g %g", (double)a.inner.first, (double)a.last, (double)made.inner.first, (double)one.first,
+           (double)one.second, (double)other.first, (double)other.second);
+    return 0;
+}
+"""
+    )
+    source, made = tmp_path / "kept.c", tmp_path / "kept"
+    source.write_text(program, encoding="ascii")
+    subprocess.run(["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-o", made, source, "-lm"], check=True)
+    said = subprocess.run([made], check=True, capture_output=True, text=True).stdout
+    assert said == "1 13 20 6 7 4 5"

@@ -23,6 +23,7 @@ from vsgdesign.codegen.expressions import (
     Let,
     Number,
     Operation,
+    Output,
     RecordName,
     Statement,
     Variable,
@@ -150,6 +151,8 @@ class _Printer:
         self.constants: dict[str, float] = {}
         self.pointers: set[str] = set()
         """Records of the function at hand that came in as pointers."""
+        self.classes: dict[str, Any] = {}
+        """The classes of the records of the function at hand."""
 
     def all(self) -> CText:
         functions = "\n".join(self.function(function) for function in self.library.functions)
@@ -244,7 +247,13 @@ class _Printer:
     def function(self, function: Function) -> str:
         self.pointers = {parameter.name for parameter in function.parameters if not isinstance(parameter.kind, str)}
         self.pointers |= {output.name for output in function.outputs if not isinstance(output.kind, str)}
-        self.straight = {output.name for output in function.outputs if not output.values}
+        self.classes = {parameter.name: parameter.kind for parameter in function.parameters}
+        for statement in function.body:
+            if isinstance(statement, Build):
+                self.classes[statement.name] = statement.record
+            elif isinstance(statement, Evaluate) and statement.declare:
+                kinds = (output.kind for output in statement.function.outputs)
+                self.classes |= dict(zip(statement.targets, kinds, strict=True))
         declared = []
         for parameter in function.parameters:
             scalar = isinstance(parameter.kind, str)
@@ -263,7 +272,7 @@ class _Printer:
             body += self.statement(statement)
         read = set().union(*(_read(statement) for statement in function.body), set())
         for output in function.outputs:
-            for path, value in output.values:
+            for path, value in output.values if isinstance(output.kind, str) else self.assigned(output):
                 place = f"{output.name}->{path}" if path else f"*{output.name}"
                 body += _wrapped(f"    {place} = {self.expression(value)};", 8)
                 read |= names_in(value)
@@ -275,6 +284,37 @@ class _Printer:
         returned = "void" if function.result is None else ("int" if _is_flag(function) else "vsg_real_t")
         head = f"static inline {returned} vsg_{function.name}({', '.join(declared)})"
         return "\n".join([*block_comment(function.doc), *_wrapped(head, 4), "{", *body, "}", ""])
+
+    def assigned(self, output: Output) -> list[tuple[str, Expression]]:
+        """The fields of a record that is written, with those that are a whole record elsewhere in one piece."""
+        values = dict(output.values)
+
+        def of(record: Any, path: str) -> list[tuple[str, Expression]]:
+            paths = self.library.kinds.paths(record)
+            first = values[f"{path}.{paths[0]}" if path else paths[0]]
+            if isinstance(first, Field) and first.path.endswith(paths[0]) and self.class_at(first, paths[0]) is record:
+                home = first.path[: len(first.path) - len(paths[0])]
+                if all(values[f"{path}.{at}" if path else at] == Field(first.record, f"{home}{at}") for at in paths):
+                    return [(path, Field(first.record, home.rstrip(".")))]
+            found: list[tuple[str, Expression]] = []
+            for name, inner in self.library.kinds.fields(record):
+                place = f"{path}.{name}" if path else name
+                if inner is None:
+                    found.append((place, values[place]))
+                elif self.library.kinds.paths(inner):
+                    found += of(inner, place)
+            return found
+
+        return of(output.kind, "") if values else []
+
+    def class_at(self, field: Field, end: str) -> Any:
+        """The class of the record in which a field is, ``end`` being its path there; None where it is not known."""
+        found = self.classes.get(field.record)
+        if found is None or not (field.path == end or field.path.endswith(f".{end}")):
+            return None
+        for name in filter(None, field.path[: len(field.path) - len(end)].split(".")):
+            found = dict(self.library.kinds.fields(found))[name]
+        return found
 
     def statement(self, statement: Statement) -> list[str]:
         if isinstance(statement, Comment):
@@ -326,7 +366,10 @@ class _Printer:
         if isinstance(e, Variable):
             return e.name
         if isinstance(e, Field):
-            return f"{e.record}{'->' if e.record in self.pointers else '.'}{e.path}"
+            pointer = e.record in self.pointers
+            if not e.path:  # all of a record
+                return f"*{e.record}" if pointer else e.record
+            return f"{e.record}{'->' if pointer else '.'}{e.path}"
         if isinstance(e, Invocation):
             return self.invoked(e.function, e.arguments)
         precedence, text = _PRECEDENCE.get(e.name, _ATOM), ""

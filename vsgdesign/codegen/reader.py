@@ -290,7 +290,8 @@ class _Reader(Evaluation):
                         "Write in its docstring: Returns (a, b), with a name for each.",
                     )
                 outputs.append(Output(name, "real", (("", value),)))
-        made.outputs = tuple(self.safe(output, outputs) for output in outputs)
+        given = {parameter.name: parameter.kind for parameter in made.parameters}
+        made.outputs = tuple(self.safe(output, outputs, given) for output in outputs)
 
     @staticmethod
     def whole_record(item: Any) -> str | None:
@@ -307,13 +308,16 @@ class _Reader(Evaluation):
                 found.add(item.id if isinstance(item, ast.Name) else "")
         return found.pop() if len(found) == 1 else ""
 
-    def safe(self, output: Output, outputs: Sequence[Output]) -> Output:
+    def safe(self, output: Output, outputs: Sequence[Output], given: Mapping[str, str | type]) -> Output:
         """The output under a name that is free; what reads memory or moves an integrator is a local first, so that an
-        output may be the place of an input."""
+        output may be the place of an input. A field that stays what it was needs none: there it is its own place."""
         several = len(outputs) > 1 or len(output.values) > 1
+        alone = [other.kind for other in outputs].count(output.kind) == 1
         values = []
         for path, value in output.values:
+            kept = isinstance(value, Field) and value.path == path and given.get(value.record) is output.kind and alone
             reads = advances(value) or any(isinstance(p, Field) and p.record in self.records for p in parts(value))
+            reads = reads and not kept
             local = path.replace(".", "_") or output.name
             values.append((path, self.let(local, value) if several and reads else value))
         name = self.name(output.name if output.name not in self.taken else f"{output.name}_out")
