@@ -237,6 +237,18 @@ class CompiledControl:
         self.used = bool(self._library.vsg_control_step(self.data, self._of("measurement", measured), self._output))
         return ControllerOutput(*(float(getattr(self._output, name)) for name in ControllerOutput._fields))
 
+    def grid_watch(self) -> Any:
+        """What follows the grid's voltage behind an open breaker: ``vsg_grid_watch_t``."""
+        watch = self._ffi.new("vsg_grid_watch_t *")
+        self._library.vsg_grid_watch_init(watch, self._ffi.addressof(self.data.refs))
+        return watch
+
+    def synchronise(self, watch: Any, v_alpha: float, v_beta: float, measured: Measurement) -> bool:
+        """The grid's voltage behind the open breaker (V peak) into angle, voltage and frequency; whether the breaker
+        may close."""
+        given = self._of("measurement", measured)
+        return bool(self._library.vsg_control_synchronise(self.data, watch, v_alpha, v_beta, given))
+
     def retune(self, gains: PowerLoopGains, grid: GridEstimate) -> None:
         """Other gains of the power loops, and the grid that they are made for, from the next sample on. ``used`` says
         whether they were taken, or refused as no numbers."""

@@ -16,6 +16,7 @@ from vsgdesign.equations.power_filter import notch
 from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
+from vsgdesign.equations.synchronising import in_step, synchronised, watch_grid
 
 NAMES = {
     PowerLoopGains: "gains",
@@ -35,6 +36,7 @@ PUBLIC = (
     "vsg_controller_state_t",
     "vsg_controller_state_lost_t",
     "vsg_controller_output_t",
+    "vsg_grid_watch_t",
 )
 """Structs of the public header; the others are those of the functions alone."""
 
@@ -62,6 +64,9 @@ def laws(structure: str, law: str, scr_basis: str, limiter: str) -> CText:
         skipped_step,
         sound,
         gain_transfer,
+        watch_grid,
+        synchronised,
+        in_step,
         *([chosen.at_rest] if memory._fields else []),
     ]
     kinds = {ControllerState: {"limiter": memory}, ControllerSettings: {"limiter": constants}}

@@ -177,6 +177,14 @@ typedef struct {
     vsg_real_t limited;
 } vsg_controller_output_t;
 
+/* The fundamental of the grid's voltage. Zero and the nominal frequency at first. */
+typedef struct {
+    /* V peak. */
+    vsg_real_t v_alpha;
+    vsg_real_t v_beta;
+    vsg_real_t omega; /* Frequency, rad/s. */
+} vsg_grid_watch_t;
+
 /* What rounding left out of the integrators of vsg_controller_state_t; zero at first. */
 typedef struct {
     vsg_real_t theta;
@@ -190,12 +198,14 @@ typedef struct {
 
 #ifdef VSG_DOUBLE
 #define VSG_ABS fabs
+#define VSG_ATAN2 atan2
 #define VSG_COS cos
 #define VSG_HYPOT hypot
 #define VSG_SIN sin
 #define VSG_SQRT sqrt
 #else
 #define VSG_ABS fabsf
+#define VSG_ATAN2 atan2f
 #define VSG_COS cosf
 #define VSG_HYPOT hypotf
 #define VSG_SIN sinf
@@ -212,6 +222,12 @@ typedef struct {
 #define VSG_I_PLAUSIBLE VSG_C(20.0)
 #define VSG_TIMES_NOMINAL VSG_C(10.0)
 #define VSG_MOST_FED_BACK VSG_C(0.95)
+#define VSG_WATCH_LEAST VSG_C(0.1)
+#define VSG_WATCH_BANDWIDTH VSG_C(30.0)
+#define VSG_WATCH_RANGE VSG_C(0.1)
+#define VSG_IN_STEP VSG_C(0.03)
+#define VSG_IN_STEP_V_LOW VSG_C(0.8)
+#define VSG_IN_STEP_V_HIGH VSG_C(1.2)
 
 /* The larger of two; NaN where either is. */
 static inline vsg_real_t vsg_max(vsg_real_t a, vsg_real_t b)
@@ -621,12 +637,7 @@ static inline void vsg_circular_move(const vsg_limited_sample_t *sample, const v
     vsg_real_t omega, const vsg_integrator_steps_t *steps, const vsg_controller_settings_t *settings,
     vsg_integrator_steps_t *steps_out)
 {
-    const vsg_real_t theta = steps->theta;
-    const vsg_real_t omega_i = steps->omega_i;
-    const vsg_real_t V = steps->V;
-    steps_out->theta = theta;
-    steps_out->omega_i = omega_i;
-    steps_out->V = V;
+    *steps_out = *steps;
     (void)sample;
     (void)view;
     (void)omega;
@@ -759,39 +770,25 @@ static inline void vsg_skipped_step(const vsg_controller_state_t *state, const v
     vsg_real_t u_alpha_new, u_beta_new;
     vsg_rotate(u_alpha, u_beta, VSG_COS(turn), VSG_SIN(turn), &u_alpha_new, &u_beta_new);
     const vsg_real_t theta = vsg_advanced(state->theta, turn, &state_lost->theta);
-    const vsg_real_t omega_i = state->omega_i;
-    const vsg_real_t V = state->V;
-    const vsg_real_t P_f = state->P_f;
-    const vsg_real_t Q_f = state->Q_f;
-    const vsg_real_t xi_vd = state->xi_vd;
-    const vsg_real_t xi_vq = state->xi_vq;
-    const vsg_real_t xi_id = state->xi_id;
-    const vsg_real_t xi_iq = state->xi_iq;
-    const vsg_real_t i_f_d = state->i_f_d;
-    const vsg_real_t i_f_q = state->i_f_q;
-    const vsg_real_t ripple_P = state->ripple_P;
-    const vsg_real_t ripple_Q = state->ripple_Q;
-    const vsg_real_t mean_P = state->mean_P;
-    const vsg_real_t mean_Q = state->mean_Q;
     const vsg_real_t P = state->P_f;
     const vsg_real_t Q = state->Q_f;
     following->theta = theta;
-    following->omega_i = omega_i;
-    following->V = V;
-    following->P_f = P_f;
-    following->Q_f = Q_f;
-    following->xi_vd = xi_vd;
-    following->xi_vq = xi_vq;
-    following->xi_id = xi_id;
-    following->xi_iq = xi_iq;
-    following->i_f_d = i_f_d;
-    following->i_f_q = i_f_q;
+    following->omega_i = state->omega_i;
+    following->V = state->V;
+    following->P_f = state->P_f;
+    following->Q_f = state->Q_f;
+    following->xi_vd = state->xi_vd;
+    following->xi_vq = state->xi_vq;
+    following->xi_id = state->xi_id;
+    following->xi_iq = state->xi_iq;
+    following->i_f_d = state->i_f_d;
+    following->i_f_q = state->i_f_q;
     following->u_alpha = u_alpha_new;
     following->u_beta = u_beta_new;
-    following->ripple_P = ripple_P;
-    following->ripple_Q = ripple_Q;
-    following->mean_P = mean_P;
-    following->mean_Q = mean_Q;
+    following->ripple_P = state->ripple_P;
+    following->ripple_Q = state->ripple_Q;
+    following->mean_P = state->mean_P;
+    following->mean_Q = state->mean_Q;
     output->v_b_alpha = u_alpha_new;
     output->v_b_beta = u_beta_new;
     output->omega = omega_new;
@@ -832,4 +829,69 @@ static inline vsg_real_t vsg_gain_transfer(vsg_real_t omega_i, const vsg_referen
     const vsg_real_t after = new->k_P * (refs->P_ref - new->D_p * offset) + new->k_Q * (refs->Q_ref + new->D_q
         * refs->V_n);
     return omega_i + (after - before);
+}
+
+/* One sample of the grid's voltage in V peak (eq. grid-watch). */
+static inline void vsg_watch_grid(const vsg_grid_watch_t *watch, vsg_real_t v_alpha, vsg_real_t v_beta,
+    const vsg_references_t *refs, vsg_real_t T_s, vsg_grid_watch_t *grid_watch)
+{
+    const vsg_real_t turn = T_s * watch->omega;
+    vsg_real_t ahead_alpha, ahead_beta;
+    vsg_rotate(watch->v_alpha, watch->v_beta, VSG_COS(turn), VSG_SIN(turn), &ahead_alpha, &ahead_beta);
+    const vsg_real_t e_alpha = v_alpha - ahead_alpha;
+    const vsg_real_t e_beta = v_beta - ahead_beta;
+    const vsg_real_t least = VSG_WATCH_LEAST * vsg_rms_to_peak(refs->V_n);
+    const vsg_real_t length_sq = vsg_max(ahead_alpha * ahead_alpha + ahead_beta * ahead_beta, least * least);
+    const vsg_real_t slip = (ahead_alpha * e_beta - ahead_beta * e_alpha) / length_sq;
+    const vsg_real_t omega = watch->omega + VSG_WATCH_BANDWIDTH * VSG_WATCH_BANDWIDTH * T_s * slip;
+    const vsg_real_t share = VSG_C(2.0) * VSG_WATCH_BANDWIDTH * T_s;
+    const vsg_real_t lowest = (VSG_C(1.0) - VSG_WATCH_RANGE) * refs->omega_0;
+    const vsg_real_t highest = (VSG_C(1.0) + VSG_WATCH_RANGE) * refs->omega_0;
+    grid_watch->v_alpha = ahead_alpha + share * e_alpha;
+    grid_watch->v_beta = ahead_beta + share * e_beta;
+    grid_watch->omega = vsg_min(vsg_max(omega, lowest), highest);
+}
+
+/* Phase peak to phase rms. */
+static inline vsg_real_t vsg_peak_to_rms(vsg_real_t x_pk)
+{
+    return x_pk / VSG_SQRT_2;
+}
+
+/* The controller's state with the angle, the voltage and the frequency of the grid, without power (eq. synchronised).
+ * The inner loops and the limiter keep theirs. */
+static inline void vsg_synchronised(const vsg_controller_state_t *state, const vsg_grid_watch_t *watch,
+    const vsg_gains_t *gains, vsg_controller_state_t *controller_state)
+{
+    const vsg_real_t V = vsg_peak_to_rms(VSG_HYPOT(watch->v_alpha, watch->v_beta));
+    const vsg_real_t theta = VSG_ATAN2(watch->v_beta, watch->v_alpha);
+    const vsg_real_t omega_i = watch->omega + gains->k_Q * gains->D_q * V;
+    controller_state->theta = theta;
+    controller_state->omega_i = omega_i;
+    controller_state->V = V;
+    controller_state->P_f = VSG_C(0.0);
+    controller_state->Q_f = VSG_C(0.0);
+    controller_state->xi_vd = state->xi_vd;
+    controller_state->xi_vq = state->xi_vq;
+    controller_state->xi_id = state->xi_id;
+    controller_state->xi_iq = state->xi_iq;
+    controller_state->i_f_d = state->i_f_d;
+    controller_state->i_f_q = state->i_f_q;
+    controller_state->u_alpha = state->u_alpha;
+    controller_state->u_beta = state->u_beta;
+    controller_state->ripple_P = VSG_C(0.0);
+    controller_state->ripple_Q = VSG_C(0.0);
+    controller_state->mean_P = VSG_C(0.0);
+    controller_state->mean_Q = VSG_C(0.0);
+}
+
+/* 1 if the breaker may close: the converter's voltage is the grid's, which is near the nominal one; else 0. */
+static inline vsg_real_t vsg_in_step(const vsg_measurement_t *measured, const vsg_grid_watch_t *watch,
+    const vsg_references_t *refs)
+{
+    const vsg_real_t nominal = vsg_rms_to_peak(refs->V_n);
+    const vsg_real_t apart = VSG_HYPOT(measured->v_alpha - watch->v_alpha, measured->v_beta - watch->v_beta);
+    const vsg_real_t grid = VSG_HYPOT(watch->v_alpha, watch->v_beta);
+    return VSG_C(1.0) * ((apart <= VSG_IN_STEP * nominal) ? VSG_C(1.0) : VSG_C(0.0)) * ((grid >= VSG_IN_STEP_V_LOW
+        * nominal) ? VSG_C(1.0) : VSG_C(0.0)) * ((grid <= VSG_IN_STEP_V_HIGH * nominal) ? VSG_C(1.0) : VSG_C(0.0));
 }
