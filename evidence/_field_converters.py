@@ -1,0 +1,153 @@
+"""The converters on which the field estimator is measured, and where they rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from vsgdesign.errors import VsgDesignError
+from vsgdesign.frames import PHASES, rms_to_peak
+from vsgdesign.operating_point.equilibrium import OperatingPoint, solve_operating_point, solve_with_droop
+from vsgdesign.parameters import load_study
+from vsgdesign.parameters.study import ControllerSpec, Event, Place, Study
+from vsgdesign.simulation.survival.cases import BASIS, Change, GridState
+
+STUDIES = Path(__file__).resolve().parents[1] / "studies" / "survival"
+CONVERTERS = {"5 kVA": "study", "12.5 kVA": "laboratory", "1 MVA": "utility"}
+"""50 Hz with an LC filter; 50 Hz with LCL and one sample of delay; 60 Hz, 690 V with LCL and one sample of delay."""
+
+CONTROLLER = "angle_damped"
+
+ROOM_PU = 0.95
+"""Largest fundamental of the bridge's current at rest, pu of rated: what is left of a limit of 1.2 pu is for
+harmonics."""
+
+_V_PU = (0.7, 1.3)
+"""Voltage between which a rest is asked for, pu."""
+
+_SLOPE = 0.1
+"""Least share of its value without coupling that the stiffness of P over the angle keeps at a rest."""
+
+
+@dataclass(frozen=True)
+class Converter:
+    """A converter under test, with the controller that drives it."""
+
+    name: str
+    study: Study
+    """Switched, with the current limit of the controller."""
+    spec: ControllerSpec
+
+    @property
+    def droops(self) -> tuple[float, float]:
+        """D_p (W·s/rad) and D_q (var/V rms) of the angle-damped closed form."""
+        c, target = self.study.converter, self.spec.target
+        return c.S_rated / (target.P_droop * c.omega_n), c.S_rated / (target.Q_droop * c.V_rated_rms)
+
+
+def converter_named(name: str) -> Converter:
+    """One of CONVERTERS."""
+    study = load_study(STUDIES / f"{CONVERTERS[name]}.toml")
+    (spec,) = [one for one in study.controllers if one.name == CONTROLLER]
+    study = replace(study.with_limit_of(spec), simulation=replace(study.simulation, bridge="pwm", start="steady_state"))
+    return Converter(name, study, spec)
+
+
+def references(converter: Converter, start: GridState) -> tuple[float, float]:
+    """(P_ref in W, Q_ref in var) with which the powers at the start are those that were drawn.
+
+    Raises NoOperatingPointError where the grid cannot carry them.
+    """
+    c, (D_p, D_q) = converter.study.converter, converter.droops
+    P, Q = start.P_pu * c.S_rated, start.Q_pu * c.S_rated
+    R, X, V_g_rms = _circuit(converter, start)
+    V_rms = solve_operating_point(P, Q, V_g_rms, R, X).V_rms
+    return P + D_p * 2.0 * math.pi * start.df_hz, Q - D_q * (c.V_rated_rms - V_rms)
+
+
+def rest_at(converter: Converter, state: GridState, P_ref: float, Q_ref: float) -> OperatingPoint:
+    """Where the droops and the grid agree (:eq:`operating-point`). Raises NoOperatingPointError where they do not."""
+    c, (D_p, D_q) = converter.study.converter, converter.droops
+    P = P_ref - D_p * 2.0 * math.pi * state.df_hz
+    return solve_with_droop(P, Q_ref, D_q, c.V_rated_rms, *_source_first(_circuit(converter, state)))
+
+
+def resting_currents(
+    converter: Converter, start: GridState, changes: Sequence[Change], *, each: bool = False
+) -> tuple[float, ...] | None:
+    """Current of the bridge at rest, pu: at the start and after the last change, or ``each`` of the changes.
+
+    ``P_pu`` and ``Q_pu`` of a change add to the references of the start. None where one of these rests does not exist,
+    is on the wrong side of the nose curve or far from rated voltage.
+    """
+    S = converter.study.converter.S_rated
+    try:
+        refs = references(converter, start)
+        states = [(start, refs)]
+        for change in changes:
+            state, (P, Q) = states[-1]
+            P = P if change.P_pu is None else refs[0] + change.P_pu * S
+            Q = Q if change.Q_pu is None else refs[1] + change.Q_pu * S
+            states.append((after(state, change), (P, Q)))
+        asked = states if each else [states[0], states[-1]]
+        found = [(state, rest_at(converter, state, *held)) for state, held in asked]
+    except VsgDesignError:
+        return None
+    if not all(_possible(converter, point) for _, point in found):
+        return None
+    return tuple(bridge_current(converter, point) for _, point in found)
+
+
+def after(state: GridState, change: Change) -> GridState:
+    """The grid after a change; the powers of the state are left as they are."""
+    given = {name: getattr(change, name) for name in ("scr", "x_over_r", "V_g_pu", "df_hz")}
+    return replace(state, **{name: value for name, value in given.items() if value is not None})
+
+
+def bridge_current(converter: Converter, point: OperatingPoint) -> float:
+    """Fundamental of the bridge's current at an operating point, pu: that of the grid and of the capacitor."""
+    c = converter.study.converter
+    grid = complex(point.P, -point.Q) / (PHASES * point.V_rms)
+    whole = grid + 1j * c.omega_n * converter.study.filter.C * point.V_rms
+    return rms_to_peak(abs(whole)) / c.I_rated_pk
+
+
+def events_of(converter: Converter, start: GridState, changes: Sequence[Change]) -> tuple[Event, ...]:
+    """The changes as events of a study, with references in W and var."""
+    c, refs = converter.study.converter, references(converter, start)
+    return tuple(
+        Event(
+            t_s=one.t_s,
+            name=f"change {k + 1}",
+            grid=None if one.scr is None else Place(one.scr, one.x_over_r or 0.0, BASIS).grid(c),
+            V_g_rms=None if one.V_g_pu is None else one.V_g_pu * c.V_rated_rms,
+            omega_g=None if one.df_hz is None else c.omega_n + 2.0 * math.pi * one.df_hz,
+            over=one.over_s,
+            phase_jump=math.radians(one.phase_deg),
+            P_ref=None if one.P_pu is None else refs[0] + one.P_pu * c.S_rated,
+            Q_ref=None if one.Q_pu is None else refs[1] + one.Q_pu * c.S_rated,
+        )
+        for k, one in enumerate(changes)
+    )
+
+
+def _circuit(converter: Converter, state: GridState) -> tuple[float, float, float]:
+    """R and X from the capacitor to the source at the state's frequency, Ω, and the source's voltage, V rms."""
+    c = converter.study.converter
+    omega = c.omega_n + 2.0 * math.pi * state.df_hz
+    grid = Place(state.scr, state.x_over_r, BASIS).grid(c)
+    return *converter.study.path_to_grid(grid, omega), state.V_g_pu * c.V_rated_rms
+
+
+def _source_first(circuit: tuple[float, float, float]) -> tuple[float, float, float]:
+    R, X, V_g_rms = circuit
+    return V_g_rms, R, X
+
+
+def _possible(converter: Converter, point: OperatingPoint) -> bool:
+    c, (_, D_q) = converter.study.converter, converter.droops
+    stiffness, alone = point.A * (point.D + D_q) - point.B * point.C, point.A * (point.D + D_q)
+    upright = point.A > 0.0 and stiffness > _SLOPE * alone
+    return upright and _V_PU[0] < point.V_rms / c.V_rated_rms < _V_PU[1]

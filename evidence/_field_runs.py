@@ -1,0 +1,117 @@
+"""One run of the field estimator, from a draw to the figures that the tables are made of."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from evidence._field_converters import Converter, converter_named, events_of, references, resting_currents
+from evidence._field_draws import FieldDraw
+from vsgdesign.metrics.answers import (
+    VERY_WRONG,
+    Answers,
+    false_changes,
+    inside_ellipse,
+    longest_silence,
+    share_valid,
+    silence,
+    time_to_stay,
+    valid_and_wrong,
+)
+from vsgdesign.parameters.study import GridSource, Place, Study
+from vsgdesign.simulation.survival.cases import BASIS
+
+REST_FROM_S = 2.0
+"""From here on a run without events counts as rest, s: the estimator has forgotten what it learned from first."""
+
+STRIDE = 10
+"""Every so many cycles an answer at rest is kept. The answers remember 60 cycles, so little is lost."""
+
+FOLLOWED_CYCLES = 60
+"""So many cycles after the last event are kept one by one."""
+
+_DIGITS = 5
+
+converter_of = functools.cache(converter_named)
+
+
+def study_of(converter: Converter, draw: FieldDraw) -> Study:
+    """The converter's study with the grid, the events, the background and the sensors of a draw."""
+    study, start = converter.study, draw.start
+    c = study.converter
+    P_ref, Q_ref = references(converter, start)
+    return replace(
+        study,
+        grid=Place(start.scr, start.x_over_r, BASIS).grid(c),
+        grid_source=GridSource(start.V_g_pu * c.V_rated_rms, c.omega_n + 2.0 * math.pi * start.df_hz),
+        events=events_of(converter, start, draw.changes),
+        simulation=replace(
+            study.simulation,
+            duration=round(draw.duration_s / c.T_s) * c.T_s,
+            log_interval=round(0.02 / c.T_s) * c.T_s,
+            P_ref=P_ref,
+            Q_ref=Q_ref,
+        ),
+    )
+
+
+def figures_of(draw: FieldDraw, answers: Answers, cycle_s: float) -> dict[str, Any]:
+    """What is kept of a run. Impedances are relative: (R̂ − R)/|Z| and (X̂ − X)/|Z|.
+
+    ``rest``: (error of R, error of X, R/|Z|, valid, inside the ellipse) of every STRIDE-th answer at rest. ``after``:
+    (error, valid, inside) of the first FOLLOWED_CYCLES answers after the last event.
+    """
+    currents = resting_currents(converter_of(draw.converter), draw.start, draw.changes) or (math.nan, math.nan)
+    begin, end = REST_FROM_S, draw.duration_s
+    last_grid = next((one for one in reversed(draw.changes) if one.scr is not None), None)
+    found: dict[str, Any] = {
+        "group": draw.group,
+        "converter": draw.converter,
+        "seed": draw.seed,
+        "scr": [draw.start.scr, draw.start.scr if last_grid is None else last_grid.scr],
+        "x_over_r": [draw.start.x_over_r, draw.start.x_over_r if last_grid is None else last_grid.x_over_r],
+        "current_pu": [round(one, 4) for one in (currents[0], currents[-1])],
+        "duration_s": draw.duration_s,
+        "cycle_s": cycle_s,
+    }
+    if not draw.events_s:
+        found["rest"] = _at_rest(answers, begin, end)
+        found["share_valid"] = share_valid(answers, begin, end)
+        found["longest_silence_s"] = longest_silence(answers, begin, end)
+        events: tuple[float, ...] = ()
+    else:
+        events = draw.events_s
+        begin = events[0]
+        found["after"] = _after(answers, events[-1])
+        found["silence_s"] = silence(answers, begin, end)
+        found["longest_silence_s"] = max(
+            longest_silence(answers, t, until) for t, until in zip(events, (*events[1:], end), strict=True)
+        )
+        if draw.jumps_s:
+            found_s = time_to_stay(answers, draw.jumps_s[-1], end)
+            found["found_s"] = found_s if math.isfinite(found_s) else None
+            found["announced"] = bool((answers.changed & answers.rows(draw.jumps_s[-1], end)).any())
+    wrong = valid_and_wrong(answers, begin, end, events)
+    found["wrong_s"], found["worst"] = wrong.seconds, wrong.worst
+    found["very_wrong_s"] = valid_and_wrong(answers, begin, end, events, above=VERY_WRONG).seconds
+    found["false_changes"] = false_changes(answers, begin, end, draw.jumps_s)
+    return found
+
+
+def _at_rest(answers: Answers, begin_s: float, end_s: float) -> list[list[float]]:
+    rows = np.flatnonzero(answers.rows(begin_s, end_s))[::STRIDE]
+    off, size, inside = answers.Z_hat - answers.Z, np.abs(answers.Z), inside_ellipse(answers)
+    table = np.column_stack(
+        [off.real / size, off.imag / size, answers.Z.real / size, answers.valid, inside]  # one row an answer
+    )[rows]
+    return np.round(table, _DIGITS).tolist()
+
+
+def _after(answers: Answers, event_s: float) -> list[list[float]]:
+    rows = np.flatnonzero(answers.t_s > event_s)[:FOLLOWED_CYCLES]
+    table = np.column_stack([answers.error, answers.valid, inside_ellipse(answers)])[rows]
+    return np.round(table, _DIGITS).tolist()
