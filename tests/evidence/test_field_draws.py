@@ -39,8 +39,8 @@ def test_what_is_drawn_rests_where_it_says(converter) -> None:
         draw = field_draw(converter, "jump and step", seed)
         P_ref, Q_ref = references(converter, draw.start)
         point = rest_at(converter, draw.start, P_ref, Q_ref)
-        assert point.P == pytest.approx(draw.start.P_pu * c.S_rated)
-        assert point.Q == pytest.approx(draw.start.Q_pu * c.S_rated)
+        assert point.P / c.S_rated == pytest.approx(draw.start.P_pu)
+        assert point.Q / c.S_rated == pytest.approx(draw.start.Q_pu)
         currents = resting_currents(converter, draw.start, draw.changes)
         assert currents is not None
         assert min(currents) >= LEAST_CURRENT_PU

@@ -100,6 +100,36 @@ def test_what_leaves_the_band_again_is_not_at_rest() -> None:
     assert "at the end" not in str(found.reason)
 
 
+def outside_for(share: float) -> SurvivalRecord:
+    """P is 4 % of S off its rest for a share of the time from the deadline on, in four pulses."""
+    since, deadline = TIMES - CLEARED, DEMAND.deadline_s
+    period = (TIMES[-1] - CLEARED - deadline) / 4.0
+    pulses = (since > deadline) & ((since - deadline) % period < share * period)
+    return record(P=REST.P + 0.04 * S * pulses)
+
+
+def test_a_share_of_the_time_outside_can_be_allowed() -> None:
+    assert verdict(outside_for(0.03), demand=replace(DEMAND, cycle_s=STEP)).status == NOT_AT_REST
+    some = replace(DEMAND, share_inside=0.95, cycle_s=STEP)
+    assert verdict(outside_for(0.03), demand=some).status == SURVIVED
+    assert verdict(outside_for(0.03), demand=some).recovery_s == pytest.approx(0.0, abs=STEP)
+    assert verdict(outside_for(0.07), demand=some).status == NOT_AT_REST
+    # What is late for all of the time is early for a share of it; what never comes is neither.
+    before = verdict(record(), demand=replace(some, cycle_s=CYCLE))
+    assert before.recovery_s == pytest.approx(verdict(record()).recovery_s)
+    slow = record(P=REST.P + decaying(decay=0.1))
+    assert verdict(slow, demand=some).status == NOT_AT_REST
+
+
+def test_the_band_can_be_wider() -> None:
+    one, two = (verdict(record(), demand=replace(DEMAND, band=band)).recovery_s for band in (0.02, 0.05))
+    assert one is not None
+    assert two is not None
+    assert one - two == pytest.approx(math.log(0.05 / 0.02) / DECAY, abs=2e-4)
+    with pytest.raises(ValueError, match=r"share_inside = 0: .*band = -1: must be positive"):
+        verdict(record(), demand=replace(DEMAND, band=-1.0, share_inside=0.0))
+
+
 def test_ripple_at_the_grids_frequency_is_not_seen() -> None:
     assert verdict(record(P=REST.P + 0.5 * S * np.sin(2.0 * np.pi * TIMES / CYCLE))).recovery_s == 0.0
 

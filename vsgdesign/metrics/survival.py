@@ -116,7 +116,7 @@ class SurvivalDemand:
     """What is asked of a converter."""
 
     S_rated: float
-    """VA. The band is 2 % of it, for P and for Q."""
+    """VA. The band is a share of it, for P and for Q."""
     settling_time: float
     """T of the specification, s."""
     cycle_s: float
@@ -126,6 +126,11 @@ class SurvivalDemand:
     settling_times: float = SETTLING_TIMES
     """The deadline is this many T, and ``grace_s``, after the clearing."""
     grace_s: float = GRACE_S
+    band: float = SETTLING_BAND
+    """How far the means of P and Q may be from the rest, as a share of S_rated."""
+    share_inside: float = 1.0
+    """From the deadline on, at least this share of the means must be inside the band. In a grid whose voltage and
+    frequency wander, a converter at rest leaves any band now and then."""
 
     @property
     def deadline_s(self) -> float:
@@ -178,11 +183,11 @@ def judge_survival(
     ``events_s``: the instants of all sudden changes in ascending order, the end of a fault among them. ``cleared_s``:
     when the last disturbance was over, at or after the last event. Times are those of the record.
 
-    The converter survived if the one-cycle means of P and Q stay within 2 % of S_rated of the rest from the deadline
-    on, if the angle was never further than one turn from its rest and did not come to rest a turn further on, and if
-    the limiter does not hold it. "Its rest" is the one nearest to the angle right after each event. Between two rests
-    δ and δ + 2π lies an unstable equilibrium, at π − δ on an inductive grid. Where an event leaves the angle within 20°
-    of it or beyond it, the converter may go on to the next rest.
+    The converter survived if the means of P and Q over a cycle stay within the band (2 % of S_rated) of the rest from
+    the deadline on, if the angle was never further than one turn from its rest and did not come to rest a turn further
+    on, and if the limiter does not hold it. "Its rest" is the one nearest to the angle right after each event. Between
+    two rests δ and δ + 2π lies an unstable equilibrium, at π − δ on an inductive grid. Where an event leaves the angle
+    within 20° of it or beyond it, the converter may go on to the next rest.
 
     Raises ValueError with all faults of the arguments.
     """
@@ -236,14 +241,26 @@ def judge_survival(
 
 
 def _recovery(record: SurvivalRecord, cleared_s: float, rest: ExpectedRest, demand: SurvivalDemand) -> float | None:
-    """Time from the clearing from which the one-cycle means stay in their band, s; None if they end outside."""
+    """Time from the clearing from which the means over a cycle stay in their band, s; None if they do not.
+
+    Where not all of the means have to be inside, it is the last time before the deadline at which they enter the band.
+    """
     t = record.t_s
     cycle = max(round(demand.cycle_s / float(t[1] - t[0])), 1)
     P, Q = one_cycle_mean(record.P, cycle), one_cycle_mean(record.Q, cycle)
     error = np.maximum(np.abs(P - rest.P), np.abs(Q - rest.Q)) / demand.S_rated
     since = t - cleared_s
     later = since >= 0.0
-    return settling_time(since[later], error[later], SETTLING_BAND) if later.any() else None
+    if not later.any():
+        return None
+    if demand.share_inside >= 1.0:
+        return settling_time(since[later], error[later], demand.band)
+    late = since >= demand.deadline_s
+    if late.any() and float(np.mean(error[late] <= demand.band)) < demand.share_inside:
+        return None
+    early = later & ~late
+    reached = settling_time(since[early], error[early], demand.band) if early.any() else 0.0
+    return demand.deadline_s if reached is None else reached
 
 
 def _swing(delta: Array, starts: NDArray[np.intp], rest: float, ended: bool) -> tuple[float, bool]:
@@ -294,7 +311,9 @@ def _check(record: SurvivalRecord, events_s: Sequence[float], cleared_s: float, 
         faults.append(f"events_s = {list(events_s)}: there must be at least one event, in ascending order.")
     elif not cleared_s >= events_s[-1]:
         faults.append(f"cleared_s = {cleared_s:g} s: must not be before the last event, {events_s[-1]:g} s.")
-    for name in ("S_rated", "settling_time", "cycle_s"):
+    if not 0.0 < demand.share_inside <= 1.0:
+        faults.append(f"share_inside = {demand.share_inside:g}: must be above 0 and at most 1.")
+    for name in ("S_rated", "settling_time", "cycle_s", "band"):
         value = getattr(demand, name)
         if not (value > 0.0 and math.isfinite(value)):
             faults.append(f"{name} = {value:g}: must be positive.")
