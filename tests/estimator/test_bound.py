@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from vsgdesign.estimator.bound import (
     SensorNoise,
     bound_of,
+    effective_cycles,
     fisher_information,
     phasor_variance,
     probe_bound,
     sensor_noise,
     steady_window_bound,
+    tracked_probe_bound,
     windows_bound,
 )
 from vsgdesign.frames import clarke
@@ -119,6 +121,20 @@ def test_an_efficient_estimator_reaches_it() -> None:
     assert np.std(found[1]) == pytest.approx(bound.L_g, rel=0.06)
     for values, truth in zip(found, (R, L), strict=True):  # unbiased: within three deviations of the mean
         assert abs(np.mean(values) - truth) < 3.0 * np.std(values) / np.sqrt(draws)
+
+
+def test_forgetting_costs_what_it_says() -> None:
+    """A mean with weights λ^k of white noise has the variance (1 − λ)/(1 + λ): its own recursion says so, too."""
+    memory = 7.0
+    share, variance = 1.0 / memory, 0.0
+    for _ in range(500):
+        variance = (1.0 - share) ** 2 * variance + share**2
+    assert 1.0 / effective_cycles(memory) == pytest.approx(variance)
+    i, omega = np.array([0.2, 0.1j]), OMEGA * np.array([1.5, 2.5])
+    one = tracked_probe_bound(i, omega, OMEGA, NOISE, 400, memory, R, L)
+    assert pytest.approx(probe_bound(i, omega, OMEGA, NOISE, 400, R, L).Z * np.sqrt(variance)) == one.Z
+    with pytest.raises(ValueError, match=r"memory = 0\.5 cycles"):
+        effective_cycles(0.5)
 
 
 @settings(max_examples=40)

@@ -31,7 +31,7 @@ class SensorNoise:
     i: float
 
 
-def phasor_variance(deviation: float, samples: int, channels: str = "alpha_beta") -> float:
+def phasor_variance(deviation: float, samples: float, channels: str = "alpha_beta") -> float:
     """E|n|² of a phasor over ``samples`` samples, as space vector or from phase A (:eq:`phasor-noise`)."""
     if channels == "phase_a":
         return 4.0 * deviation**2 / samples
@@ -117,12 +117,37 @@ def windows_bound(i: ArrayLike, omega: float, noise: SensorNoise, samples: int, 
 
 
 def probe_bound(
-    i: ArrayLike, omega: ArrayLike, omega_g: float, noise: SensorNoise, samples: int, R_g: float, L_g: float
+    i: ArrayLike, omega: ArrayLike, omega_g: float, noise: SensorNoise, samples: float, R_g: float, L_g: float
 ) -> Bound:
     """A probe's answer in phasors beside the fundamental, (M,) at ``omega`` (M,) rad/s (:eq:`bound-probe`): one line
     of an injection, or the many of a binary sequence."""
     v_variance, i_variance = (phasor_variance(deviation, samples) for deviation in (noise.v, noise.i))
     return bound_of(fisher_information(i, omega, v_variance, i_variance, R_g, L_g), omega_g, R_g, L_g)
+
+
+def tracked_probe_bound(
+    i: ArrayLike,
+    omega: ArrayLike,
+    omega_g: float,
+    noise: SensorNoise,
+    samples: float,
+    memory: float,
+    R_g: float,
+    L_g: float,
+) -> Bound:
+    """A probe whose answer is tracked with exponential forgetting (:eq:`bound-tracked`).
+
+    ``i`` (M,): the true currents of its lines at ``omega`` (M,) rad/s; ``samples`` of a cycle, of which each next one
+    makes those before count by 1 − 1/``memory``.
+    """
+    return probe_bound(i, omega, omega_g, noise, samples * effective_cycles(memory), R_g, L_g)
+
+
+def effective_cycles(memory: float) -> float:
+    """Equally weighted cycles with the noise of a mean with weights λ^k, λ = 1 − 1/``memory``: 2·memory − 1."""
+    if not memory >= 1.0:
+        raise ValueError(f"memory = {memory:g} cycles: must be at least 1.")
+    return 2.0 * memory - 1.0
 
 
 def sensor_noise(
