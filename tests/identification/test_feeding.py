@@ -20,7 +20,7 @@ from vsgdesign.runtime import scheduler_of
 from vsgdesign.runtime.guards import FRESH, NO_ESTIMATE, NOT_FINITE
 
 POWERS = (3000.0, 500.0, 112.0)
-CLASSICAL = tuple(name for name in ESTIMATORS if name != "neural")
+CLASSICAL = tuple(name for name, kind in ESTIMATORS.items() if not (kind.trained or kind.by_sample))
 
 
 @pytest.mark.parametrize("name", CLASSICAL)

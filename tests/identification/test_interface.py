@@ -16,7 +16,7 @@ from vsgdesign.identification.interface import CHANNELS, FOLLOWED
 from vsgdesign.identification.recursive import RecursiveLeastSquares
 
 TRAINED = replace(AT, weights=random_weights())
-NAMES = tuple(ESTIMATORS)
+NAMES = tuple(name for name, kind in ESTIMATORS.items() if not kind.by_sample)
 LOOKING = tuple(name for name in NAMES if name != "constant")
 
 

@@ -22,7 +22,7 @@ from vsgdesign.report.scenario.page import limits_of_validity
 from vsgdesign.simulation import ControllerResult, run_scenario
 from vsgdesign.simulation.estimated import ALL_STATUSES, EstimateLog
 
-NAMES = tuple(name for name, kind in ESTIMATORS.items() if not kind.trained)
+NAMES = tuple(name for name, kind in ESTIMATORS.items() if not (kind.trained or kind.by_sample))
 
 TEXT = """
 base = "case:hoang2025_5kva"

@@ -116,12 +116,12 @@ def installation(converter: Converter, recipe: WindowRecipe, guess: Grid) -> Ins
 def all_methods(
     converter: Converter, networks: dict[str, NetworkWeights], recipe: WindowRecipe, guess: Grid
 ) -> tuple[Method, ...]:
-    """Every estimator that needs no training for the windows of a sampled recipe, then each network by name.
+    """Every estimator of windows that needs no training, then each network by name.
 
     Raises ArtifactError for weights of another kind of window.
     """
     at = installation(converter, recipe, guess)
-    untrained = [Method(kind, at) for kind in ESTIMATORS.values() if not kind.trained]
+    untrained = [Method(kind, at) for kind in ESTIMATORS.values() if not (kind.trained or kind.by_sample)]
     for weights in networks.values():
         if weights.window.samples != recipe.samples:
             raise ArtifactError(

@@ -216,6 +216,7 @@ SIGNAL_SETS = {
     "windows": "all windows about a power step",
     "injection": "one line beside the fundamental, over two windows",
     "pseudo_random": "one period of the binary sequence",
+    "field": "two coded lines at half-integer multiples of the frequency",
     "other": "signals of its own: no bound is known",
 }
 """Signals from which an estimator can work, in words. Each but the first and the last has a bound of the error."""
@@ -233,6 +234,8 @@ class EstimatorKind:
     """Whether it needs trained weights."""
     in_c: bool = False
     """Whether the C export contains it."""
+    by_sample: bool = False
+    """Whether it takes every sample of the controller and places its probe in time itself, instead of windows."""
 
 
 class NoMemory(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.identification.constant import ConstantGuess
+from vsgdesign.identification.field import field_estimator
 from vsgdesign.identification.injection import Injection
 from vsgdesign.identification.interface import Estimator, EstimatorKind, Installation
 from vsgdesign.identification.kalman import ExtendedKalmanFilter
@@ -23,6 +24,7 @@ ESTIMATORS: dict[str, EstimatorKind] = {
     "kalman": EstimatorKind("the extended Kalman filter", ExtendedKalmanFilter),
     "injection": EstimatorKind("the injected line", Injection),
     "prbs": EstimatorKind("the pseudo-random sequence", PseudoRandomSequence),
+    "field": EstimatorKind("the field estimator", field_estimator, by_sample=True),
     "neural": EstimatorKind("the network", installed_network, trained=True, in_c=True),
 }
 """Every estimator by its name in a study. A new estimator is one more entry: the study reader, the simulation and the

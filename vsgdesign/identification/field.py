@@ -1,0 +1,161 @@
+"""The field estimator on the seam of all estimators: its settings for a converter, and its run in plain Python."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from vsgdesign.equations.field import (
+    LEARN,
+    FieldAnswer,
+    FieldSettings,
+    FieldTrack,
+    LockIn,
+    conclude,
+    first_lock_in,
+    first_track,
+    listen,
+    probe_value,
+)
+from vsgdesign.identification.interface import Estimate, Installation, Needs, Probe, Samples
+
+LOW_PASS = 2e-3
+"""Time constant of the low-pass on v, i and the probe, s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProbeLimits:
+    """How large the probe may be at rest. It is smaller where less is enough."""
+
+    sigma: float = 0.013
+    """Standard deviation of Z relative to |Z| that the probe is to give."""
+    amplitude: float = 0.002
+    """Largest amplitude of one line, relative to the rated voltage."""
+    amplitude_burst: float = 0.0035
+    """The same while the estimator learns or is in doubt, for some tenths of a second."""
+    current: float = 0.03
+    """Largest current of one line, relative to the rated current."""
+    ripple: float = 0.0065
+    """Largest rms value of the power that both lines add, relative to the rated power."""
+
+
+def field_settings(
+    *,
+    T_s: float,
+    omega_n: float,
+    V_base: float,
+    Z_base: float,
+    R_2: float = 0.0,
+    L_2: float = 0.0,
+    guess: tuple[float, float] = (0.0, 0.0),
+    limits: ProbeLimits | None = None,
+    seed: int = 1,
+) -> FieldSettings:
+    """The settings of a converter from its datasheet, in SI units and peak values.
+
+    V_base is the rated phase voltage (V peak) and Z_base the base impedance (Ω). R_2 (Ω) and L_2 (H) lie between the
+    measured voltage and the PCC. ``guess`` (Ω, H) is the grid with which learning begins; zeros mean a short-circuit
+    ratio of about 3. ``seed`` is any whole number: units on one grid take different ones, and so different codes.
+    """
+    limits = limits or ProbeLimits()
+    R_1, L_1 = guess if max(guess) > 0.0 else (0.1 * Z_base, 0.3 * Z_base / omega_n)
+    return FieldSettings(
+        T_s=T_s,
+        omega_n=omega_n,
+        per_volt=1.0 / V_base,
+        per_ampere=Z_base / V_base,
+        Z_base=Z_base,
+        R_2=R_2 / Z_base,
+        X_2=omega_n * L_2 / Z_base,
+        smoothing=-math.expm1(-T_s / LOW_PASS),
+        R_first=(R_1 + R_2) / Z_base,
+        X_first=omega_n * (L_1 + L_2) / Z_base,
+        amplitude_least=0.0002,
+        amplitude_rest=limits.amplitude,
+        amplitude_burst=limits.amplitude_burst,
+        current_rest=limits.current,
+        ripple_rest=limits.ripple,
+        sigma_rest=limits.sigma,
+        sigma_burst=0.025,
+        noise_first=3e-8,
+        gain_class=0.004,
+        sigma_valid=0.3,
+        seed=float(seed % 511 + 1),
+    )
+
+
+class FieldState(NamedTuple):
+    """State of the method in plain Python."""
+
+    lock: LockIn
+    track: FieldTrack
+
+
+@dataclass(frozen=True)
+class FieldEstimator:
+    """The field estimator (docs/theory/field-estimator.md). It takes single samples and answers once per cycle."""
+
+    settings: FieldSettings
+    title: str = "the field estimator"
+    signals: str = "field"
+    needs: Needs = field(init=False)
+
+    def __post_init__(self) -> None:
+        T_s = self.settings.T_s
+        object.__setattr__(self, "needs", Needs(samples=1, sample_interval=T_s, probe_hold=T_s))
+
+    def first(self) -> FieldState:
+        """Nothing measured."""
+        return FieldState(first_lock_in(self.settings, self.settings.omega_n), first_track(self.settings))
+
+    def probe(self, state: FieldState) -> Probe:
+        """The value of the probe for the coming sample."""
+        u_d, u_q = probe_value(state.lock, 1.0, self.settings)
+        return Probe(np.array([complex(u_d, u_q)]), self.settings.T_s)
+
+    def update(self, state: FieldState, samples: Samples) -> tuple[FieldState, Estimate | None]:
+        """The state after one sample, and the answer where a cycle ended."""
+        v, i = np.ravel(samples.v), np.ravel(samples.i)
+        theta = float(samples.theta[0])
+        sent = complex(samples.sent[0]) * complex(math.cos(theta), math.sin(theta)) if math.isfinite(theta) else 0j
+        limited = 1.0 if samples.limited > 0 else 0.0
+        lock = listen(
+            state.lock,
+            float(v[0]),
+            float(v[1]),
+            float(i[0]),
+            float(i[1]),
+            sent.real,
+            sent.imag,
+            limited,
+            self.settings,
+        )
+        if lock.closed < 0.5:
+            return state._replace(lock=lock), None
+        lock, track, answer = conclude(lock, state.track, self.settings)
+        return FieldState(lock, track), estimate_of(answer)
+
+
+def estimate_of(answer: FieldAnswer) -> Estimate:
+    """The answer of a cycle as an estimate with its status."""
+    covariance = np.array([[answer.var_R, answer.cov_RL], [answer.cov_RL, answer.var_L]], dtype=float)
+    status, reason = "uncertain", ""
+    if answer.spoilt > 0.5:
+        status = "not finite"
+    elif answer.valid > 0.5:
+        status = "ok"
+    elif answer.mode == LEARN:
+        status = "waiting"
+    elif answer.doubt > 0.5:
+        reason = "the grid has changed and the estimator does not know yet how: keep the estimate before"
+    return Estimate(float(answer.R_g), float(answer.L_g), status, covariance, reason)
+
+
+def field_estimator(at: Installation) -> FieldEstimator:
+    """The field estimator of an installation."""
+    return FieldEstimator(
+        field_settings(T_s=at.T_s, omega_n=at.omega_n, V_base=at.V_base, Z_base=at.Z_base, guess=at.guess)
+    )
