@@ -135,6 +135,73 @@ def test_a_node_takes_on_what_lies_around_it(scr: float, x_over_r: float, corner
     assert beyond.any() == (scr == 1.2)
 
 
+ANY_WAY = with_specification(scr=(1.2, 20.0), x_over_r=(0.3, 20.0), error_Z=0.06)
+
+
+@given(GRIDS)
+def test_every_error_of_so_much_in_any_direction_lies_within_the_corners(grid: tuple[float, float]) -> None:
+    """Estimates around a true grid inside the table: those of ε|Z| in any direction, and ±20 % of each."""
+    scr, x_over_r = grid
+    s = of_truth(ANY_WAY, *grid)
+    if len(s) < 2:
+        return
+    truth = Place(scr, x_over_r, "impedance").grid(ANY_WAY.converter)
+    R, X = truth.R_g, ANY_WAY.converter.omega_n * truth.L_g
+    angles = np.linspace(0.0, 2.0 * np.pi, 73)
+    R_hat, X_hat = R + 0.06 * np.hypot(R, X) * np.cos(angles), X + 0.06 * np.hypot(R, X) * np.sin(angles)
+    Z_base = ANY_WAY.converter.Z_base
+    strength, ratio = Z_base / np.hypot(R_hat, X_hat), R_hat / X_hat
+    inside = (strength > 1.2) & (strength < 20.0) & (ratio > 0.05) & (ratio < 1.0 / 0.3)
+    slack = 1e-9 * np.hypot(R, X)
+    corners = np.hypot(s.R_hat - R, s.X_hat - X) > 0.0
+    if inside.all():  # else the corners are drawn into the table, as the scheduler draws them in
+        assert R_hat.min() >= s.R_hat[corners].min() - slack
+        assert R_hat.max() <= s.R_hat[corners].max() + slack
+        assert X_hat.min() >= s.X_hat[corners].min() - slack
+        assert X_hat.max() <= s.X_hat[corners].max() + slack
+
+
+@given(GRIDS)
+def test_what_the_gains_are_made_of_is_what_the_scheduler_makes_of_an_estimate(grid: tuple[float, float]) -> None:
+    """R̂ of a grid with a large X/R may be negative: the scheduler's place is within the table, and so are these."""
+    s = of_truth(ANY_WAY, *grid)
+    strength, ratio = ANY_WAY.converter.Z_base / np.hypot(s.R_hat, s.X_hat), s.R_hat / s.X_hat
+    slack = 1.0 + 1e-9
+    assert ((strength >= 1.2 / slack) & (strength <= 20.0 * slack)).all()
+    assert ((ratio >= 0.05 / slack) & (ratio <= slack / 0.3)).all()
+
+
+@given(st.floats(2.0, 12.0), st.floats(0.6, 15.0), st.sampled_from([-1.0, 1.0]), st.sampled_from([-1.0, 1.0]))
+def test_a_cell_covers_the_truths_whose_estimate_is_off_in_any_direction(
+    scr: float, x_over_r: float, sign_R: float, sign_X: float
+) -> None:
+    """As above with ±20 %: the cell at the estimate has that very pair, unless the truth is not in the table."""
+    truth = Place(scr, x_over_r, "impedance").grid(ANY_WAY.converter)
+    omega = ANY_WAY.converter.omega_n
+    R, X = truth.R_g, omega * truth.L_g
+    widths = max(0.2 * R, 0.06 * np.hypot(R, X)), max(0.2 * X, 0.06 * np.hypot(R, X))
+    estimate = type(truth)(R + sign_R * widths[0], (X + sign_X * widths[1]) / omega)
+    ratio = estimate.x_over_r(omega)
+    if not 0.3 < ratio < 20.0:
+        return
+    s = of_estimate(ANY_WAY, estimate.scr(ANY_WAY.converter, "impedance"), ratio)
+    at = np.isclose(s.R, R, rtol=1e-6) & np.isclose(s.X, X, rtol=1e-6)
+    at &= np.isclose(s.R_hat, estimate.R_g, rtol=1e-6) & np.isclose(s.X_hat, omega * estimate.L_g, rtol=1e-6)
+    assert at.any()
+
+
+@pytest.mark.parametrize(("scr", "x_over_r"), [(1.2, 5.0), (20.0, 5.0), (4.0, 20.0), (20.0, 20.0), (1.2, 0.3)])
+def test_a_node_on_the_edge_has_the_estimates_that_are_drawn_to_it(scr: float, x_over_r: float) -> None:
+    """Of true grids on the edge, more than the four corners about the node itself."""
+    s = of_estimate(ANY_WAY, scr, x_over_r)
+    place = Place(scr, x_over_r, "impedance").grid(ANY_WAY.converter)
+    assert np.allclose(s.R_hat, place.R_g)
+    omega = ANY_WAY.converter.omega_n
+    assert np.allclose(s.X_hat, omega * place.L_g)
+    off = np.abs([s.R_hat - s.R, s.X_hat - s.X]) / np.hypot(s.R, s.X)
+    assert off.max() > 0.05
+
+
 def test_without_error_there_is_one_pair() -> None:
     exact = with_specification(error_R=0.0, error_X=0.0)
     s = of_estimate(exact, 4.0, 2.0)

@@ -96,6 +96,16 @@ def test_an_error_of_both_has_no_say_beside_its_two_parts() -> None:
     assert read(error=0.1, error_R=0.2).box.error_X == 0.1
 
 
+def test_an_error_in_any_direction() -> None:
+    """It stands beside the others, is off by default, and must leave the estimates an inductance."""
+    assert read(error="20 %").box.errors == (0.2, 0.2, 0.0)
+    box = read(error="20 %", error_Z="6 %").box
+    assert box.errors == (0.2, 0.2, pytest.approx(0.06))
+    assert (box.exact().errors, box.exact().P) == ((0.0, 0.0, 0.0), box.P)
+    fault = the_fault(document(error_Z=0.25, x_over_r=[0.25, 5]), "specification.error_Z")
+    assert "must be less than 0.243" in fault.problem
+
+
 def test_a_closed_forms_targets_have_no_say_beside_a_table() -> None:
     """The specification decides: they were read and forgotten."""
     for field in ("settling_time", "damping_ratio", "droop_ratio", "k_1", "d_1", "k_2", "share_P", "share_Q"):
@@ -181,6 +191,7 @@ def test_every_fault_at_once() -> None:
         ("error", 0.0, 0.9),
         ("error_R", 0.0, 0.9),
         ("error_X", 0.0, 0.9),
+        ("error_Z", 0.0, 0.3),
         ("H_min", 0.0, 1e3),
         ("H_max", 0.0, 1e6),
         ("bandwidth_max", 1e-2, 1e5),

@@ -18,7 +18,8 @@ Pair = tuple[float, float]
 class CertificateRegion:
     """Where the proof was sought, each as (least, largest): SCR on the table's basis, X/R, P (W), Q (var).
 
-    None: the document does not say. ``error``: relative, of R_g and of L_g. ``rate``: largest \\|d ln SCR/dt\\| and
+    None: the document does not say. ``error``: relative, of R_g and of L_g; ``error_Z``: of each, relative to
+    \\|Z_g\\|, where that is more. ``rate``: largest \\|d ln SCR/dt\\| and
     \\|d ln(X/R)/dt\\| in 1/s; infinite: the grid may jump.
     """
 
@@ -27,6 +28,7 @@ class CertificateRegion:
     P: Pair | None = None
     Q: Pair | None = None
     error: float | None = None
+    error_Z: float = 0.0
     rate: float = math.inf
 
 
@@ -96,6 +98,7 @@ def certificate_record(document: Any) -> CertificateRecord:
             P=region.pair("P"),
             Q=region.pair("Q"),
             error=region.number("error"),
+            error_Z=region.number("error_Z") or 0.0,
             rate=math.inf if rate is None else rate,
         ),
         decay=reader.number("decay"),

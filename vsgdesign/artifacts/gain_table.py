@@ -63,7 +63,8 @@ class TableBase:
 @dataclass(frozen=True)
 class ValidityBox:
     """Where the table's promises hold, each as (least, largest): SCR on the table's basis, X/R, P (W), Q (var),
-    V (phase rms, V). ``error``: relative error of R̂ and of X̂, each anywhere within ± it."""
+    V (phase rms, V). ``error``: relative error of R̂ and of X̂, each anywhere within ± it; ``error_Z``: the error of
+    each relative to \\|Z\\|. The larger of the two counts (:eq:`error-set`)."""
 
     scr: tuple[float, float]
     x_over_r: tuple[float, float]
@@ -71,6 +72,7 @@ class ValidityBox:
     Q: tuple[float, float]
     V_rms: tuple[float, float]
     error: float = 0.0
+    error_Z: float = 0.0
 
     def __post_init__(self) -> None:
         _to_floats(self)
@@ -243,7 +245,9 @@ def fill_outside(values: ArrayLike, valid: ArrayLike) -> Array:
 def table_document(table: GainTable) -> dict[str, Any]:
     """The table in JSON's types, as its file has it, without the sha256."""
     plainly = {f.name: getattr(table, f.name) for f in fields(GainTable)}
-    plainly |= {name: vars(plainly[name]) for name in ("base", "validity")}
+    plainly |= {name: dict(vars(plainly[name])) for name in ("base", "validity")}
+    if table.validity.error_Z == 0.0:  # a file from before there was such an error keeps its bytes and its hash
+        del plainly["validity"]["error_Z"]
     plainly["gains"] = plainly["gains"]._asdict()
     plainly["certificate"] = None if table.certificate is None else table.certificate.document
     for name in ("columns", "gains", "margins"):

@@ -106,7 +106,8 @@ def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
     least: dict[str, float] = dict.fromkeys(
         ("base.S_rated", "base.V_rated_rms", "base.omega_n", "base.V_g_rms", "time_scale"), _TINY
     )
-    least |= dict.fromkeys(("base.R_2", "base.L_2", "base.tau_P", "base.tau_Q", "D_p", "D_q", "validity.error"), 0.0)
+    least |= dict.fromkeys(("base.R_2", "base.L_2", "base.tau_P", "base.tau_Q", "D_p", "D_q"), 0.0)
+    least |= dict.fromkeys(("validity.error", "validity.error_Z"), 0.0)
     for name in (*least, "P_design", "Q_design"):
         value = attrgetter(name)(table)
         if not is_number(value):

@@ -184,9 +184,17 @@ def _region(region: CertificateRegion) -> str:
         )
         if pair is not None
     ]
-    if (error := region.error) is not None:
-        parts.append(f"R_g and L_g known {'exactly' if error == 0.0 else f'to ±{_text(100.0 * error, 3)} %'}")
+    if region.error is not None:
+        parts.append(f"R_g and L_g known {error_text(region.error, region.error_Z)}")
     return ", ".join(parts) if parts else "a region that the certificate does not state"
+
+
+def error_text(error: float, error_Z: float) -> str:
+    """How well R and X are known: "to ±20 %, or to ±6 % of |Z| where that is more" (:eq:`error-set`)."""
+    own, any_way = (f"to ±{_text(100.0 * value, 3)} %" for value in (error, error_Z))
+    if error_Z == 0.0:
+        return "exactly" if error == 0.0 else own
+    return f"{any_way} of |Z|" if error == 0.0 else f"{own}, or {any_way} of |Z| where that is more"
 
 
 def _is_number(value: Any) -> TypeGuard[float]:

@@ -259,6 +259,7 @@ def region_of(
     error: float | None = None,
     rate: float = np.inf,
     ready: Ready = NOTHING,
+    error_Z: float | None = None,
 ) -> tuple[ControllerSpec, Region]:
     """A controller by name (None: the last scheduled one) and a region, from limits in per unit of rating.
 
@@ -276,6 +277,7 @@ def region_of(
         whole.Q if Q_pu is None else (Q_pu[0] * S, Q_pu[1] * S),
         whole.error if error is None else error,
         rate,
+        whole.error_Z if error_Z is None else error_Z,
     )
     faults = region_faults(region)
     if not chosen:
@@ -294,11 +296,12 @@ def _whole_region(study: Study, spec: ControllerSpec | None, ready: Ready) -> Re
         table = ready.tables.get(spec.name)
         if table is not None and table.base.scr_basis == study.scr_basis:
             box = table.validity
-            return Region(box.scr, box.x_over_r, box.P, box.Q, box.error)
+            return Region(box.scr, box.x_over_r, box.P, box.Q, box.error, error_Z=box.error_Z)
         if table is None and asked is not None and asked.scr_basis == study.scr_basis:
             box, error = asked.box, max(asked.box.error_R, asked.box.error_X)
             P, Q = ((min(powers), max(powers)) for powers in (box.P, box.Q))
-            return Region((asked.scr[0], asked.scr[-1]), (asked.x_over_r[0], asked.x_over_r[-1]), P, Q, error)
+            axes = (asked.scr[0], asked.scr[-1]), (asked.x_over_r[0], asked.x_over_r[-1])
+            return Region(*axes, P, Q, error, error_Z=box.error_Z)
     axes, S = study.stability, study.converter.S_rated
     scr, x_over_r = (axes.scr[0], axes.scr[-1]), (axes.x_over_r[0], axes.x_over_r[-1])
     return Region(scr, x_over_r, (-0.9 * S, 0.9 * S), (-0.4 * S, 0.4 * S), 0.2)
@@ -317,6 +320,8 @@ def prepared(
         faults.append(Fault("decay", f"{decay:g}", "must be more than zero, in 1/s"))
     if faults:
         raise StudyError(study.name, faults)
+    if region.error_Z:
+        raise InfeasibleStudyError("error_Z: a certificate does not cover this kind of error yet.")
     if schedule is None:
         if spec.gains is not None or spec.kind != "scheduled":
             raise InfeasibleStudyError(f"controller {spec.name}: a certificate is made for a scheduled controller.")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.grid import SCR_BASES
+from vsgdesign.equations.grid import MOST_ERROR_Z, SCR_BASES
 from vsgdesign.equations.power_flow import POWER_MARGIN, jacobian_from_powers, operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops_about_rest
 from vsgdesign.errors import Fault, InfeasibleStudyError
@@ -60,6 +60,15 @@ class Region:
     Q: tuple[float, float]
     error: float = 0.0
     rate: float = np.inf
+    error_Z: float = 0.0
+    """The same of each, relative to \\|Z_g\\|: the larger of the two counts (:eq:`error-set`)."""
+
+    def as_document(self) -> dict[str, Any]:
+        """As a table's file has it."""
+        found = asdict(self)
+        if self.error_Z == 0.0:  # as in a certificate of before
+            del found["error_Z"]
+        return found
 
     @property
     def limits(self) -> tuple[Array, Array]:
@@ -84,6 +93,9 @@ def region_faults(region: Region) -> list[Fault]:
             faults.append(Fault(name, f"{low:g} {high:g}", f"must be two numbers{within}, the smaller first"))
     if not 0.0 <= region.error < 0.9:
         faults.append(Fault("error", f"{region.error:g}", "must be from 0 to 0.9, a fraction of the value"))
+    if not 0.0 <= region.error_Z <= MOST_ERROR_Z:
+        limit = f"must be from 0 to {MOST_ERROR_Z:g}, a fraction of |Z_g|"
+        faults.append(Fault("error-z", f"{region.error_Z:g}", limit))
     if not region.rate >= 0.0:
         faults.append(Fault("rate", f"{region.rate:g}", "must be zero or more, in 1/s", "inf: the grid may jump."))
     return faults

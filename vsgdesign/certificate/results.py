@@ -74,7 +74,7 @@ class Certificate:
             {
                 "certified": True,
                 "controller": self.controller,
-                "region": asdict(self.region),
+                "region": self.region.as_document(),
                 "decay": self.decay,
                 "sampled": self.sampled,
                 "proof": self.proof,
@@ -95,7 +95,7 @@ class Certificate:
 def refusal_record(reason: str, region: Region, slowest: CertificateCell | None = None) -> CertificateRecord:
     """The reason why there is neither a certificate nor a counterexample over a region, with its slowest cell if
     known."""
-    refused: dict[str, Any] = {"certified": False, "reason": reason, "region": asdict(region)}
+    refused: dict[str, Any] = {"certified": False, "reason": reason, "region": region.as_document()}
     if slowest is not None:
         refused["slowest"] = {name: value for name, value in asdict(slowest).items() if value is not None}
     return certificate_record(refused)
@@ -143,7 +143,7 @@ class Counterexample:
             {
                 "certified": False,
                 "controller": self.controller,
-                "region": asdict(self.region),
+                "region": self.region.as_document(),
                 **{name: getattr(self, name) for name in names},
                 "eigenvalue": {"real": self.eigenvalue.real, "imag": self.eigenvalue.imag},
                 "trajectory": {"t_s": self.trajectory.t_s, **dict(zip(STATES, self.trajectory.x.T, strict=True))},

@@ -16,6 +16,7 @@ from vsgdesign.design.between import BetweenCheck
 from vsgdesign.design.smoothing import around
 from vsgdesign.design.table_nodes import TableJob, TableNodes, look_at_random
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.parameters.specification import Specification
 from vsgdesign.runtime.table import table_grids, with_node_gains
 from vsgdesign.stability.gain_table import margins_of
 
@@ -110,6 +111,7 @@ def assemble(job: TableJob, nodes: TableNodes) -> GainTable:
         Q=(min(box.Q), max(box.Q)),
         V_rms=study.converter.V_limits_rms,
         error=max(box.error_R, box.error_X),
+        error_Z=box.error_Z,
     )
     table = GainTable(
         name=job.controller.name,
@@ -131,7 +133,7 @@ def assemble(job: TableJob, nodes: TableNodes) -> GainTable:
         active=active,
         price=cells(lambda d, _: d.price),
         margins=margins,
-        specification=asdict(spec),
+        specification=_document(spec),
         validity=validity,
         provenance=provenance(),
         design_inputs=design_inputs(study, job.controller.target),
@@ -139,6 +141,14 @@ def assemble(job: TableJob, nodes: TableNodes) -> GainTable:
     table = with_node_gains(table)
     R_g, L_g = table_grids(table)
     return replace(table, margins=margins | margins_of(base, R_g, L_g, table.P_design, table.Q_design, table.gains))
+
+
+def _document(spec: Specification) -> dict[str, Any]:
+    """A specification as a table keeps it. An error that is not asked for is left out, as in tables of before."""
+    found = asdict(spec)
+    if spec.box.error_Z == 0.0:
+        del found["box"]["error_Z"]
+    return found
 
 
 def _active(active: str, missed: dict[str, float]) -> str:

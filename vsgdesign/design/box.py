@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.grid import error_half_widths, truth_behind
 from vsgdesign.equations.power_flow import POWER_MARGIN, operating_point
 from vsgdesign.frames import rated_current_rms, rms_to_peak
 from vsgdesign.parameters.specification import Specification
@@ -18,6 +19,8 @@ from vsgdesign.parameters.study import Grid, Place, Study
 Array = NDArray[np.float64]
 
 Reach = tuple[float, float, float, float]
+Signs = tuple[float, float]
+"""1 where the estimate of R, of X is too large by the half-width of the error set, −1 where it is too small."""
 
 _BISECTIONS = 24
 _ROUNDING = 1e-9
@@ -68,7 +71,7 @@ def scenarios_of_truth(study: Study, spec: Specification, scr: float, x_over_r: 
     changes smoothly with it.
     """
     grid = Place(scr, x_over_r, spec.scr_basis).grid(study.converter)
-    return _scenarios(study, spec, _around_truth(grid, spec), P, Q)
+    return _scenarios(study, spec, _around_truth(study, grid, spec), P, Q)
 
 
 def scenarios_of_estimate(
@@ -107,7 +110,7 @@ def _behind_node(study: Study, spec: Specification, scr: float, x_over_r: float)
 
 def _behind(study: Study, spec: Specification, estimate: Grid) -> list[tuple[Grid, Grid]]:
     """(truth, estimate) for every sign of the errors, the truth within the table."""
-    return [(_drawn_in(study, spec, estimate, e_R, e_X), estimate) for e_R, e_X in _errors(spec)]
+    return [(_drawn_in(study, spec, estimate, signs), estimate) for signs in _signs_of(spec)]
 
 
 def _behind_lookup(study: Study, spec: Specification, scr: float, x_over_r: float) -> list[tuple[Grid, Grid]]:
@@ -115,24 +118,44 @@ def _behind_lookup(study: Study, spec: Specification, scr: float, x_over_r: floa
     c, basis = study.converter, spec.scr_basis
     place = Place(scr, x_over_r, basis).grid(c)
     pairs = _behind(study, spec, place)
-    for e_R, e_X in _errors(spec):
-        turn = (1.0 + e_X) / (1.0 + e_R)  # of X/R, from truth to estimate
+    for signs in _signs_of(spec):
         truths = []
         if scr in (spec.scr[0], spec.scr[-1]):
-            truths.append((scr, x_over_r / turn))
+            truths += [(scr, turned) for turned in _turned(study, spec, scr, x_over_r, signs)]
             truths.append((scr, x_over_r))
         if x_over_r in (spec.x_over_r[0], spec.x_over_r[-1]):
-            there = Grid(place.R_g * (1.0 + e_R), place.L_g * (1.0 + e_X)).scr(c, basis)
+            # The widths of an angle are in proportion to the impedance.
+            there = _estimate(study, spec, place, signs).scr(c, basis)
             truths.append((scr * scr / there, x_over_r))
         for s, x in truths:
             truth = Place(s, x, basis).grid(c)
             if not _is_within(study, spec, truth):
                 continue
-            estimate = Grid(truth.R_g * (1.0 + e_R), truth.L_g * (1.0 + e_X))
+            estimate = _estimate(study, spec, truth, signs)
             found = _within_table(study, spec, estimate)
             if np.allclose([found.R_g, found.L_g], [place.R_g, place.L_g], rtol=1e-9):
-                pairs.append((truth, estimate))
+                pairs.append((truth, _seen(study, spec, estimate)))
     return pairs
+
+
+def _turned(study: Study, spec: Specification, scr: float, x_over_r: float, signs: Signs) -> list[float]:
+    """The X/R of the true grid of this SCR whose estimate has ``x_over_r``; none where the table has no such grid."""
+    box, omega_n = spec.box, study.converter.omega_n
+    if not box.error_Z:
+        return [x_over_r / ((1.0 + signs[1] * box.error_X) / (1.0 + signs[0] * box.error_R))]
+
+    def angle(true: float) -> float:
+        grid = Place(scr, true, spec.scr_basis).grid(study.converter)
+        estimate = _estimate(study, spec, grid, signs)
+        return float(np.arctan2(omega_n * estimate.L_g, estimate.R_g))
+
+    low, high, wanted = np.log(spec.x_over_r[0]), np.log(spec.x_over_r[-1]), float(np.arctan(x_over_r))
+    if not angle(float(np.exp(low))) <= wanted <= angle(float(np.exp(high))):
+        return []
+    for _ in range(2 * _BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if angle(float(np.exp(middle))) < wanted else (low, middle)
+    return [float(np.exp(0.5 * (low + high)))]
 
 
 def _steps(low: float, middle: float, high: float) -> list[float]:
@@ -140,21 +163,44 @@ def _steps(low: float, middle: float, high: float) -> list[float]:
     return sorted({low, float(np.sqrt(low * middle)), middle, float(np.sqrt(middle * high)), high})
 
 
-def _around_truth(grid: Grid, spec: Specification) -> list[tuple[Grid, Grid]]:
+def _around_truth(study: Study, grid: Grid, spec: Specification) -> list[tuple[Grid, Grid]]:
     """(truth, estimate): without error first."""
-    estimates = [Grid(grid.R_g * (1.0 + e_R), grid.L_g * (1.0 + e_X)) for e_R, e_X in _errors(spec)]
+    estimates = [_seen(study, spec, _estimate(study, spec, grid, signs)) for signs in _signs_of(spec)]
     return list(dict.fromkeys([(grid, grid), *((grid, estimate) for estimate in estimates)]))
 
 
-def _errors(spec: Specification) -> list[tuple[float, float]]:
-    return list(itertools.product(_signs(spec.box.error_R), _signs(spec.box.error_X)))
+def _signs_of(spec: Specification) -> list[Signs]:
+    """Signs of the errors of R and of X: every corner of the error set."""
+    error_R, error_X, error_Z = spec.box.errors
+    return list(itertools.product(_signs(max(error_R, error_Z)), _signs(max(error_X, error_Z))))
 
 
-def _drawn_in(study: Study, spec: Specification, estimate: Grid, e_R: float, e_X: float) -> Grid:
+def _estimate(study: Study, spec: Specification, truth: Grid, signs: Signs) -> Grid:
+    """The estimate of a true grid at one corner of its error set (:eq:`error-set`)."""
+    error_R, error_X, error_Z = spec.box.errors
+    if error_Z:
+        R, X = truth.R_g, study.converter.omega_n * truth.L_g
+        widths = error_half_widths(R, X, error_R, error_X, error_Z)
+        error_R, error_X = (float(width / value) for width, value in zip(widths, (R, X), strict=True))
+    return Grid(truth.R_g * (1.0 + signs[0] * error_R), truth.L_g * (1.0 + signs[1] * error_X))
+
+
+def _seen(study: Study, spec: Specification, estimate: Grid) -> Grid:
+    """The grid that the gains are made of. With ``error_Z`` this is the estimate clipped to the table, as in the
+    scheduler: beyond it, R̂ may be negative. Without, the Jacobian has the estimate as it is, as it always had."""
+    return _within_table(study, spec, estimate) if spec.box.error_Z else estimate
+
+
+def _drawn_in(study: Study, spec: Specification, estimate: Grid, signs: Signs) -> Grid:
     """The truth behind an estimate with these errors, or with as much of both as leaves it within the table."""
+    omega_n = study.converter.omega_n
 
     def truth(share: float) -> Grid:
-        return Grid(estimate.R_g / (1.0 + share * e_R), estimate.L_g / (1.0 + share * e_X))
+        errors = tuple(share * error for error in spec.box.errors)
+        if not spec.box.error_Z:
+            return Grid(estimate.R_g / (1.0 + signs[0] * errors[0]), estimate.L_g / (1.0 + signs[1] * errors[1]))
+        R, X = truth_behind(estimate.R_g, omega_n * estimate.L_g, *signs, *errors)
+        return Grid(float(R), float(X / omega_n))
 
     if _is_within(study, spec, truth(1.0)):
         return truth(1.0)
@@ -265,7 +311,7 @@ def limit_uses(study: Study, s: Scenarios) -> dict[str, Array]:
 
 
 def _signs(error: float) -> tuple[float, ...]:
-    return (-error, error) if error > 0.0 else (0.0,)
+    return (-1.0, 1.0) if error > 0.0 else (0.0,)
 
 
 def _with_middle(limits: tuple[float, ...]) -> tuple[float, ...]:

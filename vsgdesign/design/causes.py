@@ -101,8 +101,8 @@ def _explain(task: CellTask, record: CellRecord) -> Cause:
             return found(DELAY, _kept(seen))
     if ideal is not None and not ideal.shortfalls:
         return found(INNER, _figures(ideal.figures, ideal.inertia))
-    exact = replace(task, spec=replace(spec, box=replace(spec.box, error_R=0.0, error_X=0.0)))
-    if spec.box.error_R > 0.0 or spec.box.error_X > 0.0:
+    exact = replace(task, spec=replace(spec, box=spec.box.exact()))
+    if any(spec.box.errors):
         if not (seen := run_task(exact)).missed and seen.design is not None:
             return found(ERROR, _kept(seen))
         truth = scenarios_of_estimate(study, exact.spec, task.scr, task.x_over_r, target.P, target.Q)

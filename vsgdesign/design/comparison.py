@@ -261,7 +261,7 @@ def _lost(spec: Specification, ideal: Figures, real: Figures, inertia: float) ->
 def _sides(study: Study, spec: Specification, scr: float, x_over_r: float) -> tuple[Scenarios, Scenarios] | None:
     """Scenarios of a grid without and with the estimate's error; None where nothing is asked of it."""
     P, Q = study.target.P, study.target.Q
-    exact = replace(spec, box=replace(spec.box, error_R=0.0, error_X=0.0))
+    exact = replace(spec, box=spec.box.exact())
     sides = tuple(scenarios_of_truth(study, side, scr, x_over_r, P, Q) for side in (exact, spec))
     return None if len(sides[0]) == 0 else (sides[0], sides[1])
 
@@ -276,7 +276,7 @@ def gains_at(
     study: Study, spec: Specification, contender: Contender, scr: float, x_over_r: float, P: float, Q: float
 ) -> PowerLoopGains | None:
     """The gains that a contender has on a known grid at (P, Q), as numbers; None where it has none."""
-    exact = replace(spec, box=replace(spec.box, P=(P,), Q=(Q,), error_R=0.0, error_X=0.0))
+    exact = replace(spec, box=replace(spec.box.exact(), P=(P,), Q=(Q,)))
     s = scenarios_of_truth(study, exact, scr, x_over_r, P, Q)
     if len(s) == 0:
         return None

@@ -160,7 +160,7 @@ def exact_scenarios(
     study: Study, spec: Specification, grids: Sequence[tuple[float, float]], P: float, Q: float
 ) -> Scenarios:
     """The scenarios of all grids (SCR, X/R), joined, without error of the estimate."""
-    exact = replace(spec, box=replace(spec.box, error_R=0.0, error_X=0.0))
+    exact = replace(spec, box=spec.box.exact())
     boxes = [scenarios_of_truth(study, exact, scr, x_over_r, P, Q) for scr, x_over_r in grids]
     return Scenarios(*(np.concatenate([getattr(box, f.name) for box in boxes]) for f in fields(Scenarios)))
 

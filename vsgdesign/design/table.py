@@ -174,11 +174,11 @@ def table_certificate(study: Study, controller: ControllerSpec, table: GainTable
     boxes suffice.
     """
     spec = study.specification
-    box, error = table.validity, table.validity.error
+    box = table.validity
     study = study if spec is None else replace(study, scr_basis=spec.scr_basis)
     refused = None
     for rate, boxes in _CERTIFICATES:
-        region = Region(box.scr, box.x_over_r, box.P, box.Q, error, rate)
+        region = Region(box.scr, box.x_over_r, box.P, box.Q, box.error, rate, box.error_Z)
         try:
             found = certify(study, controller, region, schedule=table_schedule(table), budget=boxes)
             found = with_steps(study, controller, found, schedule=table_schedule(table), budget=_STEP_BOXES)

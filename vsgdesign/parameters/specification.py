@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from vsgdesign.equations.grid import SCR_BASES
+from vsgdesign.equations.grid import MOST_ERROR_Z, SCR_BASES
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.study import ClosedFormTarget, Converter, GridSource
 
@@ -37,6 +37,18 @@ class DesignBox:
     """Grid frequency, rad/s."""
     V_g_rms: tuple[float, ...]
     """Phase rms, V."""
+    error_Z: float = 0.0
+    """Error of the estimate in any direction, relative to \\|Z_g\\|. The larger of the two kinds counts
+    (:func:`vsgdesign.equations.grid.error_half_widths`)."""
+
+    @property
+    def errors(self) -> tuple[float, float, float]:
+        """error_R, error_X and error_Z."""
+        return self.error_R, self.error_X, self.error_Z
+
+    def exact(self) -> DesignBox:
+        """The same box with an exact estimate."""
+        return replace(self, error_R=0.0, error_X=0.0, error_Z=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +120,9 @@ def read_specification(
         error_X=table.quantity("error_X", "1", 0.0, 0.9, default=error),
         omega_g=omega_g,
         V_g_rms=tuple(v * converter.V_rated_rms for v in V_g_pu),
+        error_Z=table.quantity("error_Z", "1", 0.0, MOST_ERROR_Z, default=0.0),
     )
+    x_over_r = table.quantities("x_over_r", "1", 1e-3, 1e4, DEFAULT_X_OVER_R)
     H_min = table.quantity("H_min", "s", 0.0, 1e3, default=0.0)
     specification = Specification(
         aim=aim,
@@ -122,12 +136,16 @@ def read_specification(
         bandwidth_max=table.quantity("bandwidth_max", "1/s", 1e-2, 1e5, default=0.1 / converter.T_s),
         scr_basis=table.choice("scr_basis", tuple(SCR_BASES), default=scr_basis),
         scr=table.quantities("scr", "1", 0.05, 1e4, DEFAULT_SCR),
-        x_over_r=table.quantities("x_over_r", "1", 1e-3, 1e4, DEFAULT_X_OVER_R),
+        x_over_r=x_over_r,
         box=box,
     )
     for name in ("scr", "x_over_r"):
         if len(getattr(specification, name)) < 2:
             table.fault(name, getattr(specification, name), "a table needs at least two nodes on each axis")
+    lowest = min(x_over_r, default=math.inf)
+    if box.error_Z >= (share := math.sin(math.atan(lowest))):
+        problem = f"leaves no inductance in an estimate at X/R {lowest:g}: must be less than {share:.3g}"
+        table.fault("error_Z", box.error_Z, problem, "Begin x_over_r higher, or ask for less.")
     table.finish()
     return specification
 

@@ -84,7 +84,7 @@ class SwingStatement:
             {
                 "proved": self.proved,
                 "controller": self.controller,
-                "region": asdict(self.region),
+                "region": self.region.as_document(),
                 "law": asdict(self.law),
                 "start": asdict(self.start),
                 "parts": [asdict(part) for part in self.parts],

@@ -16,6 +16,8 @@ def comparison_table(document: dict[str, Any]) -> None:
     spec = document["specification"]
     box = spec["box"]
     error = f"±{100.0 * max(box['error_R'], box['error_X']):.3g} %"
+    if box["error_Z"]:
+        error += f" or ±{100.0 * box['error_Z']:.3g} % of |Z|"
     grids = len(document["contenders"][0]["grids"])
     headings = (
         "gains",

@@ -124,7 +124,7 @@ def specification_table(comparison: Comparison) -> Table:
         ("X/R", f"{plain(comparison.x_over_r[0])} to {plain(comparison.x_over_r[-1])}"),
         ("P", f"{plain_quantity(min(box.P), 'W')} to {plain_quantity(max(box.P), 'W')}"),
         ("Q", f"{plain_quantity(min(box.Q), 'var')} to {plain_quantity(max(box.Q), 'var')}"),
-        ("Estimate", f"R within ±{plain(100.0 * box.error_R)} %, X within ±{plain(100.0 * box.error_X)} %"),
+        ("Estimate", _known(comparison)),
         ("Grids", f"{len(comparison.contenders[0].grids)} compared, {len(comparison.outside)} outside the limits"),
     )
     return Table("What is asked", ("Quantity", "Value"), rows, texts=2)
@@ -191,10 +191,22 @@ def label(name: str) -> str:
     return name.replace("_", " ")
 
 
+def _known(comparison: Comparison) -> str:
+    box = comparison.specification.box
+    own = f"R within ±{plain(100.0 * box.error_R)} %, X within ±{plain(100.0 * box.error_X)} %"
+    return own + _or_of_Z(comparison)
+
+
+def _or_of_Z(comparison: Comparison) -> str:
+    """The part of the error set that is relative to |Z|, empty without one."""
+    error_Z = comparison.specification.box.error_Z
+    return f" or ±{plain(100.0 * error_Z)} % of |Z|" if error_Z else ""
+
+
 def error_of(comparison: Comparison) -> str:
     """The estimate's error, ±20 %."""
     box = comparison.specification.box
-    return f"±{plain(100.0 * max(box.error_R, box.error_X))} %"
+    return f"±{plain(100.0 * max(box.error_R, box.error_X))} %" + _or_of_Z(comparison)
 
 
 def share(value: float) -> str:

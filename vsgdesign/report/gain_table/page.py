@@ -17,6 +17,7 @@ from vsgdesign.artifacts.table_text import (
     causes_text,
     certificate_failed,
     certificate_sentence,
+    error_text,
     missed_text,
 )
 from vsgdesign.equations.structures import STRUCTURES
@@ -119,7 +120,7 @@ def identity_table(table: GainTable) -> Table:
         ("Design point", f"{plain_quantity(table.P_design, 'W')}, {plain_quantity(table.Q_design, 'var')}"),
         ("Valid for", f"SCR {_range(v.scr)}, X/R {_range(v.x_over_r)}"),
         ("", f"P {_range(v.P, 1e3)} kW, Q {_range(v.Q, 1e3)} kvar, V {_range(v.V_rms)} V"),
-        ("", f"R̂ and X̂ within ±{plain(100.0 * v.error)} %"),
+        ("", f"R and X known {error_text(v.error, v.error_Z)}"),
     )
     return Table("What it is for", ("Quantity", "Value"), rows, texts=2)
 

@@ -14,6 +14,7 @@ from vsgdesign.artifacts.table_text import (
     causes_text,
     certificate_failed,
     certificate_sentence,
+    error_text,
     inner_loops_text,
     status_text,
 )
@@ -45,7 +46,7 @@ def heading(table: GainTable) -> Iterator[str]:
     yield (
         f"valid for SCR {v.scr[0]:g} to {v.scr[1]:g}, X/R {v.x_over_r[0]:g} to {v.x_over_r[1]:g}, "
         f"P {v.P[0] / 1e3:g} to {v.P[1] / 1e3:g} kW, Q {v.Q[0] / 1e3:g} to {v.Q[1] / 1e3:g} kvar, "
-        f"V {v.V_rms[0]:.4g} to {v.V_rms[1]:.4g} V, R and X known to ±{100.0 * v.error:g} %"
+        f"V {v.V_rms[0]:.4g} to {v.V_rms[1]:.4g} V, R and X known {error_text(v.error, v.error_Z)}"
     )
     if table.specification:
         yield "specification: " + ", ".join(f"{k} = {_short(v)}" for k, v in table.specification.items())
