@@ -101,6 +101,13 @@ def doubled(pair: Pair, x: Any) -> Pair:
     return Pair(first=2.0 * x, second=pair.second)
 
 
+def picked(x: Any, nest: Nest) -> Any:
+    """Records that are chosen whole, with and without a name of their own."""
+    inner = doubled(nest.inner, x) if x > 0.0 and nest.last < 2.0 and x < 3.0 else nest.inner
+    last = Pair(first=x, second=inner.first) if nest.last > x else nest.inner
+    return Nest(inner=doubled(inner, last.second), last=last.first)
+
+
 def swapped(one: Pair, other: Pair) -> Any:
     """Returns (first, second)."""
     return other, one

@@ -20,7 +20,7 @@ from tests.equations.test_three_ways import flat
 from vsgdesign.codegen import UntranslatableError, c_functions
 
 PLAIN = ("branches", "early", "keywords", "tuples", "choices")
-FUNCTIONS = [getattr(language, name) for name in (*PLAIN, "flags", "records", "unfolded", "integrates")]
+FUNCTIONS = [getattr(language, name) for name in (*PLAIN, "flags", "records", "unfolded", "integrates", "picked")]
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +50,7 @@ def test_flags(compiled: Compiled) -> None:
 
 def test_records(compiled: Compiled) -> None:
     same(compiled, "records", INPUTS, lambda x, y, a, b, c: language.records(x, y, Nest(Pair(a, b), c)))
+    same(compiled, "picked", INPUTS[:, :4], lambda x, a, b, c: language.picked(x, Nest(Pair(a, b), c)))
     same(compiled, "integrates", INPUTS[:, :4], lambda a, b, c, x: language.integrates(Nest(Pair(a, b), c), x))
 
 
@@ -136,3 +137,16 @@ int main(void)
     subprocess.run(["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-o", made, source, "-lm"], check=True)
     said = subprocess.run([made], check=True, capture_output=True, text=True).stdout
     assert said == "1 13 20 6 7 4 5"
+
+
+def test_records_are_chosen_whole() -> None:
+    """One choice, not one for each field; one "and" for all that it joins."""
+    text = c_functions([language.picked]).functions
+    assert "const vsg_pair_t inner = ((x > VSG_C(0.0)) && (nest->last < VSG_C(2.0)) && (x < VSG_C(3.0))) ?" in text
+    assert text.count("?") == 2
+
+
+def test_two_headers_of_one_folder_have_no_name_in_common() -> None:
+    text = c_functions([language.picked, language.choices], prefix="other_")
+    assert list(text.structs) == ["vsg_other_pair_t", "vsg_other_nest_t"]
+    assert "#define VSG_OTHER_GAIN " in text.constants

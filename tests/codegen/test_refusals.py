@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.codegen import refused
+from tests.codegen import language, other, refused
 from vsgdesign.codegen import UntranslatableError, c_functions
 from vsgdesign.equations.power_flow import power_flow
 from vsgdesign.frames import linear_modulation_limit
@@ -71,6 +71,15 @@ def test_what_is_no_plain_function() -> None:
         c_functions([len])
     with pytest.raises(UntranslatableError, match=r"test_refusals\.py:\d+: <lambda>: is not a plain function"):
         c_functions([lambda x: x])
+
+
+def test_two_records_of_one_name() -> None:
+    with pytest.raises(
+        UntranslatableError, match=r"other\.Pair and tests\.codegen\.language\.Pair: are both called pair"
+    ):
+        c_functions([language.inside, other.joined])
+    structs = c_functions([language.inside, other.joined], names={other.Pair: "ends"}).structs
+    assert list(structs) == ["vsg_pair_t", "vsg_ends_t"]
 
 
 def test_what_is_fixed_must_be_an_argument() -> None:

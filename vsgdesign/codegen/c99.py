@@ -14,6 +14,7 @@ from vsgdesign.codegen.expressions import (
     ADVANCED,
     Argument,
     Build,
+    Choose,
     Comment,
     Evaluate,
     Expression,
@@ -117,18 +118,21 @@ def c_functions(
     fixed: Mapping[str, Any] | None = None,
     names: Mapping[type, str] | None = None,
     kinds: Mapping[Any, Mapping[str, Any]] | None = None,
+    prefix: str = "",
 ) -> CText:
     """C99 of functions of the restricted language, and of all that they call.
 
     ``fixed``: arguments by name whose values are known now, for each function that has them; branches on them fold
     away. ``names``: what a NamedTuple is called in C, ``gains`` for ``vsg_gains_t``; else its own name in lower case.
-    ``kinds``: NamedTuples in fields whose hint says Any, where it is not that of the default.
+    ``kinds``: NamedTuples in fields whose hint says Any, where it is not that of the default. ``prefix``: what
+    begins the names of records without such a name, and in capitals those of constants: ``field_`` for
+    ``vsg_field_lock_in_t`` and ``VSG_FIELD_TURN``. Two headers of one folder then have no name in common.
 
     A function is ``vsg_`` and its name. Its arguments come in their order, then what compensated sums keep
     (``…_lost``), then its results, unless it has one scalar result, which is returned. An output may be the place of
     an input. Raises UntranslatableError with file, line and what to write instead.
     """
-    library = Library(names, kinds)
+    library = Library(names, kinds, prefix)
     fixed = dict(fixed or {})
     unused = set(fixed)
     for function in functions:
@@ -200,6 +204,14 @@ class _Printer:
 
     def word(self, record: type) -> str:
         if record not in self.records:
+            other = next(
+                (other for other in self.records if self.library.word(other) == self.library.word(record)), None
+            )
+            if other is not None:
+                raise UntranslatableError(
+                    f"{record.__module__}.{record.__name__} and {other.__module__}.{other.__name__}: are both called "
+                    f"{self.library.word(record)}. Give one of them another name (names)."
+                )
             for _, inner in self.library.kinds.fields(record):
                 if inner is not None and self.library.kinds.paths(inner):
                     self.word(inner)
@@ -249,7 +261,7 @@ class _Printer:
         self.pointers |= {output.name for output in function.outputs if not isinstance(output.kind, str)}
         self.classes = {parameter.name: parameter.kind for parameter in function.parameters}
         for statement in function.body:
-            if isinstance(statement, Build):
+            if isinstance(statement, Build | Choose):
                 self.classes[statement.name] = statement.record
             elif isinstance(statement, Evaluate) and statement.declare:
                 kinds = (output.kind for output in statement.function.outputs)
@@ -325,6 +337,11 @@ class _Printer:
         if isinstance(statement, Build):
             values = ", ".join(f".{path} = {self.expression(value)}" for path, value in statement.fields)
             return _wrapped(f"    const {self.type(statement.record)} {statement.name} = {{{values}}};", 8)
+        if isinstance(statement, Choose):
+            text = self.whole(statement.one)
+            if statement.condition is not None and statement.other is not None:
+                text = f"{self.enclosed(statement.condition)} ? {text} : {self.whole(statement.other)}"
+            return _wrapped(f"    const {self.type(statement.record)} {statement.name} = {text};", 8)
         function, lines = statement.function, []
         if statement.declare:
             kinds: dict[str, list[str]] = {}
@@ -350,6 +367,10 @@ class _Printer:
             elif isinstance(argument, Variable | RecordName):
                 given.append(f"{argument.name}_lost")
         return f"vsg_{function.name}({', '.join([*given, *targets])})"
+
+    def whole(self, record: RecordName) -> str:
+        """A record as a value."""
+        return self.expression(Field(record.name, record.path))
 
     def argument(self, argument: Argument) -> str:
         if isinstance(argument, RecordName):
@@ -384,7 +405,7 @@ class _Printer:
             condition, one, other = e.arguments
             text = f"{self.enclosed(condition)} ? {self.expression(one, 2)} : {self.expression(other, 2)}"
         elif e.name in _SYMBOLS:
-            text = f" {_SYMBOLS[e.name]} ".join(self.enclosed(argument) for argument in e.arguments)
+            text = f" {_SYMBOLS[e.name]} ".join(self.enclosed(argument) for argument in _chain(e))
         elif precedence == _ATOM:
             self.used.add(e.name)
             name = f"vsg_{e.name}" if e.name in ("max", "min") else f"VSG_{e.name.upper()}"
@@ -404,7 +425,7 @@ class _Printer:
         if not math.isfinite(number.value):
             raise UntranslatableError(f"constant {number.name or number.value}: is not finite. Give a large number.")
         if number.name:
-            name = number.name.upper()
+            name = f"{self.library.prefix}{number.name}".upper()
             if self.constants.setdefault(name, number.value) != number.value:
                 raise UntranslatableError(
                     f"constant {number.name}: has two values, {self.constants[name]!r} and {number.value!r}, in the "
@@ -414,6 +435,12 @@ class _Printer:
         return f"VSG_C({number.value!r})"
 
 
+def _chain(e: Operation) -> list[Expression]:
+    """What one "and" or one "or" joins, in order."""
+    first, last = e.arguments
+    return [*(_chain(first) if isinstance(first, Operation) and first.name == e.name else [first]), last]
+
+
 def _is_flag(function: Function) -> bool:
     return function.result is not None and is_flag(function.result)
 
@@ -421,6 +448,8 @@ def _is_flag(function: Function) -> bool:
 def _read(statement: Statement) -> set[str]:
     if isinstance(statement, Let):
         return names_in(statement.value)
+    if isinstance(statement, Choose):
+        return statement.read
     if isinstance(statement, Build):
         return set().union(*(names_in(value) for _, value in statement.fields))
     if isinstance(statement, Evaluate):

@@ -15,6 +15,7 @@ from vsgdesign.codegen.expressions import (
     ADVANCED,
     Argument,
     Build,
+    Choose,
     Evaluate,
     Expression,
     Field,
@@ -81,8 +82,19 @@ class Evaluation:
         if isinstance(value, Operation | Invocation):
             return self.let(name, value)
         if isinstance(value, Record) and not value.home:
+            if value.choice is not None:
+                condition, one, other = value.choice
+                return self.choose(name, value.cls, self.record(one, name), condition, self.record(other, name))
             return Record(value.cls, {key: self.held(key, item) for key, item in value.values.items()}, label=name)
         return value
+
+    def choose(
+        self, name: str, cls: Any, one: RecordName, condition: Expression | None = None, other: RecordName | None = None
+    ) -> Record:
+        """A local record that is one of two others, or a copy of one."""
+        own = self.name(name)
+        self.body.append(Choose(own, cls, one, condition, other))
+        return self.library.kinds.at(cls, own, given=False)
 
     def let(self, name: str, value: Expression) -> Variable:
         if not name.isascii():
@@ -229,7 +241,8 @@ class Evaluation:
             return operation("select", condition, one, other)
         if isinstance(one, Record) and isinstance(other, Record) and one.cls is other.cls:
             pairs = {name: self.chosen(condition, one.values[name], other.values[name], at) for name in one.values}
-            return Record(one.cls, pairs)
+            whole = (one.home or other.home) and len(pairs) > 1
+            return Record(one.cls, pairs, choice=(condition, one, other) if whole else None)
         if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
             return tuple(self.chosen(condition, a, b, at) for a, b in zip(one, other, strict=True))
         if one is other:
@@ -253,7 +266,12 @@ class Evaluation:
         given = self.items(args, environment)
         if any(keyword.arg is None for keyword in keywords):
             raise self.source.refuse(node.lineno, "** in a call", "Name every argument.")
-        named = {str(keyword.arg): self.value(keyword.value, environment) for keyword in keywords}
+        named = {}
+        for keyword in keywords:
+            # A record that a call makes for a field of another one has the field's name.
+            self.wanted = (str(keyword.arg),) if is_record(callee) else ()
+            named[str(keyword.arg)] = self.value(keyword.value, environment, whole=is_record(callee))
+        self.wanted = ()
         if callee is advanced:
             return self.advance(node, self.bound(node, callee, given, named))
         if callee is np.where:
@@ -287,7 +305,8 @@ class Evaluation:
                 raise self.source.refuse(
                     node.lineno, f"{name} of {cls.__name__} is of another kind", "Give it what its class says."
                 )
-        return Record(cls, {name: values[name] for name in cls._fields})
+        chosen = {name: isinstance(values[name], Record) and values[name].choice is not None for name in cls._fields}
+        return Record(cls, {name: self.held(name, values[name]) if chosen[name] else values[name] for name in chosen})
 
     def bound(self, node: ast.Call, callee: Any, given: list[Any], named: dict[str, Any]) -> dict[str, Any]:
         try:

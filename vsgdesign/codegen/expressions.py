@@ -115,6 +115,28 @@ class Build:
     record: type
     fields: tuple[tuple[str, Expression], ...]
 
+    @property
+    def read(self) -> set[str]:
+        """Names that it is made of."""
+        return set().union(*(names_in(value) for _, value in self.fields))
+
+
+@dataclass(frozen=True)
+class Choose:
+    """A local record that is one of two others, or a copy of one."""
+
+    name: str
+    record: type
+    one: RecordName
+    condition: Expression | None = None
+    other: RecordName | None = None
+
+    @property
+    def read(self) -> set[str]:
+        """Names that it is made of."""
+        parts = (self.one, self.condition, self.other)
+        return set().union(*(names_in(part) for part in parts if part is not None))
+
 
 @dataclass(frozen=True)
 class Evaluate:
@@ -127,7 +149,7 @@ class Evaluate:
     """False where the targets are the caller's outputs."""
 
 
-Statement = Comment | Let | Build | Evaluate
+Statement = Comment | Let | Build | Choose | Evaluate
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from typing import Any
 from vsgdesign.codegen.evaluation import Evaluation, Unbound, free_name
 from vsgdesign.codegen.expressions import (
     Build,
+    Choose,
     Comment,
     Evaluate,
     Field,
@@ -24,6 +25,7 @@ from vsgdesign.codegen.expressions import (
     Number,
     Output,
     Parameter,
+    RecordName,
     Statement,
     Variable,
     advances,
@@ -39,9 +41,12 @@ class Library:
     """The functions that were read, each once for what was known of its arguments, callees first."""
 
     def __init__(
-        self, names: Mapping[type, str] | None = None, kinds: Mapping[Any, Mapping[str, Any]] | None = None
+        self,
+        names: Mapping[type, str] | None = None,
+        kinds: Mapping[Any, Mapping[str, Any]] | None = None,
+        prefix: str = "",
     ) -> None:
-        self.names, self.kinds = dict(names or {}), Kinds(kinds or {})
+        self.names, self.kinds, self.prefix = dict(names or {}), Kinds(kinds or {}), prefix
         self.functions: list[Function] = []
         self._found: dict[Any, Function] = {}
         self._open: list[Any] = []
@@ -71,8 +76,11 @@ class Library:
         return self._found[key]
 
     def word(self, record: type) -> str:
-        """What a NamedTuple is called: the name that was given, or its own in lower case."""
-        return self.names.get(record) or re.sub(r"(?<!^)(?=[A-Z])", "_", record.__name__).lower()
+        """What a NamedTuple is called: the name that was given, or its own in lower case behind the prefix."""
+        if record in self.names:
+            return self.names[record]
+        own = re.sub(r"(?<!^)(?=[A-Z])", "_", record.__name__).lower()
+        return own if own.startswith(self.prefix) else f"{self.prefix}{own}"
 
 
 def _identity(value: Any) -> Any:
@@ -278,7 +286,8 @@ class _Reader(Evaluation):
         for at, item in enumerate(items):
             if isinstance(item, Record):
                 name = documented[at] if documented else (item.label or item.home or self.library.word(item.cls))
-                values = tuple(leaves(item))
+                alone = [getattr(other, "cls", None) for other in items].count(item.cls) == 1
+                values = tuple(leaves(self.settled(item, item.cls if alone else None, made)))
                 outputs.append(Output(name, item.cls, values, empty=not values))
             else:
                 value = self.scalar(item, self.source.tree.body[-1])  # type: ignore[arg-type]
@@ -292,6 +301,21 @@ class _Reader(Evaluation):
                 outputs.append(Output(name, "real", (("", value),)))
         given = {parameter.name: parameter.kind for parameter in made.parameters}
         made.outputs = tuple(self.safe(output, outputs, given) for output in outputs)
+
+    def settled(self, record: Record, own: Any, made: Function, path: str = "") -> Record:
+        """The result with its records that are in memory now, and in another place then, as local copies. ``own`` is
+        the class of an output whose fields may be their own places."""
+        kinds = {parameter.name: parameter.kind for parameter in made.parameters}
+        values: dict[str, Any] = {}
+        for name, value in record.values.items():
+            place = f"{path}{name}"
+            if isinstance(value, Record) and not value.home:
+                value = self.settled(value, own, made, f"{place}.")
+            elif isinstance(value, Record) and value.home in self.records and leaves(value):
+                stays = value.path == place and own is not None and kinds.get(value.home) is own
+                value = value if stays else self.choose(name, value.cls, RecordName(value.home, value.path))
+            values[name] = value
+        return Record(record.cls, values, record.home, record.path, record.label, record.given)
 
     @staticmethod
     def whole_record(item: Any) -> str | None:
@@ -335,11 +359,10 @@ def _drop_unused(made: Function) -> None:
             if statement.name not in read and not advances(statement.value):
                 continue
             read |= names_in(statement.value)
-        elif isinstance(statement, Build):
+        elif isinstance(statement, Build | Choose):
             if statement.name not in read:
                 continue
-            for _, value in statement.fields:
-                read |= names_in(value)
+            read |= statement.read
         elif isinstance(statement, Evaluate):
             if statement.declare and not read & set(statement.targets) and not statement.function.lost:
                 continue

@@ -27,6 +27,8 @@ class Record:
     """What the source calls it."""
     given: bool = False
     """Whether it came in as an argument and is what it was."""
+    choice: tuple[Expression, Record, Record] | None = None
+    """A condition and the two records of which it is one, where that is all that it is."""
 
 
 def is_record(cls: Any) -> bool:
