@@ -54,7 +54,7 @@ class FieldRule:
     """What a recipe's field may be: docs/how-to/windows.md has a row of each."""
 
     kind: str
-    """``spread``, ``number``, ``whole number``, ``word``, ``text`` or ``true or false``."""
+    """``spread``, ``number``, ``whole number``, ``word``, ``text``, ``texts`` (a list) or ``true or false``."""
     low: float = -math.inf
     high: float = math.inf
     """Limits, SI; of a spread: of each of its values."""
@@ -91,6 +91,10 @@ def _read(raw: Any, rule: FieldRule) -> Any:
         return Spread(kind, tuple(parse_quantity(value, rule.unit) for value in values))
     if rule.kind == "number":
         return parse_quantity(raw, rule.unit)
+    if rule.kind == "texts":
+        if not isinstance(raw, list) or not all(isinstance(one, str) for one in raw):
+            raise UnitError("expected a list of texts")
+        return tuple(raw)
     if rule.kind == "true or false":
         if not isinstance(raw, bool):
             raise UnitError("must be true or false")

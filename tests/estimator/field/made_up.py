@@ -1,0 +1,69 @@
+"""Made-up cycles whose features say what the true impedance is: an oracle for training and scores."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from vsgdesign.estimator.field.cycles import FieldCycles
+
+NAMES = ("size", "angle", "noise_size", "in_doubt")
+PER_RUN = 60
+EVENT = 20
+"""Cycle of a run in which its only change falls, a jump."""
+
+
+def made_up_cycles(runs: int = 40, seed: int = 0, sigma: float = 0.05) -> FieldCycles:
+    """Runs with one jump each. The first two features are ln(Z/Ẑ) with an error of known deviation, relative to 1.
+
+    The deviation is ``sigma`` times e to the third feature, so that a trained network has to answer it. The held
+    answer stays that of the old grid for eight cycles after the jump.
+    """
+    rng = np.random.default_rng(seed)
+    rows: dict[str, list[Any]] = {name: [] for name in FieldCycles.__dataclass_fields__ if name != "header"}
+    for run in range(runs):
+        old, new = (np.exp(rng.uniform(-2.0, 0.0)) * np.exp(1j * rng.uniform(0.3, 1.4)) for _ in range(2))
+        for k in range(PER_RUN):
+            true = new if k >= EVENT else old
+            doubt = EVENT + 1 <= k < EVENT + 8
+            held = old if k < EVENT + 8 else new * (1.0 + 0.01 * rng.standard_normal())
+            spread = rng.uniform(-0.7, 0.7)
+            y = np.log(true / held)
+            error = sigma * np.exp(spread) * rng.standard_normal(2)
+            size = abs(held)
+            rows["features"].append([y.real + error[0], y.imag + error[1], spread, float(doubt)])
+            rows["estimate"].append([held.real, held.imag])
+            rows["covariance"].append([(0.01 * size) ** 2, 0.0, (0.01 * size) ** 2])
+            rows["valid"].append(not doubt)
+            rows["mode"].append(2 if doubt else 1)
+            rows["event"].append(k == EVENT + 1)
+            rows["refuted"].append(False)
+            rows["truth"].append([true.real, true.imag])
+            rows["run"].append(run)
+            rows["converter"].append(0)
+            rows["t_s"].append(0.02 * (k + 1))
+            rows["change"].append(1 if k >= EVENT else 0)
+            rows["change_number"].append(0 if k >= EVENT else -1)
+            rows["since_change"].append(0.02 * (k - EVENT) + 0.01 if k >= EVENT else np.inf)
+            rows["ratio"].append(abs(new - old) / abs(old) if k >= EVENT else 0.0)
+            rows["current"].append(0.3)
+    header = {
+        "features": list(NAMES),
+        "converters": [{"name": "made up", "S_rated": 5e3, "V_rated_rms": 63.5, "f_n": 50.0, "T_s": 5e-5}],
+        "recipe": {"name": "made up"},
+        "seed": seed,
+    }
+    for converter in header["converters"]:
+        converter |= {"R_2": 0.0, "X_2": 0.0}
+    return FieldCycles(**{name: np.array(values) for name, values in rows.items()}, header=header)
+
+
+def told_cycles(runs: int = 60, seed: int = 0, sigma: float = 0.05) -> FieldCycles:
+    """Cycles of which each has its own ln(Z/Ẑ), told by the features as in :func:`made_up_cycles`."""
+    cycles, rng = made_up_cycles(runs, seed), np.random.default_rng(seed + 1)
+    told = rng.uniform(-1.0, 1.0, (len(cycles), 4))
+    y = told[:, :2] - sigma * np.exp(told[:, 2:3]) * rng.standard_normal((len(cycles), 2))
+    true = (cycles.estimate @ (1.0, 1j)) * np.exp(y @ (1.0, 1j))
+    return replace(cycles, features=told, truth=np.column_stack([true.real, true.imag]))

@@ -1,0 +1,135 @@
+"""What the field estimator's network is trained on: the recursions' quantities in every cycle of many runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.errors import ArtifactError, Fault, StudyError
+from vsgdesign.estimator.data_set import SHARES, Split, content_hash, read_arrays, write_arrays
+
+Array = NDArray[np.float64]
+
+CHANGES = ("none", "jump", "jump_and_step", "grid_step", "power_step")
+"""What may happen in a run: nothing; another impedance; another impedance with a step of the grid's voltage, phase or
+frequency; such a step alone; a step of the references. The index is the code in ``change``."""
+
+_ARRAYS = (
+    "features",
+    "estimate",
+    "covariance",
+    "valid",
+    "mode",
+    "event",
+    "refuted",
+    "truth",
+    "run",
+    "converter",
+    "t_s",
+    "change",
+    "change_number",
+    "since_change",
+    "ratio",
+    "current",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FieldCycles:
+    """N cycles. Every array has N rows; impedances are per unit of the converter's base impedance at f_n."""
+
+    features: Array
+    """(N, n): what the network is given."""
+    estimate: Array
+    """(N, 2): R and X of the recursions' answer, which is held while they are in doubt."""
+    covariance: Array
+    """(N, 3): its variance of R, covariance, variance of X."""
+    valid: NDArray[np.bool_]
+    """Whether the recursions' answer is valid."""
+    mode: NDArray[np.int64]
+    """0 learning, 1 tracking, 2 in doubt."""
+    event: NDArray[np.bool_]
+    """Whether the recursions flagged an event in this cycle."""
+    refuted: NDArray[np.bool_]
+    """Whether the step after the event refutes that the impedance moved."""
+    truth: Array
+    """(N, 2): true R and X in the middle of the cycle."""
+    run: NDArray[np.int64]
+    converter: NDArray[np.int64]
+    """Index into the header's ``converters``."""
+    t_s: Array
+    """End of the cycle, s."""
+    change: NDArray[np.int64]
+    """The last change before the end of the cycle, a code of CHANGES; 0 before the first."""
+    change_number: NDArray[np.int64]
+    """Which change of its run this was; −1 before the first."""
+    since_change: Array
+    """Time since it, s; infinite before the first."""
+    ratio: Array
+    """|Z_new − Z_old|/|Z_old| of that change, 0 where the impedance stayed."""
+    current: Array
+    """The current just before that change, pu of the rated peak."""
+    header: Mapping[str, Any]
+    """Recipe, seed, names of the features, converters."""
+
+    def __len__(self) -> int:
+        return len(self.features)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the features."""
+        return tuple(self.header["features"])
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of header and every array."""
+        return content_hash(self.header, arrays_of(self))
+
+    @property
+    def targets(self) -> Array:
+        """(N, 2): y = ln(Z/Ẑ), logarithm of the size and difference of the angles in rad."""
+        true, held = (pair[:, 0] + 1j * pair[:, 1] for pair in (self.truth, self.estimate))
+        y = np.log(true / np.where(np.abs(held) < 1e-3, 1e-3, held))
+        return np.column_stack([y.real, y.imag])
+
+    def split(self, seed: int = 0) -> Split:
+        """70/15/15 at random by run: all cycles of a run are in one part.
+
+        Raises StudyError if there are too few runs.
+        """
+        names = np.random.default_rng(seed).permutation(np.unique(self.run))
+        ends = np.round(np.cumsum(SHARES) * len(names)).astype(int)
+        parts = np.split(names, ends[:2])
+        if min(len(part) for part in parts) == 0:
+            raise StudyError(
+                "split", [Fault("runs", str(len(names)), "too few for 70/15/15 by run", "Ask for more runs.")]
+            )
+        return Split(*(np.flatnonzero(np.isin(self.run, part)) for part in parts))
+
+    def rows(self, chosen: NDArray[Any]) -> FieldCycles:
+        """Some of the cycles."""
+        return FieldCycles(**{name: values[chosen] for name, values in arrays_of(self).items()}, header=self.header)
+
+
+def arrays_of(cycles: FieldCycles) -> dict[str, NDArray[Any]]:
+    """The arrays by name, in the file's order."""
+    return {name: getattr(cycles, name) for name in _ARRAYS}
+
+
+def write_cycles(path: str | Path, cycles: FieldCycles) -> None:
+    """As npz with header and hash; whole or not at all. Raises ArtifactError where it cannot be written."""
+    write_arrays(path, cycles.header, arrays_of(cycles))
+
+
+def read_cycles(path: str | Path) -> FieldCycles:
+    """Back from its file. Raises ArtifactError for a file that is none or was changed."""
+    header, arrays = read_arrays(path)
+    missing = [name for name in _ARRAYS if name not in arrays]
+    if missing or len({len(values) for values in arrays.values()}) != 1:
+        raise ArtifactError(f'"{path}" holds no runs of the field estimator: {", ".join(missing) or "array shapes"}.')
+    return FieldCycles(**{name: arrays[name] for name in _ARRAYS}, header=header)
