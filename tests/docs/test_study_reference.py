@@ -14,10 +14,12 @@ import pytest
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import LIMITERS
 from vsgdesign.parameters import (
+    background,
     building,
     estimator,
     inner_loops,
     scenario,
+    sensors,
     specification,
     stability,
     study_from_text,
@@ -83,6 +85,8 @@ components = [{ order = 7, amplitude_pu = 0.01 }]
 [stability]
 [stability.gates]
 [survival]
+[background]
+[sensors]
 """
 
 LCL_WITH_GAINS = """
@@ -214,7 +218,7 @@ def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[As
     """A field in a branch that the studies above do not take would escape the test above."""
     reached = {field for _, field in asked}
     escaped = set()
-    for module in (building, estimator, inner_loops, scenario, specification, stability, survival):
+    for module in (background, building, estimator, inner_loops, scenario, sensors, specification, stability, survival):
         for node in ast.walk(ast.parse(inspect.getsource(module))):
             if (
                 isinstance(node, ast.Call)

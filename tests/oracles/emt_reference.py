@@ -125,7 +125,10 @@ class StiffSource:
         self.jumps = [(e.t_s, e.phase_jump) for e in events]
         given = [(0.0, study.grid_source.components)]
         given += [(e.t_s, e.components) for e in events if e.components is not None]
-        V_pk = math.sqrt(2.0) * study.converter.V_rated_rms
+        self.V_rated_rms = study.converter.V_rated_rms
+        self.wander: tuple[NDArray[np.float64], NDArray[np.float64], float] | None = None
+        self.line: tuple[float, float, float] | None = None
+        V_pk = math.sqrt(2.0) * self.V_rated_rms
         self.components = [(t, tuple((c.order, V_pk * c.amplitude_pu, c.phase) for c in some)) for t, some in given]
         self.instants = sorted(
             {
@@ -140,15 +143,45 @@ class StiffSource:
         """(order, peak, phase) of every component at an instant."""
         return [some for t, some in self.components if t <= at][-1]
 
+    def follow(self, background: Any, gain: NDArray[np.float64], angle: NDArray[np.float64], T: float) -> None:
+        """From now on the fundamental is what the events say times gain·e^{j·angle}, held from sample to sample."""
+        for moves in (self.amplitude, self.frequency):
+            if moves is self.amplitude:
+                moves.knots = [
+                    (t, background.voltage_factor * v, background.voltage_factor * s) for t, v, s in moves.knots
+                ]
+                moves.areas = [background.voltage_factor * area for area in moves.areas]
+            else:
+                offset = 2.0 * math.pi * background.frequency_offset
+                moves.areas = [area + offset * t for area, t in zip(moves.areas, moves.times, strict=True)]
+                moves.knots = [(t, v + offset, s) for t, v, s in moves.knots]
+        self.jumps = [(-1.0, background.phase), *self.jumps]
+        rated = math.sqrt(2.0) * self.V_rated_rms
+        more = tuple((c.order, rated * c.amplitude_pu, c.phase) for c in background.components)
+        self.components = [(t, some + more) for t, some in self.components]
+        self.wander = (gain, angle, T)
+        if background.interharmonic > 0.0:
+            omega = 2.0 * math.pi * background.interharmonic_frequency
+            self.line = (omega, rated * background.interharmonic, background.interharmonic_phase)
+
+    def lines(self, at: float) -> tuple[tuple[float, float, float], ...]:
+        """(ω, peak, phase at an instant) of what turns at a frequency of its own."""
+        return () if self.line is None else ((self.line[0], self.line[1], self.line[2] + self.line[0] * at),)
+
     def held(self, at: float, since: float) -> tuple[float, float, float, float, float]:
         """The ramp that holds at an instant, described from ``since``: (peak, its slope, phase, ω, its slope)."""
         V, V_slope, _ = self.amplitude.at(at)
         omega, omega_slope, turned = self.frequency.at(at)
         phase = -0.5 * math.pi + turned + sum(jump for t_jump, jump in self.jumps if t_jump <= at)
         back = since - at
+        scale = math.sqrt(2.0)
+        if self.wander is not None:
+            gain, angle, T = self.wander
+            k = int(at / T + _COINCIDENT)
+            scale, phase = scale * gain[k], phase + angle[k]
         return (
-            math.sqrt(2.0) * (V + V_slope * back),
-            math.sqrt(2.0) * V_slope,
+            scale * (V + V_slope * back),
+            scale * V_slope,
             phase + back * (omega + 0.5 * omega_slope * back),
             omega + omega_slope * back,
             omega_slope,
@@ -244,6 +277,52 @@ class SampledController:
         return vector * (limit / abs(vector))
 
 
+class NineSensors:
+    """Three phases of three vectors, each read by a sensor of its own."""
+
+    def __init__(self, study: Study, noise: NDArray[np.float64]) -> None:
+        c, spec = study.converter, study.sensors
+        assert spec is not None
+        amps = math.sqrt(2.0) * c.S_rated / (3.0 * c.V_rated_rms)
+        self.rated = [math.sqrt(2.0) * c.V_rated_rms] * 3 + [amps] * 6
+        self.gain_errors, self.offsets, self.noise = spec.gain_errors, spec.offset_errors, noise
+        self.bits, self.full = spec.bits, spec.range_pu
+        self.late = spec.skew / (c.omega_n / (c.f_sw * c.samples_per_carrier))
+        self.before: list[complex] | None = None
+        self.first_turn = cmath.exp(-1j * build_frequency(study) / (c.f_sw * c.samples_per_carrier))
+
+    def read(self, sample: int, *vectors: complex) -> list[complex]:
+        """What they say of the true vectors at a sample."""
+        before = self.before or [vector * self.first_turn for vector in vectors]
+        self.before = list(vectors)
+        said = []
+        for k, (vector, old) in enumerate(zip(vectors, before, strict=True)):
+            late = max(-self.late, 0.0) if k == 0 else max(self.late, 0.0)
+            value, total = vector * (1.0 - late) + old * late, 0j
+            for phase in range(3):
+                turn = cmath.exp(2j * math.pi * phase / 3.0)
+                total += self._one(sample, 3 * k + phase, (value * turn.conjugate()).real) * turn
+            said.append(2.0 / 3.0 * total)
+        return said
+
+    def _one(self, sample: int, channel: int, true: float) -> float:
+        rated = self.rated[channel]
+        value = true * (1.0 + self.gain_errors[channel]) + self.offsets[channel] * rated + self.noise[sample, channel]
+        if self.full:
+            value = max(-self.full * rated, min(value, self.full * rated))
+        if self.bits:
+            levels = 2 ** (self.bits - 1)  # two's complement: codes −levels … levels − 1
+            code = min(math.floor(value / (self.full * rated) * levels + 0.5), levels - 1)
+            value = code * self.full * rated / levels
+        return value
+
+
+def build_frequency(study: Study) -> float:
+    """ω of the source at the start."""
+    offset = 0.0 if study.background is None else study.background.frequency_offset
+    return study.grid_source.omega_g + 2.0 * math.pi * offset
+
+
 def bridge_pieces(
     v_ref: complex, study: Study, sample: int, pwm: bool, cuts: Sequence[float]
 ) -> list[tuple[float, float, complex]]:
@@ -282,13 +361,14 @@ def integrate(
 ) -> NDArray[np.complex128]:
     """The circuit state after ``length`` seconds, by DOP853."""
     A, b, e, A_unequal, e_unequal = matrices
-    peak, peak_slope, phase, omega, omega_slope, others = source
+    peak, peak_slope, phase, omega, omega_slope, others, lines = source
     forced = b * v_b
 
     def voltage(t: float) -> complex:
         turned = phase + t * (omega + 0.5 * omega_slope * t)
         v_g = (peak + peak_slope * t) * cmath.exp(1j * turned)
-        return v_g + sum(size * cmath.exp(1j * (order * turned + angle)) for order, size, angle in others)
+        v_g += sum(size * cmath.exp(1j * (order * turned + angle)) for order, size, angle in others)
+        return v_g + sum(size * cmath.exp(1j * (own * t + angle)) for own, size, angle in lines)
 
     def derivative(t: float, y: NDArray[np.complex128]) -> NDArray[np.complex128]:
         return A @ y + forced + e * voltage(t)
@@ -325,6 +405,8 @@ def integrate_pieces(x: NDArray[np.complex128], pieces: Sequence[tuple], atol: N
     for k, (_, _, source, _) in enumerate(pieces):
         for order, size, angle in source[5]:
             v_g[k] += size * np.exp(1j * (order * turned[k] + angle))
+        for own, size, angle in source[6]:
+            v_g[k] += size * np.exp(1j * (own * t[k] + angle))
     forced = np.array([matrices[1] * v_b for _, v_b, _, matrices in pieces])
     drive = forced[:, None] + np.array([matrices[2] for *_, matrices in pieces])[:, None] * v_g[..., None]
     start = np.broadcast_to(np.eye(3, 4, dtype=complex), (len(pieces), 3, 4))
@@ -378,12 +460,18 @@ def run_reference(
     pwm: bool,
     start: Start,
     beta: Callable[[Grid], Grid] = lambda grid: grid,
+    wander: Any = None,
+    noise: Any = None,
 ) -> Trace:
     """Simulate the study from ``start``; ``gain_changes`` have ``t_s`` and ``gains``. ``beta``: what the grid is on the
-    β axis."""
+    β axis. ``wander(count)``: the gains and angles that the background's random numbers give, sample by sample;
+    ``noise(count)``: those of the nine sensors, V and A."""
     controller, source, c = SampledController(study), StiffSource(study), study.converter
     T = controller.T
     samples = round(study.simulation.duration / T)
+    if study.background is not None:
+        source.follow(study.background, *wander(samples), T)
+    sensors = None if study.sensors is None else NineSensors(study, noise(samples))
     events = sorted(study.events, key=lambda event: event.t_s)
     grids = [(0.0, study.grid), *((e.t_s, e.grid) for e in events if e.grid is not None)]
     matrices = [(t, with_beta(study, grid, beta(grid))) for t, grid in grids]
@@ -410,13 +498,16 @@ def run_reference(
         trace.plant[k] = x
         peak, _, phase, _, _ = source.held(now, k * T)
         others = (size * cmath.exp(1j * (order * phase + angle)) for order, size, angle in source.others(now))
-        trace.source[k] = peak * cmath.exp(1j * phase) + sum(others)
+        lines = (size * cmath.exp(1j * angle) for _, size, angle in source.lines(k * T))
+        trace.source[k] = peak * cmath.exp(1j * phase) + sum(others) + sum(lines)
         for name in ("theta", "omega", "V", "S_f", "xi_v", "xi_i", "i_f"):
             getattr(trace, name)[k] = getattr(state, name)
         refs = _references(study, events, now)
         gains = [change.gains for change in gain_changes if change.t_s <= now][-1]
         i_s, v_c, i_g = (complex(entry) for entry in x)
         v_node = v_c + study.filter.R_c * (i_s - i_g)
+        if sensors is not None:
+            v_node, i_s, i_g = sensors.read(k, v_node, i_s, i_g)
         state, asked, trace.power[k] = controller.step(state, v_node, i_s, i_g, refs, gains)
         if c.delay_samples == 0:
             applied = asked
@@ -431,7 +522,7 @@ def run_reference(
                 continue
             middle = k * T + 0.5 * (begin + end)
             circuit = [m for t, m in matrices if t <= middle][-1]
-            at_begin = (*source.held(middle, k * T + begin), source.others(middle))
+            at_begin = (*source.held(middle, k * T + begin), source.others(middle), source.lines(k * T + begin))
             asked_for.append((end - begin, v_b, at_begin, circuit))
         x = integrate_pieces(x, asked_for, atol)
     trace.current_limited, trace.voltage_limited = controller.hits["current"], controller.hits["voltage"]

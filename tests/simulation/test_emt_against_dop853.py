@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,9 +18,11 @@ import pytest
 from tests.oracles.emt_reference import Start, State, Trace, at_rest, run_reference
 from tests.simulation.studies import FAST_GAINS, GAINS, lc_study, lcl_study
 from vsgdesign.operating_point.sampled import steady_state
-from vsgdesign.parameters import Grid, Study, study_from_text
+from vsgdesign.parameters import Grid, GridSource, Study, study_from_text
 from vsgdesign.simulation import GainChange, Simulation, gain_changes, simulate
+from vsgdesign.simulation.sensors import Sensors
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.simulation.wander import Wander
 
 TOLERANCE = 1e-9
 
@@ -88,9 +91,9 @@ FROM_THE_START = """components = [
 
 def library_start(study: Study, gains: Sequence[GainChange]) -> Start:
     """The library's steady start as an initial condition. (Whether it is steady has its own test.)"""
-    phase = build_timeline(study).source_at(0.0).phase
-    spec = study.simulation
-    start = steady_state(study, study.grid, study.grid_source, spec.P_ref, spec.Q_ref, gains[0].gains, phase)
+    source = build_timeline(study).source_at(0.0)
+    spec, phase, at_start = study.simulation, source.phase, GridSource(source.V_g_rms, source.omega)
+    start = steady_state(study, study.grid, at_start, spec.P_ref, spec.Q_ref, gains[0].gains, phase)
     x, s, pending = start.plant, start.controller, start.pending
     S = complex(s.P_f, s.Q_f)
     state = State(
@@ -133,10 +136,24 @@ def errors_pu(study: Study, run: Simulation, reference: Trace) -> dict[str, floa
     return {name: float(np.max(np.abs(difference))) for name, difference in differences.items()}
 
 
+def random_numbers(study: Study) -> dict[str, Any]:
+    """What a background and sensors draw: data for the oracle, which has its own equations for what becomes of it."""
+    found: dict[str, Any] = {}
+    c = study.converter
+    if study.background is not None:
+        wander = Wander(study.background, c.T_s, c.omega_n)
+        found["wander"] = lambda count: wander.factors(0, count)
+    if study.sensors is not None:
+        sensors = Sensors(study, study.sensors, np.zeros(6), c.omega_n)
+        found["noise"] = lambda count: sensors.rows(0, count).noise
+    return found
+
+
 def compare(study: Study, gains: Sequence[GainChange], bridge: str, start: Start | None = None) -> Trace:
     """Run both and hold every error under the tolerance."""
     run = simulate(study, gains, bridge=bridge, log_states=10**9)
-    reference = run_reference(study, gains, bridge == "pwm", start or library_start(study, gains))
+    start = start or library_start(study, gains)
+    reference = run_reference(study, gains, bridge == "pwm", start, **random_numbers(study))
     errors = errors_pu(study, run, reference)
     print(f"{bridge}: worst {max(errors.values()):.1e} pu;", {name: f"{e:.1e}" for name, e in errors.items()})
     assert max(errors.values()) < TOLERANCE, errors
@@ -168,6 +185,51 @@ def test_negative_sequence_and_harmonics(bridge: str) -> None:
     """They are there from the start, change between samples, turn with a phase jump and a ramp, and stop."""
     sections = f"[grid]\nscr = 8\nx_over_r = 3\n{FROM_THE_START}"
     compare(lc_study("40 ms", COMPONENTS, sections), [GainChange(0.0, GAINS)], bridge)
+
+
+EVERYTHING = """
+[background]
+level = "dirty"
+seed = 3
+phase_noise = "0.2 mrad"
+voltage_noise = 2e-4
+voltage_wander = 0.002
+voltage_deviation = 0.00076
+voltage_steps_per_minute = 600
+phase_jumps_per_minute = 600
+modulation = 0.01
+modulation_frequency = "25 Hz"
+interharmonic = 0.005
+interharmonic_frequency = "75 Hz"
+"""
+
+SENSORS = """
+[sensors]
+level = "dirty"
+seed = 5
+skew = "0.2 deg"
+"""
+
+
+@pytest.mark.parametrize("bridge", ["averaged", "pwm"])
+@pytest.mark.parametrize("build", [lc_study, lcl_study])
+def test_background(build, bridge: str) -> None:
+    """All of a background at once, with events, jumps and ramps on top of it."""
+    study = build("50 ms", COMPONENTS + RAMPS.replace("10 ms", "12 ms") + EVERYTHING)
+    reference = compare(study, [GainChange(0.0, GAINS)], bridge)
+    assert np.max(np.abs(reference.plant[:, 0])) < 2.0 * study.converter.I_rated_pk
+
+
+@pytest.mark.parametrize("build", [lc_study, lcl_study])
+def test_sensors_in_the_loop(build) -> None:
+    compare(
+        build(
+            "40 ms",
+            SCR_STEP_AND_PHASE_JUMP.replace("100.02", "30.02").replace("60.0123", "12.0123") + EVERYTHING + SENSORS,
+        ),
+        [GainChange(0.0, GAINS)],
+        "pwm",
+    )
 
 
 @pytest.mark.parametrize("build", [lc_study, lcl_study])

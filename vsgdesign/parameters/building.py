@@ -24,10 +24,12 @@ from vsgdesign.errors import Fault
 from vsgdesign.frames import ll_to_phase, rms_to_peak
 from vsgdesign.identification.registry import ESTIMATORS, needs_network
 from vsgdesign.identification.sampling import window_of_rate
+from vsgdesign.parameters.background import read_background
 from vsgdesign.parameters.estimator import read_estimator
 from vsgdesign.parameters.inner_loops import InnerLoopSource, read_inner_loops, request_of
 from vsgdesign.parameters.reader import REQUIRED, TableReader
 from vsgdesign.parameters.scenario import read_components, read_events, read_grid, read_simulation
+from vsgdesign.parameters.sensors import read_sensors
 from vsgdesign.parameters.specification import read_specification
 from vsgdesign.parameters.stability import read_stability
 from vsgdesign.parameters.study import (
@@ -97,6 +99,7 @@ def build_study(
     stability = read_stability(root.child("stability"), converter, target, asked)
     estimator = read_estimator(root.child("estimator"))
     survival = read_survival(root.child("survival"))
+    background, sensors = read_background(root.child("background")), read_sensors(root.child("sensors"))
     root.finish()
     inner_gains, omega_t, request = inner.gains, inner.omega_t, None
     if inner_gains is None:
@@ -129,6 +132,8 @@ def build_study(
         current_limiter=current_limiter,
         limiter_given=limiter_given,
         survival=survival,
+        background=background,
+        sensors=sensors,
     )
 
 

@@ -21,7 +21,9 @@ from vsgdesign.frames import base_impedance, linear_modulation_limit, rated_curr
 from vsgdesign.parameters.survival import SurvivalSpec
 
 if TYPE_CHECKING:
+    from vsgdesign.parameters.background import BackgroundSpec
     from vsgdesign.parameters.estimator import EstimatorSpec
+    from vsgdesign.parameters.sensors import SensorSpec
     from vsgdesign.parameters.specification import Specification
 
 UNLIMITED_PU = 1e6
@@ -348,6 +350,10 @@ class Study:
     """Parameters of that limiter that the study sets, by name, in SI. The others have their defaults."""
     survival: SurvivalSpec = field(default_factory=SurvivalSpec)
     """Random disturbances of a survival measurement."""
+    background: BackgroundSpec | None = None
+    """What the grid's voltage does besides the events; None if the study has no [background]."""
+    sensors: SensorSpec | None = None
+    """What lies between the circuit and the controller; None if the study has no [sensors]: they are ideal."""
     files: tuple[str, ...] = field(default=(), compare=False)
     """Paths of the study file and of the files that it is based on; none for a study from a text."""
     origin: StudyOrigin | None = field(default=None, compare=False, repr=False)
@@ -377,7 +383,9 @@ class Study:
 
     @property
     def has_components(self) -> bool:
-        """Whether the grid source's voltage contains more than its fundamental at any time."""
+        """Whether the grid source's voltage contains more at any time than the fundamental that the events say."""
+        if self.background is not None and self.background.distorts:
+            return True
         return bool(self.grid_source.components) or any(event.components for event in self.events)
 
     def with_changes(self, **sections: Any) -> Study:

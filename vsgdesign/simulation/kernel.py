@@ -19,6 +19,7 @@ from vsgdesign.equations.limiters import GridEstimate, LimiterLaw
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.frames import clarke, clarke_inverse, rotate
 from vsgdesign.simulation.observing import ObserverLaw, Watch
+from vsgdesign.simulation.sensors import SensorRows, sensed
 
 LOG_COLUMNS = (
     "i_s_alpha",
@@ -36,8 +37,9 @@ LOG_COLUMNS = (
     "theta",
     "limited_samples",
 )
-"""What a run keeps of a sample, SI and peak. ``limited_samples`` counts the samples from the start of the run up to and
-including this one in which the current limiter acted."""
+"""What a run keeps of a sample, SI and peak. Voltages and currents are those of the circuit; P and Q are what the
+controller measures with its sensors, before its filters. ``limited_samples`` counts the samples from the start of the
+run up to and including this one in which the current limiter acted."""
 
 
 class Bridge(NamedTuple):
@@ -98,10 +100,12 @@ class PlantPieces(NamedTuple):
 
 
 class LogRows(NamedTuple):
-    """Where a stretch writes: ``rows`` takes LOG_COLUMNS at every ``every``-th sample of the run, ``states`` (0 or more
-    rows) the controller's states at every sample of the stretch. ``limited`` (1) counts limited samples."""
+    """Where a stretch writes: ``rows`` takes LOG_COLUMNS at every ``every``-th sample of the run, ``sensed`` (no rows
+    where the sensors are ideal) what the sensors say of the capacitor node's voltage and of i_g there, ``states`` (0 or
+    more rows) the controller's states at every sample of the stretch. ``limited`` (1) counts limited samples."""
 
     rows: Any
+    sensed: Any
     every: int
     states: Any
     limited: Any
@@ -217,6 +221,13 @@ def write_state(row: Any, state: ControllerState) -> None:
         row[k] = values[k]
 
 
+def write_sensed(rows: Any, row: Any, measured: Measurement, sensors: SensorRows | None) -> None:
+    """One row of what the sensors say of the capacitor node's voltage and of i_g; nothing where they are ideal."""
+    if sensors is not None:
+        rows[row, 0], rows[row, 1] = measured.v_alpha, measured.v_beta
+        rows[row, 2], rows[row, 3] = measured.i_g_alpha, measured.i_g_beta
+
+
 def commanding(state: ControllerState, theta: Any, V: Any) -> ControllerState:
     """The state with another angle (rad) and voltage (rms V). (The compiler knows no ``_replace``.)"""
     return ControllerState(
@@ -247,6 +258,7 @@ def run_stretch(
     given: ControllerInputs,
     bridge: Bridge,
     plant: PlantPieces,
+    sensors: SensorRows | None,
     log: LogRows,
     watch: Watch,
     limiter: LimiterLaw,
@@ -256,7 +268,8 @@ def run_stretch(
     many samples of the stretch have been run by then: all, unless the observer stopped the loop before.
 
     The arrays of ``moving``, ``plant.sources`` and ``watch`` are updated in place, so that the same stretch can go on.
-    Where the interval is cut into several pieces, ``span.count`` is 1.
+    Where the interval is cut into several pieces, ``span.count`` is 1. Without ``sensors`` they are ideal; the compiler
+    then leaves them out by the type.
     """
     first, begin, count = span
     x, pending, state = moving
@@ -274,7 +287,7 @@ def run_stretch(
     memory, constants = observer.begin(watch)
     done = begin
     for offset in range(begin, count):
-        measured = Measurement(
+        true = Measurement(
             v_alpha=x[2] + bridge.R_c * (x[0] - x[4]),
             v_beta=x[3] + bridge.R_c * (x[1] - x[5]),
             i_s_alpha=x[0],
@@ -282,6 +295,7 @@ def run_stretch(
             i_g_alpha=x[4],
             i_g_beta=x[5],
         )
+        measured = true if sensors is None else sensed(true, offset, sensors)
         sent = observer.probe(memory, state.V, constants)
         state = commanding(state, state.theta + sent.theta, state.V + sent.V)
         if offset < log.states.shape[0]:
@@ -310,6 +324,7 @@ def run_stretch(
             log.rows[row, 12] = state.theta
             log.rows[row, 13] = limited
             add_background(log.rows[row, 6:8], background, offset, x.shape[0])
+            write_sensed(log.sensed, row, measured, sensors)
             until_log = log.every
             row += 1
         until_log -= 1

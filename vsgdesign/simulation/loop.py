@@ -10,6 +10,7 @@ from vsgdesign.equations.limiters import CIRCULAR, LimiterLaw
 from vsgdesign.simulation.compiling import compile_function, compiled_law, is_packaged, source_stamp
 from vsgdesign.simulation.kernel import Bridge, ControllerInputs, LogRows, Moving, PlantPieces, Span, run_stretch
 from vsgdesign.simulation.observing import SILENT, ObserverLaw, Watch
+from vsgdesign.simulation.sensors import SensorRows
 
 acting: LimiterLaw = CIRCULAR.law
 watching: ObserverLaw = SILENT
@@ -31,12 +32,13 @@ def _with_stamp(stamp: int, law: LimiterLaw, observer: ObserverLaw) -> Callable[
         given: ControllerInputs,
         bridge: Bridge,
         plant: PlantPieces,
+        sensors: SensorRows | None,
         log: LogRows,
         watch: Watch,
     ) -> Any:
         if stamp < 0:  # never: it only makes the stamp part of the cache key
             span = Span(0, 0, 0)
-        return run_stretch(span, moving, given, bridge, plant, log, watch, acting, watching)
+        return run_stretch(span, moving, given, bridge, plant, sensors, log, watch, acting, watching)
 
     kept = is_packaged((*law, *observer))  # type: ignore[arg-type]
     laws = {"acting": compiled_law(law), "watching": compiled_law(observer)}

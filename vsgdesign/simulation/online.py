@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.equations.filters import FilterGrid, pcc_voltage
+from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage, pcc_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.identification import Probe
@@ -43,9 +43,9 @@ class MeasuredWindow:
     """End of the window: the sample at which an answer acts."""
     sample_interval: float
     v_pcc: Array
-    """(n, 2): α and β of the voltage at the PCC, V peak. α is phase A."""
+    """(n, 2): α and β of the voltage at the PCC, V peak, as the sensors say. α is phase A."""
     i_pcc: Array
-    """(n, 2): α and β of the current into the grid, A peak."""
+    """(n, 2): α and β of the current into the grid, A peak, as the sensors say."""
     theta: Array
     """(n): angle of the converter's d axis against α, rad."""
     P: float
@@ -254,6 +254,13 @@ def pcc_vectors(log: Array, circuit: FilterGrid) -> tuple[Array, Array]:
     return pcc_voltage(i_s, v_c, i_g, v_g, circuit), i_g
 
 
+def sensed_vectors(log: Array, sensed: Array, v_pcc: Array, circuit: FilterGrid) -> tuple[Array, Array]:
+    """v_pcc and i_pcc, (n, 2) each, with the errors of the controller's own sensors: the PCC's voltage is measured as
+    wrongly as that of the capacitor node, which is the same voltage where the filter has no second inductor."""
+    node = capacitor_node_voltage(log[:, 0:2], log[:, 2:4], log[:, 4:6], circuit)
+    return v_pcc + (sensed[:, 0:2] - node), sensed[:, 2:4]
+
+
 class ListedGains:
     """Gains over time that are known beforehand, as a run takes them."""
 
@@ -270,6 +277,7 @@ class ListedGains:
         self.held: HeldProbe | None = None
         """The run's probe, if it sends one."""
         self.limited_samples = 0
+        self.sensed: Array | None = None
 
     def wanted(self) -> Probe | None:
         """No probe."""
@@ -313,6 +321,9 @@ class OnlineGains:
         """The run's probe, if it sends one."""
         self.limited_samples = 0
         """How many samples the run has limited its current in so far; the run keeps it up to date."""
+        self.sensed: Array | None = None
+        """What the sensors say of the capacitor node's voltage and of i_g, (rows of the log, 4); no rows: the sensors
+        are ideal. The run sets it."""
         self._limited_before = 0
         self._wanted = _wanted(scheduler)
 
@@ -358,8 +369,11 @@ class OnlineGains:
     ) -> MeasuredWindow:
         begin = sample - self._period
         limited, self._limited_before = self.limited_samples - self._limited_before, self.limited_samples
-        rows = log[begin // log_every : sample // log_every : self._every // log_every]
-        v_pcc, i_pcc = pcc_vectors(rows, self._circuit_over(begin, sample))
+        over = slice(begin // log_every, sample // log_every, self._every // log_every)
+        rows, circuit = log[over], self._circuit_over(begin, sample)
+        v_pcc, i_pcc = pcc_vectors(rows, circuit)
+        if self.sensed is not None and len(self.sensed):
+            v_pcc, i_pcc = sensed_vectors(rows, self.sensed[over], v_pcc, circuit)
         omega, _, _ = power_loops(state.omega_i, state.V, state.P_f, state.Q_f, refs, gains)
         return MeasuredWindow(
             index=sample // self._period - 1,
@@ -374,10 +388,16 @@ class OnlineGains:
             omega=omega,
             refs=refs,
             gains=gains,
-            source_phase=self._timeline.source_at((begin + 1e-6) * self._T_s).phase,
+            source_phase=self._source_phase((begin + 1e-6) * self._T_s),
             sent=None if self.held is None else self.held.sent_over(begin, sample, self._every),
             limited=limited,
         )
+
+    def _source_phase(self, t_s: float) -> float:
+        phase = self._timeline.source_at(t_s).phase
+        if self._timeline.wander is not None:
+            phase += float(self._timeline.wander.factors(round(t_s / self._T_s), 1)[1][0])
+        return phase
 
     def _circuit_over(self, begin: int, end: int) -> FilterGrid:
         grids, T_s = self._timeline.grids, self._T_s

@@ -40,6 +40,7 @@ from vsgdesign.simulation.observing import NO_WATCH
 from vsgdesign.simulation.online import ListedGains, OnlineGains, OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence, good_rows, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
+from vsgdesign.simulation.sensors import sensors_of
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
 
 _RAMP_STRETCH = 0.02
@@ -116,6 +117,9 @@ def simulate(
     start = _start(study, timeline, feed.first())
     x, state, pending = np.zeros(states_of(circuit_of(timeline.grid_at(0.0)))), start.controller, start.pending
     x[: len(start.plant)] = start.plant
+    sensors = sensors_of(study, x, timeline.source_at(0.0).omega)
+    sensed = np.empty((0 if sensors is None else len(log), 4))
+    feed.sensed = sensed
     controller_log = np.empty((min(log_states, samples), len(flat_state(state))))
     limited = np.zeros(1)
     c = study.converter
@@ -130,7 +134,7 @@ def simulate(
     )
     loop = compiled_loop(study.limiter.law)
     plants = functools.lru_cache(maxsize=64)(functools.partial(stacked_plants, circuit_of, pwm))
-    background = Background(circuit_of, rms_to_peak(c.V_rated_rms))
+    background = Background(circuit_of, rms_to_peak(c.V_rated_rms), timeline.wander)
     loop_seconds, divergence = 0.0, None
     no_rows = np.empty((0, controller_log.shape[1]))
     gains, refs_so_far = feed.first(), _references(study, timeline, 0)
@@ -174,7 +178,8 @@ def simulate(
                 ),
                 bridge_data,
                 plant,
-                LogRows(rows=log, every=log_every, states=states, limited=limited),
+                None if sensors is None else sensors.rows(first, count),
+                LogRows(rows=log, sensed=sensed, every=log_every, states=states, limited=limited),
                 NO_WATCH,
             )
         state = _of_own_types(following, state)
@@ -298,8 +303,8 @@ def _pieces(
         intervals.append(Interval(float(h), timeline.grid_at(t_s), source, timeline.components_at(t_s)))
     pieces = plants(tuple((one.grid, one.h, one.source.omega) for one in intervals))
     pieces = pieces._replace(sources=np.array([_source_row(one.source) for one in intervals]))
-    if any(one.components for one in intervals):
-        pieces = pieces._replace(background=background.rows(intervals, count, T_s))
+    if background.acts(intervals):
+        pieces = pieces._replace(background=background.rows(intervals, first, count, T_s))
     return pieces
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.parameters.study import Event, Grid, SourceComponent, Study
+from vsgdesign.simulation.wander import Wander
 
 _T = TypeVar("_T")
 
@@ -55,9 +56,11 @@ class Timeline:
     """(t_s, P_ref, Q_ref)."""
     components: tuple[tuple[float, tuple[SourceComponent, ...]], ...] = ((0.0, ()),)
     """What the source has besides its fundamental."""
+    wander: Wander | None = field(default=None, compare=False)
+    """By how much the fundamental differs from ``sources``: the study's background, where it has one."""
 
     def source_at(self, t_s: float) -> SourceSegment:
-        """The source described from t_s on (after a change at t_s)."""
+        """The source described from t_s on (after a change at t_s), without what its background does over time."""
         return _last(self.sources, t_s, lambda s: s.t_s).at(t_s)
 
     def grid_at(self, t_s: float) -> Grid:
@@ -79,12 +82,16 @@ class Timeline:
         return tuple(sorted(times - {0.0}))
 
     def source_phase(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Phase of the source in rad at each instant of a sorted array."""
+        """Phase of the source's fundamental in rad at each instant of a sorted array, with the wander of a background
+        from the sample before the instant on."""
         starts = np.array([s.t_s for s in self.sources])
         index = np.searchsorted(starts, t_s, side="right") - 1
         fields = np.array([(s.t_s, s.omega, s.omega_slope, s.phase) for s in self.sources])[index]
         dt = t_s - fields[:, 0]
-        return fields[:, 3] + fields[:, 1] * dt + 0.5 * fields[:, 2] * dt * dt
+        phase = fields[:, 3] + fields[:, 1] * dt + 0.5 * fields[:, 2] * dt * dt
+        if self.wander is not None and len(t_s):
+            phase += self.wander.angle_at(np.floor(t_s / self.wander.T_s + 1e-6).astype(np.int64))
+        return phase
 
 
 def _last(items: Sequence[_T], t_s: float, key: Callable[[_T], float]) -> _T:
@@ -94,9 +101,19 @@ def _last(items: Sequence[_T], t_s: float, key: Callable[[_T], float]) -> _T:
 def build_timeline(study: Study) -> Timeline:
     """The timeline of a study's events.
 
-    The published source is √2·V_g·sin(ωt) on phase A, so its space vector starts at −90°.
+    The published source is √2·V_g·sin(ωt) on phase A, so its space vector starts at −90°. A background adds its phase
+    and its frequency and multiplies every voltage by its factor.
     """
-    present = SourceSegment(0.0, study.grid_source.V_g_rms, 0.0, study.grid_source.omega_g, 0.0, -0.5 * math.pi)
+    background = study.background
+    if background is None:
+        factor, offset, phase_0, wander = 1.0, 0.0, -0.5 * math.pi, None
+    else:
+        factor, offset = background.voltage_factor, 2.0 * math.pi * background.frequency_offset
+        phase_0 = background.phase - 0.5 * math.pi
+        wander = Wander(background, study.converter.T_s, study.converter.omega_n)
+    present = SourceSegment(
+        0.0, factor * study.grid_source.V_g_rms, 0.0, study.grid_source.omega_g + offset, 0.0, phase_0
+    )
     sources = [present]
     grids = [(0.0, study.grid)]
     references = [(0.0, study.simulation.P_ref, study.simulation.Q_ref)]
@@ -116,9 +133,9 @@ def build_timeline(study: Study) -> Timeline:
             event = pending.pop(0)
             phase += event.phase_jump
             if event.V_g_rms is not None:
-                V, V_slope, V_end = _ramp(V, event.V_g_rms, event)
+                V, V_slope, V_end = _ramp(V, factor * event.V_g_rms, event)
             if event.omega_g is not None:
-                omega, omega_slope, omega_end = _ramp(omega, event.omega_g, event)
+                omega, omega_slope, omega_end = _ramp(omega, event.omega_g + offset, event)
             if event.grid is not None:
                 grids.append((t_s, event.grid))
             if event.components is not None:
@@ -131,7 +148,7 @@ def build_timeline(study: Study) -> Timeline:
         if changed != now:
             present = changed
             sources = [s for s in sources if s.t_s < t_s or s.t_s == 0.0 < t_s] + [changed]
-    return Timeline(tuple(sources), tuple(grids), tuple(references), tuple(components))
+    return Timeline(tuple(sources), tuple(grids), tuple(references), tuple(components), wander)
 
 
 def _ramp(value: float, goal: float, event: Event) -> tuple[float, float, tuple[float, float]]:

@@ -1,0 +1,162 @@
+"""The course of time of a background: by how much the source's fundamental differs, sample by sample, from the events.
+
+From one sample to the next the difference is a constant factor g e^{jψ} on the fundamental's phasor (:eq:`wander`).
+Random numbers come in blocks of samples, each with a seed of its own, so that a run may be cut into any stretches and
+only a few blocks are kept in memory.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.parameters.background import BackgroundSpec
+from vsgdesign.parameters.ranges import stream
+
+Array = NDArray[np.float64]
+
+BLOCK = 8192
+"""Samples of a block."""
+
+_KEPT = 3
+"""Blocks in memory."""
+
+FORGOTTEN_S = 60.0
+"""Time constant with which a grid takes back steps and the walk of its magnitude, s: its voltage is controlled."""
+
+NOISE_TIME = 0.05
+"""Correlation time of the noise, in nominal cycles: white up to some hundred hertz."""
+
+
+class _Path(NamedTuple):
+    """Where a block begins."""
+
+    frequency: float = 0.0
+    """Hz."""
+    angle: float = 0.0
+    """rad, without the noise."""
+    slow: float = 0.0
+    """ln of the magnitude: steps and walk."""
+    wander: float = 0.0
+    """ln of the magnitude: its wander."""
+    phase_noise: float = 0.0
+    voltage_noise: float = 0.0
+
+
+class Wander:
+    """The factor g e^{jψ} of a background over time. It is 1 at t = 0, but for noise and modulation."""
+
+    def __init__(self, spec: BackgroundSpec, T_s: float, omega_n: float) -> None:
+        """``T_s``: the sampling period, s. ``omega_n``: nominal angular frequency, rad/s."""
+        self.spec, self.T_s = spec, T_s
+        self._cycle = 2.0 * math.pi / omega_n
+        self._starts = [_Path(phase_noise=self._first("phase_noise"), voltage_noise=self._first("voltage_noise"))]
+        self._blocks: dict[int, tuple[Array, Array]] = {}
+
+    def factors(self, first: int, count: int) -> tuple[Array, Array]:
+        """Gain g and angle ψ (rad) at samples first … first + count − 1."""
+        gain, angle = np.empty(count), np.empty(count)
+        done = 0
+        while done < count:
+            block, at = divmod(first + done, BLOCK)
+            take = min(count - done, BLOCK - at)
+            for values, whole in zip((gain, angle), self._block(block), strict=True):
+                values[done : done + take] = whole[at : at + take]
+            done += take
+        return gain, angle
+
+    def angle_at(self, samples: NDArray[np.int64]) -> Array:
+        """Angle ψ (rad) at samples in increasing order."""
+        found = np.empty(len(samples))
+        for block in np.unique(samples // BLOCK).tolist():
+            begin, end = np.searchsorted(samples, [block * BLOCK, (block + 1) * BLOCK])
+            found[begin:end] = self._block(block)[1][samples[begin:end] - block * BLOCK]
+        return found
+
+    def _block(self, index: int) -> tuple[Array, Array]:
+        if index not in self._blocks:
+            while len(self._starts) <= index:
+                self._make(len(self._starts) - 1)
+            if index not in self._blocks:
+                self._make(index)
+        return self._blocks[index]
+
+    def _make(self, index: int) -> None:
+        """Generate a block, keep it, and keep where the next one begins."""
+        spec, begin, h = self.spec, self._starts[index], self.T_s
+        frequency, frequency_end = self._settling(
+            index, "frequency", begin.frequency, spec.frequency_wander, spec.frequency_deviation
+        )
+        wander, wander_end = self._settling(index, "voltage", begin.wander, spec.voltage_wander, spec.voltage_deviation)
+        step = spec.phasor_walk * math.sqrt(0.5 * h / self._cycle)
+        turned = 2.0 * math.pi * h * frequency
+        turned += self._normal(index, "phase walk", step)
+        turned += self._steps(index, "phase jumps", spec.phase_jumps_per_minute, spec.phase_jump)
+        moved = self._normal(index, "voltage walk", step)
+        moved += self._steps(index, "voltage steps", spec.voltage_steps_per_minute, spec.voltage_step)
+        angle = begin.angle + np.concatenate([[0.0], np.cumsum(turned)])
+        slow = _recursion(math.exp(-h / FORGOTTEN_S), moved, begin.slow)
+        phase_noise, voltage_noise = (
+            self._noise(index, name, getattr(begin, name)) for name in ("phase_noise", "voltage_noise")
+        )
+        if len(self._starts) == index + 1:
+            ends = (frequency_end, angle[-1], slow[-1], wander_end, phase_noise[-1], voltage_noise[-1])
+            self._starts.append(_Path(*(float(value) for value in ends)))
+        gain = np.exp(slow[:-1] + wander + voltage_noise[:-1])
+        if spec.modulation > 0.0:
+            turns = spec.modulation_frequency * (index * BLOCK + np.arange(BLOCK, dtype=np.float64)) * h
+            gain *= 1.0 + spec.modulation * np.cos(2.0 * math.pi * (turns % 1.0) + spec.modulation_phase)
+        self._blocks[index] = gain, angle[:-1] + phase_noise[:-1]
+        while len(self._blocks) > _KEPT:
+            del self._blocks[next(iter(self._blocks))]
+
+    def _settling(self, index: int, name: str, begin: float, wander: float, deviation: float) -> tuple[Array, float]:
+        """A process that is pulled back to zero, over a block, and its value where the next one begins."""
+        if wander == 0.0:
+            return np.zeros(BLOCK), 0.0
+        kept = math.exp(-0.5 * self.T_s * (wander / deviation) ** 2)
+        values = _recursion(kept, self._normal(index, name, deviation * math.sqrt(1.0 - kept * kept)), begin)
+        return values[:-1], float(values[-1])
+
+    def _noise(self, index: int, name: str, begin: float) -> Array:
+        """A block of noise and its next value."""
+        if getattr(self.spec, name) == 0.0:
+            return np.zeros(BLOCK + 1)
+        kept = math.exp(-self.T_s / (NOISE_TIME * self._cycle))
+        return _recursion(kept, self._normal(index, name, self._rms(name) * math.sqrt(1.0 - kept * kept)), begin)
+
+    def _first(self, name: str) -> float:
+        return self._rms(name) * float(stream(self.spec.seed, name, "first").standard_normal())
+
+    def _rms(self, name: str) -> float:
+        """Rms value of noise whose mean over a cycle has the one that is asked for."""
+        r = 1.0 / NOISE_TIME
+        return getattr(self.spec, name) / math.sqrt(2.0 / r**2 * (r - 1.0 + math.exp(-r)))
+
+    def _normal(self, index: int, name: str, rms: float) -> Array:
+        if rms == 0.0:
+            return np.zeros(BLOCK)
+        return rms * stream(self.spec.seed, name, index).standard_normal(BLOCK)
+
+    def _steps(self, index: int, name: str, per_minute: float, sizes: tuple[float, float]) -> Array:
+        """Steps of either sign at random instants, each at the sample that follows."""
+        found = np.zeros(BLOCK)
+        if per_minute > 0.0:
+            rng = stream(self.spec.seed, name, index)
+            count = int(rng.poisson(per_minute / 60.0 * BLOCK * self.T_s))
+            places, signs = rng.integers(0, BLOCK, count), rng.choice([-1.0, 1.0], count)
+            np.add.at(found, places, signs * rng.uniform(*sizes, count))
+        return found
+
+
+def _recursion(kept: float, drive: Array, begin: float) -> Array:
+    """x_0 = begin, x_{k+1} = kept·x_k + drive_k: one value more than ``drive`` has."""
+    from scipy.signal import lfilter  # heavy: imported where it is used
+
+    if not drive.any() and begin == 0.0:
+        return np.zeros(len(drive) + 1)
+    values, _ = lfilter([1.0], [1.0, -kept], drive, zi=[kept * begin])
+    return np.concatenate([[begin], values])
