@@ -155,12 +155,13 @@ GUARDS = (
     ("2 Inputs", "finite, and within the sensors' range?", "refused: the last good P, Q, V stay"),
     ("3 Box of powers", "P, Q, V inside the certified box?", "clamped: the edge of the box is used"),
     ("4 Plausibility", "R̂_g, L̂_g within the known range?", "held: the goal stays"),
-    ("5 Jump", "within 50 % of the goal, or seen 3 times?", "held: the jump must be confirmed"),
+    ("5 Jump", "within 50 % of the goal, seen 3 times, or “changed”?", "held: the jump must be confirmed"),
     ("6 Hysteresis", "more than 2 % from the goal?", "the goal stays (the estimate counts)"),
-    ("7 Doubt", "no doubt older than 0.6 s?", "fallback: the goal is the safe place"),
-    ("8 Rate", "is the place at its goal?", "limited: the place moves at most at r"),
-    ("9 Certified box", "is the place inside the box?", "clamped: the edge of the box is used"),
-    ("10 Design", "are all nodes used there designed?", "held: place and gains stay"),
+    ("7 Own error", "is its 95 % set within the designed errors?", "partly: the goal moves part of the way"),
+    ("8 Doubt", "no doubt older than 0.6 s?", "fallback: the goal is the safe place"),
+    ("9 Rate", "is the place at its goal?", "limited: the place moves at most at r"),
+    ("10 Certified box", "is the place inside the box?", "clamped: the edge of the box is used"),
+    ("11 Design", "are all nodes used there designed?", "held: place and gains stay"),
 )
 
 
@@ -202,7 +203,7 @@ def scheduler_guards() -> str:
     d.text(
         430,
         y + 105,
-        "If an update is refused or held, guards 5 and 6 are skipped and the place moves on to its present goal.",
+        "If an update is refused or held, guards 5 to 7 are skipped and the place moves on to its present goal.",
         "small",
     )
     d.text(

@@ -46,7 +46,10 @@ RANGES: dict[str, tuple[float, float]] = {
     "Z_v": (0.5, 3.0), "S_rated": (1e3, 1e6), "dc_voltage": (300.0, 900.0), "zero_sequence": (0.0, 1.0),
     "value": (-4e3, 4e3), "mean": (-4e3, 4e3), "ripple": (-4e3, 4e3), "damping": (0.1, 1.0), "gain": (0.01, 0.1),
     "step": (1e-4, 1e-2), "back": (0.01, 0.1), "notch_gain": (0.01, 0.1), "notch_step": (1e-4, 1e-2),
-    "notch_back": (0.01, 0.1),
+    "notch_back": (0.01, 0.1), "error_R": (0.0, 0.5), "error_X": (0.0, 0.5), "error_Z": (0.0, 0.3),
+    "h_R": (0.01, 0.5), "h_X": (0.01, 0.5), "var_R": (0.0, 0.1), "var_X": (0.0, 0.1), "share": (0.0, 1.0),
+    "goal_scr": (1.0, 20.0), "left_scr": (1.0, 20.0), "r_over_x": (0.05, 3.0), "goal_r_over_x": (0.05, 3.0),
+    "left_r_over_x": (0.05, 3.0),
 }  # fmt: skip
 BY_PREFIX: tuple[tuple[str, tuple[float, float]], ...] = (
     ("V_", (90.0, 130.0)),

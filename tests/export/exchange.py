@@ -15,9 +15,19 @@ from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.export import CompiledC, export_c_files
 from vsgdesign.export.known_answers import gain_sizes
 from vsgdesign.runtime import Scheduler
-from vsgdesign.runtime.guards import DOUBT, FALLBACK, FRESH, NO_ESTIMATE, NO_REASON, TOLD_LIMITED, TOLD_SURPRISED
-from vsgdesign.runtime.scheduler import Answer, advance, first_state
+from vsgdesign.runtime.guards import (
+    DOUBT,
+    FALLBACK,
+    FRESH,
+    NO_ESTIMATE,
+    NO_REASON,
+    PARTLY,
+    TOLD_CHANGED,
+    TOLD_LIMITED,
+    TOLD_SURPRISED,
+)
 from vsgdesign.runtime.state import SchedulerState
+from vsgdesign.runtime.updating import Answer, Covariance, advance, first_state, told_state
 
 KINDS = ("published", "poles"), ("decoupled", "poles"), ("angle_damped", "poles"), ("angle_damped", "inertia")
 
@@ -50,6 +60,8 @@ class Calls:
     values: np.ndarray
     """(N, 5): R_g, L_g, P, Q, V."""
     ticks: list[int]
+    covariances: list[Covariance | None]
+    """Of the estimates; None: not known."""
 
 
 def random_calls(scheduler: Scheduler, count: int, seed: int) -> Calls:
@@ -83,8 +95,26 @@ def random_calls(scheduler: Scheduler, count: int, seed: int) -> Calls:
     # Now and then nothing for a while, with something that was told before it.
     silent = np.repeat(rng.random(-(-count // 80)) < 0.1, 80)[:count]
     said = np.where(silent, NO_ESTIMATE, said)
-    told = np.where(rng.random(count) < 0.05, rng.integers(0, 4, count), 0)
-    return Calls(said.tolist(), told.tolist(), values, (np.cumsum(steps) % 2**32).tolist())
+    told = np.where(rng.random(count) < 0.05, rng.integers(0, 8, count), 0)
+    covariances = random_covariances(values, lookup.omega, rng)
+    return Calls(said.tolist(), told.tolist(), values, (np.cumsum(steps) % 2**32).tolist(), covariances)
+
+
+def random_covariances(values: np.ndarray, omega: float, rng: np.random.Generator) -> list[Covariance | None]:
+    """Of estimates that know their error for a while: from far more precise than needed to useless, and now and then
+    what is no covariance."""
+    count = len(values)
+    with np.errstate(all="ignore"):
+        size = np.nan_to_num(np.hypot(values[:, 0], omega * values[:, 1]), nan=1.0, posinf=1.0)
+        sigma = size[:, None] * np.exp(rng.uniform(np.log(1e-3), np.log(2.0), (count, 2)))
+        rho = rng.choice([0.0, 0.9, -0.9, 1.2], count, p=[0.4, 0.3, 0.27, 0.03])
+        sigma[:, 1] /= omega
+        given = np.column_stack([sigma[:, 0] ** 2, rho * sigma[:, 0] * sigma[:, 1], sigma[:, 1] ** 2])
+        spoilt = rng.random(given.shape) < 0.005
+        given = np.where(spoilt, rng.choice([0.0, np.nan, np.inf, -1.0, 1e-45], given.shape), given).astype(np.float32)
+    known = np.repeat(rng.random(-(-count // 25)) < 0.6, 25)[:count]
+    numbers = given.astype(float).tolist()
+    return [(a, b, c) if has else None for (a, b, c), has in zip(numbers, known.tolist(), strict=True)]
 
 
 @dataclass
@@ -97,6 +127,7 @@ class Difference:
     fresh: int = 0
     doubtful: int = 0
     """Calls with a doubt that is not over, and not yet too old."""
+    partly: int = 0
     gains: float = 0.0
     """Relative, as :func:`vsgdesign.export.known_answers.gain_sizes` says."""
     place: float = 0.0
@@ -104,6 +135,7 @@ class Difference:
     def add(self, a: Answer, b: Answer) -> None:
         self.calls += 1
         self.fresh += a.status & FRESH
+        self.partly += a.status & PARTLY == PARTLY
         self.doubtful += a.status & (DOUBT | FALLBACK) == DOUBT
         self.statuses += (a.status, a.reason) != (b.status, b.reason)
         for want, got, size in zip(a.gains, b.gains, gain_sizes(a.gains), strict=True):
@@ -117,14 +149,19 @@ def compare(scheduler: Scheduler, compiled: CompiledC, calls: Calls, *, each_afr
     lookup, c = scheduler.lookup, scheduler.settings
     state, difference = first_state(lookup, c), Difference()
     compiled.load_state(state)
-    for said, told, values, ticks in zip(calls.said, calls.told, calls.values.tolist(), calls.ticks, strict=True):
+    rows = zip(calls.said, calls.told, calls.values.tolist(), calls.ticks, calls.covariances, strict=True)
+    for said, told, values, ticks, covariance in rows:
         if each_afresh:
             state = rounded(state, scheduler)
             compiled.load_state(state)
+        changed = bool(told & TOLD_CHANGED)
         compiled.tell(limited=bool(told & TOLD_LIMITED), surprised=bool(told & TOLD_SURPRISED))
-        state, answer = advance(lookup, c, state._replace(told=told), said, *values, ticks=ticks)
-        estimated = said == NO_REASON
-        got = compiled.update_estimate(*values, ticks=ticks) if estimated else compiled.hold(*values[2:], ticks=ticks)
+        state, answer = advance(lookup, c, told_state(state, told), said, *values, ticks=ticks, covariance=covariance)
+        if said == NO_REASON:
+            got = compiled.update_estimate(*values, ticks=ticks, covariance=covariance, changed=changed)
+        else:
+            compiled.tell(changed=changed)
+            got = compiled.hold(*values[2:], ticks=ticks)
         difference.add(answer, got)
     return difference
 

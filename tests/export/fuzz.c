@@ -86,7 +86,15 @@ int main(int count, char **arguments)
             L = 25e-3 * uniform();
         }
         vsg_tell(&s, (uint16_t)((bits() % 20U == 0U) ? bits() : 0U));
-        if (kind < 80U) {
+        if (kind < 40U) {
+            vsg_covariance_t c;
+            c.var_R = number(0.0, 0.5);
+            c.cov_RL = number(-1e-5, 1e-5);
+            c.var_L = number(0.0, 5e-6);
+            vsg_update_estimate_with(&s, number(0.97 * R, 1.03 * R), number(0.97 * L, 1.03 * L),
+                                     (bits() % 10U == 0U) ? NULL : &c, (uint16_t)((bits() % 10U == 0U) ? bits() : 0U), P, Q,
+                                     V, ticks, &a);
+        } else if (kind < 80U) {
             vsg_update_estimate(&s, number(0.97 * R, 1.03 * R), number(0.97 * L, 1.03 * L), P, Q, V, ticks, &a);
         } else if (kind < 90U) {
             vsg_hold(&s, P, Q, V, ticks, &a);
@@ -136,9 +144,11 @@ int main(int count, char **arguments)
                 fail(k, "the file cannot be written");
             }
         }
-        if (((a.status & VSG_FRESH) != 0U) == ((a.status & VSG_HELD) != 0U) || a.status > 127U || a.reason > 9U ||
+        if (((a.status & VSG_FRESH) != 0U) == ((a.status & VSG_HELD) != 0U) || a.status > 255U || a.reason > 9U ||
             ((a.reason == 0U) != ((a.status & VSG_FRESH) != 0U)) || ((a.status & VSG_FRESH) != 0U && s.doubt != 0U) ||
-            (((a.status & VSG_DOUBT) != 0U) != (s.doubt != 0U)) || s.told != 0U) {
+            ((a.status & VSG_PARTLY) != 0U && (a.status & VSG_FRESH) == 0U) ||
+            (((a.status & VSG_DOUBT) != 0U) != (s.doubt != 0U)) || (s.told & (uint16_t)~VSG_TOLD_CHANGED) != 0U ||
+            ((a.status & VSG_FRESH) != 0U && s.told != 0U)) {
             fail(k, "a status that cannot be");
         }
         fresh += (a.status & VSG_FRESH) != 0U ? 1UL : 0UL;

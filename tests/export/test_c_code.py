@@ -76,13 +76,15 @@ def test_compiles_without_a_warning(compiler: str, flags: list[str], structure: 
 def test_fits_a_small_controller(
     limiter: str, flash_limit: int, numbers: int, stack_limit: int, tmp_path: Path
 ) -> None:
-    """200–8–2 and 12 × 10 cells: 16 kB of flash, 1.5 kB of RAM beside the window, and the whole controller."""
+    """200–8–2 and 12 × 10 cells: 18 kB of flash, 1.5 kB of RAM beside the window, and the whole controller.
+
+    1.2 kB of the flash are logf and expf, with which an uncertain estimate is followed in part."""
     assert COMPILER == "arm-none-eabi-gcc"
     table_file, weights_file = written(tmp_path)
     footprint = measure_footprint(
         export_c_files(table_file, tmp_path / "c", weights=weights_file, limiter=limiter).folder
     )
-    assert 4000 < footprint.flash <= 16 * 1024
+    assert 4000 < footprint.flash <= 18 * 1024
     assert 100 < footprint.ram + footprint.stack <= 1536
     assert footprint.window == 2 * 100 * 4 + 4
     flash, ram, stack = footprint.control

@@ -53,6 +53,7 @@ def test_gains_places_and_statuses(structure: str, law: str, double: bool, tmp_p
     assert difference.statuses == 0
     assert difference.fresh > 1000
     assert difference.doubtful > 100
+    assert difference.partly > 200
     assert difference.gains <= GAINS[double]
     assert difference.place <= GAINS[double]
 

@@ -13,7 +13,9 @@ from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.runtime.floats import on_floats
 
-SHIPPED = [name for name in FUNCTIONS if name.split(".")[0] in ("grid", "power_flow", "power_loops", "structures")]
+SHIPPED = [
+    name for name in FUNCTIONS if name.split(".")[0] in ("following", "grid", "power_flow", "power_loops", "structures")
+]
 
 
 @pytest.mark.parametrize("name", SHIPPED)

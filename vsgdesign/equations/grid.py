@@ -43,7 +43,7 @@ _TURNS = 45
 
 
 def error_half_widths(R: Any, X: Any, error_R: Any, error_X: Any, error_Z: Any) -> tuple[Any, Any]:
-    """By how much the estimate of a true grid R + jX may be off in R and in X, in their unit (:eq:`error-set`).
+    """Returns (h_R, h_X): by how much the estimate of a true grid R + jX may be off in R and in X (:eq:`error-set`).
 
     The widths are those of the box around the true grid that contains both ±error_R of R with ±error_X of X, and every
     error of at most error_Z·\\|Z\\| in any direction. R and X are in one unit, at the rated frequency.

@@ -24,6 +24,7 @@ from vsgdesign.frames import rated_current_rms, rms_to_peak
 from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.guards import ARRIVED, REASONS, window_settings
 from vsgdesign.runtime.scheduler import Scheduler, read_table_of, scheduler_of
+from vsgdesign.runtime.updating import ROUNDED_CORRELATION
 
 if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import TableBase
@@ -270,6 +271,8 @@ def _content(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
                 "ticks": one.ticks,
                 "hold": int(one.hold),
                 "told": one.told,
+                "known": int(bool(one.covariance)),
+                "covariance": braces(one.covariance or (0.0, 0.0, 0.0)),
                 "status": one.status,
                 "reason": one.reason,
                 "given": braces(one.given),
@@ -300,7 +303,8 @@ def _constants(scheduler: Scheduler) -> Iterable[tuple[str, str]]:
         ("R_G_HIGH", c.R_g[1]), ("L_G_LOW", c.L_g[0]), ("L_G_HIGH", c.L_g[1]), ("POWER_RANGE", c.power_range),
         ("VOLTAGE_RANGE", c.voltage_range), ("SAFE_SCR", c.safe_scr), ("SAFE_R_OVER_X", c.safe_r_over_x),
         ("RATE_PER_TICK", c.rate_per_tick), ("HYSTERESIS", c.hysteresis), ("JUMP", c.jump),
-        ("RATIO_FLOOR", c.ratio_floor), ("ARRIVED", ARRIVED),
+        ("RATIO_FLOOR", c.ratio_floor), ("ARRIVED", ARRIVED), ("ERROR_R", c.error_R), ("ERROR_X", c.error_X),
+        ("ERROR_Z", c.error_Z), ("ROUNDED_CORRELATION", ROUNDED_CORRELATION),
     ):  # fmt: skip
         yield name, f"VSG_C({literal(value)})"
     yield "CONFIRM", f"((uint16_t){c.confirm}U)"

@@ -17,9 +17,9 @@ from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import ArtifactError
-from vsgdesign.runtime.guards import TOLD_LIMITED, TOLD_SURPRISED
-from vsgdesign.runtime.scheduler import Answer
+from vsgdesign.runtime.guards import TOLD_CHANGED, TOLD_LIMITED, TOLD_SURPRISED
 from vsgdesign.runtime.state import SchedulerState
+from vsgdesign.runtime.updating import Answer, Covariance
 
 SOURCES = ("vsg.c", "vsg_data.c", "vsg_power.c", "vsg_control.c", "vsg_selftest.c")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror")
@@ -109,14 +109,30 @@ class CompiledC:
         """0, or the number of the first known answer that is wrong."""
         return int(self.library.vsg_selftest())
 
-    def tell(self, *, limited: bool = False, surprised: bool = False) -> None:
+    def tell(self, *, limited: bool = False, surprised: bool = False, changed: bool = False) -> None:
         """What happened since the last update."""
-        told = TOLD_LIMITED * bool(limited) | TOLD_SURPRISED * bool(surprised)
+        told = TOLD_LIMITED * bool(limited) | TOLD_SURPRISED * bool(surprised) | TOLD_CHANGED * bool(changed)
         self.library.vsg_tell(self._scheduler, told)
 
-    def update_estimate(self, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int) -> Answer:
-        """Gains from an estimate."""
-        self.library.vsg_update_estimate(self._scheduler, R_g, L_g, P, Q, V_rms, ticks & 0xFFFFFFFF, self._answer)
+    def update_estimate(
+        self,
+        R_g: float,
+        L_g: float,
+        P: float,
+        Q: float,
+        V_rms: float,
+        ticks: int,
+        covariance: Covariance | None = None,
+        changed: bool = False,
+    ) -> Answer:
+        """Gains from an estimate, with its covariance if it is known."""
+        if covariance is None and not changed:
+            self.library.vsg_update_estimate(self._scheduler, R_g, L_g, P, Q, V_rms, ticks & 0xFFFFFFFF, self._answer)
+            return self._read()
+        known = self.ffi.NULL if covariance is None else self.ffi.new("vsg_covariance_t *", list(covariance))
+        self.library.vsg_update_estimate_with(
+            self._scheduler, R_g, L_g, known, int(changed), P, Q, V_rms, ticks & 0xFFFFFFFF, self._answer
+        )
         return self._read()
 
     def hold(self, P: float, Q: float, V_rms: float, ticks: int) -> Answer:

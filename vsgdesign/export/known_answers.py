@@ -22,9 +22,17 @@ from vsgdesign.equations.power_filter import notch_constants
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
 from vsgdesign.frames import PHASES, rms_to_peak
 from vsgdesign.identification.neural import NeuralEstimator
-from vsgdesign.runtime.guards import NO_ESTIMATE, NO_REASON, TOLD_LIMITED, TOLD_SURPRISED, SchedulerSettings
+from vsgdesign.runtime.guards import (
+    NO_ESTIMATE,
+    NO_REASON,
+    TOLD_CHANGED,
+    TOLD_LIMITED,
+    TOLD_SURPRISED,
+    SchedulerSettings,
+)
 from vsgdesign.runtime.lookup import GainLookup
-from vsgdesign.runtime.scheduler import SAID, Scheduler, advance, first_state
+from vsgdesign.runtime.scheduler import SAID, Scheduler
+from vsgdesign.runtime.updating import advance, first_state, told_state
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +43,8 @@ class KnownAnswer:
     hold: bool
     told: int
     """What the scheduler is told before the call."""
+    covariance: tuple[float, ...]
+    """Of the estimate, as single precision holds it. It is empty if it is not known."""
     given: tuple[float, ...]
     status: int
     reason: int
@@ -52,7 +62,8 @@ def gain_sizes(gains: PowerLoopGains) -> tuple[float, ...]:
 
 def known_answers(scheduler: Scheduler) -> list[KnownAnswer]:
     """A sequence of calls from the first state on: confirmed jump, rate, edges, refusals, time backwards, doubt that
-    ends with an estimate, doubt that lasts, the strongest grid, and no estimate for too long."""
+    ends with an estimate, doubt that lasts, a change to the strongest grid that is followed in part and then fully, and
+    no estimate for too long."""
     lookup, c = scheduler.lookup, scheduler.settings
     middle = float(np.sqrt(c.scr[0] * c.scr[1])), float(np.sqrt(c.r_over_x[0] * c.r_over_x[1]))
     R, L = lookup.grid(*middle)
@@ -81,20 +92,29 @@ def known_answers(scheduler: Scheduler) -> list[KnownAnswer]:
         last += 100_000
     strong = lookup.grid(0.97 * c.scr[1], middle[1])
     calls += [(last + 20_000 * k, False, (*strong, P, Q, V)) for k in range(1, 14)]
+    told[last + 20_000] = TOLD_CHANGED
+    # Wide around the strong grid, around the grid that was left, around the strong grid again; then precise.
+    covariances: dict[int, tuple[float, ...]] = {}
+    for k in range(1, 10):
+        calls[k - 14] = (last + 20_000 * k, False, (R_weak, L_weak, P, Q, V) if 4 < k < 7 else (*strong, P, Q, V))
+        covariances[last + 20_000 * k] = _covariance(*strong, lookup.omega, 0.4 if k < 9 else 1e-3)
     last += 260_000
     calls += [(last + c.lost_ticks // 2 * k, True, nothing) for k in range(1, 4)]
     known: list[KnownAnswer] = []
     state = first_state(lookup, c)
     for ticks, hold, values in calls:
         R_g, L_g, P, Q, V = given = tuple(float(np.float32(value)) for value in values)
-        state = state._replace(told=told.get(ticks, 0))
+        state = told_state(state, told.get(ticks, 0))
         said = NO_ESTIMATE if hold else NO_REASON
-        state, answer = advance(lookup, c, state, said, R_g, L_g, P, Q, V, ticks)
+        covariance = tuple(float(np.float32(value)) for value in covariances.get(ticks, ()))
+        known_error = None if covariance == () else (covariance[0], covariance[1], covariance[2])
+        state, answer = advance(lookup, c, state, said, R_g, L_g, P, Q, V, ticks, known_error)
         known.append(
             KnownAnswer(
                 ticks=ticks,
                 hold=hold,
                 told=told.get(ticks, 0),
+                covariance=covariance,
                 given=given,
                 status=answer.status,
                 reason=answer.reason,
@@ -103,6 +123,12 @@ def known_answers(scheduler: Scheduler) -> list[KnownAnswer]:
             )
         )
     return known
+
+
+def _covariance(R: float, L: float, omega: float, sigma: float) -> tuple[float, ...]:
+    """Of an estimate with the relative standard deviation sigma of Z, whose R is less certain than its X."""
+    var_R, var_L = 0.7 * sigma**2 * (R**2 + (omega * L) ** 2), 0.3 * sigma**2 * (R**2 / omega**2 + L**2)
+    return var_R, 0.4 * math.sqrt(var_R * var_L), var_L
 
 
 def known_windows(estimator: NeuralEstimator) -> tuple[tuple[float, float], list[tuple[float, float, int]]]:

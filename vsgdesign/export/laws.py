@@ -7,7 +7,14 @@ from typing import Any
 
 from vsgdesign.codegen import CText, c_functions
 from vsgdesign.equations.controller import ControllerSettings, ControllerState, controller_step, power_stage
-from vsgdesign.equations.grid import grid_from_scr_impedance, grid_from_scr_reactance, scr_impedance, scr_reactance
+from vsgdesign.equations.following import part_of_the_way, share_that_fits
+from vsgdesign.equations.grid import (
+    error_half_widths,
+    grid_from_scr_impedance,
+    grid_from_scr_reactance,
+    scr_impedance,
+    scr_reactance,
+)
 from vsgdesign.equations.guarded_controller import LARGEST_STATE, TIMES_NOMINAL, plausible, skipped_step, sound
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.integration import within_a_turn
@@ -53,6 +60,9 @@ def laws(structure: str, law: str, scr_basis: str, limiter: str) -> CText:
     memory, constants = (typing.get_type_hints(made)["return"] for made in (chosen.at_rest, chosen.build))
     functions = [
         *_GRID[scr_basis],
+        error_half_widths,
+        share_that_fits,
+        part_of_the_way,
         scheduled_jacobian,
         STRUCTURES[structure].gains,
         within_a_turn,

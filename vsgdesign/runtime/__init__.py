@@ -18,8 +18,9 @@ from vsgdesign.runtime.lookup import GainLookup, gain_lookup
 from vsgdesign.runtime.network import load_neural_estimator
 from vsgdesign.runtime.power_controller import PowerController
 from vsgdesign.runtime.schedule import Schedule
-from vsgdesign.runtime.scheduler import Answer, Scheduler, closed_form_scheduler, load_scheduler, scheduler_of
+from vsgdesign.runtime.scheduler import Scheduler, closed_form_scheduler, load_scheduler, scheduler_of
 from vsgdesign.runtime.table import TableSchedule, table_schedule
+from vsgdesign.runtime.updating import Answer
 from vsgdesign.runtime.whole_controller import guarded_step
 
 __all__ = [

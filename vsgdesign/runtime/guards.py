@@ -14,11 +14,12 @@ from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import ArtifactError
 from vsgdesign.frames import rated_current_rms
+from vsgdesign.runtime.error_set import NOT_DESIGNED, ErrorSet, error_set_of
 
 if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable
 
-FRESH, HELD, CLAMPED, LIMITED, FALLBACK, REFUSED, DOUBT = 1, 2, 4, 8, 16, 32, 64
+FRESH, HELD, CLAMPED, LIMITED, FALLBACK, REFUSED, DOUBT, PARTLY = 1, 2, 4, 8, 16, 32, 64, 128
 STATUSES = {
     FRESH: "fresh",
     HELD: "held",
@@ -27,12 +28,14 @@ STATUSES = {
     FALLBACK: "fallback",
     REFUSED: "refused",
     DOUBT: "doubt",
+    PARTLY: "partly",
 }
 """Bits of a status. Every answer is either fresh (an estimate was accepted) or held (no estimate was accepted)."""
 
-TOLD_LIMITED, TOLD_SURPRISED = 1, 2
+TOLD_LIMITED, TOLD_SURPRISED, TOLD_CHANGED = 1, 2, 4
 """Bits of what a scheduler is told with an update: since the last one the converter limited its current, or the
-estimator or anything else was surprised. Both mean that the grid may have changed."""
+estimator or anything else was surprised, or the estimator decided that the grid has changed. All mean that the place
+may not be that of the grid. The last one stays set until an estimate is accepted."""
 
 NO_REASON, TIME, NOT_FINITE, RANGE, SATURATED, NO_ESTIMATE, IMPLAUSIBLE, JUMP, UNDESIGNED = range(9)
 REASONS = (
@@ -107,6 +110,16 @@ class SchedulerSettings:
     estimator finds a new grid."""
     lost_ticks: int = 10_000_000
     """Age of the last good estimate, in ticks, from which on the place moves to the safe place without any doubt."""
+    error_R: float = NOT_DESIGNED.error_R
+    """The errors of R̂ and X̂ for which the schedule is designed. An estimate whose 95 % set is larger
+    is followed in part."""
+    error_X: float = NOT_DESIGNED.error_X
+    error_Z: float = NOT_DESIGNED.error_Z
+
+    @property
+    def error_set(self) -> ErrorSet:
+        """The three errors as one."""
+        return ErrorSet(self.error_R, self.error_X, self.error_Z)
 
     @cached_property
     def rate_per_tick(self) -> float:
@@ -153,7 +166,7 @@ def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
             pairs.append(certified)
         box[name] = (max(low for low, _ in pairs), min(high for _, high in pairs))
     x_low, x_high = box.pop("x_over_r")
-    own: dict[str, Any] = {"safe_scr": safe_scr(table.structure, box["scr"])} | changes
+    own: dict[str, Any] = {"safe_scr": safe_scr(table.structure, box["scr"])} | error_set_of(table)._asdict() | changes
     return box_settings(
         **box,
         r_over_x=(1.0 / x_high, 1.0 / x_low),
@@ -255,6 +268,7 @@ def _faults(s: SchedulerSettings) -> Iterator[str]:
         value = getattr(s, name)
         if not (np.isfinite(value) and value > 0.0):
             yield f"{name} = {value:g}: must be positive"
+    yield from s.error_set.faults()
     if not 0.0 <= s.hysteresis <= s.jump < 1e3:
         yield f"hysteresis = {s.hysteresis:g}, jump = {s.jump:g}: must be 0 or more, the jump at least the hysteresis"
     if not (s.scr[0] <= s.safe_scr <= s.scr[1] and s.r_over_x[0] <= s.safe_r_over_x <= s.r_over_x[1]):

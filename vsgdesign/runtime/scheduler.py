@@ -1,13 +1,10 @@
-"""The gain scheduler as it runs on the controller. It turns an estimate into guarded gains with a status.
-
-The exported C does the same, line by line.
-"""
+"""The gain scheduler as it runs on the controller. It turns an estimate into guarded gains with a status."""
 
 from __future__ import annotations
 
 from functools import cached_property
 from math import inf, isfinite, nan
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,45 +16,28 @@ from vsgdesign.identification.feeding import FedEstimator
 from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.closed_form import ClosedFormSchedule
 from vsgdesign.runtime.guards import (
-    ARRIVED,
-    CLAMPED,
-    DOUBT,
-    FALLBACK,
-    FRESH,
-    HELD,
     IMPLAUSIBLE,
-    JUMP,
-    LIMITED,
     NO_ESTIMATE,
     NO_REASON,
     NOT_FINITE,
-    RANGE,
-    REASONS,
-    REFUSED,
     SATURATED,
-    TIME,
+    TOLD_CHANGED,
     TOLD_LIMITED,
     TOLD_SURPRISED,
-    UNDESIGNED,
     SchedulerSettings,
-    limited,
-    near,
     settings_of,
     window_settings,
 )
 from vsgdesign.runtime.lookup import GainLookup, gain_lookup
-from vsgdesign.runtime.state import SchedulerState, state_document, state_of
+from vsgdesign.runtime.state import state_document, state_of
 from vsgdesign.runtime.table import table_schedule
+from vsgdesign.runtime.updating import Answer, Covariance, advance, first_state, told_state
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from vsgdesign.artifacts.gain_table import GainTable
     from vsgdesign.parameters.study import Study
-
-_MASK = 0xFFFFFFFF
-_HALF = 0x80000000
-_OLDEST = 0x7FFFFFFF
 
 SAID = {
     "ok": NO_REASON,
@@ -68,157 +48,6 @@ SAID = {
 }
 """The reason that the guards are given for a status of an estimate. Any other status means that there was no
 estimate."""
-
-
-class Answer(NamedTuple):
-    """The gains from now on, with the status bits and the reason of :mod:`vsgdesign.runtime.guards`."""
-
-    gains: PowerLoopGains
-    status: int
-    reason: int
-    scr: float
-    """The place for which the gains are made."""
-    r_over_x: float
-
-    @property
-    def why(self) -> str:
-        """The reason in words. It is empty if no guard refused the estimate."""
-        return REASONS[self.reason]
-
-
-def first_state(lookup: GainLookup, settings: SchedulerSettings) -> SchedulerState:
-    """The first state: at the safe place, without load, and without an estimate so far.
-
-    Raises ArtifactError if the table has no design at the safe place.
-    """
-    scr, r_over_x, V_rms = settings.safe_scr, settings.safe_r_over_x, lookup.V_n_rms
-    V_rms = min(max(V_rms, settings.V_rms[0]), settings.V_rms[1])
-    P = min(max(0.0, settings.P[0]), settings.P[1])
-    Q = min(max(0.0, settings.Q[0]), settings.Q[1])
-    normalised = lookup.normalised(scr, r_over_x)
-    if normalised is None:
-        raise ArtifactError(
-            f"safe place SCR {scr:g}, R/X {r_over_x:g}: the table has no design there. Give another (safe_scr, "
-            "safe_r_over_x) on the strong side."
-        )
-    gains = lookup.gains(normalised, scr, r_over_x, P, Q, V_rms)
-    age = settings.lost_ticks + 1
-    return SchedulerState(0, 0, age, 0, 0, 0, scr, r_over_x, scr, r_over_x, scr, r_over_x, P, Q, V_rms, gains)
-
-
-def advance(
-    lookup: GainLookup,
-    c: SchedulerSettings,
-    s: SchedulerState,
-    said: int,
-    R_g: float,
-    L_g: float,
-    P: float,
-    Q: float,
-    V_rms: float,
-    ticks: int,
-) -> tuple[SchedulerState, Answer]:
-    """Makes one update. Returns the next state and the answer.
-
-    ``said`` is the reason why there is no estimate, or NO_REASON if R_g (Ω) and L_g (H) are an estimate. P (W), Q (var)
-    and V (phase rms, V) are those of the power loops. ``ticks`` is the caller's 32-bit counter. The guards act in this
-    order: time and inputs, plausibility, jump (:eq:`place-band`), hysteresis, doubt and staleness, rate
-    (:eq:`place-rate`), certified box, design. Whatever the inputs are, the gains are those of a place and of powers
-    within the box.
-    """
-    status, reason = 0, said
-    elapsed = (ticks - s.ticks) & _MASK if s.started else 0
-    step = min(elapsed, c.longest_ticks)
-    if elapsed >= _HALF:
-        elapsed, step, status, reason = c.update_ticks, 0, REFUSED, TIME
-    elif not (isfinite(P) and isfinite(Q) and isfinite(V_rms)):
-        status, reason = REFUSED, NOT_FINITE
-    elif not (abs(P) <= c.power_range and abs(Q) <= c.power_range and 0.0 <= V_rms <= c.voltage_range):
-        status, reason = REFUSED, RANGE
-    elif said in (NOT_FINITE, SATURATED):
-        status = REFUSED
-    elif said == NO_REASON and not (isfinite(R_g) and isfinite(L_g)):
-        status, reason = REFUSED, NOT_FINITE
-
-    if status:
-        P, Q, V_rms = s.P, s.Q, s.V_rms
-    else:
-        asked = P, Q, V_rms
-        P = min(max(P, c.P[0]), c.P[1])
-        Q = min(max(Q, c.Q[0]), c.Q[1])
-        V_rms = min(max(V_rms, c.V_rms[0]), c.V_rms[1])
-        status = 0 if (P, Q, V_rms) == asked else CLAMPED
-
-    goal_scr, goal_r, count = s.goal_scr, s.goal_r_over_x, 0
-    candidate_scr, candidate_r = s.candidate_scr, s.candidate_r_over_x
-    if reason == NO_REASON and not (c.R_g[0] <= R_g <= c.R_g[1] and c.L_g[0] <= L_g <= c.L_g[1]):
-        reason = IMPLAUSIBLE
-    if reason == NO_REASON:
-        scr, r_over_x = lookup.coordinates(R_g, L_g)
-        if not near(scr, r_over_x, goal_scr, goal_r, c.jump, c.ratio_floor):
-            agrees = s.agreed > 0 and near(scr, r_over_x, candidate_scr, candidate_r, c.jump, c.ratio_floor)
-            count = s.agreed + 1 if agrees else 1
-            candidate_scr, candidate_r = scr, r_over_x
-            if count < c.confirm:
-                reason = JUMP
-            else:
-                count = 0
-        if reason == NO_REASON and not near(scr, r_over_x, goal_scr, goal_r, c.hysteresis, c.ratio_floor):
-            goal_scr, goal_r = scr, r_over_x
-
-    age = min(s.age + elapsed, _OLDEST)
-    doubt = 0
-    if reason != NO_REASON and s.doubt > 0:
-        doubt = min(s.doubt + elapsed, _OLDEST)
-    elif reason != NO_REASON and (s.told != 0 or reason == JUMP):
-        doubt = 1
-    stale = reason != NO_REASON and (age > c.lost_ticks or doubt > c.stale_ticks)
-    if stale:
-        goal_scr, goal_r = c.safe_scr, c.safe_r_over_x
-
-    factor = 1.0 + step * c.rate_per_tick
-    scr, r_over_x = limited(goal_scr, s.scr, factor), limited(goal_r, s.r_over_x, factor)
-    place_scr = min(max(scr, c.scr[0]), c.scr[1])
-    place_r = min(max(r_over_x, c.r_over_x[0]), c.r_over_x[1])
-    aim_scr, aim_r = min(max(goal_scr, c.scr[0]), c.scr[1]), min(max(goal_r, c.r_over_x[0]), c.r_over_x[1])
-    moving = CLAMPED if aim_scr != goal_scr or aim_r != goal_r else 0
-    if abs(place_scr - aim_scr) > ARRIVED * aim_scr or abs(place_r - aim_r) > ARRIVED * aim_r:
-        moving |= LIMITED
-
-    normalised = lookup.normalised(place_scr, place_r)
-    refused = status & REFUSED
-    if normalised is None:
-        reason = UNDESIGNED if reason == NO_REASON else reason
-        gains, place_scr, place_r, P, Q, V_rms = s.gains, s.scr, s.r_over_x, s.P, s.Q, s.V_rms
-        status = refused
-    else:
-        gains = lookup.gains(normalised, place_scr, place_r, P, Q, V_rms)
-        status |= moving
-    status |= FALLBACK if stale else 0
-    status |= DOUBT if doubt else 0
-    if reason == NO_REASON:
-        status, age = status | FRESH, 0
-    else:
-        status |= HELD
-    following = SchedulerState(
-        1,
-        ticks & _MASK,
-        age,
-        doubt,
-        0,
-        count,
-        place_scr,
-        place_r,
-        goal_scr,
-        goal_r,
-        candidate_scr,
-        candidate_r,
-        P,
-        Q,
-        V_rms,
-        gains,
-    )
-    return following, Answer(gains, status, reason, place_scr, place_r)
 
 
 class Scheduler:
@@ -239,25 +68,41 @@ class Scheduler:
         """R_g (Ω) and L_g (H) of the place for which the present gains are made."""
         return self.lookup.grid(self._state.scr, self._state.r_over_x)
 
-    def tell(self, *, limited: bool = False, surprised: bool = False) -> None:
+    def tell(self, *, limited: bool = False, surprised: bool = False, changed: bool = False) -> None:
         """Says what happened since the last update; the next one takes it into account (:func:`advance`).
 
         ``limited``: the converter limited its current. ``surprised``: the estimator, or anything else, has seen that
-        the grid changed, and there is no estimate of the new one yet.
+        the grid changed, and there is no estimate of the new one yet. ``changed``: the estimator has decided that the
+        impedance of the grid changed. This confirms the next estimate, however far away it is.
         """
-        told = TOLD_LIMITED * bool(limited) | TOLD_SURPRISED * bool(surprised)
-        self._state = self._state._replace(told=self._state.told | told)
+        told = TOLD_LIMITED * bool(limited) | TOLD_SURPRISED * bool(surprised) | TOLD_CHANGED * bool(changed)
+        self._state = told_state(self._state, told)
 
     def update_estimate(
-        self, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int | np.integer[Any] | None = None
+        self,
+        R_g: float,
+        L_g: float,
+        P: float,
+        Q: float,
+        V_rms: float,
+        ticks: int | np.integer[Any] | None = None,
+        covariance: tuple[float, float, float] | None = None,
+        changed: bool = False,
     ) -> Answer:
         """Updates the gains with an estimate in Ω and H and the measured P, Q and V, as in :func:`advance`.
 
-        Without ``ticks`` the scheduler assumes that one nominal period has passed. The values of the numbers never
-        raise an exception: a value that is not a number (True, a text, None) or not finite is refused with a reason.
-        Raises ValueError if ``ticks`` is not a whole number.
+        Without ``ticks`` the scheduler assumes that one nominal period has passed. ``covariance`` is (var R_g in Ω²,
+        cov(R_g, L_g) in Ω·H, var L_g in H²) of the estimate's error: the goal then follows the estimate fully only if
+        its 95 % set fits the errors for which the schedule is designed, otherwise by the share that fits. Without it,
+        the estimate is followed fully. ``changed`` is as in :meth:`tell`.
+
+        The values of the numbers never raise an exception: a value that is not a number (True, a text, None) or not
+        finite is refused with a reason. Raises ValueError if ``ticks`` is not a whole number, or if ``covariance`` is
+        not three values.
         """
-        return self._advance(NO_REASON, as_number(R_g), as_number(L_g), P, Q, V_rms, ticks)
+        if changed:
+            self.tell(changed=True)
+        return self._advance(NO_REASON, as_number(R_g), as_number(L_g), P, Q, V_rms, ticks, _three(covariance))
 
     def hold(self, P: float, Q: float, V_rms: float, ticks: int | np.integer[Any] | None = None) -> Answer:
         """Makes an update without an estimate. The place continues to move to its goal."""
@@ -366,15 +211,37 @@ class Scheduler:
         return self._fed
 
     def _advance(
-        self, said: int, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int | np.integer[Any] | None
+        self,
+        said: int,
+        R_g: float,
+        L_g: float,
+        P: float,
+        Q: float,
+        V_rms: float,
+        ticks: int | np.integer[Any] | None,
+        covariance: Covariance | None = None,
     ) -> Answer:
         if ticks is None:
             ticks = self._state.ticks + self.settings.update_ticks
         elif type(ticks) is not int:
             ticks = _whole(ticks)
         powers = as_number(P), as_number(Q), as_number(V_rms)
-        self._state, answer = advance(self.lookup, self.settings, self._state, said, R_g, L_g, *powers, ticks)
+        self._state, answer = advance(
+            self.lookup, self.settings, self._state, said, R_g, L_g, *powers, ticks, covariance
+        )
         return answer
+
+
+def _three(covariance: Any) -> Covariance | None:
+    if covariance is None:
+        return None
+    try:
+        var_R, cov_RL, var_L = covariance
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"covariance = {covariance!r}: must be three values, var R_g in Ω², cov(R_g, L_g) in Ω·H and var L_g in H²."
+        ) from None
+    return as_number(var_R), as_number(cov_RL), as_number(var_L)
 
 
 def as_number(value: Any) -> float:

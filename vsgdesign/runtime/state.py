@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError
 
-SCHEMA = 3
+SCHEMA = 4
 
-_WHOLE = ("started", "ticks", "age", "doubt", "told", "agreed")
+_WHOLE = ("started", "ticks", "age", "doubt", "told", "agreed", "refuted")
 
 
 class SchedulerState(NamedTuple):
@@ -25,9 +25,12 @@ class SchedulerState(NamedTuple):
     doubt: int
     """Ticks since the grid may have changed without an estimate that was followed. 0: there is no doubt."""
     told: int
-    """What was told since the last update: bits of TOLD_LIMITED and TOLD_SURPRISED."""
+    """What was told since the last update: bits of TOLD_LIMITED, TOLD_SURPRISED and TOLD_CHANGED. The last one stays
+    until an estimate is accepted."""
     agreed: int
-    """Windows that agree on a jump so far."""
+    """Windows that agree on a jump so far. While a confirmed jump is followed in part, it stays at their limit."""
+    refuted: int
+    """Ticks since the estimator decided that the grid has left its place. 0: that place may be returned to."""
     scr: float
     """The place for which the gains are made."""
     r_over_x: float
@@ -35,8 +38,11 @@ class SchedulerState(NamedTuple):
     """The goal: the place to which the present place moves."""
     goal_r_over_x: float
     candidate_scr: float
-    """A jump that waits to be confirmed."""
+    """A jump that waits to be confirmed, or is followed in part."""
     candidate_r_over_x: float
+    left_scr: float
+    """The place that the grid has left."""
+    left_r_over_x: float
     P: float
     """Last good measurement, within the box: W, var, V."""
     Q: float

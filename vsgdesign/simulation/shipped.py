@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters.study import Grid
-from vsgdesign.runtime.scheduler import Answer
+from vsgdesign.runtime.updating import Answer
 from vsgdesign.simulation.estimated import window_channels
 from vsgdesign.simulation.online import MeasuredWindow
 from vsgdesign.simulation.timeline import Timeline

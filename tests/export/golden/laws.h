@@ -200,18 +200,24 @@ typedef struct {
 #define VSG_ABS fabs
 #define VSG_ATAN2 atan2
 #define VSG_COS cos
+#define VSG_EXP exp
 #define VSG_HYPOT hypot
+#define VSG_LOG log
 #define VSG_SIN sin
 #define VSG_SQRT sqrt
 #else
 #define VSG_ABS fabsf
 #define VSG_ATAN2 atan2f
 #define VSG_COS cosf
+#define VSG_EXP expf
 #define VSG_HYPOT hypotf
+#define VSG_LOG logf
 #define VSG_SIN sinf
 #define VSG_SQRT sqrtf
 #endif
 
+#define VSG_CHI_SQUARE_95 VSG_C(5.991464547107979)
+#define VSG_APART VSG_C(1e-06)
 #define VSG_PHASES VSG_C(3.0)
 #define VSG_POWER_MARGIN VSG_C(1.3)
 #define VSG_LEAST_SHARE VSG_C(0.2)
@@ -269,6 +275,49 @@ static inline void vsg_grid_from_scr_impedance(vsg_real_t scr, vsg_real_t x_over
     const vsg_real_t R_g = Z_base / scr / VSG_HYPOT(VSG_C(1.0), x_over_r);
     *R_g_out = R_g;
     *L_g = R_g * x_over_r / omega;
+}
+
+/* Returns (h_R, h_X): by how much the estimate of a true grid R + jX may be off in R and in X (eq. error-set).
+ *
+ * The widths are those of the box around the true grid that contains both +-error_R of R with +-error_X of X, and every
+ * error of at most error_Z*|Z| in any direction. R and X are in one unit, at the rated frequency. */
+static inline void vsg_error_half_widths(vsg_real_t R, vsg_real_t X, vsg_real_t error_R, vsg_real_t error_X,
+    vsg_real_t error_Z, vsg_real_t *h_R, vsg_real_t *h_X)
+{
+    const vsg_real_t least = error_Z * VSG_HYPOT(R, X);
+    *h_R = vsg_max(error_R * VSG_ABS(R), least);
+    *h_X = vsg_max(error_X * VSG_ABS(X), least);
+}
+
+/* 1 if the 95 % ellipse of an estimate fits a box of the half-widths h, otherwise the factor by which it would have to
+ * shrink (eq. share-that-fits).
+ *
+ * Whatever the correlation, the ellipse reaches as far as sqrt (?^2 var) in each coordinate. The half-widths must be
+ * positive. */
+static inline vsg_real_t vsg_share_that_fits(vsg_real_t h_R, vsg_real_t h_X, vsg_real_t var_R, vsg_real_t var_X)
+{
+    const vsg_real_t reach_R = VSG_SQRT(VSG_CHI_SQUARE_95 * var_R);
+    const vsg_real_t reach_X = VSG_SQRT(VSG_CHI_SQUARE_95 * var_X);
+    return vsg_min(h_R / vsg_max(reach_R, h_R), h_X / vsg_max(reach_X, h_X));
+}
+
+/* Returns (moved_scr, moved_r_over_x): the goal, moved by a share of the way to an estimate in (ln SCR, ln R/X) (eq.
+ * partly-followed).
+ *
+ * The step loses its component towards the place that the grid has left; where it has left none, give the goal itself.
+ * All values must be positive. */
+static inline void vsg_part_of_the_way(vsg_real_t goal_scr, vsg_real_t goal_r_over_x, vsg_real_t scr,
+    vsg_real_t r_over_x, vsg_real_t share, vsg_real_t left_scr, vsg_real_t left_r_over_x, vsg_real_t *moved_scr,
+    vsg_real_t *moved_r_over_x)
+{
+    const vsg_real_t step_scr = share * VSG_LOG(scr / goal_scr);
+    const vsg_real_t step_r = share * VSG_LOG(r_over_x / goal_r_over_x);
+    const vsg_real_t back_scr = VSG_LOG(left_scr / goal_scr);
+    const vsg_real_t back_r = VSG_LOG(left_r_over_x / goal_r_over_x);
+    const vsg_real_t towards = vsg_max(step_scr * back_scr + step_r * back_r, VSG_C(0.0));
+    const vsg_real_t lost = towards / vsg_max(back_scr * back_scr + back_r * back_r, VSG_APART);
+    *moved_scr = goal_scr * VSG_EXP(step_scr - lost * back_scr);
+    *moved_r_over_x = goal_r_over_x * VSG_EXP(step_r - lost * back_r);
 }
 
 /* Largest share of an impedance, at most 1, that carries P and Q with POWER_MARGIN (eq. drawn-in). */
