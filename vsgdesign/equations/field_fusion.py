@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vsgdesign.equations.field.data import FieldAnswer, FieldSettings
+
 CHI_SQUARE_95 = 5.991464547107979
 """Square of the radius that contains 95 % of a Gaussian in two dimensions, −2 ln 0.05."""
 
@@ -19,6 +21,13 @@ NEVER = 1000.0
 
 LARGEST = 4.0
 """Largest |ln|Z/Ẑ|| that the network may answer, a factor of 55: more is an input that it never saw."""
+
+
+CHI_SQUARE_999 = 13.815510557964274
+"""The same for 99.9 %: beyond it, the network refutes the held estimate and announces a change."""
+
+MOSTLY_LIMITED = 0.3
+"""Share of limited samples in a cycle above which the network does not speak: the current shows the limiter then."""
 
 
 class GateLimits(NamedTuple):
@@ -31,7 +40,7 @@ class GateLimits(NamedTuple):
     last: Any
     """Last cycle in which it may speak."""
     confident: Any
-    """It speaks if its standard deviation of Z is below this share of |Z|."""
+    """It speaks if the standard deviation of the grid's impedance is below this share of its length."""
 
 
 class NetworkGate(NamedTuple):
@@ -65,10 +74,8 @@ class FusedImpedance(NamedTuple):
     var_R: Any
     cov_RX: Any
     var_X: Any
-    sigma: Any
-    """Standard deviation of Z relative to |Z|."""
     distance: Any
-    """Squared Mahalanobis distance of Ẑ from this answer: above 5.99 (95 %), it says that the grid has changed."""
+    """Squared Mahalanobis distance of Ẑ from this answer: above CHI_SQUARE_999, it says that the grid has changed."""
 
 
 FIRST_GATE = NetworkGate(NEVER, 0.0)
@@ -113,7 +120,6 @@ def fused_impedance(R: Any, X: Any, posterior: Posterior, radius_squared: Any) -
         var_R=a * a * c_11 - 2.0 * a * b * c_12 + b * b * c_22,
         cov_RX=a * b * (c_11 - c_22) + (a * a - b * b) * c_12,
         var_X=b * b * c_11 + 2.0 * a * b * c_12 + a * a * c_22,
-        sigma=np.sqrt(c_11 + c_22),
         distance=posterior_distance(0.0, 0.0, posterior) / scale,
     )
 
@@ -132,3 +138,49 @@ def _deviations(posterior: Posterior) -> tuple[Any, Any]:
         np.exp(np.minimum(np.maximum(posterior.log_first, -6.0), 2.0)),
         np.exp(np.minimum(np.maximum(posterior.log_second, -6.0), 2.0)),
     )
+
+
+def fused_answer(
+    answer: FieldAnswer,
+    gate: NetworkGate,
+    posterior: Posterior,
+    refuted: Any,
+    radius_squared: Any,
+    limits: GateLimits,
+    settings: FieldSettings,
+) -> tuple[NetworkGate, FieldAnswer]:
+    """The answer of a cycle with the network behind it: its own where it may speak, otherwise the recursions'.
+
+    ``gate`` is that after this cycle's :func:`next_gate`; ``refuted`` and ``radius_squared`` are as in
+    :func:`may_speak` and :func:`fused_impedance`. Returns (gate, answer).
+    """
+    ohm = settings.Z_base
+    henry = settings.Z_base / settings.omega_n
+    R = answer.R_g / ohm + settings.R_2
+    X = answer.L_g / henry + settings.X_2
+    fused = fused_impedance(R, X, posterior, radius_squared)
+    quiet = answer.spoilt < 0.5 and answer.limited <= MOSTLY_LIMITED
+    open_ = quiet and may_speak(gate, refuted, limits) > 0.5
+    R_g, X_g = fused.R - settings.R_2, fused.X - settings.X_2
+    sigma = np.sqrt((fused.var_R + fused.var_X) / np.maximum(R_g * R_g + X_g * X_g, 1e-12))
+    speaks = open_ and sigma < limits.confident
+    refutes = speaks and fused.distance > CHI_SQUARE_999
+    announces = refutes and gate.told < 0.5
+    moved = NetworkGate(since=gate.since, told=1.0 if announces else gate.told)
+    spoken = FieldAnswer(
+        R_g=R_g * ohm,
+        L_g=X_g * henry,
+        var_R=fused.var_R * ohm * ohm,
+        cov_RL=fused.cov_RX * ohm * henry,
+        var_L=fused.var_X * henry * henry,
+        sigma=sigma,
+        valid=1.0,
+        changed=1.0 if announces else answer.changed,
+        event=answer.event,
+        doubt=answer.doubt,
+        mode=answer.mode,
+        limited=answer.limited,
+        spoilt=answer.spoilt,
+        amplitude=answer.amplitude,
+    )
+    return moved, spoken if speaks else answer

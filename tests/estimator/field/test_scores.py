@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from tests.estimator.field.made_up import EVENT, PER_RUN, made_up_cycles
-from vsgdesign.artifacts.field_weights import FieldLayers
+from vsgdesign.artifacts.field_weights import MODES, FieldLayers
+from vsgdesign.equations.field import FieldAnswer
 from vsgdesign.equations.field_fusion import GateLimits
 from vsgdesign.estimator.field.cycles import FieldCycles
-from vsgdesign.estimator.field.scores import field_scores, speaking, streams
+from vsgdesign.estimator.field.scores import answers_of_ways, field_scores
 
 GATE = GateLimits(first=4.0, first_refuted=2.0, last=6.0, confident=0.15)
-RADII = dict.fromkeys(("learning", "tracking", "doubt"), 5.991464547107979)
+RADII: dict[str, float] = dict.fromkeys(MODES, 5.991464547107979)
 
 
 def oracle(deviation: float = 0.05) -> FieldLayers:
@@ -43,23 +44,33 @@ def cycles() -> FieldCycles:
 
 
 def test_gate_opens_after_the_flag_alone(cycles: FieldCycles) -> None:
-    open_ = speaking(cycles, GATE).reshape(-1, PER_RUN)
-    expected = np.zeros(PER_RUN, dtype=bool)
     flag = EVENT + 1
-    expected[flag + 4 : flag + 7] = True
-    assert (open_ == expected).all()
-    refuted = replace(cycles, refuted=np.ones(len(cycles), dtype=bool))
-    expected[flag + 2 : flag + 4] = True
-    assert (speaking(refuted, GATE).reshape(-1, PER_RUN) == expected).all()
+    for refuted, first in ((False, 4), (True, 2)):
+        with_it = replace(cycles, refuted=np.full(len(cycles), refuted))
+        found = answers_of_ways(with_it, oracle(), RADII, GATE)
+        spoke = (found["gated"] != found["physics"]).any(axis=1).reshape(-1, PER_RUN)
+        expected = np.zeros(PER_RUN, dtype=bool)
+        expected[flag + first : flag + 7] = True
+        assert (spoke == expected).all()
+        assert np.array_equal(found["gated"][:, :6][spoke.ravel()], found["ungated"][:, :6][spoke.ravel()])
+        assert (found["gated"][spoke.ravel(), 6] == 1.0).all()
 
 
-def test_gated_is_physics_elsewhere(cycles: FieldCycles) -> None:
-    found = streams(cycles, oracle(), RADII, GATE)
-    closed = ~speaking(cycles, GATE)
-    assert np.array_equal(found["gated"].estimate[closed], found["physics"].estimate[closed])
-    assert np.array_equal(found["gated"].valid[closed], found["physics"].valid[closed])
-    assert np.array_equal(found["gated"].estimate[~closed], found["ungated"].estimate[~closed])
-    assert found["gated"].valid[~closed].all()
+def test_a_change_is_announced_once(cycles: FieldCycles) -> None:
+    gated = answers_of_ways(cycles, oracle(), RADII, GATE)["gated"]
+    changed = gated[:, FieldAnswer._fields.index("changed")].reshape(-1, PER_RUN)
+    assert changed.sum(axis=1).max() == 1.0
+    # All but near jumps (a factor within four deviations of one) are announced, in the first cycle of the network.
+    assert changed[:, EVENT + 5].mean() > 0.8
+    assert changed.sum() == changed[:, EVENT + 5 : EVENT + 8].sum()
+
+
+def test_nothing_is_said_in_a_limited_cycle(cycles: FieldCycles) -> None:
+    limited = cycles.answer.copy()
+    limited[:, FieldAnswer._fields.index("limited")] = 0.4
+    found = answers_of_ways(replace(cycles, answer=limited), oracle(), RADII, GATE)
+    assert np.array_equal(found["gated"], limited)
+    assert np.array_equal(found["ungated"], limited)
 
 
 def test_figures(cycles: FieldCycles) -> None:

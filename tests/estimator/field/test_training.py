@@ -57,7 +57,8 @@ def test_it_learns_mean_and_deviation(cycles: FieldCycles, training: FieldTraini
 
 def test_radius_holds_95_percent_of_the_validation_runs(cycles: FieldCycles, training: FieldTraining) -> None:
     rows = cycles.split().validation
-    distance = posterior_distance(*cycles.targets[rows].T, evaluate(training.layers, cycles.features[rows]))
+    y = cycles.targets[rows]
+    distance = posterior_distance(y[:, 0], y[:, 1], evaluate(training.layers, cycles.features[rows]))
     tracking = cycles.mode[rows] == 1
     assert np.mean(distance[tracking] <= training.radius_squared["tracking"]) == pytest.approx(0.95, abs=0.01)
     # Fewer than 100 cycles in doubt: a radius from all cycles, and not below that of a Gaussian.

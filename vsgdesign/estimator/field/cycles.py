@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.field import FieldAnswer, FieldSettings
 from vsgdesign.errors import ArtifactError, Fault, StudyError
 from vsgdesign.estimator.data_set import SHARES, Split, content_hash, read_arrays, write_arrays
 
@@ -21,11 +22,7 @@ frequency; such a step alone; a step of the references. The index is the code in
 
 _ARRAYS = (
     "features",
-    "estimate",
-    "covariance",
-    "valid",
-    "mode",
-    "event",
+    "answer",
     "refuted",
     "truth",
     "run",
@@ -37,31 +34,24 @@ _ARRAYS = (
     "ratio",
     "current",
 )
+_COLUMN = {name: k for k, name in enumerate(FieldAnswer._fields)}
 
 
 @dataclass(frozen=True, kw_only=True)
 class FieldCycles:
-    """N cycles. Every array has N rows; impedances are per unit of the converter's base impedance at f_n."""
+    """N cycles. Every array has N rows."""
 
     features: Array
     """(N, n): what the network is given."""
-    estimate: Array
-    """(N, 2): R and X of the recursions' answer, which is held while they are in doubt."""
-    covariance: Array
-    """(N, 3): its variance of R, covariance, variance of X."""
-    valid: NDArray[np.bool_]
-    """Whether the recursions' answer is valid."""
-    mode: NDArray[np.int64]
-    """0 learning, 1 tracking, 2 in doubt."""
-    event: NDArray[np.bool_]
-    """Whether the recursions flagged an event in this cycle."""
+    answer: Array
+    """(N, 14): the recursions' answer, fields of FieldAnswer. It is held while they are in doubt."""
     refuted: NDArray[np.bool_]
     """Whether the step after the event refutes that the impedance moved."""
     truth: Array
-    """(N, 2): true R and X in the middle of the cycle."""
+    """(N, 2): true R_g in Ω and L_g in H in the middle of the cycle."""
     run: NDArray[np.int64]
     converter: NDArray[np.int64]
-    """Index into the header's ``converters``."""
+    """Index into the header's ``converters`` and ``settings``."""
     t_s: Array
     """End of the cycle, s."""
     change: NDArray[np.int64]
@@ -75,7 +65,7 @@ class FieldCycles:
     current: Array
     """The current just before that change, pu of the rated peak."""
     header: Mapping[str, Any]
-    """Recipe, seed, names of the features, converters."""
+    """``recipe``, ``seed``, names of the ``features``, ``converters``, and the ``settings`` of each one's estimator."""
 
     def __len__(self) -> int:
         return len(self.features)
@@ -90,12 +80,35 @@ class FieldCycles:
         """SHA-256 of header and every array."""
         return content_hash(self.header, arrays_of(self))
 
+    def said(self, name: str) -> Array:
+        """(N,): a field of the recursions' answer."""
+        return self.answer[:, _COLUMN[name]]
+
+    @property
+    def mode(self) -> NDArray[np.int64]:
+        """(N,): LEARN, TRACK or DOUBT."""
+        return self.said("mode").astype(np.int64)
+
+    def settings(self, converter: int) -> FieldSettings:
+        """The settings of the estimator of a converter."""
+        return FieldSettings(**self.header["settings"][converter])
+
     @property
     def targets(self) -> Array:
-        """(N, 2): y = ln(Z/Ẑ), logarithm of the size and difference of the angles in rad."""
-        true, held = (pair[:, 0] + 1j * pair[:, 1] for pair in (self.truth, self.estimate))
-        y = np.log(true / np.where(np.abs(held) < 1e-3, 1e-3, held))
-        return np.column_stack([y.real, y.imag])
+        """(N, 2): y = ln(Z/Ẑ), logarithm of the size and difference of the angles in rad.
+
+        Z goes from the measured voltage to the grid's source, at nominal frequency (:eq:`field-posterior`).
+        """
+        y = np.zeros((len(self), 2))
+        for k in range(len(self.header["converters"])):
+            one = self.settings(k)
+            rows = np.flatnonzero(self.converter == k)
+            behind = complex(one.R_2, one.X_2)
+            pair = (self.truth[rows], np.column_stack([self.said("R_g"), self.said("L_g")])[rows])
+            true, held = (R_L @ (1.0 / one.Z_base, 1j * one.omega_n / one.Z_base) + behind for R_L in pair)
+            ratio = np.log(true / np.where(np.abs(held) < 1e-3, 1e-3, held))
+            y[rows, 0], y[rows, 1] = np.real(ratio), np.imag(ratio)
+        return y
 
     def split(self, seed: int = 0) -> Split:
         """70/15/15 at random by run: all cycles of a run are in one part.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,17 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.field_weights import MODES, FieldLayers
-from vsgdesign.equations.field_fusion import (
-    FIRST_GATE,
-    FusedImpedance,
-    GateLimits,
-    fused_impedance,
-    may_speak,
-    next_gate,
-)
+from vsgdesign.equations.field import FieldAnswer
+from vsgdesign.equations.field_fusion import FIRST_GATE, NEVER, GateLimits, Posterior, fused_answer, next_gate
 from vsgdesign.estimator.field.cycles import CHANGES, FieldCycles
 from vsgdesign.estimator.field.training import evaluate
-from vsgdesign.metrics.answers import Answers, inside_ellipse, time_to_stay, valid_and_wrong
+from vsgdesign.metrics.answers import Answers, answers_of, inside_ellipse, time_to_stay, valid_and_wrong
 
 Array = NDArray[np.float64]
 
@@ -65,86 +59,74 @@ class GroupScore:
     """Coverage of the valid answers there."""
 
 
-@dataclass(frozen=True, eq=False)
-class Streams:
-    """Answers of one way, a row for each cycle: R and X (N, 2), covariance (N, 3), whether they are valid (N,)."""
-
-    estimate: Array
-    covariance: Array
-    valid: NDArray[np.bool_]
-
-
 def field_scores(
-    cycles: FieldCycles, layers: FieldLayers, radius_squared: dict[str, float], gate: GateLimits
+    cycles: FieldCycles, layers: FieldLayers, radius_squared: Mapping[str, float], gate: GateLimits
 ) -> dict[str, dict[str, GroupScore]]:
     """The three ways on some runs, by way and group."""
-    return {way: _judged(cycles, stream) for way, stream in streams(cycles, layers, radius_squared, gate).items()}
+    return {
+        way: _judged(cycles, answer) for way, answer in answers_of_ways(cycles, layers, radius_squared, gate).items()
+    }
 
 
-def streams(
-    cycles: FieldCycles, layers: FieldLayers, radius_squared: dict[str, float], gate: GateLimits
-) -> dict[str, Streams]:
-    """The answers of the three ways."""
-    posterior = evaluate(layers, cycles.features)
+def answers_of_ways(
+    cycles: FieldCycles, layers: FieldLayers, radius_squared: Mapping[str, float], gate: GateLimits
+) -> dict[str, Array]:
+    """The answers of the three ways, each (N, 14) as in :class:`FieldCycles`, by the controller's own equations."""
+    always = GateLimits(first=0.0, first_refuted=0.0, last=NEVER, confident=gate.confident)
+    gated, ungated = (_spoken(cycles, layers, radius_squared, limits) for limits in (gate, always))
+    return dict(zip(WAYS, (cycles.answer, gated, ungated), strict=True))
+
+
+def _spoken(cycles: FieldCycles, layers: FieldLayers, radius_squared: Mapping[str, float], limits: GateLimits) -> Array:
+    outputs = np.column_stack(evaluate(layers, cycles.features))
     radii = np.array([radius_squared[name] for name in MODES])[cycles.mode]
-    fused = fused_impedance(cycles.estimate[:, 0], cycles.estimate[:, 1], posterior, radii)
-    physics = Streams(cycles.estimate, cycles.covariance, cycles.valid)
-    network = _stream(fused, fused.sigma < gate.confident)
-    speaks = (speaking(cycles, gate) & network.valid)[:, None]
-    gated = Streams(
-        np.where(speaks, network.estimate, physics.estimate),
-        np.where(speaks, network.covariance, physics.covariance),
-        np.where(speaks[:, 0], True, physics.valid),
-    )
-    return dict(zip(WAYS, (physics, gated, network), strict=True))
-
-
-def speaking(cycles: FieldCycles, limits: GateLimits) -> NDArray[np.bool_]:
-    """(N,) where the gate is open, by the same equations as on the controller."""
-    found, gate, run = np.zeros(len(cycles), dtype=bool), FIRST_GATE, None
+    settings = [cycles.settings(k) for k in range(len(cycles.header["converters"]))]
+    found, gate, run = np.zeros_like(cycles.answer), FIRST_GATE, None
     for k in range(len(cycles)):
         if cycles.run[k] != run:
             gate, run = FIRST_GATE, cycles.run[k]
-        gate = next_gate(gate, float(cycles.event[k]))
-        found[k] = may_speak(gate, float(cycles.refuted[k]), limits) > 0.5
+        answer = FieldAnswer(*cycles.answer[k].tolist())
+        gate, spoken = fused_answer(
+            answer,
+            next_gate(gate, answer.event),
+            Posterior(*outputs[k].tolist()),
+            float(cycles.refuted[k]),
+            float(radii[k]),
+            limits,
+            settings[cycles.converter[k]],
+        )
+        found[k] = spoken
     return found
 
 
-def _stream(fused: FusedImpedance, valid: NDArray[np.bool_]) -> Streams:
-    covariance = np.column_stack([fused.var_R, fused.cov_RX, fused.var_X])
-    return Streams(np.column_stack([fused.R, fused.X]), covariance, valid)
-
-
-def _judged(cycles: FieldCycles, stream: Streams) -> dict[str, GroupScore]:
+def _judged(cycles: FieldCycles, answer: Array) -> dict[str, GroupScore]:
     rows = {name: _Rows() for name in GROUPS}
     group_of = {code: name for name, codes in GROUPS.items() for code in codes}
     for run in np.unique(cycles.run):
         of_run = np.flatnonzero(cycles.run == run)
-        answers = _answers(cycles, stream, of_run)
+        answers = _answers(cycles, answer, of_run)
         covered, error = inside_ellipse(answers), answers.error
         numbers = cycles.change_number[of_run]
         for number in range(numbers.max() + 1):
             after = np.flatnonzero(numbers == number)
             if len(after):
                 name = group_of[int(cycles.change[of_run[after[0]]])]
-                rows[name].add(answers, error, covered, after, cycles.since_change[of_run[after[0]]])
+                rows[name].add(answers, error, covered, after, float(cycles.since_change[of_run[after[0]]]))
     return {name: one.score(name) for name, one in rows.items()}
 
 
-def _answers(cycles: FieldCycles, stream: Streams, rows: NDArray[np.int64]) -> Answers:
-    """One run's answers at the PCC: the filter's own grid side is taken off."""
-    converter = cycles.header["converters"][int(cycles.converter[rows[0]])]
-    behind = complex(converter["R_2"], converter["X_2"])
-    RR, RX, XX = stream.covariance[rows].T
-    t_s = cycles.t_s[rows]
-    return Answers(
-        t_s=t_s,
-        Z=cycles.truth[rows] @ (1.0, 1j) - behind,
-        Z_hat=stream.estimate[rows] @ (1.0, 1j) - behind,
-        covariance=np.stack([np.stack([RR, RX], -1), np.stack([RX, XX], -1)], -2),
-        valid=stream.valid[rows],
-        changed=np.zeros(len(rows), dtype=bool),
-        end_s=float(t_s[-1]),
+def _answers(cycles: FieldCycles, answer: Array, rows: NDArray[np.int64]) -> Answers:
+    """One run's answers."""
+    said = FieldAnswer(*answer[rows].T)
+    return answers_of(
+        cycles.t_s[rows],
+        (cycles.truth[rows, 0], cycles.truth[rows, 1]),
+        (said.R_g, said.L_g),
+        (said.var_R, said.cov_RL, said.var_L),
+        said.valid > 0.5,
+        said.changed > 0.5,
+        omega_n=cycles.settings(int(cycles.converter[rows[0]])).omega_n,
+        end_s=float(cycles.t_s[rows[-1]]),
     )
 
 
@@ -202,7 +184,11 @@ class _Rows:
             error_p95=_tuple(_quantile(errors[:, k], 0.95) for k in range(len(AFTER))),
             valid_share=_tuple(valid.mean(axis=0)),
             valid_error_p95=_tuple(_quantile(errors[valid[:, k], k], 0.95) for k in range(len(AFTER))),
-            t10_s=tuple(_quantile(self._t10, q) if moved else math.nan for q in (0.5, 0.9, 0.95)),  # type: ignore[arg-type]
+            t10_s=(
+                _quantile(self._t10, 0.5) if moved else math.nan,
+                _quantile(self._t10, 0.9) if moved else math.nan,
+                _quantile(self._t10, 0.95) if moved else math.nan,
+            ),
             coverage={key: float(np.mean(one)) if one else math.nan for key, one in self._covered.items()},
             wrong_s=float(np.mean(self._wrong)),
             worst=float(np.max(self._worst)),

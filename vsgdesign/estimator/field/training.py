@@ -105,7 +105,8 @@ def _train(
     arrays = [p.numpy().astype(np.float64) for p in kept]
     names = ("W_1", "b_1", "W_2", "b_2", "W_3", "b_3")
     layers = FieldLayers(mean=mean, deviation=deviation, **dict(zip(names, arrays, strict=True)))
-    history = dict(zip(("epoch", "training", "validation"), np.array(lines).T, strict=True))
+    epochs, *both = np.array(lines, dtype=float).T
+    history: dict[str, Array] = {"epoch": epochs, "training": both[0], "validation": both[1]}
     rows = split.validation
     return FieldTraining(layers, conformal_radii(layers, cycles, rows), history, best_epoch)
 
@@ -152,7 +153,8 @@ def conformal_radii(layers: FieldLayers, cycles: FieldCycles, rows: NDArray[np.i
     A mode with fewer than 100 cycles there has the radius of a Gaussian with the network's own covariance, or that of
     all cycles if this is larger.
     """
-    distance = posterior_distance(*cycles.targets[rows].T, evaluate(layers, cycles.features[rows]))
+    y = cycles.targets[rows]
+    distance = posterior_distance(y[:, 0], y[:, 1], evaluate(layers, cycles.features[rows]))
     of_all = max(float(np.quantile(distance, 0.95)), CHI_SQUARE_95)
     found = {}
     for code, name in enumerate(MODES):
@@ -174,7 +176,7 @@ def _one_thread() -> Iterator[None]:
 
 def _check(cycles: FieldCycles, split: Split, settings: FieldTrainingSettings, seed: int) -> None:
     faults = []
-    for name in ("features", "estimate", "truth"):
+    for name in ("features", "answer", "truth"):
         bad = np.flatnonzero(~np.isfinite(getattr(cycles, name)).all(axis=1))
         if len(bad):
             faults.append(Fault(name, f"{len(bad)} cycles", f"not finite, first in row {bad[0]}", "Leave them out."))
