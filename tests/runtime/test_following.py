@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from tests.gain_tables import table
 from tests.runtime.test_scheduler import OMEGA, POWERS, Z_BASE, grid, made, settle
 from vsgdesign.errors import ArtifactError
+from vsgdesign.identification import Estimate, Needs
 from vsgdesign.runtime import Answer, Scheduler, scheduler_of, settings_of, status_text
 from vsgdesign.runtime.error_set import NOT_DESIGNED, ErrorSet, error_set_of
 from vsgdesign.runtime.guards import DOUBT, FRESH, HELD, IMPLAUSIBLE, JUMP, NOT_FINITE, PARTLY, REFUSED
@@ -259,3 +260,48 @@ def test_states_of_before_are_refused_with_a_sentence() -> None:
         del old[name]
     with pytest.raises(ArtifactError, match="schema 3, but this version reads 4; start afresh"):
         scheduler.restore(old)
+
+
+class Said(NamedTuple):
+    count: int
+
+
+@dataclass(frozen=True)
+class Speaker:
+    """An estimator that says what it is told to, once a sample."""
+
+    answers: tuple[Estimate, ...]
+    calibrated: bool
+    title: str = "the speaker"
+    signals: str = "other"
+    needs: Needs = field(default_factory=lambda: Needs(samples=1, sample_interval=1e-4))
+
+    def first(self) -> Said:
+        return Said(0)
+
+    def update(self, state: Said, samples: Any) -> tuple[Said, Estimate]:  # noqa: ARG002
+        return Said(state.count + 1), self.answers[state.count]
+
+    def probe(self, state: Said) -> None:  # noqa: ARG002
+        return None
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_an_estimators_own_words_reach_the_scheduler(calibrated: bool) -> None:
+    """Surprise begins a doubt, a change confirms, and the covariance counts if it is calibrated."""
+    (var_R, cov, var_L), there = round_covariance(18.0, 0.2), grid(18.0, 1.0)
+    covariance = np.array([[var_R, cov], [cov, var_L]])
+    answers = (
+        Estimate(*grid(2.0, 1.0), "uncertain", covariance, surprised=True),
+        Estimate(*there, "uncertain", covariance, changed=True),
+        Estimate(*there, "ok", covariance),
+    )
+    scheduler = Scheduler(made().lookup, made().settings, Speaker(answers, calibrated))
+    settle(scheduler, 2.0, 1.0)
+    found = []
+    for _ in answers:
+        assert scheduler.push([1.0, 0.0], [0.0, 0.0])
+        found.append(scheduler.update_pushed(*POWERS))
+    assert [answer.status for answer in found[:2]] == [HELD | DOUBT] * 2
+    assert found[2].status & (FRESH | PARTLY) == (FRESH | PARTLY if calibrated else FRESH)
+    assert (goal(scheduler)[0] == pytest.approx(np.log(18.0))) == (not calibrated)

@@ -101,6 +101,7 @@ class FieldEstimator:
     settings: FieldSettings
     title: str = "the field estimator"
     signals: str = "field"
+    calibrated: bool = True
     needs: Needs = field(init=False)
 
     def __post_init__(self) -> None:
@@ -151,7 +152,8 @@ def estimate_of(answer: FieldAnswer) -> Estimate:
         status = "waiting"
     elif answer.doubt > 0.5:
         reason = "the grid has changed and the estimator does not know yet how: keep the estimate before"
-    return Estimate(float(answer.R_g), float(answer.L_g), status, covariance, reason)
+    changed, surprised = answer.changed > 0.5, answer.event > 0.5
+    return Estimate(float(answer.R_g), float(answer.L_g), status, covariance, reason, changed, surprised)
 
 
 def field_estimator(at: Installation) -> FieldEstimator:

@@ -43,6 +43,10 @@ class Estimate(NamedTuple):
     """Covariance (2, 2) of (R_g, L_g) in Ω², Ω·H and H². None if it is not known."""
     reason: str = ""
     """A more precise reason than that of the status, in words, if there is one."""
+    changed: bool = False
+    """Whether the estimator decided, with this answer, that the impedance of the grid has changed."""
+    surprised: bool = False
+    """Whether something happened that the estimator cannot explain yet: its answers are held until it can."""
 
     @property
     def why(self) -> str:
@@ -206,6 +210,17 @@ class ProbeLines(Protocol):
         Returns phasors (M,), their angular frequencies in that frame (M,) in rad/s, and the number of last samples over
         which they are taken.
         """
+        ...
+
+
+@runtime_checkable
+class KnowsItsError(Protocol):
+    """An estimator whose covariance is calibrated: 95 % of the errors lie in its 95 % set. A scheduler follows such an
+    estimate according to its covariance; that of any other estimator it leaves aside."""
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether it is."""
         ...
 
 

@@ -13,6 +13,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError
 from vsgdesign.identification import Estimate, Estimator, Probe
 from vsgdesign.identification.feeding import FedEstimator
+from vsgdesign.identification.interface import KnowsItsError
 from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.closed_form import ClosedFormSchedule
 from vsgdesign.runtime.guards import (
@@ -154,8 +155,9 @@ class Scheduler:
     ) -> Answer:
         if found is None:
             return self.hold(P, Q, V_rms, ticks)
+        self.tell(surprised=found.surprised, changed=found.changed)
         said = SAID.get(found.status, NO_ESTIMATE)
-        return self._advance(said, found.R_g, found.L_g, P, Q, V_rms, ticks)
+        return self._advance(said, found.R_g, found.L_g, P, Q, V_rms, ticks, covariance_of(found, self.estimator))
 
     def start(self, R_g: float, L_g: float) -> PowerLoopGains:
         """Starts on a known grid instead of the safe place. Raises ArtifactError if the grid is not in the box."""
@@ -230,6 +232,14 @@ class Scheduler:
             self.lookup, self.settings, self._state, said, R_g, L_g, *powers, ticks, covariance
         )
         return answer
+
+
+def covariance_of(found: Estimate, estimator: Estimator | None) -> Covariance | None:
+    """The covariance of an estimate, if there is one and its estimator is calibrated."""
+    if found.covariance is None or not (isinstance(estimator, KnowsItsError) and estimator.calibrated):
+        return None
+    (var_R, cov_RL), (_, var_L) = found.covariance.tolist()
+    return var_R, cov_RL, var_L
 
 
 def _three(covariance: Any) -> Covariance | None:

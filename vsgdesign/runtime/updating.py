@@ -86,7 +86,8 @@ def first_state(lookup: GainLookup, settings: SchedulerSettings) -> SchedulerSta
         )
     gains = lookup.gains(normalised, scr, r_over_x, P, Q, V_rms)
     age = settings.lost_ticks + 1
-    return SchedulerState(0, 0, age, 0, 0, 0, 0, *(scr, r_over_x) * 4, P, Q, V_rms, gains)
+    place = scr, r_over_x
+    return SchedulerState(0, 0, age, 0, 0, 0, 0, *place, *place, *place, *place, P, Q, V_rms, gains)
 
 
 def told_state(s: SchedulerState, told: int) -> SchedulerState:
@@ -186,9 +187,10 @@ def advance(
             else:
                 goal = drawn_in(goal_scr, goal_r, c)
                 left = drawn_in(s.left_scr, s.left_r_over_x, c) if refuted > 0 else goal
-                moved = _part_of_the_way(*goal, *drawn_in(scr, r_over_x, c), share, *left)
+                moved_scr, moved_r = _part_of_the_way(*goal, *drawn_in(scr, r_over_x, c), share, *left)
                 # Past the place that was left, a step may lead out of the box; drawn in, it would lead back.
-                goal_scr, goal_r = moved if moved == drawn_in(*moved, c) else goal
+                inside = drawn_in(moved_scr, moved_r, c) == (moved_scr, moved_r)
+                goal_scr, goal_r = (moved_scr, moved_r) if inside else goal
         if reason == NO_REASON and share >= 1.0:
             refuted = 0
 
