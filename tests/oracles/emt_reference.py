@@ -13,8 +13,8 @@ import itertools
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,19 @@ class Trace:
     current_limited: int = 0
     voltage_limited: int = 0
     final_plant: NDArray[np.complex128] = field(default_factory=lambda: np.zeros(3, complex))
+
+
+class Prober(Protocol):
+    """What adds a small voltage u to every sample, relative to the rated one, and hears what became of it."""
+
+    def value(self) -> complex:
+        """u in the frame of the converter's own angle."""
+        ...
+
+    def hear(self, v: complex, i: complex, u: complex, theta: float, limited: bool) -> None:
+        """Node voltage and grid current of the sample (αβ), what was sent, the angle with it, and whether the current
+        limit acted."""
+        ...
 
 
 class PiecewiseLinear:
@@ -462,10 +475,11 @@ def run_reference(
     beta: Callable[[Grid], Grid] = lambda grid: grid,
     wander: Any = None,
     noise: Any = None,
+    prober: Prober | None = None,
 ) -> Trace:
     """Simulate the study from ``start``; ``gain_changes`` have ``t_s`` and ``gains``. ``beta``: what the grid is on the
     β axis. ``wander(count)``: the gains and angles that the background's random numbers give, sample by sample;
-    ``noise(count)``: those of the nine sensors, V and A."""
+    ``noise(count)``: those of the nine sensors, V and A. ``prober``: adds a voltage to every sample, and listens."""
     controller, source, c = SampledController(study), StiffSource(study), study.converter
     T = controller.T
     samples = round(study.simulation.duration / T)
@@ -500,7 +514,7 @@ def run_reference(
         others = (size * cmath.exp(1j * (order * phase + angle)) for order, size, angle in source.others(now))
         lines = (size * cmath.exp(1j * angle) for _, size, angle in source.lines(k * T))
         trace.source[k] = peak * cmath.exp(1j * phase) + sum(others) + sum(lines)
-        for name in ("theta", "omega", "V", "S_f", "xi_v", "xi_i", "i_f"):
+        for name in ("omega", "S_f", "xi_v", "xi_i", "i_f"):
             getattr(trace, name)[k] = getattr(state, name)
         refs = _references(study, events, now)
         gains = [change.gains for change in gain_changes if change.t_s <= now][-1]
@@ -508,7 +522,18 @@ def run_reference(
         v_node = v_c + study.filter.R_c * (i_s - i_g)
         if sensors is not None:
             v_node, i_s, i_g = sensors.read(k, v_node, i_s, i_g)
+        hits = controller.hits["current"]
+        u = 0j if prober is None else prober.value()
+        whole = state.V + c.V_rated_rms * u
+        turned, raised = (0.0, 0.0) if prober is None else (cmath.phase(whole), abs(whole) - state.V)
+        state = replace(state, theta=state.theta + turned, V=state.V + raised)
+        for name in ("theta", "V"):
+            getattr(trace, name)[k] = getattr(state, name)
+        theta = state.theta
         state, asked, trace.power[k] = controller.step(state, v_node, i_s, i_g, refs, gains)
+        state = replace(state, theta=state.theta - turned, V=state.V - raised)
+        if prober is not None:
+            prober.hear(v_node, i_g, u, theta, controller.hits["current"] > hits)
         if c.delay_samples == 0:
             applied = asked
         else:

@@ -32,6 +32,11 @@ Law = LimiterLaw | ObserverLaw
 """Functions by name that a loop is compiled with."""
 
 
+def _parts_of(kind: Any) -> list[Any] | None:
+    """The types of a record's fields; None for a number."""
+    return list(kind) if isinstance(kind, types.BaseTuple) else None  # type: ignore[call-overload]
+
+
 @intrinsic
 def _unpack(_context: Any, values: Any, like: Any) -> Any:
     """:func:`vsgdesign.simulation.observing.unpack`: one load for each number, whatever their count."""
@@ -41,8 +46,9 @@ def _unpack(_context: Any, values: Any, like: Any) -> Any:
         place = itertools.count()
 
         def built(kind: Any) -> Any:
-            if isinstance(kind, types.BaseTuple):
-                return context.make_tuple(builder, kind, [built(one) for one in kind])
+            parts = _parts_of(kind)
+            if parts is not None:
+                return context.make_tuple(builder, kind, [built(one) for one in parts])
             return builder.load(builder.gep(data, [context.get_constant(types.intp, next(place))]))
 
         return built(signature.return_type)
@@ -59,8 +65,9 @@ def _pack(_context: Any, values: Any, record: Any) -> Any:
         place = itertools.count()
 
         def stored(kind: Any, value: Any) -> None:
-            if isinstance(kind, types.BaseTuple):
-                for k, one in enumerate(kind):
+            parts = _parts_of(kind)
+            if parts is not None:
+                for k, one in enumerate(parts):
                     stored(one, builder.extract_value(value, k))
                 return
             number = context.cast(builder, value, kind, types.float64)

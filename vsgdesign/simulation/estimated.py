@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.network_weights import NetworkWeights
 from vsgdesign.artifacts.ready import Ready
+from vsgdesign.equations.field import FieldAnswer
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError
 from vsgdesign.frames import rms_to_peak, rotate, rotate_back
@@ -46,6 +47,10 @@ TRAINED_PHASE = -0.5 * math.pi
 """Angle of the grid source's vector at the first sample of a synchronised window, rad: phase A's zero crossing."""
 
 
+_COLUMNS_OF_CYCLES = ("cov_RL", "sigma", "valid", "changed", "event", "doubt", "mode", "amplitude")
+"""What a file has of the field estimator besides the columns of all estimators."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class EstimateLog:
     """The answers of an estimator beside the true grid. Arrays have one row for each answer."""
@@ -69,6 +74,8 @@ class EstimateLog:
     """Whether the rate limit of the scheduler delayed the gains. Without a gain table it never does."""
     rate: float | None = None
     """The limit of \\|d ln SCR/dt\\| and \\|d ln(R/X)/dt\\|, 1/s; None without a gain table."""
+    cycles: FieldAnswer | None = None
+    """Of the field estimator alone: every number of its answers, with an array for each."""
 
     def series(self) -> dict[str, Array]:
         """Columns for a file; ``status`` counts along ALL_STATUSES."""
@@ -83,6 +90,8 @@ class EstimateLog:
         }
         if np.isfinite(self.R_g_deviation).any():
             columns |= {"R_g_deviation": self.R_g_deviation, "L_g_deviation": self.L_g_deviation}
+        if self.cycles is not None:
+            columns |= {name: getattr(self.cycles, name) for name in _COLUMNS_OF_CYCLES}
         return columns
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
@@ -12,10 +14,40 @@ from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
 from vsgdesign.runtime.guards import LIMITED
 from vsgdesign.runtime.of_study import follows_measured, gain_law
-from vsgdesign.runtime.scheduler import scheduler_of
+from vsgdesign.runtime.scheduler import Scheduler, scheduler_of
+from vsgdesign.runtime.updating import Covariance
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.online import MeasuredWindow, OnlineScheduler
 from vsgdesign.simulation.timeline import Timeline, build_timeline
+
+
+class MeasuredPowers(Protocol):
+    """What a schedule takes of a window, SI."""
+
+    @property
+    def t_s(self) -> float:
+        """End of the window."""
+        ...
+
+    @property
+    def P(self) -> float:
+        """Powers and voltage (rms) as the power loops see them."""
+        ...
+
+    @property
+    def Q(self) -> float:
+        """var"""
+        ...
+
+    @property
+    def V_rms(self) -> float:
+        """V"""
+        ...
+
+    @property
+    def limited(self) -> int:
+        """In how many samples of the window the current was limited."""
+        ...
 
 
 class ScheduledAnswers:
@@ -47,19 +79,22 @@ class ScheduledAnswers:
         """The grid for which the present gains are made. For a table it is the place of its scheduler."""
         return self._grid if self._runtime is None else Grid(*self._runtime.grid)
 
-    def first(self, told: Grid | None = None) -> PowerLoopGains:
+    def first(self, told: Grid | None = None, *, known: bool = True) -> PowerLoopGains:
         """Gains at the start: of the known grid, in the steady state that they are part of; without load for a cold
         start. A table's safe place where the grid is not in its box.
 
-        ``told`` is the grid that the controller takes the true one for; None: it knows the true one. Raises
-        InfeasibleStudyError where there is no steady state, or a closed form has no gains.
+        ``told`` is the grid that the controller takes the true one for; None: it knows the true one. With ``known``
+        false a table starts at its safe place, whatever the grid is. Raises InfeasibleStudyError where there is no
+        steady state, or a closed form has no gains.
         """
         study, spec = self._study, self._spec
         timeline = build_timeline(study)
         true, source = timeline.grid_at(0.0), timeline.source_at(0.0)
         grid = true if told is None else told
-        self._grid, known = grid, True
-        if self._runtime is not None:
+        self._grid = grid
+        if self._runtime is not None and not known:
+            self._runtime = Scheduler(self._runtime.lookup, self._runtime.settings)
+        elif self._runtime is not None:
             try:
                 self._runtime.start(grid.R_g, grid.L_g)
             except ArtifactError:  # not in the table's box: from the safe place, as in the field
@@ -83,10 +118,21 @@ class ScheduledAnswers:
             raise InfeasibleStudyError(f"controller {spec.name}, the start: {error}") from error
 
     def to(
-        self, window: MeasuredWindow, R_g: float, L_g: float, *, surprised: bool = False
+        self,
+        window: MeasuredPowers,
+        R_g: float,
+        L_g: float,
+        *,
+        surprised: bool = False,
+        changed: bool = False,
+        covariance: Covariance | None = None,
     ) -> tuple[PowerLoopGains | None, bool]:
         """Gains from the end of a window on for a grid, NaN: not known; None to go on as before. And whether the
-        scheduler's rate limit held them back."""
+        scheduler's rate limit held them back.
+
+        The scheduler of a table is told what the estimator decided (``surprised``, ``changed``) and the ``covariance``
+        of its error, as in :meth:`vsgdesign.runtime.scheduler.Scheduler.update_estimate`.
+        """
         known = bool(np.isfinite(R_g) and np.isfinite(L_g))
         if self._runtime is None:
             found = _numbers(self._law(R_g, L_g, window.P, window.Q, window.V_rms)) if known else None
@@ -95,8 +141,11 @@ class ScheduledAnswers:
             self._grid = Grid(R_g, L_g)
             return found, False
         measured = (window.P, window.Q, window.V_rms, round(window.t_s / self._runtime.settings.tick))
-        self._runtime.tell(limited=window.limited > 0, surprised=surprised)
-        answer = self._runtime.update_estimate(R_g, L_g, *measured) if known else self._runtime.hold(*measured)
+        self._runtime.tell(limited=window.limited > 0, surprised=surprised, changed=changed)
+        if known:
+            answer = self._runtime.update_estimate(R_g, L_g, *measured, covariance=covariance)
+        else:
+            answer = self._runtime.hold(*measured)
         return answer.gains, bool(answer.status & LIMITED)
 
     def _at_design_point(self, R_g: float, L_g: float) -> PowerLoopGains:

@@ -54,11 +54,11 @@ class Bridge(NamedTuple):
 
 
 class Span(NamedTuple):
-    """A stretch: its first sample in the run, the sample of the stretch to go on with, and how many samples it has."""
+    """A stretch: its first sample in the run, the sample of the stretch to go on with, and its length in samples."""
 
     first: int
     begin: int
-    count: int
+    length: int
 
 
 class Moving(NamedTuple):
@@ -268,10 +268,10 @@ def run_stretch(
     many samples of the stretch have been run by then: all, unless the observer stopped the loop before.
 
     The arrays of ``moving``, ``plant.sources`` and ``watch`` are updated in place, so that the same stretch can go on.
-    Where the interval is cut into several pieces, ``span.count`` is 1. Without ``sensors`` they are ideal; the compiler
-    then leaves them out by the type.
+    Where the interval is cut into several pieces, ``span.length`` is 1. Without ``sensors`` they are ideal; the
+    compiler then leaves them out by the type.
     """
-    first, begin, count = span
+    first, begin, length = span
     x, pending, state = moving
     lengths, sources, background = plant.lengths, plant.sources, plant.background
     T_s = given.settings.T_s
@@ -286,7 +286,7 @@ def run_stretch(
     limited = log.limited[0]
     memory, constants = observer.begin(watch)
     done = begin
-    for offset in range(begin, count):
+    for offset in range(begin, length):
         true = Measurement(
             v_alpha=x[2] + bridge.R_c * (x[0] - x[4]),
             v_beta=x[3] + bridge.R_c * (x[1] - x[5]),

@@ -23,6 +23,7 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.identification import Probe
 from vsgdesign.parameters.study import Grid, Study
 from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.observing import NO_WATCH, SILENT
 from vsgdesign.simulation.probing import HeldProbe
 from vsgdesign.simulation.timeline import Timeline
 
@@ -264,6 +265,8 @@ def sensed_vectors(log: Array, sensed: Array, v_pcc: Array, circuit: FilterGrid)
 class ListedGains:
     """Gains over time that are known beforehand, as a run takes them."""
 
+    observer, watch, closed = SILENT, NO_WATCH, False
+
     def __init__(self, changes: Sequence[GainChange], T_s: float) -> None:
         if not changes or changes[0].t_s > 0.0:
             raise ValueError("the first gain change must be at or before t = 0")
@@ -299,12 +302,18 @@ class ListedGains:
         """Gains from a sample on."""
         return self._at.get(sample, present)
 
+    def conclude(self, sample: int, present: PowerLoopGains, *_: object) -> PowerLoopGains:  # noqa: ARG002
+        """Nothing: no cycle ever ends."""
+        return present
+
     def finish(self, *_: object) -> None:
         """The run is over."""
 
 
 class OnlineGains:
     """An online scheduler, as a run takes it: cuts windows out of the log and asks."""
+
+    observer, watch, closed = SILENT, NO_WATCH, False
 
     def __init__(self, scheduler: OnlineScheduler, study: Study, timeline: Timeline) -> None:
         self._scheduler, self._timeline = scheduler, timeline
@@ -356,6 +365,10 @@ class OnlineGains:
             return present
         self.changes.append(GainChange(sample * self._T_s, answer))
         return answer
+
+    def conclude(self, sample: int, present: PowerLoopGains, *_: object) -> PowerLoopGains:  # noqa: ARG002
+        """Nothing: no cycle ever ends."""
+        return present
 
     def finish(
         self, sample: int, present: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int

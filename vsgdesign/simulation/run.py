@@ -25,6 +25,7 @@ from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_s
 from vsgdesign.parameters.study import Grid, GridSource, Study
 from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.circuits import CircuitOfGrid, circuits_of, stacked_plants, states_of
+from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.kernel import (
     LOG_COLUMNS,
@@ -36,7 +37,6 @@ from vsgdesign.simulation.kernel import (
     Span,
 )
 from vsgdesign.simulation.loop import compiled_loop
-from vsgdesign.simulation.observing import NO_WATCH
 from vsgdesign.simulation.online import ListedGains, OnlineGains, OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence, good_rows, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
@@ -87,7 +87,7 @@ class Simulation:
 
 def simulate(
     study: Study,
-    schedule: Sequence[GainChange] | OnlineScheduler,
+    schedule: Sequence[GainChange] | OnlineScheduler | FieldScheduler,
     *,
     bridge: str | None = None,
     log_states: int = 0,
@@ -109,7 +109,7 @@ def simulate(
     settings = study.controller_settings()
     T_s = settings.T_s
     samples = round(study.simulation.duration / T_s)
-    feed = ListedGains(schedule, T_s) if isinstance(schedule, Sequence) else OnlineGains(schedule, study, timeline)
+    feed = _feed(schedule, study, timeline)
     kept = round(study.simulation.log_interval / T_s)
     log_every = math.gcd(kept, feed.log_samples)  # a scheduler's samples are taken from the log
     log = np.empty((-(-samples // log_every), len(LOG_COLUMNS)))
@@ -132,7 +132,7 @@ def simulate(
         delay_samples=c.delay_samples,
         R_c=study.filter.R_c,
     )
-    loop = compiled_loop(study.limiter.law)
+    loop = compiled_loop(study.limiter.law, feed.observer)
     plants = functools.lru_cache(maxsize=64)(functools.partial(stacked_plants, circuit_of, pwm))
     background = Background(circuit_of, rms_to_peak(c.V_rated_rms), timeline.wander)
     loop_seconds, divergence = 0.0, None
@@ -152,10 +152,8 @@ def simulate(
         refs = _references(study, timeline, first)
         feed.limited_samples = int(limited[0])
         before, gains = gains, feed.update(first, gains, state, refs, log, log_every)
-        if gains is not before:
-            # With the references of the samples before: a step of them at this sample belongs to the new gains.
-            omega_i = gain_transfer(state.omega_i, refs_so_far, before, gains)
-            state = state._replace(omega_i=omega_i)
+        # With the references of the samples before: a step of them at this sample belongs to the new gains.
+        state = _with_gains(state, refs_so_far, before, gains)
         refs_so_far = refs
         states = controller_log[first:] if first < len(controller_log) else no_rows
         added = None
@@ -164,30 +162,37 @@ def simulate(
             refs = held.references(first, refs)
             added = held.offset(first, state.V)
             state = add_offset(state, *added)
+        sensor_rows = None if sensors is None else sensors.rows(first, count)
         begin = time.perf_counter()
+        done, why = 0, None
         with interrupts_deferred():
-            following, _ = loop(
-                Span(first, 0, count),
-                Moving(x, pending, state),
-                ControllerInputs(
-                    grid=_estimate(feed.grid(first) or study.grid),
-                    refs=refs,
-                    power_gains=gains,
-                    inner_gains=study.inner_gains,
-                    settings=settings,
-                ),
-                bridge_data,
-                plant,
-                None if sensors is None else sensors.rows(first, count),
-                LogRows(rows=log, sensed=sensed, every=log_every, states=states, limited=limited),
-                NO_WATCH,
-            )
-        state = _of_own_types(following, state)
+            while done < count and why is None:
+                following, done = loop(
+                    Span(first, done, count),
+                    Moving(x, pending, state),
+                    ControllerInputs(
+                        grid=_estimate(feed.grid(first) or study.grid),
+                        refs=refs,
+                        power_gains=gains,
+                        inner_gains=study.inner_gains,
+                        settings=settings,
+                    ),
+                    bridge_data,
+                    plant,
+                    sensor_rows,
+                    LogRows(rows=log, sensed=sensed, every=log_every, states=states, limited=limited),
+                    feed.watch,
+                )
+                state = _of_own_types(following, state)
+                why = outside(study, x, state)
+                if why is None and feed.closed:
+                    before, gains = gains, feed.conclude(first + done, gains, state)
+                    state = _with_gains(state, refs, before, gains)
         loop_seconds += time.perf_counter() - begin
         if added is not None:
             state = add_offset(state, -added[0], -added[1])
-        if (why := outside(study, x, state)) is not None:
-            rows = -(-first // log_every), -(-(first + count) // log_every)
+        if why is not None:
+            rows = -(-first // log_every), -(-(first + done) // log_every)
             good = rows[0] + good_rows(study, log[rows[0] : rows[1]])
             diverged_s = good * log_every * T_s
             divergence = Divergence(diverged_s, f"the simulation diverged at {diverged_s:.4g} s: {why}")
@@ -213,6 +218,23 @@ def simulate(
         loop_seconds=loop_seconds,
         divergence=divergence,
     )
+
+
+def _feed(
+    schedule: Sequence[GainChange] | OnlineScheduler | FieldScheduler, study: Study, timeline: Timeline
+) -> ListedGains | OnlineGains | FieldScheduler:
+    if isinstance(schedule, FieldScheduler):
+        return schedule.begin()
+    T_s = study.converter.T_s
+    return ListedGains(schedule, T_s) if isinstance(schedule, Sequence) else OnlineGains(schedule, study, timeline)
+
+
+def _with_gains(
+    state: ControllerState, refs: References, before: PowerLoopGains, after: PowerLoopGains
+) -> ControllerState:
+    if after is before:
+        return state
+    return state._replace(omega_i=gain_transfer(state.omega_i, refs, before, after))
 
 
 def _estimate(grid: Grid) -> GridEstimate:

@@ -13,15 +13,17 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.frames import clarke, clarke_inverse, instantaneous_power
+from vsgdesign.identification import estimator_kind
 from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
 from vsgdesign.metrics.events import diverged_event
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
+from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.following import gain_feed
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.online import pcc_vectors
+from vsgdesign.simulation.online import OnlineScheduler, pcc_vectors
 from vsgdesign.simulation.outcome import Divergence, LimitedRest, Outcome, limited_rest, outcome_of
 from vsgdesign.simulation.rest import WHERE_TO_LOOK, Instability, Rest, expected_rests, instabilities, rests
 from vsgdesign.simulation.run import Simulation, simulate
@@ -102,12 +104,7 @@ def run_scenario(
     own = [study.with_limit_of(spec) for spec in study.controllers]
     may_rest = any(one.limiter.rests and one.converter.current_limit_pu is not None for one in own)
     points = operating_points(study, timeline, may_rest)
-    feeds = [
-        EstimatedScheduler(own_study, spec, ready)
-        if spec.estimate != "truth"
-        else gain_feed(own_study, spec, timeline, ready)
-        for own_study, spec in zip(own, study.controllers, strict=True)
-    ]
+    feeds = [_feed(*of, timeline, ready) for of in zip(own, study.controllers, strict=True)]
     expected = [expected_rests(study, timeline, spec, ready) for spec in study.controllers]
     pairs = zip(study.controllers, expected, strict=True)
     unstable = tuple(one for spec, found in pairs for one in instabilities(study, spec, found))
@@ -119,7 +116,7 @@ def run_scenario(
         report = None if progress is None else _reporter(progress, spec.name)
         run = simulate(own_study, feed, bridge=bridge, progress=report)
         series = derive_series(study, run)
-        estimates = feed.log(timeline) if isinstance(feed, EstimatedScheduler) else None
+        estimates = feed.log(timeline) if isinstance(feed, EstimatedScheduler | FieldScheduler) else None
         used = bridge or study.simulation.bridge
         if estimates is not None:  # the gains that it really had
             found = rests(own_study, timeline, run.gain_changes)
@@ -140,6 +137,15 @@ def run_scenario(
             )
         )
     return ScenarioResult(study, timeline, points, tuple(results), unstable, ready)
+
+
+def _feed(
+    study: Study, spec: ControllerSpec, timeline: Timeline, ready: Ready
+) -> EstimatedScheduler | FieldScheduler | OnlineScheduler | tuple[GainChange, ...]:
+    if spec.estimate == "truth":
+        return gain_feed(study, spec, timeline, ready)
+    kind = FieldScheduler if estimator_kind(spec.estimate).by_sample else EstimatedScheduler
+    return kind(study, spec, ready)
 
 
 def _limited_rest(study: Study, run: Simulation, series: dict[str, Array]) -> LimitedRest | None:

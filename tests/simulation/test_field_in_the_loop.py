@@ -1,0 +1,207 @@
+"""The field estimator in the EMT: the same as in plain Python on an independent circuit, and nothing lent to it.
+
+The tolerances are those of tests/simulation/test_emt_against_dop853.py for the states. The estimator's answers divide
+small differences of its sums by one another, which costs some digits more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.oracles.emt_reference import run_reference
+from tests.simulation.studies import lc_study, lcl_study
+from tests.simulation.test_emt_against_dop853 import COMPONENTS, RAMPS, TOLERANCE, errors_pu, library_start
+from vsgdesign.equations.field import FieldSettings, FieldTrack, LockIn, first_lock_in, first_track
+from vsgdesign.errors import StudyError
+from vsgdesign.identification.field import FieldEstimator, FieldState, estimate_of
+from vsgdesign.identification.interface import Estimate, Samples
+from vsgdesign.parameters import Grid, Study
+from vsgdesign.simulation import GainChange, Simulation, run_scenario, simulate
+from vsgdesign.simulation.compiling import compile_function
+from vsgdesign.simulation.field_feed import FieldScheduler, settings_of_study
+from vsgdesign.simulation.field_observer import FIELD_OBSERVER
+from vsgdesign.simulation.loop import compiled_loop
+from vsgdesign.simulation.observing import flat, pack, unpack, zero_record
+
+FOLLOWING = """
+[[controllers]]
+name = "field"
+kind = "scheduled"
+estimate = "field"
+structure = "published"
+operating_point = "reference"
+"""
+
+STEPS = """
+[[events]]
+time = "20.012 ms"
+grid = { scr = 6 }
+[[events]]
+time = "45 ms"
+P_ref = "3 kW"
+phase_jump = "4 deg"
+"""
+
+SAG = """
+[[events]]
+time = "21.003 ms"
+V_g_pu = 0.4
+[[events]]
+time = "40 ms"
+V_g_pu = 1.0
+"""
+
+
+class InPython:
+    """The oracle's probe: the estimator in plain Python, one sample after another."""
+
+    def __init__(self, settings: FieldSettings) -> None:
+        self.estimator = FieldEstimator(settings)
+        self.state: FieldState = self.estimator.first()
+        self.answers: list[Estimate] = []
+
+    def value(self) -> complex:
+        return complex(self.estimator.probe(self.state).values[0])
+
+    def hear(self, v: complex, i: complex, u: complex, theta: float, limited: bool) -> None:
+        v_s, i_s = (np.array([[part.real], [part.imag]]) for part in (v, i))
+        samples = Samples(v_s, i_s, np.nan, np.array([theta]), np.array([u]), int(limited))
+        self.state, found = self.estimator.update(self.state, samples)
+        if found is not None:
+            self.answers.append(found)
+
+
+def field_run(study: Study, bridge: str, *, probe: bool = True) -> tuple[Simulation, FieldScheduler]:
+    feed = FieldScheduler(study, study.controllers[-1], probe=probe)
+    return simulate(study, feed, bridge=bridge, log_states=10**9), feed
+
+
+def difference_of_answers(feed: FieldScheduler, answers: list[Estimate]) -> float:
+    """Largest difference of R_g, L_g and their covariance in any answer, each relative to its largest value."""
+    estimates = [estimate_of(row.answer) for row in feed.rows]
+    assert [one.status for one in estimates] == [one.status for one in answers]
+    ours, theirs = (
+        np.array([(*one[:2], *np.ravel(np.array(one.covariance))) for one in some]) for some in (estimates, answers)
+    )
+    return float(np.max(np.abs(ours - theirs) / np.maximum(np.abs(theirs).max(axis=0), 1e-30)))
+
+
+@pytest.mark.parametrize(("build", "bridge"), [(lc_study, "averaged"), (lcl_study, "pwm")])
+def test_the_run_is_that_of_an_independent_circuit(build, bridge: str) -> None:
+    """Circuit by DOP853, control in complex numbers, probe and estimator in plain Python: the same samples, the same
+    answers. Steps of grid, source and reference are included, and the LCL filter has a delay of one sample."""
+    study = build("50 ms", STEPS + FOLLOWING)
+    run, feed = field_run(study, bridge)
+    prober = InPython(settings_of_study(study))
+    start = library_start(study, [GainChange(0.0, feed.first())])
+    reference = run_reference(study, run.gain_changes, bridge == "pwm", start, prober=prober)
+    errors = errors_pu(study, run, reference)
+    print(f"{bridge}: worst {max(errors.values()):.1e} pu; {errors}")
+    assert max(errors.values()) < TOLERANCE
+    assert len(prober.answers) == len(feed.rows) == 2
+    assert len(run.gain_changes) == 3  # they follow what is measured, from cycle to cycle
+    # The probe is there: without it the angle would not move by this.
+    silent = simulate(study, run.gain_changes, bridge=bridge)
+    assert np.abs(run.column("theta") - silent.column("theta")).max() > 1e-3
+
+
+def test_no_probe_follows_a_limited_sample() -> None:
+    """The oracle sends none there by the estimator's own rule, and hears of every limited sample."""
+    limit = "[converter]\ncurrent_limit_pu = 1.2\n[grid]\nscr = 8\n"
+    study = lc_study("60 ms", SAG + FOLLOWING, limit)
+    run, feed = field_run(study, "averaged")
+    prober = InPython(settings_of_study(study))
+    start = library_start(study, [GainChange(0.0, feed.first())])
+    reference = run_reference(study, run.gain_changes, False, start, prober=prober)
+    assert reference.current_limited > 50
+    assert max(errors_pu(study, run, reference).values()) < TOLERANCE
+    assert max(row.answer.limited for row in feed.rows) > 0.1
+
+
+@pytest.mark.parametrize("build", [lc_study, lcl_study])
+def test_recorded_samples_give_the_same_answers_in_plain_python(build) -> None:
+    """From the log of a run alone: v, i, the angle and what was sent. Half a second, with the first answers."""
+    study = build("0.5 s", STEPS + FOLLOWING)
+    run, feed = field_run(study, "pwm")
+    prober, R_c = InPython(settings_of_study(study)), study.filter.R_c
+    limited = np.diff(run.column("limited_samples"), prepend=0.0)
+    for k, row in enumerate(run.log):
+        i_s, v_c, i_g = (complex(*row[at : at + 2]) for at in (0, 2, 4))
+        u = prober.value()
+        prober.hear(v_c + R_c * (i_s - i_g), i_g, u, row[12], limited[k] > 0.0)
+    print(f"answers: {difference_of_answers(feed, prober.answers):.1e}")
+    assert difference_of_answers(feed, prober.answers) < 1e-9
+    assert feed.rows[-1].answer.valid == 1.0
+
+
+@pytest.mark.parametrize("events", [RAMPS, COMPONENTS])
+def test_stopping_for_a_cycle_changes_no_bit(events: str) -> None:
+    """Without its probe the estimator never answers, and the run is that of the first gains to the last bit."""
+    study = lc_study("0.1 s", events + FOLLOWING.replace('"reference"', '"design"'))
+    run, feed = field_run(study, "pwm", probe=False)
+    plain = simulate(study, [GainChange(0.0, feed.first(), feed.grid(0))], bridge="pwm", log_states=10**9)
+    assert len(feed.rows) >= 4
+    assert np.array_equal(run.log, plain.log)
+    assert np.array_equal(run.controller_log, plain.controller_log)
+
+
+def test_nothing_of_the_grid_is_lent() -> None:
+    """The first gains are made for the middle of what the controller was designed for, wherever the run begins."""
+    first = {}
+    for scr in (2.0, 15.0):
+        study = lc_study("60 ms", FOLLOWING, f"[grid]\nscr = {scr}\n")
+        study = replace(study, grid=Grid(study.grid.R_g, study.grid.L_g))
+        feed = FieldScheduler(study, study.controllers[-1])
+        first[scr] = feed.grid(0)
+        assert feed.grid(0) != study.grid
+    assert first[2.0] == first[15.0]
+
+
+def test_a_second_run_starts_afresh() -> None:
+    study = lc_study("0.3 s", FOLLOWING)
+    run, feed = field_run(study, "averaged")
+    answers = [row.answer for row in feed.rows]
+    again = simulate(study, feed, bridge="averaged")
+    assert np.array_equal(run.log, again.log)
+    assert [row.answer for row in feed.rows] == answers
+
+
+def test_records_keep_their_numbers_in_an_array() -> None:
+    settings = settings_of_study(lcl_study("20 ms"))
+    for record, kind in ((first_lock_in(settings, 314.0), LockIn), (first_track(settings), FieldTrack)):
+        values = np.array(flat(record))
+        assert unpack(values, zero_record(kind)) == record
+        copy = np.zeros_like(values)
+        compile_function(_copied)(values, copy, zero_record(kind))
+        assert np.array_equal(copy, values)
+        assert flat(zero_record(kind)) == [0.0] * len(values)
+
+
+def _copied(values, copy, like) -> None:
+    pack(copy, unpack(values, like))
+
+
+def test_the_machine_code_is_kept_on_disk() -> None:
+    law = lc_study("20 ms").limiter.law
+    assert type(getattr(compiled_loop(law, FIELD_OBSERVER), "_cache")).__name__ == "FunctionCache"  # noqa: B009
+
+
+def test_a_study_can_ask_for_it() -> None:
+    study = lc_study("0.6 s", FOLLOWING, log="1 ms")
+    result = run_scenario(study).controllers[-1]
+    log = result.estimates
+    assert log is not None
+    assert log.cycles is not None
+    ok = np.array(log.status) == "ok"
+    assert ok[-10:].all()
+    error = np.hypot(log.R_g_hat - log.R_g, 314.159 * (log.L_g_hat - log.L_g)) / np.hypot(log.R_g, 314.159 * log.L_g)
+    assert error[-10:].max() < 0.02
+    assert {"cov_RL", "valid", "doubt", "mode", "amplitude"} <= set(log.series())
+
+
+def test_update_period_is_refused() -> None:
+    with pytest.raises(StudyError, match="update_period"):
+        lc_study("0.1 s", FOLLOWING + 'update_period = "20 ms"\n')

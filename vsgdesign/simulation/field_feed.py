@@ -1,0 +1,231 @@
+"""A controller that estimates its grid with the field estimator, in a run: nothing is lent by the simulator.
+
+The estimator sends its probe and listens in every sample of the compiled loop. The loop stops where a cycle of the
+estimator ends, which may be at any sample. The answer of this cycle then goes to the schedule, and new gains act from
+the next sample on.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.field import FieldAnswer, FieldSettings
+from vsgdesign.equations.grid import SCR_BASES
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.frames import rms_to_peak
+from vsgdesign.identification import Probe
+from vsgdesign.identification.field import estimate_of, field_settings
+from vsgdesign.parameters.study import ControllerSpec, Grid, Place, Study
+from vsgdesign.runtime.of_study import follows_measured
+from vsgdesign.simulation.estimated import NO_DESIGN, EstimateLog
+from vsgdesign.simulation.field_observer import FIELD_OBSERVER, first_memory
+from vsgdesign.simulation.following import ScheduledAnswers
+from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.observing import ObserverLaw, Watch
+from vsgdesign.simulation.probing import HeldProbe
+from vsgdesign.simulation.timeline import Timeline
+
+Array = NDArray[np.float64]
+
+SCR_LIMITS = (1.2, 25.0)
+"""Short-circuit ratios, on |Z|, to which an estimate is clipped where the study has no specification."""
+
+ANGLE_LIMITS_DEG = (14.0, 86.0)
+"""The same for the angle of Z."""
+
+
+@dataclass(frozen=True)
+class GridBox:
+    """The grids that a schedule is made for."""
+
+    scr: tuple[float, float]
+    x_over_r: tuple[float, float]
+    basis: str
+
+    @property
+    def middle(self) -> Place:
+        """The geometric middle: what a controller begins with that knows nothing of its grid."""
+        (a, b), (c, d) = self.scr, self.x_over_r
+        return Place(math.sqrt(a * b), math.sqrt(c * d), self.basis)
+
+    def clipped(self, R_g: float, L_g: float, study: Study) -> Grid:
+        """The grid of the box that is nearest to an estimate (Ω, H) in SCR and X/R."""
+        c = study.converter
+        R, X = max(R_g, 0.0), max(c.omega_n * L_g, 1e-6 * c.Z_base)
+        x_over_r = min(max(X / R if R > 0.0 else math.inf, self.x_over_r[0]), self.x_over_r[1])
+        scr = SCR_BASES[self.basis].scr(R, X / c.omega_n, c.Z_base, c.omega_n)
+        return Place(min(max(scr, self.scr[0]), self.scr[1]), x_over_r, self.basis).grid(c)
+
+
+def box_of(study: Study) -> GridBox:
+    """The grids of the study's specification, or a wide range where it has none."""
+    asked = study.specification
+    if asked is None:
+        low, high = (math.tan(math.radians(angle)) for angle in ANGLE_LIMITS_DEG)
+        return GridBox(SCR_LIMITS, (low, high), "impedance")
+    return GridBox((asked.scr[0], asked.scr[-1]), (asked.x_over_r[0], asked.x_over_r[-1]), asked.scr_basis)
+
+
+def settings_of_study(study: Study) -> FieldSettings:
+    """The estimator's settings for a study's converter: it measures at the filter's capacitor."""
+    c, part = study.converter, study.filter
+    return field_settings(
+        T_s=c.T_s,
+        omega_n=c.omega_n,
+        V_base=rms_to_peak(c.V_rated_rms),
+        Z_base=c.Z_base,
+        R_2=part.R_2,
+        L_2=part.L_2,
+    )
+
+
+class MeasuredCycle(NamedTuple):
+    """What the schedule takes of a cycle (:class:`vsgdesign.simulation.following.MeasuredPowers`)."""
+
+    t_s: float
+    P: float
+    Q: float
+    V_rms: float
+    limited: int
+
+
+class FieldRow(NamedTuple):
+    """One cycle of the estimator, and what came of it."""
+
+    t_s: float
+    answer: FieldAnswer
+    no_design: bool
+    held_back: bool
+    """Whether the rate limit of the scheduler delayed the gains."""
+
+
+class FieldScheduler:
+    """What ``simulate`` is given for a controller with ``estimate = "field"``.
+
+    Nothing is lent by the simulator. Until the first valid answer the gains are those of a safe place: that of the
+    table, or the geometric middle of the grids that the closed form is made for. A valid answer is followed. With any
+    other the last one is held, while the gains go on following the measured P, Q and V, if the schedule does. The
+    object has a state, so it serves one run at a time.
+    """
+
+    observer: ObserverLaw = FIELD_OBSERVER
+    probe_hold: float | None = None
+    log_samples = 0
+
+    def __init__(self, study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, probe: bool = True) -> None:
+        self._study, self._spec, self._probing = study, spec, probe
+        self._answers = ScheduledAnswers(study, spec, ready)
+        self._has_table = ready.table(spec) is not None
+        self._box, self._follows = box_of(study), follows_measured(spec)
+        self._settings = settings_of_study(study)
+        self.held: HeldProbe | None = None
+        self.limited_samples = 0
+        self.sensed: Array | None = None
+        self.begin()
+
+    def begin(self) -> FieldScheduler:
+        """Starts afresh: nothing is known."""
+        omega_n = self._study.converter.omega_n
+        V_n = self._study.converter.V_rated_rms
+        self._memory = first_memory(self._settings, omega_n, V_n, allowed=self._probing)
+        self._held = self._box.middle.grid(self._study.converter)
+        self._first = self._answers.first(self._held, known=False)
+        self.rows: list[FieldRow] = []
+        self.changes = [GainChange(0.0, self._first, self.grid(0))]
+        return self
+
+    @property
+    def watch(self) -> Watch:
+        """The estimator's numbers, as the compiled loop takes them."""
+        return self._memory.watch
+
+    @property
+    def closed(self) -> bool:
+        """Whether a cycle of the estimator has ended."""
+        return self._memory.closed
+
+    def wanted(self) -> Probe | None:
+        """No held probe: the estimator sends its own in every sample."""
+        return None
+
+    def first(self) -> PowerLoopGains:
+        """Gains from t = 0 on."""
+        return self._first
+
+    def cuts(self, samples: int) -> set[int]:  # noqa: ARG002
+        """None: the loop stops by itself."""
+        return set()
+
+    def grid(self, sample: int) -> Grid:  # noqa: ARG002
+        """The grid that the present gains are for."""
+        return self._answers.grid
+
+    def update(self, sample: int, present: PowerLoopGains, *_: object) -> PowerLoopGains:  # noqa: ARG002
+        """Nothing changes between two cycles."""
+        return present
+
+    def finish(self, *_: object) -> None:
+        """The run is over."""
+
+    def conclude(self, sample: int, present: PowerLoopGains, state: ControllerState) -> PowerLoopGains:
+        """Ends the estimator's cycle before a sample. Returns the gains from this sample on."""
+        answer = self._memory.conclude()
+        T_s = self._study.converter.T_s
+        measured = MeasuredCycle(sample * T_s, state.P_f, state.Q_f, state.V, int(answer.limited > 0.0))
+        gains, held_back = self._followed(answer, measured)
+        self.rows.append(FieldRow(measured.t_s, answer, gains is None, held_back))
+        if gains is None or gains == present:
+            return present
+        self.changes.append(GainChange(measured.t_s, gains, self.grid(sample)))
+        return gains
+
+    def _followed(self, answer: FieldAnswer, measured: MeasuredCycle) -> tuple[PowerLoopGains | None, bool]:
+        followed = answer.valid > 0.5 and answer.spoilt < 0.5
+        if self._has_table:
+            R_g, L_g = (answer.R_g, answer.L_g) if followed else (math.nan, math.nan)
+            decided = {"surprised": answer.event > 0.5, "changed": answer.changed > 0.5}
+            spread = (answer.var_R, answer.cov_RL, answer.var_L)
+            return self._answers.to(measured, R_g, L_g, covariance=spread, **decided)
+        if followed:
+            self._held = self._box.clipped(answer.R_g, answer.L_g, self._study)
+        return self._answers.to(measured, self._held.R_g, self._held.L_g)
+
+    def log(self, timeline: Timeline) -> EstimateLog:
+        """The answers of the run beside the true grid."""
+        return field_log(self.rows, timeline, self._study, self._answers.rate)
+
+
+def field_log(rows: list[FieldRow], timeline: Timeline, study: Study, rate: float | None) -> EstimateLog:
+    """The rows of a run as a log. A value is NaN where the estimator knows nothing yet."""
+    T_s, f_n = study.converter.T_s, study.converter.omega_n / (2.0 * math.pi)
+    t_s = np.array([row.t_s for row in rows], dtype=float)
+    said = np.array([row.answer for row in rows], dtype=float).reshape(-1, len(FieldAnswer._fields))
+    answers = FieldAnswer(*said.T)
+    estimates = [estimate_of(row.answer) for row in rows]
+    known = np.array([one.status != "waiting" for one in estimates], dtype=bool)
+    grids = [timeline.grid_at(t - 0.5 * T_s) for t in t_s]
+    blank = np.where(known, 1.0, np.nan)
+    return EstimateLog(
+        t_s=t_s,
+        R_g=np.array([grid.R_g for grid in grids]),
+        L_g=np.array([grid.L_g for grid in grids]),
+        R_g_hat=answers.R_g * blank,
+        L_g_hat=answers.L_g * blank,
+        status=tuple(
+            NO_DESIGN if row.no_design and one.status == "ok" else one.status
+            for row, one in zip(rows, estimates, strict=True)
+        ),
+        period=float(np.diff(t_s).mean()) if len(t_s) > 1 else 1.0 / f_n,
+        R_g_deviation=np.sqrt(answers.var_R) * blank,
+        L_g_deviation=np.sqrt(answers.var_L) * blank,
+        limited=np.array([row.held_back for row in rows], dtype=bool),
+        rate=rate,
+        cycles=answers._replace(cov_RL=answers.cov_RL * blank),
+    )
