@@ -57,7 +57,7 @@ LEVELS: dict[str, dict[str, Range]] = {
         "phase": (-_PI, _PI),
         "frequency_offset": (-0.05, 0.05),
         "voltage_factor": (0.95, 1.05),
-        "frequency_wander": (0.0017, 0.0017),
+        "frequency_wander": (0.0021, 0.0021),
         "frequency_deviation": (0.02, 0.02),
         "voltage_wander": (0.002, 0.002),
         "voltage_deviation": (0.00076, 0.00076),

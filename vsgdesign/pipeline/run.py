@@ -164,6 +164,8 @@ def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict
         "schema": 1,
         "study": {"name": study.name, "title": study.title, "source": study.source, "hash": study.hash},
         "provenance": provenance(),
+        "background": None if study.background is None else study.background.document(),
+        "sensors": None if study.sensors is None else study.sensors.document(),
         "warnings": [_instability(study, one) for one in result.instabilities],
         "operating_points": [_operating_point(row) for row in result.operating_points],
         "gains": [

@@ -26,6 +26,11 @@ from vsgdesign.simulation.wander import Wander
 Array = NDArray[np.float64]
 
 
+_ROWS = 4096
+"""Rows of a product at once: so few that the library of linear algebra starts no threads, which cost more than they
+save and much more on a busy machine."""
+
+
 class Interval(NamedTuple):
     """A piece of a sampling interval, or the whole one: its length (s), its grid, and the source at its beginning."""
 
@@ -89,7 +94,7 @@ class Background:
             # As for the fundamental (:eq:`source-ramp`): what the ramp of the frequency turns within the interval.
             first_, second = 1j * n * drift, 0.5j * n * source.omega_slope - 0.5 * (n * drift) ** 2
             weights = np.stack([c, c * first_ + slope, c * second + slope * first_], axis=1)
-            added += np.real(weights @ rho)
+            added += _product(weights, rho)
             voltage = voltage + c
 
         components = interval.components
@@ -120,3 +125,9 @@ class Background:
             added += (c[:, None] * rho[0]).real
             voltage = voltage + c
         return np.ascontiguousarray(np.column_stack([added, voltage.real, voltage.imag]))
+
+
+def _product(weights: NDArray[Any], rho: NDArray[Any]) -> Array:
+    """Re(weights · rho), (n, 2n)."""
+    parts = [np.real(weights[k : k + _ROWS] @ rho) for k in range(0, len(weights), _ROWS)]
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)

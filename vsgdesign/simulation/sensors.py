@@ -40,43 +40,35 @@ class SensorRows(NamedTuple):
     """(2): by how many sampling periods the voltages and the currents are late, 0 to 1."""
     before: Any
     """(6): v, i_s and i_g, each as (α, β), of the sample before; updated in place."""
+    phases: Any
+    """(9): what is being read."""
 
 
-def one_sensor(value: Any, row: Any, channel: Any, sensors: SensorRows) -> Any:
-    """What a sensor makes of a value: gain, offset, noise, saturation, quantisation."""
-    reading = value * sensors.gains[channel] + sensors.offsets[channel] + sensors.noise[row, channel]
-    limit, step = sensors.limits[channel], sensors.steps[channel]
-    reading = min(max(reading, -limit), limit)
-    if step > 0.0:
-        reading = min(math.floor(reading / step + 0.5) * step, limit - step)
-    return reading
-
-
-def three_sensors(alpha: Any, beta: Any, row: Any, channel: Any, sensors: SensorRows) -> Any:
-    """(α, β) of what the sensors of three phases say."""
-    a, b, c = clarke_inverse(alpha, beta)
-    return clarke(
-        one_sensor(a, row, channel, sensors),
-        one_sensor(b, row, channel + 1, sensors),
-        one_sensor(c, row, channel + 2, sensors),
-    )
+def read_sensors(phases: Any, row: Any, sensors: SensorRows) -> None:
+    """Puts in the place of nine true values what the sensors make of them: gain, offset, noise, saturation, steps."""
+    for k in range(phases.shape[0]):
+        reading = phases[k] * sensors.gains[k] + sensors.offsets[k] + sensors.noise[row, k]
+        limit, step = sensors.limits[k], sensors.steps[k]
+        reading = min(max(reading, -limit), limit)
+        if step > 0.0:
+            reading = min(math.floor(reading / step + 0.5) * step, limit - step)
+        phases[k] = reading
 
 
 def sensed(true: Measurement, row: Any, sensors: SensorRows) -> Measurement:
     """What the sensors say at a sample of the stretch (:eq:`sensors`). The sample before is kept in ``sensors``."""
-    before, late_v, late_i = sensors.before, sensors.lag[0], sensors.lag[1]
-    v_alpha = true.v_alpha + late_v * (before[0] - true.v_alpha)
-    v_beta = true.v_beta + late_v * (before[1] - true.v_beta)
-    i_s_alpha = true.i_s_alpha + late_i * (before[2] - true.i_s_alpha)
-    i_s_beta = true.i_s_beta + late_i * (before[3] - true.i_s_beta)
-    i_g_alpha = true.i_g_alpha + late_i * (before[4] - true.i_g_alpha)
-    i_g_beta = true.i_g_beta + late_i * (before[5] - true.i_g_beta)
-    before[0], before[1] = true.v_alpha, true.v_beta
-    before[2], before[3] = true.i_s_alpha, true.i_s_beta
-    before[4], before[5] = true.i_g_alpha, true.i_g_beta
-    v_alpha, v_beta = three_sensors(v_alpha, v_beta, row, 0, sensors)
-    i_s_alpha, i_s_beta = three_sensors(i_s_alpha, i_s_beta, row, 3, sensors)
-    i_g_alpha, i_g_beta = three_sensors(i_g_alpha, i_g_beta, row, 6, sensors)
+    phases, before = sensors.phases, sensors.before
+    for k in range(3):
+        late = sensors.lag[0] if k == 0 else sensors.lag[1]
+        alpha, beta = true[2 * k], true[2 * k + 1]
+        phases[3 * k], phases[3 * k + 1], phases[3 * k + 2] = clarke_inverse(
+            alpha + late * (before[2 * k] - alpha), beta + late * (before[2 * k + 1] - beta)
+        )
+        before[2 * k], before[2 * k + 1] = alpha, beta
+    read_sensors(phases, row, sensors)
+    v_alpha, v_beta = clarke(phases[0], phases[1], phases[2])
+    i_s_alpha, i_s_beta = clarke(phases[3], phases[4], phases[5])
+    i_g_alpha, i_g_beta = clarke(phases[6], phases[7], phases[8])
     return Measurement(v_alpha, v_beta, i_s_alpha, i_s_beta, i_g_alpha, i_g_beta)
 
 
@@ -107,6 +99,7 @@ class Sensors:
             limits=limit,
             lag=np.array([max(-lag, 0.0), max(lag, 0.0)]),
             before=turned.view(np.float64).copy(),
+            phases=np.zeros(len(CHANNELS)),
         )
         self._block, self._drawn = -1, np.empty((0, len(CHANNELS)))
 

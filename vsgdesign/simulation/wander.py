@@ -132,9 +132,11 @@ class Wander:
         return self._rms(name) * float(stream(self.spec.seed, name, "first").standard_normal())
 
     def _rms(self, name: str) -> float:
-        """Rms value of noise whose mean over a cycle has the one that is asked for."""
-        r = 1.0 / NOISE_TIME
-        return getattr(self.spec, name) / math.sqrt(2.0 / r**2 * (r - 1.0 + math.exp(-r)))
+        """Rms value of noise whose mean over the n samples of a cycle has the one that is asked for."""
+        n = self._cycle / self.T_s
+        kept = math.exp(-1.0 / (n * NOISE_TIME))
+        share = (1.0 + kept) / (1.0 - kept) / n - 2.0 * kept * (1.0 - kept**n) / ((1.0 - kept) * n) ** 2
+        return getattr(self.spec, name) / math.sqrt(share)
 
     def _normal(self, index: int, name: str, rms: float) -> Array:
         if rms == 0.0:

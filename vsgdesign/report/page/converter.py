@@ -91,7 +91,77 @@ def filter_table(result: HasStudy) -> Table:
         rows.append(
             ("", "; ".join(f"order {plain(c.order)}: {plain(100.0 * c.amplitude_pu)} %" for c in source.components))
         )
+    rows += [("Background of the grid" if k == 0 else "", said) for k, said in enumerate(background_in_words(study))]
+    rows += [("Sensors" if k == 0 else "", said) for k, said in enumerate(sensors_in_words(study))]
     return Table("Filter and grid", ("Quantity", "Value"), tuple(rows), texts=2)
+
+
+def background_in_words(study: Study) -> list[str]:
+    """What the study's background does, as it was drawn; nothing where there is none."""
+    spec = study.background
+    if spec is None:
+        return []
+    lines = [
+        f"{spec.level}, seed {spec.seed}: phase {_signed(math.degrees(spec.phase))}°, frequency "
+        f"{_signed(spec.frequency_offset, 5)} Hz, voltage times {plain(spec.voltage_factor)}"
+    ]
+    moves = [
+        (
+            spec.frequency_wander,
+            f"frequency by {plain_quantity(spec.frequency_wander, 'Hz')} in 1 s, "
+            f"{plain_quantity(spec.frequency_deviation, 'Hz')} in the long run",
+        ),
+        (
+            spec.voltage_wander,
+            f"voltage by {_percent(spec.voltage_wander)} in 1 s, {_percent(spec.voltage_deviation)} in the long run",
+        ),
+        (spec.phasor_walk, f"phasor walks by {_percent(spec.phasor_walk)} in a cycle"),
+        (spec.phase_noise, f"phase noise {plain_quantity(spec.phase_noise, 'rad')} in a cycle"),
+        (spec.voltage_noise, f"voltage noise {_percent(spec.voltage_noise)} in a cycle"),
+    ]
+    if said := [words for value, words in moves if value > 0.0]:
+        lines.append("wander, rms: " + "; ".join(said))
+    steps = []
+    if spec.voltage_steps_per_minute > 0.0:
+        low, high = (_percent(value) for value in spec.voltage_step)
+        steps.append(f"{plain(spec.voltage_steps_per_minute)} steps of the voltage per minute, {low} to {high}")
+    if spec.phase_jumps_per_minute > 0.0:
+        low, high = (f"{plain(math.degrees(value))}°" for value in spec.phase_jump)
+        steps.append(f"{plain(spec.phase_jumps_per_minute)} jumps of the phase per minute, {low} to {high}")
+    lines += ["; ".join(steps)] if steps else []
+    if spec.components:
+        lines.append("; ".join(f"order {plain(c.order)}: {_percent(c.amplitude_pu)}" for c in spec.components))
+    beats = []
+    if spec.modulation > 0.0:
+        beats.append(f"modulated by {_percent(spec.modulation)} at {plain(spec.modulation_frequency)} Hz")
+    if spec.interharmonic > 0.0:
+        beats.append(f"a line of {_percent(spec.interharmonic)} at {plain(spec.interharmonic_frequency)} Hz")
+    return lines + (["; ".join(beats)] if beats else [])
+
+
+def sensors_in_words(study: Study) -> list[str]:
+    """The study's sensors; nothing where they are ideal."""
+    spec = study.sensors
+    if spec is None or not spec.act:
+        return []
+    said = [f"noise {_percent(spec.noise)} rms"]
+    said.append(f"{spec.bits} bits over ±{plain(spec.range_pu)} pu" if spec.bits else "not quantised")
+    if spec.range_pu > 0.0 and not spec.bits:
+        said.append(f"saturating at {plain(spec.range_pu)} pu")
+    errors = [max(map(abs, values)) for values in (spec.gain_errors, spec.offset_errors)]
+    said.append(f"gain errors up to {_percent(errors[0])}, offsets up to {_percent(errors[1])}")
+    if spec.skew:
+        late = "currents" if spec.skew > 0.0 else "voltages"
+        said.append(f"{late} {plain_quantity(abs(spec.skew) / study.converter.omega_n, 's')} late")
+    return [f"{spec.level}, seed {spec.seed}: " + "; ".join(said)]
+
+
+def _percent(value: float) -> str:
+    return f"{plain(100.0 * value, 3)} %"
+
+
+def _signed(value: float, digits: int = 4) -> str:
+    return ("+" if value > 0.0 else "") + plain(value, digits)
 
 
 def _current_limits(study: Study) -> list[tuple[str, str]]:

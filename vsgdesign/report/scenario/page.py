@@ -115,6 +115,7 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
     """What the simulation leaves out, as far as it matters for the numbers of this report."""
     study = result.study
     bridges = {controller.bridge for controller in result.controllers}
+    sensed = study.sensors is not None and study.sensors.act
     items = []
     if "averaged" in bridges:
         items.append(
@@ -125,7 +126,13 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
             "The bridge switches ideally at the exact instants of its modulation: no dead time, no device losses. "
             "Figures of the instantaneous signal contain the ripple; targets are judged on the one-cycle mean."
         )
-    if study.has_components:
+    if study.background is not None and study.background.distorts:
+        items.append(
+            "The voltage of the grid wanders and is distorted as the table of filter and grid says. The simulation "
+            "starts in the steady state of the fundamental at t = 0. Targets are judged on the one-cycle mean; "
+            "margins, modes and operating points are those of the fundamental without its wander."
+        )
+    elif study.has_components:
         items.append(
             "The grid source contains a negative sequence or harmonics. The simulation starts in the steady state of "
             "the fundamental alone, so their currents begin with a transient of the inner loops. Targets are judged "
@@ -134,7 +141,7 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
     items += [
         f"The dc link is an ideal source of {plain_quantity(study.converter.V_dc, 'V')}, nothing behind it.",
         "The grid is an ideal three-phase source behind one balanced R–L branch; no other converter or load is near.",
-        "Inductors do not saturate, capacitors and measurements are ideal; "
+        f"Inductors do not saturate, capacitors {'are' if sensed else 'and measurements are'} ideal; "
         f"the controller is sampled every {plain_quantity(study.converter.T_s, 's')}.",
     ]
     knowing = [c.spec.name for c in result.controllers if c.spec.kind == "scheduled" and c.estimates is None]
@@ -146,7 +153,8 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
     estimating = [c for c in result.controllers if c.estimates is not None]
     if estimating:
         items.append(
-            f"{', '.join(c.spec.name for c in estimating)} measures v_pcc and i_pcc without noise or quantisation and "
+            f"{', '.join(c.spec.name for c in estimating)} measures v_pcc and i_pcc "
+            f"{'with the sensors of the controller' if sensed else 'without noise or quantisation'} and "
             "begins with the gains of the true grid at the start."
         )
         with_tables = [c.spec for c in estimating if result.ready.table(c.spec) is not None]
