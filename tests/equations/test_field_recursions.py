@@ -16,6 +16,7 @@ from vsgdesign.equations.field import (
     FieldTrack,
     LockIn,
     conclude,
+    features,
     first_lock_in,
     first_track,
     listen,
@@ -86,19 +87,20 @@ def test_it_recovers_a_grid() -> None:
         assert abs(found - complex(R, X)) < 1e-3 * abs(complex(R, X))
 
 
-def test_python_and_compiled_agree() -> None:
-    compiled = [compile_function(function, outermost=True) for function in (probe_value, listen, conclude)]
+def test_python_and_the_compiled_sample_agree() -> None:
+    """What runs with every sample. The compiled cycle is compared where the simulation uses it."""
+    compiled = [compile_function(function, outermost=True) for function in (probe_value, listen)]
     _, _, one = run(Line(0.1, 0.2, noise=1e-3), 12)
-    _, _, two = run(Line(0.1, 0.2, noise=1e-3), 12, compiled)
+    _, _, two = run(Line(0.1, 0.2, noise=1e-3), 12, (*compiled, conclude))
     np.testing.assert_allclose(
-        np.array([flat(a) for a in one]), np.array([flat(a) for a in two]), rtol=1e-9, atol=1e-12
+        np.array([flat(a) for a in one]), np.array([flat(a) for a in two]), rtol=1e-8, atol=1e-12
     )
 
 
 @pytest.fixture(scope="module")
 def in_c(tmp_path_factory: pytest.TempPathFactory) -> Compiled:
     require_compiler()
-    text = c_functions([probe_value, listen, conclude])
+    text = c_functions([probe_value, listen, conclude, features])
     return Compiled(text, tmp_path_factory.mktemp("field"), "gcc", double=True)
 
 
@@ -112,6 +114,16 @@ def test_it_is_c(in_c: Compiled) -> None:
     ):
         found = in_c(name, np.array([flat(given)]))[0]
         np.testing.assert_allclose(found, flat(call(*given)), rtol=1e-12, atol=1e-15)
+
+
+def test_features_are_finite_and_c(in_c: Compiled) -> None:
+    lock, track, answers = run(Line(0.1, 0.2, noise=1e-3), 12)
+    for k in (lock, track, answers[-1]), (lock, floats(first_track(SETTINGS)), answers[0]):
+        expected = flat(features(*k, SETTINGS))
+        assert np.all(np.abs(expected) < 12.0)
+        np.testing.assert_allclose(
+            in_c("features", np.array([flat((*k, SETTINGS))]))[0], expected, rtol=1e-12, atol=1e-12
+        )
 
 
 def test_a_sample_that_is_no_number_is_told_and_forgotten() -> None:

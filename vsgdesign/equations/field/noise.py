@@ -124,3 +124,8 @@ def noise_with(
         chips=chips,
         filled=filled * (1.0 - ends),
     )
+
+
+def noise_of_probe(noise: Noise) -> Any:
+    """The noise that the probe's size is made for: that of both lines together."""
+    return 2.0 / (1.0 / noise.line_1.S + 1.0 / noise.line_2.S)

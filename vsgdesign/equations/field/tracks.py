@@ -106,3 +106,46 @@ def fit_of(track: Track, noise_1: Any, noise_2: Any) -> Fit:
 def distance(R: Any, X: Any, P_RR: Any, P_RX: Any, P_XX: Any) -> Any:
     """The square of a difference over its covariance."""
     return (P_XX * R * R - 2.0 * P_RX * R * X + P_RR * X * X) / np.maximum(P_RR * P_XX - P_RX * P_RX, 1e-30)
+
+
+def line_forgotten(line: LineTrack, keep: Any) -> LineTrack:
+    """The sums of a line times a factor."""
+    return LineTrack(
+        v_re=keep * line.v_re,
+        v_im=keep * line.v_im,
+        i_re=keep * line.i_re,
+        i_im=keep * line.i_im,
+        x_re=keep * line.x_re,
+        x_im=keep * line.x_im,
+        u_sq=keep * keep * line.u_sq,
+    )
+
+
+def forgotten(track: Track, keep: Any) -> Track:
+    """The track with less of the past."""
+    one, two = line_forgotten(track.line_1, keep), line_forgotten(track.line_2, keep)
+    return Track(line_1=one, line_2=two, count=track.count)
+
+
+def line_merged(one: LineTrack, other: LineTrack) -> LineTrack:
+    """The sums of both."""
+    return LineTrack(
+        v_re=one.v_re + other.v_re,
+        v_im=one.v_im + other.v_im,
+        i_re=one.i_re + other.i_re,
+        i_im=one.i_im + other.i_im,
+        x_re=one.x_re + other.x_re,
+        x_im=one.x_im + other.x_im,
+        u_sq=one.u_sq + other.u_sq,
+    )
+
+
+def merged(one: Track, other: Track) -> Track:
+    """Two tracks of different cycles as one."""
+    line_1, line_2 = line_merged(one.line_1, other.line_1), line_merged(one.line_2, other.line_2)
+    return Track(line_1=line_1, line_2=line_2, count=one.count + other.count)
+
+
+def with_gain(fit: Fit, gain: Any) -> Fit:
+    """The fit with the variance of the sensors' gains added."""
+    return Fit(R=fit.R, X=fit.X, P_RR=fit.P_RR + gain, P_RX=fit.P_RX, P_XX=fit.P_XX + gain, known=fit.known)
