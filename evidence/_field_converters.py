@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vsgdesign.errors import VsgDesignError
-from vsgdesign.frames import PHASES, rms_to_peak
+from vsgdesign.frames import PHASES, linear_modulation_limit, rms_to_peak
 from vsgdesign.operating_point.equilibrium import OperatingPoint, solve_operating_point, solve_with_droop
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.study import ControllerSpec, Event, Place, Study
@@ -26,6 +26,9 @@ harmonics."""
 
 _V_PU = (0.7, 1.3)
 """Voltage between which a rest is asked for, pu."""
+
+_OF_BRIDGE = 0.95
+"""Largest fundamental of the bridge's voltage at a rest, as a share of what it makes: the rest is for harmonics."""
 
 _SLOPE = 0.1
 """Least share of its value without coupling that the stiffness of P over the angle keeps at a rest."""
@@ -80,7 +83,7 @@ def resting_currents(
     """Current of the bridge at rest, pu: at the start and after the last change, or ``each`` of the changes.
 
     ``P_pu`` and ``Q_pu`` of a change add to the references of the start. None where one of these rests does not exist,
-    is on the wrong side of the nose curve or far from rated voltage.
+    is on the wrong side of the nose curve, far from rated voltage, or needs more voltage than the bridge makes.
     """
     S = converter.study.converter.S_rated
     try:
@@ -106,12 +109,17 @@ def after(state: GridState, change: Change) -> GridState:
     return replace(state, **{name: value for name, value in given.items() if value is not None})
 
 
+def bridge_phasors(converter: Converter, point: OperatingPoint) -> tuple[complex, complex]:
+    """Fundamental of the bridge's current (A rms) and voltage (V rms), the capacitor's voltage being real."""
+    c, part = converter.study.converter, converter.study.filter
+    grid = complex(point.P, -point.Q) / (PHASES * point.V_rms)
+    current = grid + 1j * c.omega_n * part.C * point.V_rms
+    return current, point.V_rms + complex(part.R_1, c.omega_n * part.L_1) * current
+
+
 def bridge_current(converter: Converter, point: OperatingPoint) -> float:
     """Fundamental of the bridge's current at an operating point, pu: that of the grid and of the capacitor."""
-    c = converter.study.converter
-    grid = complex(point.P, -point.Q) / (PHASES * point.V_rms)
-    whole = grid + 1j * c.omega_n * converter.study.filter.C * point.V_rms
-    return rms_to_peak(abs(whole)) / c.I_rated_pk
+    return rms_to_peak(abs(bridge_phasors(converter, point)[0])) / converter.study.converter.I_rated_pk
 
 
 def events_of(converter: Converter, start: GridState, changes: Sequence[Change]) -> tuple[Event, ...]:
@@ -150,4 +158,6 @@ def _possible(converter: Converter, point: OperatingPoint) -> bool:
     c, (_, D_q) = converter.study.converter, converter.droops
     stiffness, alone = point.A * (point.D + D_q) - point.B * point.C, point.A * (point.D + D_q)
     upright = point.A > 0.0 and stiffness > _SLOPE * alone
+    asked = rms_to_peak(abs(bridge_phasors(converter, point)[1]))
+    upright = upright and asked <= _OF_BRIDGE * linear_modulation_limit(c.V_dc, c.zero_sequence)
     return upright and _V_PU[0] < point.V_rms / c.V_rated_rms < _V_PU[1]

@@ -16,9 +16,6 @@ import numpy as np
 from evidence._field_converters import ROOM_PU, Converter, resting_currents
 from vsgdesign.simulation.survival.cases import Change, GridState
 
-EVIDENCE_SEED = 100_000
-"""The first seed of runs that were never looked at while the estimator was tuned."""
-
 EVENT_S = 1.5
 """Earliest instant of the first change, s: the estimator has learned its grid by then."""
 
@@ -93,24 +90,24 @@ class _Drawing:
 Group = Callable[[np.random.Generator], _Drawing | None]
 
 
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return float(f"{math.exp(rng.uniform(math.log(low), math.log(high))):.5g}")
 
 
-def _uniform(rng: np.random.Generator, low: float, high: float) -> float:
+def uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return round(float(rng.uniform(low, high)), 5)
 
 
 def _start(rng: np.random.Generator) -> GridState:
-    scr, x_over_r = _log_uniform(rng, *SCR), _log_uniform(rng, *X_OVER_R)
+    scr, x_over_r = log_uniform(rng, *SCR), log_uniform(rng, *X_OVER_R)
     top = 0.35 if scr < 2.0 else 0.6
     return GridState(
         scr=scr,
         x_over_r=x_over_r,
-        P_pu=_uniform(rng, -top if rng.random() < 0.3 else 0.1, top),
-        Q_pu=_uniform(rng, -0.1, 0.2),
-        V_g_pu=_uniform(rng, 0.9, 1.1),
-        df_hz=_uniform(rng, -0.5, 0.5),
+        P_pu=uniform(rng, -top if rng.random() < 0.3 else 0.1, top),
+        Q_pu=uniform(rng, -0.1, 0.2),
+        V_g_pu=uniform(rng, 0.9, 1.1),
+        df_hz=uniform(rng, -0.5, 0.5),
     )
 
 
@@ -121,7 +118,7 @@ def _surroundings(rng: np.random.Generator, background: str = "dirty", sensors: 
 def _measured(drawing: _Drawing) -> _Drawing:
     """The same in the background that was measured on public mains records, with typical sensors."""
     rng, start = drawing.rng, drawing.start
-    drawing.start = replace(start, V_g_pu=_uniform(rng, 0.95, 1.05), df_hz=_uniform(rng, -0.05, 0.05))
+    drawing.start = replace(start, V_g_pu=uniform(rng, 0.95, 1.05), df_hz=uniform(rng, -0.05, 0.05))
     drawing.surroundings = _surroundings(rng, "measured", "typical")
     return drawing
 
@@ -136,8 +133,8 @@ def _instant(rng: np.random.Generator) -> float:
 
 def _jump(rng: np.random.Generator, start: GridState, t_s: float) -> Change | None:
     """To another grid whose impedance differs by LEAST_RATIO or more."""
-    scr = _log_uniform(rng, 1.5, SCR[1])
-    x_over_r = _log_uniform(rng, *X_OVER_R) if rng.random() < 0.5 else start.x_over_r
+    scr = log_uniform(rng, 1.5, SCR[1])
+    x_over_r = log_uniform(rng, *X_OVER_R) if rng.random() < 0.5 else start.x_over_r
     ratio = scr / start.scr
     return Change(t_s=t_s, scr=scr, x_over_r=x_over_r) if max(ratio, 1.0 / ratio) >= LEAST_RATIO else None
 
@@ -146,12 +143,12 @@ def _step_of_source(rng: np.random.Generator, start: GridState) -> dict[str, flo
     """A step of voltage, phase, frequency, or voltage and phase, as fields of a change."""
     kind = int(rng.integers(4))
     if kind == 0:
-        return {"V_g_pu": round(start.V_g_pu + _uniform(rng, -0.1, 0.1), 5)}
+        return {"V_g_pu": round(start.V_g_pu + uniform(rng, -0.1, 0.1), 5)}
     if kind == 1:
-        return {"phase_deg": _uniform(rng, -20.0, 20.0)}
+        return {"phase_deg": uniform(rng, -20.0, 20.0)}
     if kind == 2:
-        return {"df_hz": round(start.df_hz + _uniform(rng, -0.3, 0.3), 5)}
-    return {"V_g_pu": round(start.V_g_pu + _uniform(rng, -0.1, 0.1), 5), "phase_deg": _uniform(rng, -10.0, 10.0)}
+        return {"df_hz": round(start.df_hz + uniform(rng, -0.3, 0.3), 5)}
+    return {"V_g_pu": round(start.V_g_pu + uniform(rng, -0.1, 0.1), 5), "phase_deg": uniform(rng, -10.0, 10.0)}
 
 
 def _rest(rng: np.random.Generator) -> _Drawing:
@@ -184,7 +181,7 @@ def _beat(rng: np.random.Generator) -> _Drawing:
     drawing.duration_s = 6.0
     kind = "modulation" if rng.random() < 0.5 else "line"
     line = 0.5 if kind == "modulation" else float(rng.choice([1.5, 2.5]))
-    order = round(line + _uniform(rng, -2.0, 2.0) / 55.0, 6)  # 2 Hz and a little less: of 60 and of 50 Hz
+    order = round(line + uniform(rng, -2.0, 2.0) / 60.0, 6)  # up to 2 Hz of a 60 Hz grid, 1.7 Hz of 50 Hz
     size = 2e-3 if kind == "modulation" else 1e-3
     drawing.surroundings = replace(drawing.surroundings, beat=kind, beat_order=order, beat_pu=size)
     return drawing
@@ -213,7 +210,7 @@ def _jump_and_step(rng: np.random.Generator) -> _Drawing | None:
 def _small_jump(rng: np.random.Generator) -> _Drawing | None:
     """|Z| changes by 10 to 50 %, up or down; X/R stays."""
     drawing = _drawing(rng)
-    factor = 1.0 + _uniform(rng, 0.1, 0.5)
+    factor = 1.0 + uniform(rng, 0.1, 0.5)
     scr = float(f"{drawing.start.scr * (factor if rng.random() < 0.5 else 1.0 / factor):.5g}")
     drawing.changes = (Change(t_s=_instant(rng), scr=scr, x_over_r=drawing.start.x_over_r),)
     return drawing if SCR[0] <= scr <= SCR[1] else None
@@ -233,18 +230,18 @@ def _grid_step(rng: np.random.Generator) -> _Drawing:
     if kind < 0.6:
         drawing.changes = (Change(t_s=t_s, **_step_of_source(rng, start)),)
     elif kind < 0.8:
-        rate = _uniform(rng, 0.5, 2.0) * (1.0 if rng.random() < 0.5 else -1.0)
+        rate = uniform(rng, 0.5, 2.0) * (1.0 if rng.random() < 0.5 else -1.0)
         drawing.changes = (Change(t_s=t_s, df_hz=round(start.df_hz + 0.5 * rate, 5), over_s=0.5),)
     else:
-        length = _uniform(rng, 0.05, 0.3)
-        sag = Change(t_s=t_s, V_g_pu=round(start.V_g_pu * _uniform(rng, 0.5, 0.9), 5))
+        length = uniform(rng, 0.05, 0.3)
+        sag = Change(t_s=t_s, V_g_pu=round(start.V_g_pu * uniform(rng, 0.5, 0.9), 5))
         drawing.changes = (sag, Change(t_s=round(t_s + length, 6), V_g_pu=start.V_g_pu))
     return drawing
 
 
 def _power_step(rng: np.random.Generator) -> _Drawing:
     drawing = _drawing(rng)
-    step = Change(t_s=_instant(rng), P_pu=_uniform(rng, -0.3, 0.3), Q_pu=_uniform(rng, -0.1, 0.1))
+    step = Change(t_s=_instant(rng), P_pu=uniform(rng, -0.3, 0.3), Q_pu=uniform(rng, -0.1, 0.1))
     drawing.changes = (step,)
     return drawing
 

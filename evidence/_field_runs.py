@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import time
 from dataclasses import replace
 from typing import Any
 
@@ -11,9 +12,11 @@ import numpy as np
 
 from evidence._field_converters import Converter, converter_named, events_of, references, resting_currents
 from evidence._field_draws import FieldDraw
+from vsgdesign.errors import SimulationDivergedError
 from vsgdesign.metrics.answers import (
     VERY_WRONG,
     Answers,
+    answers_of,
     false_changes,
     inside_ellipse,
     longest_silence,
@@ -22,14 +25,20 @@ from vsgdesign.metrics.answers import (
     time_to_stay,
     valid_and_wrong,
 )
+from vsgdesign.parameters.background import BackgroundSpec, draw_background
+from vsgdesign.parameters.sensors import SensorSpec, draw_sensors
 from vsgdesign.parameters.study import GridSource, Place, Study
+from vsgdesign.simulation.estimated import EstimateLog
+from vsgdesign.simulation.field_feed import FieldScheduler
+from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.cases import BASIS
 
 REST_FROM_S = 2.0
 """From here on a run without events counts as rest, s: the estimator has forgotten what it learned from first."""
 
-STRIDE = 10
-"""Every so many cycles an answer at rest is kept. The answers remember 60 cycles, so little is lost."""
+STRIDE, KEPT = 10, 40
+"""At rest an answer is kept every 10 cycles or more, and up to 40 of a run, so that a long run does not outweigh many
+short ones. The answers remember 60 cycles, so little is lost."""
 
 FOLLOWED_CYCLES = 60
 """So many cycles after the last event are kept one by one."""
@@ -49,6 +58,8 @@ def study_of(converter: Converter, draw: FieldDraw) -> Study:
         grid=Place(start.scr, start.x_over_r, BASIS).grid(c),
         grid_source=GridSource(start.V_g_pu * c.V_rated_rms, c.omega_n + 2.0 * math.pi * start.df_hz),
         events=events_of(converter, start, draw.changes),
+        background=_background(draw),
+        sensors=_sensors(draw),
         simulation=replace(
             study.simulation,
             duration=round(draw.duration_s / c.T_s) * c.T_s,
@@ -59,10 +70,63 @@ def study_of(converter: Converter, draw: FieldDraw) -> Study:
     )
 
 
+def _background(draw: FieldDraw) -> BackgroundSpec:
+    """Frequency and voltage are those of the draw's own start."""
+    what, omega = draw.surroundings, converter_of(draw.converter).study.converter.omega_n
+    ranges: dict[str, tuple[float, float]] = {"frequency_offset": (0.0, 0.0), "voltage_factor": (1.0, 1.0)}
+    if what.beat:
+        frequency = what.beat_order * (omega / (2.0 * math.pi) + draw.start.df_hz)
+        name = "modulation" if what.beat == "modulation" else "interharmonic"
+        ranges |= {name: (what.beat_pu,) * 2, f"{name}_frequency": (frequency,) * 2}
+    return draw_background(ranges, what.seed, what.background)
+
+
+def _sensors(draw: FieldDraw) -> SensorSpec:
+    noise = draw.surroundings.noise
+    ranges = {} if noise is None else {"noise": (noise, noise)}
+    return draw_sensors(ranges, draw.surroundings.seed, draw.surroundings.sensors)
+
+
+def run_field(draw: FieldDraw) -> dict[str, Any]:
+    """A draw through the EMT with the estimator driving the schedule, and its figures."""
+    begin = time.perf_counter()
+    converter = converter_of(draw.converter)
+    study = study_of(converter, draw)
+    simulation, answers = simulate_field(converter, study)
+    if simulation.divergence is not None:
+        raise SimulationDivergedError(f"{draw}: {simulation.divergence.reason}")
+    found = figures_of(draw, answers, 2.0 * math.pi / study.converter.omega_n)
+    return found | {"seconds": round(time.perf_counter() - begin, 3)}
+
+
+def simulate_field(converter: Converter, study: Study, *, probe: bool = True) -> tuple[Simulation, Answers]:
+    """A run whose schedule follows the field estimator; without its probe it never learns."""
+    scheduler = FieldScheduler(study, replace(converter.spec, estimate="field"), probe=probe)
+    simulation = simulate(study, scheduler)
+    return simulation, answers_of_log(scheduler.log(simulation.timeline), study)
+
+
+def answers_of_log(log: EstimateLog, study: Study) -> Answers:
+    """The answers of a run of the field estimator."""
+    cycles = log.cycles
+    if cycles is None:
+        raise ValueError("these answers are not the field estimator's.")
+    return answers_of(
+        log.t_s,
+        (log.R_g, log.L_g),
+        (cycles.R_g, cycles.L_g),
+        (cycles.var_R, cycles.cov_RL, cycles.var_L),
+        cycles.valid,
+        cycles.changed,
+        omega_n=study.converter.omega_n,
+        end_s=study.simulation.duration,
+    )
+
+
 def figures_of(draw: FieldDraw, answers: Answers, cycle_s: float) -> dict[str, Any]:
     """What is kept of a run. Impedances are relative: (R̂ − R)/|Z| and (X̂ − X)/|Z|.
 
-    ``rest``: (error of R, error of X, R/|Z|, valid, inside the ellipse) of every STRIDE-th answer at rest. ``after``:
+    ``rest``: (error of R, error of X, R/|Z|, valid, inside the ellipse) of answers at rest. ``after``:
     (error, valid, inside) of the first FOLLOWED_CYCLES answers after the last event.
     """
     currents = resting_currents(converter_of(draw.converter), draw.start, draw.changes) or (math.nan, math.nan)
@@ -103,7 +167,8 @@ def figures_of(draw: FieldDraw, answers: Answers, cycle_s: float) -> dict[str, A
 
 
 def _at_rest(answers: Answers, begin_s: float, end_s: float) -> list[list[float]]:
-    rows = np.flatnonzero(answers.rows(begin_s, end_s))[::STRIDE]
+    rows = np.flatnonzero(answers.rows(begin_s, end_s))
+    rows = rows[:: max(STRIDE, -(-len(rows) // KEPT))]
     off, size, inside = answers.Z_hat - answers.Z, np.abs(answers.Z), inside_ellipse(answers)
     table = np.column_stack(
         [off.real / size, off.imag / size, answers.Z.real / size, answers.valid, inside]  # one row an answer

@@ -17,6 +17,9 @@ from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.execution.processes import worker_processes
 from vsgdesign.execution.threads import one_thread
 
+EVIDENCE_SEED = 100_000
+"""The first seed of runs that were never looked at while the estimator was tuned."""
+
 CHUNK = 6
 """Runs that a worker takes at a time."""
 
@@ -24,6 +27,11 @@ CHUNK = 6
 def share() -> float:
     """The share of the runs that the environment asks for."""
     return float(os.environ.get("VSGDESIGN_FIELD_SHARE", "1"))
+
+
+def first_seed() -> int:
+    """The first seed of the draws: by default one that was never used to tune an estimator."""
+    return int(os.environ.get("VSGDESIGN_FIELD_SEED", str(EVIDENCE_SEED)))
 
 
 def kept_runs(
@@ -34,7 +42,7 @@ def kept_runs(
     A result is found again only if the sources of the package and of the evidence, and the task, are the same. ``run``
     is a function of a module, and a task is told from others by its ``repr``. Progress goes to stderr under ``name``.
     """
-    workers = workers or os.cpu_count() or 1
+    workers = workers or int(os.environ.get("VSGDESIGN_FIELD_WORKERS", "0")) or os.cpu_count() or 1
     stamp = f"{package_hash()} {_evidence_hash()}"
     keys = [hashlib.sha256(f"{stamp} {task!r}".encode()).hexdigest()[:32] for task in tasks]
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,107 @@
+"""The field estimator in a dirty grid and in the background that was measured: what it knows, and when.
+
+Three converters, switched, with sensors in the loop, and the schedule driven by the estimate alone. Every run is drawn
+from a seed that was not used to tune the estimator. Finished runs are kept in the folder, so an interrupted measurement
+goes on where it was. ``VSGDESIGN_FIELD_SHARE=0.1`` measures a tenth of the runs, ``VSGDESIGN_FIELD_SEED=0`` begins at
+another seed.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from evidence._field_converters import CONVERTERS
+from evidence._field_draws import FieldDraw, field_draw
+from evidence._field_probe_runs import ProbeTask, probe_table, run_probe
+from evidence._field_runs import converter_of, run_field
+from evidence._field_summary import (
+    Row,
+    asked_table,
+    bins_table,
+    error_quantiles,
+    errors_since,
+    found_of_bin,
+    of,
+    rest_of_bin,
+)
+from evidence._kept_runs import first_seed, kept_runs, share
+
+COUNTS = {
+    "rest": 100,
+    "jump": 250,
+    "jump and step": 120,
+    "small jump": 60,
+    "jump at no current": 30,
+    "grid-side step": 270,
+    "power step": 70,
+    "measured: rest": 40,
+    "measured: jump": 60,
+    "beat": 40,
+    "noise 1 %": 30,
+    "long rest": 20,
+}
+"""Runs of each group on each converter. The 20 long rests of 60 s on three converters are 1 h."""
+
+PROBE_COUNT = 10
+"""Runs with and without the probe on each converter."""
+
+CYCLES = (0, 1, 2, 3, 4, 5, 7, 9, 14, 19, 29, 49)
+"""Cycles after an event that the table of errors shows."""
+
+
+def draws(share_of_all: float, seed: int) -> list[FieldDraw]:
+    """Every run, the long ones first, so that no worker waits for one at the end."""
+    found = [
+        field_draw(converter_of(name), group, seed + k)
+        for name in CONVERTERS
+        for group, count in COUNTS.items()
+        for k in range(max(round(share_of_all * count), 1))
+    ]
+    return sorted(found, key=lambda draw: -draw.duration_s)
+
+
+def markdown(rows: list[Row]) -> tuple[str, dict[str, Any]]:
+    """All tables, and the same as data."""
+    asked, data = asked_table(rows)
+    lines = [f"{len(rows)} runs, {sum(row['duration_s'] for row in rows) / 3600.0:.2f} h of simulated time.", ""]
+    lines += [*asked, "", "Error at rest by SCR and X/R, %: median / p95, coverage.", ""]
+    lines += bins_table(of(rows, "rest", "long rest"), rest_of_bin)
+    lines += ["", "Time to stay within 10 % after a jump, ms: median / p95 (runs), by the new grid.", ""]
+    lines += bins_table(of(rows, "jump"), found_of_bin)
+    since = {}
+    for group in ("jump", "jump and step", "grid-side step"):
+        since[group] = errors_since(of(rows, group), max(CYCLES) + 1)
+        lines += ["", f"Answers after the event of the group *{group}*.", ""]
+        lines += ["| cycles since | valid | error, median | p95 | p95 of the valid | coverage of the valid |"]
+        lines += ["| --- |" + " --- |" * 5]
+        for one in (since[group][k] for k in CYCLES):
+            shown = [one[k] for k in ("valid_pct", "median_pct", "p95_pct", "valid_p95_pct", "coverage_pct")]
+            lines.append(f"| {one['cycle']} | " + " | ".join("–" if v != v else f"{v:.1f} %" for v in shown) + " |")
+    lines += ["", "Errors at rest by SCR and X/R, %, at the 95 % and the 99 % quantile: R, X, |Z|.", ""]
+    quantiles = error_quantiles(of(rows, "rest", "long rest"))
+    lines += ["| SCR | X/R | R | X | Z |", "| --- | --- | --- | --- | --- |"]
+    for one in quantiles:
+        cells = [f"{one[key]['0.95']:.1f}, {one[key]['0.99']:.1f}" for key in ("R_pct", "X_pct", "Z_pct")]
+        ends = [f"{low:g}–{high:g}" for low, high in (one["scr"], one["x_over_r"])]
+        lines.append(f"| {' | '.join([*ends, *cells])} |")
+    return "\n".join(lines) + "\n", {"asked": data, "since": since, "errors_at_rest": quantiles, "runs": len(rows)}
+
+
+def main(folder: Path) -> None:
+    rows = kept_runs(run_field, draws(share(), first_seed()), folder / "field" / "runs.jsonl", "field")
+    count = max(round(share() * PROBE_COUNT), 1)
+    probed = [
+        ProbeTask(field_draw(converter_of(name), "rest", first_seed() + 5000 + k))
+        for name in CONVERTERS
+        for k in range(count)
+    ]
+    probe = kept_runs(run_probe, probed, folder / "field" / "probe.jsonl", "field, probe")
+    text, document = markdown(rows)
+    lines = ["What the probe costs at rest, in a clean grid with noisy sensors.", "", *probe_table(probe), ""]
+    text = f"{text}\n" + "\n".join(lines)
+    document["probe"] = probe
+    (folder / "field.json").write_text(json.dumps(document, indent=1, ensure_ascii=False))
+    (folder / "field.md").write_text(text)
+    print(text)
