@@ -99,20 +99,29 @@ def build(
 
 @table.command()
 @_FILE
+@click.option(
+    "--sigma",
+    is_flag=True,
+    help="Show how certain an estimate must be in each cell to be followed fully, and only this.",
+)
 @JSON
 @verb
-def show(table_file: str, as_json: bool) -> None:
+def show(table_file: str, sigma: bool, as_json: bool) -> None:
     """Show what a table is for, its gains, its margins and its certificate, cell by cell."""
     from vsgdesign.artifacts.gain_table import table_document
     from vsgdesign.artifacts.gain_table_file import read_table_file
+    from vsgdesign.runtime.needed_sigma import needed_sigmas
 
     found = read_table_file(table_file)
+    if as_json and sigma:
+        print_json({"scr": found.scr, "x_over_r": found.x_over_r, "needed_sigma": needed_sigmas(found)})
+        return
     if as_json:
         print_json(table_document(found) | {"sha256": found.sha256})
         return
-    from vsgdesign.cli.console.table import table_overview
+    from vsgdesign.cli.console.table import sigma_overview, table_overview
 
-    table_overview(found)
+    (sigma_overview if sigma else table_overview)(found)
 
 
 @table.command()

@@ -23,6 +23,7 @@ from vsgdesign.export.laws import laws_content
 from vsgdesign.frames import rated_current_rms, rms_to_peak
 from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.guards import ARRIVED, REASONS, window_settings
+from vsgdesign.runtime.needed_sigma import needed_sigma
 from vsgdesign.runtime.scheduler import Scheduler, read_table_of, scheduler_of
 from vsgdesign.runtime.updating import ROUNDED_CORRELATION
 
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import TableBase
     from vsgdesign.artifacts.network_weights import NetworkWeights
     from vsgdesign.parameters.study import Study
+    from vsgdesign.runtime.lookup import GainLookup
 
 KIND = "vsgdesign export c"
 SCHEMA = 1
@@ -281,6 +283,7 @@ def _content(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
             }
             for one in known
         ],
+        "needed_sigma": needed_sigma(c, _x_over_r(lookup)).text,
         "figures": list(_figures(scheduler, origin).items()),
         "network": None,
     }
@@ -288,6 +291,11 @@ def _content(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
     if estimator is not None:
         content |= _network(estimator, origin)
     return content
+
+
+def _x_over_r(lookup: GainLookup) -> list[float]:
+    """X/R of a table's nodes; none for a closed form, which is a table of one node."""
+    return [1.0 / ratio for ratio in lookup.r_over_x] if len(lookup.r_over_x) > 1 else []
 
 
 def _constants(scheduler: Scheduler) -> Iterable[tuple[str, str]]:

@@ -14,6 +14,7 @@ from rich.markup import escape
 from vsgdesign.artifacts.gain_table import COLUMNS, GainTable
 from vsgdesign.cli.console.scenario import new_console, new_table
 from vsgdesign.report.gain_table.words import heading
+from vsgdesign.runtime.needed_sigma import needed_sigma_text, needed_sigmas
 from vsgdesign.stability.gain_table import FIGURES, Compared, figure_of, largest_difference
 
 COLUMN_UNITS = {"k_1": "1/s²", "d_1": "1/s", "k_2": "1/s", "H": "s", "zeta": "1"}
@@ -43,6 +44,14 @@ def table_overview(table: GainTable) -> None:
         _print_grid(console, table, "status, active constraint", words, "")
     else:
         console.print(escape(f"every cell: {words[0, 0]}"), highlight=False)
+
+
+def sigma_overview(table: GainTable) -> None:
+    """How certain an estimate must be to be followed fully, as a sentence and in every cell."""
+    console = new_console()
+    console.print(escape(needed_sigma_text(table)), highlight=False, soft_wrap=True)
+    title = "largest relative standard deviation of Z [%]"
+    _print_grid(console, table, title, 100.0 * needed_sigmas(table), ".2f")
 
 
 def comparison_tables(compared: Sequence[Compared], files: Sequence[str]) -> None:

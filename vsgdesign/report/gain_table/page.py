@@ -26,6 +26,7 @@ from vsgdesign.report.gain_table.maps import in_order, limit_of, margin_keys
 from vsgdesign.report.page.html import write_html
 from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import DASH, number, plain, plain_quantity
+from vsgdesign.runtime.needed_sigma import needed_sigma_text
 from vsgdesign.stability.gain_table import figure_of
 
 LAWS = {
@@ -62,6 +63,7 @@ def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_pat
         identity=identity_table(table),
         margins=margins_table(table),
         specification=open_table("Specification", table.specification, SPECIFICATION_UNITS),
+        needed_sigma=needed_sigma_text(table),
         proof=certificate_sentence(table.certificate),
         causes=causes_table(table),
         certificate=None

@@ -23,6 +23,7 @@ from vsgdesign.certificate.swing import SwingStatement
 from vsgdesign.certificate.swing.results import EMPTY, RETURNS
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import counted
+from vsgdesign.runtime.needed_sigma import needed_sigma_text
 from vsgdesign.stability.gain_table import TableCheck
 
 
@@ -48,6 +49,7 @@ def heading(table: GainTable) -> Iterator[str]:
         f"P {v.P[0] / 1e3:g} to {v.P[1] / 1e3:g} kW, Q {v.Q[0] / 1e3:g} to {v.Q[1] / 1e3:g} kvar, "
         f"V {v.V_rms[0]:.4g} to {v.V_rms[1]:.4g} V, R and X known {error_text(v.error, v.error_Z)}"
     )
+    yield needed_sigma_text(table)
     if table.specification:
         yield "specification: " + ", ".join(f"{k} = {_short(v)}" for k, v in table.specification.items())
     yield from _why(table.causes)
