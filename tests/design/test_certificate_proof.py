@@ -19,7 +19,7 @@ from vsgdesign.certificate.certify import Motion
 from vsgdesign.certificate.enclosure import programs
 from vsgdesign.certificate.lyapunov import residual
 from vsgdesign.certificate.proof import EMPTY, PROVED, UNDECIDED, look_at, prove
-from vsgdesign.certificate.region import System, point_of, random_points
+from vsgdesign.certificate.region import System, nodes, point_of, random_points
 from vsgdesign.certificate.taylor_kernel import LANES, rows, run_program, sum_up
 from vsgdesign.certificate.tracing import Program
 from vsgdesign.equations.power_flow import operating_point
@@ -140,7 +140,83 @@ def test_places_and_points_are_the_same_two_ways(k: int) -> None:
     s = systems()[k]
     region = Region((1.3, 20.0), (0.3, 20.0), *POWERS, error=0.2)
     points, _ = s.matrices(random_points(region, 300, np.random.default_rng(1)))
-    np.testing.assert_allclose(points_of(s, region, places_of(s, points)), points, rtol=1e-10, atol=1e-8)
+    places = places_of(s, points)
+    found = points_of(s, region, pieces_of(s, region, places), places)
+    np.testing.assert_allclose(found, points, rtol=1e-10, atol=1e-8)
+
+
+@pytest.mark.parametrize("error", [0.2, 0.0])
+@pytest.mark.parametrize("k", [0, 3, 4])
+def test_pieces_hold_every_true_grid_behind_an_estimate_with_an_error_of_Z(k: int, error: float) -> None:
+    """The other way round: of random true grids and estimates in their error set, the coordinates of the errors that
+    give the truth lie within the box of the estimate's piece, and the point comes back."""
+    region = Region((1.5, 20.0), (0.3, 20.0), *POWERS, error=error, error_Z=0.06)
+    s = replace(systems()[k], region=region)
+    drawn, _ = s.matrices(random_points(region, 500, np.random.default_rng(3)))
+    assert len(drawn) > 200
+    points = np.concatenate([drawn, s.matrices(nodes(region, 5))[0]])
+    R, X = np.cos(points[:, 1]), np.sin(points[:, 1])
+    off = np.abs(points[:, 4:] * np.stack([R, X], axis=1))
+    most = np.maximum(error * np.stack([R, X], axis=1), 0.06)
+    assert (off <= most * (1.0 + 1e-9)).all()
+    assert (off > 0.999 * most).all(axis=1).any()
+    places = places_of(s, points)
+    whole = whole_region(s, region)
+    assert whole.errors is not None
+    low, high, at = whole.low[None, :, :2], whole.high[None, :, :2], places[:, None, :2]
+    inside = ((low <= at * (1.0 + 1e-12)) & (at * (1.0 - 1e-12) <= high)).all(axis=2)  # nodes lie on limits
+    assert inside.any(axis=1).all()
+    piece = inside.argmax(axis=1)
+    R_hat, X_hat = np.cos(places[:, 1]), np.sin(places[:, 1])
+    truth = R_hat / (1.0 + points[:, 4]), X_hat / (1.0 + points[:, 5])
+    for n, (hat, true, three) in enumerate(
+        ((R_hat, truth[0], whole.errors.R), (X_hat, truth[1], whole.errors.X)), start=4
+    ):
+        a, b, m = (one[piece] for one in three)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            places[:, n] = np.where(a > 0.0, (hat / true - 1.0) / a, (hat + m - true) / b)
+        assert (np.abs(places[:, n]) <= region.largest_error * (1.0 + 1e-9)).all()
+    # The nodes lie on the region's limits, to rounding.
+    places, piece = places[: len(drawn)], piece[: len(drawn)]
+    found = points_of(s, region, Boxes(places, places, piece, whole.errors), places)
+    np.testing.assert_allclose(found, drawn, rtol=1e-9, atol=1e-8)
+
+
+@pytest.mark.parametrize("k", [0, 3, 4])
+def test_no_point_of_a_proved_box_fails_with_an_error_of_Z(k: int) -> None:
+    """Where R̂ of a grid may be negative: every point whose estimate and truth lie in a proved box holds the inequality,
+    and an empty box has none."""
+    region = Region((2.5, 4.5), (6.0, 10.0), (-4500.0, -3000.0), (-2000.0, 0.0), error=0.2, error_Z=0.1)
+    s = replace(systems()[k], region=region)
+    motion = Motion(region, False)
+    P = np.array([[[3.3, -1.6, 0.0], [-1.6, 2.1, 0.0], [0.0, 0.0, 1.7]]])
+    points, A = s.matrices(random_points(region, 4000, np.random.default_rng(2)))
+    decay = -0.5 * float(np.quantile(residual(A, motion.family(points), P, 0.0), 0.9))
+    worst = residual(A, motion.family(points), P, decay)
+    places = places_of(s, points)
+    whole = whole_region(s, region)
+    assert whole.errors is not None
+    assert k == 4 or whole.high[:, 1].max() > 0.5 * np.pi
+    hats = np.cos(places[:, 1]), np.sin(places[:, 1])
+    truths = hats[0] / (1.0 + points[:, 4]), hats[1] / (1.0 + points[:, 5])
+    ready = programs(s, region, motion.weights, P, decay)
+    level, counts, seen = whole, np.zeros(3, dtype=int), 0
+    for _ in range(12):
+        state, dimension = look_at(s, ready, level, whole)
+        counts += np.bincount(state, minlength=3)
+        for box in np.flatnonzero(state != UNDECIDED):
+            inside = ((level.low[box, :4] <= places[:, :4]) & (places[:, :4] <= level.high[box, :4])).all(axis=1)
+            for n, (hat, true, three) in enumerate(zip(hats, truths, (whole.errors.R, whole.errors.X), strict=True)):
+                a, b, m = (one[level.piece[box]] for one in three)
+                R_1, R_2 = (hat / (1.0 + a * c) - b * c + m for c in (level.high[box, 4 + n], level.low[box, 4 + n]))
+                inside &= (true >= R_1) & (true <= R_2)
+            assert not inside.any() if state[box] == EMPTY else np.all(worst[inside] < 0.0)
+            seen += int(inside.sum())
+        undecided = state == UNDECIDED
+        level = level.take(undecided).halves(dimension[undecided])
+    assert counts[EMPTY] > 0
+    assert counts[PROVED] > 0
+    assert seen > 0
 
 
 @pytest.mark.parametrize("rate", [np.inf, 1.0])
@@ -208,6 +284,30 @@ def test_gap_free_where_it_can_be_and_refused_where_it_is_false(gains: str) -> N
         outcome = prove(s, region, motion.weights, failing(P), P, [decay], 600)
         assert len(outcome.left) > 0
         assert len(outcome.broken) > 0
+
+
+def test_a_table_that_is_good_for_20_percent_is_refused_with_a_larger_error_of_Z() -> None:
+    """1.8 1/s holds with ±20 % of each, and with 10 % of |Z|; with 28 % in any direction it does not."""
+    schedule = table_schedule(gains_table())
+    region = Region((4.0, 12.0), (0.5, 2.0), *POWERS, error=0.2)
+    options: Any = {"schedule": schedule, "decay": 1.8, "budget": 0, "fresh": 400, "nodes_per_axis": 4}
+    for error_Z in (0.0, 0.1):
+        found = certify(STUDY, controller("angle_damped"), replace(region, error_Z=error_Z), **options)
+        assert isinstance(found, Certificate)
+        said = found.as_record().region
+        assert (said.error, said.error_Z) == (0.2, error_Z)
+        assert ("error_Z" in found.as_document()["region"]) == (error_Z > 0.0)
+    with pytest.raises(InfeasibleStudyError, match=r"decay = 1.8 1/s does not hold; at most 1\.[0-4]"):
+        certify(STUDY, controller("angle_damped"), replace(region, error_Z=0.28), **options)
+
+
+def test_gap_free_with_an_error_of_Z_where_an_estimate_may_have_no_resistance() -> None:
+    """A closed form, whose estimates are not drawn to any box: at X/R 20, R̂ lies between −0.05 and 0.15 |Z|."""
+    region = Region((4.0, 5.0), (15.0, 20.0), (500.0, 1000.0), (-200.0, 200.0), 0.1, error_Z=0.1)
+    spec = controller("angle_damped", Q_droop=0.5)
+    found = certify(STUDY, spec, region, nodes_per_axis=4, fresh=1000, budget=20_000)
+    assert isinstance(found, Certificate)
+    assert found.proof == "gap-free"
 
 
 def test_a_decay_that_is_asked_for_is_proved_and_claimed() -> None:

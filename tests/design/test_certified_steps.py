@@ -150,17 +150,19 @@ def test_the_largest_set_is_that_of_a_plain_search() -> None:
     assert largest_level_set(A[None], 20.0, (1.0, 1.0), 0.25)[0] is None
 
 
-@pytest.mark.parametrize("tabled", [False, True])
-def test_what_is_proved_on_boxes_holds_at_every_sample(tabled: bool) -> None:
-    part = replace(REGION, scr=(8.0, 20.0), x_over_r=(1.0, 3.0), error=0.1)
+@pytest.mark.parametrize(("tabled", "error_Z"), [(False, 0.0), (True, 0.0), (False, 0.06), (True, 0.06)])
+def test_what_is_proved_on_boxes_holds_at_every_sample(tabled: bool, error_Z: float) -> None:
+    ratio = (1.0, 3.0) if error_Z == 0.0 else (4.0, 10.0)
+    part = replace(REGION, scr=(8.0, 20.0), x_over_r=ratio, error=0.1, error_Z=error_Z)
+    here = replace(system(tabled), region=part)
     rng = np.random.default_rng(3)
-    some = system(tabled).cells(random_points(part, 20, rng))
-    sampled = step_sizes(system(tabled), some, shape(), LIMITS).min(axis=1)
-    typical = float(rest_current_pu(system(tabled), some).max())
-    proof = prove_steps(system(tabled), part, shape(), LIMITS, sampled, typical, 60_000)
+    some = here.cells(random_points(part, 20, rng))
+    sampled = step_sizes(here, some, shape(), LIMITS).min(axis=1)
+    typical = float(rest_current_pu(here, some).max())
+    proof = prove_steps(here, part, shape(), LIMITS, sampled, typical, 60_000)
     assert proof.whole
-    fresh = system(tabled).cells(np.concatenate([nodes(part, 7), random_points(part, 20_000, rng)]))
-    least = step_sizes(system(tabled), fresh, shape(), LIMITS).min(axis=1)
+    fresh = here.cells(np.concatenate([nodes(part, 7), random_points(part, 20_000, rng)]))
+    least = step_sizes(here, fresh, shape(), LIMITS).min(axis=1)
     assert (proof.sizes <= least).all()
     assert (proof.sizes >= 0.6 * least).all()
     # What few points allow is not proved where others allow less.

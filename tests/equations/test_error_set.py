@@ -49,6 +49,22 @@ def test_what_is_behind_an_estimate_has_that_estimate(angle: float, errors: tupl
             assert X + sign_X * w_X == pytest.approx(X_hat, rel=1e-12)
 
 
+@given(st.tuples(st.floats(1.2, 20.0), ANGLES), st.floats(0.0, 0.3), st.floats(0.0, 1.0), st.floats(0.0, 2.0 * np.pi))
+def test_clipping_to_a_box_keeps_an_error_of_Z(
+    grid: tuple[float, float], error_Z: float, share: float, direction: float
+) -> None:
+    """The scheduler clips SCR (of |Z|) and X/R; the true grid lies in the box, at its edge or within."""
+    size, angle = 1.0 / grid[0], grid[1]
+    truth = size * np.exp(1j * angle)
+    estimate = truth + share * error_Z * size * np.exp(1j * direction)
+    if estimate.imag <= 0.0:
+        return
+    for low, high in ((size, 1.0), (1.0 / 20.0, size), (1.0 / 20.0, 1.0)):
+        for least, most in ((angle, 1.52), (0.05, angle), (0.05, 1.52)):
+            clipped = np.clip(abs(estimate), low, high) * np.exp(1j * np.clip(np.angle(estimate), least, most))
+            assert abs(clipped - truth) <= share * error_Z * size * (1.0 + error_Z**2 / 8.0) + 1e-12
+
+
 @given(ANGLES, ERRORS, st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 def test_every_truth_of_an_estimate_lies_between_the_four_that_are_off_most(
     angle: float, errors: tuple[float, float, float], share_R: float, share_X: float

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.certificate.error_bounds import ErrorBounds, angles, box_parameters, error_bounds, finer, reach
 from vsgdesign.certificate.region import Region, System
 from vsgdesign.equations.grid import SCR_BASES, ScrBasis
 from vsgdesign.equations.power_flow import POWER_MARGIN
+from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.frames import PHASES
 from vsgdesign.runtime.closed_form import ClosedFormSchedule
 from vsgdesign.runtime.table import TableSchedule
@@ -23,7 +25,8 @@ UNIT = np.array([0.2, 0.5, 1.0, 0.5, 0.5, 0.5])
 """A size for each coordinate: how boxes are cut where nothing better is known."""
 
 ERROR_PARAMETERS = 4
-"""Of a box: the largest and least 1/(1 + error) of R, then of L; a table's columns follow."""
+"""Of a box: the factors that make the least and the largest R of R̂, then X of X̂; a table's columns follow. With
+``error_Z``, those of :mod:`vsgdesign.certificate.error_bounds` come last."""
 
 
 @dataclass(frozen=True)
@@ -33,13 +36,15 @@ class Boxes:
     low: Array
     high: Array
     piece: NDArray[np.intp]
+    errors: ErrorBounds | None = None
+    """With ``error_Z``: of each piece, what the coordinates of the errors stand for."""
 
     def __len__(self) -> int:
         return len(self.low)
 
     def take(self, index: Any) -> Boxes:
         """Some of the boxes."""
-        return Boxes(self.low[index], self.high[index], self.piece[index])
+        return Boxes(self.low[index], self.high[index], self.piece[index], self.errors)
 
     def halves(self, dimension: NDArray[np.intp]) -> Boxes:
         """Each cut in the middle of its dimension."""
@@ -48,7 +53,10 @@ class Boxes:
         low, high = self.low.copy(), self.high.copy()
         low[rows, dimension], high[rows, dimension] = middle, middle
         return Boxes(
-            np.concatenate([self.low, low]), np.concatenate([high, self.high]), np.concatenate([self.piece, self.piece])
+            np.concatenate([self.low, low]),
+            np.concatenate([high, self.high]),
+            np.concatenate([self.piece, self.piece]),
+            self.errors,
         )
 
 
@@ -63,19 +71,16 @@ def whole_region(system: System, region: Region) -> Boxes:
     Coordinates (:eq:`box-coordinates`): |Ẑ_g|/Z_base or, for a table on the reactance basis, X̂_g/Z_base; atan(X̂/R̂);
     p = P|Ẑ_g|/V² and q = Q|Ẑ_g|/V²; both errors.
     """
-    e, c = region.error, system.study.converter
+    if region.error_Z:
+        return _with_errors_of_Z(system, region)
+    e = region.error
     ratio = np.array([region.x_over_r[0] * (1.0 - e) / (1.0 + e), region.x_over_r[1] * (1.0 + e) / (1.0 - e)])
     size = np.array([(1.0 - e) / region.scr[1], (1.0 + e) / region.scr[0]])
     if (basis := basis_of(system)).name != system.study.scr_basis:
         # |Z| is at least X, by 1/sin of the angle.
         sines = np.sin(np.arctan(region.x_over_r))
         size = size * (1.0 / sines[::-1] if basis.counts_resistance else sines)
-    widest = basis.magnitude(size[1], np.sin(np.arctan(ratio[0])))
-    # No more than the static limit leaves: |Z||S|/V² ≤ PHASES/1.3, and |Ẑ| ≤ (1 + error)|Z| at the rated frequency.
-    slow = min(system.study.grid_source.omega_g / c.omega_n, 1.0)
-    most = PHASES / POWER_MARGIN * (1.0 + e) / slow
-    largest = PHASES * widest / (c.S_rated * c.V_min_pu**2)
-    powers = [np.clip([min(x[0] * largest, 0.0), max(x[1] * largest, 0.0)], -most, most) for x in (region.P, region.Q)]
+    powers = _powers(system, region, basis.magnitude(size[1], np.sin(np.arctan(ratio[0]))), 1.0 + e)
     rest_low = [powers[0][0], powers[1][0], -e, -e]
     rest_high = [powers[0][1], powers[1][1], e, e]
     first, second = [size], [np.arctan(ratio)]
@@ -90,12 +95,62 @@ def whole_region(system: System, region: Region) -> Boxes:
     return Boxes(np.array(low), np.array(high), np.arange(len(low)))
 
 
-def points_of(system: System, region: Region, places: Array) -> Array:
-    """Places (N, 6) in the boxes' coordinates as points of :class:`System`, (M, 6): those that lie in the region."""
+def _powers(system: System, region: Region, widest: float, longest: float) -> list[Array]:
+    """Least and largest p and q for estimates of at most ``widest`` (pu), ``longest`` times the truth."""
+    c = system.study.converter
+    # No more than the static limit leaves: |Z||S|/V² ≤ PHASES/1.3, at the rated frequency.
+    slow = min(system.study.grid_source.omega_g / c.omega_n, 1.0)
+    most = PHASES / POWER_MARGIN * longest / slow
+    largest = PHASES * widest / (c.S_rated * c.V_min_pu**2)
+    return [np.clip([min(x[0] * largest, 0.0), max(x[1] * largest, 0.0)], -most, most) for x in (region.P, region.Q)]
+
+
+def _with_errors_of_Z(system: System, region: Region) -> Boxes:
+    """:func:`whole_region` for an error set with ``error_Z``. A table's estimates are those within its axes."""
+    basis, schedule = basis_of(system), system.schedule
+    own = SCR_BASES[system.study.scr_basis]
+    counted = np.array([1.0 / region.scr[1], 1.0 / region.scr[0]])
+    if basis.name != own.name:
+        # |Z| is at least X, by 1/sin of the angle.
+        sines = np.sin(np.arctan(region.x_over_r))
+        counted = counted * (1.0 / sines[::-1] if basis.counts_resistance else sines)
+    size = counted * reach(region, basis)
+    angle = np.array(angles(region))
+    first, second = [size], [angle]
+    if isinstance(schedule, TableSchedule):
+        nodes = 1.0 / schedule.scr[::-1], np.arctan(1.0 / schedule.r_over_x[::-1])
+        size, angle = (np.clip(limits, axis[0], axis[-1]) for limits, axis in zip((size, angle), nodes, strict=True))
+        first, second = _pieces(nodes[0], *size), _pieces(nodes[1], *angle)
+    second = finer(second)
+    longest = reach(region, SCR_BASES["impedance"])[1]
+    # sin of an angle beyond π/2 falls again
+    widest = basis.magnitude(size[1], min(np.sin(angle[0]), np.sin(angle[1])))
+    powers, e = _powers(system, region, float(widest), longest), region.largest_error
+    low, high = [], []
+    for one in first:
+        for other in second:
+            low.append([one[0], other[0], powers[0][0], powers[1][0], -e, -e])
+            high.append([one[1], other[1], powers[0][1], powers[1][1], e, e])
+    limits = np.array(low), np.array(high)
+    bounds = error_bounds(region, limits[0][:, 1], limits[1][:, 1])
+    return Boxes(*limits, np.arange(len(low)), bounds)
+
+
+def points_of(system: System, region: Region, boxes: Boxes, places: Array) -> Array:
+    """Places (N, 6) in the boxes' coordinates, each in the box of its row, as points of :class:`System`, (M, 6): those
+    that lie in the region."""
     c, f, source = system.study.converter, system.study.filter, system.study.grid_source
     first, angle, p, q, e_R, e_L = places.T
     size = basis_of(system).magnitude(first, np.sin(angle))
-    R, X = size * np.cos(angle) / (1.0 + e_R), size * np.sin(angle) / (1.0 + e_L)
+    R, X = size * np.cos(angle), size * np.sin(angle)
+    if (bounds := boxes.errors) is None:
+        R, X = R / (1.0 + e_R), X / (1.0 + e_L)
+    else:
+        (a, b, m), (a_X, b_X, m_X) = ([one[boxes.piece] for one in three] for three in (bounds.R, bounds.X))
+        R_hat, X_hat = R, X
+        R, X = R / (1.0 + a * e_R) + (m - b * e_R) * size, X / (1.0 + a_X * e_L) + (m_X - b_X * e_L) * size
+        with np.errstate(divide="ignore"):
+            e_R, e_L = R_hat / R - 1.0, X_hat / X - 1.0
     r = (R + f.R_2 / c.Z_base) / size
     x = (X + c.omega_n * f.L_2 / c.Z_base) * (source.omega_g / c.omega_n) / size
     V_sq = (source.V_g_rms / c.V_rated_rms) ** 2 / drop_sq(r, x, p, q)
@@ -103,7 +158,9 @@ def points_of(system: System, region: Region, places: Array) -> Array:
     weakness = SCR_BASES[system.study.scr_basis].counted(R, X)
     points = np.stack([weakness, np.arctan2(X, R), p * scale, q * scale, e_R, e_L], axis=1)
     low, high = region.limits
-    return points[((points >= low) & (points <= high)).all(axis=1)]
+    known = (points[:, :4] >= low[:4]) & (points[:, :4] <= high[:4])
+    with np.errstate(invalid="ignore"):
+        return points[known.all(axis=1) & (R > 0.0) & (X > 0.0) & region.holds(points[:, 1], e_R, e_L)]
 
 
 def drop_sq(r: Any, x: Any, p: Any, q: Any) -> Any:
@@ -124,22 +181,34 @@ def _pieces(nodes: Array, low: float, high: float) -> list[Array]:
     return [np.array(pair) for pair in pairwise(cuts)]
 
 
+def first_extra(system: System) -> int:
+    """The place of the first of the parameters that come last."""
+    columns = len(NormalisedGains._fields) if isinstance(system.schedule, TableSchedule) else 0
+    return ERROR_PARAMETERS + 4 * columns
+
+
 def parameters_of(system: System, boxes: Boxes, pieces: Boxes) -> Array:
     """What differs from box to box, (m, N): bounds of 1/(1 + error), and the table's columns as
-    c_0 + c_1 x + c_2 y + c_3 xy in x = 1/first coordinate and y = R̂/X̂ of its piece."""
-    errors = [
-        1.0 / (1.0 + boxes.high[:, 4]),
-        1.0 / (1.0 + boxes.low[:, 4]),
-        1.0 / (1.0 + boxes.high[:, 5]),
-        1.0 / (1.0 + boxes.low[:, 5]),
-    ]
+    c_0 + c_1 x + c_2 y + c_3 xy in x = 1/first coordinate and y = R̂/X̂ of its piece; then what ``error_Z`` needs."""
+    more = np.zeros((0, len(boxes)))
+    if pieces.errors is None:
+        errors = np.array(
+            [
+                1.0 / (1.0 + boxes.high[:, 4]),
+                1.0 / (1.0 + boxes.low[:, 4]),
+                1.0 / (1.0 + boxes.high[:, 5]),
+                1.0 / (1.0 + boxes.low[:, 5]),
+            ]
+        )
+    else:
+        errors, more = box_parameters(pieces.errors, boxes.piece, boxes.low[:, 4:], boxes.high[:, 4:])
     schedule = system.schedule
     if not isinstance(schedule, TableSchedule):
-        return np.array(errors)
+        return np.concatenate([errors, more])
     x = 0.5 * (1.0 / pieces.low[:, 0] + 1.0 / pieces.high[:, 0])
     y = 1.0 / np.tan(0.5 * (pieces.low[:, 1] + pieces.high[:, 1]))
     columns = [_bilinear(schedule, column, x, y) for column in schedule.columns]
-    return np.concatenate([np.array(errors), *(column[:, boxes.piece] for column in columns)])
+    return np.concatenate([errors, *(column[:, boxes.piece] for column in columns), more])
 
 
 def _bilinear(schedule: TableSchedule, values: Array, x: Array, y: Array) -> Array:

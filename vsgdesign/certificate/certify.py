@@ -320,15 +320,13 @@ def prepared(
         faults.append(Fault("decay", f"{decay:g}", "must be more than zero, in 1/s"))
     if faults:
         raise StudyError(study.name, faults)
-    if region.error_Z:
-        raise InfeasibleStudyError("error_Z: a certificate does not cover this kind of error yet.")
     if schedule is None:
         if spec.gains is not None or spec.kind != "scheduled":
             raise InfeasibleStudyError(f"controller {spec.name}: a certificate is made for a scheduled controller.")
         schedule = schedule_of(study, spec, ready)
         if not follows_measured(spec):
             schedule = AtDesignPoint(schedule)
-    return System(study, schedule), Motion(region, bool(np.isfinite(region.rate)))
+    return System(study, schedule, region), Motion(region, bool(np.isfinite(region.rate)))
 
 
 def _fitted(system: System, motion: Motion, name: str, points: Array, A: Array) -> Fit | Counterexample:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.certificate.boxes import ERROR_PARAMETERS, basis_of, drop_sq
+from vsgdesign.certificate.boxes import ERROR_PARAMETERS, basis_of, drop_sq, first_extra
 from vsgdesign.certificate.cancelling import Algebra
 from vsgdesign.certificate.region import OMEGA_SCALE, Region, System
 from vsgdesign.certificate.tracing import Program, Symbol, Tracer, program_of
@@ -52,13 +52,15 @@ def programs(system: System, region: Region, weights: Weights, P: Array, decay: 
     tracer = Tracer(6)
     first, angle, p, q, e_R, e_L = tracer.symbols()
     here = Estimate.of(system, first, angle)
-    true_r, true_x = here.direction[0] / (1.0 + e_R), here.direction[1] / (1.0 + e_L)
+    true_r, true_x = _truth(system, region, tracer, here, (e_R, e_L))
     path = (true_r + here.fixed[0], (true_x + here.fixed[1]) * here.share)
     inverse_V, conditions = voltage_conditions(system, region, p, q, path, here.base)
     counted = SCR_BASES[system.study.scr_basis].counted(true_r, true_x)
     weakness, r_over_x = here.size * counted, true_r / true_x
     for value, (least, most) in ((weakness, region.scr), (r_over_x, region.x_over_r)):
         conditions.append((value, 1.0 / most, 1.0 / least))
+    if region.error_Z:
+        conditions += _within_errors_of_Z(system, region, tracer, here, (true_r, true_x))
     carried = [inverse_V, weakness, r_over_x] if len(P) > 1 else [inverse_V]
     choices = [here.scheduled(p, q, first)[1] for first in PIECES]
     asked = _distinct(choices)
@@ -70,7 +72,7 @@ def programs(system: System, region: Region, weights: Weights, P: Array, decay: 
         tracer = Tracer(4 + len(carried))
         first, angle, p, q, inverse_V, *grid = tracer.symbols()
         here = Estimate.of(system, first, angle)
-        matrices = _state_matrices(system, tracer, here, p, q, inverse_V, region.error > 0.0, piece)
+        matrices = _state_matrices(system, region, tracer, here, p, q, inverse_V, piece)
         functions, ways = weights(*(grid or (0.0, 0.0)))
         outputs = [entry for A in matrices for way in ways for entry in _inequality(A, functions, way, P, decay)]
         inequalities.append(program_of(tracer, outputs))
@@ -205,20 +207,20 @@ def voltage_conditions(
 
 def _state_matrices(
     system: System,
+    region: Region,
     tracer: Tracer,
     here: Estimate,
     p: Symbol,
     q: Symbol,
     inverse_V: Symbol,
-    wrong: bool,
     piece: Sequence[bool],
 ) -> list[list[list[Any]]]:
     """A of the scaled states at each corner of the true grids' polygon, or of the exact estimate
     (:eq:`certificate-matrix`), on one piece of the schedule."""
     J_hat, _ = here.scheduled(p, q, piece)
     loops = Loops.of(system, here.normalised(tracer), J_hat, inverse_V, here.base)
-    if wrong:
-        corners = _polygon(tracer, here)
+    if region.largest_error > 0.0:
+        corners = _polygon(system, region, tracer, here)
     elif here.share == 1.0 and piece == PIECES[0]:
         return [loops.matrix(None)]
     else:  # the estimate is exact in R and L, and taken at the rated frequency
@@ -228,14 +230,49 @@ def _state_matrices(
     return [loops.matrix([one - hat for one, hat in zip(J, J_hat, strict=True)]) for J in true]
 
 
-def _polygon(tracer: Tracer, here: Estimate) -> list[tuple[Any, Any]]:
+def _truth(
+    system: System, region: Region, tracer: Tracer, here: Estimate, errors: tuple[Symbol, Symbol]
+) -> tuple[Any, Any]:
+    """The true R and X behind an estimate, in |Ẑ_g|, by the coordinates of the errors."""
+    if not region.error_Z:
+        return here.direction[0] / (1.0 + errors[0]), here.direction[1] / (1.0 + errors[1])
+    found, one = [], tracer.constant(1.0)
+    for k, (estimate, c) in enumerate(zip(here.direction, errors, strict=True)):
+        a, b, m = (first_extra(system) + 4 + 3 * k + n for n in range(3))
+        off = tracer.blend((m,), (one,)) - tracer.blend((b,), (c,))
+        found.append(estimate / (1.0 + tracer.blend((a,), (c,))) + off)
+    return found[0], found[1]
+
+
+def _within_errors_of_Z(
+    system: System, region: Region, tracer: Tracer, here: Estimate, truth: tuple[Any, Any]
+) -> list[tuple[Any, float, float]]:
+    """What lies outside the error set on pieces where the error of |Z| is the larger one: there (R̂ − R)² ≤ ε²|Z|²."""
+    r, x = truth
+    most = (r * r + x * x) * region.error_Z**2
+    conditions = []
+    for k, (estimate, value) in enumerate(zip(here.direction, truth, strict=True)):
+        off = estimate - value
+        held = tracer.blend((first_extra(system) + 10 + k,), (off * off - most,))
+        conditions.append((held, -np.inf, 0.0))
+    return conditions
+
+
+def _polygon(system: System, region: Region, tracer: Tracer, here: Estimate) -> list[tuple[Any, Any]]:
     """Corners (b, g) that enclose all true grids of an estimate (:eq:`estimate-polygon`).
 
     The image of a rectangle of (R, X) under 3V²(X, R)/|Z|²: its corners, and where the tangents of the two arcs that
     bulge outwards meet.
     """
-    r_1, r_2 = (tracer.blend((k,), (here.direction[0],)) + here.fixed[0] for k in (0, 1))
-    x_1, x_2 = ((tracer.blend((k,), (here.direction[1],)) + here.fixed[1]) * here.share for k in (2, 3))
+    one, more = tracer.constant(1.0), first_extra(system)
+    limits = []
+    for k in range(4):
+        limit = tracer.blend((k,), (here.direction[k // 2],))
+        if region.error_Z:
+            limit = limit + tracer.blend((more + k,), (one,))
+        limits.append(limit + here.fixed[k // 2])
+    r_1, r_2 = limits[:2]
+    x_1, x_2 = (limit * here.share for limit in limits[2:])
     found = [admittance(1.0, r, x, r * r + x * x) for r, x in ((r_1, x_1), (r_1, x_2), (r_2, x_1), (r_2, x_2))]
     found.append(admittance(1.0, r_1, (x_1 + x_2) * 0.5, r_1 * r_1 + x_1 * x_2))
     found.append(admittance(1.0, (r_1 + r_2) * 0.5, x_1, x_1 * x_1 + r_1 * r_2))

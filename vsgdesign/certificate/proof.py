@@ -81,7 +81,7 @@ def prove(
             seen += len(level)
             proved += int((~undecided).sum())
             level = level.take(undecided).halves(dimension[undecided])
-            broken = failing(points_of(system, region, _places(level, rng)), decay)
+            broken = failing(points_of(system, region, *_places(level, rng)), decay)
             if progress is not None:
                 progress("certificate", min(seen / budget, 1.0))
         if len(level) == 0 or len(broken):
@@ -89,14 +89,14 @@ def prove(
     return Outcome(decay, seen, proved, level, whole, broken)
 
 
-def _places(boxes: Boxes, rng: np.random.Generator) -> Array:
-    """Corners of some of the boxes and places in them, (M, 6)."""
+def _places(boxes: Boxes, rng: np.random.Generator) -> tuple[Boxes, Array]:
+    """Some of the boxes, M of them, with corners of them and places in them, (M, 6)."""
     if len(boxes) == 0:
-        return np.empty((0, 6))
+        return boxes, np.empty((0, 6))
     index = rng.choice(len(boxes), _SAMPLES)
     share = rng.uniform(0.0, 1.0, (_SAMPLES, 6))
     share[::2] = np.round(share[::2])
-    return boxes.low[index] + share * (boxes.high[index] - boxes.low[index])
+    return boxes.take(index), boxes.low[index] + share * (boxes.high[index] - boxes.low[index])
 
 
 def look_at(

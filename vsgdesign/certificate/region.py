@@ -8,13 +8,14 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.grid import MOST_ERROR_Z, SCR_BASES
+from vsgdesign.equations.grid import MOST_ERROR_Z, SCR_BASES, error_half_widths
 from vsgdesign.equations.power_flow import POWER_MARGIN, jacobian_from_powers, operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops_about_rest
 from vsgdesign.errors import Fault, InfeasibleStudyError
 from vsgdesign.frames import PHASES
 from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.schedule import Schedule
+from vsgdesign.runtime.table import TableSchedule
 
 Array = NDArray[np.float64]
 
@@ -63,6 +64,26 @@ class Region:
     error_Z: float = 0.0
     """The same of each, relative to \\|Z_g\\|: the larger of the two counts (:eq:`error-set`)."""
 
+    @property
+    def largest_error(self) -> float:
+        """What the coordinates of both errors run to, on both sides."""
+        return max(self.error, self.error_Z)
+
+    def error_scales(self, angle: Any) -> tuple[Any, Any]:
+        """Half-widths of the error set of a true grid with this angle, rad, relative to its R and X, over the largest
+        error: what the coordinates of the errors are multiplied with."""
+        R, X = np.cos(angle), np.sin(angle)
+        w_R, w_X = error_half_widths(R, X, self.error, self.error, self.error_Z)
+        return w_R / R / self.largest_error, w_X / X / self.largest_error
+
+    def holds(self, angle: Any, e_R: Any, e_L: Any) -> Any:
+        """Whether relative errors of R_g and L_g lie in the error set of a true grid with this angle, rad."""
+        if not self.error_Z:
+            return (np.abs(e_R) <= self.error) & (np.abs(e_L) <= self.error)
+        most = self.largest_error * (1.0 + 1e-12)
+        scale_R, scale_L = self.error_scales(angle)
+        return (np.abs(e_R) <= most * scale_R) & (np.abs(e_L) <= most * scale_L)
+
     def as_document(self) -> dict[str, Any]:
         """As a table's file has it."""
         found = asdict(self)
@@ -72,8 +93,9 @@ class Region:
 
     @property
     def limits(self) -> tuple[Array, Array]:
-        """The region's box in the coordinates of :class:`System`, (6,) each."""
-        scr, error = (1.0 / self.scr[1], 1.0 / self.scr[0]), (-self.error, self.error)
+        """The region's box in the coordinates of :class:`System`, (6,) each. With ``error_Z``, those of the errors are
+        shares of the error set's half-widths, as in the columns of :func:`point_of`."""
+        scr, error = (1.0 / self.scr[1], 1.0 / self.scr[0]), (-self.largest_error, self.largest_error)
         rows = [scr, np.arctan(self.x_over_r), self.P, self.Q, error, error]
         low, high = np.array(rows, dtype=float).T
         return low, high
@@ -125,6 +147,10 @@ class System:
 
     study: Study
     schedule: MeasuredSchedule
+    region: Region | None = None
+    """With a region that has ``error_Z``, a table's estimates are those within its axes: the scheduler draws all others
+    to them. A point with an estimate beyond the axes is drawn there, and left out where that is not in the error
+    set."""
 
     @property
     def scale(self) -> Array:
@@ -148,6 +174,9 @@ class System:
             inside = (V_rms >= low) & (V_rms <= high)
             inside &= PHASES * V_rms**2 >= POWER_MARGIN * np.hypot(R, X) * np.hypot(P, Q)
         points, R_g, L_g, R, X, V_rms = (value[inside] for value in (points, R_g, L_g, R, X, V_rms))
+        if self.region is not None and self.region.error_Z and isinstance(self.schedule, TableSchedule):
+            points, kept = self._drawn(points, R_g, L_g)
+            points, R_g, L_g, R, X, V_rms = (value[kept] for value in (points, R_g, L_g, R, X, V_rms))
         _, _, P, Q, e_R, e_L = points.T
         gains = self.schedule.gains_measured(R_g * (1.0 + e_R), L_g * (1.0 + e_L), P, Q, V_rms)
         bare = np.isnan(np.broadcast_to(np.asarray(gains.K_ip, dtype=float), P.shape))
@@ -161,6 +190,19 @@ class System:
                 'exist on this grid. Shrink the region, lower P_design, Q_design, or set operating_point = "reference".'
             )
         return Cells(points, R, X, V_rms, gains)
+
+    def _drawn(self, points: Array, R_g: Array, L_g: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Points with their estimates drawn into the table, and which of them are still in the error set."""
+        schedule: Any = self.schedule
+        region: Any = self.region
+        R_hat, L_hat = R_g * (1.0 + points[:, 4]), L_g * (1.0 + points[:, 5])
+        inside = schedule.place(R_hat, L_hat)
+        beyond = (inside.clipped_scr != 0) | (inside.clipped_x_over_r != 0)
+        axes = (schedule.scr[0], schedule.scr[-1]), (schedule.r_over_x[0], schedule.r_over_x[-1])
+        R_in, L_in, _ = schedule.drawn_to(R_hat, L_hat, *axes)
+        points = points.copy()
+        points[beyond, 4], points[beyond, 5] = (R_in / R_g - 1.0)[beyond], (L_in / L_g - 1.0)[beyond]
+        return points, np.asarray(~beyond | region.holds(points[:, 1], points[:, 4], points[:, 5]))
 
     def matrices(self, points: Array, partial: bool = False) -> tuple[Array, Array]:
         """Points (N, 6) that lie within the static limits, and their state matrices over ``scale``, (M, 3, 3).
@@ -189,7 +231,7 @@ def nodes(region: Region, count: int) -> Array:
     axes = [np.geomspace(*region.scr, count), np.geomspace(*region.x_over_r, count)]
     axes += [np.linspace(low[k], high[k], 3) for k in range(2, 6)]
     mesh = np.meshgrid(*(np.unique(axis) for axis in axes), indexing="ij")
-    return point_of(np.stack([axis.ravel() for axis in mesh], axis=1))
+    return point_of(np.stack([axis.ravel() for axis in mesh], axis=1), region)
 
 
 def random_points(region: Region, count: int, rng: np.random.Generator) -> Array:
@@ -198,11 +240,27 @@ def random_points(region: Region, count: int, rng: np.random.Generator) -> Array
     low[:2], high[:2] = np.log([[region.scr[0], region.x_over_r[0]], [region.scr[1], region.x_over_r[1]]])
     points = rng.uniform(low, high, (count, 6))
     points[:, :2] = np.exp(points[:, :2])
-    return point_of(points)
+    return point_of(points, region)
 
 
-def point_of(columns: Array) -> Array:
-    """Points (N, 6) from SCR, X/R, P, Q and both errors as columns."""
+def point_of(columns: Array, region: Region | None = None) -> Array:
+    """Points (N, 6) from SCR, X/R, P, Q and both errors as columns.
+
+    With a region that has ``error_Z`` the errors are shares of the error set, times its largest error; else they are
+    the relative errors themselves.
+    """
     points = columns.copy()
     points[:, 0], points[:, 1] = 1.0 / columns[:, 0], np.arctan(columns[:, 1])
+    if region is not None and region.error_Z:
+        for k, scale in zip((4, 5), region.error_scales(points[:, 1]), strict=True):
+            points[:, k] *= scale
+    return points
+
+
+def with_shares(points: Array, region: Region) -> Array:
+    """A copy of points with their errors as :func:`point_of` takes them."""
+    points = points.copy()
+    if region.error_Z:
+        for k, scale in zip((4, 5), region.error_scales(points[:, 1]), strict=True):
+            points[:, k] /= scale
     return points

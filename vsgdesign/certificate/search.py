@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.certificate.region import Region, System, point_of
+from vsgdesign.certificate.region import Region, System, point_of, with_shares
 
 Array = NDArray[np.float64]
 
@@ -34,14 +34,14 @@ def worst_points(
     low, high = region.limits
     low[:2], high[:2] = np.log([[region.scr[0], region.x_over_r[0]], [region.scr[1], region.x_over_r[1]]])
     for turn in range(_ROUNDS):
-        columns = np.repeat(points, _TRIES, axis=0)
+        columns = with_shares(np.repeat(points, _TRIES, axis=0), region)
         columns[:, 0], columns[:, 1] = -np.log(columns[:, 0]), np.log(np.tan(columns[:, 1]))
         # Some coordinates at a time: the worst is often on a limit of the others.
         moved = rng.random(columns.shape) < 0.5
         columns = columns + moved * rng.normal(size=columns.shape) * 0.2 * 0.7**turn * (high - low)
         columns = np.clip(columns, low, high)
         columns[:, :2] = np.exp(columns[:, :2])
-        tried, A = system.matrices(point_of(columns))
+        tried, A = system.matrices(point_of(columns, region))
         points, worth = np.concatenate([points, tried]), np.concatenate([worth, shortfall(tried, A)])
         best = np.argsort(-worth)[:_KEPT]
         points, worth = points[best], worth[best]

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.certificate.box_check import COORDINATES, FOLLOWED, survey
-from vsgdesign.certificate.boxes import ERROR_PARAMETERS, UNIT, Boxes, parameters_of, whole_region
+from vsgdesign.certificate.boxes import UNIT, Boxes, first_extra, parameters_of, whole_region
 from vsgdesign.certificate.enclosure import PIECES, Estimate, Loops
+from vsgdesign.certificate.error_bounds import EXTRA, error_bounds, error_segments
 from vsgdesign.certificate.proof import CHUNK, arrays, to_cut
 from vsgdesign.certificate.region import Cells, Region, System
 from vsgdesign.certificate.step_terms import (
@@ -27,7 +28,6 @@ from vsgdesign.certificate.tracing import Program, Symbol, Tracer, program_of
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_flow import POWER_MARGIN, operating_point_discriminant
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.frames import PHASES
 from vsgdesign.parameters.study import Converter
@@ -96,18 +96,17 @@ def prove_steps(
     a part of ``budget`` is used, what is left is tried with smaller sizes.
     """
     rng = np.random.default_rng(seed)
-    cells = whole_region(system, region)
-    boxes = _true_boxes(system, region, cells)
+    boxes, cells, kinds = _true_boxes(system, region, whole_region(system, region))
     level, seen = _Level(boxes, np.ones((len(boxes), len(PIECES)), dtype=np.bool_)), 0
     ready = _programs(system, region, shape, limits, max(current_pu, 1e-3))
     share = _SHARES[0]
     for turn, share in enumerate(_SHARES):
         part = budget * (turn + 1) / len(_SHARES)
         while len(level.boxes) and seen + len(level.boxes) <= part:
-            undecided, dimension = _looked_at(system, ready, level, cells, (share * sampled) ** 2)
+            undecided, dimension = _looked_at(system, ready, level, cells, kinds, (share * sampled) ** 2)
             seen += len(level.boxes)
             level = level.halves(undecided, dimension)
-            found = _cells_in(system, level.boxes, rng)
+            found = _cells_in(system, level.boxes, kinds, rng)
             sampled = np.minimum(sampled, step_sizes(system, found, shape, limits).min(axis=1, initial=np.inf))
             current_pu = max(current_pu, float(rest_current_pu(system, found).max(initial=0.0)))
             if not sampled.all():  # a limit acts at rest
@@ -117,13 +116,16 @@ def prove_steps(
     return StepProof(share * sampled, sampled, current_pu, seen, len(level.boxes) == 0)
 
 
-def _cells_in(system: System, boxes: Boxes, rng: np.random.Generator) -> Cells:
+def _cells_in(system: System, boxes: Boxes, kinds: Array, rng: np.random.Generator) -> Cells:
     """The cells at some places in boxes."""
     count = _PLACES if len(boxes) else 0
     index = rng.integers(max(len(boxes), 1), size=count)
     share = rng.uniform(0.0, 1.0, (count, COORDINATES))
     share[::2] = np.round(share[::2])
     points = boxes.low[index] + share * (boxes.high[index] - boxes.low[index])
+    for k, side in ((0, np.cos(points[:, 1])), (1, np.sin(points[:, 1]))) if len(kinds) else ():
+        a, b = kinds[2 * k : 2 * k + 2, boxes.piece[index]]
+        points[:, 4 + k] *= a + b / side
     points[:, 0] = SCR_BASES[system.study.scr_basis].counted(
         points[:, 0] * np.cos(points[:, 1]), points[:, 0] * np.sin(points[:, 1])
     )
@@ -131,12 +133,14 @@ def _cells_in(system: System, boxes: Boxes, rng: np.random.Generator) -> Cells:
     return system.cells(points, partial=True)
 
 
-def _true_boxes(system: System, region: Region, cells: Boxes) -> Boxes:
+def _true_boxes(system: System, region: Region, cells: Boxes) -> tuple[Boxes, Boxes, Array]:
     """The region by |Z_g| (pu), the grid's angle, P and Q in V²/|Z_g|, and both errors: once for each cell of a table.
 
-    Boxes of true grids, not of estimates as elsewhere: the errors then act through the gains alone.
+    Boxes of true grids, not of estimates as elsewhere: the errors then act through the gains alone. Also returns the
+    cells by the pieces of these boxes; and, with ``error_Z``, what the coordinates of the errors stand for, (4, pieces)
+    of :func:`~vsgdesign.certificate.error_bounds.error_segments`, else (0, pieces).
     """
-    e, c = region.error, system.study.converter
+    e, c = region.largest_error, system.study.converter
     sines = np.sin(np.arctan(region.x_over_r))
     size = np.array([1.0 / region.scr[1], 1.0 / region.scr[0]])
     if not SCR_BASES[system.study.scr_basis].counts_resistance:
@@ -144,14 +148,25 @@ def _true_boxes(system: System, region: Region, cells: Boxes) -> Boxes:
     rows_ = [size, np.arctan(region.x_over_r), np.divide(region.P, c.S_rated), np.divide(region.Q, c.S_rated)]
     low, high = np.array([*rows_, [-e, e], [-e, e]]).T
     count = len(cells)
-    return Boxes(np.tile(low, (count, 1)), np.tile(high, (count, 1)), np.arange(count))
+    if not region.error_Z:
+        return Boxes(np.tile(low, (count, 1)), np.tile(high, (count, 1)), np.arange(count)), cells, np.zeros((0, count))
+    if not isinstance(system.schedule, TableSchedule):  # pieces of angles alone, which say nothing here
+        cells, count = cells.take([0]), 1
+    from_, to, rows_ = error_segments(region)
+    cells = cells.take(np.repeat(np.arange(count), len(from_)))
+    low, high = np.tile(low, (len(cells), 1)), np.tile(high, (len(cells), 1))
+    low[:, 1], high[:, 1] = np.tile(from_, count), np.tile(to, count)
+    pieces = np.arange(len(cells))
+    bounds = error_bounds(region, cells.low[:, 1], cells.high[:, 1])
+    return Boxes(low, high, pieces), replace(cells, piece=pieces, errors=bounds), np.tile(rows_, count)
 
 
-def _parameters(system: System, boxes: Boxes, cells: Boxes) -> Array:
-    """The parameters of a box's cell of the table, then the limits of that cell: first coordinate and R̂/X̂."""
+def _parameters(system: System, boxes: Boxes, cells: Boxes, kinds: Array) -> Array:
+    """The parameters of a box's cell of the table, then the limits of that cell: first coordinate and R̂/X̂; then what
+    the coordinates of the errors stand for."""
     own = parameters_of(system, boxes, cells)
     limits = [cells.low[:, 0], cells.high[:, 0], 1.0 / np.tan(cells.high[:, 1]), 1.0 / np.tan(cells.low[:, 1])]
-    return np.concatenate([own, np.array(limits)[:, boxes.piece]])
+    return np.concatenate([own, np.array(limits)[:, boxes.piece], kinds[:, boxes.piece]])
 
 
 def _programs(system: System, region: Region, shape: LevelShape, limits: ActingLimits, typical_pu: float) -> _Programs:
@@ -159,13 +174,20 @@ def _programs(system: System, region: Region, shape: LevelShape, limits: ActingL
     shunt = c.omega_n * system.study.filter.C * c.Z_base
     V_g = system.study.grid_source.V_g_rms / c.V_rated_rms
     table = isinstance(system.schedule, TableSchedule)
-    own = ERROR_PARAMETERS + (4 * len(NormalisedGains._fields) if table else 0)
+    own = first_extra(system) + (EXTRA if region.error_Z else 0)
     programs, between = [], []
     for piece in PIECES:
         tracer = Tracer(COORDINATES)
         size, angle, P, Q, e_R, e_L = tracer.symbols()
         true_r, true_x = np.cos(angle), np.sin(angle)
-        here = Estimate.about(system, size, (true_r * (1.0 + e_R), true_x * (1.0 + e_L)))
+        if region.error_Z:
+            estimate = tuple(
+                value * (1.0 + tracer.blend((own + 4 + 2 * k,), (c_k,))) + tracer.blend((own + 5 + 2 * k,), (c_k,))
+                for k, (value, c_k) in enumerate(((true_r, e_R), (true_x, e_L)))
+            )
+            here = Estimate.about(system, size, (estimate[0], estimate[1]))
+        else:
+            here = Estimate.about(system, size, (true_r * (1.0 + e_R), true_x * (1.0 + e_L)))
         path = (true_r + here.fixed[0], (true_x + here.fixed[1]) * here.share)
         V, inverse_V, conditions = _at_rest(c, V_g, P, Q, size, *path)
         if not SCR_BASES[system.study.scr_basis].counts_resistance:
@@ -214,13 +236,13 @@ def _at_rest(
 
 
 def _looked_at(
-    system: System, ready: _Programs, level: _Level, cells: Boxes, squares: Array
+    system: System, ready: _Programs, level: _Level, cells: Boxes, kinds: Array, squares: Array
 ) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
     """For each box whether the conditions are undecided, and the coordinate to cut. A piece of the schedule on which
     they are decided is not ``alive`` any more."""
     low, high = level.boxes.low, level.boxes.high
     score = np.zeros((len(low), FOLLOWED + 1))
-    parameters = _parameters(system, level.boxes, cells)
+    parameters = _parameters(system, level.boxes, cells, kinds)
     signs = np.zeros((0, 0), dtype=np.int64)
     for case, (program, conditions) in enumerate(zip(ready.programs, ready.conditions, strict=True)):
         some = np.flatnonzero(level.alive[:, case])

@@ -178,6 +178,9 @@ def report(study_file: str, out: str | None, pdf: bool, as_json: bool) -> None:
     "--error", type=float, default=None, help="Relative error of R_g and of L_g.  [default: the table's, else 0.2]"
 )
 @click.option(
+    "--error-z", type=float, default=None, help="The same of |Z_g|, where that is more.  [default: the table's, else 0]"
+)
+@click.option(
     "--rate", type=float, default=float("inf"), help="Largest |d ln SCR/dt| and |d ln(X/R)/dt|, 1/s.  [default: inf]"
 )
 @click.option("--decay", type=float, default=None, help="Decay rate to prove, 1/s.  [default: the largest]")
@@ -198,6 +201,7 @@ def certify(
     p_pu: tuple[float, float] | None,
     q_pu: tuple[float, float] | None,
     error: float | None,
+    error_z: float | None,
     rate: float,
     decay: float | None,
     boxes: int,
@@ -218,7 +222,7 @@ def certify(
 
     study = _load(study_file)
     named = Ready(tables=read_tables(study))
-    spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate, named)
+    spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate, named, error_z)
     with _progress(quiet=as_json) as progress:
         ready = Ready(tables=make_tables(replace(study, controllers=(spec,)), progress=progress))
         found = certify(study, spec, region, ready=ready, decay=decay, budget=boxes, progress=progress)

@@ -143,8 +143,8 @@ def certify(
     The result is a certificate, or a cell that makes one impossible. ``table`` holds the gains of a controller that
     takes them from a table; without it the table is read or designed first. ``decay`` is the decay rate in 1/s to be
     proved; None asks for the largest. ``region`` may hold the pairs ``scr``, ``x_over_r``, ``P_pu`` and ``Q_pu``, and
-    ``error`` and ``rate`` (1/s), as in :func:`vsgdesign.certificate.region_of`. Whatever it leaves out is taken from
-    the box of the table. A certificate also says after which steps no limit acts. Raises the errors of
+    ``error``, ``error_Z`` and ``rate`` (1/s), as in :func:`vsgdesign.certificate.region_of`. Whatever it leaves out is
+    taken from the box of the table. A certificate also says after which steps no limit acts. Raises the errors of
     :func:`vsgdesign.certificate.certify`.
     """
     from vsgdesign.artifacts.ready import Ready, read_tables

@@ -173,7 +173,7 @@ def _edges(limits: tuple[float, float], count: int) -> list[tuple[float, float]]
 
 def _part(system: System, region: Region, law: SwingLaw, start: SwingStart, budget: int) -> SwingPart:
     """The conditions one after another, the cheap ones first."""
-    exact, angle, error = replace(region, error=0.0), start.angle, start.angle_error
+    exact, angle, error = replace(region, error=0.0, error_Z=0.0), start.angle, start.angle_error
     estimates, grids = whole_region(system, region), whole_region(system, exact)
     stages = [
         ("gains", gains_tests(system, region, law), gains_hold, estimates),

@@ -1,0 +1,134 @@
+"""What may be behind an estimate, on boxes of estimates: the true grids of :eq:`error-set` with an error of |Z|.
+
+Without ``error_Z`` the truth behind an estimate is R̂/(1 + e), and a box has the relative error e as its coordinate.
+With it, a small R̂ may hide a truth that is far from it in proportion, and R̂ itself may be zero. The coordinate c then
+stands for R = R̂/(1 + a c) − b c|Ẑ| + m|Ẑ|: either a is zero, or b and m are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.certificate.region import Region
+from vsgdesign.equations.grid import ScrBasis, truth_behind
+
+Array = NDArray[np.float64]
+
+EXTRA = 12
+"""Parameters of a box beside those of a relative error: see :func:`box_parameters`."""
+
+_STEEP = float(np.arctan(50.0))
+
+_TURN = 2.0
+"""Largest ratio of the ends of a piece of angles, as X/R: the bounds of a piece are those of its worst angle."""
+
+
+@dataclass(frozen=True)
+class ErrorBounds:
+    """Of K pieces of estimates: a, b and m of R and of X, arrays (K,) each; and whether the error set of the truth is
+    that of |Z| alone, so that what lies outside it can be left out."""
+
+    R: tuple[Array, Array, Array]
+    X: tuple[Array, Array, Array]
+    only_Z: tuple[Array, Array]
+
+
+def error_bounds(region: Region, low: Array, high: Array) -> ErrorBounds:
+    """The bounds of pieces by the least and largest angle of their estimates, (K,) each in rad (:eq:`truth-bounds`).
+
+    Behind the estimates of a piece, R and X lie between those whose error is largest; both grow with R̂ and X̂, so the
+    largest R̂ and X̂ of the piece bound all.
+    """
+    e, e_Z = region.error, region.error_Z
+    R_hat, X_hat = np.cos(low), np.sin(np.minimum(high, 0.5 * np.pi))
+    R_most, X_most = truth_behind(R_hat, X_hat, -1.0, -1.0, e, e, e_Z)
+    largest = e_Z * np.hypot(R_most, X_most)
+    R_least, X_least = np.cos(high), np.sin(low)
+    found = []
+    for most, least, other_most in ((R_hat, R_least, X_most), (X_hat, X_least, R_most)):
+        # Relative alone: the truth with the least R behind the least R̂ still has the larger error from its own R.
+        own = least / (1.0 + e)
+        relative = (least > 0.0) & (e * own >= e_Z * np.hypot(own, other_most) * (1.0 + 1e-9))
+        up = np.maximum(e * np.maximum(most, 0.0) / (1.0 - e), largest)
+        down = np.maximum(e * np.maximum(most, 0.0) / (1.0 + e), largest)
+        scale = region.largest_error
+        half, middle = 0.5 * (up + down) * (1.0 + 1e-12), 0.5 * (up - down)
+        a, b, m = (np.where(relative, *pair) for pair in ((e / scale, 0.0), (0.0, half / scale), (0.0, middle)))
+        found.append((a, b, m))
+    # |Z| alone: the truth with the largest R and the least X of all is still nearer in R than ε|Z|.
+    X_few, R_few = (np.maximum(np.minimum(one / (1.0 + e), one - largest), 0.0) for one in (X_least, R_least))
+    only_R = e * R_most <= e_Z * np.hypot(R_most, X_few)
+    only_X = e * X_most <= e_Z * np.hypot(X_most, R_few)
+    return ErrorBounds(found[0], found[1], (1.0 * only_R, 1.0 * only_X))
+
+
+def reach(region: Region, basis: ScrBasis) -> tuple[float, float]:
+    """A least and a largest value of Ẑ over Z in the error set: of their magnitudes, or of X̂ and X for a basis that
+    counts these alone."""
+    e, e_Z = region.error, region.error_Z
+    most = float(np.hypot(max(e, e_Z), e_Z))
+    if not basis.counts_resistance:
+        most = max(e, e_Z / float(np.sin(np.arctan(region.x_over_r[0]))))
+    return 1.0 - most, 1.0 + most
+
+
+def angles(region: Region) -> tuple[float, float]:
+    """A least and a largest angle of the estimates, rad: R̂ may be negative."""
+    e, e_Z = region.error, region.error_Z
+    low, high = (float(np.arctan(ratio)) for ratio in region.x_over_r)
+    R, X = np.cos(low), np.sin(low)
+    least = np.arctan2(X - max(e * X, e_Z), R + max(e * R, e_Z))
+    R, X = np.cos(high), np.sin(high)
+    R_hat, X_hat = R - max(e * R, e_Z), X + max(e * X, e_Z)
+    if R_hat < 0.0:  # further from π/2 with a small X̂; a truth with R < ε|Z| has at least this X
+        X_hat = np.sqrt(1.0 - e_Z * e_Z) - max(e, e_Z)
+    return float(least), float(np.arctan2(X_hat, R_hat))
+
+
+def finer(pieces: list[Array]) -> list[Array]:
+    """Pieces of angles (2,) cut so that none is too long for one bound."""
+    found = []
+    for low, high in pieces:
+        first, last = np.tan(low), np.tan(high) if high < _STEEP else np.tan(_STEEP)
+        count = max(int(np.ceil(np.log(last / first) / np.log(_TURN) - 1e-9)), 1) if 0.0 < first < last else 1
+        inner = np.arctan(np.geomspace(first, last, count + 1)[1:]).tolist() if count > 1 else []
+        cuts = [float(low), *(cut for cut in inner if cut < high * (1.0 - 1e-12)), float(high)]
+        found += [np.array(pair) for pair in pairwise(cuts)]
+    return found
+
+
+def box_parameters(bounds: ErrorBounds, piece: NDArray[np.intp], low: Array, high: Array) -> tuple[Array, Array]:
+    """Parameters of N boxes, (4, N) and (EXTRA, N), by their pieces and their limits (N, 2) of both coordinates c.
+
+    The limits of R and of X are factor · R̂ + addend · |Ẑ|. The first result has the factors: of the least and the
+    largest R, then of X. The second has the four addends in the same order, then a, b and m of R, then of X, then
+    ``only_Z`` of both.
+    """
+    factors, addends, rest = [], [], []
+    for k, (a, b, m) in enumerate((bounds.R, bounds.X)):
+        a, b, m = a[piece], b[piece], m[piece]
+        for c in (high[:, k], low[:, k]):
+            factors.append(1.0 / (1.0 + a * c))
+            addends.append(m - b * c)
+        rest += [a, b, m]
+    return np.array(factors), np.array([*addends, *rest, *(one[piece] for one in bounds.only_Z)])
+
+
+def error_segments(region: Region) -> tuple[Array, Array, Array]:
+    """Pieces of true angles on which the same kind of error is the larger one: their least and largest angle, (K,) in
+    rad, and (4, K) a and b of R, then of X, with R̂ = R(1 + a c) + b c|Z| for a coordinate c of the error."""
+    e, e_Z, scale = region.error, region.error_Z, region.largest_error
+    low, high = np.arctan(region.x_over_r)
+    share = min(e_Z / e, 1.0) if e > 0.0 else 1.0
+    turns = [float(angle) for angle in (np.arccos(share), np.arcsin(share)) if low < angle < high]
+    cuts = np.array([low, *sorted(set(turns)), high])
+    middle = 0.5 * (cuts[1:] + cuts[:-1])
+    rows = []
+    for value in (np.cos(middle), np.sin(middle)):
+        own = e * value >= e_Z
+        rows += [np.where(own, e / scale, 0.0), np.where(own, 0.0, e_Z / scale)]
+    return cuts[:-1], cuts[1:], np.array(rows)
