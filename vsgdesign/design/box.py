@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.grid import error_half_widths, truth_behind
+from vsgdesign.certificate.error_bounds import truth_behind
+from vsgdesign.equations.grid import error_half_widths
 from vsgdesign.equations.power_flow import POWER_MARGIN, operating_point
 from vsgdesign.frames import rated_current_rms, rms_to_peak
 from vsgdesign.parameters.specification import Specification

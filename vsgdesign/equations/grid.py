@@ -37,9 +37,7 @@ def scr_reactance(R_g: Any, L_g: Any, Z_base: Any, omega: Any) -> Any:
 
 
 MOST_ERROR_Z = 0.3
-"""Largest error_Z. With it, :func:`truth_behind` is a contraction whose remainder is below rounding."""
-
-_TURNS = 45
+"""Largest error_Z that is designed for."""
 
 
 def error_half_widths(R: Any, X: Any, error_R: Any, error_X: Any, error_Z: Any) -> tuple[Any, Any]:
@@ -50,33 +48,6 @@ def error_half_widths(R: Any, X: Any, error_R: Any, error_X: Any, error_Z: Any) 
     """
     least = error_Z * np.hypot(R, X)
     return np.maximum(error_R * np.abs(R), least), np.maximum(error_X * np.abs(X), least)
-
-
-def truth_behind(
-    R_hat: Any, X_hat: Any, sign_R: Any, sign_X: Any, error_R: Any, error_X: Any, error_Z: Any
-) -> tuple[Any, Any]:
-    """The true R and X whose estimate is off by the whole half-widths of :eq:`error-set` and is (R_hat, X_hat).
-
-    ``sign_R``, ``sign_X``: 1 where the estimate is too large, −1 where it is too small, 0 where it is exact. R may come
-    out negative: then no true grid has this estimate with this error. Every true grid whose error set contains the
-    estimate lies in the rectangle of the four results.
-    """
-    R, X = R_hat / (1.0 + sign_R * error_R), X_hat / (1.0 + sign_X * error_X)
-    if not np.any(error_Z):
-        return R, X
-    size = np.hypot(R, X)
-    for _ in range(_TURNS):
-        off = error_Z * size
-        size = np.hypot(_further(R, R_hat, sign_R, off), _further(X, X_hat, sign_X, off))
-    off = error_Z * size
-    return _further(R, R_hat, sign_R, off), _further(X, X_hat, sign_X, off)
-
-
-def _further(value: Any, estimate: Any, sign: Any, off: Any) -> Any:
-    """The larger error decides: the lower truth behind an estimate that is too large, the higher behind one too
-    small."""
-    other = estimate - sign * off
-    return np.where(np.asarray(sign) > 0, np.minimum(value, other), np.maximum(value, other))
 
 
 class ScrBasis(NamedTuple):

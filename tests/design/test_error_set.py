@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsgdesign.equations.grid import MOST_ERROR_Z, error_half_widths, truth_behind
+from vsgdesign.certificate.error_bounds import truth_behind
+from vsgdesign.equations.grid import MOST_ERROR_Z, error_half_widths
 from vsgdesign.runtime.floats import on_floats
 
 ANGLES = st.floats(0.05, 1.52)
