@@ -12,7 +12,7 @@ import numpy as np
 
 from evidence._field_converters import Converter, converter_named, events_of, references, resting_currents
 from evidence._field_draws import FieldDraw
-from vsgdesign.errors import SimulationDivergedError
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.metrics.answers import (
     VERY_WRONG,
     Answers,
@@ -88,13 +88,20 @@ def _sensors(draw: FieldDraw) -> SensorSpec:
 
 
 def run_field(draw: FieldDraw) -> dict[str, Any]:
-    """A draw through the EMT with the estimator driving the schedule, and its figures."""
+    """A draw through the EMT with the estimator driving the schedule, and its figures.
+
+    ``left_out`` says why there are none: with the gains of the start it has no steady state, or the run diverged.
+    """
     begin = time.perf_counter()
     converter = converter_of(draw.converter)
     study = study_of(converter, draw)
-    simulation, answers = simulate_field(converter, study)
+    name = {"group": draw.group, "converter": draw.converter, "seed": draw.seed}
+    try:
+        simulation, answers = simulate_field(converter, study)
+    except InfeasibleStudyError as error:
+        return name | {"left_out": str(error)}
     if simulation.divergence is not None:
-        raise SimulationDivergedError(f"{draw}: {simulation.divergence.reason}")
+        return name | {"left_out": simulation.divergence.reason}
     found = figures_of(draw, answers, 2.0 * math.pi / study.converter.omega_n)
     return found | {"seconds": round(time.perf_counter() - begin, 3)}
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from evidence._field_converters import Converter, after, bridge_current, events_of, references
 from evidence._field_draws import FieldDraw
 from evidence._field_runs import converter_of, simulate_field, study_of
-from vsgdesign.errors import NoOperatingPointError
+from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.metrics.answers import (
     VERY_WRONG,
     WRONG,
@@ -23,6 +23,7 @@ from vsgdesign.metrics.answers import (
     valid_and_wrong,
 )
 from vsgdesign.metrics.survival import (
+    NO_REST,
     ExpectedRest,
     Survival,
     SurvivalDemand,
@@ -86,11 +87,14 @@ def run_survival(task: Task) -> dict[str, Any]:
     study = study_of(converter, draw)
     study = replace(study, simulation=replace(study.simulation, log_interval=c.T_s))
     answers = None
-    if task.variant == "field":
-        simulation, answers = simulate_field(converter, study)
-    else:
-        simulation = simulate(study, LateSchedule(study, converter.spec, _told(build_timeline(study))))
-    verdict = judged(converter, draw, study, simulation)
+    try:
+        if task.variant == "field":
+            simulation, answers = simulate_field(converter, study)
+        else:
+            simulation = simulate(study, LateSchedule(study, converter.spec, _told(build_timeline(study))))
+        verdict = judged(converter, draw, study, simulation)
+    except InfeasibleStudyError as error:
+        verdict = Survival(status=NO_REST, reason=f"before the event: {error}")
     found: dict[str, Any] = {
         "group": draw.group,
         "converter": draw.converter,

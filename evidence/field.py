@@ -62,11 +62,21 @@ def draws(share_of_all: float, seed: int) -> list[FieldDraw]:
     return sorted(found, key=lambda draw: -draw.duration_s)
 
 
-def markdown(rows: list[Row]) -> tuple[str, dict[str, Any]]:
+def markdown(everything: list[Row]) -> tuple[str, dict[str, Any]]:
     """All tables, and the same as data."""
+    rows = [row for row in everything if "left_out" not in row]
     asked, data = asked_table(rows)
-    lines = [f"{len(rows)} runs, {sum(row['duration_s'] for row in rows) / 3600.0:.2f} h of simulated time.", ""]
-    lines += [*asked, "", "Error at rest by SCR and X/R, %: median / p95, coverage.", ""]
+    hours = sum(row["duration_s"] for row in rows) / 3600.0
+    lines = [
+        f"{len(rows)} runs, {hours:.2f} h of simulated time; {len(everything) - len(rows)} more were left out.",
+        "",
+    ]
+    lines += [
+        f"- {row['converter']}, {row['group']}, seed {row['seed']}: {row['left_out']}"
+        for row in everything
+        if "left_out" in row
+    ]
+    lines += ["", *asked, "", "Error at rest by SCR and X/R, %: median / p95, coverage.", ""]
     lines += bins_table(of(rows, "rest", "long rest"), rest_of_bin)
     lines += ["", "Time to stay within 10 % after a jump, ms: median / p95 (runs), by the new grid.", ""]
     lines += bins_table(of(rows, "jump"), found_of_bin)
