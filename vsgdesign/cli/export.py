@@ -34,6 +34,12 @@ def export() -> None:
 )
 @click.option("--grid-phase", is_flag=True, help="The windows will start at the grid phase of the training.")
 @click.option(
+    "--estimator",
+    type=click.Choice(["field", "none"]),
+    default=None,
+    help="Also the field estimator for the converter of --study, or not.  [default: as the study's controllers]",
+)
+@click.option(
     "--rate", type=float, default=None, metavar="1/s", help="Largest rate of SCR and R/X.  [default: certified]"
 )
 @JSON
@@ -46,10 +52,11 @@ def c(
     v_limit: float | None,
     i_limit: float | None,
     grid_phase: bool,
+    estimator: str | None,
     rate: float | None,
     as_json: bool,
 ) -> None:
-    """Write C99 of the scheduler, the power loops and the network, with a self-test and all hashes."""
+    """Write C99 of the scheduler, the controller and the estimator, with a self-test and all hashes."""
     from vsgdesign.export import export_c_files
 
     study = None if study_file is None else load(study_file)
@@ -62,6 +69,7 @@ def c(
         v_limit=v_limit,
         i_limit=i_limit,
         grid_phase=grid_phase,
+        estimator=estimator,
         **changes,
     )
     if as_json:

@@ -18,7 +18,9 @@ from vsgdesign.artifacts.folders import check_folder_target, staged_folder, writ
 from vsgdesign.artifacts.table_text import certificate_sentence
 from vsgdesign.equations.limiters import CIRCULAR, limiter_named
 from vsgdesign.errors import ArtifactError
+from vsgdesign.export.field import ConverterConstants, converter_constants, field_content
 from vsgdesign.export.known_answers import known_answers, known_steps, known_windows
+from vsgdesign.export.known_cycles import known_cycles
 from vsgdesign.export.laws import laws_content
 from vsgdesign.frames import rated_current_rms, rms_to_peak
 from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
@@ -62,6 +64,12 @@ FILES = (
     "INTEGRATION.md",
 )
 
+FIELD_FILES = ("vsg_field_laws.h", "vsg_field.c", "vsg_converter.c")
+"""What a folder with the field estimator has besides FILES."""
+
+ESTIMATORS = ("field", "none")
+"""What an export may be asked for besides a network."""
+
 _BLOCK = 20
 """Samples that are summed before they join the whole: single precision keeps a digit more."""
 
@@ -101,19 +109,23 @@ def export_c_files(
     i_limit: float | None = None,
     grid_phase: bool = False,
     limiter: str | None = None,
+    estimator: str | None = None,
     **changes: Any,
 ) -> ExportedC:
     """C from a table's and a network's file into the folder ``out``.
 
     ``v_limit`` (V) and ``i_limit`` (A) are the sensors' limits, four times the rated peaks where they are not given;
     ``study`` refuses a table that was not designed from it. ``limiter`` is how the exported controller limits its
-    current, as studies name it; None is the study's own, and ``circular`` without a study. ``changes`` go to the
+    current, as studies name it; None is the study's own, and ``circular`` without a study. ``estimator`` is ``field``
+    for the field estimator of the study's converter and ``none`` for none; None is ``field`` if a controller of the
+    study has ``estimate = "field"``. ``changes`` go to the
     settings as in :func:`vsgdesign.runtime.guards.settings_of`. Raises ArtifactError with what to do: a file that is
     damaged, newer or of another case, a folder with other files.
     """
     found = read_table_of(table, study)
     if limiter is None:
         limiter = CIRCULAR.name if study is None else study.current_limiter
+    converter = _converter_of(study, estimator, limiter)
     origin = Origin(
         table=found.name,
         table_sha256=found.sha256,
@@ -122,7 +134,7 @@ def export_c_files(
         certificate=certificate_sentence(found.certificate),
         limiter=limiter,
     )
-    estimator = None
+    network = None
     if weights is not None:
         from vsgdesign.artifacts.network_weights import read_network_weights
 
@@ -131,7 +143,7 @@ def export_c_files(
         _check_same_converter(trained, base)
         peak_v = rms_to_peak(base.V_rated_rms)
         peak_i = rms_to_peak(rated_current_rms(base.S_rated, base.V_rated_rms))
-        estimator = neural_estimator(
+        network = neural_estimator(
             trained,
             sample_interval=window.sample_interval,
             channels=window.channels,
@@ -144,7 +156,28 @@ def export_c_files(
             origin, weights_sha256=trained.hash, channels=window.channels, sample_interval=window.sample_interval
         )
     inputs = [path for path in (table, weights) if path is not None]
-    return export_c(scheduler_of(found, estimator, **changes), origin, out, inputs=inputs)
+    return export_c(scheduler_of(found, network, **changes), origin, out, inputs=inputs, converter=converter)
+
+
+def _converter_of(study: Study | None, estimator: str | None, limiter: str) -> ConverterConstants | None:
+    """The constants of the study's converter for a folder with the field estimator; None for one without."""
+    if estimator is not None and estimator not in ESTIMATORS:
+        raise ArtifactError(f'estimator = "{estimator}": unknown. Known: {", ".join(ESTIMATORS)}.')
+    if estimator == "field" and study is None:
+        raise ArtifactError(
+            "estimator = field: it is made for a converter and its filter, and no study says which. Give the study "
+            "(--study STUDY.toml)."
+        )
+    if study is None or estimator == "none":
+        return None
+    if estimator is None and all(controller.estimate != "field" for controller in study.controllers):
+        return None
+    if limiter != study.current_limiter:
+        raise ArtifactError(
+            f'limiter = "{limiter}": the study\'s converter has "{study.current_limiter}", and its constants are '
+            "exported with the estimator. Leave the limiter out, or change current_limiter in the study."
+        )
+    return converter_constants(study)
 
 
 def _check_same_converter(trained: NetworkWeights, base: TableBase) -> None:
@@ -170,8 +203,16 @@ def network_of(scheduler: Scheduler) -> NeuralEstimator | None:
     )
 
 
-def export_c(scheduler: Scheduler, origin: Origin, out: str | Path, *, inputs: Iterable[str | Path] = ()) -> ExportedC:
-    """C of a scheduler into the folder ``out``, which appears when everything is written.
+def export_c(
+    scheduler: Scheduler,
+    origin: Origin,
+    out: str | Path,
+    *,
+    inputs: Iterable[str | Path] = (),
+    converter: ConverterConstants | None = None,
+) -> ExportedC:
+    """C of a scheduler into the folder ``out``, which appears when everything is written. With the constants of a
+    ``converter`` it also has the field estimator.
 
     A folder from an earlier export is replaced as long as its files are as they were written, and none of the
     ``inputs`` is in it. Raises ArtifactError.
@@ -179,7 +220,7 @@ def export_c(scheduler: Scheduler, origin: Origin, out: str | Path, *, inputs: I
     out, inputs = Path(out), tuple(inputs)
     check_folder_target(out, KIND, inputs, MANIFEST)  # before the work rather than after it
     estimator = network_of(scheduler)
-    texts = render(scheduler, origin)
+    texts = render(scheduler, origin, converter)
     manifest = plain(
         {
             "schema": SCHEMA,
@@ -196,6 +237,7 @@ def export_c(scheduler: Scheduler, origin: Origin, out: str | Path, *, inputs: I
                 "v_limit": estimator.v_limit,
                 "i_limit": estimator.i_limit,
             },
+            "field": None if converter is None else converter.field_settings._asdict(),
         }
     )
     with staged_folder(out, KIND, inputs=inputs, record=MANIFEST) as folder:
@@ -205,7 +247,7 @@ def export_c(scheduler: Scheduler, origin: Origin, out: str | Path, *, inputs: I
     return ExportedC(out, manifest)
 
 
-def render(scheduler: Scheduler, origin: Origin) -> dict[str, str]:
+def render(scheduler: Scheduler, origin: Origin, converter: ConverterConstants | None = None) -> dict[str, str]:
     """Every file's text by name."""
     import jinja2
 
@@ -220,17 +262,18 @@ def render(scheduler: Scheduler, origin: Origin) -> dict[str, str]:
         keep_trailing_newline=True,
         autoescape=False,
     )
-    content = _content(scheduler, origin)
-    return {name: environment.get_template(f"{name}.j2").render(content) for name in FILES}
+    content = _content(scheduler, origin) | {"field": None if converter is None else _field(converter)}
+    names = FILES if converter is None else (*FILES, *FIELD_FILES)
+    return {name: environment.get_template(f"{name}.j2").render(content) for name in names}
 
 
 def generator_hash() -> str:
     """SHA-256 of the templates and of the modules that fill them; the equations are in the files' own hashes."""
     digest = hashlib.sha256()
     room = resources.files("vsgdesign.export")
-    for name in sorted(f"{name}.j2" for name in FILES):
+    for name in sorted(f"{name}.j2" for name in (*FILES, *FIELD_FILES)):
         digest.update((room / "templates" / name).read_bytes())
-    for name in ("c_code.py", "known_answers.py", "laws.py"):
+    for name in ("c_code.py", "field.py", "known_answers.py", "known_cycles.py", "laws.py"):
         digest.update((room / name).read_bytes())
     printer = resources.files("vsgdesign.codegen")
     for name in sorted(file.name for file in printer.iterdir() if file.name.endswith(".py")):
@@ -346,6 +389,22 @@ def _steps(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
         "step_settings": initialiser(known.settings),
         "step_size": initialiser(known.size),
         "step_fields": known.size._fields,
+    }
+
+
+def _field(converter: ConverterConstants) -> dict[str, Any]:
+    """The field estimator, with known answers."""
+    known = known_cycles(converter.field_settings)
+    return field_content() | {
+        "settings": initialiser(converter.field_settings),
+        "inner_gains": initialiser(converter.inner_gains),
+        "references": initialiser(converter.references),
+        "controller_settings": initialiser(converter.controller_settings),
+        "known": [
+            {"R_g": literal(one.R_g), "L_g": literal(one.L_g), "sigma": literal(one.sigma), "valid": int(one.valid)}
+            for one in known.answers
+        ],
+        "known_plant": {name: literal(value) for name, value in known.plant._asdict().items()},
     }
 
 

@@ -12,16 +12,20 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.equations.controller import ControllerOutput, ControllerSettings, Measurement
+from vsgdesign.equations.field import FieldSettings
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import ArtifactError
+from vsgdesign.export.compiled_field import CompiledConverter, CompiledField
 from vsgdesign.runtime.guards import TOLD_CHANGED, TOLD_LIMITED, TOLD_SURPRISED
 from vsgdesign.runtime.state import SchedulerState
 from vsgdesign.runtime.updating import Answer, Covariance
 
 SOURCES = ("vsg.c", "vsg_data.c", "vsg_power.c", "vsg_control.c", "vsg_selftest.c")
+FIELD_SOURCES = ("vsg_field.c", "vsg_converter.c")
+"""The C files of every folder, and those of a folder with the field estimator."""
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror")
 
 
@@ -44,10 +48,16 @@ def compile_c(
     ffi.cdef(_declarations(folder, compiler, precision))
     with tempfile.TemporaryDirectory(prefix="vsg") as build:
         library = Path(build) / "libvsg.so"
-        sources = [str(folder / name) for name in SOURCES]
+        sources = [str(path) for path in sources_of(folder)]
         run_compiler([compiler, *STRICT, *flags, *precision, "-shared", "-fPIC", *sources, "-o", str(library), "-lm"])
         loaded = ffi.dlopen(str(library))  # stays mapped when the file goes
     return CompiledC(ffi, loaded, double)
+
+
+def sources_of(folder: Path) -> list[Path]:
+    """The C files of an exported folder."""
+    more = [name for name in FIELD_SOURCES if (folder / name).is_file()]
+    return [folder / name for name in (*SOURCES, *more)]
 
 
 def run_compiler(command: Sequence[str], text: str | None = None) -> str:
@@ -187,6 +197,14 @@ class CompiledC:
     ) -> CompiledControl:
         """The whole controller of the compiled C, at rest at the set points."""
         return CompiledControl(self, gains, inner_gains, grid, refs, settings)
+
+    def field(self, settings: FieldSettings, omega: float) -> CompiledField:
+        """The field estimator of the compiled C, of a folder that has it; it knows nothing yet."""
+        return CompiledField(self, settings, omega)
+
+    def converter(self) -> CompiledConverter:
+        """Controller, estimator and scheduler of the compiled C, of a folder that has the field estimator."""
+        return CompiledConverter(self)
 
     def _array(self, values: Any) -> Any:
         array = np.ascontiguousarray(values, dtype=np.float64 if self.double else np.float32).ravel()

@@ -24,7 +24,7 @@ ESTIMATORS: dict[str, EstimatorKind] = {
     "kalman": EstimatorKind("the extended Kalman filter", ExtendedKalmanFilter),
     "injection": EstimatorKind("the injected line", Injection),
     "prbs": EstimatorKind("the pseudo-random sequence", PseudoRandomSequence),
-    "field": EstimatorKind("the field estimator", field_estimator, by_sample=True),
+    "field": EstimatorKind("the field estimator", field_estimator, by_sample=True, in_c=True),
     "neural": EstimatorKind("the network", installed_network, trained=True, in_c=True),
 }
 """Every estimator by its name in a study. A new estimator is one more entry: the study reader, the simulation and the

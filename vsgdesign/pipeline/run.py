@@ -147,12 +147,15 @@ def _export(study: Study, ready: Ready, folder: Path, warn: Callable[[str], None
         missing = why_no_c(spec.name, spec.estimate)
         if missing and warn is not None:
             warn(missing)
+        own = study.with_limit_of(spec)
         export_c_files(
             folder / f"{spec.name}.table.json",
             folder / f"{spec.name}.c",
             weights=None if network is None else folder / "estimator.weights.json",
             grid_phase=network is not None and network.grid_phase,
-            limiter=study.with_limit_of(spec).current_limiter,
+            limiter=own.current_limiter,
+            study=own if spec.estimate == "field" else None,
+            estimator="field" if spec.estimate == "field" else "none",
         )
 
 

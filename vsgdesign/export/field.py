@@ -1,0 +1,92 @@
+"""The field estimator as C: its functions, its settings, and what the templates say of them."""
+
+from __future__ import annotations
+
+import typing
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.codegen import CText, c_functions
+from vsgdesign.equations.controller import ControllerSettings
+from vsgdesign.equations.field import (
+    FieldAnswer,
+    FieldSettings,
+    FieldTrack,
+    LockIn,
+    conclude,
+    first_lock_in,
+    first_track,
+    listen,
+    probe_value,
+)
+from vsgdesign.equations.field.tracks import Track
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.power_loops import References
+from vsgdesign.equations.probe import probe_offset
+from vsgdesign.frames import rotate
+
+if TYPE_CHECKING:
+    from vsgdesign.parameters.study import Study
+
+WAITING = 8
+"""Samples that may come in while a cycle is being concluded in a slower task."""
+
+LARGEST_BYTES = 2048
+"""Of the whole state in single precision, the waiting samples included."""
+
+NAMES = {Track: "field_sums"}
+"""What C calls a record, where it is not its own name behind ``field_``."""
+
+PUBLIC = ("settings", "lock_in", "track", "answer")
+FUNCTIONS = (first_lock_in, first_track, probe_value, probe_offset, rotate, listen, conclude)
+
+
+def field_laws() -> CText:
+    """C99 of the estimator. Its records are called vsg_field_…_t and its constants VSG_FIELD_…"""
+    return c_functions(FUNCTIONS, names=NAMES, prefix="field_")
+
+
+def count_of(record: Any) -> int:
+    """Numbers in a record."""
+    hints = typing.get_type_hints(record)
+    return sum(count_of(kind) if hasattr(kind, "_fields") else 1 for kind in (hints[name] for name in record._fields))
+
+
+def field_content() -> dict[str, Any]:
+    """What the templates take of the estimator."""
+    text = field_laws()
+    public = text.needed_by(f"vsg_field_{name}_t" for name in PUBLIC)
+    return {
+        "waiting": WAITING,
+        "largest_bytes": LARGEST_BYTES,
+        "public_structs": "\n".join(text.structs[name] for name in public).rstrip(),
+        "private_structs": "\n".join(body for name, body in text.structs.items() if name not in public).rstrip(),
+        "constants": text.constants.rstrip(),
+        "functions": text.functions.rstrip(),
+        "lock_in_count": count_of(LockIn),
+        "track_count": count_of(FieldTrack),
+        "answer_count": count_of(FieldAnswer),
+    }
+
+
+@dataclass(frozen=True)
+class ConverterConstants:
+    """What a folder with the estimator holds of its converter."""
+
+    inner_gains: InnerLoopGains
+    references: References
+    controller_settings: ControllerSettings
+    field_settings: FieldSettings
+
+
+def converter_constants(study: Study) -> ConverterConstants:
+    """The constants of a study's converter, with set points without power."""
+    from vsgdesign.simulation.field_feed import settings_of_study
+
+    c = study.converter
+    return ConverterConstants(
+        study.inner_gains,
+        References(0.0, 0.0, c.omega_n, c.V_rated_rms),
+        study.controller_settings(),
+        settings_of_study(study),
+    )
