@@ -15,7 +15,8 @@ _RECIPE = click.option(
     "--recipe",
     default=None,
     metavar="NAME|FILE.toml",
-    help="A packaged recipe (published, continuous, wide) or a file.  [default: that of the study, else published]",
+    help="A packaged recipe (published, continuous, wide; field for estimator train) or a file.  "
+    "[default: that of the study, else published]",
 )
 _SEED = click.option("--seed", type=click.IntRange(0), default=None, help="[default: that of the study, else 0]")
 _WORKERS = click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Number of processes.")
@@ -93,7 +94,15 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, wor
     default=None,
     help="Number of principal components; 0: all above the noise.  [default: that of the study, else of the recipe]",
 )
-@click.option("--windows", default=None, metavar="FILE.npz", help="Also keep the windows.")
+@click.option(
+    "--windows", default=None, metavar="FILE.npz", help="Also keep the windows, or the runs of the recipe field."
+)
+@click.option(
+    "--report",
+    default=None,
+    metavar="FOLDER",
+    help="Folder for a report with figures. Only for the recipe field.",
+)
 @_WORKERS
 @JSON
 @verb
@@ -105,19 +114,38 @@ def train(
     hidden: int | None,
     components: int | None,
     windows: str | None,
+    report: str | None,
     workers: int,
     as_json: bool,
 ) -> None:
-    """Make windows, train a network on them, and write its weights."""
+    """Make windows or runs, train a network on them, and write its weights.
+
+    The recipe field trains the network behind the field estimator; the others train the network of windows.
+    """
     from dataclasses import replace
 
+    from vsgdesign.estimator.field.recipe import is_field_recipe
     from vsgdesign.parameters.estimator import EstimatorSpec
-    from vsgdesign.pipeline.training import train_weights_file
+    from vsgdesign.pipeline.training import train_field_weights_file, train_weights_file
 
     study = load(study_file)
     given = {"recipe": recipe, "seed": seed, "hidden": hidden, "components": components}
     changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     spec = replace(study.estimator or EstimatorSpec(), **changes)
+    if is_field_recipe(spec.recipe):
+        try:
+            with progress(quiet=as_json) as tell:
+                document = train_field_weights_file(
+                    study, spec, out, runs=windows, report=report, workers=workers, progress=tell
+                )
+        except KeyboardInterrupt:
+            if windows is None:
+                raise
+            raise Interrupted("finished runs are kept, the same command continues from them") from None
+        _echo_field(document, report, as_json)
+        return
+    if report is not None:
+        raise click.UsageError("--report: only the recipe field has one. Leave it out.")
     try:
         with progress(quiet=as_json) as tell:
             document = train_weights_file(study, spec, out, windows=windows, workers=workers, progress=tell)
@@ -139,6 +167,24 @@ def train(
     _echo_windows(document["window"]["text"], describe_draws(document["draws"]))
     if document["synchronised"]:
         click.echo("synchronised with the grid's phase, as published; no converter in the field can measure it")
+
+
+def _echo_field(document: dict[str, Any], report: str | None, as_json: bool) -> None:
+    if as_json:
+        print_json(document)
+        return
+    runs, seconds = document["runs"], document["timing_s"]
+    click.echo(
+        f"{document['file']}: recipe {document['recipe']}, {counted(sum(runs.values()), 'run')} in "
+        f"{seconds['runs']:.0f} s, trained in {seconds['training']:.0f} s; on the {counted(runs['test'], 'run')} "
+        "for test, with the network behind its gate instead of the recursions alone:"
+    )
+    for sentence in document["verdict"]:
+        click.echo(f"- {sentence}")
+    if document["broken_off"]:
+        click.echo(f"{counted(document['broken_off'], 'run')} diverged and ended early")
+    if report is not None:
+        click.echo(f"report: {Path(report) / 'report.html'}")
 
 
 _FOLDER = click.option("--out", required=True, metavar="FOLDER", help="Folder for the results and the report.")

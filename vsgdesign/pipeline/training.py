@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vsgdesign.artifacts import staged_folder, write_record
 from vsgdesign.artifacts.network_weights import (
     WEIGHTS_FILE,
     NetworkWeights,
@@ -180,3 +183,91 @@ def judgement_document(judged: Judgement) -> dict[str, Any]:
         "with_the_truth": judged.twin,
         "steps": [asdict(one) for one in judged.steps],
     }
+
+
+def train_field_weights_file(
+    study: Study,
+    spec: EstimatorSpec,
+    out: str | Path,
+    *,
+    runs: str | Path | None = None,
+    report: str | Path | None = None,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Trains the network of the field estimator as ``spec`` says and writes its weights. Returns file, network and
+    training in JSON's types.
+
+    ``runs`` is a file for the runs that it is trained on, ``report`` a folder for results.json, figures and
+    report.html. Raises StudyError if ``spec`` has what this network does not have, and the errors of
+    :func:`vsgdesign.estimator.field.trained.train_field_network`.
+    """
+    from vsgdesign.artifacts.field_weights import FIELD_WEIGHTS_FILE, write_field_weights
+    from vsgdesign.estimator.data_set import check_data_target
+    from vsgdesign.estimator.field.recipe import load_field_recipe
+    from vsgdesign.estimator.field.trained import scores_document, train_field_network, verdict
+
+    faults = [
+        Fault(name, str(getattr(spec, name)), "the network of the field estimator has none", "Leave it out.")
+        for name in ("components", "starts")
+        if getattr(spec, name) is not None
+    ]
+    if faults:
+        raise StudyError("estimator", faults)
+    FIELD_WEIGHTS_FILE.check_target(out)
+    if runs is not None:
+        check_data_target(runs)
+    recipe = load_field_recipe(spec.recipe)
+    with _report_folder(report, study, spec) as folder:
+        trained = train_field_network(
+            study,
+            recipe,
+            seed=spec.seed,
+            hidden=spec.hidden,
+            out=runs,
+            workers=workers,
+            progress=progress or silent,
+        )
+        document = {
+            "weights_sha256": trained.weights.hash,
+            "data_sha256": trained.weights.data_hash,
+            "recipe": recipe.name,
+            "seed": spec.seed,
+            "converters": [dict(one) for one in trained.weights.converters],
+            "features": trained.weights.features,
+            "hidden": len(trained.weights.layers.b_1),
+            "epochs": len(trained.history["epoch"]),
+            "best_epoch": trained.best_epoch,
+            "runs": trained.runs,
+            "broken_off": trained.broken,
+            "cycles": trained.cycles,
+            "changes": trained.changes,
+            "scores": scores_document(trained.scores),
+            "verdict": verdict(trained.scores),
+            "timing_s": trained.timing_s,
+        }
+        if folder is not None:
+            from vsgdesign.report.estimator.field_training import field_training_figures, write_field_training_page
+            from vsgdesign.report.estimator.figures import write_all
+
+            (folder / "figures").mkdir()
+            figures = write_all(field_training_figures(trained), folder / "figures")
+            write_field_training_page(study.title, trained, figures, folder / "report.html")
+            named = {"study": study.name, "study_hash": study.hash, "figures": [figure.name for figure in figures]}
+            write_record(folder, named | document, _TRAIN)
+        write_field_weights(trained.weights, out)
+    return {"file": str(out)} | document
+
+
+_TRAIN = "vsgdesign estimator train"
+
+
+@contextmanager
+def _report_folder(report: str | Path | None, study: Study, spec: EstimatorSpec) -> Iterator[Path | None]:
+    """A folder for a report that appears when everything is done; None without one."""
+    if report is None:
+        yield None
+        return
+    own = [spec.recipe] if spec.recipe.endswith(".toml") else []
+    with staged_folder(report, _TRAIN, inputs=[*study.input_files, *own]) as folder:
+        yield folder

@@ -47,6 +47,7 @@ def made_up_cycles(runs: int = 40, seed: int = 0, sigma: float = 0.05) -> FieldC
             rows["since_change"].append(0.02 * (k - EVENT) + 0.01 if k >= EVENT else np.inf)
             rows["ratio"].append(abs(new - old) / abs(old) if k >= EVENT else 0.0)
             rows["current"].append(0.3)
+            rows["broken"].append(False)
     header = {
         "features": list(NAMES),
         "converters": [{"name": "made up", "S_rated": 5e3, "V_rated_rms": 63.5, "f_n": 50.0, "T_s": 5e-5}],

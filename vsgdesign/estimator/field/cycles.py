@@ -33,6 +33,7 @@ _ARRAYS = (
     "since_change",
     "ratio",
     "current",
+    "broken",
 )
 _COLUMN = {name: k for k, name in enumerate(FieldAnswer._fields)}
 
@@ -64,6 +65,8 @@ class FieldCycles:
     """|Z_new − Z_old|/|Z_old| of that change, 0 where the impedance stayed."""
     current: Array
     """The current just before that change, pu of the rated peak."""
+    broken: NDArray[np.bool_]
+    """Whether the run was broken off because it diverged."""
     header: Mapping[str, Any]
     """``recipe``, ``seed``, names of the ``features``, ``converters``, and the ``settings`` of each one's estimator."""
 

@@ -26,7 +26,10 @@ GROUPS = {"jump": (1,), "jump_and_step": (2,), "grid_step": (3,), "rest": (4, 0)
 """Codes of CHANGES that are judged together: ``rest`` has no event of the grid."""
 
 AFTER = (5, 8, 10, 15)
-"""Cycles after a change at which the error is stated."""
+"""Cycles after a change at which the error is stated in tables."""
+
+SEEN = 31
+"""Cycles after a change over which it is drawn, with the cycle of the change."""
 
 WINDOWS = {"2 to 8": (2, 8), "10 to 20": (10, 20), "from 20": (20, 10**6)}
 """Cycles after a change over which coverage is stated."""
@@ -40,7 +43,7 @@ class GroupScore:
 
     changes: int
     error_p95: tuple[float, ...]
-    """95th percentile of the answer's error, valid or not, so many cycles after the change as AFTER says."""
+    """95th percentile of the answer's error, valid or not, 0 to SEEN − 1 cycles after the cycle of the change."""
     valid_share: tuple[float, ...]
     """Share of the changes with a valid answer then."""
     valid_error_p95: tuple[float, ...]
@@ -146,7 +149,7 @@ class _Rows:
         self, answers: Answers, error: Array, covered: NDArray[np.bool_], after: NDArray[np.int64], since: float
     ) -> None:
         """One change, whose first cycle ends ``since`` s after it."""
-        at = np.minimum(after[0] + np.array(AFTER), after[-1])
+        at = np.minimum(after[0] + np.arange(SEEN), after[-1])
         self._errors.append(error[at])
         self._valid.append(answers.valid[at])
         change_s, until_s = float(answers.t_s[after[0]]) - since, float(answers.t_s[after[-1]])
@@ -163,7 +166,7 @@ class _Rows:
     def score(self, name: str) -> GroupScore:
         count = len(self._t10)
         if count == 0:
-            nothing = (math.nan,) * len(AFTER)
+            nothing = (math.nan,) * SEEN
             empty = dict.fromkeys(WINDOWS, math.nan)
             return GroupScore(
                 changes=0,
@@ -181,9 +184,9 @@ class _Rows:
         moved = name.startswith("jump")
         return GroupScore(
             changes=count,
-            error_p95=_tuple(_quantile(errors[:, k], 0.95) for k in range(len(AFTER))),
+            error_p95=_tuple(_quantile(errors[:, k], 0.95) for k in range(SEEN)),
             valid_share=_tuple(valid.mean(axis=0)),
-            valid_error_p95=_tuple(_quantile(errors[valid[:, k], k], 0.95) for k in range(len(AFTER))),
+            valid_error_p95=_tuple(_quantile(errors[valid[:, k], k], 0.95) for k in range(SEEN)),
             t10_s=(
                 _quantile(self._t10, 0.5) if moved else math.nan,
                 _quantile(self._t10, 0.9) if moved else math.nan,
