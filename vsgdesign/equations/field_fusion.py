@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsgdesign.equations.field.data import FieldAnswer, FieldSettings
+from vsgdesign.equations.field.features import FieldFeatures
 
 CHI_SQUARE_95 = 5.991464547107979
 """Square of the radius that contains 95 % of a Gaussian in two dimensions, −2 ln 0.05."""
@@ -96,6 +97,12 @@ def may_speak(gate: NetworkGate, refuted: Any, limits: GateLimits) -> Any:
     first = np.where(refuted > 0.5, limits.first_refuted, limits.first)
     late = np.where(gate.since >= first, 1.0, 0.0)
     return np.where(gate.since <= limits.last, late, 0.0)
+
+
+def step_refuted(seen: FieldFeatures) -> Any:
+    """1 if no impedance explains the step: the best one leaves ten times the usual scatter of the phasor, else 0."""
+    told = seen.step_known > 0.5 and seen.waited > 0.15
+    return 1.0 if told and seen.lg_step_misfit > 1.0 else 0.0
 
 
 def fused_impedance(R: Any, X: Any, posterior: Posterior, radius_squared: Any) -> FusedImpedance:

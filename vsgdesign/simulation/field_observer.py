@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.field import (
     FieldAnswer,
+    FieldFeatures,
     FieldSettings,
     FieldTrack,
     LockIn,
     conclude,
+    features,
     first_lock_in,
     first_track,
     listen,
@@ -94,6 +96,8 @@ class FieldMemory(NamedTuple):
     """What changes once per cycle."""
     answer: Array
     """The answer of the last cycle."""
+    features: Array
+    """What a network behind the estimator is given in this cycle."""
 
     @property
     def closed(self) -> bool:
@@ -107,7 +111,7 @@ class FieldMemory(NamedTuple):
 
     def conclude(self) -> FieldAnswer:
         """Ends a cycle and begins the next one."""
-        _conclusion()(self.watch.memory, self.track, self.watch.constants, self.answer)
+        _conclusion()(self.watch.memory, self.track, self.watch.constants, self.answer, self.features)
         return FieldAnswer(*self.answer.tolist())
 
 
@@ -116,20 +120,21 @@ def first_memory(settings: FieldSettings, omega: float, V_rated_rms: float, *, a
     constants = FieldConstants(settings, V_rated_rms, float(allowed))
     lock, track = first_lock_in(settings, omega), first_track(settings)
     memory, kept, given = (np.array(flat(record)) for record in (lock, track, constants))
-    return FieldMemory(Watch(memory, given), kept, np.zeros(len(FieldAnswer._fields)))
+    answer, seen = np.zeros(len(FieldAnswer._fields)), np.zeros(len(FieldFeatures._fields))
+    return FieldMemory(Watch(memory, given), kept, answer, seen)
 
 
 @functools.cache
 def _conclusion() -> Callable[..., None]:
     stamp = source_stamp()
 
-    def concluding(memory: Array, track: Array, constants: Array, answer: Array) -> None:
+    def concluding(memory: Array, track: Array, constants: Array, answer: Array, seen: Array) -> None:
         if stamp >= 0:  # always: it only makes the stamp part of the cache key
-            lock, moved, said = conclude(
-                unpack(memory, _LOCK_IN), unpack(track, _TRACK), unpack(constants, _CONSTANTS).settings
-            )
+            settings = unpack(constants, _CONSTANTS).settings
+            lock, moved, said = conclude(unpack(memory, _LOCK_IN), unpack(track, _TRACK), settings)
             pack(memory, lock)
             pack(track, moved)
             pack(answer, said)
+            pack(seen, features(lock, moved, said, settings))
 
     return compile_function(concluding, outermost=True, cache=True)

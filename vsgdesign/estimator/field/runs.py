@@ -17,6 +17,7 @@ import numpy as np
 
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures
+from vsgdesign.equations.field_fusion import step_refuted
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.estimator.blocks import Arrays, Parts, made_blocks
@@ -57,7 +58,7 @@ class ListeningScheduler(FieldScheduler):
         """Ends the estimator's cycle before a sample. Returns the gains from this sample on."""
         gains = super().conclude(sample, present, state)
         row = self.rows[-1]
-        self.listened.append(Listened(row.t_s, row.answer, self.features()))
+        self.listened.append(Listened(row.t_s, row.answer, FieldFeatures(*self._memory.features.tolist())))
         return gains
 
 
@@ -140,9 +141,7 @@ def make_runs(studies: Sequence[Study], recipe: FieldRecipe, seed: int, indices:
 
 def study_of(study: Study, recipe: FieldRecipe, scenario: FieldScenario) -> tuple[Study, ControllerSpec]:
     """Returns the study of a run, and its controller."""
-    first = next((one for one in study.controllers if one.kind == "scheduled"), None)
-    given = ControllerSpec(name="field", kind="scheduled", target=study.target) if first is None else first
-    spec = replace(given, schedule="closed_form", table_file=None, estimate="field")
+    spec = ControllerSpec(name="field", kind="scheduled", target=target_of(study), estimate="field")
     # The frequency and the voltage of the grid are those of the scenario, for which its rests were found.
     still = {"frequency_offset": (0.0, 0.0), "voltage_factor": (1.0, 1.0)}
     P_ref, Q_ref = scenario.references
@@ -192,6 +191,7 @@ def run_cycles(study: Study, recipe: FieldRecipe, scenario: FieldScenario) -> Ar
     return {
         "features": np.array([row.features for row in kept], dtype=float).reshape(count, len(FieldFeatures._fields)),
         "answer": np.array([row.answer for row in kept], dtype=float).reshape(count, len(FieldAnswer._fields)),
+        "refuted": np.array([step_refuted(row.features) > 0.5 for row in kept], dtype=bool),
         "truth": np.array([(grid.R_g, grid.L_g) for grid in grids], dtype=float).reshape(count, 2),
         "run": np.full(count, scenario.index, dtype=np.int64),
         "converter": np.full(count, scenario.converter, dtype=np.int64),

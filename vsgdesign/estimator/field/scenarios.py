@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.estimator.field.cycles import CHANGES
 from vsgdesign.estimator.field.recipe import FieldRecipe
@@ -20,6 +21,8 @@ from vsgdesign.operating_point.equilibrium import OperatingPoint, solve_with_dro
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.parameters.study import ClosedFormTarget, Event, Grid, GridSource, Place, Study
 from vsgdesign.runtime.closed_form import closed_form_schedule
+
+DRIVING = "angle_damped"
 
 ATTEMPTS = 200
 """Draws of a run before a recipe is given up as impossible."""
@@ -80,8 +83,12 @@ class FieldScenario:
 
 
 def target_of(study: Study) -> ClosedFormTarget:
-    """The target of the gains: that of the study's first scheduled controller, else the study's own."""
-    return next((one.target for one in study.controllers if one.kind == "scheduled"), study.target)
+    """The target of the gains in the runs: that of the study.
+
+    The droop of the published structure depends on the impedance that is believed, so that a start without an estimate
+    would rest anywhere. In its place the angle-damped structure drives the runs.
+    """
+    return replace(study.target, structure=DRIVING) if study.target.structure == PUBLISHED.name else study.target
 
 
 def draw_field_scenario(studies: Sequence[Study], recipe: FieldRecipe, seed: int, index: int) -> FieldScenario:
