@@ -112,10 +112,10 @@ def draw_field_scenario(studies: Sequence[Study], recipe: FieldRecipe, seed: int
             redrawn=attempt,
             **found,
         )
-    reason, count = thrown.most_common(1)[0]
+    parts = ", ".join(f"{count} {reason}" for reason, count in thrown.most_common())
     raise InfeasibleStudyError(
-        f"recipe {recipe.name}, converter {study.name}: {count} of {ATTEMPTS} draws of run {index} cannot be run "
-        f"({reason}); {_ADVICE[reason]}."
+        f"recipe {recipe.name}, converter {study.name}: none of {ATTEMPTS} draws of run {index} can be run ({parts}); "
+        f"{_ADVICE[thrown.most_common(1)[0][0]]}."
     )
 
 

@@ -23,9 +23,16 @@ from vsgdesign.estimator.field.scores import AFTER, GROUPS, WAYS, GroupScore, ch
 from vsgdesign.estimator.trained import require_torch
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters import load_study
+from vsgdesign.parameters.loading import study_from_text
 from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]
+
+_CASE = (
+    'base = "{0}"\nstudy.name = "{0}"\nsimulation = {{ duration = "1 s", P_ref = 0, Q_ref = 0 }}\n'
+    'controllers = [{{ name = "field", kind = "scheduled" }}]\n'
+)
+"""A packaged case as a study: what a case leaves open is drawn from the recipe anyway."""
 
 GROUP_WORDS = {
     "jump": "Jumps of the impedance",
@@ -90,7 +97,7 @@ def studies_of(study: Study, recipe: FieldRecipe) -> list[Study]:
     found = [study]
     for one in recipe.converters:
         try:
-            found.append(load_study(one))
+            found.append(study_from_text(_CASE.format(one), one) if one.startswith("case:") else load_study(one))
         except StudyError as error:
             raise StudyError(
                 "recipe", [Fault("converters", f'"{one}"', str(error), "Give case:NAME or the file of a study.")]
