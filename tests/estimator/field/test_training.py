@@ -14,7 +14,7 @@ from vsgdesign.errors import StudyError
 from vsgdesign.estimator.field.cycles import FieldCycles
 from vsgdesign.estimator.field.training import FieldTraining, FieldTrainingSettings, evaluate, train_layers
 
-SETTINGS = FieldTrainingSettings(hidden=8, epochs=40, batch=128, rate=2e-2)
+SETTINGS = FieldTrainingSettings(hidden=8, epochs=40, batch=128, rate=2e-2, decay=0.01)
 
 
 @pytest.fixture(scope="module")
