@@ -26,7 +26,7 @@ from vsgdesign.simulation.wander import Wander
 Array = NDArray[np.float64]
 
 
-_ROWS = 4096
+_ROWS = 1024
 """Rows of a product at once: so few that the library of linear algebra starts no threads, which cost more than they
 save and much more on a busy machine."""
 

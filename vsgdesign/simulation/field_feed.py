@@ -130,10 +130,15 @@ class FieldScheduler:
         self.sensed: Array | None = None
         self.begin()
 
+    def fresh(self) -> FieldScheduler:
+        """Itself, at the beginning of a run."""
+        return self if self._fresh else self.begin()
+
     def begin(self) -> FieldScheduler:
         """Starts afresh: nothing is known."""
         omega_n = self._study.converter.omega_n
         V_n = self._study.converter.V_rated_rms
+        self._fresh = True
         self._memory = first_memory(self._settings, omega_n, V_n, allowed=self._probing)
         self._held = self._box.middle.grid(self._study.converter)
         self._first = self._answers.first(self._held, known=False)
@@ -157,6 +162,7 @@ class FieldScheduler:
 
     def first(self) -> PowerLoopGains:
         """Gains from t = 0 on."""
+        self._fresh = False
         return self._first
 
     def cuts(self, samples: int) -> set[int]:  # noqa: ARG002

@@ -224,7 +224,7 @@ def _feed(
     schedule: Sequence[GainChange] | OnlineScheduler | FieldScheduler, study: Study, timeline: Timeline
 ) -> ListedGains | OnlineGains | FieldScheduler:
     if isinstance(schedule, FieldScheduler):
-        return schedule.begin()
+        return schedule.fresh()
     T_s = study.converter.T_s
     return ListedGains(schedule, T_s) if isinstance(schedule, Sequence) else OnlineGains(schedule, study, timeline)
 

@@ -9,6 +9,7 @@ from vsgdesign.simulation.survival.cases import (
     case_from_document,
 )
 from vsgdesign.simulation.survival.clearing import ClearingTime, critical_clearing_time
+from vsgdesign.simulation.survival.field import field_cases
 from vsgdesign.simulation.survival.late import LateSchedule
 from vsgdesign.simulation.survival.many import run_many
 from vsgdesign.simulation.survival.running import CaseResult, CaseRun, Subject, rest_of, run_case, trace_case
@@ -30,6 +31,7 @@ __all__ = [
     "by_group",
     "case_from_document",
     "critical_clearing_time",
+    "field_cases",
     "figures_of",
     "fixed_set",
     "random_set",

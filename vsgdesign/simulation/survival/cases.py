@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, TypeVar
 
+from vsgdesign.parameters.background import BackgroundSpec
+from vsgdesign.parameters.sensors import SensorSpec
 from vsgdesign.parameters.study import Event, Grid, GridSource, Place, Study
 from vsgdesign.simulation.timeline import Timeline
 
@@ -13,7 +15,10 @@ BASIS = "impedance"
 """Basis of every short-circuit ratio here: then |Z| does not depend on X/R, and X/R may go down to zero."""
 
 LEAD_S = 0.1
-"""Every run is at rest for this long before its disturbance begins, s."""
+"""A run is at rest for this long before its disturbance begins, s."""
+
+LEARNING_S = 1.6
+"""The same where an estimator that is told nothing has to learn its grid first, s."""
 
 FOR_EVER = math.inf
 """``GridKnowledge.silent_s`` of an estimator that never answers again."""
@@ -95,6 +100,10 @@ class SurvivalCase:
     cleared_s: float
     """When the last change is over, s after the beginning of the disturbance."""
     knowledge: GridKnowledge = GridKnowledge()
+    lead_s: float = LEAD_S
+    """For how long the converter is at rest before the disturbance, s."""
+    draw: int | None = None
+    """Seed with which the study's background and sensors are drawn anew for this case; None: those of the study."""
 
     def __post_init__(self) -> None:
         faults = list(_faults(self))
@@ -125,19 +134,26 @@ class SurvivalCase:
     @property
     def instants_s(self) -> tuple[float, ...]:
         """Times of a run at which something changes suddenly, s; the end of a ramp does not."""
-        return tuple(LEAD_S + change.t_s for change in self.changes)
+        return tuple(self.lead_s + change.t_s for change in self.changes)
+
+    @property
+    def scr_at_the_end(self) -> float:
+        """Short-circuit ratio after the last change."""
+        return next((change.scr for change in reversed(self.changes) if change.scr is not None), self.start.scr)
 
     def study(self, study: Study, after_s: float) -> Study:
         """The study with the start and the events of this case, for ``after_s`` s after the clearing."""
         c, s = study.converter, self.start
         return replace(
             study,
+            background=_redrawn(study.background, self.draw),
+            sensors=_redrawn(study.sensors, self.draw),
             grid=Place(s.scr, s.x_over_r, BASIS).grid(c),
             grid_source=GridSource(s.V_g_pu * c.V_rated_rms, c.omega_n + 2.0 * math.pi * s.df_hz),
-            events=tuple(_event(study, change) for change in self.changes),
+            events=tuple(_event(study, change, self.lead_s) for change in self.changes),
             simulation=replace(
                 study.simulation,
-                duration=LEAD_S + self.cleared_s + after_s,
+                duration=self.lead_s + self.cleared_s + after_s,
                 start="steady_state",
                 log_interval=c.T_s,
                 P_ref=s.P_pu * c.S_rated,
@@ -149,7 +165,7 @@ class SurvivalCase:
         """What the estimator says from each instant of a run on; None: it gives no answer."""
         omega_n = study.converter.omega_n
         said: list[tuple[float, Grid | None]] = [(0.0, self.knowledge.seen(timeline.grid_at(0.0), omega_n))]
-        silent = [LEAD_S + change.t_s for change in self.changes if change.of_grid]
+        silent = [self.lead_s + change.t_s for change in self.changes if change.of_grid]
         for k, instant in enumerate(silent):
             said.append((instant, None))
             answer_s = instant + self.knowledge.silent_s
@@ -172,18 +188,27 @@ def case_from_document(document: dict[str, Any]) -> SurvivalCase:
             changes=tuple(Change(**change) for change in document["changes"]),
             cleared_s=float(document["cleared_s"]),
             knowledge=GridKnowledge(**document.get("knowledge", {})),
+            lead_s=float(document.get("lead_s", LEAD_S)),
+            draw=None if document.get("draw") is None else int(document["draw"]),
         )
     except (KeyError, TypeError) as error:
         raise ValueError(f"the document of a case is not complete: {error}.") from error
 
 
-def _event(study: Study, change: Change) -> Event:
+_Drawn = TypeVar("_Drawn", BackgroundSpec | None, SensorSpec | None)
+
+
+def _redrawn(spec: _Drawn, seed: int | None) -> _Drawn:
+    return spec if spec is None or seed is None else spec.redrawn(seed)
+
+
+def _event(study: Study, change: Change, lead_s: float) -> Event:
     c = study.converter
     grid = None
     if change.scr is not None and change.x_over_r is not None:
         grid = Place(change.scr, change.x_over_r, BASIS).grid(c)
     return Event(
-        t_s=LEAD_S + change.t_s,
+        t_s=lead_s + change.t_s,
         name=_in_words(change),
         grid=grid,
         V_g_rms=None if change.V_g_pu is None else change.V_g_pu * c.V_rated_rms,
@@ -228,6 +253,8 @@ def _faults(case: SurvivalCase) -> Any:
     for scr, x_over_r in places:
         if not (scr > 0.0 and x_over_r is not None and x_over_r >= 0.0):
             yield f"SCR {scr}, X/R {x_over_r}: SCR must be above and X/R at or above zero."
+    if not case.lead_s > 0.0:
+        yield f"lead_s = {case.lead_s}: must be positive."
     if not case.knowledge.silent_s >= 0.0:
         yield f"silent_s = {case.knowledge.silent_s}: must not be negative."
     if not case.knowledge.magnitude > 0.0:
@@ -238,6 +265,7 @@ __all__ = [
     "BASIS",
     "FOR_EVER",
     "LEAD_S",
+    "LEARNING_S",
     "Change",
     "GridKnowledge",
     "GridState",

@@ -113,16 +113,23 @@ class _Parts(NamedTuple):
     tables: dict[str, GainTable]
     limit_pu: float
     bridge: str
+    room_pu: float | None
 
 
 def _parts(subject: Subject) -> _Parts:
     study = replace(subject.study, origin=None)
-    return _Parts(study, subject.spec, dict(subject.ready.tables), subject.limit_pu, subject.bridge)
+    return _Parts(study, subject.spec, dict(subject.ready.tables), subject.limit_pu, subject.bridge, subject.room_pu)
 
 
 def _run_chunk(parts: _Parts, cases: Sequence[SurvivalCase]) -> list[dict[str, Any]]:
-    study, spec, tables, limit_pu, bridge = parts
-    subject = Subject(study=study, spec=spec, ready=Ready(tables=tables), limit_pu=limit_pu, bridge=bridge)
+    subject = Subject(
+        study=parts.study,
+        spec=parts.spec,
+        ready=Ready(tables=parts.tables),
+        limit_pu=parts.limit_pu,
+        bridge=parts.bridge,
+        room_pu=parts.room_pu,
+    )
     with one_thread():
         results = [run_case(subject, case) for case in cases]
     return [{"verdict": asdict(result.verdict), "seconds": result.seconds} for result in results]
@@ -152,4 +159,5 @@ def _stamp(subject: Subject) -> str:
     """Everything that a verdict depends on besides the case."""
     study = replace(subject.study, files=(), name="", title="", source="", hash="")
     parts = (package_hash(), study, subject.spec, dict(subject.ready.tables), subject.limit_pu, subject.bridge)
+    parts += (subject.room_pu,)
     return hashlib.sha256(repr(parts).encode()).hexdigest()

@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, SimulationDivergedError
+from vsgdesign.identification import estimator_kind
 from vsgdesign.metrics.step_response import one_cycle_mean
 from vsgdesign.metrics.survival import (
     DIVERGED,
     GRACE_S,
     NO_REST,
+    OVER_LIMIT,
     ExpectedRest,
     Survival,
     SurvivalDemand,
@@ -26,9 +28,12 @@ from vsgdesign.metrics.survival import (
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Place, Study
 from vsgdesign.runtime.of_study import gain_law
-from vsgdesign.simulation.gains import gain_changes
+from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
+from vsgdesign.simulation.field_feed import FieldScheduler
+from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.run import Simulation, simulate
-from vsgdesign.simulation.survival.cases import LEAD_S, SurvivalCase
+from vsgdesign.simulation.survival.cases import GridKnowledge, SurvivalCase
+from vsgdesign.simulation.survival.field import at_asked_powers, field_demand, late_grid
 from vsgdesign.simulation.survival.late import LateSchedule
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
@@ -59,6 +64,20 @@ class Subject:
     ready: Ready = NOTHING
     limit_pu: float
     bridge: str = "averaged"
+    room_pu: float | None = None
+    """Largest converter current of a rest that is asked for, pu; None: what the limit allows. Where the grid's voltage
+    has harmonics, the limiter needs room for theirs."""
+
+    @property
+    def in_the_field(self) -> bool:
+        """Whether the grid's voltage wanders, or the sensors err: no power is then at rest for long."""
+        return self.study.background is not None or self.study.sensors is not None
+
+    def refused(self, rest: ExpectedRest) -> tuple[str, str] | None:
+        """(status, reason) if this rest is not asked for."""
+        if self.room_pu is not None and rest.i_s_pu > self.room_pu:
+            return OVER_LIMIT, f"the rest needs {rest.i_s_pu:.3g} pu, more than the {self.room_pu:.3g} pu with room"
+        return rest.refused(self.limit_pu)
 
     @property
     def safe(self) -> Grid | None:
@@ -85,7 +104,7 @@ class Subject:
         c = self.study.converter
         df_hz = [change.df_hz for change in case.changes if change.df_hz is not None]
         frequency = c.omega_n / (2.0 * math.pi) + (df_hz[-1] if df_hz else case.start.df_hz)
-        return SurvivalDemand(
+        demand = SurvivalDemand(
             S_rated=c.S_rated,
             settling_time=self.settling_time,
             cycle_s=1.0 / frequency,
@@ -93,6 +112,7 @@ class Subject:
             settling_times=SETTLING_TIMES_FOR_EVER if case.for_ever else SETTLING_TIMES,
             grace_s=GRACE_S,
         )
+        return replace(demand, **field_demand(case.scr_at_the_end, c.omega_n)) if self.in_the_field else demand
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +126,8 @@ class CaseRun:
     simulation: Simulation
     record: SurvivalRecord
     verdict: Survival
+    estimates: EstimateLog | None = None
+    """Of a controller that estimates: what it was told."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,26 +152,43 @@ def trace_case(subject: Subject, case: SurvivalCase) -> CaseRun | Survival:
     """One case with its traces. A verdict alone where nothing was simulated, or where it diverged at once."""
     demand = subject.demand(case)
     study = case.study(subject.study.with_limit_of(subject.spec), demand.needed_s + 2.0 * demand.cycle_s)
+    if subject.in_the_field:
+        study = at_asked_powers(study, subject.spec, subject.ready)
     timeline = build_timeline(study)
-    told = case.told(study, timeline)
+    estimates = subject.spec.estimate != "truth"
+    told = (replace(case, knowledge=GridKnowledge()) if estimates else case).told(study, timeline)
     rests = [rest_of(subject, study, timeline, t_s, told) for t_s in (0.0, study.simulation.duration)]
     for rest, where in zip(rests, ("before the event", "after the event"), strict=True):
-        refused = rest.refused(subject.limit_pu)
+        refused = subject.refused(rest)
         if refused is not None:
             return Survival(status=refused[0], reason=f"{where}: {refused[1]}")
     rest = rests[1]
     try:
-        simulation = simulate(study, _feed(subject, study, timeline, told), bridge=subject.bridge)
+        feed = _feed(subject, study, timeline, told)
+        simulation = simulate(study, feed, bridge=subject.bridge)
     except SimulationDivergedError as error:
         return Survival(status=DIVERGED, reason=str(error))
     except InfeasibleStudyError as error:
         return Survival(status=NO_REST, reason=f"before the event: {error}")
     record = record_of(study, simulation)
-    if subject.bridge == "pwm":
+    if subject.in_the_field:
+        since_s = case.lead_s + case.cleared_s + demand.deadline_s
+        refs = timeline.references_at(study.simulation.duration)
+        known = _known(subject, told, study.simulation.duration)
+        rest = rest_on(subject, study, known, *late_grid(study, timeline, since_s), refs)
+    elif subject.bridge == "pwm":
         rest = _own_rest(rest, record, demand)
     instants = case.instants_s
-    verdict = judge_survival(record, instants, LEAD_S + case.cleared_s, rest, demand)
-    return CaseRun(case=case, study=study, rest=rest, simulation=simulation, record=record, verdict=verdict)
+    verdict = judge_survival(record, instants, case.lead_s + case.cleared_s, rest, demand)
+    return CaseRun(
+        case=case,
+        study=study,
+        rest=rest,
+        simulation=simulation,
+        record=record,
+        verdict=verdict,
+        estimates=feed.log(timeline) if isinstance(feed, FieldScheduler | EstimatedScheduler) else None,
+    )
 
 
 def rest_of(
@@ -159,11 +198,23 @@ def rest_of(
 
     No limit of the current stands in its way: the current that it needs is part of the answer.
     """
-    c = study.converter
     source = timeline.source_at(t_s)
-    known = [grid for start, grid in told if start <= t_s and grid is not None][-1]
+    at = GridSource(source.V_g_rms, source.omega)
+    return rest_on(subject, study, _known(subject, told, t_s), timeline.grid_at(t_s), at, timeline.references_at(t_s))
+
+
+def _known(subject: Subject, told: tuple[tuple[float, Grid | None], ...], t_s: float) -> Grid:
+    """The grid whose gains are in force at an instant, once the schedule has come to rest."""
     if told[-1][1] is None and t_s >= told[-1][0] and subject.safe is not None:
-        known = subject.safe
+        return subject.safe
+    return [grid for start, grid in told if start <= t_s and grid is not None][-1]
+
+
+def rest_on(
+    subject: Subject, study: Study, known: Grid, grid: Grid, source: GridSource, refs: tuple[float, float]
+) -> ExpectedRest:
+    """The steady state on a grid and a source, with the gains for the grid that is ``known``."""
+    c = study.converter
     law = gain_law(study, subject.spec, subject.ready)
     free = replace(study, converter=replace(c, current_limit_pu=None))
 
@@ -173,9 +224,9 @@ def rest_of(
     try:
         state, _ = rest_with_measured_gains(
             free,
-            timeline.grid_at(t_s),
-            GridSource(source.V_g_rms, source.omega),
-            *timeline.references_at(t_s),
+            grid,
+            source,
+            *refs,
             gains_of,
         )
     except LimitHitError as error:
@@ -208,7 +259,11 @@ def record_of(study: Study, simulation: Simulation) -> SurvivalRecord:
 
 def _feed(
     subject: Subject, study: Study, timeline: Timeline, told: tuple[tuple[float, Grid | None], ...]
-) -> LateSchedule | tuple:
+) -> LateSchedule | FieldScheduler | EstimatedScheduler | tuple[GainChange, ...]:
+    estimate = subject.spec.estimate
+    if estimate != "truth":
+        kind = FieldScheduler if estimator_kind(estimate).by_sample else EstimatedScheduler
+        return kind(study, subject.spec, subject.ready)
     if subject.spec.kind == "scheduled":
         return LateSchedule(study, subject.spec, told, subject.ready, safe=subject.safe)
     return gain_changes(study, subject.spec, timeline)
