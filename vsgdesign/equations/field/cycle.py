@@ -35,7 +35,7 @@ from vsgdesign.equations.field.windows import (
 from vsgdesign.equations.integration import TURN
 from vsgdesign.frames import rotate, rotate_back
 
-SLOW_MEMORY = 60.0
+SLOW_MEMORY = 100.0
 """Cycles of the track that the answer follows."""
 FAST_MEMORY = 6.0
 """Cycles of the track that tells whether something has changed."""
@@ -185,10 +185,19 @@ LOUD = 25.0
 """Square of a residual over its variance that contradicts an impedance."""
 
 
+UNEQUAL_GAINS = 0.006
+"""Error that unequal gains of the sensors make in a transient, relative to its voltage."""
+
+
+def gain_residual(window: Window) -> Any:
+    """Square of the residual that unequal gains leave of a transient."""
+    return UNEQUAL_GAINS * UNEQUAL_GAINS * (window.v_re * window.v_re + window.v_im * window.v_im)
+
+
 def surprise_of(track: FieldTrack, F_1: Window, F_2: Window) -> Surprise:
     """Compares the third difference with the answer in force, and in doubt with the fast track."""
-    S_1 = DIFFERENCE_GAIN * track.noise.line_1.S
-    S_2 = DIFFERENCE_GAIN * track.noise.line_2.S
+    S_1 = DIFFERENCE_GAIN * track.noise.line_1.S + gain_residual(F_1)
+    S_2 = DIFFERENCE_GAIN * track.noise.line_2.S + gain_residual(F_2)
     e_1_re, e_1_im = residual(F_1, track.answer.R, track.answer.X)
     e_2_re, e_2_im = residual(F_2, track.answer.R, track.answer.X)
     of_answer = 0.5 * ((e_1_re * e_1_re + e_1_im * e_1_im) / S_1 + (e_2_re * e_2_re + e_2_im * e_2_im) / S_2)
@@ -408,12 +417,12 @@ def conclude(  # noqa: C901
             by_step = 1.0 if verdict.d_step < NEAR else 0.0
             prior = Fit(R=step.R, X=step.X, P_RR=step.P_RR, P_RX=0.0, P_XX=step.P_XX, known=by_step)
             answer, prior = with_prior(fast_fit, prior, slow.count, gain)
-            phasor = settled(phasor, answer)
+            phasor = settled(phasor, answer, 0.5)
         elif verdict.same > 0.5:
             mode = TRACK
             slow = merged(slow, fast)
             answer, prior = with_prior(fit_of(slow, noise.line_1.S, noise.line_2.S), no_fit(), slow.count, gain)
-            phasor = settled(phasor, answer)
+            phasor = settled(phasor, answer, 1.0)
 
     code = code_moved(track.code, mode, doubt.used)
     a_1, a_2 = amplitudes(mode, noise_of_probe(noise), answer, settings)

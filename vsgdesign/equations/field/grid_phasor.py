@@ -49,7 +49,7 @@ class GridPhasor(NamedTuple):
     x_im: Any
     """Fundamental of the last cycle."""
     seen: Any
-    """0 before the first cycle, then 1."""
+    """0 before the first cycle; 0.5 if there is no step yet to predict the next one from; then 1."""
     now: Prediction
     """The reference of this cycle. In doubt it only turns on: it is what the grid would be if it had not changed."""
     one: Prediction
@@ -126,15 +126,16 @@ def phasor_moved(before: GridPhasor, mean: Window, answer: Fit, mode: Any) -> tu
     unsure = answer.P_RR + answer.P_XX + UNSURE * UNSURE * (answer.R * answer.R + answer.X * answer.X)
     allowed = before.variance + (di_re * di_re + di_im * di_im) * unsure
     least = np.maximum(EVENT_SIGMAS * EVENT_SIGMAS * allowed, LEAST_EVENT * LEAST_EVENT)
-    testing = answer.known > 0.5 and before.seen > 0.5
-    following = testing and mode != DOUBT
-    event = 1.0 if following and miss_sq > least else 0.0
+    following = answer.known > 0.5 and before.seen > 0.25 and mode != DOUBT
+    testing = following and before.seen > 0.75
+    event = 1.0 if testing and miss_sq > least else 0.0
     seen = np.minimum(miss_sq, 9.0 * before.variance)
-    variance = before.variance + (seen - before.variance) / VARIANCE_MEMORY if following else before.variance
+    variance = before.variance + (seen - before.variance) / VARIANCE_MEMORY if testing else before.variance
     over_re, over_im = rotate_back(dg_re, dg_im, before_re, before_im)
     size_sq = np.maximum(before_re * before_re + before_im * before_im, 1e-6)
-    step_re = over_re / size_sq if testing else 0.0
-    step_im = over_im / size_sq if testing else 0.0
+    stepped = answer.known > 0.5 and before.seen > 0.25
+    step_re = over_re / size_sq if stepped else 0.0
+    step_im = over_im / size_sq if stepped else 0.0
     calm = following and event < 0.5
     slip = before.slip + SLIP_SHARE * (step_im - before.slip) if calm else before.slip
     limited = np.minimum(np.maximum(FLYWHEEL_SHARE * slip, -LARGEST_CORRECTION), LARGEST_CORRECTION)
@@ -151,7 +152,7 @@ def phasor_moved(before: GridPhasor, mean: Window, answer: Fit, mode: Any) -> tu
     # At an event the reference is what the phasor was three cycles ago, in which the event cannot have begun.
     now = followed if calm else (three if event > 0.5 else turned)
     fresh = Prediction(re=g_re, im=g_im, slip=slip)
-    starts = before.seen < 0.5 or answer.known < 0.5
+    starts = before.seen < 0.25 or answer.known < 0.5
     now = fresh if starts else now
     last = fresh if starts else turned
     return (
@@ -178,8 +179,11 @@ def phasor_moved(before: GridPhasor, mean: Window, answer: Fit, mode: Any) -> tu
     )
 
 
-def settled(phasor: GridPhasor, answer: Fit) -> GridPhasor:
-    """The phasor with everything forgotten that was before now: at the end of a doubt."""
+def settled(phasor: GridPhasor, answer: Fit, seen: Any) -> GridPhasor:
+    """The phasor with everything forgotten that was before now: at the end of a doubt.
+
+    ``seen`` is 0.5 if the impedance is another one than that with which the last step was found, else 1.
+    """
     re = phasor.v_re - answer.R * phasor.i_re - answer.X * phasor.x_re
     im = phasor.v_im - answer.R * phasor.i_im - answer.X * phasor.x_im
     fresh = Prediction(re=re, im=im, slip=phasor.slip)
@@ -190,7 +194,7 @@ def settled(phasor: GridPhasor, answer: Fit) -> GridPhasor:
         i_im=phasor.i_im,
         x_re=phasor.x_re,
         x_im=phasor.x_im,
-        seen=1.0,
+        seen=seen,
         now=fresh,
         one=fresh,
         two=fresh,
