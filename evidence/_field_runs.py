@@ -133,8 +133,8 @@ def answers_of_log(log: EstimateLog, study: Study) -> Answers:
 def figures_of(draw: FieldDraw, answers: Answers, cycle_s: float) -> dict[str, Any]:
     """What is kept of a run. Impedances are relative: (R̂ − R)/|Z| and (X̂ − X)/|Z|.
 
-    ``rest``: (error of R, error of X, R/|Z|, valid, inside the ellipse) of answers at rest. ``after``:
-    (error, valid, inside) of the first FOLLOWED_CYCLES answers after the last event.
+    ``rest``: (error of R, error of X, R/|Z|, valid, inside the ellipse) of answers at rest. ``after``: (error, valid,
+    inside, error of R, error of X, R/|Z|) of the first FOLLOWED_CYCLES answers after the last event.
     """
     currents = resting_currents(converter_of(draw.converter), draw.start, draw.changes) or (math.nan, math.nan)
     begin, end = REST_FROM_S, draw.duration_s
@@ -185,5 +185,7 @@ def _at_rest(answers: Answers, begin_s: float, end_s: float) -> list[list[float]
 
 def _after(answers: Answers, event_s: float) -> list[list[float]]:
     rows = np.flatnonzero(answers.t_s > event_s)[:FOLLOWED_CYCLES]
-    table = np.column_stack([answers.error, answers.valid, inside_ellipse(answers)])[rows]
+    off, size = answers.Z_hat - answers.Z, np.abs(answers.Z)
+    own = [answers.error, answers.valid, inside_ellipse(answers)]
+    table = np.column_stack([*own, off.real / size, off.imag / size, answers.Z.real / size])[rows]
     return np.round(table, _DIGITS).tolist()

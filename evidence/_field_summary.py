@@ -80,7 +80,7 @@ def errors_since(rows: Sequence[Row], cycles: int) -> list[dict[str, float]]:
     ones, and coverage of the valid ones."""
     found = []
     for k in range(cycles):
-        here = np.array([row["after"][k] for row in rows if len(row.get("after", ())) > k]).reshape(-1, 3)
+        here = np.array([row["after"][k][:3] for row in rows if len(row.get("after", ())) > k]).reshape(-1, 3)
         valid = here[here[:, 1] > 0.0]
         found.append(
             {

@@ -14,6 +14,7 @@ from typing import Any
 
 from evidence._field_converters import CONVERTERS
 from evidence._field_draws import FieldDraw, field_draw
+from evidence._field_errors import measured_errors
 from evidence._field_probe_runs import ProbeTask, probe_table, run_probe
 from evidence._field_runs import converter_of, run_field
 from evidence._field_summary import (
@@ -27,6 +28,7 @@ from evidence._field_summary import (
     rest_of_bin,
 )
 from evidence._kept_runs import first_seed, kept_runs, share
+from vsgdesign.artifacts.measured_errors import MEASURED_FILE
 
 COUNTS = {
     "rest": 100,
@@ -114,4 +116,8 @@ def main(folder: Path) -> None:
     document["probe"] = probe
     (folder / "field.json").write_text(json.dumps(document, indent=1, ensure_ascii=False))
     (folder / "field.md").write_text(text)
+    # A gain table's page holds these against its error set: copy the file to vsgdesign/artifacts/ to ship it.
+    errors = folder / "measured_errors.json"
+    errors.unlink(missing_ok=True)
+    MEASURED_FILE.write(measured_errors(rows, first_seed()), errors)
     print(text)

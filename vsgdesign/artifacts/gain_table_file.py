@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator
 from dataclasses import fields
 from operator import attrgetter
@@ -24,15 +23,13 @@ from vsgdesign.artifacts.gain_table import (
     ValidityBox,
     table_document,
 )
-from vsgdesign.artifacts.guarded_file import GuardedFile, is_number
+from vsgdesign.artifacts.guarded_file import GuardedFile, is_number, rows_on_a_line
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 
 STATUSES = ("met", "relaxed", "outside")
 _TINY = 5e-324
-_ROW = re.compile(r"\[\n\s*([^\[\]{}]*?)\n\s*\]")
-_BREAK = re.compile(r",\n *")
 
 
 def write_table_file(table: GainTable, path: str | Path) -> None:
@@ -172,11 +169,6 @@ def _from_document(document: dict[str, Any]) -> GainTable:
     return GainTable(**values)
 
 
-def _rows_on_a_line(text: str) -> str:
-    """Innermost lists joined. JSON's strings have no line breaks, so none of them is touched."""
-    return _ROW.sub(lambda row: "[" + _BREAK.sub(", ", row[1]) + "]", text)
-
-
 TABLE_FILE = GuardedFile(
     kind=KIND,
     schema=SCHEMA,
@@ -186,6 +178,6 @@ TABLE_FILE = GuardedFile(
     document=table_document,
     build=_from_document,
     faults=table_faults,
-    layout=_rows_on_a_line,
+    layout=rows_on_a_line,
     upgrades=(_from_schema_1, _from_schema_2),
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,9 @@ from vsgdesign.artifacts.files import check_file_target, json_text, staged_file
 from vsgdesign.errors import ArtifactError
 
 T = TypeVar("T")
+
+_ROW = re.compile(r"\[\n\s*([^\[\]{}]*?)\n\s*\]")
+_BREAK = re.compile(r",\n *")
 
 
 def content_hash(document: dict[str, Any]) -> str:
@@ -155,6 +159,11 @@ class GuardedFile(Generic[T]):
             raise ArtifactError(f"it is not JSON of vsgdesign ({error}); give the file of {self.what}.") from error
         except RecursionError as error:
             raise ArtifactError(f"it is nested too deeply to be {self.what}; give another file.") from error
+
+
+def rows_on_a_line(text: str) -> str:
+    """A layout: innermost lists joined. JSON's strings have no line breaks, so none of them is touched."""
+    return _ROW.sub(lambda row: "[" + _BREAK.sub(", ", row[1]) + "]", text)
 
 
 def _listed(faults: Sequence[str]) -> str:

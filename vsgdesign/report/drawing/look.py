@@ -312,9 +312,10 @@ def colour_bar(figure: Any, place: Sequence[float], scale: Scale, label: str, be
 
 
 def legend_patches(
-    unstable: bool, missing: bool, partial: bool, gate: str | None, outside: bool = False
+    unstable: bool, missing: str | None, partial: bool, gate: str | None, outside: bool = False
 ) -> list[tuple[Any, str]]:
-    """(handle, label) of what the panels contain besides colours."""
+    """(handle, label) of what the panels contain besides colours. ``missing``: why cells have no value; None where all
+    have one."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -323,9 +324,9 @@ def legend_patches(
         entries.append((Line2D([], [], color="#000000", linewidth=1.1), gate))
     if unstable:
         entries.append((Patch(**{**UNSTABLE, "hatch": "////////"}), "unstable"))
-    if missing:
+    if missing is not None:
         patch = Line2D([], [], **{**CROSS, "markersize": 4.0}, markerfacecolor="none")
-        entries.append((patch, "not analysed: no operating point or no gains"))
+        entries.append((patch, missing))
     if partial:
         entries.append((Line2D([], [], **{**PARTIAL, "markersize": 4.0}), "of some (P, Q) only"))
     if outside:

@@ -42,6 +42,8 @@ class Frame:
     aspect: float = 0.56
     """Height of a panel over its width."""
     gate_label: str | None = None
+    missing_label: str = "not analysed: no operating point or no gains"
+    """Why a cell may have no value."""
 
 
 def map_figure(frame: Frame, rows: Sequence[Sequence[Panel]], scale: Scale) -> NamedFigure:
@@ -58,7 +60,7 @@ def _map_figure(frame: Frame, rows: Sequence[Sequence[Panel]], scale: Scale) -> 
     panels = [panel for row in rows for panel in row]
     entries = legend_patches(
         any(p.cells.unstable.any() for p in panels),
-        any(p.cells.missing.any() for p in panels),
+        frame.missing_label if any(p.cells.missing.any() for p in panels) else None,
         any((p.cells.partial & ~p.cells.missing).any() for p in panels),
         frame.gate_label if scale.gate is not None else None,
         any(p.cells.outside is not None and (p.cells.outside & ~p.cells.missing).any() for p in panels),

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.measured_errors import shipped_errors
 from vsgdesign.artifacts.step_text import STEP_HEAD, step_rows, step_sentence
 from vsgdesign.artifacts.table_text import (
     between_text,
@@ -22,6 +23,7 @@ from vsgdesign.artifacts.table_text import (
 )
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.gain_table.inside import inside_sentence
 from vsgdesign.report.gain_table.maps import in_order, limit_of, margin_keys
 from vsgdesign.report.page.html import write_html
 from vsgdesign.report.page.table import Table
@@ -65,6 +67,7 @@ def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_pat
         specification=open_table("Specification", table.specification, SPECIFICATION_UNITS),
         needed_sigma=needed_sigma_text(table),
         proof=certificate_sentence(table.certificate),
+        inside=inside_sentence(table, shipped_errors()),
         causes=causes_table(table),
         certificate=None
         if table.certificate is None

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.measured_errors import shipped_errors
 from vsgdesign.artifacts.step_text import step_lines
 from vsgdesign.artifacts.table_text import (
     between_text,
@@ -23,6 +24,7 @@ from vsgdesign.certificate.swing import SwingStatement
 from vsgdesign.certificate.swing.results import EMPTY, RETURNS
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import counted
+from vsgdesign.report.gain_table.inside import inside_sentence
 from vsgdesign.runtime.needed_sigma import needed_sigma_text
 from vsgdesign.stability.gain_table import TableCheck
 
@@ -50,6 +52,7 @@ def heading(table: GainTable) -> Iterator[str]:
         f"V {v.V_rms[0]:.4g} to {v.V_rms[1]:.4g} V, R and X known {error_text(v.error, v.error_Z)}"
     )
     yield needed_sigma_text(table)
+    yield inside_sentence(table, shipped_errors())
     if table.specification:
         yield "specification: " + ", ".join(f"{k} = {_short(v)}" for k, v in table.specification.items())
     yield from _why(table.causes)
