@@ -13,7 +13,7 @@ from vsgdesign.artifacts import GainTable
 from vsgdesign.artifacts.measured_errors import MEASURED_FILE, GridBin, JumpInstant, MeasuredErrors, shipped_errors
 from vsgdesign.errors import ArtifactError
 from vsgdesign.report.gain_table.inside import inside_figure, inside_sentence
-from vsgdesign.stability.inside_set import inside_set, within
+from vsgdesign.stability.inside_set import inside_run, inside_set, within
 
 
 def errors_of(R: float, count: int, share: float, size: float = 0.05) -> np.ndarray:
@@ -93,6 +93,19 @@ def test_the_sentence_says_what_is_known_and_what_is_not() -> None:
     assert "was not measured on its grids" in inside_sentence(far, measured())
     bare = replace(with_errors(0.2, 0.06), certificate=None)
     assert "inside the set that the table was designed for" in inside_sentence(bare, measured())
+
+
+def test_the_answers_of_a_run_are_held_where_there_is_none() -> None:
+    """At X/R 1 and SCR 2: off by 10 % of |Z| in X, exact, none, off by 30 %; before the first there is none."""
+    made = with_errors(0.2, 0.12)
+    omega, Z = made.base.omega_n, 3.63
+    R = np.full(6, Z / np.sqrt(2.0))
+    X_hat = R + np.array([np.nan, 0.1, 0.0, np.nan, 0.3, np.nan]) * Z
+    R_hat = np.where(np.isnan(X_hat), np.nan, R)
+    rest = np.array([True, True, False, False, True, True])
+    found = inside_run(made, (R, R / omega), (R_hat, X_hat / omega), rest)
+    assert found == (0.25, 0.5)
+    assert np.isnan(inside_run(made, (R, R / omega), (R_hat, X_hat / omega), ~np.ones(6, dtype=bool))[0])
 
 
 def test_the_map_shows_the_shares() -> None:

@@ -87,7 +87,7 @@ def _rows(errors: Array) -> list[list[float | None]]:
 
 
 def _from_document(document: dict[str, Any]) -> MeasuredErrors:
-    own = {name: value for name, value in document.items() if name not in ("kind", "schema")}
+    own: dict[str, Any] = {name: value for name, value in document.items() if name not in ("kind", "schema")}
     bins = tuple(
         GridBin(
             **one | {"errors": _errors(one["errors"]), "scr": _pair(one["scr"]), "x_over_r": _pair(one["x_over_r"])}
@@ -95,7 +95,8 @@ def _from_document(document: dict[str, Any]) -> MeasuredErrors:
         for one in own.pop("bins")
     )
     jumps = tuple(JumpInstant(float(one["t_s"]), _errors(one["errors"])) for one in own.pop("jumps"))
-    return MeasuredErrors(**own | {"converters": tuple(own["converters"])}, bins=bins, jumps=jumps)
+    own |= {"converters": tuple(own["converters"]), "bins": bins, "jumps": jumps}
+    return MeasuredErrors(**own)
 
 
 def _errors(rows: list[list[float | None]]) -> Array:

@@ -54,18 +54,31 @@ def relative_errors_pct(truth: Array, estimate: Array) -> Array:
         return 100.0 * (estimate / truth - 1.0)
 
 
+def rests(instants: Sequence[float], end_s: float) -> list[tuple[float, float]]:
+    """Begin and end of what counts as rest before each of the instants (events) and before the end, s."""
+    edges = [0.0, *sorted({t for t in instants if 0.0 < t < end_s}), end_s]
+    return [(end - min(REST_S, 0.25 * (end - begin)), end) for begin, end in itertools.pairwise(edges)]
+
+
+def rows_at_rest(t_s: Array, instants: Sequence[float], end_s: float) -> NDArray[np.bool_]:
+    """(N,), which of the answers at the times t_s (N,) are at rest."""
+    return np.logical_or.reduce([_rows(t_s, begin, end) for begin, end in rests(instants, end_s)])
+
+
+def _rows(t_s: Array, begin: float, end: float) -> NDArray[np.bool_]:
+    return (t_s > begin + 1e-9) & (t_s < end + 1e-9)
+
+
 def errors_at_rest(
     t_s: Array, R_g: Array, L_g: Array, R_g_hat: Array, L_g_hat: Array, instants: Sequence[float], end_s: float
 ) -> tuple[RestError, ...]:
     """Errors before each of the instants (events) and before the end. ``t_s`` (N,): ends of the windows; R in Ω, L in
     H.
     """
-    edges = [0.0, *sorted({t for t in instants if 0.0 < t < end_s}), end_s]
     errors_R, errors_L = relative_errors_pct(R_g, R_g_hat), relative_errors_pct(L_g, L_g_hat)
     found = []
-    for begin, end in itertools.pairwise(edges):
-        rest = end - min(REST_S, 0.25 * (end - begin))
-        rows = (t_s > rest + 1e-9) & (t_s < end + 1e-9)
+    for rest, end in rests(instants, end_s):
+        rows = _rows(t_s, rest, end)
         if not rows.any():
             continue
         last = int(np.flatnonzero(rows)[-1])

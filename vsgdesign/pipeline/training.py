@@ -178,6 +178,7 @@ def judgement_document(judged: Judgement) -> dict[str, Any]:
         "windows": len(judged.log.status),
         "statuses": judged.statuses,
         "rate_limit": dict(zip(("rate_1_s", "held_s", "of_s"), judged.rate_limit or (None,) * 3, strict=True)),
+        "inside_set": None if judged.inside is None else dict(zip(("at_rest", "of_all"), judged.inside, strict=True)),
         "rest": [asdict(one) for one in judged.rest],
         "grid_changes": [asdict(one) for one in judged.changes],
         "with_the_truth": judged.twin,

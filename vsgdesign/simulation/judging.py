@@ -6,9 +6,10 @@ from collections import Counter
 from dataclasses import dataclass, replace
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.metrics.estimation import ChangeSeen, RestError, changes_seen, errors_at_rest
+from vsgdesign.metrics.estimation import ChangeSeen, RestError, changes_seen, errors_at_rest, rows_at_rest
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
+from vsgdesign.stability.inside_set import inside_run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +40,9 @@ class Judgement:
     twin: str | None
     """The controller that differs by knowing the truth alone, and by when it is told, if the study has one."""
     steps: tuple[StepAgainstTruth, ...]
+    inside: tuple[float, float] | None = None
+    """Shares of the answers, at rest and of all, that are inside the error set of the controller's table; None without
+    a table, or with one that was designed for an exact estimate."""
 
     @property
     def rate_limit(self) -> tuple[float, float, float] | None:
@@ -60,6 +64,11 @@ def judge_estimates(result: ScenarioResult) -> tuple[Judgement, ...]:
         log = controller.estimates
         if log is None:
             continue
+        table = result.ready.table(controller.spec)
+        inside = None
+        if table is not None and (table.validity.error or table.validity.error_Z):
+            rest = rows_at_rest(log.t_s, instants, end_s)
+            inside = inside_run(table, (log.R_g, log.L_g), (log.R_g_hat, log.L_g_hat), rest)
         rows = (log.t_s, log.R_g, log.L_g, log.R_g_hat, log.L_g_hat)
         twin = next((other for other in result.controllers if _is_twin(controller, other, result.ready)), None)
         found.append(
@@ -71,6 +80,7 @@ def judge_estimates(result: ScenarioResult) -> tuple[Judgement, ...]:
                 changes=changes_seen(*rows, log.period, changes, instants, end_s),
                 twin=None if twin is None else twin.spec.name,
                 steps=() if twin is None else _against(controller, twin),
+                inside=inside,
             )
         )
     return tuple(found)

@@ -89,5 +89,28 @@ def inside_set(table: GainTable, measured: MeasuredErrors) -> InsideSet:
     return InsideSet(shares=shares, answers=answers, since=since, jumps=jumps)
 
 
+def inside_run(
+    table: GainTable,
+    truth: tuple[Array, Array],
+    estimate: tuple[Array, Array],
+    rest: NDArray[np.bool_],
+) -> tuple[float, float]:
+    """Shares of the answers of a run that are inside a table's set: of those at rest, (n,), and of all.
+
+    ``truth``, ``estimate``: R_g (Ω) and L_g (H) at each answer, (n,). Where there is no estimate the last one holds;
+    before the first there is none, and it is not inside. NaN where there is no such answer.
+    """
+    omega = table.base.omega_n
+    held = np.maximum.accumulate(
+        np.where(np.isfinite(estimate[0]) & np.isfinite(estimate[1]), np.arange(len(rest)), -1)
+    )
+    R_hat, L_hat = (np.where(held >= 0, values[np.maximum(held, 0)], np.nan) for values in estimate)
+    size = np.hypot(truth[0], omega * truth[1])
+    errors = np.stack([R_hat - truth[0], omega * (L_hat - truth[1]), truth[0]], axis=1) / size[:, None]
+    inside = within(errors, table.validity.error, table.validity.error_Z)
+    share, whole = (float(rows.mean()) if len(rows) else float("nan") for rows in (inside[rest], inside))
+    return share, whole
+
+
 def _between(values: Array, limits: tuple[float, float]) -> NDArray[np.bool_]:
     return (values >= limits[0] * (1.0 - _EDGE)) & (values <= limits[1] * (1.0 + _EDGE))

@@ -205,6 +205,9 @@ def estimate_text(result: ScenarioResult, judgements: Sequence[Judgement]) -> li
         errors = [error for error in errors if math.isfinite(error)]
         if errors:
             text += f" At rest it is off by {number(min(errors), 2)} to {number(max(errors), 2)} %."
+        if judged.inside is not None and math.isfinite(judged.inside[0]):
+            at_rest, of_all = (number(100.0 * share, 3) for share in judged.inside)
+            text += f" {at_rest} % of its answers at rest and {of_all} % of all are inside the error set of its table."
         if judged.steps:
             late = [
                 abs(step.settling_time_s - step.settling_time_truth_s)
