@@ -15,7 +15,9 @@ from tests.artifacts.networks import random_weights
 from vsgdesign.artifacts.field_weights import read_field_weights, weights_document, write_field_weights
 from vsgdesign.artifacts.guarded_file import content_hash
 from vsgdesign.artifacts.network_weights import read_network_weights, write_network_weights
+from vsgdesign.equations.field import FieldFeatures
 from vsgdesign.errors import ArtifactError
+from vsgdesign.identification.field_network import field_network
 
 
 @pytest.fixture
@@ -97,3 +99,11 @@ def test_the_two_kinds_of_weights_are_not_mistaken(tmp_path: Path, file: Path) -
         read_network_weights(file)
     with pytest.raises(ArtifactError, match="left untouched"):
         write_field_weights(random_field_weights(), tmp_path / "windows.json")
+
+
+def test_packaged_weights_fit_the_recursions() -> None:
+    weights = read_field_weights()
+    assert weights.features == FieldFeatures._fields
+    assert {round(one["f_n"]) for one in weights.converters} == {50, 60}
+    network = field_network(weights, FieldFeatures._fields)
+    assert all(np.isfinite(values).all() for values in (network.W_1, network.W_2, network.W_3))

@@ -20,6 +20,7 @@ from vsgdesign.estimator.recipe_fields import (
     uniform,
 )
 from vsgdesign.identification.interface import CHANNELS
+from vsgdesign.parameters.estimator import FIELD_RECIPES
 from vsgdesign.parameters.toml_file import read_toml
 
 _NOMINAL, _NONE = one_of(1.0), one_of(0.0)
@@ -192,6 +193,9 @@ def named_recipe(name: str, field: str = "recipe") -> WindowRecipe:
 
 
 def _unknown(name: str, field: str) -> Fault:
+    if name in FIELD_RECIPES:
+        advice = "vsgdesign estimator train alone takes it. " + f"Known here: {', '.join(RECIPES)}."
+        return Fault(field, f'"{name}"', "trains the network of the field estimator, which has no windows", advice)
     near = difflib.get_close_matches(name, RECIPES, n=1)
     advice = f"Did you mean {near[0]}? " if near else ""
     files = "; or a .toml file" if field == "recipe" else ""

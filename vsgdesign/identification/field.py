@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,15 +11,20 @@ import numpy as np
 from vsgdesign.equations.field import (
     LEARN,
     FieldAnswer,
+    FieldFeatures,
     FieldSettings,
     FieldTrack,
     LockIn,
     conclude,
+    features,
     first_lock_in,
     first_track,
     listen,
     probe_value,
 )
+from vsgdesign.equations.field_fusion import FIRST_GATE, NetworkGate
+from vsgdesign.errors import ArtifactError
+from vsgdesign.identification.field_network import FieldNetwork, field_network
 from vsgdesign.identification.interface import Estimate, Installation, Needs, Probe, Samples
 
 LOW_PASS = 2e-3
@@ -92,6 +97,8 @@ class FieldState(NamedTuple):
 
     lock: LockIn
     track: FieldTrack
+    gate: NetworkGate = FIRST_GATE
+    """Of the network, if there is one."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +109,8 @@ class FieldEstimator:
     title: str = "the field estimator"
     signals: str = "field"
     calibrated: bool = True
+    network: FieldNetwork | None = None
+    """A network behind the recursions (docs/theory/field-network.md)."""
     needs: Needs = field(init=False)
 
     def __post_init__(self) -> None:
@@ -137,7 +146,11 @@ class FieldEstimator:
         if lock.closed < 0.5:
             return state._replace(lock=lock), None
         lock, track, answer = conclude(lock, state.track, self.settings)
-        return FieldState(lock, track), estimate_of(answer)
+        gate = state.gate
+        if self.network is not None:
+            seen = features(lock, track, answer, self.settings)
+            gate, answer = self.network.behind(gate, seen, answer, self.settings)
+        return FieldState(lock, track, gate), estimate_of(answer)
 
 
 def estimate_of(answer: FieldAnswer) -> Estimate:
@@ -161,3 +174,14 @@ def field_estimator(at: Installation) -> FieldEstimator:
     return FieldEstimator(
         field_settings(T_s=at.T_s, omega_n=at.omega_n, V_base=at.V_base, Z_base=at.Z_base, guess=at.guess)
     )
+
+
+def field_network_estimator(at: Installation) -> FieldEstimator:
+    """The same with the network of an installation's weights (artifacts.field_weights.FieldWeights) behind it.
+
+    Raises ArtifactError if there are none, or if they are of recursions with other features.
+    """
+    if at.weights is None:
+        raise ArtifactError("there is no network to put behind the field estimator. Give trained field weights.")
+    network = field_network(at.weights, FieldFeatures._fields)
+    return replace(field_estimator(at), title="the field estimator with its network", network=network)

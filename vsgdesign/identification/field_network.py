@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from vsgdesign.equations.field_fusion import GateLimits, Posterior
+from vsgdesign.equations.field import FieldAnswer, FieldFeatures, FieldSettings
+from vsgdesign.equations.field_fusion import GateLimits, NetworkGate, Posterior, fused_answer, next_gate, step_refuted
 from vsgdesign.errors import ArtifactError
 from vsgdesign.identification.interface import Array
 
@@ -36,6 +37,25 @@ class FieldNetwork:
     def posterior(self, features: Sequence[float]) -> Posterior:
         """The five outputs for n features (:eq:`field-network`)."""
         return Posterior(*self.outputs(np.asarray(features, dtype=np.float64)).tolist())
+
+    def behind(
+        self, gate: NetworkGate, seen: FieldFeatures, answer: FieldAnswer, settings: FieldSettings
+    ) -> tuple[NetworkGate, FieldAnswer]:
+        """The answer of a cycle with this network behind the recursions (:eq:`field-fusion`). Returns (gate, answer).
+
+        ``gate`` is that of the cycle before, ``seen`` and ``answer`` are the recursions' features and answer in this
+        one.
+        """
+        moved, spoken = fused_answer(
+            answer,
+            next_gate(gate, answer.event),
+            self.posterior(seen),
+            step_refuted(seen),
+            self.radii[int(answer.mode)],
+            self.gate,
+            settings,
+        )
+        return NetworkGate(*map(float, moved)), FieldAnswer(*map(float, spoken))
 
     def outputs(self, features: Array) -> Array:
         """(..., 5) for features (..., n)."""

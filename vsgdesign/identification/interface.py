@@ -251,6 +251,8 @@ class EstimatorKind:
     """Whether the C export contains it."""
     by_sample: bool = False
     """Whether it takes every sample of the controller and places its probe in time itself, instead of windows."""
+    field_network: bool = False
+    """Whether it is the field estimator with a network behind it, whose weights come with the package."""
 
 
 class NoMemory(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.identification.constant import ConstantGuess
-from vsgdesign.identification.field import field_estimator
+from vsgdesign.identification.field import field_estimator, field_network_estimator
 from vsgdesign.identification.injection import Injection
 from vsgdesign.identification.interface import Estimator, EstimatorKind, Installation
 from vsgdesign.identification.kalman import ExtendedKalmanFilter
@@ -25,6 +25,9 @@ ESTIMATORS: dict[str, EstimatorKind] = {
     "injection": EstimatorKind("the injected line", Injection),
     "prbs": EstimatorKind("the pseudo-random sequence", PseudoRandomSequence),
     "field": EstimatorKind("the field estimator", field_estimator, by_sample=True, in_c=True),
+    "field_network": EstimatorKind(
+        "the field estimator with its network", field_network_estimator, by_sample=True, field_network=True
+    ),
     "neural": EstimatorKind("the network", installed_network, trained=True, in_c=True),
 }
 """Every estimator by its name in a study. A new estimator is one more entry: the study reader, the simulation and the

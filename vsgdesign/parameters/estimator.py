@@ -9,6 +9,9 @@ from vsgdesign.parameters.reader import TableReader
 RECIPES = ("published", "continuous", "wide")
 """The packaged recipes for windows, by name; another is a TOML file."""
 
+FIELD_RECIPES = ("field",)
+"""The packaged recipes for the network of the field estimator."""
+
 _TRAINED = ("recipe", "seed", "hidden", "components", "starts")
 """Fields that only training uses."""
 
@@ -28,6 +31,8 @@ class EstimatorSpec:
     """Of these three None is what the recipe says."""
     weights_file: str | None = None
     """A trained network; None: it is trained in the run."""
+    field_weights_file: str | None = None
+    """The network of every controller with ``estimate = "field_network"``; None: the packaged one."""
     grid_phase: bool = False
     """Lend the network the simulator's own phase of the grid source. No converter in the field has that signal."""
     v_limit_pu: float | None = None
@@ -40,8 +45,9 @@ def read_estimator(table: TableReader | None) -> EstimatorSpec | None:
     if table is None:
         return None
     recipe = table.text("recipe", default="published")
-    if recipe not in RECIPES and not recipe.endswith(".toml"):
-        table.fault("recipe", recipe, "unknown", f"Known: {', '.join(RECIPES)}; or a .toml file.")
+    known = RECIPES + FIELD_RECIPES
+    if recipe not in known and not recipe.endswith(".toml"):
+        table.fault("recipe", recipe, "unknown", f"Known: {', '.join(known)}; or a .toml file.")
     spec = EstimatorSpec(
         recipe=recipe,
         seed=table.integer("seed", 0, 2**31 - 1, default=0),
@@ -49,6 +55,7 @@ def read_estimator(table: TableReader | None) -> EstimatorSpec | None:
         components=table.integer("components", 0, 1000, default=None),
         starts=table.integer("starts", 1, 100, default=None),
         weights_file=table.text("weights", default=None),
+        field_weights_file=table.text("field_weights", default=None),
         grid_phase=table.flag("grid_phase", default=False),
         v_limit_pu=table.quantity("v_limit_pu", "1", 1.0, 100.0, default=None),
         i_limit_pu=table.quantity("i_limit_pu", "1", 1.0, 100.0, default=None),

@@ -14,14 +14,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.equations.field import FieldAnswer, FieldSettings
+from vsgdesign.equations.field import FieldAnswer, FieldFeatures, FieldSettings
+from vsgdesign.equations.field_fusion import FIRST_GATE
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification import Probe
 from vsgdesign.identification.field import estimate_of, field_settings
+from vsgdesign.identification.field_network import FieldNetwork, field_network
+from vsgdesign.identification.registry import estimator_kind
 from vsgdesign.parameters.study import ControllerSpec, Grid, Place, Study
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.estimated import NO_DESIGN, EstimateLog
@@ -86,6 +90,17 @@ def settings_of_study(study: Study) -> FieldSettings:
     )
 
 
+def network_of(study: Study, spec: ControllerSpec) -> FieldNetwork | None:
+    """The network behind a controller's field estimator: that of the file that the study names, else the packaged one.
+
+    None for a controller without one. Raises ArtifactError for a file that is damaged or does not fit.
+    """
+    if not estimator_kind(spec.estimate).field_network:
+        return None
+    named = None if study.estimator is None else study.estimator.field_weights_file
+    return field_network(read_field_weights(named), FieldFeatures._fields)
+
+
 class MeasuredCycle(NamedTuple):
     """What the schedule takes of a cycle (:class:`vsgdesign.simulation.following.MeasuredPowers`)."""
 
@@ -125,6 +140,7 @@ class FieldScheduler:
         self._has_table = ready.table(spec) is not None
         self._box, self._follows = box_of(study), follows_measured(spec)
         self._settings = settings_of_study(study)
+        self._network = network_of(study, spec)
         self.held: HeldProbe | None = None
         self.limited_samples = 0
         self.sensed: Array | None = None
@@ -139,6 +155,7 @@ class FieldScheduler:
         omega_n = self._study.converter.omega_n
         V_n = self._study.converter.V_rated_rms
         self._fresh = True
+        self._gate = FIRST_GATE
         self._memory = first_memory(self._settings, omega_n, V_n, allowed=self._probing)
         self._held = self._box.middle.grid(self._study.converter)
         self._first = self._answers.first(self._held, known=False)
@@ -182,7 +199,7 @@ class FieldScheduler:
 
     def conclude(self, sample: int, present: PowerLoopGains, state: ControllerState) -> PowerLoopGains:
         """Ends the estimator's cycle before a sample. Returns the gains from this sample on."""
-        answer = self._memory.conclude()
+        answer = self._concluded()
         T_s = self._study.converter.T_s
         measured = MeasuredCycle(sample * T_s, state.P_f, state.Q_f, state.V, int(answer.limited > 0.0))
         gains, held_back = self._followed(answer, measured)
@@ -191,6 +208,14 @@ class FieldScheduler:
             return present
         self.changes.append(GainChange(measured.t_s, gains, self.grid(sample)))
         return gains
+
+    def _concluded(self) -> FieldAnswer:
+        """The answer of the cycle, with the network behind the recursions if there is one."""
+        answer = self._memory.conclude()
+        if self._network is None:
+            return answer
+        self._gate, spoken = self._network.behind(self._gate, self._memory.seen, answer, self._settings)
+        return spoken
 
     def _followed(self, answer: FieldAnswer, measured: MeasuredCycle) -> tuple[PowerLoopGains | None, bool]:
         followed = answer.valid > 0.5 and answer.spoilt < 0.5

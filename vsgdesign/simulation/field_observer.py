@@ -109,6 +109,11 @@ class FieldMemory(NamedTuple):
         """The lock-in as a record."""
         return unpack(self.watch.memory, _LOCK_IN)
 
+    @property
+    def seen(self) -> FieldFeatures:
+        """The features of the cycle that was concluded last."""
+        return FieldFeatures(*self.features.tolist())
+
     def conclude(self) -> FieldAnswer:
         """Ends a cycle and begins the next one."""
         _conclusion()(self.watch.memory, self.track, self.watch.constants, self.answer, self.features)

@@ -58,7 +58,7 @@ class ListeningScheduler(FieldScheduler):
         """Ends the estimator's cycle before a sample. Returns the gains from this sample on."""
         gains = super().conclude(sample, present, state)
         row = self.rows[-1]
-        self.listened.append(Listened(row.t_s, row.answer, FieldFeatures(*self._memory.features.tolist())))
+        self.listened.append(Listened(row.t_s, row.answer, self._memory.seen))
         return gains
 
 

@@ -173,7 +173,7 @@ class _Rows:
                 error_p95=nothing,
                 valid_share=nothing,
                 valid_error_p95=nothing,
-                t10_s=(math.nan,) * 3,
+                t10_s=(math.nan, math.nan, math.nan),
                 coverage=empty,
                 wrong_s=math.nan,
                 worst=math.nan,

@@ -142,7 +142,7 @@ def train_on_cycles(
             "best_epoch": training.best_epoch,
             "loss": {name: float(training.history[name][training.best_epoch]) for name in ("training", "validation")},
             "runs": runs,
-            "test": scores_document(scores),
+            "test": _short(scores_document(scores)),
         },
         provenance=dict(provenance()),
     )
@@ -162,6 +162,15 @@ def train_on_cycles(
 def scores_document(scores: dict[str, dict[str, GroupScore]]) -> dict[str, Any]:
     """The scores in JSON's types; what is no number, or is not reached, is None."""
     return {way: {group: _finite(plain(asdict(scores[way][group]))) for group in GROUPS} for way in WAYS}
+
+
+def _short(document: dict[str, Any]) -> dict[str, Any]:
+    """The scores for the weights' file: of the series only the cycles of AFTER."""
+    for groups in document.values():
+        for one in groups.values():
+            for name in ("error_p95", "valid_share", "valid_error_p95"):
+                one[name] = {str(k): one[name][k] for k in AFTER}
+    return document
 
 
 def _finite(value: Any) -> Any:
