@@ -129,7 +129,7 @@ def controller() -> list[Row]:
     c = study.converter
     refs = References(2000.0, 1000.0, c.omega_n, c.V_rated_rms)
     state = cold_start(study).controller._replace(P_f=2000.0, Q_f=1000.0)
-    loop = compile_function(_controller_loop)  # type: ignore[arg-type]
+    loop = compile_function(_controller_loop, outermost=True)  # type: ignore[arg-type]
     count = 1_000_000
     grid = GridEstimate(R_g=study.grid.R_g, L_g=study.grid.L_g)
     limiter = compiled_law(study.limiter.law)

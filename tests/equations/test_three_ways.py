@@ -165,7 +165,7 @@ def test_they_are_all_here() -> None:
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_float_casadi_and_numba_agree(name: str) -> None:
     function = FUNCTIONS[name]
-    compiled = compile_function(function)
+    compiled = compile_function(function, outermost=True)
     rng = np.random.default_rng(sum(name.encode()))
     for _ in range(10):
         flags = {flag: draw(flag, rng) for flag in FLAGS}
@@ -205,11 +205,13 @@ def test_the_compiled_step_returns_its_structures() -> None:
     """Callers read fields by name, and feed the state back in."""
     rng = np.random.default_rng(5)
     plain = arguments(controller_step, lambda field: draw(field, rng))
-    following, output = compile_function(controller_step)(*compilable(plain))
+    following, output = compile_function(controller_step, outermost=True)(*compilable(plain))
     assert type(following).__name__ == ControllerState.__name__
     assert following._fields == ControllerState._fields
     assert following.theta == pytest.approx(plain[0].theta + plain[-2].T_s * output.omega, rel=1e-14)
-    again, _ = compile_function(controller_step)(ControllerState(**following._asdict()), *compilable(plain[1:]))
+    again, _ = compile_function(controller_step, outermost=True)(
+        ControllerState(**following._asdict()), *compilable(plain[1:])
+    )
     expected = controller_step(ControllerState(**following._asdict()), *plain[1:])[0]
     assert flat(again) == pytest.approx(flat(expected), rel=1e-12)
 

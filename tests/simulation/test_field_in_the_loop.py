@@ -175,7 +175,7 @@ def test_records_keep_their_numbers_in_an_array() -> None:
         values = np.array(flat(record))
         assert unpack(values, zero_record(kind)) == record
         copy = np.zeros_like(values)
-        compile_function(_copied)(values, copy, zero_record(kind))
+        compile_function(_copied, outermost=True)(values, copy, zero_record(kind))
         assert np.array_equal(copy, values)
         assert flat(zero_record(kind)) == [0.0] * len(values)
 

@@ -26,6 +26,9 @@ from vsgdesign.simulation.observing import ObserverLaw, pack, unpack
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz", "arcp"}, "nogil": True}
+_INNER: dict[str, Any] = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""Left to itself the compiler keeps the larger stages of the controller as calls: that costs a fifth of the speed."""
+
 _ROOMS = ("equations", "simulation")
 
 Law = LimiterLaw | ObserverLaw
@@ -89,7 +92,8 @@ def compile_function(
 ) -> Callable[..., Any]:
     """The function, and every function of this package or of its own module that it calls, compiled for speed.
 
-    ``outermost`` is the loop itself, into which everything else is inlined. ``cache=True`` keeps the machine code on
+    ``outermost`` is the loop itself, into which everything else is inlined: it alone can be called from Python, because
+    a wrapper for each of the others would take half of the compiler's time. ``cache=True`` keeps the machine code on
     disk; only for the outermost function, through :func:`source_stamp`, so that a change anywhere in the compiled
     sources makes it stale. ``replaced``: what names that the function takes from its module stand for instead.
     """
@@ -102,8 +106,7 @@ def compile_function(
     rebuilt = FunctionType(function.__code__, names, function.__name__, function.__defaults__, function.__closure__)
     rebuilt.__module__ = function.__module__
     rebuilt.__qualname__ = function.__qualname__
-    # Left to itself the compiler keeps the larger stages of the controller as calls: that costs a fifth of the speed.
-    return numba.njit(cache=cache, forceinline=not outermost, **_OPTIONS)(rebuilt)
+    return numba.njit(cache=cache, **({} if outermost else _INNER), **_OPTIONS)(rebuilt)
 
 
 def _is_ours(value: FunctionType, caller: FunctionType) -> bool:
