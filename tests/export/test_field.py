@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cmath
 import math
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -121,7 +120,7 @@ def replayed(compiled: CompiledC, record: Recorded, late: int = 0) -> tuple[list
 
 
 def test_the_answers_of_python(field_c: CompiledC, recorded: Recorded) -> None:
-    """Double to 1e-12 of each number, single to 1e-3 of |Z|, and the same decisions in the same cycles."""
+    """Double to 1e-12 of each number, single to 1e-4 of |Z|, and the same decisions in the same cycles."""
     answers, probe = replayed(field_c, recorded)
     assert len(answers) == len(recorded.answers)
     got, wanted = np.array(answers), np.array(recorded.answers)
@@ -135,7 +134,7 @@ def test_the_answers_of_python(field_c: CompiledC, recorded: Recorded) -> None:
     omega = recorded.settings.omega_n
     Z = wanted[:, 0] + 1j * omega * wanted[:, 1]
     error = np.abs(got[:, 0] + 1j * omega * got[:, 1] - Z)[valid] / np.abs(Z)[valid]
-    assert np.max(error) <= 1e-3
+    assert np.max(error) <= 1e-4
     assert probe <= 1e-5  # of the rated voltage, of which the probe is a small part
 
 
@@ -193,7 +192,6 @@ def test_small_and_plain(field_folder: Path, field_c: CompiledC, recorded: Recor
     assert 500 < size <= (4096 if field_c.double else 2048)
     text = (field_folder / "vsg_field.c").read_text(encoding="ascii")
     assert "malloc" not in text
-    assert not re.search(r"\bdouble\b", (field_folder / "vsg_field_laws.h").read_text(encoding="ascii"))
 
 
 @pytest.mark.parametrize("compiler", GCC_AND_CLANG)

@@ -37,7 +37,7 @@ LARGEST_BYTES = 2048
 NAMES = {Track: "field_sums"}
 """What C calls a record, where it is not its own name behind ``field_``."""
 
-PUBLIC = ("settings", "lock_in", "track", "answer")
+PUBLIC = ("settings", "lock_in", "lock_in_lost", "track", "answer")
 FUNCTIONS = (first_lock_in, first_track, probe_value, probe_offset, rotate, listen, conclude)
 
 

@@ -18,6 +18,7 @@ from vsgdesign.equations.field.doubt import (
     verdict_of,
 )
 from vsgdesign.equations.field.grid_phasor import GridPhasor, first_grid_phasor, phasor_moved, settled, without_last
+from vsgdesign.equations.field.lock_in import turn_less_one
 from vsgdesign.equations.field.noise import DIFFERENCE_GAIN, Noise, first_noise, noise_of_probe, noise_with
 from vsgdesign.equations.field.residuals import Residuals, misfit, no_residuals, residuals_with
 from vsgdesign.equations.field.sign_code import SignCode, amplitudes, code_moved, first_code
@@ -130,7 +131,7 @@ def carried(lock: LockIn, cosine: Any, sine: Any) -> LineSums:
 def next_cycle(lock: LockIn, omega: Any, a_1: Any, a_2: Any, settings: FieldSettings) -> LockIn:
     """The lock-in at the beginning of a cycle, at another speed and with other amplitudes of the probe."""
     # The last sample was one step before the angle that the phasor has now.
-    last_re, last_im = rotate_back(lock.half_re, lock.half_im, lock.step_re, lock.step_im)
+    last_re, last_im = rotate_back(lock.half_re, lock.half_im, 1.0 + lock.step_less_one, lock.step_im)
     whole_re, whole_im = rotate(last_re, last_im, last_re, last_im)
     second_re, second_im = rotate(whole_re, whole_im, last_re, last_im)
     # The recursion of the phasor loses digits; its angle is known.
@@ -142,7 +143,7 @@ def next_cycle(lock: LockIn, omega: Any, a_1: Any, a_2: Any, settings: FieldSett
         omega=omega,
         half_re=sign * np.cos(0.5 * lock.phi),
         half_im=sign * np.sin(0.5 * lock.phi),
-        step_re=np.cos(step),
+        step_less_one=turn_less_one(step),
         step_im=np.sin(step),
         v_re=lock.v_re,
         v_im=lock.v_im,

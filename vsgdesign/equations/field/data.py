@@ -88,9 +88,9 @@ class LockIn(NamedTuple):
     half_re: Any
     half_im: Any
     """e^{jφ/2} of the whole angle: it changes its sign from one cycle to the next."""
-    step_re: Any
+    step_less_one: Any
     step_im: Any
-    """e^{jωT_s/2}."""
+    """e^{jωT_s/2} − 1: its real part is so small that single precision would lose it beside the 1."""
     v_re: Any
     v_im: Any
     i_re: Any

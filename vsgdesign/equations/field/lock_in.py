@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.equations.field.data import FieldSettings, LineSums, LockIn
-from vsgdesign.equations.integration import TURN
+from vsgdesign.equations.integration import TURN, advanced
 from vsgdesign.frames import rotate, rotate_back
 
 BEYOND = 50.0
@@ -33,7 +33,7 @@ def first_lock_in(settings: FieldSettings, omega: Any) -> LockIn:
         omega=omega,
         half_re=np.cos(0.5 * step),
         half_im=np.sin(0.5 * step),
-        step_re=np.cos(step),
+        step_less_one=turn_less_one(step),
         step_im=np.sin(step),
         v_re=0.0,
         v_im=0.0,
@@ -75,6 +75,24 @@ def probe_value(lock: LockIn, allowed: Any, settings: FieldSettings) -> tuple[An
     u_d = share * (lock.a_1 * lock.half_re + lock.a_2 * second_re)
     u_q = share * (lock.a_1 * lock.half_im + lock.a_2 * second_im)
     return u_d, u_q
+
+
+def turn_less_one(angle: Any) -> Any:
+    """cos(angle) − 1 with all its digits: −2 sin²(angle/2)."""
+    sine = np.sin(0.5 * angle)
+    return -2.0 * sine * sine
+
+
+def mean_sums(sums: LineSums, v_re: Any, v_im: Any, i_re: Any, i_im: Any, u_re: Any, u_im: Any, w: Any) -> LineSums:
+    """The sums of the fundamental with a sample added, which has the weight w."""
+    return LineSums(
+        v_re=sums.v_re + w * v_re,
+        v_im=sums.v_im + w * v_im,
+        i_re=sums.i_re + w * i_re,
+        i_im=sums.i_im + w * i_im,
+        u_re=sums.u_re + w * u_re,
+        u_im=sums.u_im + w * u_im,
+    )
 
 
 def line_sums(
@@ -123,16 +141,20 @@ def listen(
     v_re, v_im = rotate_back(settings.per_volt * v_alpha, settings.per_volt * v_beta, whole_re, whole_im)
     i_re, i_im = rotate_back(settings.per_ampere * i_alpha, settings.per_ampere * i_beta, whole_re, whole_im)
     u_re, u_im = rotate_back(sent_alpha, sent_beta, whole_re, whole_im)
-    share = settings.smoothing + (1.0 - settings.smoothing) * (1.0 - lock.primed)
+    begun = lock.primed > 0.5  # else the first sample sets the low-passes
+    share = settings.smoothing if begun else 1.0
     v_re = lock.v_re + share * (v_re - lock.v_re) if good else lock.v_re
     v_im = lock.v_im + share * (v_im - lock.v_im) if good else lock.v_im
     i_re = lock.i_re + share * (i_re - lock.i_re) if good else lock.i_re
     i_im = lock.i_im + share * (i_im - lock.i_im) if good else lock.i_im
     u_re = lock.u_re + share * (u_re - lock.u_re) if good else lock.u_re
     u_im = lock.u_im + share * (u_im - lock.u_im) if good else lock.u_im
+    i_before_re = lock.i_re if begun else i_re
+    i_before_im = lock.i_im if begun else i_im
+    i_start_re = lock.i_start_re if begun else i_re
+    i_start_im = lock.i_start_im if begun else i_im
     primed = 1.0 if good else lock.primed
     spoilt = lock.spoilt if good else lock.spoilt + 1.0
-    first = 1.0 - lock.primed
 
     # The sample stands for the angles from phi − ωT_s/2 to phi + ωT_s/2. The part beyond 2π is the next cycle's.
     turned = lock.omega * settings.T_s
@@ -140,13 +162,15 @@ def listen(
     left = closed * (lock.phi + 0.5 * turned - TURN) / turned
     w = 1.0 - left
     second_re, second_im = rotate(whole_re, whole_im, half_re, half_im)
-    next_re, next_im = rotate(half_re, half_im, lock.step_re, lock.step_im)
+    # The phasor is the sum of its small changes, so that single precision loses no digits of its length and angle.
+    next_re = advanced(lock.half_re, lock.step_less_one * half_re - lock.step_im * half_im)
+    next_im = advanced(lock.half_im, lock.step_less_one * half_im + lock.step_im * half_re)
     return LockIn(
-        phi=lock.phi + turned - TURN * closed,
+        phi=advanced(lock.phi, turned) - TURN * closed,
         omega=lock.omega,
         half_re=next_re,
         half_im=next_im,
-        step_re=lock.step_re,
+        step_less_one=lock.step_less_one,
         step_im=lock.step_im,
         v_re=v_re,
         v_im=v_im,
@@ -154,16 +178,16 @@ def listen(
         i_im=i_im,
         u_re=u_re,
         u_im=u_im,
-        i_before_re=lock.primed * lock.i_re + first * i_re,
-        i_before_im=lock.primed * lock.i_im + first * i_im,
+        i_before_re=i_before_re,
+        i_before_im=i_before_im,
         primed=primed,
-        mean=line_sums(lock.mean, v_re, v_im, i_re, i_im, u_re, u_im, w, 0.0),
+        mean=mean_sums(lock.mean, v_re, v_im, i_re, i_im, u_re, u_im, w),
         line_1=line_sums(lock.line_1, v_re, v_im, i_re, i_im, u_re, u_im, w * half_re, w * half_im),
         line_2=line_sums(lock.line_2, v_re, v_im, i_re, i_im, u_re, u_im, w * second_re, w * second_im),
         weight=lock.weight + w,
         left=left,
-        i_start_re=lock.i_start_re + first * (i_re - lock.i_start_re),
-        i_start_im=lock.i_start_im + first * (i_im - lock.i_start_im),
+        i_start_re=i_start_re,
+        i_start_im=i_start_im,
         samples=lock.samples + 1.0,
         limited=lock.limited + limited,
         spoilt=spoilt,
