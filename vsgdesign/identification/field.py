@@ -38,9 +38,11 @@ class ProbeLimits:
     sigma: float = 0.013
     """Standard deviation of Z relative to |Z| that the probe is to give."""
     amplitude: float = 0.002
-    """Largest amplitude of one line, relative to the rated voltage."""
+    """Largest amplitude of one line at the PCC, relative to the rated voltage."""
+    amplitude_sent: float = 0.01
+    """Largest amplitude of one line as it is sent. Less arrives where the converter has a transient impedance."""
     amplitude_burst: float = 0.0035
-    """The same while the estimator learns or is in doubt, for some tenths of a second."""
+    """Largest amplitude at the PCC while the estimator learns or is in doubt, for some tenths of a second."""
     current: float = 0.03
     """Largest current of one line, relative to the rated current."""
     ripple: float = 0.0065
@@ -79,6 +81,7 @@ def field_settings(
         R_first=(R_1 + R_2) / Z_base,
         X_first=omega_n * (L_1 + L_2) / Z_base,
         amplitude_least=0.0002,
+        amplitude_sent=limits.amplitude_sent,
         amplitude_rest=limits.amplitude,
         amplitude_burst=limits.amplitude_burst,
         current_rest=limits.current,

@@ -21,7 +21,15 @@ from vsgdesign.equations.field.grid_phasor import GridPhasor, first_grid_phasor,
 from vsgdesign.equations.field.lock_in import turn_less_one
 from vsgdesign.equations.field.noise import DIFFERENCE_GAIN, Noise, first_noise, noise_of_probe, noise_with
 from vsgdesign.equations.field.residuals import Residuals, misfit, no_residuals, residuals_with
-from vsgdesign.equations.field.sign_code import SignCode, amplitudes, code_moved, first_code
+from vsgdesign.equations.field.sign_code import (
+    Response,
+    SignCode,
+    code_moved,
+    first_code,
+    line_amplitude,
+    no_response,
+    response_of,
+)
 from vsgdesign.equations.field.tracks import Fit, Track, fit_of, forgotten, merged, no_track, taken, with_gain
 from vsgdesign.equations.field.windows import (
     History,
@@ -72,6 +80,8 @@ class FieldTrack(NamedTuple):
     phasor: GridPhasor
     doubt: Doubt
     code: SignCode
+    response_1: Response
+    response_2: Response
     misfit: Any
     """Square of the last residual over its variance."""
     loud: Any
@@ -105,6 +115,8 @@ def first_track(settings: FieldSettings) -> FieldTrack:
         phasor=first_grid_phasor(),
         doubt=no_doubt(),
         code=first_code(settings),
+        response_1=no_response(),
+        response_2=no_response(),
         misfit=1.0,
         loud=0.0,
         apart=0.0,
@@ -426,7 +438,16 @@ def conclude(  # noqa: C901
             phasor = settled(phasor, answer, 1.0)
 
     code = code_moved(track.code, mode, doubt.used)
-    a_1, a_2 = amplitudes(mode, noise_of_probe(noise), answer, settings)
+    response_1, response_2 = track.response_1, track.response_2
+    if use and mode != DOUBT:
+        response_1 = response_of(slow.line_1, response_1, settings)
+        response_2 = response_of(slow.line_2, response_2, settings)
+    elif use and fast.count > 1.5:
+        response_1 = response_of(fast.line_1, response_1, settings)
+        response_2 = response_of(fast.line_2, response_2, settings)
+    both_noise = noise_of_probe(noise)
+    a_1 = line_amplitude(both_noise, mode, response_1, settings)
+    a_2 = line_amplitude(both_noise, mode, response_2, settings)
     following = FieldTrack(
         history_1=shifted(now_1, track.history_1),
         history_2=shifted(now_2, track.history_2),
@@ -443,6 +464,8 @@ def conclude(  # noqa: C901
         phasor=phasor,
         doubt=doubt,
         code=code,
+        response_1=response_1,
+        response_2=response_2,
         misfit=surprise.misfit,
         loud=loud,
         apart=apart,

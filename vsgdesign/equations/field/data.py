@@ -40,11 +40,13 @@ class FieldSettings(NamedTuple):
     X_first: Any
     """Impedance from the measured voltage to the grid's source with which learning starts, pu."""
     amplitude_least: Any
-    """Least amplitude of a line of the probe, pu of voltage."""
+    """Least amplitude of a line of the probe as it is sent, pu of voltage."""
+    amplitude_sent: Any
+    """Largest amplitude of a line as it is sent."""
     amplitude_rest: Any
-    """Largest amplitude of a line at rest."""
+    """Largest amplitude of a line at the PCC at rest."""
     amplitude_burst: Any
-    """Largest amplitude of a line while the estimator learns or is in doubt."""
+    """Largest amplitude of a line at the PCC while the estimator learns or is in doubt."""
     current_rest: Any
     """Largest current of a line at rest, pu."""
     ripple_rest: Any

@@ -19,8 +19,8 @@ LARGEST_CORRECTION = 1.5e-3
 """Largest change of the flywheel's turn per cycle in one cycle, rad."""
 REFERENCE_SHARE = 0.4
 """Share with which the reference follows the phasor."""
-EVENT_SIGMAS = 8.0
-LEAST_EVENT = 0.006
+EVENT_SIGMAS = 6.0
+LEAST_EVENT = 0.004
 """Least step of the phasor that is an event, pu."""
 UNSURE = 0.02
 """Error of the impedance that the test for an event allows for, relative."""

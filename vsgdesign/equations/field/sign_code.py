@@ -8,9 +8,12 @@ import numpy as np
 
 from vsgdesign.equations.field.data import DOUBT, TRACK, FieldSettings
 from vsgdesign.equations.field.noise import CHIP_CYCLES
-from vsgdesign.equations.field.tracks import Fit
-from vsgdesign.equations.field.windows import NU_1, NU_2
+from vsgdesign.equations.field.tracks import LineTrack
 
+REST_CYCLES = 60.0
+BURST_CYCLES = 4.0
+"""Cycles within which the probe is to give the wanted standard deviation, at rest and else."""
+LEAST_RESPONSE = 0.05
 FORCED_AT = 3.0
 """Cycles of the fast track in doubt at which the sign is changed once, whatever the code says."""
 
@@ -54,25 +57,46 @@ def code_moved(code: SignCode, mode: Any, used: Any) -> SignCode:
     return SignCode(bits=new_bits, second=new_second, cycles=new_cycles, sign=sign, since_flip=since_flip)
 
 
-def line_amplitude(
-    noise: Any, turns: Any, cycles: Any, sigma: Any, top: Any, calm: Any, fit: Fit, settings: FieldSettings
-) -> Any:
+class Response(NamedTuple):
+    """What arrives of one line of the probe, per unit of what is sent."""
+
+    v: Any
+    """Voltage between the grid's source and where it is measured."""
+    pcc: Any
+    """Voltage at the PCC."""
+    i: Any
+    """Current."""
+
+
+def no_response() -> Response:
+    """Before anything has been measured: all of the voltage arrives."""
+    return Response(v=1.0, pcc=1.0, i=1.0)
+
+
+def response_of(line: LineTrack, before: Response, settings: FieldSettings) -> Response:
+    """The response of a line from the sums of a track (:eq:`field-response`)."""
+    sent = np.maximum(line.uu, 1e-30)
+    known = line.uu > 1e-12
+    p_re = line.v_re - settings.R_2 * line.i_re - settings.X_2 * line.x_re
+    p_im = line.v_im - settings.R_2 * line.i_im - settings.X_2 * line.x_im
+    v = np.sqrt(line.v_re * line.v_re + line.v_im * line.v_im) / sent
+    pcc = np.sqrt(p_re * p_re + p_im * p_im) / sent
+    i = np.sqrt(line.i_re * line.i_re + line.i_im * line.i_im) / sent
+    v = np.minimum(np.maximum(v, LEAST_RESPONSE), 2.0) if known else before.v
+    pcc = np.minimum(np.maximum(pcc, LEAST_RESPONSE), 2.0) if known else before.pcc
+    i = np.minimum(np.maximum(i, 0.1), 50.0) if known else before.i
+    return Response(v=v, pcc=pcc, i=i)
+
+
+def line_amplitude(noise: Any, mode: Any, response: Response, settings: FieldSettings) -> Any:
     """Amplitude of a line (:eq:`field-amplitude`): what the wanted standard deviation needs, within the limits."""
-    R, X = fit.R, turns * fit.X
-    size = np.sqrt(R * R + X * X)
-    # Both lines have the same current where only the ripple of the power limits them.
-    ripple = np.minimum(settings.current_rest, settings.ripple_rest)
-    top = np.minimum(top, ripple * size) if calm > 0.5 else top
-    wanted = np.sqrt(noise / (2.0 * cycles)) / sigma
+    calm = mode == TRACK
+    cycles = REST_CYCLES if calm else BURST_CYCLES
+    sigma = settings.sigma_rest if calm else settings.sigma_burst
+    wanted = np.sqrt(noise / (2.0 * cycles)) / (sigma * response.v)
+    arrives = settings.amplitude_rest if calm else settings.amplitude_burst
+    # Each line may make its part of the ripple of the power.
+    by_current = np.minimum(settings.current_rest, settings.ripple_rest) / response.i
+    top = np.minimum(arrives / response.pcc, settings.amplitude_sent)
+    top = np.minimum(top, by_current) if calm else top
     return np.minimum(np.maximum(wanted, settings.amplitude_least), top)
-
-
-def amplitudes(mode: Any, noise: Any, fit: Fit, settings: FieldSettings) -> tuple[Any, Any]:
-    """Amplitudes of both lines in the next cycle, without the sign. Returns (a_1, a_2)."""
-    calm = 1.0 if mode == TRACK else 0.0
-    cycles = 60.0 if mode == TRACK else 4.0
-    sigma = settings.sigma_rest if mode == TRACK else settings.sigma_burst
-    top = settings.amplitude_rest if mode == TRACK else settings.amplitude_burst
-    a_1 = line_amplitude(noise, 1.0 + NU_1, cycles, sigma, top, calm, fit, settings)
-    a_2 = line_amplitude(noise, 1.0 + NU_2, cycles, sigma, top, calm, fit, settings)
-    return a_1, a_2

@@ -10,7 +10,7 @@ from vsgdesign.equations.field.windows import Window, instrumented
 
 
 class LineTrack(NamedTuple):
-    """Sums of v, i and x of one line times the conjugate of the probe, and of the probe's square."""
+    """Sums of v, i, x and u of one line times the conjugate of the probe u, and of the squares of its weights."""
 
     v_re: Any
     v_im: Any
@@ -18,7 +18,9 @@ class LineTrack(NamedTuple):
     i_im: Any
     x_re: Any
     x_im: Any
+    uu: Any
     u_sq: Any
+    """The square of the probe with the squares of the weights, of which the variance is made."""
 
 
 class Track(NamedTuple):
@@ -44,7 +46,7 @@ class Fit(NamedTuple):
 
 def no_line() -> LineTrack:
     """Sums of nothing."""
-    return LineTrack(v_re=0.0, v_im=0.0, i_re=0.0, i_im=0.0, x_re=0.0, x_im=0.0, u_sq=0.0)
+    return LineTrack(v_re=0.0, v_im=0.0, i_re=0.0, i_im=0.0, x_re=0.0, x_im=0.0, uu=0.0, u_sq=0.0)
 
 
 def no_track() -> Track:
@@ -65,6 +67,7 @@ def line_taken(line: LineTrack, window: Window, keep: Any, weight: Any) -> LineT
         i_im=keep * line.i_im + weight * i_im,
         x_re=keep * line.x_re + weight * x_re,
         x_im=keep * line.x_im + weight * x_im,
+        uu=keep * line.uu + weight * u_sq,
         u_sq=keep * keep * line.u_sq + weight * weight * u_sq,
     )
 
@@ -117,6 +120,7 @@ def line_forgotten(line: LineTrack, keep: Any) -> LineTrack:
         i_im=keep * line.i_im,
         x_re=keep * line.x_re,
         x_im=keep * line.x_im,
+        uu=keep * line.uu,
         u_sq=keep * keep * line.u_sq,
     )
 
@@ -136,6 +140,7 @@ def line_merged(one: LineTrack, other: LineTrack) -> LineTrack:
         i_im=one.i_im + other.i_im,
         x_re=one.x_re + other.x_re,
         x_im=one.x_im + other.x_im,
+        uu=one.uu + other.uu,
         u_sq=one.u_sq + other.u_sq,
     )
 
