@@ -8,6 +8,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,22 @@ def random_table(seed: int, structure: str = "angle_damped", law: str = "poles")
         provenance={"vsgdesign": "0.1.0"},
         inputs={"study": "ab"},
     )
+
+
+def test_a_file_from_before_there_was_an_error_of_Z_is_read_as_none(tmp_path: Path) -> None:
+    """Its bytes and its hash are those of today; with such an error, the file says so."""
+    made = random_table(7)
+    document = table_document(made)
+    assert "error_Z" not in document["validity"]
+    write_table_file(made, tmp_path / "old.json")
+    assert read_table_file(tmp_path / "old.json").validity.error_Z == 0.0
+    wider = replace(made, validity=replace(made.validity, error_Z=0.06))
+    write_table_file(wider, tmp_path / "new.json")
+    again = read_table_file(tmp_path / "new.json")
+    assert (again.validity.error, again.validity.error_Z) == (0.2, 0.06)
+    assert again.sha256 == wider.sha256 != made.sha256
+    with pytest.raises(ArtifactError, match=r"validity.error_Z: -0.1 must be at least 0"):
+        write_table_file(replace(made, validity=replace(made.validity, error_Z=-0.1)), tmp_path / "wrong.json")
 
 
 @pytest.mark.parametrize(

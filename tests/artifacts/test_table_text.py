@@ -16,7 +16,7 @@ from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.certificate_record import certificate_record
 from vsgdesign.artifacts.table_summary import table_lines
-from vsgdesign.artifacts.table_text import between_text, certificate_sentence, certificate_summary
+from vsgdesign.artifacts.table_text import between_text, certificate_sentence, certificate_summary, error_text
 from vsgdesign.certificate.results import Counterexample, growing_mode
 from vsgdesign.export import export_c_files
 from vsgdesign.report.gain_table import figures
@@ -157,3 +157,10 @@ def test_the_document_of_a_counterexample_is_understood() -> None:
     assert SAYS["unstable"] in certificate_sentence(found.as_record())
     made = table(scr=(2.0, 8.0), x_over_r=(0.5, 3.0), certificate=found.as_record())
     assert certificate_sentence(replace(made).certificate) == certificate_sentence(found.as_record())
+
+
+def test_how_well_an_estimate_is_known_in_words() -> None:
+    assert error_text(0.0, 0.0) == "exactly"
+    assert error_text(0.2, 0.0) == "to ±20 %"
+    assert error_text(0.0, 0.06) == "to ±6 % of |Z|"
+    assert error_text(0.2, 0.06) == "to ±20 %, or to ±6 % of |Z| where that is more"
