@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from vsgdesign.equations.inner_loops import InnerLoopGains
@@ -18,6 +19,7 @@ from vsgdesign.parameters import (
     building,
     estimator,
     inner_loops,
+    replay,
     scenario,
     sensors,
     specification,
@@ -169,7 +171,7 @@ def _page() -> dict[tuple[str, str], Row]:
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], list[Asked]]:
+def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[tuple[str, str], list[Asked]]:
     """Every field that reading the two studies asks for, as (section, field)."""
     record: dict[tuple[str, str], list[Asked]] = {}
 
@@ -196,14 +198,20 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], list[Asked]]
             "list of " + ("–" if a["dimension"] == "1" else a["dimension"]), a["low"], a["high"], (), a["default"]
         ),
     )
+    spy("names", lambda _: Asked("list of texts"))
     spy("integer", lambda a: Asked("whole number", a["low"], a["high"], (), a["default"]))
     spy("choice", lambda a: Asked("word", words=a["allowed"], default=a["default"]))
     spy("flag", lambda a: Asked("true or false", default=a["default"]))
     spy("text", lambda a: Asked("text", default=a["default"]))
     spy("child", lambda _: Asked("table"))
     spy("children", lambda _: Asked("list of tables"))
+    np.savez(tmp_path / "grid.npz", v=160.0 * np.cos(2.0 * np.pi * 50.0 * np.arange(20_000) / 6400.0))
+    recorded = LC_WITH_TIMES.replace(
+        "[background]", f'[replay]\nfile = "{tmp_path / "grid.npz"}"\nscale = "1 V"\nsampling_rate = 6400'
+    )
+    recorded = re.sub("components = .*", "", recorded)
     others = [LC_WITH_TIMES.replace('"projection"', f'"{name}"') for name in LIMITERS if name != "projection"]
-    for text in (LC_WITH_TIMES, LCL_WITH_GAINS, DESIGNED, *others):
+    for text in (LC_WITH_TIMES, LCL_WITH_GAINS, DESIGNED, recorded, *others):
         study_from_text(text, inner_loops=lambda _: (InnerLoopGains(1.0, 1.0, 1.0, 1.0), 100.0))
     return record
 
@@ -218,7 +226,18 @@ def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[As
     """A field in a branch that the studies above do not take would escape the test above."""
     reached = {field for _, field in asked}
     escaped = set()
-    for module in (background, building, estimator, inner_loops, scenario, sensors, specification, stability, survival):
+    for module in (
+        background,
+        building,
+        estimator,
+        inner_loops,
+        replay,
+        scenario,
+        sensors,
+        specification,
+        stability,
+        survival,
+    ):
         for node in ast.walk(ast.parse(inspect.getsource(module))):
             if (
                 isinstance(node, ast.Call)
@@ -228,6 +247,7 @@ def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[As
                     "quantity",
                     "quantities",
                     "integer",
+                    "names",
                     "identifier",
                     "choice",
                     "flag",

@@ -141,6 +141,7 @@ class StiffSource:
         self.V_rated_rms = study.converter.V_rated_rms
         self.wander: tuple[NDArray[np.float64], NDArray[np.float64], float] | None = None
         self.line: tuple[float, float, float] | None = None
+        self.record: tuple[NDArray[np.complex128], float] | None = None
         V_pk = math.sqrt(2.0) * self.V_rated_rms
         self.components = [(t, tuple((c.order, V_pk * c.amplitude_pu, c.phase) for c in some)) for t, some in given]
         self.instants = sorted(
@@ -177,6 +178,19 @@ class StiffSource:
             omega = 2.0 * math.pi * background.interharmonic_frequency
             self.line = (omega, rated * background.interharmonic, background.interharmonic_phase)
 
+    def play(self, vectors: NDArray[np.complex128], T: float) -> None:
+        """From now on the source is a straight line from each sample's vector to the next."""
+        self.record = (vectors, T)
+
+    def straight(self, at: float, since: float) -> tuple[complex, complex]:
+        """Vector and slope of the recorded voltage that holds at an instant, described from ``since``."""
+        if self.record is None:
+            return 0j, 0j
+        vectors, T = self.record
+        k = int(at / T + _COINCIDENT)
+        slope = complex(vectors[k + 1] - vectors[k]) / T
+        return complex(vectors[k]) + slope * (since - k * T), slope
+
     def lines(self, at: float) -> tuple[tuple[float, float, float], ...]:
         """(ω, peak, phase at an instant) of what turns at a frequency of its own."""
         return () if self.line is None else ((self.line[0], self.line[1], self.line[2] + self.line[0] * at),)
@@ -187,7 +201,7 @@ class StiffSource:
         omega, omega_slope, turned = self.frequency.at(at)
         phase = -0.5 * math.pi + turned + sum(jump for t_jump, jump in self.jumps if t_jump <= at)
         back = since - at
-        scale = math.sqrt(2.0)
+        scale = math.sqrt(2.0) if self.record is None else 0.0
         if self.wander is not None:
             gain, angle, T = self.wander
             k = int(at / T + _COINCIDENT)
@@ -374,14 +388,14 @@ def integrate(
 ) -> NDArray[np.complex128]:
     """The circuit state after ``length`` seconds, by DOP853."""
     A, b, e, A_unequal, e_unequal = matrices
-    peak, peak_slope, phase, omega, omega_slope, others, lines = source
+    peak, peak_slope, phase, omega, omega_slope, others, lines, (begin, rise) = source
     forced = b * v_b
 
     def voltage(t: float) -> complex:
         turned = phase + t * (omega + 0.5 * omega_slope * t)
         v_g = (peak + peak_slope * t) * cmath.exp(1j * turned)
         v_g += sum(size * cmath.exp(1j * (order * turned + angle)) for order, size, angle in others)
-        return v_g + sum(size * cmath.exp(1j * (own * t + angle)) for own, size, angle in lines)
+        return v_g + begin + rise * t + sum(size * cmath.exp(1j * (own * t + angle)) for own, size, angle in lines)
 
     def derivative(t: float, y: NDArray[np.complex128]) -> NDArray[np.complex128]:
         return A @ y + forced + e * voltage(t)
@@ -420,6 +434,7 @@ def integrate_pieces(x: NDArray[np.complex128], pieces: Sequence[tuple], atol: N
             v_g[k] += size * np.exp(1j * (order * turned[k] + angle))
         for own, size, angle in source[6]:
             v_g[k] += size * np.exp(1j * (own * t[k] + angle))
+        v_g[k] += source[7][0] + source[7][1] * t[k]
     forced = np.array([matrices[1] * v_b for _, v_b, _, matrices in pieces])
     drive = forced[:, None] + np.array([matrices[2] for *_, matrices in pieces])[:, None] * v_g[..., None]
     start = np.broadcast_to(np.eye(3, 4, dtype=complex), (len(pieces), 3, 4))
@@ -475,16 +490,21 @@ def run_reference(
     beta: Callable[[Grid], Grid] = lambda grid: grid,
     wander: Any = None,
     noise: Any = None,
+    record: Any = None,
     prober: Prober | None = None,
 ) -> Trace:
     """Simulate the study from ``start``; ``gain_changes`` have ``t_s`` and ``gains``. ``beta``: what the grid is on the
     β axis. ``wander(count)``: the gains and angles that the background's random numbers give, sample by sample;
-    ``noise(count)``: those of the nine sensors, V and A. ``prober``: adds a voltage to every sample, and listens."""
+    ``noise(count)``: those of the nine sensors, V and A. ``record(count)``: the vectors of a recorded source at the
+    samples, V. ``prober``: adds a voltage to every sample, and listens."""
     controller, source, c = SampledController(study), StiffSource(study), study.converter
     T = controller.T
     samples = round(study.simulation.duration / T)
     if study.background is not None:
-        source.follow(study.background, *wander(samples), T)
+        gain, angle = wander(samples)
+        source.follow(study.background, gain, angle, T)
+    if record is not None:
+        source.play(record(samples + 1), T)
     sensors = None if study.sensors is None else NineSensors(study, noise(samples))
     events = sorted(study.events, key=lambda event: event.t_s)
     grids = [(0.0, study.grid), *((e.t_s, e.grid) for e in events if e.grid is not None)]
@@ -513,7 +533,7 @@ def run_reference(
         peak, _, phase, _, _ = source.held(now, k * T)
         others = (size * cmath.exp(1j * (order * phase + angle)) for order, size, angle in source.others(now))
         lines = (size * cmath.exp(1j * angle) for _, size, angle in source.lines(k * T))
-        trace.source[k] = peak * cmath.exp(1j * phase) + sum(others) + sum(lines)
+        trace.source[k] = peak * cmath.exp(1j * phase) + sum(others) + sum(lines) + source.straight(now, k * T)[0]
         for name in ("omega", "S_f", "xi_v", "xi_i", "i_f"):
             getattr(trace, name)[k] = getattr(state, name)
         refs = _references(study, events, now)
@@ -547,7 +567,12 @@ def run_reference(
                 continue
             middle = k * T + 0.5 * (begin + end)
             circuit = [m for t, m in matrices if t <= middle][-1]
-            at_begin = (*source.held(middle, k * T + begin), source.others(middle), source.lines(k * T + begin))
+            at_begin = (
+                *source.held(middle, k * T + begin),
+                source.others(middle),
+                source.lines(k * T + begin),
+                source.straight(middle, k * T + begin),
+            )
             asked_for.append((end - begin, v_b, at_begin, circuit))
         x = integrate_pieces(x, asked_for, atol)
     trace.current_limited, trace.voltage_limited = controller.hits["current"], controller.hits["voltage"]

@@ -146,6 +146,8 @@ def random_numbers(study: Study) -> dict[str, Any]:
     if study.sensors is not None:
         sensors = Sensors(study, study.sensors, np.zeros(6), c.omega_n)
         found["noise"] = lambda count: sensors.rows(0, count).noise
+    if (replay := build_timeline(study).replay) is not None:
+        found["record"] = lambda count: replay.vectors(0, count)
     return found
 
 
@@ -230,6 +232,18 @@ def test_sensors_in_the_loop(build) -> None:
         [GainChange(0.0, GAINS)],
         "pwm",
     )
+
+
+@pytest.mark.parametrize("build", [lc_study, lcl_study])
+def test_a_recorded_source(build, tmp_path) -> None:
+    """With steps of the grid, on a sample and between two of them, while the recorded voltage sags."""
+    t_s = np.arange(2400) / 6400.0
+    phases = np.array([np.cos(2.0 * np.pi * (50.2 * t_s - k / 3.0)) for k in range(3)])
+    phases = 150.0 * np.where(t_s > 0.06, 0.8, 1.0) * (phases + 0.03 * np.cos(2.0 * np.pi * 250.0 * t_s))
+    np.savez(tmp_path / "grid.npz", a=phases[0], b=phases[1], c=phases[2], sampling_rate=6400.0)
+    events = '[[events]]\ntime = "10 ms"\ngrid = { scr = 6 }\n[[events]]\ntime = "25.0123 ms"\ngrid = { scr = 4 }\n'
+    study = build("50 ms", events + f'[replay]\nfile = "{tmp_path / "grid.npz"}"\nscale = "1 V"\n')
+    compare(study, [GainChange(0.0, GAINS)], "pwm")
 
 
 @pytest.mark.parametrize("build", [lc_study, lcl_study])

@@ -40,15 +40,8 @@ def test_behind_a_second_inductor_the_voltage_has_the_same_error() -> None:
     i_g = run.column("i_g_alpha") + 1j * run.column("i_g_beta")
     np.testing.assert_allclose(i, 1.01 * i_g[: len(i)], rtol=1e-12)
     node = run.log[:, 2] + 1j * run.log[:, 3] + study.filter.R_c * (run.log[:, 0] + 1j * run.log[:, 1] - i_g)
-    true, _ = (
-        sum(
-            series[f"{name}_{phase}"] * turn
-            for phase, turn in zip("abc", np.exp(2j * np.pi * np.arange(3) / 3), strict=True)
-        )
-        * 2.0
-        / 3.0
-        for series, name in ((derive_series(study, run), "v_pcc"), (derive_series(study, run), "i_pcc"))
-    )
+    series, turns = derive_series(study, run), np.exp(2j * np.pi * np.arange(3) / 3.0)
+    true = 2.0 / 3.0 * turns @ np.array([series[f"v_pcc_{phase}"] for phase in "abc"])
     np.testing.assert_allclose(v - true[: len(v)], 0.01 * node[: len(v)], rtol=0.0, atol=1e-9)
 
 

@@ -97,9 +97,10 @@ def test_walk_and_noise_have_their_size_in_a_cycle(f_n: float) -> None:
 
 def test_frequency_and_voltage_wander() -> None:
     """A free walk at first, its rms value in the long run, and nothing at the start; over 400 draws."""
-    given = {"frequency_wander": 0.01, "frequency_deviation": 0.005, "voltage_wander": 0.02, "voltage_deviation": 0.01}
+    pairs = {"frequency_wander": 0.01, "frequency_deviation": 0.005, "voltage_wander": 0.02, "voltage_deviation": 0.01}
+    given = {name: (value, value) for name, value in pairs.items()}
     duration, T_s = 4.0, 10e-3  # time constants of both: 0.5 s
-    runs = [course(spec_of(seed, **given), duration, T_s) for seed in range(400)]
+    runs = [course(draw_background(given, seed), duration, T_s) for seed in range(400)]
     f = np.diff([angle for _, angle in runs], axis=1) / (2.0 * math.pi * T_s)
     ln_g = np.log([gain for gain, _ in runs])
     early, late = 5, -1  # a variance of 400 draws is right to 7 %; three times that is allowed

@@ -94,6 +94,17 @@ def plant_step(circuit: FilterGrid | TwoAxisCircuit, h: float, omega: float, *, 
     return PlantStep(h, transition, bridge, edge, source)
 
 
+def straight_line_responses(circuit: FilterGrid | TwoAxisCircuit, h: float) -> NDArray[np.float64]:
+    """What a source v + s·t adds over an interval h (s): real (4, 2n), for v_α, v_β, s_α and s_β (:eq:`replay`)."""
+    full = two_axes(circuit)
+    size = len(full.A)
+    augmented = np.zeros((size + 4, size + 4))  # of x, v and s: v is the integral of s
+    augmented[:size, :size] = full.A * h
+    augmented[:size, size : size + 2] = full.E * h
+    augmented[size : size + 2, size + 2 :] = np.eye(2) * h
+    return _exponentials(augmented[None])[0][:size, size:].T.copy()
+
+
 def averaged_steps(circuits: Sequence[FilterGrid], h: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Φ(h) (G, n, n) and ∫Φ b (G, n) of many circuits: transition and bridge of :class:`PlantStep`, to the bit."""
     augmented = []

@@ -28,6 +28,7 @@ from vsgdesign.parameters.background import read_background
 from vsgdesign.parameters.estimator import read_estimator
 from vsgdesign.parameters.inner_loops import InnerLoopSource, read_inner_loops, request_of
 from vsgdesign.parameters.reader import REQUIRED, TableReader
+from vsgdesign.parameters.replay import read_replay
 from vsgdesign.parameters.scenario import read_components, read_events, read_grid, read_simulation
 from vsgdesign.parameters.sensors import read_sensors
 from vsgdesign.parameters.specification import read_specification
@@ -100,6 +101,10 @@ def build_study(
     estimator = read_estimator(root.child("estimator"))
     survival = read_survival(root.child("survival"))
     background, sensors = read_background(root.child("background")), read_sensors(root.child("sensors"))
+    replay = read_replay(root.child("replay"), converter, simulation.duration)
+    if replay is not None:
+        _check_replay(root, faults)
+        source_ = GridSource(replay.V_g_rms, replay.omega_g)
     root.finish()
     inner_gains, omega_t, request = inner.gains, inner.omega_t, None
     if inner_gains is None:
@@ -134,7 +139,27 @@ def build_study(
         survival=survival,
         background=background,
         sensors=sensors,
+        replay=replay,
     )
+
+
+def _check_replay(root: TableReader, faults: list[Fault]) -> None:
+    """Beside a record, nothing else may say what the source does."""
+    advice = "The record says it: take it away, or take [replay] away."
+    if root.has("background"):
+        faults.append(Fault("background", "", "there is a recorded source, [replay]", advice))
+    for path, table, fields in [
+        ("grid", root.table["grid"], ("V_g_pu", "f_g", "components")),
+        *(
+            (f"events[{k}]", event, ("V_g_pu", "f_g", "phase_jump", "components", "over"))
+            for k, event in enumerate(root.table.get("events", []))
+        ),
+    ]:
+        for field in fields:
+            if field in table:
+                faults.append(
+                    Fault(f"{path}.{field}", str(table[field]), "there is a recorded source, [replay]", advice)
+                )
 
 
 def _designed(

@@ -133,7 +133,13 @@ def _merge_bases(document: dict[str, Any], folder: Path, source: str, depth: int
     return _merge(below, document)
 
 
-FILES = (("controllers", "table"), ("estimator", "weights"), ("estimator", "field_weights"), ("estimator", "recipe"))
+FILES = (
+    ("controllers", "table"),
+    ("estimator", "weights"),
+    ("estimator", "field_weights"),
+    ("estimator", "recipe"),
+    ("replay", "file"),
+)
 """Section and field of what names a file, relative to the document that says it. A recipe may be a word instead."""
 
 

@@ -96,6 +96,22 @@ class TableReader:
             self.fault(field, raw, "must increase from each value to the next")
         return values
 
+    def names(self, field: str, counts: tuple[int, ...], example: str) -> tuple[str, ...] | None:
+        """A list of texts or whole numbers, as texts; None where there is none. ``counts``: how many there may be."""
+        self._known.append(field)
+        raw = self.table.get(field)
+        if raw is None:
+            return None
+        items = raw if isinstance(raw, list) else [raw]
+        good = all(isinstance(item, str | int) and not isinstance(item, bool) for item in items)
+        if not good or len(items) not in counts:
+            how_many = " or ".join(map(str, counts))
+            self.fault(
+                field, raw, f"must be a list of {how_many} names or numbers", f"For example {field} = {example}."
+            )
+            return None
+        return tuple(str(item) for item in items)
+
     def integer(self, field: str, low: int, high: int, default: Any = REQUIRED) -> Any:
         """A whole number within [low, high]."""
         raw = self._raw(field, default, f"a whole number from {low} to {high}")

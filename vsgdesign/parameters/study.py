@@ -23,6 +23,7 @@ from vsgdesign.parameters.survival import SurvivalSpec
 if TYPE_CHECKING:
     from vsgdesign.parameters.background import BackgroundSpec
     from vsgdesign.parameters.estimator import EstimatorSpec
+    from vsgdesign.parameters.replay import ReplaySpec
     from vsgdesign.parameters.sensors import SensorSpec
     from vsgdesign.parameters.specification import Specification
 
@@ -354,6 +355,8 @@ class Study:
     """What the grid's voltage does besides the events; None if the study has no [background]."""
     sensors: SensorSpec | None = None
     """What lies between the circuit and the controller; None if the study has no [sensors]: they are ideal."""
+    replay: ReplaySpec | None = None
+    """The recorded voltage that is the source; None if the study has no [replay]."""
     files: tuple[str, ...] = field(default=(), compare=False)
     """Paths of the study file and of the files that it is based on; none for a study from a text."""
     origin: StudyOrigin | None = field(default=None, compare=False, repr=False)
@@ -384,7 +387,7 @@ class Study:
     @property
     def has_components(self) -> bool:
         """Whether the grid source's voltage contains more at any time than the fundamental that the events say."""
-        if self.background is not None and self.background.distorts:
+        if self.replay is not None or (self.background is not None and self.background.distorts):
             return True
         return bool(self.grid_source.components) or any(event.components for event in self.events)
 
@@ -427,6 +430,8 @@ class Study:
         named = [controller.table_file for controller in self.controllers]
         if self.estimator is not None:
             named += [self.estimator.weights_file, self.estimator.recipe]
+        if self.replay is not None:
+            named.append(self.replay.file)
         return (*self.files, *(path for path in named if path is not None))
 
     def circuit(self, grid: Grid | None = None) -> FilterGrid:

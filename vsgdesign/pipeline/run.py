@@ -169,6 +169,7 @@ def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict
         "provenance": provenance(),
         "background": None if study.background is None else study.background.document(),
         "sensors": None if study.sensors is None else study.sensors.document(),
+        "replay": None if study.replay is None else study.replay.document(),
         "warnings": [_instability(study, one) for one in result.instabilities],
         "operating_points": [_operating_point(row) for row in result.operating_points],
         "gains": [

@@ -1,5 +1,5 @@
 """What a source adds to the circuit's states, sample by sample, besides its fundamental: its wander, its negative
-sequence, its harmonics and a line.
+sequence, its harmonics, a line, or a recorded voltage in its place.
 
 The circuit is linear, so every component of the source adds its own exact response (:eq:`source-components`), whatever
 the converter does. It can therefore be computed before the samples run, for a whole stretch at once.
@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.frames import rms_to_peak
-from vsgdesign.operating_point.plant import plant_step
+from vsgdesign.operating_point.plant import plant_step, straight_line_responses
+from vsgdesign.parameters.background import BackgroundSpec
 from vsgdesign.parameters.study import Grid, SourceComponent
 from vsgdesign.simulation.circuits import CircuitOfGrid, states_of
-from vsgdesign.simulation.timeline import SourceSegment
-from vsgdesign.simulation.wander import Wander
+from vsgdesign.simulation.timeline import SourceSegment, Timeline
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 
 _ROWS = 1024
@@ -43,16 +44,19 @@ class Interval(NamedTuple):
 class Background:
     """Rows of ``PlantPieces.background`` for a run. ``V_base_pk``: what the components' amplitudes are taken on, V.
 
-    ``wander``: the study's background, where it has one.
+    ``timeline``: of the run, where it has a background or a record.
     """
 
-    def __init__(self, circuit: CircuitOfGrid, V_base_pk: float, wander: Wander | None = None) -> None:
-        self._circuit, self._V_base_pk, self._wander = circuit, V_base_pk, wander
+    def __init__(self, circuit: CircuitOfGrid, V_base_pk: float, timeline: Timeline | None = None) -> None:
+        self._circuit, self._V_base_pk = circuit, V_base_pk
+        self._wander = None if timeline is None else timeline.wander
+        self._replay = None if timeline is None else timeline.replay
         self._responses = functools.lru_cache(maxsize=256)(self._response)
+        self._lines = functools.lru_cache(maxsize=64)(lambda grid, h: straight_line_responses(circuit(grid), h))
 
     def acts(self, intervals: Sequence[Interval]) -> bool:
         """Whether the source has more than the fundamental of the events."""
-        of_study = self._wander is not None and self._wander.spec.distorts
+        of_study = self._replay is not None or (self._wander is not None and self._wander.spec.distorts)
         return of_study or any(one.components for one in intervals)
 
     def _response(self, grid: Grid, h: float, omega: float) -> NDArray[Any]:
@@ -66,68 +70,84 @@ class Background:
     def rows(self, intervals: Sequence[Interval], first: int, count: int, T_s: float) -> Array:
         """What the components add over ``count`` whole samples (one interval), or over each of several intervals.
 
-        ``first``: the sample at which the first interval begins.
+        ``first``: the sample at which the first interval begins. A row has the states' increments, then the voltage at
+        the interval's beginning, α and β.
         """
         if len(intervals) == 1:
-            return self._over(intervals[0], first, np.arange(count, dtype=np.float64) * T_s)
-        rows, elapsed = [], 0.0
-        for one in intervals:
-            rows.append(self._over(one, first, np.zeros(1), elapsed))
-            elapsed += one.h
-        return np.concatenate(rows)
+            return self._over(intervals[0], first, np.arange(count, dtype=np.float64) * T_s, 0.0)
+        begins = np.cumsum([0.0, *(one.h for one in intervals[:-1])])
+        return np.concatenate(
+            [self._over(one, first, np.zeros(1), at) for one, at in zip(intervals, begins, strict=True)]
+        )
 
-    def _over(self, interval: Interval, first: int, since: Array, elapsed: float = 0.0) -> Array:
-        """One row for every instant ``since`` the beginning (s): the states' increments, then the voltage in αβ.
-
-        ``elapsed``: how far into the sampling interval the beginning lies, s.
-        """
+    def _over(self, interval: Interval, first: int, since: Array, elapsed: float) -> Array:
+        """One row for every instant ``since`` the beginning (s), which is ``elapsed`` s after the sample ``first``."""
         source = interval.source
         drift = source.omega_slope * since
         phase = source.phase + (source.omega + 0.5 * drift) * since
-        added = np.zeros((len(since), states_of(self._circuit(interval.grid))))
-        voltage: NDArray[np.complex128] = np.zeros(len(since), dtype=complex)
-
-        def add(c: Any, n: float, slope: Any = 0.0) -> None:
-            """c e^{j(nω + drift)s} and, of the fundamental, (c + slope·s) e^{…}, over every interval."""
-            nonlocal added, voltage
-            rho = self._responses(interval.grid, interval.h, n * source.omega)
-            # As for the fundamental (:eq:`source-ramp`): what the ramp of the frequency turns within the interval.
-            first_, second = 1j * n * drift, 0.5j * n * source.omega_slope - 0.5 * (n * drift) ** 2
-            weights = np.stack([c, c * first_ + slope, c * second + slope * first_], axis=1)
-            added += _product(weights, rho)
-            voltage = voltage + c
-
+        total = _Total(len(since), states_of(self._circuit(interval.grid)))
         components = interval.components
+        if self._replay is not None:
+            self._add_record(total, interval, first, elapsed, phase)
         if self._wander is not None:
             spec = self._wander.spec
             gain, angle = self._wander.factors(first, len(since))
-            components = (*components, *spec.components)
-            turn = np.exp(1j * phase)
-            change = gain * np.exp(1j * angle) - 1.0
-            add(
-                change * rms_to_peak(source.V_g_rms + source.V_slope * since) * turn,
-                1.0,
-                change * rms_to_peak(source.V_slope) * turn,
-            )
-            phase = phase + angle
+            turn = (gain * np.exp(1j * angle) - 1.0) * np.exp(1j * phase)
+            V, slope = rms_to_peak(source.V_g_rms + source.V_slope * since), rms_to_peak(source.V_slope)
+            self._add_rotating(total, interval, 1.0, turn * V, drift, turn * slope)
+            components, phase = (*components, *spec.components), phase + angle
+            if spec.interharmonic > 0.0:
+                self._add_line(total, interval, first * self._wander.T_s + elapsed + since, spec)
         for component in components:
             n = component.order
-            add(self._V_base_pk * component.amplitude_pu * np.exp(1j * (n * phase + component.phase)), n)
-        if self._wander is not None and self._wander.spec.interharmonic > 0.0:
-            spec, T_s = self._wander.spec, self._wander.T_s
-            turns = spec.interharmonic_frequency * (first * T_s + elapsed + since)
-            c = (
-                self._V_base_pk
-                * spec.interharmonic
-                * np.exp(1j * (2.0 * math.pi * (turns % 1.0) + spec.interharmonic_phase))
-            )
-            rho = self._responses(interval.grid, interval.h, 2.0 * math.pi * spec.interharmonic_frequency)
-            added += (c[:, None] * rho[0]).real
-            voltage = voltage + c
-        return np.ascontiguousarray(np.column_stack([added, voltage.real, voltage.imag]))
+            c = self._V_base_pk * component.amplitude_pu * np.exp(1j * (n * phase + component.phase))
+            self._add_rotating(total, interval, n, c, drift)
+        return total.rows()
+
+    def _add_rotating(
+        self, total: _Total, interval: Interval, n: float, c: NDArray[Any], drift: Array, slope: Any = 0.0
+    ) -> None:
+        """(c + slope·s) e^{jn(ωs + drift·s + …)}, whose phase turns with n times that of the fundamental."""
+        source = interval.source
+        # As for the fundamental (:eq:`source-ramp`): what the ramp of the frequency turns within the interval.
+        one, two = 1j * n * drift, 0.5j * n * source.omega_slope - 0.5 * (n * drift) ** 2
+        weights = np.stack([c, c * one + slope, c * two + slope * one], axis=1)
+        total.add(weights, self._responses(interval.grid, interval.h, n * source.omega), c)
+
+    def _add_line(self, total: _Total, interval: Interval, t_s: Array, spec: BackgroundSpec) -> None:
+        """A line at a frequency of its own."""
+        turned = 2.0 * math.pi * ((spec.interharmonic_frequency * t_s) % 1.0) + spec.interharmonic_phase
+        c = self._V_base_pk * spec.interharmonic * np.exp(1j * turned)
+        rho = self._responses(interval.grid, interval.h, 2.0 * math.pi * spec.interharmonic_frequency)
+        total.add(c[:, None], rho[:1], c)
+
+    def _add_record(self, total: _Total, interval: Interval, first: int, elapsed: float, phase: Array) -> None:
+        """The recorded voltage instead of the fundamental that the compiled loop adds (:eq:`replay`)."""
+        replay, source = self._replay, interval.source
+        if replay is None:
+            return
+        v = replay.vectors(first, len(phase) + 1)
+        slope: Complex = (v[1:] - v[:-1]) / replay.T_s
+        begin: Complex = v[:-1] + elapsed * slope
+        weights = np.stack([np.real(begin), np.imag(begin), np.real(slope), np.imag(slope)], axis=1)
+        total.add(weights, self._lines(interval.grid, interval.h), begin)
+        c = -rms_to_peak(source.V_g_rms) * np.exp(1j * phase)
+        total.add(c[:, None], self._responses(interval.grid, interval.h, source.omega)[:1], c)
 
 
-def _product(weights: NDArray[Any], rho: NDArray[Any]) -> Array:
-    """Re(weights · rho), (n, 2n)."""
-    parts = [np.real(weights[k : k + _ROWS] @ rho) for k in range(0, len(weights), _ROWS)]
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+class _Total:
+    """The sum of what several parts of a source add: to the states, and to its voltage."""
+
+    def __init__(self, count: int, states: int) -> None:
+        self._added = np.zeros((count, states))
+        self._voltage = np.zeros(count, dtype=complex)
+
+    def add(self, weights: NDArray[Any], rho: NDArray[Any], voltage: NDArray[Any]) -> None:
+        """Re(weights · rho) to the states, (count, m) times (m, states)."""
+        parts = [np.real(weights[k : k + _ROWS] @ rho) for k in range(0, len(weights), _ROWS)]
+        self._added += parts[0] if len(parts) == 1 else np.concatenate(parts)
+        self._voltage = self._voltage + voltage
+
+    def rows(self) -> Array:
+        """(count, states + 2)."""
+        return np.ascontiguousarray(np.column_stack([self._added, np.real(self._voltage), np.imag(self._voltage)]))

@@ -401,16 +401,10 @@ class OnlineGains:
             omega=omega,
             refs=refs,
             gains=gains,
-            source_phase=self._source_phase((begin + 1e-6) * self._T_s),
+            source_phase=float(self._timeline.source_phase(np.array([(begin + 1e-6) * self._T_s]))[0]),
             sent=None if self.held is None else self.held.sent_over(begin, sample, self._every),
             limited=limited,
         )
-
-    def _source_phase(self, t_s: float) -> float:
-        phase = self._timeline.source_at(t_s).phase
-        if self._timeline.wander is not None:
-            phase += float(self._timeline.wander.factors(round(t_s / self._T_s), 1)[1][0])
-        return phase
 
     def _circuit_over(self, begin: int, end: int) -> FilterGrid:
         grids, T_s = self._timeline.grids, self._T_s

@@ -134,7 +134,7 @@ def simulate(
     )
     loop = compiled_loop(study.limiter.law, feed.observer)
     plants = functools.lru_cache(maxsize=64)(functools.partial(stacked_plants, circuit_of, pwm))
-    background = Background(circuit_of, rms_to_peak(c.V_rated_rms), timeline.wander)
+    background = Background(circuit_of, rms_to_peak(c.V_rated_rms), timeline)
     loop_seconds, divergence = 0.0, None
     no_rows = np.empty((0, controller_log.shape[1]))
     gains, refs_so_far = feed.first(), _references(study, timeline, 0)

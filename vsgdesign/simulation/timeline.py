@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.parameters.study import Event, Grid, SourceComponent, Study
+from vsgdesign.simulation.replay import Replay
 from vsgdesign.simulation.wander import Wander
 
 _T = TypeVar("_T")
@@ -58,6 +59,8 @@ class Timeline:
     """What the source has besides its fundamental."""
     wander: Wander | None = field(default=None, compare=False)
     """By how much the fundamental differs from ``sources``: the study's background, where it has one."""
+    replay: Replay | None = field(default=None, compare=False)
+    """The recorded voltage that is the source, where the study has one; ``sources`` then holds its fundamental."""
 
     def source_at(self, t_s: float) -> SourceSegment:
         """The source described from t_s on (after a change at t_s), without what its background does over time."""
@@ -82,15 +85,16 @@ class Timeline:
         return tuple(sorted(times - {0.0}))
 
     def source_phase(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Phase of the source's fundamental in rad at each instant of a sorted array, with the wander of a background
-        from the sample before the instant on."""
+        """Phase of the source's fundamental in rad at each instant of a sorted array. What a background or a record
+        adds to it is that of the sample before the instant."""
         starts = np.array([s.t_s for s in self.sources])
         index = np.searchsorted(starts, t_s, side="right") - 1
         fields = np.array([(s.t_s, s.omega, s.omega_slope, s.phase) for s in self.sources])[index]
         dt = t_s - fields[:, 0]
         phase = fields[:, 3] + fields[:, 1] * dt + 0.5 * fields[:, 2] * dt * dt
-        if self.wander is not None and len(t_s):
-            phase += self.wander.angle_at(np.floor(t_s / self.wander.T_s + 1e-6).astype(np.int64))
+        moving = self.wander or self.replay
+        if moving is not None and len(t_s):
+            phase += moving.angle_at(np.floor(t_s / moving.T_s + 1e-6).astype(np.int64))
         return phase
 
 
@@ -104,16 +108,7 @@ def build_timeline(study: Study) -> Timeline:
     The published source is √2·V_g·sin(ωt) on phase A, so its space vector starts at −90°. A background adds its phase
     and its frequency and multiplies every voltage by its factor.
     """
-    background = study.background
-    if background is None:
-        factor, offset, phase_0, wander = 1.0, 0.0, -0.5 * math.pi, None
-    else:
-        factor, offset = background.voltage_factor, 2.0 * math.pi * background.frequency_offset
-        phase_0 = background.phase - 0.5 * math.pi
-        wander = Wander(background, study.converter.T_s, study.converter.omega_n)
-    present = SourceSegment(
-        0.0, factor * study.grid_source.V_g_rms, 0.0, study.grid_source.omega_g + offset, 0.0, phase_0
-    )
+    present, factor, offset, wander, replay = _at_start(study)
     sources = [present]
     grids = [(0.0, study.grid)]
     references = [(0.0, study.simulation.P_ref, study.simulation.Q_ref)]
@@ -148,7 +143,21 @@ def build_timeline(study: Study) -> Timeline:
         if changed != now:
             present = changed
             sources = [s for s in sources if s.t_s < t_s or s.t_s == 0.0 < t_s] + [changed]
-    return Timeline(tuple(sources), tuple(grids), tuple(references), tuple(components), wander)
+    return Timeline(tuple(sources), tuple(grids), tuple(references), tuple(components), wander, replay)
+
+
+def _at_start(study: Study) -> tuple[SourceSegment, float, float, Wander | None, Replay | None]:
+    """The source at t = 0, the factor and the offset (rad/s) of all its voltages and frequencies, and what moves it
+    besides the events."""
+    c, source, background, phase = study.converter, study.grid_source, study.background, -0.5 * math.pi
+    factor, offset, wander, replay = 1.0, 0.0, None, None
+    if study.replay is not None:
+        phase, replay = study.replay.phase, Replay(study.replay, c.T_s)
+    elif background is not None:
+        factor, offset = background.voltage_factor, 2.0 * math.pi * background.frequency_offset
+        phase, wander = background.phase + phase, Wander(background, c.T_s, c.omega_n)
+    first = SourceSegment(0.0, factor * source.V_g_rms, 0.0, source.omega_g + offset, 0.0, phase)
+    return first, factor, offset, wander, replay
 
 
 def _ramp(value: float, goal: float, event: Event) -> tuple[float, float, tuple[float, float]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Protocol
 
 from vsgdesign.artifacts.ready import Ready
@@ -97,7 +98,12 @@ def filter_table(result: HasStudy) -> Table:
 
 
 def background_in_words(study: Study) -> list[str]:
-    """What the study's background does, as it was drawn; nothing where there is none."""
+    """What the study's background does, as it was drawn, or which record is played; nothing where there is none."""
+    if study.replay is not None:
+        one = study.replay
+        return [
+            f"recorded: {Path(one.file).name}, times {plain_quantity(one.scale, 'V')}, from {plain(one.begin)} s on"
+        ]
     spec = study.background
     if spec is None:
         return []

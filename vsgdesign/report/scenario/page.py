@@ -132,6 +132,12 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
             "starts in the steady state of the fundamental at t = 0. Targets are judged on the one-cycle mean; "
             "margins, modes and operating points are those of the fundamental without its wander."
         )
+    elif study.replay is not None:
+        items.append(
+            "The grid source is a recorded voltage. The simulation starts in the steady state of its fundamental over "
+            "the first ten cycles; margins, modes and operating points are those of this fundamental. Targets are "
+            "judged on the one-cycle mean."
+        )
     elif study.has_components:
         items.append(
             "The grid source contains a negative sequence or harmonics. The simulation starts in the steady state of "
