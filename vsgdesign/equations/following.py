@@ -9,9 +9,6 @@ import numpy as np
 CHI_SQUARE_95 = 5.991464547107979
 """95 % quantile of χ² with two degrees of freedom, −2 ln 0.05."""
 
-APART = 1e-6
-"""Square of the distance, in the logarithm, below which two places have no direction between them."""
-
 
 def share_that_fits(h_R: Any, h_X: Any, var_R: Any, var_X: Any) -> Any:
     """1 if the 95 % ellipse of an estimate fits a box of the half-widths h, otherwise the factor by which it would have
@@ -36,11 +33,10 @@ def part_of_the_way(
     """Returns (moved_scr, moved_r_over_x): the goal, moved by a share of the way to an estimate in (ln SCR, ln R/X)
     (:eq:`partly-followed`).
 
-    The step loses its component towards the place that the grid has left; where it has left none, give the goal
+    A step that leads towards the place that the grid has left is not made; where it has left none, give the goal
     itself. All values must be positive.
     """
-    step_scr, step_r = share * np.log(scr / goal_scr), share * np.log(r_over_x / goal_r_over_x)
-    back_scr, back_r = np.log(left_scr / goal_scr), np.log(left_r_over_x / goal_r_over_x)
-    towards = np.maximum(step_scr * back_scr + step_r * back_r, 0.0)
-    lost = towards / np.maximum(back_scr * back_scr + back_r * back_r, APART)
-    return goal_scr * np.exp(step_scr - lost * back_scr), goal_r_over_x * np.exp(step_r - lost * back_r)
+    way_scr, way_r = np.log(scr / goal_scr), np.log(r_over_x / goal_r_over_x)
+    towards = way_scr * np.log(left_scr / goal_scr) + way_r * np.log(left_r_over_x / goal_r_over_x)
+    step = np.where(towards > 0.0, 0.0, share)
+    return goal_scr * np.exp(step * way_scr), goal_r_over_x * np.exp(step * way_r)

@@ -25,6 +25,10 @@ def _minimum(a: float, b: float) -> float:
     return a if a <= b or a != a else b
 
 
+def _where(condition: bool, one: float, other: float) -> float:
+    return one if condition else other
+
+
 def _as_float(function: Callable[..., Any]) -> Callable[..., float]:
     """Calls NumPy's own function, so that the last bit is the same, and returns its result as a float."""
     return lambda *values: float(function(*values))
@@ -35,6 +39,7 @@ _NUMPY = SimpleNamespace(
     sqrt=_sqrt,
     maximum=_maximum,
     minimum=_minimum,
+    where=_where,
     **{
         name: _as_float(getattr(np, name))
         for name in ("abs", "arctan2", "cos", "exp", "floor", "hypot", "log", "sin", "tan", "tanh")

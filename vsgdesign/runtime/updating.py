@@ -187,10 +187,7 @@ def advance(
             else:
                 goal = drawn_in(goal_scr, goal_r, c)
                 left = drawn_in(s.left_scr, s.left_r_over_x, c) if refuted > 0 else goal
-                moved_scr, moved_r = _part_of_the_way(*goal, *drawn_in(scr, r_over_x, c), share, *left)
-                # Past the place that was left, a step may lead out of the box; drawn in, it would lead back.
-                inside = drawn_in(moved_scr, moved_r, c) == (moved_scr, moved_r)
-                goal_scr, goal_r = (moved_scr, moved_r) if inside else goal
+                goal_scr, goal_r = _part_of_the_way(*goal, *drawn_in(scr, r_over_x, c), share, *left)
         if reason == NO_REASON and share >= 1.0:
             refuted = 0
 

@@ -217,7 +217,6 @@ typedef struct {
 #endif
 
 #define VSG_CHI_SQUARE_95 VSG_C(5.991464547107979)
-#define VSG_APART VSG_C(1e-06)
 #define VSG_PHASES VSG_C(3.0)
 #define VSG_POWER_MARGIN VSG_C(1.3)
 #define VSG_LEAST_SHARE VSG_C(0.2)
@@ -304,20 +303,18 @@ static inline vsg_real_t vsg_share_that_fits(vsg_real_t h_R, vsg_real_t h_X, vsg
 /* Returns (moved_scr, moved_r_over_x): the goal, moved by a share of the way to an estimate in (ln SCR, ln R/X) (eq.
  * partly-followed).
  *
- * The step loses its component towards the place that the grid has left; where it has left none, give the goal itself.
+ * A step that leads towards the place that the grid has left is not made; where it has left none, give the goal itself.
  * All values must be positive. */
 static inline void vsg_part_of_the_way(vsg_real_t goal_scr, vsg_real_t goal_r_over_x, vsg_real_t scr,
     vsg_real_t r_over_x, vsg_real_t share, vsg_real_t left_scr, vsg_real_t left_r_over_x, vsg_real_t *moved_scr,
     vsg_real_t *moved_r_over_x)
 {
-    const vsg_real_t step_scr = share * VSG_LOG(scr / goal_scr);
-    const vsg_real_t step_r = share * VSG_LOG(r_over_x / goal_r_over_x);
-    const vsg_real_t back_scr = VSG_LOG(left_scr / goal_scr);
-    const vsg_real_t back_r = VSG_LOG(left_r_over_x / goal_r_over_x);
-    const vsg_real_t towards = vsg_max(step_scr * back_scr + step_r * back_r, VSG_C(0.0));
-    const vsg_real_t lost = towards / vsg_max(back_scr * back_scr + back_r * back_r, VSG_APART);
-    *moved_scr = goal_scr * VSG_EXP(step_scr - lost * back_scr);
-    *moved_r_over_x = goal_r_over_x * VSG_EXP(step_r - lost * back_r);
+    const vsg_real_t way_scr = VSG_LOG(scr / goal_scr);
+    const vsg_real_t way_r = VSG_LOG(r_over_x / goal_r_over_x);
+    const vsg_real_t towards = way_scr * VSG_LOG(left_scr / goal_scr) + way_r * VSG_LOG(left_r_over_x / goal_r_over_x);
+    const vsg_real_t step = (towards > VSG_C(0.0)) ? VSG_C(0.0) : share;
+    *moved_scr = goal_scr * VSG_EXP(step * way_scr);
+    *moved_r_over_x = goal_r_over_x * VSG_EXP(step * way_r);
 }
 
 /* Largest share of an impedance, at most 1, that carries P and Q with POWER_MARGIN (eq. drawn-in). */
