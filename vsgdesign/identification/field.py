@@ -41,7 +41,7 @@ class ProbeLimits:
     """Largest amplitude of one line at the PCC, relative to the rated voltage."""
     amplitude_sent: float = 0.01
     """Largest amplitude of one line as it is sent. Less arrives where the converter has a transient impedance."""
-    amplitude_burst: float = 0.0035
+    amplitude_burst: float = 0.007
     """Largest amplitude at the PCC while the estimator learns or is in doubt, for some tenths of a second."""
     current: float = 0.03
     """Largest current of one line, relative to the rated current."""
@@ -87,10 +87,10 @@ def field_settings(
         current_rest=limits.current,
         ripple_rest=limits.ripple,
         sigma_rest=limits.sigma,
-        sigma_burst=0.025,
+        sigma_burst=0.01,
         noise_first=3e-8,
-        gain_class=0.004,
-        sigma_valid=0.3,
+        gain_class=0.005,
+        sigma_valid=0.15,
         seed=float(seed % 511 + 1),
     )
 
