@@ -45,7 +45,7 @@ def made_up_cycles(runs: int = 40, seed: int = 0, sigma: float = 0.05) -> FieldC
             rows["change"].append(1 if k >= EVENT else 0)
             rows["change_number"].append(0 if k >= EVENT else -1)
             rows["since_change"].append(0.02 * (k - EVENT) + 0.01 if k >= EVENT else np.inf)
-            rows["ratio"].append(abs(new - old) / abs(old) if k >= EVENT else 0.0)
+            rows["factor"].append(max(abs(new / old), abs(old / new)) if k >= EVENT else 1.0)
             rows["current"].append(0.3)
             rows["broken"].append(False)
     header = {

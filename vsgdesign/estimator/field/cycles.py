@@ -31,7 +31,7 @@ _ARRAYS = (
     "change",
     "change_number",
     "since_change",
-    "ratio",
+    "factor",
     "current",
     "broken",
 )
@@ -61,8 +61,8 @@ class FieldCycles:
     """Which change of its run this was; −1 before the first."""
     since_change: Array
     """Time since it, s; infinite before the first."""
-    ratio: Array
-    """|Z_new − Z_old|/|Z_old| of that change, 0 where the impedance stayed."""
+    factor: Array
+    """By which factor |Z_g| became larger or smaller with that change, at least 1."""
     current: Array
     """The current just before that change, pu of the rated peak."""
     broken: NDArray[np.bool_]

@@ -50,9 +50,9 @@ class FieldRecipe:
     f_g_pu: Spread
     largest_current_pu: float = 0.95
     """Largest current of the bridge at rest, before and after every change; what exceeds it is drawn again."""
-    changes: int = 3
-    first: float = 1.2
-    between: float = 0.8
+    changes: int = 2
+    first: float = 1.4
+    between: float = 1.0
     """Changes of a run, the time of the first one, s, and the time from one to the next. Each comes up to a cycle
     later, at random, so that it falls anywhere within a cycle."""
     learn: float = 0.4

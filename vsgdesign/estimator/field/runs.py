@@ -199,7 +199,7 @@ def run_cycles(study: Study, recipe: FieldRecipe, scenario: FieldScenario) -> Ar
         "change": of_change("kind", 0.0).astype(np.int64),
         "change_number": number.astype(np.int64),
         "since_change": t_s - of_change("t_s", -math.inf),
-        "ratio": of_change("ratio", 0.0),
+        "factor": of_change("factor", 1.0),
         "current": of_change("current", 0.0),
         "broken": np.full(count, broken),
     }

@@ -53,11 +53,12 @@ class _State:
 
 @dataclass(frozen=True)
 class FieldChange:
-    """A change of a run: when, what (a code of CHANGES), |Z_new − Z_old|/|Z_old|, and the current before it, pu."""
+    """A change of a run: when, what (a code of CHANGES), the factor by which |Z_g| becomes larger or smaller (at least
+    1), and the current before it, pu."""
 
     t_s: float
     kind: int
-    ratio: float
+    factor: float
     current: float
 
 
@@ -155,7 +156,7 @@ def _draw(study: Study, recipe: FieldRecipe, rng: np.random.Generator, number: i
         t_s = recipe.first + k * recipe.between + float(rng.random()) * 2.0 * math.pi / c.omega_n
         t_s = round(t_s / c.T_s) * c.T_s
         old, new = (complex(one.grid.R_g, c.omega_n * one.grid.L_g) for one in cells[k : k + 2])
-        changes.append(FieldChange(t_s, kind, abs(new - old) / abs(old), currents[k]))
+        changes.append(FieldChange(t_s, kind, max(abs(new / old), abs(old / new)), currents[k]))
         if kind == 0:
             continue
         given: dict[str, Any] = {"grid": cells[k + 1].grid} if new != old else {}

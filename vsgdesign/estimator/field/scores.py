@@ -22,8 +22,11 @@ Array = NDArray[np.float64]
 WAYS = ("physics", "gated", "ungated")
 """The recursions alone; the network where its gate lets it speak, otherwise the recursions; the network always."""
 
-GROUPS = {"jump": (1,), "jump_and_step": (2,), "grid_step": (3,), "rest": (4, 0)}
-"""Codes of CHANGES that are judged together: ``rest`` has no event of the grid."""
+GROUPS = ("jump", "jump_and_step", "small_jump", "grid_step", "rest")
+"""Changes that are judged together. The first two change |Z_g| by a factor of at least LEAST_FACTOR at a current of at
+least LEAST_CURRENT, ``small_jump`` is every other change of the impedance, and ``rest`` has no event of the grid."""
+
+LEAST_FACTOR, LEAST_CURRENT = 1.5, 0.1
 
 AFTER = (5, 8, 10, 15)
 """Cycles after a change at which the error is stated in tables."""
@@ -104,7 +107,6 @@ def _spoken(cycles: FieldCycles, layers: FieldLayers, radius_squared: Mapping[st
 
 def _judged(cycles: FieldCycles, answer: Array) -> dict[str, GroupScore]:
     rows = {name: _Rows() for name in GROUPS}
-    group_of = {code: name for name, codes in GROUPS.items() for code in codes}
     for run in np.unique(cycles.run):
         of_run = np.flatnonzero(cycles.run == run)
         answers = _answers(cycles, answer, of_run)
@@ -113,9 +115,18 @@ def _judged(cycles: FieldCycles, answer: Array) -> dict[str, GroupScore]:
         for number in range(numbers.max() + 1):
             after = np.flatnonzero(numbers == number)
             if len(after):
-                name = group_of[int(cycles.change[of_run[after[0]]])]
-                rows[name].add(answers, error, covered, after, float(cycles.since_change[of_run[after[0]]]))
+                first = int(of_run[after[0]])
+                rows[_group(cycles, first)].add(answers, error, covered, after, float(cycles.since_change[first]))
     return {name: one.score(name) for name, one in rows.items()}
+
+
+def _group(cycles: FieldCycles, row: int) -> str:
+    """The group of the change before a cycle."""
+    name = CHANGES[cycles.change[row]]
+    if name.startswith("jump"):
+        large = cycles.factor[row] >= LEAST_FACTOR and cycles.current[row] >= LEAST_CURRENT
+        return name if large else "small_jump"
+    return name if name == "grid_step" else "rest"
 
 
 def _answers(cycles: FieldCycles, answer: Array, rows: NDArray[np.int64]) -> Answers:
@@ -181,7 +192,7 @@ class _Rows:
                 rest_coverage=math.nan,
             )
         errors, valid, rest = np.array(self._errors), np.array(self._valid), np.array(self._rest)
-        moved = name.startswith("jump")
+        moved = "jump" in name
         return GroupScore(
             changes=count,
             error_p95=_tuple(_quantile(errors[:, k], 0.95) for k in range(SEEN)),

@@ -32,9 +32,10 @@ WAY_WORDS = {
 }
 _TITLES = {
     "jump": "Jump of Z",
-    "jump_and_step": "Jump of Z with V, phase or f",
-    "grid_step": "V, phase or f alone",
-    "rest": "No event of the grid",
+    "jump_and_step": "Jump with a step",
+    "small_jump": "Small jump of Z",
+    "grid_step": "Step of V, phase, f",
+    "rest": "No event",
 }
 
 
