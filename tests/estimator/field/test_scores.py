@@ -76,7 +76,10 @@ def test_nothing_is_said_in_a_limited_cycle(cycles: FieldCycles) -> None:
 def test_figures(cycles: FieldCycles) -> None:
     scores = field_scores(cycles, oracle(), RADII, GATE)
     physics, gated, ungated = (scores[way]["jump"] for way in ("physics", "gated", "ungated"))
-    assert physics.changes == 30
+    # All changes are jumps; those of |Z_g| by less than a factor of 1.5 are another group.
+    large = int(np.sum(cycles.factor[EVENT::PER_RUN] >= 1.5))
+    assert 15 < large < 30
+    assert (physics.changes, scores["physics"]["small_jump"].changes) == (large, 30 - large)
     # Five cycles after the jump the recursions are silent, and the network behind its gate has answered since.
     assert physics.valid_share[5] == 0.0
     assert gated.valid_share[5] == 1.0
@@ -86,7 +89,6 @@ def test_figures(cycles: FieldCycles) -> None:
     assert physics.t10_s[0] == pytest.approx(0.17)
     # In the cycle of the jump the recursions still hold the old grid and are valid: from 40 ms on, nothing is wrong.
     assert physics.wrong_s == 0.0
-    assert ungated.wrong_s >= 0.0
     # A Gaussian error with the stated deviation is inside its 95 % ellipse 95 % of the time; here the deviation is
     # a mixture about 5 %, which covers 90 to 95 %.
     assert 0.85 < ungated.coverage["from 20"] < 0.97
