@@ -24,6 +24,7 @@ from vsgdesign.estimator.comparison import (
     judged,
     relative_errors,
 )
+from vsgdesign.estimator.in_the_loop import in_surroundings
 from vsgdesign.estimator.methods import Estimates, all_methods, installation
 from vsgdesign.estimator.record import Run, measure, run_case
 from vsgdesign.estimator.sampling import with_sampling
@@ -31,6 +32,8 @@ from vsgdesign.estimator.stress import Stress, stress_axes, stress_methods
 from vsgdesign.identification.injection import Injection
 from vsgdesign.identification.pseudo_random import PseudoRandomSequence
 from vsgdesign.parameters import Study, load_study, study_from_text
+from vsgdesign.parameters.background import draw_background
+from vsgdesign.parameters.sensors import draw_sensors
 from vsgdesign.parameters.study import Grid
 from vsgdesign.pipeline.estimator import report_comparison
 from vsgdesign.report.estimator.figures import comparison_figures, stress_figures, write_all
@@ -80,7 +83,9 @@ def test_nobody_who_measures_is_below_half_the_bound_and_the_guess_has_none() ->
             assert np.isnan(one.bound[0])
             assert one.rms[0] == pytest.approx(8.0 / 6.3 - 1.0, rel=1e-6)
         else:
-            assert one.rms[0] > 0.5 * one.bound[0]
+            # The field estimator remembers so long that three draws are three answers: in 1 of 200 cases the rms of
+            # three is below a third of its expectation.
+            assert one.rms[0] > (0.3 if one.signals == "field" else 0.5) * one.bound[0]
 
 
 def test_a_probe_moves_power_as_its_current_says() -> None:
@@ -112,6 +117,35 @@ def test_after_a_change_of_grid_the_sequence_finds_it_again() -> None:
     assert step.t_s[BEFORE - 1] == pytest.approx(0.0, abs=1e-12)
     assert step.Z_true[BEFORE - 1] / step.Z_true[BEFORE] == pytest.approx(4.0)
     assert steps["Constant guess"].delay == (np.inf,) * 3
+
+
+def test_the_field_estimator_finds_a_changed_grid_first() -> None:
+    delays = {step.method: max(step.delay) for step in compared().grid_steps}
+    assert delays["the field estimator"] <= min(delays.values())
+
+
+def test_a_real_grid_leaves_the_field_estimator_alone() -> None:
+    """A wandering grid of unknown phase and frequency, drawn twice: passive methods lose it, a probe that knows what it
+    sent does not. The limits are four times what was seen."""
+    study = load_study("studies/published/study.toml")
+    study = replace(study, background=draw_background({}, 0, "dirty"), sensors=draw_sensors({}, 0, "dirty"))
+    settings = replace(SETTINGS, grid_steps=(), draws=2)
+    found = {one.method: float(one.rms[0]) for one in compare_methods(study, NETWORKS, settings).accuracy}
+    assert found["the field estimator"] < 0.06
+    assert min(found["Untrained"], found["Recursive least squares"]) > 0.15
+
+
+def test_every_draw_has_its_own_background_and_the_same_seed_the_same() -> None:
+    study = load_study("studies/published/study.toml")
+    study = replace(study, background=draw_background({}, 0, "dirty"), sensors=draw_sensors({}, 0, "typical"))
+    recipe = with_sampling(SETTINGS.recipe(), study.converter)
+    drawn = [in_surroundings(study, recipe, (0, 0, 4, draw)) for draw in (0, 1, 1)]
+    assert drawn[1] == drawn[2]
+    assert drawn[0][0].background != drawn[1][0].background
+    for one, of in drawn:
+        assert one.background is not None
+        assert one.background.frequency_offset == 0.0
+        assert of.f_g_pu != recipe.f_g_pu
 
 
 def test_a_missing_estimate_counts_in_full() -> None:
@@ -162,7 +196,7 @@ def test_the_folder_holds_what_was_found(tmp_path: Path) -> None:
     results = json.loads((tmp_path / "out" / "results.json").read_text())
     assert results["weights"] == {"Neural, mine": NETWORKS["Untrained"].hash}
     assert results["settings"]["scr"] == [8.0]
-    assert len(results["accuracy"]) == len(results["grid_steps"]) == 7
+    assert len(results["accuracy"]) == len(results["grid_steps"]) == 8
     for name in results["figures"]:
         assert (tmp_path / "out" / "figures" / f"{name}.svg").is_file()
     assert (tmp_path / "out" / "report.html").is_file()
@@ -237,10 +271,12 @@ def test_the_frequency_axis_is_about_the_nominal_one() -> None:
 
 
 def test_the_comparison_counts_limited_samples() -> None:
-    """A window in which the current was limited is left out by every method that measures."""
+    """A window in which the current was limited is left out by every method that takes windows."""
     run = one_run()
     limited = replace(run, limited=np.full(len(run.limited), 3))
     guess = run.grids[0]
     for method in all_methods(run.converter, {}, run.recipe, guess):
+        if method.kind.by_sample:  # it was not in this run's loop
+            continue
         found = method.estimate(measure([limited]))
         assert np.isnan(found.R_g).all() == (method.name != "Constant guess")

@@ -205,12 +205,33 @@ _RECIPES = click.option(
 )
 
 
+BACKGROUNDS = ("clean", "measured", "dirty")
+SENSORS = ("ideal", "typical", "dirty")
+"""The packaged levels by name: importing them would make every verb slow to start."""
+
+_BACKGROUND = click.option(
+    "--background",
+    type=click.Choice(BACKGROUNDS),
+    default=None,
+    help="Packaged background of the grid, in place of that of the study.  [default: that of the study, else none]",
+)
+_SENSORS = click.option(
+    "--sensors",
+    type=click.Choice(SENSORS),
+    default=None,
+    help="Packaged sensors in the loop, in place of those of the study.  [default: those of the study, else white "
+    "noise and 12 bits after the run]",
+)
+
+
 @estimator.command()
 @STUDY
 @_FOLDER
 @_WEIGHTS
 @_RECIPES
 @_SEED
+@_BACKGROUND
+@_SENSORS
 @_WORKERS
 @JSON
 @verb
@@ -220,13 +241,17 @@ def compare(
     weights: tuple[str, ...],
     recipes: tuple[str, ...],
     seed: int | None,
+    background: str | None,
+    sensors: str | None,
     workers: int,
     as_json: bool,
 ) -> None:
     """Compare classical methods and networks on the same windows: error and its bound, disturbance, delay."""
     from vsgdesign.pipeline.estimator import report_comparison
 
-    _report(report_comparison, study_file, out, as_json, weights=weights, recipes=recipes, seed=seed, workers=workers)
+    around = (background, sensors)
+    networks = {"weights": weights, "recipes": recipes, "workers": workers}
+    _report(report_comparison, study_file, out, as_json, around, seed=seed, **networks)
 
 
 @estimator.command()
@@ -235,6 +260,8 @@ def compare(
 @_WEIGHTS
 @_RECIPES
 @_SEED
+@_BACKGROUND
+@_SENSORS
 @_WORKERS
 @JSON
 @verb
@@ -244,22 +271,42 @@ def stress(
     weights: tuple[str, ...],
     recipes: tuple[str, ...],
     seed: int | None,
+    background: str | None,
+    sensors: str | None,
     workers: int,
     as_json: bool,
 ) -> None:
     """Test the same methods when frequency, phase, voltage, X/R, SCR, noise or harmonics differ from the training."""
     from vsgdesign.pipeline.estimator import report_stress
 
-    _report(report_stress, study_file, out, as_json, weights=weights, recipes=recipes, seed=seed, workers=workers)
+    around = (background, sensors)
+    networks = {"weights": weights, "recipes": recipes, "workers": workers}
+    _report(report_stress, study_file, out, as_json, around, seed=seed, **networks)
 
 
 def _report(
-    make: Callable[..., dict[str, Any]], study_file: str, out: str, as_json: bool, *, seed: int | None, **networks: Any
+    make: Callable[..., dict[str, Any]],
+    study_file: str,
+    out: str,
+    as_json: bool,
+    around: tuple[str | None, str | None],
+    *,
+    seed: int | None,
+    **networks: Any,
 ) -> None:
+    from dataclasses import replace
+
+    from vsgdesign.parameters.background import draw_background
     from vsgdesign.parameters.estimator import EstimatorSpec
+    from vsgdesign.parameters.sensors import draw_sensors
 
     study = load(study_file)
     drawn_from = (study.estimator or EstimatorSpec()).seed if seed is None else seed
+    background, sensors = around
+    if background is not None:
+        study = replace(study, background=draw_background({}, drawn_from, background))
+    if sensors is not None:
+        study = replace(study, sensors=draw_sensors({}, drawn_from, sensors))
     with progress(quiet=as_json) as tell:
         document = make(study, out, seed=drawn_from, progress=tell, **networks)
     if as_json:

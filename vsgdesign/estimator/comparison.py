@@ -10,14 +10,21 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
 from vsgdesign.errors import ArtifactError
-from vsgdesign.estimator.bound import Bound, probe_bound, sensor_noise, steady_window_bound, windows_bound
+from vsgdesign.estimator.bound import (
+    Bound,
+    probe_bound,
+    sensor_noise,
+    steady_window_bound,
+    windows_bound,
+)
+from vsgdesign.estimator.in_the_loop import LINE_ORDERS, has_surroundings
 from vsgdesign.estimator.methods import Estimates, Method, all_methods
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe, check_recipe, one_of
 from vsgdesign.estimator.record import Record, Run, measure, run_case
 from vsgdesign.estimator.runnable import runnable_settings
 from vsgdesign.estimator.sampling import with_sampling
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.identification import GUESS_SCR, Estimator
+from vsgdesign.identification import GUESS_SCR
 from vsgdesign.identification.interface import ProbeLines
 from vsgdesign.identification.two_windows import TwoWindows
 from vsgdesign.parameters.study import Converter, Place, Study
@@ -200,13 +207,15 @@ def compare_methods(
     recipe = comparison_recipe(study, settings, {name: one.window for name, one in networks.items()})
     methods = methods_of(study, networks, recipe, settings)
     count = len(settings.scr)
-    by_probe = probed_runs(study, [(recipe, k) for k in range(count)], methods, settings.seed, progress)
-    records = {name: measure(runs, settings.draws) for name, runs in by_probe.items()}
+    by_probe = probed_runs(study, [(recipe, k) for k in range(count)], methods, settings, progress)
+    records = {name: found.record(settings.draws) for name, found in by_probe.items()}
     accuracy = tuple(
-        _accuracy(method, by_probe[probe_name(method)], records[probe_name(method)], count) for method in methods
+        _accuracy(method, by_probe[probe_name(method)].runs, records[probe_name(method)], count) for method in methods
     )
     disturbances = tuple(
-        _disturbance(method.name, by_probe[""], by_probe[probe_name(method)]) for method in methods if method.probes
+        _disturbance(method.name, by_probe[""].first_draws, by_probe[probe_name(method)].first_draws)
+        for method in methods
+        if method.probes
     )
     steps = tuple(
         step for pair in settings.grid_steps for step in _grid_steps(study, recipe, pair, methods, settings, progress)
@@ -228,18 +237,48 @@ def probe_name(method: Method) -> str:
     return method.name if method.probes else ""
 
 
+@dataclass(frozen=True, eq=False)
+class ProbedRuns:
+    """Runs with one probe, case by case. Where sensors or a background are in the loop, every case was run ``draws``
+    times, else once, because its sensors come after it."""
+
+    runs: list[Run]
+    draws: int
+
+    @property
+    def first_draws(self) -> list[Run]:
+        """One run of every case."""
+        return self.runs[:: self.draws]
+
+    def record(self, draws: int) -> Record:
+        """As many measured runs of every case."""
+        return measure(self.runs, 1 if self.draws > 1 or self.runs[0].sensed else draws)
+
+
 def probed_runs(
-    study: Study, cases: Sequence[tuple[WindowRecipe, int]], methods: Sequence[Method], seed: int, progress: Progress
-) -> dict[str, list[Run]]:
+    study: Study,
+    cases: Sequence[tuple[WindowRecipe, int]],
+    methods: Sequence[Method],
+    settings: ComparisonSettings,
+    progress: Progress,
+) -> dict[str, ProbedRuns]:
     """Every case (recipe, index) without a probe and with each method's, by :func:`probe_name`."""
-    probes: dict[str, Estimator | None] = {"": None} | {probe_name(m): m.estimator for m in methods if m.probes}
-    found: dict[str, list[Run]] = {}
-    total = len(probes) * len(cases)
-    for name, probe in probes.items():
-        found[name] = []
+    probes: dict[str, Method | None] = {"": None} | {probe_name(m): m for m in methods if m.probes}
+    times = {
+        name: settings.draws if has_surroundings(study) or (method is not None and method.kind.by_sample) else 1
+        for name, method in probes.items()
+    }
+    found: dict[str, ProbedRuns] = {}
+    done, total = 0, len(cases) * sum(times.values())
+    for name, method in probes.items():
+        prober = None if method is None else method.estimator
+        runs = []
         for recipe, index in cases:
-            found[name].append(run_case(study, recipe, index, seed, probe))
-            progress("runs", (len(found) - 1) * len(cases) / total + len(found[name]) / total)
+            for draw in range(times[name]):
+                runs.append(run_case(study, recipe, index, settings.seed, prober, draw))
+                done += 1
+                progress("runs", done / total)
+        found[name] = ProbedRuns(runs, times[name])
     return found
 
 
@@ -259,14 +298,15 @@ def judged(errors: Array, groups: int) -> tuple[Array, Array]:
 def _accuracy(method: Method, runs: Sequence[Run], record: Record, count: int) -> Accuracy:
     rms, p95 = judged(relative_errors(record, method.estimate(record)), count)
     bounds = [bound_of_run(method, run) for run in runs]
-    bound = np.array([np.nan if one is None else one.Z for one in bounds])
+    every = np.array([np.nan if one is None else one.Z for one in bounds]).reshape(count, -1)
+    bound = np.sqrt(np.mean(every**2, axis=1))  # sensors that are in the loop differ between the draws
     return Accuracy(method.name, method.estimator.signals, rms, p95, bound)
 
 
 def bound_of_run(method: Method, run: Run) -> Bound | None:
     """The bound of what a method sees at the end of a run, from the true currents; None where it measures nothing."""
     recipe, grid, estimator = run.recipe, run.grids[-1], method.estimator
-    noise = sensor_noise(run.converter, run.noise, recipe.adc_bits, recipe.adc_range_pu)
+    noise = sensor_noise(run.converter, run.noise, *run.adc)
     n, h = recipe.samples, recipe.sample_interval
     _, i = run.space_vectors
     i = i * np.exp(-1j * run.omega * h * np.arange(len(i)))
@@ -277,10 +317,14 @@ def bound_of_run(method: Method, run: Run) -> Bound | None:
     if isinstance(estimator, TwoWindows):
         # The pair that is still answering: the last that the gate lets pass moves by the gate at least.
         moved = np.abs(windows[estimator.apart :] - windows[: -estimator.apart])
-        last = int(np.flatnonzero(moved > estimator.gate * np.abs(windows).max())[-1]) if moved.any() else 0
+        passed = np.flatnonzero(moved > estimator.gate * np.abs(windows).max())
+        last = int(passed[-1]) if len(passed) else 0
         return windows_bound(windows[[last, last + estimator.apart]], run.omega, *about)
     if estimator.signals == "windows":
         return windows_bound(windows, run.omega, *about)
+    if run.field is not None:
+        orders = np.array(LINE_ORDERS)
+        return probe_bound(run.field.lines, run.omega * orders, run.omega, noise, run.field.samples, *about[2:])
     if isinstance(estimator, ProbeLines):
         lines, slip, count = estimator.lines(i, h)
         return probe_bound(lines, run.omega + slip, run.omega, noise, count, *about[2:])
@@ -314,10 +358,10 @@ def _grid_steps(
         grid_step_share=1.0,
         grid_step_ratio=max(1.01 * ratio, recipe.grid_step_ratio),
     )
-    by_probe = probed_runs(study, [(changed, 0)], methods, settings.seed, progress)
+    by_probe = probed_runs(study, [(changed, 0)], methods, settings, progress)
     steps = []
     for method in methods:
-        record = measure(by_probe[probe_name(method)], settings.draws)
+        record = by_probe[probe_name(method)].record(settings.draws)
         found = method.estimate(record)
         error = relative_errors(record, found)
         omega = record.omega[:, None]

@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.estimator.bound import SensorNoise, sensor_noise
+from vsgdesign.estimator.in_the_loop import FieldRun, field_run, in_surroundings
 from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.estimator.scenarios import draw_scenario
 from vsgdesign.estimator.sensing import measured_channels
-from vsgdesign.estimator.windows import record_windows, synchronised_vectors
+from vsgdesign.estimator.windows import kept_windows, record_windows, synchronised_vectors
 from vsgdesign.frames import instantaneous_power
 from vsgdesign.identification import Estimator
+from vsgdesign.identification.field import FieldEstimator
 from vsgdesign.identification.interface import CHANNELS, Array, ComplexArray
 from vsgdesign.parameters.study import Converter, Grid, Study
 
@@ -43,6 +45,12 @@ class Run:
     noise: tuple[float, float]
     """Of voltage and current, relative to the rated peak."""
     seed: tuple[int, ...]
+    sensed: bool = False
+    """Whether sensors were in the loop already: none come after it."""
+    adc: tuple[int, float] = (0, 3.0)
+    """Bits and range (pu) of these sensors."""
+    field: FieldRun | None = None
+    """What the field estimator, which was in the loop, answered; None where it was not."""
 
     @property
     def space_vectors(self) -> tuple[ComplexArray, ComplexArray]:
@@ -82,6 +90,8 @@ class Record:
     """(B,): what the sensors add."""
     sample_interval: float
     samples: int
+    answers: Array | None = None
+    """(B, W, 2): what an estimator in the loop said, Ω and H; None where there was none."""
 
     @property
     def windows(self) -> int:
@@ -89,18 +99,37 @@ class Record:
         return self.R_g.shape[1]
 
 
-def run_case(study: Study, recipe: WindowRecipe, index: int, seed: int = 0, prober: Estimator | None = None) -> Run:
+def run_case(
+    study: Study,
+    recipe: WindowRecipe,
+    index: int,
+    seed: int = 0,
+    prober: Estimator | None = None,
+    draw: int = 0,
+) -> Run:
     """Simulate one scenario of a recipe whose windows follow each other (``every`` 1, ``skip`` 0), with the probe that
-    an estimator wants."""
-    scenario = draw_scenario(study, recipe, seed, index)
-    windows, after, vectors = record_windows(study, recipe, scenario, prober)
-    theta = np.array([window.theta for window in windows])
-    sent = np.array([window.sent_values for window in windows])
-    limited = np.array([window.limited for window in windows], dtype=np.int64)
+    an estimator wants. ``draw`` numbers the draws of what the study's background and the sensors in the loop are."""
+    drawn_study, recipe = in_surroundings(study, recipe, (seed, index, 4, draw))
+    scenario = draw_scenario(drawn_study, recipe, seed, index)
+    scenario = replace(scenario, seed=(*scenario.seed, draw)) if draw else scenario
+    found = None
+    if isinstance(prober, FieldEstimator):
+        found = field_run(drawn_study, recipe, scenario)
+        kept = kept_windows(recipe)
+        after = np.array([k >= kept.begins for k in kept.windows])
+        theta, vectors = found.theta, found.vectors
+        sent, limited = np.zeros(theta.shape, dtype=complex), np.zeros(len(theta), dtype=np.int64)
+        turned = vectors
+    else:
+        windows, after, vectors = record_windows(drawn_study, recipe, scenario, prober)
+        theta = np.array([window.theta for window in windows])
+        sent = np.array([window.sent_values for window in windows])
+        limited = np.array([window.limited for window in windows], dtype=np.int64)
+        turned = synchronised_vectors(drawn_study, recipe, windows, vectors)
     at_rest = np.unwrap(theta[~after].ravel())
     slope = np.polynomial.polynomial.polyfit(np.arange(len(at_rest)) * recipe.sample_interval, at_rest, 1)[1]
-    grids = tuple(scenario.grids[int(later)] for later in after)
-    turned = synchronised_vectors(study, recipe, windows, vectors)
+    sensors = drawn_study.sensors
+    adc = (recipe.adc_bits, recipe.adc_range_pu) if sensors is None else (sensors.bits, sensors.range_pu or 3.0)
     return Run(
         converter=study.converter,
         recipe=recipe,
@@ -110,9 +139,12 @@ def run_case(study: Study, recipe: WindowRecipe, index: int, seed: int = 0, prob
         sent=sent,
         limited=limited,
         omega=float(slope),
-        grids=grids,
-        noise=scenario.noise,
+        grids=tuple(scenario.grids[int(later)] for later in after),
+        noise=scenario.noise if sensors is None else (sensors.noise, sensors.noise),
         seed=scenario.seed,
+        sensed=sensors is not None or found is not None,
+        adc=adc,
+        field=found,
     )
 
 
@@ -122,13 +154,21 @@ def measure(runs: Sequence[Run], draws: int = 1) -> Record:
     c = first.converter
     plain, synchronised = ({channels: [] for channels in CHANNELS} for _ in range(2))
     for run in runs:
+        noise = (0.0, 0.0) if run.sensed else run.noise
         for draw in range(draws):
             for channels in CHANNELS:
-                recipe = replace(run.recipe, channels=channels)
+                bits = 0 if run.sensed else run.recipe.adc_bits
+                recipe = replace(run.recipe, channels=channels, adc_bits=bits)
 
-                def seen(vectors: Array, run: Run = run, draw: int = draw, recipe: WindowRecipe = recipe) -> Array:
+                def seen(
+                    vectors: Array,
+                    run: Run = run,
+                    draw: int = draw,
+                    recipe: WindowRecipe = recipe,
+                    noise: tuple[float, float] = noise,
+                ) -> Array:
                     rng = np.random.default_rng((*run.seed, 2, draw))  # the same sensors, seen in several ways
-                    return measured_channels(c, recipe, vectors, run.theta, run.noise, rng)
+                    return measured_channels(c, recipe, vectors, run.theta, noise, rng)
 
                 windows = seen(run.vectors)
                 plain[channels].append(windows)
@@ -144,7 +184,8 @@ def measure(runs: Sequence[Run], draws: int = 1) -> Record:
         omega=np.array([run.omega for run in repeated]),
         R_g=np.array([[grid.R_g for grid in run.grids] for run in repeated]),
         L_g=np.array([[grid.L_g for grid in run.grids] for run in repeated]),
-        noise=tuple(sensor_noise(c, run.noise, run.recipe.adc_bits, run.recipe.adc_range_pu) for run in repeated),
+        noise=tuple(sensor_noise(c, run.noise, *run.adc) for run in repeated),
         sample_interval=first.recipe.sample_interval,
         samples=first.recipe.samples,
+        answers=np.array([run.field.answers for run in repeated if run.field is not None]) if first.field else None,
     )

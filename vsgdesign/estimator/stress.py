@@ -20,7 +20,6 @@ from vsgdesign.estimator.comparison import (
     relative_errors,
 )
 from vsgdesign.estimator.recipes import WindowRecipe, one_of
-from vsgdesign.estimator.record import measure
 from vsgdesign.estimator.runnable import nominal_settings, runnable_settings, runnable_values
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import Study
@@ -132,12 +131,12 @@ def stress_methods(
         study, nominal, stress_axes(omega_n / (2.0 * math.pi)) if axes is None else axes, settings
     )
     cases = [(axis.change(nominal, value, omega_n), 0) for axis in axes for value in axis.values]
-    by_probe = probed_runs(study, cases, methods, settings.seed, progress)
+    by_probe = probed_runs(study, cases, methods, settings, progress)
     rms, p95 = (np.empty((len(methods), len(cases))) for _ in range(2))
     wrong = np.repeat([axis.frequency_error * value for axis in axes for value in axis.values], settings.draws)
     records = {}
     for name, runs in by_probe.items():
-        record = measure(runs, settings.draws)
+        record = runs.record(settings.draws)
         records[name] = replace(record, omega=record.omega + wrong)
     for k, method in enumerate(methods):
         progress("estimates", k / len(methods))

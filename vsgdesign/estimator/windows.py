@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,6 +150,41 @@ def make_block(study: Study, recipe: WindowRecipe, seed: int, indices: range) ->
     return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
 
 
+class Kept(NamedTuple):
+    """Which windows of a run are kept: their numbers, the first after the change, and the instant of the change, s."""
+
+    windows: tuple[int, ...]
+    begins: int
+    change_s: float
+
+
+def kept_windows(recipe: WindowRecipe) -> Kept:
+    """The windows of a recipe whose sampling is filled in."""
+    begins = recipe.settle + recipe.before
+    kept = list(range(recipe.settle, begins))
+    kept += range(begins + recipe.skip, begins + recipe.skip + recipe.after * recipe.every, recipe.every)
+    return Kept(tuple(kept), begins, begins * recipe.update_period)
+
+
+def scenario_study(study: Study, recipe: WindowRecipe, scenario: Scenario) -> Study:
+    """The study of one scenario: its grids, its source, its set points and its bridge."""
+    kept = kept_windows(recipe)
+    (P_ref, Q_ref), (P_new, Q_new) = scenario.references
+    events = [Event(0.0, "phase", phase_jump=scenario.phase)] if scenario.phase else []
+    if recipe.after:
+        events.append(Event(kept.change_s, "change", grid=scenario.grids[1], P_ref=P_new, Q_ref=Q_new))
+    spec = replace(
+        study.simulation,
+        duration=(kept.windows[-1] + 1) * recipe.update_period,
+        bridge=recipe.bridge,
+        start="steady_state",
+        log_interval=recipe.sample_interval,
+        P_ref=P_ref,
+        Q_ref=Q_ref,
+    )
+    return replace(study, grid=scenario.grids[0], grid_source=scenario.source, simulation=spec, events=tuple(events))
+
+
 def record_windows(
     study: Study, recipe: WindowRecipe, scenario: Scenario, prober: Estimator | None = None
 ) -> tuple[list[MeasuredWindow], NDArray[np.bool_], NDArray[np.float64]]:
@@ -158,30 +193,13 @@ def record_windows(
     The recipe's sampling is filled in. The last is (N, 2, 2, n): voltage and current, α and β, with the background's
     harmonics. ``prober`` is an estimator whose probe is sent, as it wants it from what it sees without sensors' noise.
     """
-    period = recipe.update_period
-    begins = recipe.settle + recipe.before
-    kept = list(range(recipe.settle, begins))
-    kept += range(begins + recipe.skip, begins + recipe.skip + recipe.after * recipe.every, recipe.every)
-    change_s = begins * period
-    (P_ref, Q_ref), (P_new, Q_new) = scenario.references
-    events = [Event(0.0, "phase", phase_jump=scenario.phase)] if scenario.phase else []
-    if recipe.after:
-        events.append(Event(change_s, "change", grid=scenario.grids[1], P_ref=P_new, Q_ref=Q_new))
-    spec = replace(
-        study.simulation,
-        duration=(kept[-1] + 1) * period,
-        bridge=recipe.bridge,
-        start="steady_state",
-        log_interval=recipe.sample_interval,
-        P_ref=P_ref,
-        Q_ref=Q_ref,
-    )
-    case = replace(study, grid=scenario.grids[0], grid_source=scenario.source, simulation=spec, events=tuple(events))
-    scheduler = _TwoGains(scenario.gains, change_s, period, recipe.sample_interval)
+    kept = kept_windows(recipe)
+    case = scenario_study(study, recipe, scenario)
+    scheduler = _TwoGains(scenario.gains, kept.change_s, recipe.update_period, recipe.sample_interval)
     recorder = Recorder(scheduler if prober is None else _Probing(scheduler, prober))
     simulate(case, recorder).to_its_end()
-    windows = [recorder.windows[k] for k in kept]
-    after = np.array([k >= begins for k in kept])
+    windows = [recorder.windows[k] for k in kept.windows]
+    after = np.array([k >= kept.begins for k in kept.windows])
     vectors = np.array([(w.v_pcc.T, w.i_pcc.T) for w in windows])
     if scenario.harmonics:
         vectors = vectors + background(case, recipe, scenario, windows, after)
