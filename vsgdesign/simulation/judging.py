@@ -70,7 +70,7 @@ def judge_estimates(result: ScenarioResult) -> tuple[Judgement, ...]:
             rest = rows_at_rest(log.t_s, instants, end_s)
             inside = inside_run(table, (log.R_g, log.L_g), (log.R_g_hat, log.L_g_hat), rest)
         rows = (log.t_s, log.R_g, log.L_g, log.R_g_hat, log.L_g_hat)
-        twin = next((other for other in result.controllers if _is_twin(controller, other, result.ready)), None)
+        twin = twin_of(result, controller)
         found.append(
             Judgement(
                 name=controller.spec.name,
@@ -84,6 +84,11 @@ def judge_estimates(result: ScenarioResult) -> tuple[Judgement, ...]:
             )
         )
     return tuple(found)
+
+
+def twin_of(result: ScenarioResult, controller: ControllerResult) -> ControllerResult | None:
+    """The controller that differs by knowing the truth alone, and by when it is told; None if the study has none."""
+    return next((other for other in result.controllers if _is_twin(controller, other, result.ready)), None)
 
 
 def _is_twin(controller: ControllerResult, other: ControllerResult, ready: Ready) -> bool:

@@ -10,6 +10,7 @@ from vsgdesign.report.drawing.files import write_figure
 from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.scenario.bode_figures import bode_figures
 from vsgdesign.report.scenario.estimate_figures import estimate_figures
+from vsgdesign.report.scenario.field_figures import field_figures
 from vsgdesign.report.scenario.figures import scenario_figures
 from vsgdesign.simulation import ScenarioResult
 
@@ -21,6 +22,7 @@ def all_figures(result: ScenarioResult, trained: TrainedEstimator | None = None)
     """Every figure of a scenario, and of the training of its network, one at a time."""
     yield from scenario_figures(result)
     yield from estimate_figures(result)
+    yield from field_figures(result)
     if trained is not None:
         from vsgdesign.report.estimator.training_figures import training_figures
 

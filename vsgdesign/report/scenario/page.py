@@ -17,6 +17,7 @@ from vsgdesign.report.page.converter import converter_table, filter_table
 from vsgdesign.report.page.html import write_html
 from vsgdesign.report.quantities import plain, plain_quantity
 from vsgdesign.report.scenario import estimate_tables, promise_tables, tables
+from vsgdesign.report.scenario.field_rests import answers_table, answers_text, field_controllers
 from vsgdesign.report.scenario.verdict import explanation, step_outcomes, verdict
 from vsgdesign.simulation import ScenarioResult
 from vsgdesign.simulation.judging import judge_estimates
@@ -91,7 +92,10 @@ def _estimate(result: ScenarioResult, trained: TrainedEstimator | None) -> dict[
             found.append(estimate_tables.changes_table(judged))
         if judged.steps:
             found.append(estimate_tables.truth_table(judged))
-    return {"text": estimate_tables.estimate_text(result, judgements), "network": about, "tables": found}
+    fields = [controller for _, controller in field_controllers(result)]
+    found += [answers_table(result, controller) for controller in fields]
+    text = [*(answers_text(result, one) for one in fields), *estimate_tables.estimate_text(result, judgements)]
+    return {"text": text, "network": about, "tables": found}
 
 
 def _scenario(result: ScenarioResult) -> str:

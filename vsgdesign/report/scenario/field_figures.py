@@ -1,0 +1,286 @@
+"""The field estimator over a scenario: the grid with its 95 % band, errors after changes, coverage, and the probe."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.metrics.answers import FOUND, Answers, inside_ellipse
+from vsgdesign.metrics.grid_band import polar_band
+from vsgdesign.report.drawing.style import (
+    BAND,
+    COLOURS,
+    PAGE_IN,
+    REFERENCE,
+    add_axes,
+    line_style,
+    look,
+    new_figure,
+)
+from vsgdesign.report.drawing.time_axis import (
+    draw_labels,
+    event_labels,
+    mark_events,
+    short_name,
+    symbols,
+    time_unit,
+    whole_scenario,
+)
+from vsgdesign.report.figure_types import NamedFigure
+from vsgdesign.report.scenario.field_rests import Rest, field_answers, field_controllers, rests_of
+from vsgdesign.simulation import ControllerResult, ScenarioResult
+from vsgdesign.simulation.judging import twin_of
+
+Array = NDArray[np.float64]
+
+_LEFT, _RIGHT, _BOTTOM, _GAP = 0.6, 0.13, 0.36, 0.1
+_BEFORE_S, _AFTER_S = 0.1, 0.6
+"""Stretch about a change of the grid that is enlarged, s."""
+
+_LATEST_S = 1.0
+"""End of the axis of time since a change, s."""
+
+_MOST_ZOOMS = 3
+_LEVELS = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99])
+_HIGHEST_HZ = 420.0
+_WINDOW_S = 1.0
+"""Length of the windows of the spectrum, s."""
+
+
+def field_figures(result: ScenarioResult) -> Iterator[NamedFigure]:
+    """Impedance, errors and coverage, probe; nothing if no controller has the field estimator."""
+    controllers = field_controllers(result)
+    if not controllers:
+        return
+    for make in (_impedance_figure, _error_figure, _probe_figure):
+        with look():
+            figure = make(result, controllers)
+        if figure is not None:
+            yield figure
+
+
+def _impedance_figure(result: ScenarioResult, controllers: list[tuple[int, ControllerResult]]) -> NamedFigure:
+    """|Z| and arg Z of the first controller with the field estimator."""
+    index, controller = controllers[0]
+    answers = field_answers(result, controller)
+    study, duration = result.study, result.study.simulation.duration
+    unit = time_unit(duration)
+    changes = _changes(result)[:_MOST_ZOOMS]
+    labels = event_labels([(e.t_s, short_name(e)) for e in study.events], duration, PAGE_IN - _LEFT - _RIGHT)
+    height, zoom = 1.25, 1.05
+    below = _BOTTOM + (zoom + 0.5 if changes else 0.0)
+    total = below + 2 * height + _GAP + labels.height_in + 0.24
+    figure = new_figure(PAGE_IN, total)
+    width = PAGE_IN - _LEFT - _RIGHT
+    upper = add_axes(figure, _LEFT, below + height + _GAP, width, height)
+    lower = add_axes(figure, _LEFT, below, width, height)
+    for axes, kind in ((upper, "size"), (lower, "angle")):
+        _draw(axes, answers, index, kind, 0.0, unit.seconds)
+        mark_events(axes, [event.t_s for event in study.events], unit)
+        whole_scenario(axes, duration, unit, label=axes is lower)
+    draw_labels(upper, labels, unit)
+    between = 0.5
+    panel = (width - between * (len(changes) - 1)) / max(len(changes), 1)
+    for column, change in enumerate(changes):
+        axes = add_axes(figure, _LEFT + column * (panel + between), _BOTTOM, panel, zoom)
+        begin, end = max(change - _BEFORE_S, 0.0), min(change + _AFTER_S, duration)
+        rows = answers.rows(begin - 0.05, end)
+        _draw(axes, _some(answers, rows), index, "size", change, 1e-3)
+        axes.set_xlim(1e3 * (begin - change), 1e3 * (end - change))
+        mark_events(axes, [0.0], time_unit(0.1))
+        axes.set_xlabel("Time after event [ms]")
+        event = next((e for e in study.events if e.t_s == change), None)
+        axes.set_title(symbols(f"({'abc'[column]}) {'change of grid' if event is None else short_name(event)}"))
+        if column:
+            axes.set_ylabel("")
+    figure.align_ylabels([upper, lower])
+    _legend(figure, total, index, controller.spec.name)
+    caption = (
+        f"Magnitude and angle of the grid's impedance at nominal frequency as {controller.spec.name} estimates them, "
+        "with the 95 % band of its own covariance, and the truth. Grey at the bottom: the answer is not valid, and "
+        "the gains hold. Below: changes of the grid, enlarged."
+    )
+    return NamedFigure("field_impedance", "Estimated impedance with its 95 % band", caption, figure)
+
+
+def _draw(axes: Any, answers: Answers, index: int, kind: str, origin: float, seconds: float) -> None:
+    band = polar_band(answers)
+    t = (np.append(answers.t_s, max(answers.end_s, answers.t_s[-1])) - origin) / seconds
+    if kind == "size":
+        truth, value, half = np.abs(answers.Z), band.size, band.size_half
+        axes.set_yscale("log")
+        axes.set_ylabel("|$Z_g$| [Ω]")
+    else:
+        truth, value, half = (np.degrees(x) for x in (np.angle(answers.Z), band.angle, band.angle_half))
+        axes.set_ylabel("arg $Z_g$ [°]")
+    low = truth.min() / 1.6 if kind == "size" else truth.min() - 25.0
+    high = truth.max() * 1.6 if kind == "size" else truth.max() + 25.0
+    axes.set_ylim(low, high)
+    colour = COLOURS[index % len(COLOURS)]
+    # A band beyond the axes says no more than one up to their edge.
+    edges = (np.clip(np.nan_to_num(x, nan=end), low, high) for x, end in ((value - half, low), (value + half, high)))
+    axes.fill_between(
+        t, *(np.append(edge, edge[-1]) for edge in edges), step="post", color=colour, alpha=0.25, linewidth=0.0
+    )
+    axes.step(t, np.append(value, value[-1]), where="post", color=colour, linewidth=0.8, zorder=3.0)
+    axes.step(t, np.append(truth, truth[-1]), where="post", **REFERENCE)
+    silent = np.append(~answers.valid, ~answers.valid[-1])
+    axes.fill_between(
+        t, 0.0, 0.05, where=silent, step="post", transform=axes.get_xaxis_transform(), color="#777777", linewidth=0.0
+    )
+
+
+def _error_figure(result: ScenarioResult, controllers: list[tuple[int, ControllerResult]]) -> NamedFigure:
+    height, between = 1.7, 0.75
+    wide = 0.6 * (PAGE_IN - _LEFT - _RIGHT - between)
+    narrow = PAGE_IN - _LEFT - _RIGHT - between - wide
+    total = _BOTTOM + height + 0.3
+    figure = new_figure(PAGE_IN, total)
+    left = add_axes(figure, _LEFT, _BOTTOM, wide, height)
+    right = add_axes(figure, _LEFT + wide + between, _BOTTOM, narrow, height)
+    instants = [event.t_s for event in result.study.events]
+    for index, controller in controllers:
+        answers, label = field_answers(result, controller), symbols(controller.spec.name)
+        for change in _changes(result):
+            until = min([t for t in instants if t > change + 1e-9] + [answers.end_s, change + _LATEST_S])
+            rows = np.flatnonzero(answers.rows(change, until))
+            style = line_style(index) | {"linewidth": 0.9}
+            since, error = answers.t_s[rows] - change, 100.0 * answers.error[rows]
+            left.step(since, np.maximum(error, 0.1), where="post", label=label, **style)
+            left.plot(
+                since[answers.valid[rows]],
+                np.maximum(error[answers.valid[rows]], 0.1),
+                linestyle="none",
+                marker="o",
+                markersize=2.0,
+                color=COLOURS[index % len(COLOURS)],
+            )
+            label = "_nolegend_"
+        rows = np.zeros(len(answers.t_s), dtype=bool)
+        for rest in rests_of(result):
+            rows |= answers.rows(rest.begin_s, rest.end_s)
+        chosen = rows & answers.valid
+        if chosen.any():
+            shares = [100.0 * float(np.mean(inside_ellipse(answers, level)[chosen])) for level in _LEVELS]
+            right.plot(100.0 * _LEVELS, shares, marker="o", markersize=2.0, **line_style(index))
+    left.set_yscale("log")
+    left.set_xlim(0.0, _LATEST_S)
+    left.axhline(100.0 * FOUND, **REFERENCE)
+    left.set_xlabel("Time since a change of the grid [s]")
+    left.set_ylabel("Error |Ẑ − Z|/|Z| [%]")
+    left.set_title("(a) after each change of the grid; dots: valid answers")
+    right.plot([0.0, 100.0], [0.0, 100.0], **REFERENCE)
+    right.set_xlim(0.0, 100.0)
+    right.set_ylim(0.0, 100.0)
+    right.set_xlabel("Level of the ellipse [%]")
+    right.set_ylabel("Truth inside [%]")
+    right.set_title("(b) at rest")
+    figure.legend(
+        *left.get_legend_handles_labels(),
+        ncols=4,
+        loc="upper left",
+        bbox_to_anchor=(_LEFT / PAGE_IN, 1.0 - 0.04 / total),
+    )
+    caption = (
+        f"(a) Error of the answers against the time since a change of the grid, with the {100 * FOUND:g} % line. "
+        "(b) How often the truth lies inside the ellipse of an answer's own covariance, against the ellipse's level. "
+        "On the dashed line the covariance is right; above it, it is too large. The answers of a rest depend on each "
+        "other, so the share of one run is a rough figure."
+    )
+    return NamedFigure("field_error", "Errors after a change, and coverage at rest", caption, figure)
+
+
+def _probe_figure(result: ScenarioResult, controllers: list[tuple[int, ControllerResult]]) -> NamedFigure | None:
+    index, controller = controllers[0]
+    twin = twin_of(result, controller)
+    rests = sorted(rests_of(result), key=lambda rest: rest.begin_s - rest.end_s)[:1]
+    if not rests or rests[0].end_s - rests[0].begin_s < 2.0 * _WINDOW_S:
+        return None
+    height, between = 1.5, 0.65
+    width = 0.5 * (PAGE_IN - _LEFT - _RIGHT - between)
+    total = _BOTTOM + height + 0.3
+    figure = new_figure(PAGE_IN, total)
+    c = result.study.converter
+    titles = ("(a) voltage at the capacitor", "(b) grid current")
+    bases = (np.sqrt(2.0) * c.V_rated_rms, c.I_rated_pk)
+    lines: list[Any] = []
+    for column, (name, base, title) in enumerate(zip(("v_c_alpha", "i_g_alpha"), bases, titles, strict=True)):
+        axes = add_axes(figure, _LEFT + column * (width + between), _BOTTOM, width, height)
+        for one, style in (
+            (twin, REFERENCE | {"linewidth": 0.6}),
+            (controller, line_style(index) | {"linewidth": 0.8}),
+        ):
+            if one is None:
+                continue
+            f, amplitude = _spectrum(one, name, rests[0])
+            lines += axes.plot(f, np.maximum(100.0 * amplitude / base, 1e-4), **style)
+        axes.set_yscale("log")
+        axes.set_xlim(0.0, _HIGHEST_HZ)
+        axes.set_xlabel("Frequency [Hz]")
+        axes.set_ylabel("Amplitude [% of rated peak]")
+        axes.set_title(title)
+    names = ([] if twin is None else [f"{twin.spec.name}, no probe"]) + [controller.spec.name]
+    figure.legend(
+        lines[: len(names)],
+        [symbols(name) for name in names],
+        ncols=2,
+        loc="upper left",
+        bbox_to_anchor=(_LEFT / PAGE_IN, 1.0 - 0.04 / total),
+    )
+    f_n = c.omega_n / (2.0 * math.pi)
+    caption = (
+        f"Spectra at rest, {rests[0].begin_s:g} to {rests[0].end_s:g} s, in windows of {_WINDOW_S:g} s. The probe's "
+        f"two lines lie half-way between the harmonics, at {1.5 * f_n:g} and {2.5 * f_n:g} Hz on a grid of nominal "
+        "frequency; its sign code spreads each of them over some hertz."
+    )
+    return NamedFigure("field_probe", "The probe in voltage and current", caption, figure)
+
+
+def _spectrum(controller: ControllerResult, name: str, rest: Rest) -> tuple[Array, Array]:
+    """Frequencies (Hz) and peak amplitudes of the lines of a logged quantity over a rest."""
+    from scipy.signal import welch
+
+    simulation = controller.simulation
+    rows = (simulation.t_s >= rest.begin_s) & (simulation.t_s < rest.end_s)
+    step = float(simulation.t_s[1] - simulation.t_s[0])
+    f, power = welch(
+        simulation.column(name)[rows], 1.0 / step, window="hann", nperseg=round(_WINDOW_S / step), scaling="spectrum"
+    )
+    kept = f <= _HIGHEST_HZ
+    return f[kept], np.sqrt(2.0 * power[kept])
+
+
+def _changes(result: ScenarioResult) -> list[float]:
+    return [t_s for t_s, _ in result.timeline.grids if t_s > 0.0]
+
+
+def _some(answers: Answers, rows: NDArray[np.bool_]) -> Answers:
+    """The answers of some rows."""
+    return Answers(
+        t_s=answers.t_s[rows],
+        Z=answers.Z[rows],
+        Z_hat=answers.Z_hat[rows],
+        covariance=answers.covariance[rows],
+        valid=answers.valid[rows],
+        changed=answers.changed[rows],
+        end_s=answers.end_s,
+    )
+
+
+def _legend(figure: Any, height: float, index: int, name: str) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    colour = COLOURS[index % len(COLOURS)]
+    handles = [
+        Line2D([], [], color=colour),
+        Patch(facecolor=colour, alpha=0.25),
+        Line2D([], [], **REFERENCE),
+        Patch(facecolor=BAND["color"]),
+    ]
+    names = [symbols(f"estimate of {name}"), "95 % band", "truth", "not valid"]
+    figure.legend(handles, names, ncols=4, loc="upper left", bbox_to_anchor=(_LEFT / PAGE_IN, 1.0 - 0.05 / height))

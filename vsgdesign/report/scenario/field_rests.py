@@ -1,0 +1,151 @@
+"""What the pages of a scenario say of a field estimator: its answers, the rests, and what the probe costs there."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsgdesign.metrics.answers import Answers, answers_of, coverage, share_valid, time_to_stay
+from vsgdesign.metrics.power_quality import interharmonic_rms, ripple_rms
+from vsgdesign.parameters.study import Grid
+from vsgdesign.report.page.converter import grid_label
+from vsgdesign.report.page.table import Table
+from vsgdesign.report.quantities import DASH, number, plain
+from vsgdesign.simulation import ControllerResult, ScenarioResult
+from vsgdesign.simulation.judging import twin_of
+
+SETTLE_S = 4.0
+"""From an event to the rest after it, s. What the estimator reaches at rest needs this long."""
+
+LEAST_S = 0.5
+"""Shortest rest that says anything, s."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A stretch of a scenario in which nothing happens."""
+
+    begin_s: float
+    end_s: float
+    grid: Grid
+
+
+def field_controllers(result: ScenarioResult) -> list[tuple[int, ControllerResult]]:
+    """Place among all controllers, which gives the colour, and the controllers that have the field estimator."""
+    return [
+        (k, controller)
+        for k, controller in enumerate(result.controllers)
+        if controller.estimates is not None and controller.estimates.cycles is not None
+    ]
+
+
+def field_answers(result: ScenarioResult, controller: ControllerResult) -> Answers:
+    """The answers of a controller with the field estimator, as the metrics take them."""
+    log = controller.estimates
+    if log is None or log.cycles is None:
+        raise ValueError(f"{controller.spec.name} has no field estimator")
+    said = log.cycles
+    return answers_of(
+        log.t_s,
+        (log.R_g, log.L_g),
+        (log.R_g_hat, log.L_g_hat),
+        (said.var_R, said.cov_RL, said.var_L),
+        np.asarray(said.valid) > 0.5,
+        np.asarray(said.changed) > 0.5,
+        omega_n=result.study.converter.omega_n,
+        end_s=result.study.simulation.duration,
+    )
+
+
+def rests_of(result: ScenarioResult) -> tuple[Rest, ...]:
+    """From ``SETTLE_S`` after each event, or after the start, to the next event or the end."""
+    duration = result.study.simulation.duration
+    edges = [0.0, *sorted({event.t_s for event in result.study.events if 0.0 < event.t_s < duration}), duration]
+    return tuple(
+        Rest(begin + SETTLE_S, end, result.timeline.grid_at(begin + SETTLE_S))
+        for begin, end in itertools.pairwise(edges)
+        if end - begin >= SETTLE_S + LEAST_S
+    )
+
+
+def answers_table(result: ScenarioResult, controller: ControllerResult) -> Table:
+    """Accuracy and coverage of each rest, and what the probe costs there."""
+    answers, twin = field_answers(result, controller), twin_of(result, controller)
+    rows = []
+    for rest in rests_of(result):
+        chosen = answers.rows(rest.begin_s, rest.end_s) & answers.valid
+        error = 100.0 * answers.error[chosen]
+        costs = [None if one is None else _cost(result, one, rest) for one in (controller, twin)]
+        rows.append(
+            (
+                f"{plain(rest.begin_s, 5)} … {plain(rest.end_s, 5)}",
+                grid_label(result, rest.grid),
+                number(float(np.percentile(error, 95.0)), 2) if error.size else DASH,
+                number(100.0 * coverage(answers, chosen), 3) if error.size else DASH,
+                number(100.0 * share_valid(answers, rest.begin_s, rest.end_s), 3),
+                *(DASH if cost is None else number(cost[k], 2) for k in range(3) for cost in costs),
+            )
+        )
+    head = ("Time [s]", "Grid", "p95", "Truth inside", "Valid", *(("with", "without") * 3))
+    f_n = result.study.converter.omega_n / (2.0 * math.pi)
+    groups = (
+        ("", 2),
+        ("Error, coverage, time [%]", 3),
+        (f"V, {f_n:g}–{2 * f_n:g} Hz [%]", 2),
+        (f"V, {2 * f_n:g}–{3 * f_n:g} Hz [%]", 2),
+        ("P, rms ripple [%]", 2),
+    )
+    beside = "The study has no twin without a probe."
+    if twin is not None:
+        beside = f"Without: {twin.spec.name}, which sends no probe."
+    notes = (
+        f"At rest: from {plain(SETTLE_S)} s after an event on. p95: 95th percentile of |Ẑ − Z|/|Z| of the valid "
+        "answers. Truth inside: share of them whose 95 % ellipse holds the true grid. V: rms between two harmonics "
+        f"(centred interharmonic subgroup), of the rated voltage. P: instantaneous, of the rating. {beside}",
+    )
+    return Table(f"{controller.spec.name} at rest, and its probe", head, tuple(rows), 2, groups=groups, notes=notes)
+
+
+def answers_text(result: ScenarioResult, controller: ControllerResult) -> str:
+    """What the estimate was worth, in three sentences."""
+    answers, duration = field_answers(result, controller), result.study.simulation.duration
+    instants = sorted({event.t_s for event in result.study.events})
+    found = []
+    for change in (t_s for t_s, _ in result.timeline.grids if t_s > 0.0):
+        until = min([t for t in instants if t > change + 1e-9] + [duration])
+        found.append(time_to_stay(answers, change, until))
+    at_rest = np.zeros(len(answers.t_s), dtype=bool)
+    for rest in rests_of(result):
+        at_rest |= answers.rows(rest.begin_s, rest.end_s)
+    chosen = at_rest & answers.valid
+    text = f"{controller.spec.name} is lent nothing by the simulator: it hears its own probe in its own sensors."
+    if chosen.any():
+        most, held = float(np.percentile(answers.error[chosen], 95.0)), coverage(answers, chosen)
+        text += (
+            f" At rest 95 % of its answers are within {number(100.0 * most, 2)} % of the true Z, and "
+            f"{number(100.0 * held, 3)} % of its 95 % ellipses hold it."
+        )
+    if found:
+        late = max(found)
+        text += (
+            f" It finds a changed grid within 10 % for good in {', '.join(plain(t, 2) for t in found)} s."
+            if math.isfinite(late)
+            else " It did not find every changed grid within 10 % before the next event."
+        )
+    return text
+
+
+def _cost(result: ScenarioResult, controller: ControllerResult, rest: Rest) -> tuple[float, float, float]:
+    """Voltage beside the harmonics in the two gaps of the probe, and ripple of P, per cent."""
+    c, simulation = result.study.converter, controller.simulation
+    rows = (simulation.t_s >= rest.begin_s) & (simulation.t_s < rest.end_s)
+    t_s = simulation.t_s[rows]
+    step = float(t_s[1] - t_s[0])
+    f_n = c.omega_n / (2.0 * math.pi)
+    frequency = float(np.mean(simulation.column("omega")[rows])) / (2.0 * math.pi)
+    v = simulation.column("v_c_alpha")[rows]
+    lines = [100.0 * interharmonic_rms(v, step, frequency, order, f_n) / c.V_rated_rms for order in (1, 2)]
+    return lines[0], lines[1], 100.0 * ripple_rms(simulation.column("P")[rows]) / c.S_rated
