@@ -75,6 +75,7 @@ design_grid = { scr = 4, x_over_r = 2 }
 [[controllers]]
 name = "c"
 kind = "scheduled"
+estimate = "field"
 [[controllers]]
 name = "d"
 kind = "scheduled"
@@ -89,6 +90,7 @@ components = [{ order = 7, amplitude_pu = 0.01 }]
 [survival]
 [background]
 [sensors]
+[estimator.probe]
 """
 
 LCL_WITH_GAINS = """

@@ -99,6 +99,11 @@ def build_study(
     asked = target.settling_time if specification is None else specification.settling_time
     stability = read_stability(root.child("stability"), converter, target, asked)
     estimator = read_estimator(root.child("estimator"))
+    by_sample = [spec for spec in controllers if spec.estimate != "truth" and ESTIMATORS[spec.estimate].by_sample]
+    if estimator is not None and estimator.probe is not None and not by_sample:
+        root.fault(
+            "estimator.probe", None, "no controller has a field estimator", 'Set estimate = "field", or leave it.'
+        )
     survival = read_survival(root.child("survival"))
     background, sensors = read_background(root.child("background")), read_sensors(root.child("sensors"))
     replay = read_replay(root.child("replay"), converter, simulation.duration)
@@ -344,6 +349,8 @@ def _operating_point(default: ClosedFormTarget, structure: str) -> str:
 
 _OF_WINDOWS = "an estimator answers at the end of each of its windows, which are whole cycles of the grid"
 
+_OF_CYCLES = "this estimator answers at the end of each of its own cycles, which follow the frequency"
+
 _OF_CLOSED_FORMS = ("settling_time", "damping_ratio", "droop_ratio", "k_1", "d_1", "k_2", "share_P", "share_Q")
 """Targets of a controller that a designed table chooses by itself."""
 
@@ -408,7 +415,8 @@ def _read_controllers(
             period = table.quantity("update_period", "s", converter.T_s, simulation.duration, default=None)
             if estimate != "truth" and not needs_network(estimate):
                 if period is not None:
-                    table.fault("update_period", f"{period:g} s", _OF_WINDOWS, "Leave it out.")
+                    why = _OF_CYCLES if ESTIMATORS[estimate].by_sample else _OF_WINDOWS
+                    table.fault("update_period", f"{period:g} s", why, "Leave it out.")
                 period = _window_length(converter)
             elif period is None and estimate == "truth":
                 period = _default_update_period(converter)

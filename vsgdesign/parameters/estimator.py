@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from vsgdesign.identification.field import ProbeLimits
 from vsgdesign.parameters.reader import TableReader
 
 RECIPES = ("published", "continuous", "wide")
@@ -14,6 +15,17 @@ FIELD_RECIPES = ("field",)
 
 _TRAINED = ("recipe", "seed", "hidden", "components", "starts")
 """Fields that only training uses."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProbeSpec:
+    """The probe of every controller with a field estimator."""
+
+    send: bool = True
+    """Without its probe the estimator never knows the grid, and the gains stay those of a safe place."""
+    limits: ProbeLimits = field(default_factory=ProbeLimits)
+    code: int = 1
+    """Converters on one grid take different ones, and so different sign codes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +50,8 @@ class EstimatorSpec:
     v_limit_pu: float | None = None
     i_limit_pu: float | None = None
     """Where the sensors saturate, pu of the rated peaks; None: nowhere."""
+    probe: ProbeSpec | None = None
+    """None: as the field estimator has it by itself."""
 
 
 def read_estimator(table: TableReader | None) -> EstimatorSpec | None:
@@ -59,10 +73,38 @@ def read_estimator(table: TableReader | None) -> EstimatorSpec | None:
         grid_phase=table.flag("grid_phase", default=False),
         v_limit_pu=table.quantity("v_limit_pu", "1", 1.0, 100.0, default=None),
         i_limit_pu=table.quantity("i_limit_pu", "1", 1.0, 100.0, default=None),
+        probe=_read_probe(table.child("probe")),
     )
     if spec.weights_file is not None:
-        for field in _TRAINED:
-            if table.has(field):
-                table.fault(field, table.table[field], "weights are given too", "Give either, or neither to train.")
+        for name in _TRAINED:
+            if table.has(name):
+                table.fault(name, table.table[name], "weights are given too", "Give either, or neither to train.")
+    table.finish()
+    return spec
+
+
+def _read_probe(table: TableReader | None) -> ProbeSpec | None:
+    if table is None:
+        return None
+    own = ProbeLimits()
+    send = table.flag("send", default=True)
+    limits = ProbeLimits(
+        sigma=table.quantity("sigma", "1", 0.001, 0.2, default=own.sigma),
+        amplitude=table.quantity("amplitude", "1", 0.0002, 0.02, default=own.amplitude),
+        amplitude_burst=table.quantity("amplitude_burst", "1", 0.0002, 0.05, default=own.amplitude_burst),
+        current=table.quantity("current", "1", 0.001, 0.3, default=own.current),
+        ripple=table.quantity("ripple", "1", 0.0005, 0.1, default=own.ripple),
+    )
+    if limits.amplitude_burst < limits.amplitude:
+        table.fault(
+            "amplitude_burst",
+            f"{limits.amplitude_burst:g}",
+            f"smaller than the amplitude at rest, {limits.amplitude:g}",
+            "While it learns, the estimator needs at least the probe of the rest.",
+        )
+    for name in () if send else ("sigma", "amplitude", "amplitude_burst", "current", "ripple", "code"):
+        if table.has(name):
+            table.fault(name, table.table[name], "has no effect with send = false", "Leave one of them out.")
+    spec = ProbeSpec(send=send, limits=limits, code=table.integer("code", 0, 2**31 - 1, default=1))
     table.finish()
     return spec

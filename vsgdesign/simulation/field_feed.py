@@ -26,6 +26,7 @@ from vsgdesign.identification import Probe
 from vsgdesign.identification.field import estimate_of, field_settings
 from vsgdesign.identification.field_network import FieldNetwork, field_network
 from vsgdesign.identification.registry import estimator_kind
+from vsgdesign.parameters.estimator import ProbeSpec
 from vsgdesign.parameters.study import ControllerSpec, Grid, Place, Study
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.estimated import NO_DESIGN, EstimateLog
@@ -79,7 +80,7 @@ def box_of(study: Study) -> GridBox:
 
 def settings_of_study(study: Study) -> FieldSettings:
     """The estimator's settings for a study's converter: it measures at the filter's capacitor."""
-    c, part = study.converter, study.filter
+    c, part, probe = study.converter, study.filter, probe_of(study)
     return field_settings(
         T_s=c.T_s,
         omega_n=c.omega_n,
@@ -87,7 +88,15 @@ def settings_of_study(study: Study) -> FieldSettings:
         Z_base=c.Z_base,
         R_2=part.R_2,
         L_2=part.L_2,
+        limits=probe.limits,
+        seed=probe.code,
     )
+
+
+def probe_of(study: Study) -> ProbeSpec:
+    """What the study says of the probe."""
+    asked = None if study.estimator is None else study.estimator.probe
+    return ProbeSpec() if asked is None else asked
 
 
 def network_of(study: Study, spec: ControllerSpec) -> FieldNetwork | None:
@@ -134,8 +143,12 @@ class FieldScheduler:
     probe_hold: float | None = None
     log_samples = 0
 
-    def __init__(self, study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, probe: bool = True) -> None:
-        self._study, self._spec, self._probing = study, spec, probe
+    def __init__(
+        self, study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, probe: bool | None = None
+    ) -> None:
+        """``probe``: whether it is sent; None: as the study says."""
+        self._study, self._spec = study, spec
+        self._probing = probe_of(study).send if probe is None else probe
         self._answers = ScheduledAnswers(study, spec, ready)
         self._has_table = ready.table(spec) is not None
         self._box, self._follows = box_of(study), follows_measured(spec)

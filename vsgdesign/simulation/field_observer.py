@@ -1,4 +1,5 @@
-"""The field estimator as an observer of the compiled loop: its probe and its lock-in in every sample.
+"""The field estimator as an observer of the compiled loop: its probe and its lock-in in every sample
+(:eq:`probe-in-the-loop`).
 
 Its numbers lie in arrays between two calls, because a Python object for each of some hundred numbers would cost more
 than the estimator itself.

@@ -210,6 +210,8 @@ def specs_table(result: HasStudy, specs: Sequence[ControllerSpec]) -> Table:
         if spec.kind == "scheduled":
             period = result.ready.update_period(spec)
             every = "after every window" if period is None else f"every {plain_quantity(period, 's')}"
+            if spec.estimate != "truth" and estimator_kind(spec.estimate).by_sample:
+                every = "after every cycle of the estimator"
             how = f"rescheduled {every} from " + (
                 "the true grid impedance"
                 if spec.estimate == "truth"

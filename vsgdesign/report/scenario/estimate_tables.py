@@ -12,13 +12,14 @@ from vsgdesign.errors import counted
 from vsgdesign.identification import GUESS_SCR, Estimator, estimator_kind
 from vsgdesign.identification.registry import needs_network
 from vsgdesign.metrics.estimation import FOUND_PCT
-from vsgdesign.parameters.study import ControllerSpec, Grid
+from vsgdesign.parameters.study import ControllerSpec, Grid, Study
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import DASH, number, percent, plain, plain_quantity
 from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.simulation import ScenarioResult
 from vsgdesign.simulation.estimated import estimator_of
+from vsgdesign.simulation.field_feed import probe_of
 from vsgdesign.simulation.judging import Judgement
 
 if TYPE_CHECKING:
@@ -59,18 +60,43 @@ def network_table(result: ScenarioResult, trained: TrainedEstimator | None) -> T
 
 def methods_table(result: ScenarioResult) -> list[Table]:
     """What the estimators but the network are, how they are fed and what they send; no table where there are none."""
-    rows = []
+    rows, of_windows, by_sample = [], False, False
     for spec, estimator in untrained(result):
         needs = estimator.needs
+        if estimator_kind(spec.estimate).by_sample:
+            by_sample = True
+            rows.append((spec.name, estimator.title, "a cycle of its own", _lines(result.study)))
+            continue
+        of_windows = True
         window = f"{needs.samples} × {plain_quantity(needs.sample_interval, 's')}"
         rows.append((spec.name, estimator.title, window, _probe(estimator)))
     head = ("Controller", "Estimator", "Window", "Probe")
     notes = (
-        "These estimators are given v_pcc, i_pcc, the converter's own angle and frequency, and nothing of the grid: no "
-        f"phase, no impedance, no sensor noise. They begin with a guess of SCR {plain(GUESS_SCR)} and X/R 1.",
+        *(_OF_WINDOWS,) * of_windows,
+        *(_OF_SAMPLES,) * by_sample,
     )
     title = "The other estimators" if result.ready.network else "The estimators"
     return [Table(title, head, tuple(rows), texts=4, notes=notes)] if rows else []
+
+
+_OF_WINDOWS = (
+    "Estimators of windows are given v_pcc, i_pcc, the converter's own angle and frequency, and nothing of the grid: "
+    f"no phase, no impedance, no sensor noise. They begin with a guess of SCR {plain(GUESS_SCR)} and X/R 1."
+)
+_OF_SAMPLES = (
+    "The field estimator is given the voltage at the filter's capacitor, the current into the grid and the probe as it "
+    "was sent, and nothing of the grid. Until its first answer the gains are those of a safe place: that of the table, "
+    "or the middle of the grids that the closed form is made for."
+)
+
+
+def _lines(study: Study) -> str:
+    """The probe of the field estimator."""
+    probe = probe_of(study)
+    if not probe.send:
+        return "none: send = false in [estimator.probe]"
+    rest, burst = (f"{plain(100.0 * value, 2)} %" for value in (probe.limits.amplitude, probe.limits.amplitude_burst))
+    return f"two lines, each at most {rest} {_OF['voltage']} at rest, {burst} while it learns"
 
 
 def _probe(estimator: Estimator) -> str:
