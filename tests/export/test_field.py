@@ -4,22 +4,34 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.artifacts.field_networks import random_field_weights
 from tests.compilers import GCC_AND_CLANG, require_compiler
 from tests.export.conftest import built
 from tests.export.exchange import written
-from vsgdesign.equations.field import FieldAnswer, FieldSettings, conclude, first_lock_in, first_track, listen
+from vsgdesign.equations.field import (
+    FieldAnswer,
+    FieldFeatures,
+    FieldSettings,
+    conclude,
+    features,
+    first_lock_in,
+    first_track,
+    listen,
+)
 from vsgdesign.equations.field import probe_value as probe_of
+from vsgdesign.equations.field_fusion import FIRST_GATE, GateLimits
 from vsgdesign.export import CompiledC, compile_c
 from vsgdesign.export.c_code import Origin, export_c
 from vsgdesign.export.compiled import STRICT, run_compiler
 from vsgdesign.export.compiled_field import OPEN, PROBE_OFF, TRIPPED
 from vsgdesign.export.field import converter_constants
+from vsgdesign.identification.field_network import FieldNetwork, field_network
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.runtime import load_scheduler
 
@@ -51,6 +63,23 @@ def field_c(request: pytest.FixtureRequest, field_folder: Path) -> CompiledC:
     return built(field_folder, request.param == "double")
 
 
+def a_network() -> FieldNetwork:
+    """One that speaks with any certainty, so that all of its equations act."""
+    weights = random_field_weights(FieldFeatures._fields, seed=2)
+    network = field_network(weights, FieldFeatures._fields)
+    return replace(network, gate=GateLimits(first=2.0, first_refuted=1.0, last=12.0, confident=3.0))
+
+
+@pytest.fixture(scope="module")
+def network_c(study: Study, tmp_path_factory: pytest.TempPathFactory) -> CompiledC:
+    """Double precision, with the network behind the estimator."""
+    place = tmp_path_factory.mktemp("field_network")
+    origin = Origin("t", "0" * 64, "s", "0" * 64, limiter=study.current_limiter)
+    scheduler = load_scheduler(written(place)[0])
+    made = export_c(scheduler, origin, place / "c", converter=converter_constants(study, a_network()))
+    return built(made.folder, double=True)
+
+
 @dataclass
 class Recorded:
     """Samples of a small circuit whose impedance jumps, with Python's answers."""
@@ -63,6 +92,8 @@ class Recorded:
     limited: np.ndarray
     closed: np.ndarray
     answers: list[FieldAnswer]
+    spoken: list[FieldAnswer]
+    """With a network behind the recursions."""
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +103,7 @@ def recorded(study: Study) -> Recorded:
     V, Z, T = 1.0 / settings.per_volt, settings.Z_base, settings.T_s
     omega, rng = 0.997 * settings.omega_n, np.random.default_rng(3)
     lock, track, i, frame = first_lock_in(settings, omega), first_track(settings), 0j, cmath.rect(1.0, 0.4)
-    rows, answers = [], []
+    rows, answers, spoken, gate, network = [], [], [], FIRST_GATE, a_network()
     while len(answers) < 24:
         R, L = (0.08 * Z, 0.235 * Z / settings.omega_n) if len(answers) < 12 else (0.05 * Z, 0.1 * Z / settings.omega_n)
         u = complex(*probe_of(lock, 1.0, settings))
@@ -88,6 +119,9 @@ def recorded(study: Study) -> Recorded:
         if lock.closed > 0.5:
             lock, track, answer = conclude(lock, track, settings)
             answers.append(FieldAnswer(*map(float, answer)))
+            seen = features(lock, track, answer, settings)
+            gate, said = network.behind(gate, seen, answers[-1], settings)
+            spoken.append(said)
         decay = math.exp(-R * T / L)
         i = decay * i + (1.0 - decay) / R * (v - V * cmath.rect(1.0, -0.1) * frame)
         frame *= cmath.rect(1.0, omega * T)
@@ -95,7 +129,7 @@ def recorded(study: Study) -> Recorded:
     assert max(answer.changed for answer in answers) == 1.0  # the jump is seen
     assert max(answer.spoilt for answer in answers) == 1.0
     assert answers[-1].valid == 1.0
-    return Recorded(settings, v, i_all, sent_all, probes, limited_all.real, closed.real, answers)
+    return Recorded(settings, v, i_all, sent_all, probes, limited_all.real, closed.real, answers, spoken)
 
 
 def replayed(compiled: CompiledC, record: Recorded, late: int = 0) -> tuple[list[FieldAnswer], float]:
@@ -136,6 +170,15 @@ def test_the_answers_of_python(field_c: CompiledC, recorded: Recorded) -> None:
     error = np.abs(got[:, 0] + 1j * omega * got[:, 1] - Z)[valid] / np.abs(Z)[valid]
     assert np.max(error) <= 1e-4
     assert probe <= 1e-5  # of the rated voltage, of which the probe is a small part
+
+
+def test_the_network_behind_it(network_c: CompiledC, recorded: Recorded) -> None:
+    """It speaks in some cycles, says in one that the grid has changed, and its answers are those of Python."""
+    assert network_c.selftest() == 0
+    answers, _ = replayed(network_c, recorded)
+    np.testing.assert_allclose(np.array(answers), np.array(recorded.spoken), rtol=1e-11, atol=1e-14)
+    spoken = [one != other for one, other in zip(recorded.spoken, recorded.answers, strict=True)]
+    assert 3 <= sum(spoken) < len(spoken)
 
 
 def test_its_known_answers(field_c: CompiledC, field_folder: Path, tmp_path: Path) -> None:

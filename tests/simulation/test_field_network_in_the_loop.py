@@ -12,7 +12,7 @@ from tests.artifacts.field_networks import random_field_weights
 from tests.simulation.studies import lc_study
 from vsgdesign.artifacts.field_weights import FieldWeights, write_field_weights
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures
-from vsgdesign.equations.field_fusion import FIRST_GATE, NEVER
+from vsgdesign.equations.field_fusion import FIRST_GATE, LONG_AGO
 from vsgdesign.errors import ArtifactError, StudyError
 from vsgdesign.identification.field_network import field_network
 from vsgdesign.identification.interface import Installation
@@ -82,7 +82,7 @@ def test_plain_python_and_the_run_agree() -> None:
     seen = FieldFeatures(*np.zeros(len(FieldFeatures._fields)).tolist())
     answer = FieldAnswer(**(dict.fromkeys(FieldAnswer._fields, 0.0) | {"R_g": 1.0, "L_g": 2e-3, "mode": 2.0}))
     gate, said = network.behind(FIRST_GATE, seen, answer, settings)
-    assert (gate.since, said) == (NEVER, answer)
+    assert (gate.since, said) == (LONG_AGO, answer)
     gate, said = network.behind(gate, seen, answer._replace(event=1.0), settings)
     assert (gate.since, said.valid) == (0.0, 0.0)
     for _ in range(4):

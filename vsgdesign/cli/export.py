@@ -35,7 +35,7 @@ def export() -> None:
 @click.option("--grid-phase", is_flag=True, help="The windows will start at the grid phase of the training.")
 @click.option(
     "--estimator",
-    type=click.Choice(["field", "none"]),
+    type=click.Choice(["field", "field_network", "none"]),
     default=None,
     help="Also the field estimator for the converter of --study, or not.  [default: as the study's controllers]",
 )

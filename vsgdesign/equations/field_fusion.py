@@ -17,7 +17,7 @@ from vsgdesign.equations.field.features import FieldFeatures
 CHI_SQUARE_95 = 5.991464547107979
 """Square of the radius that contains 95 % of a Gaussian in two dimensions, −2 ln 0.05."""
 
-NEVER = 1000.0
+LONG_AGO = 1000.0
 """Cycles since an event beyond which nothing is counted any more."""
 
 LARGEST = 4.0
@@ -79,7 +79,7 @@ class FusedImpedance(NamedTuple):
     """Squared Mahalanobis distance of Ẑ from this answer: above CHI_SQUARE_999, it says that the grid has changed."""
 
 
-FIRST_GATE = NetworkGate(NEVER, 0.0)
+FIRST_GATE = NetworkGate(LONG_AGO, 0.0)
 """Before any event."""
 
 
@@ -87,7 +87,7 @@ def next_gate(gate: NetworkGate, event: Any) -> NetworkGate:
     """The gate after a cycle. ``event`` is 1 in a cycle in which the recursions have flagged an event, else 0."""
     begins = event > 0.5
     return NetworkGate(
-        since=np.where(begins, 0.0, np.minimum(gate.since + 1.0, NEVER)),
+        since=np.where(begins, 0.0, np.minimum(gate.since + 1.0, LONG_AGO)),
         told=np.where(begins, 0.0, gate.told),
     )
 

@@ -13,16 +13,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign import __version__
+from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.artifacts.files import plain, write_text
 from vsgdesign.artifacts.folders import check_folder_target, staged_folder, write_record
 from vsgdesign.artifacts.table_text import certificate_sentence
+from vsgdesign.equations.field import FieldFeatures
+from vsgdesign.equations.field_fusion import FIRST_GATE
 from vsgdesign.equations.limiters import CIRCULAR, limiter_named
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.field import ConverterConstants, converter_constants, field_content
 from vsgdesign.export.known_answers import known_answers, known_steps, known_windows
-from vsgdesign.export.known_cycles import known_cycles
+from vsgdesign.export.known_cycles import known_cycles, known_posteriors
 from vsgdesign.export.laws import laws_content
 from vsgdesign.frames import rated_current_rms, rms_to_peak
+from vsgdesign.identification.field_network import FieldNetwork, field_network
 from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.guards import ARRIVED, REASONS, window_settings
 from vsgdesign.runtime.needed_sigma import needed_sigma
@@ -67,7 +71,7 @@ FILES = (
 FIELD_FILES = ("vsg_field_laws.h", "vsg_field.c", "vsg_converter.c")
 """What a folder with the field estimator has besides FILES."""
 
-ESTIMATORS = ("field", "none")
+ESTIMATORS = ("field", "field_network", "none")
 """What an export may be asked for besides a network."""
 
 _BLOCK = 20
@@ -117,8 +121,9 @@ def export_c_files(
     ``v_limit`` (V) and ``i_limit`` (A) are the sensors' limits, four times the rated peaks where they are not given;
     ``study`` refuses a table that was not designed from it. ``limiter`` is how the exported controller limits its
     current, as studies name it; None is the study's own, and ``circular`` without a study. ``estimator`` is ``field``
-    for the field estimator of the study's converter and ``none`` for none; None is ``field`` if a controller of the
-    study has ``estimate = "field"``. ``changes`` go to the
+    for the field estimator of the study's converter, ``field_network`` for the same with the network that the study
+    names or the packaged one, and ``none`` for none; None is that of the first controller of the study that has
+    ``estimate = "field"`` or ``"field_network"``. ``changes`` go to the
     settings as in :func:`vsgdesign.runtime.guards.settings_of`. Raises ArtifactError with what to do: a file that is
     damaged, newer or of another case, a folder with other files.
     """
@@ -163,21 +168,27 @@ def _converter_of(study: Study | None, estimator: str | None, limiter: str) -> C
     """The constants of the study's converter for a folder with the field estimator; None for one without."""
     if estimator is not None and estimator not in ESTIMATORS:
         raise ArtifactError(f'estimator = "{estimator}": unknown. Known: {", ".join(ESTIMATORS)}.')
-    if estimator == "field" and study is None:
+    if estimator in ("field", "field_network") and study is None:
         raise ArtifactError(
-            "estimator = field: it is made for a converter and its filter, and no study says which. Give the study "
-            "(--study STUDY.toml)."
+            f"estimator = {estimator}: it is made for a converter and its filter, and no study says which. Give the "
+            "study (--study STUDY.toml)."
         )
     if study is None or estimator == "none":
         return None
-    if estimator is None and all(controller.estimate != "field" for controller in study.controllers):
+    if estimator is None:
+        asked = (controller.estimate for controller in study.controllers)
+        estimator = next((name for name in asked if name in ESTIMATORS), None)
+    if estimator is None:
         return None
     if limiter != study.current_limiter:
         raise ArtifactError(
             f'limiter = "{limiter}": the study\'s converter has "{study.current_limiter}", and its constants are '
             "exported with the estimator. Leave the limiter out, or change current_limiter in the study."
         )
-    return converter_constants(study)
+    if estimator == "field":
+        return converter_constants(study)
+    named = None if study.estimator is None else study.estimator.field_weights_file
+    return converter_constants(study, field_network(read_field_weights(named), FieldFeatures._fields))
 
 
 def _check_same_converter(trained: NetworkWeights, base: TableBase) -> None:
@@ -237,7 +248,9 @@ def export_c(
                 "v_limit": estimator.v_limit,
                 "i_limit": estimator.i_limit,
             },
-            "field": None if converter is None else converter.field_settings._asdict(),
+            "field": None
+            if converter is None
+            else {"settings": converter.field_settings._asdict(), "network": converter.network is not None},
         }
     )
     with staged_folder(out, KIND, inputs=inputs, record=MANIFEST) as folder:
@@ -394,8 +407,9 @@ def _steps(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
 
 def _field(converter: ConverterConstants) -> dict[str, Any]:
     """The field estimator, with known answers."""
-    known = known_cycles(converter.field_settings)
-    return field_content() | {
+    known, network = known_cycles(converter.field_settings), converter.network
+    return field_content(network is not None) | {
+        "network": None if network is None else _field_network(network),
         "settings": initialiser(converter.field_settings),
         "inner_gains": initialiser(converter.inner_gains),
         "references": initialiser(converter.references),
@@ -405,6 +419,25 @@ def _field(converter: ConverterConstants) -> dict[str, Any]:
             for one in known.answers
         ],
         "known_plant": {name: literal(value) for name, value in known.plant._asdict().items()},
+    }
+
+
+def _field_network(network: FieldNetwork) -> dict[str, Any]:
+    """The layers and the gate of the network behind the field estimator, with known answers."""
+    inputs, outputs = known_posteriors(network)
+    return {
+        "inputs": network.W_1.shape[1],
+        "first": len(network.b_1),
+        "second": len(network.b_2),
+        "weights": {
+            name: braces(getattr(network, name).tolist()) for name in ("W_1", "b_1", "W_2", "b_2", "W_3", "b_3")
+        },
+        "radii": braces(list(network.radii)),
+        "gate": initialiser(network.gate),
+        "first_gate": initialiser(FIRST_GATE),
+        "known_inputs": braces(inputs.tolist()),
+        "known_outputs": braces(outputs.tolist()),
+        "known": len(inputs),
     }
 
 

@@ -14,16 +14,19 @@ from vsgdesign.equations.field import (
     FieldTrack,
     LockIn,
     conclude,
+    features,
     first_lock_in,
     first_track,
     listen,
     probe_value,
 )
 from vsgdesign.equations.field.tracks import Track
+from vsgdesign.equations.field_fusion import fused_answer, next_gate, step_refuted
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import References
 from vsgdesign.equations.probe import probe_offset
 from vsgdesign.frames import rotate
+from vsgdesign.identification.field_network import FieldNetwork
 
 if TYPE_CHECKING:
     from vsgdesign.parameters.study import Study
@@ -38,12 +41,18 @@ NAMES = {Track: "field_sums"}
 """What C calls a record, where it is not its own name behind ``field_``."""
 
 PUBLIC = ("settings", "lock_in", "lock_in_lost", "track", "answer")
+PUBLIC_OF_NETWORK = ("network_gate",)
 FUNCTIONS = (first_lock_in, first_track, probe_value, probe_offset, rotate, listen, conclude)
+OF_NETWORK = (features, next_gate, step_refuted, fused_answer)
+"""What a network behind the estimator needs besides."""
 
 
-def field_laws() -> CText:
-    """C99 of the estimator. Its records are called vsg_field_…_t and its constants VSG_FIELD_…"""
-    return c_functions(FUNCTIONS, names=NAMES, prefix="field_")
+def field_laws(network: bool = False) -> CText:
+    """C99 of the estimator, with what a ``network`` behind it needs.
+
+    Its records are called vsg_field_…_t and its constants VSG_FIELD_…
+    """
+    return c_functions((*FUNCTIONS, *(OF_NETWORK if network else ())), names=NAMES, prefix="field_")
 
 
 def count_of(record: Any) -> int:
@@ -52,10 +61,10 @@ def count_of(record: Any) -> int:
     return sum(count_of(kind) if hasattr(kind, "_fields") else 1 for kind in (hints[name] for name in record._fields))
 
 
-def field_content() -> dict[str, Any]:
+def field_content(network: bool = False) -> dict[str, Any]:
     """What the templates take of the estimator."""
-    text = field_laws()
-    public = text.needed_by(f"vsg_field_{name}_t" for name in PUBLIC)
+    text = field_laws(network)
+    public = text.needed_by(f"vsg_field_{name}_t" for name in (*PUBLIC, *(PUBLIC_OF_NETWORK if network else ())))
     return {
         "waiting": WAITING,
         "largest_bytes": LARGEST_BYTES,
@@ -77,10 +86,12 @@ class ConverterConstants:
     references: References
     controller_settings: ControllerSettings
     field_settings: FieldSettings
+    network: FieldNetwork | None = None
+    """The network behind the field estimator."""
 
 
-def converter_constants(study: Study) -> ConverterConstants:
-    """The constants of a study's converter, with set points without power."""
+def converter_constants(study: Study, network: FieldNetwork | None = None) -> ConverterConstants:
+    """The constants of a study's converter, with set points without power, and of the network that it is given."""
     from vsgdesign.simulation.field_feed import settings_of_study
 
     c = study.converter
@@ -89,4 +100,5 @@ def converter_constants(study: Study) -> ConverterConstants:
         References(0.0, 0.0, c.omega_n, c.V_rated_rms),
         study.controller_settings(),
         settings_of_study(study),
+        network,
     )

@@ -11,8 +11,11 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from vsgdesign.equations.field import FieldAnswer, FieldSettings, conclude, first_lock_in, first_track, listen
 from vsgdesign.equations.field import probe_value as probe_of
+from vsgdesign.identification.field_network import FieldNetwork
 
 CYCLES = 16
 """From learning to the second valid answer and some more."""
@@ -54,6 +57,12 @@ class KnownCycles:
 
     plant: KnownPlant
     answers: list[FieldAnswer]
+
+
+def known_posteriors(network: FieldNetwork) -> tuple[np.ndarray, np.ndarray]:
+    """(3, n) features that no single precision rounds, and the (3, 5) outputs of the network for them."""
+    inputs = np.round(64.0 * np.random.default_rng(14).normal(size=(3, network.W_1.shape[1]))) / 64.0
+    return inputs, network.outputs(inputs)
 
 
 class Noise:

@@ -26,7 +26,7 @@ ESTIMATORS: dict[str, EstimatorKind] = {
     "prbs": EstimatorKind("the pseudo-random sequence", PseudoRandomSequence),
     "field": EstimatorKind("the field estimator", field_estimator, by_sample=True, in_c=True),
     "field_network": EstimatorKind(
-        "the field estimator with its network", field_network_estimator, by_sample=True, field_network=True
+        "the field estimator with its network", field_network_estimator, by_sample=True, field_network=True, in_c=True
     ),
     "neural": EstimatorKind("the network", installed_network, trained=True, in_c=True),
 }
@@ -46,6 +46,12 @@ def needs_network(name: str) -> bool:
     """Whether the value of ``estimate`` in a study needs trained weights. ``truth`` and unknown names do not."""
     kind = ESTIMATORS.get(name)
     return kind is not None and kind.trained
+
+
+def samples_itself(name: str) -> bool:
+    """Whether the value of ``estimate`` in a study is an estimator that takes every sample of the controller."""
+    kind = ESTIMATORS.get(name)
+    return kind is not None and kind.by_sample
 
 
 def why_no_c(controller: str, estimate: str) -> str:

@@ -15,7 +15,7 @@ from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.table_summary import table_summary
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.identification.registry import needs_network, why_no_c
+from vsgdesign.identification.registry import needs_network, samples_itself, why_no_c
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.operating_point import OperatingPoint
 from vsgdesign.parameters import Study
@@ -147,15 +147,15 @@ def _export(study: Study, ready: Ready, folder: Path, warn: Callable[[str], None
         missing = why_no_c(spec.name, spec.estimate)
         if missing and warn is not None:
             warn(missing)
-        own = study.with_limit_of(spec)
+        own, by_sample = study.with_limit_of(spec), samples_itself(spec.estimate)
         export_c_files(
             folder / f"{spec.name}.table.json",
             folder / f"{spec.name}.c",
             weights=None if network is None else folder / "estimator.weights.json",
             grid_phase=network is not None and network.grid_phase,
             limiter=own.current_limiter,
-            study=own if spec.estimate == "field" else None,
-            estimator="field" if spec.estimate == "field" else "none",
+            study=own if by_sample else None,
+            estimator=spec.estimate if by_sample else "none",
         )
 
 

@@ -100,8 +100,8 @@ def line_sums(
 ) -> LineSums:
     """The sums with v, i and u added, turned back by an angle; cosine and sine carry the sample's weight."""
     return LineSums(
-        v_re=sums.v_re + (v_re * cosine + v_im * sine),
-        v_im=sums.v_im + (v_im * cosine - v_re * sine),
+        v_re=advanced(sums.v_re, v_re * cosine + v_im * sine),
+        v_im=advanced(sums.v_im, v_im * cosine - v_re * sine),
         i_re=sums.i_re + (i_re * cosine + i_im * sine),
         i_im=sums.i_im + (i_im * cosine - i_re * sine),
         u_re=sums.u_re + (u_re * cosine + u_im * sine),

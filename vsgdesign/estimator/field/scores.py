@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.field_weights import MODES, FieldLayers
 from vsgdesign.equations.field import FieldAnswer
-from vsgdesign.equations.field_fusion import FIRST_GATE, NEVER, GateLimits, Posterior, fused_answer, next_gate
+from vsgdesign.equations.field_fusion import FIRST_GATE, LONG_AGO, GateLimits, Posterior, fused_answer, next_gate
 from vsgdesign.estimator.field.cycles import CHANGES, FieldCycles
 from vsgdesign.estimator.field.training import evaluate
 from vsgdesign.metrics.answers import Answers, answers_of, inside_ellipse, time_to_stay, valid_and_wrong
@@ -78,7 +78,7 @@ def answers_of_ways(
     cycles: FieldCycles, layers: FieldLayers, radius_squared: Mapping[str, float], gate: GateLimits
 ) -> dict[str, Array]:
     """The answers of the three ways, each (N, 14) as in :class:`FieldCycles`, by the controller's own equations."""
-    always = GateLimits(first=0.0, first_refuted=0.0, last=NEVER, confident=gate.confident)
+    always = GateLimits(first=0.0, first_refuted=0.0, last=LONG_AGO, confident=gate.confident)
     gated, ungated = (_spoken(cycles, layers, radius_squared, limits) for limits in (gate, always))
     return dict(zip(WAYS, (cycles.answer, gated, ungated), strict=True))
 
