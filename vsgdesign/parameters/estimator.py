@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 from vsgdesign.identification.field import ProbeLimits
 from vsgdesign.parameters.reader import TableReader
@@ -91,18 +91,20 @@ def _read_probe(table: TableReader | None) -> ProbeSpec | None:
     limits = ProbeLimits(
         sigma=table.quantity("sigma", "1", 0.001, 0.2, default=own.sigma),
         amplitude=table.quantity("amplitude", "1", 0.0002, 0.02, default=own.amplitude),
+        amplitude_sent=table.quantity("amplitude_sent", "1", 0.0002, 0.05, default=own.amplitude_sent),
         amplitude_burst=table.quantity("amplitude_burst", "1", 0.0002, 0.05, default=own.amplitude_burst),
         current=table.quantity("current", "1", 0.001, 0.3, default=own.current),
         ripple=table.quantity("ripple", "1", 0.0005, 0.1, default=own.ripple),
     )
-    if limits.amplitude_burst < limits.amplitude:
-        table.fault(
-            "amplitude_burst",
-            f"{limits.amplitude_burst:g}",
-            f"smaller than the amplitude at rest, {limits.amplitude:g}",
-            "While it learns, the estimator needs at least the probe of the rest.",
-        )
-    for name in () if send else ("sigma", "amplitude", "amplitude_burst", "current", "ripple", "code"):
+    for name in ("amplitude_burst", "amplitude_sent"):
+        if getattr(limits, name) < limits.amplitude:
+            table.fault(
+                name,
+                f"{getattr(limits, name):g}",
+                f"smaller than the amplitude at rest, {limits.amplitude:g}",
+                "Raise it, or lower the amplitude.",
+            )
+    for name in () if send else (*asdict(own), "code"):
         if table.has(name):
             table.fault(name, table.table[name], "has no effect with send = false", "Leave one of them out.")
     spec = ProbeSpec(send=send, limits=limits, code=table.integer("code", 0, 2**31 - 1, default=1))
