@@ -222,7 +222,8 @@ def synchronised_vectors(
 
 def run_windows(study: Study, recipe: WindowRecipe, scenario: Scenario) -> Arrays:
     """Simulate one scenario and take its windows: the arrays of a :class:`DataSet`."""
-    windows, after, vectors = record_windows(study, recipe, scenario)
+    # A recipe has its own harmonics and noise.
+    windows, after, vectors = record_windows(study.undisturbed, recipe, scenario)
     grids = [scenario.grids[int(later)] for later in after]
     rng = np.random.default_rng((*scenario.seed, 1))
     vectors = synchronised_vectors(study, recipe, windows, vectors)

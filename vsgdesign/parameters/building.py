@@ -109,7 +109,6 @@ def build_study(
     replay = read_replay(root.child("replay"), converter, simulation.duration)
     if replay is not None:
         _check_replay(root, faults)
-        source_ = GridSource(replay.V_g_rms, replay.omega_g)
     root.finish()
     inner_gains, omega_t, request = inner.gains, inner.omega_t, None
     if inner_gains is None:

@@ -391,6 +391,13 @@ class Study:
             return True
         return bool(self.grid_source.components) or any(event.components for event in self.events)
 
+    @property
+    def undisturbed(self) -> Study:
+        """The study with the source that its events say and with ideal sensors."""
+        if self.background is None and self.sensors is None and self.replay is None:
+            return self
+        return replace(self, background=None, sensors=None, replay=None)
+
     def with_changes(self, **sections: Any) -> Study:
         """A study with sections changed as a study file would say it, checked by the same reader.
 

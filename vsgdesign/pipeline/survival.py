@@ -119,7 +119,7 @@ def subjects_of(
 ) -> dict[str, Subject]:
     """Every named controller (None: all) with every limiter (None: with its own), by :func:`variant_name`.
 
-    Raises StudyError with every fault: no current limit, no controller or limiter of a name.
+    Raises StudyError with every fault: no current limit, a recorded source, no controller or limiter of a name.
     """
     from vsgdesign.simulation.survival import Subject
 
@@ -129,6 +129,9 @@ def subjects_of(
     if limit_pu is None:
         advice = "Set it, for example to 1.2: it decides which states of rest are asked for."
         faults.append(Fault("converter.current_limit_pu", "", "is missing", advice))
+    if study.replay is not None:
+        advice = "Take [replay] away; [background] makes a restless grid."
+        faults.append(Fault("replay", "", "a recorded source cannot sag or jump as the disturbances ask", advice))
     for name in wanted:
         if name not in known:
             faults.append(Fault("controller", f'"{name}"', "unknown", f"The study has: {', '.join(known)}."))

@@ -71,7 +71,7 @@ def simulate_step(
         P_ref=P_ref,
         Q_ref=Q_ref,
     )
-    run = simulate(replace(study, grid=grid, simulation=spec, events=(event,)), [GainChange(0.0, gains)])
+    run = simulate(replace(study.undisturbed, grid=grid, simulation=spec, events=(event,)), [GainChange(0.0, gains)])
     run.to_its_end()
     values = run.column(signal)
     return run.t_s[start:] - start * interval, values[start:] - values[start - 1]

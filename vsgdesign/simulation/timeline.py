@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.parameters.study import Event, Grid, SourceComponent, Study
+from vsgdesign.parameters.study import Event, Grid, GridSource, SourceComponent, Study
 from vsgdesign.simulation.replay import Replay
 from vsgdesign.simulation.wander import Wander
 
@@ -152,7 +152,8 @@ def _at_start(study: Study) -> tuple[SourceSegment, float, float, Wander | None,
     c, source, background, phase = study.converter, study.grid_source, study.background, -0.5 * math.pi
     factor, offset, wander, replay = 1.0, 0.0, None, None
     if study.replay is not None:
-        phase, replay = study.replay.phase, Replay(study.replay, c.T_s)
+        played = study.replay
+        source, phase, replay = GridSource(played.V_g_rms, played.omega_g), played.phase, Replay(played, c.T_s)
     elif background is not None:
         factor, offset = background.voltage_factor, 2.0 * math.pi * background.frequency_offset
         phase, wander = background.phase + phase, Wander(background, c.T_s, c.omega_n)

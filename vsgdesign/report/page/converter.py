@@ -13,6 +13,7 @@ from vsgdesign.identification import estimator_kind
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
 from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import number, plain, plain_quantity
+from vsgdesign.simulation.timeline import build_timeline
 
 
 class HasStudy(Protocol):
@@ -79,13 +80,13 @@ def filter_table(result: HasStudy) -> Table:
         rows.append(("In series with it", _ohm(f.R_c)))
     if f.L_2:
         rows.append(("Grid-side inductor", f"{plain_quantity(f.L_2, 'H')}, {_ohm(f.R_2)}"))
-    grid, source = study.grid, study.grid_source
+    grid, source, at_start = study.grid, study.grid_source, build_timeline(study).source_at(0.0)
     rows += [
         ("Grid at the start", f"{grid_label(result, grid)} ({study.scr_basis} basis)"),
         ("", f"R_g = {_ohm(grid.R_g)}, L_g = {plain_quantity(grid.L_g, 'H')}"),
         (
             "Grid source at the start",
-            f"{plain_quantity(source.V_g_rms, 'V')} phase rms, {plain(source.omega_g / (2.0 * math.pi), 5)} Hz",
+            f"{plain_quantity(at_start.V_g_rms, 'V')} phase rms, {plain(at_start.omega / (2.0 * math.pi), 5)} Hz",
         ),
     ]
     if source.components:

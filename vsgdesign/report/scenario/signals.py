@@ -122,13 +122,6 @@ def _voltage(result: ScenarioResult) -> Signal:
 def _frequency(result: ScenarioResult) -> Signal:
     turn = 2.0 * math.pi
     values = [controller.series["omega"] / turn for controller in result.controllers]
-    t_grid: list[float] = []
-    f_grid: list[float] = []
-    sources = result.timeline.sources
-    ends = [source.t_s for source in sources[1:]] + [_duration(result)]
-    for source, end_s in zip(sources, ends, strict=True):
-        t_grid += [source.t_s, end_s]
-        f_grid += [source.omega / turn, (source.omega + source.omega_slope * (end_s - source.t_s)) / turn]
     return Signal(
         name="frequency",
         title="Frequency",
@@ -137,9 +130,31 @@ def _frequency(result: ScenarioResult) -> Signal:
         caption="Frequency of each converter's power loop",
         traces=_traces(result, values, 1.0),
         smallest_range=0.01,
-        target=(np.array(t_grid), np.array(f_grid)),
+        target=_source_frequency(result),
         target_label="grid source",
     )
+
+
+_MEAN_S = 0.1
+"""Over how long the frequency of a source that wanders is averaged, s: its phase is noisy."""
+
+
+def _source_frequency(result: ScenarioResult) -> tuple[Array, Array]:
+    """Corners of the source's frequency (s, Hz): as the events say, and with what a background or a record adds."""
+    turn, timeline, end = 2.0 * math.pi, result.timeline, _duration(result)
+    t_grid: list[float] = []
+    f_grid: list[float] = []
+    ends = [source.t_s for source in timeline.sources[1:]] + [end]
+    for source, end_s in zip(timeline.sources, ends, strict=True):
+        t_grid += [source.t_s, end_s]
+        f_grid += [source.omega / turn, (source.omega + source.omega_slope * (end_s - source.t_s)) / turn]
+    moving = timeline.wander or timeline.replay
+    if moving is None or end < 2.0 * _MEAN_S:
+        return np.array(t_grid), np.array(f_grid)
+    edges = np.arange(0, math.floor(end / _MEAN_S) + 1) * round(_MEAN_S / moving.T_s)
+    own = np.diff(moving.angle_at(edges[edges * moving.T_s < end])) / (turn * _MEAN_S)
+    t_s = (np.arange(len(own)) + 0.5) * _MEAN_S
+    return t_s, np.array([timeline.source_at(t).omega / turn for t in t_s]) + own
 
 
 def _duration(result: ScenarioResult) -> float:
