@@ -17,7 +17,14 @@ from vsgdesign.equations.field.doubt import (
     no_doubt,
     verdict_of,
 )
-from vsgdesign.equations.field.grid_phasor import GridPhasor, first_grid_phasor, phasor_moved, settled, without_last
+from vsgdesign.equations.field.grid_phasor import (
+    GridPhasor,
+    first_grid_phasor,
+    phasor_moved,
+    resynchronised,
+    settled,
+    without_last,
+)
 from vsgdesign.equations.field.lock_in import turn_less_one
 from vsgdesign.equations.field.noise import DIFFERENCE_GAIN, Noise, first_noise, noise_of_probe, noise_with
 from vsgdesign.equations.field.residuals import Residuals, misfit, no_residuals, residuals_with
@@ -319,8 +326,6 @@ def conclude(  # noqa: C901
     phasor = without_last(track.phasor) if spoilt else followed
     event = 0.0 if spoilt else stepped
     correction = 0.0 if spoilt else correction
-    omega = lock.omega + correction * settings.omega_n / TURN
-    omega = np.minimum(np.maximum(omega, 0.95 * settings.omega_n), 1.05 * settings.omega_n)
     mode = DOUBT if event > 0.5 else track.mode
     doubt = track.doubt
     if event > 0.5:
@@ -346,6 +351,8 @@ def conclude(  # noqa: C901
         mode = DOUBT
         skip = 3.0
     if again:
+        # The grid may turn at another speed by now, which alone would contradict any impedance.
+        phasor, correction = resynchronised(phasor)
         filled = 0.0
         skip = 1.0
     if contradicted or again:
@@ -437,6 +444,8 @@ def conclude(  # noqa: C901
             answer, prior = with_prior(fit_of(slow, noise.line_1.S, noise.line_2.S), no_fit(), slow.count, gain)
             phasor = settled(phasor, answer, 1.0)
 
+    omega = lock.omega + correction * settings.omega_n / TURN
+    omega = np.minimum(np.maximum(omega, 0.95 * settings.omega_n), 1.05 * settings.omega_n)
     code = code_moved(track.code, mode, doubt.used)
     response_1, response_2 = track.response_1, track.response_2
     if use and mode != DOUBT:

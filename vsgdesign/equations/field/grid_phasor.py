@@ -17,11 +17,13 @@ FLYWHEEL_SHARE = 0.06
 """Share of the slip that the flywheel takes up in a cycle: slow on purpose."""
 LARGEST_CORRECTION = 1.5e-3
 """Largest change of the flywheel's turn per cycle in one cycle, rad."""
+LARGEST_SLIP = 0.2
+"""Largest change of the flywheel's turn per cycle where it is set anew, rad: 1.6 Hz at 50 Hz."""
 REFERENCE_SHARE = 0.4
 """Share with which the reference follows the phasor."""
 EVENT_SIGMAS = 6.0
-LEAST_EVENT = 0.004
-"""Least step of the phasor that is an event, pu."""
+LEAST_EVENT = 0.007
+"""Least step of the phasor that is an event, pu. A frequency that changes by 2 Hz/s makes 0.005."""
 UNSURE = 0.02
 """Error of the impedance that the test for an event allows for, relative."""
 VARIANCE_MEMORY = 50.0
@@ -119,7 +121,7 @@ def phasor_moved(before: GridPhasor, mean: Window, answer: Fit, mode: Any) -> tu
     dg_im = mean.v_im - before.v_im - answer.R * di_im - answer.X * (mean.x_im - before.x_im)
     before_re = g_re - dg_re
     before_im = g_im - dg_im
-    expected_re, expected_im = rotate(g_re, g_im, before.step_re, before.step_im)
+    expected_re, expected_im = rotate(before_re, before_im, before.step_re, before.step_im)
     miss_re = dg_re - expected_re
     miss_im = dg_im - expected_im
     miss_sq = miss_re * miss_re + miss_im * miss_im
@@ -227,3 +229,30 @@ def without_last(phasor: GridPhasor) -> GridPhasor:
         variance=phasor.variance,
         innovation=phasor.innovation,
     )
+
+
+def resynchronised(phasor: GridPhasor) -> tuple[GridPhasor, Any]:
+    """The phasor where the flywheel takes up the last slip at once: only where the windows begin anew.
+
+    ``correction`` is what it shall turn faster per cycle, rad. Returns (phasor, correction).
+    """
+    correction = np.minimum(np.maximum(phasor.step_im, -LARGEST_SLIP), LARGEST_SLIP)
+    moved = GridPhasor(
+        v_re=phasor.v_re,
+        v_im=phasor.v_im,
+        i_re=phasor.i_re,
+        i_im=phasor.i_im,
+        x_re=phasor.x_re,
+        x_im=phasor.x_im,
+        seen=phasor.seen,
+        now=in_faster_frame(phasor.now, correction),
+        one=in_faster_frame(phasor.one, correction),
+        two=in_faster_frame(phasor.two, correction),
+        three=in_faster_frame(phasor.three, correction),
+        slip=phasor.slip - correction,
+        step_re=phasor.step_re,
+        step_im=phasor.step_im - correction,
+        variance=phasor.variance,
+        innovation=phasor.innovation,
+    )
+    return moved, correction
