@@ -147,7 +147,7 @@ int main(int count, char **arguments)
         if (((a.status & VSG_FRESH) != 0U) == ((a.status & VSG_HELD) != 0U) || a.status > 255U || a.reason > 9U ||
             ((a.reason == 0U) != ((a.status & VSG_FRESH) != 0U)) || ((a.status & VSG_FRESH) != 0U && s.doubt != 0U) ||
             ((a.status & VSG_PARTLY) != 0U && (a.status & VSG_FRESH) == 0U) ||
-            (((a.status & VSG_DOUBT) != 0U) != (s.doubt != 0U)) || (s.told & (uint16_t)~VSG_TOLD_CHANGED) != 0U ||
+            (((a.status & VSG_DOUBT) != 0U) != (s.doubt != 0U)) || (s.told & (uint16_t)(VSG_TOLD_LIMITED | VSG_TOLD_SURPRISED)) != 0U ||
             ((a.status & VSG_FRESH) != 0U && s.told != 0U)) {
             fail(k, "a status that cannot be");
         }

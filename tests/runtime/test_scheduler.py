@@ -191,6 +191,32 @@ def test_an_estimate_ends_a_doubt_and_what_is_told_with_it_begins_none() -> None
     assert scheduler.hold(*POWERS).status == HELD
 
 
+def test_a_new_surprise_begins_the_doubt_anew() -> None:
+    """A dip lasts for 0.4 s, and after its clearance an estimator needs as long again as after any other event."""
+    scheduler = made()
+    present = settle(scheduler, 3.0, 1.0)
+    for k in range(50):
+        scheduler.tell(limited=True, surprised=k in (0, 20))
+        answer = scheduler.hold(*POWERS)
+        assert (status_text(answer.status), answer.scr) == ("held doubt", present.scr)
+    scheduler.tell(limited=True)
+    assert status_text(scheduler.hold(*POWERS).status) == "held limited fallback doubt"
+
+
+def test_the_same_surprise_is_not_new() -> None:
+    """Told in every update, and on across a saved state, it is one surprise, and ends with the safe place."""
+    scheduler, again = made(), made()
+    settle(scheduler, 3.0, 1.0)
+    for _ in range(30):
+        scheduler.tell(surprised=True)
+        assert not scheduler.hold(*POWERS).status & LIMITED
+        again.restore(json.loads(json.dumps(scheduler.state())))
+        scheduler = again
+        again = made()
+    scheduler.tell(surprised=True)
+    assert status_text(scheduler.hold(*POWERS).status) == "held limited fallback doubt"
+
+
 def test_what_is_told_is_part_of_the_state() -> None:
     scheduler, again = made(), made()
     settle(scheduler, 3.0, 1.0)

@@ -37,6 +37,9 @@ TOLD_LIMITED, TOLD_SURPRISED, TOLD_CHANGED = 1, 2, 4
 estimator or anything else was surprised, or the estimator decided that the grid has changed. All mean that the place
 may not be that of the grid. The last one stays set until an estimate is accepted."""
 
+SURPRISED_BEFORE = 8
+"""Bit of the state: the last update was told TOLD_SURPRISED, so that the same again is no new surprise."""
+
 NO_REASON, TIME, NOT_FINITE, RANGE, SATURATED, NO_ESTIMATE, IMPLAUSIBLE, JUMP, UNDESIGNED = range(9)
 REASONS = (
     "",
@@ -107,7 +110,7 @@ class SchedulerSettings:
     """Longest time, in ticks, for which a single update may move the place."""
     stale_ticks: int = 600_000
     """How long a doubt may last, in ticks, before the place moves to the safe place. This is the time in which an
-    estimator finds a new grid."""
+    estimator finds a new grid after its last surprise."""
     lost_ticks: int = 10_000_000
     """Age of the last good estimate, in ticks, from which on the place moves to the safe place without any doubt."""
     error_R: float = NOT_DESIGNED.error_R

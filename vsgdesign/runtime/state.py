@@ -23,10 +23,11 @@ class SchedulerState(NamedTuple):
     age: int
     """Ticks since the last estimate that was followed."""
     doubt: int
-    """Ticks since the grid may have changed without an estimate that was followed. 0: there is no doubt."""
+    """Ticks since the grid may have changed, or since the last surprise, without an estimate that was followed. 0:
+    there is no doubt."""
     told: int
     """What was told since the last update: bits of TOLD_LIMITED, TOLD_SURPRISED and TOLD_CHANGED. The last one stays
-    until an estimate is accepted."""
+    until an estimate is accepted. SURPRISED_BEFORE is kept here, too."""
     agreed: int
     """Windows that agree on a jump so far. While a confirmed jump is followed in part, it stays at their limit."""
     refuted: int

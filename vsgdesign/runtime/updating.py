@@ -29,8 +29,10 @@ from vsgdesign.runtime.guards import (
     REASONS,
     REFUSED,
     SATURATED,
+    SURPRISED_BEFORE,
     TIME,
     TOLD_CHANGED,
+    TOLD_SURPRISED,
     UNDESIGNED,
     SchedulerSettings,
     limited,
@@ -192,8 +194,8 @@ def advance(
             refuted = 0
 
     age = min(s.age + elapsed, _OLDEST)
-    doubt = 0
-    if reason != NO_REASON and s.doubt > 0:
+    doubt, surprised = 0, s.told & TOLD_SURPRISED
+    if reason != NO_REASON and s.doubt > 0 and not (surprised and not s.told & SURPRISED_BEFORE):
         doubt = min(s.doubt + elapsed, _OLDEST)
     elif reason != NO_REASON and (s.told != 0 or reason == JUMP):
         doubt = 1
@@ -222,7 +224,7 @@ def advance(
     if reason == NO_REASON:
         status, age, told = status | FRESH | (PARTLY if share < 1.0 else 0), 0, 0
     else:
-        status, told = status | HELD, s.told & TOLD_CHANGED
+        status, told = status | HELD, s.told & TOLD_CHANGED | (SURPRISED_BEFORE if surprised else 0)
     following = SchedulerState(
         1,
         ticks & _MASK,
