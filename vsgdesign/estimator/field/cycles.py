@@ -148,4 +148,8 @@ def read_cycles(path: str | Path) -> FieldCycles:
     missing = [name for name in _ARRAYS if name not in arrays]
     if missing or len({len(values) for values in arrays.values()}) != 1:
         raise ArtifactError(f'"{path}" holds no runs of the field estimator: {", ".join(missing) or "array shapes"}.')
+    settings = header.get("settings", [{}])
+    fits = all(set(one) == set(FieldSettings._fields) for one in settings)
+    if not fits or arrays["answer"].shape[1:] != (len(FieldAnswer._fields),):
+        raise ArtifactError(f'"{path}" holds runs of another version of the field estimator. Make them again.')
     return FieldCycles(**{name: arrays[name] for name in _ARRAYS}, header=header)
