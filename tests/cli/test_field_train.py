@@ -102,7 +102,7 @@ def test_interrupted_and_continued_gives_the_same_weights(folder: Path, monkeypa
 @pytest.mark.parametrize(
     ("lines", "says"),
     [
-        ("jump_share = 0.9", "jump_share = 1.45: is the sum of the four shares, above 1"),
+        ("jump_share = 0.9", "jump_share = 1.5: is the sum of the four shares, above 1"),
         ('learn = "2 s"', "learn = 2 s: must be below first"),
         ("first_cycle = 1", "first_cycle = 1: must be from first_cycle_refuted = 2"),
         ('background = "noisy"', 'background = "noisy": must be one of "clean", "measured", "dirty"'),

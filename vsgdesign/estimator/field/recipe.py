@@ -57,8 +57,8 @@ class FieldRecipe:
     later, at random, so that it falls anywhere within a cycle."""
     learn: float = 0.4
     """Time at the start of a run that is left out, s."""
-    jump_share: float = 0.4
-    jump_and_step_share: float = 0.2
+    jump_share: float = 0.35
+    jump_and_step_share: float = 0.25
     grid_step_share: float = 0.25
     power_step_share: float = 0.1
     near_share: float = 0.4
@@ -78,7 +78,7 @@ class FieldRecipe:
     """Cycles within ``weighted`` s after a change count ``weight`` times in the training."""
     first_cycle: int = 4
     first_cycle_refuted: int = 2
-    last_cycle: int = 25
+    last_cycle: int = 50
     confident: float = 0.15
     """The gate: cycles after an event flag between which the network may speak, and the relative standard deviation
     below which it does."""
@@ -105,7 +105,7 @@ class FieldRecipe:
 
 FIELD = FieldRecipe(
     name="field",
-    runs=300,
+    runs=400,
     scr=log_uniform(1.2, 20.0),
     x_over_r=log_uniform(0.3, 20.0),
     P_pu=uniform(-0.4, 0.6),
