@@ -50,6 +50,14 @@ def test_the_study_holds_the_datasheet(sheets: list[Datasheet]) -> None:
         assert study.controllers[0].schedule == "table"
 
 
+@pytest.mark.parametrize(("least", "error_Z"), [(0.3, 0.08), (0.05, 0.02)])
+def test_an_estimate_may_be_off_in_any_direction_and_keeps_an_inductance(least: float, error_Z: float) -> None:
+    sheet = replace(of(), x_over_r=(least, 20.0))
+    specification = study_of(sheet).specification
+    assert specification is not None
+    assert specification.box.errors == (0.2, 0.2, pytest.approx(error_Z))
+
+
 def test_inner_loops_are_left_to_be_designed_for_these_grids(sheets: list[Datasheet]) -> None:
     requests = []
     for sheet in sheets:

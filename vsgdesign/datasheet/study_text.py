@@ -128,10 +128,16 @@ Q_design = "0 var"
 """
 
 
+_ERROR_Z = 0.08
+"""Error of the estimate in any direction that a new study asks for: it costs little, and an estimator of a real grid
+needs it (docs/how-to/design-a-table.md)."""
+
+
 def _specification(sheet: Datasheet) -> str:
     scr, x_over_r = nodes(sheet.scr), nodes(sheet.x_over_r)
     P, Q = _power(0.9 * sheet.S_rated, "W"), _power(0.4 * sheet.S_rated, "var")
     remark = f"   # {sheet.remarks['scr']}" if "scr" in sheet.remarks else ""
+    error_Z = min(_ERROR_Z, float(f"{0.5 * math.sin(math.atan(x_over_r[0])):.1g}"))  # X̂ has to stay positive
     return f"""\
 [specification]                  # what the table keeps, at the worst of everything below
 settling_time = "1.3 s"          # 2 % band, P and Q
@@ -141,6 +147,7 @@ damping_ratio = 0.5
 P = ["-{P}", "{P}"]
 Q = ["-{Q}", "{Q}"]
 error = "20 %"                   # of the estimates of R_g and of L_g, each either way
+error_Z = "{100.0 * error_Z:g} %"                  # and of |Z_g| in any direction, where that is more
 scr = [{", ".join(f"{value:.6g}" for value in scr)}]{remark}
 x_over_r = [{", ".join(f"{value:.6g}" for value in x_over_r)}]
 """
