@@ -10,6 +10,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.metrics.events import TOO_SHORT, UNSTABLE
 from vsgdesign.metrics.step_response import no_figures
 from vsgdesign.report import write_report
@@ -17,7 +18,10 @@ from vsgdesign.report.page import converter
 from vsgdesign.report.quantities import number, plain_quantity, prefix_for, quantity
 from vsgdesign.report.scenario import tables
 from vsgdesign.report.scenario.second_order import overshoot_of, settling_factor, uncoupled_P
+from vsgdesign.report.scenario.signals import source_frequency
 from vsgdesign.report.scenario.verdict import explanation, step_outcomes, verdict
+from vsgdesign.simulation import build_timeline
+from vsgdesign.simulation.scenario import run_scenario
 
 VOID = {"meta", "br", "hr", "img", "input", "link"}
 
@@ -256,3 +260,38 @@ def test_quantities_choose_their_prefix():
     assert prefix_for(0.2) == (1.0, "")
     assert [prefix_for(10.0**k)[1] for k in (3, 6, 9)] == ["k", "M", "G"]
     assert np.isclose(prefix_for(3e4)[0], 1e3)
+
+
+def test_the_page_says_background_sensors_and_record(tmp_path) -> None:
+    sections = (
+        '[background]\nlevel = "dirty"\nfrequency_offset = "0.1 Hz"\nphasor_walk = "0.03 %"\nharmonic_5 = "2.5 %"\n'
+    )
+    sections += 'modulation = "0.2 %"\nmodulation_frequency = "25 Hz"\nvoltage_steps_per_minute = 1.4\n'
+    study = lc_study("0.1 s", sections + '[sensors]\nbits = 12\nnoise = "0.1 %"\nskew = "-0.03 deg"\n')
+    text = "\n".join(converter.background_in_words(study))
+    for said in (
+        "dirty, seed 1: phase ",
+        "frequency +0.1 Hz",
+        "phasor walks by 0.03 % in a cycle",
+        "1.4 steps of the voltage per minute, 0.3 % to 1 %",
+        "order −5: 2.5 %",
+        "modulated by 0.2 % at 25 Hz",
+    ):
+        assert said in text, said
+    said = "ideal, seed 1: noise 0.1 % rms; 12 bits over ±3 pu; gain errors up to 0 %, offsets up to 0 %; "
+    assert converter.sensors_in_words(study) == [said + "voltages 1.667 µs late"]
+    assert converter.background_in_words(study.undisturbed) == converter.sensors_in_words(study.undisturbed) == []
+    np.savez(tmp_path / "g.npz", v=np.cos(2.0 * np.pi * 50.2 * np.arange(5000) / 5000.0), fs=5000.0)
+    recorded = lc_study("0.1 s", f'[replay]\nfile = "{tmp_path / "g.npz"}"\nscale = "rated"\n')
+    assert converter.background_in_words(recorded) == ["recorded: g.npz, times 155.6 V, from 0 s on"]
+
+
+def test_the_frequency_of_a_restless_source(tmp_path) -> None:
+    """Its mean over 0.1 s in the figure: the record's own, while the events know its beginning alone."""
+    t_s = np.arange(10_000) / 5000.0
+    np.savez(tmp_path / "g.npz", v=np.cos(2.0 * np.pi * (50.0 * t_s + 0.05 * t_s**2)), fs=5000.0)
+    study = lc_study("1.2 s", f'[replay]\nfile = "{tmp_path / "g.npz"}"\nscale = "rated"\n')
+    controllers = tuple(replace(spec, gains=GAINS) for spec in study.controllers)
+    t_s, f = source_frequency(run_scenario(replace(study, controllers=controllers)))
+    replay = build_timeline(study).replay
+    np.testing.assert_allclose(f, 50.0 + 0.1 * (t_s + replay.spec.origin - 1.0 / 50.0 / 3.0), atol=1e-3)

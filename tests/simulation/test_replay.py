@@ -11,8 +11,11 @@ import pytest
 
 from tests.parameters.documents import case_document, faults_of
 from tests.simulation.studies import GAINS, lc_study
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.errors import StudyError
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.record import RecordError, read_record
+from vsgdesign.pipeline.survival import subjects_of
 from vsgdesign.simulation import GainChange, build_timeline, simulate
 
 V = 110.0 * np.sqrt(2.0)
@@ -204,7 +207,9 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         (tmp_path / name).write_text(text)
         found = said(file=str(tmp_path / name))
         assert expected in found, (name, found)
-    assert "replay.file: missing" in said(scale="1 V")
+    text = said()
+    assert "replay.file: missing" in text
+    assert 'replay.scale: missing. Give V for one unit of the file, or "rated".' in text
 
 
 def test_all_faults_of_a_file_at_once(tmp_path: Path) -> None:
@@ -212,6 +217,12 @@ def test_all_faults_of_a_file_at_once(tmp_path: Path) -> None:
     with pytest.raises(RecordError) as error:
         read_record(str(tmp_path / "a.csv"), ("u", "w", "v"), None)
     assert [field for field, _, _ in error.value.faults] == ["columns", "file", "file"]
+
+
+def test_a_survival_set_needs_a_source_that_it_can_change(tmp_path: Path) -> None:
+    path, _ = written(tmp_path, "npz", 12800.0)
+    with pytest.raises(StudyError, match="a recorded source cannot sag or jump"):
+        subjects_of(study_with(path), Ready())
 
 
 def test_nothing_else_may_say_what_the_source_does(tmp_path: Path) -> None:

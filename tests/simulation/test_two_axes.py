@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,16 @@ from scipy.linalg import expm
 
 from tests.oracles.emt_reference import at_rest, run_reference
 from tests.simulation.studies import GAINS, lc_study, lcl_study
-from tests.simulation.test_emt_against_dop853 import RAMPS, SAG, TOLERANCE, errors_pu, library_start
+from tests.simulation.test_emt_against_dop853 import (
+    EVERYTHING,
+    RAMPS,
+    SAG,
+    SENSORS,
+    TOLERANCE,
+    errors_pu,
+    library_start,
+    random_numbers,
+)
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.operating_point.plant import TwoAxisCircuit, plant_step, two_axes
@@ -69,6 +79,22 @@ def test_unequal_axes_against_an_ode_solver(build: Callable[..., Study], bridge:
     # …and the axes do differ: a run with equal ones is far away.
     equal = errors_pu(study, run, run_reference(study, CHANGES, bridge == "pwm", start))
     assert equal["i_g"] > 0.05
+
+
+@pytest.mark.parametrize("recorded", [False, True])
+def test_unequal_axes_in_a_restless_grid(tmp_path: Path, recorded: bool) -> None:
+    """With a background and sensors, and with a recorded voltage."""
+    np.savez(tmp_path / "g.npz", v=np.cos(2.0 * np.pi * 50.1 * np.arange(2000) / 5000.0), fs=5000.0)
+    record = f'[replay]\nfile = "{tmp_path / "g.npz"}"\nscale = "rated"\n'
+    study = lcl_study(
+        "12 ms", '[[events]]\ntime = "1.0123 ms"\ngrid = { scr = 4 }\n' + (record if recorded else EVERYTHING + SENSORS)
+    )
+    beta = other_axis(study)
+    own = lambda grid: two_axes(study.circuit(grid), study.circuit(beta(grid)))  # noqa: E731
+    run = simulate(study, CHANGES, bridge="pwm", log_states=10**6, circuit=own)
+    reference = run_reference(study, CHANGES, True, library_start(study, CHANGES), beta, **random_numbers(study))
+    errors = errors_pu(study, run, reference)
+    assert max(errors.values()) < TOLERANCE, errors
 
 
 def test_a_cold_start_may_be_unequal_from_the_first() -> None:

@@ -107,7 +107,7 @@ def build_study(
     survival = read_survival(root.child("survival"))
     background, sensors = read_background(root.child("background")), read_sensors(root.child("sensors"))
     replay = read_replay(root.child("replay"), converter, simulation.duration)
-    if replay is not None:
+    if root.has("replay"):
         _check_replay(root, faults)
     root.finish()
     inner_gains, omega_t, request = inner.gains, inner.omega_t, None
@@ -152,15 +152,11 @@ def _check_replay(root: TableReader, faults: list[Fault]) -> None:
     advice = "The record says it: take it away, or take [replay] away."
     if root.has("background"):
         faults.append(Fault("background", "", "there is a recorded source, [replay]", advice))
-    for path, table, fields in [
-        ("grid", root.table["grid"], ("V_g_pu", "f_g", "components")),
-        *(
-            (f"events[{k}]", event, ("V_g_pu", "f_g", "phase_jump", "components", "over"))
-            for k, event in enumerate(root.table.get("events", []))
-        ),
-    ]:
-        for field in fields:
-            if field in table:
+    events = root.table.get("events", [])
+    tables = [("grid", root.table.get("grid")), *((f"events[{k}]", one) for k, one in enumerate(events))]
+    for path, table in tables:
+        for field in ("V_g_pu", "f_g", "phase_jump", "components", "over"):
+            if isinstance(table, dict) and field in table:
                 faults.append(
                     Fault(f"{path}.{field}", str(table[field]), "there is a recorded source, [replay]", advice)
                 )

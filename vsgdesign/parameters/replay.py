@@ -24,6 +24,8 @@ _SHAPE = 9.0
 _CYCLES = 10
 """Cycles at the beginning, to which the fundamental of the start is fitted."""
 
+_SCALE = 'Give V for one unit of the file, or "rated".'
+
 RATED = "rated"
 """The scale that makes the fundamental the rated voltage."""
 
@@ -116,10 +118,12 @@ def read_replay(table: TableReader | None, converter: Converter, duration: float
     path = table.text("file")
     f_n = converter.omega_n / (2.0 * math.pi)
     scale = None
-    if table.table.get("scale") != RATED:
-        scale = table.quantity("scale", "V", 1e-9, 1e9, hint='Give V for one unit of the file, or "rated".')
-    else:
+    if not table.has("scale"):
+        table.fault("scale", None, "missing", _SCALE)
+    if table.table.get("scale", RATED) == RATED:
         table.skip("scale")
+    else:
+        scale = table.quantity("scale", "V", 1e-9, 1e9, hint=_SCALE)
     spec = ReplaySpec(
         file=path,
         columns=table.names("columns", (1, 3), '["v_a", "v_b", "v_c"]'),
@@ -174,7 +178,7 @@ def _checked(
         spec, V_g_rms = replace(spec, scale=V_rated / V_g_rms), V_rated
     if not 0.1 <= V_g_rms / V_rated <= 2.0:
         problem = f"the fundamental is {V_g_rms:.4g} V rms, {V_g_rms / V_rated:.3g} of the rated voltage"
-        table.fault("scale", table.table["scale"], problem, 'Give V for one unit of the file, or "rated".')
+        table.fault("scale", table.table["scale"], problem, _SCALE)
         return None
     return replace(spec, V_g_rms=V_g_rms, omega_g=omega, phase=phase)
 

@@ -130,7 +130,7 @@ def _frequency(result: ScenarioResult) -> Signal:
         caption="Frequency of each converter's power loop",
         traces=_traces(result, values, 1.0),
         smallest_range=0.01,
-        target=_source_frequency(result),
+        target=source_frequency(result),
         target_label="grid source",
     )
 
@@ -139,7 +139,7 @@ _MEAN_S = 0.1
 """Over how long the frequency of a source that wanders is averaged, s: its phase is noisy."""
 
 
-def _source_frequency(result: ScenarioResult) -> tuple[Array, Array]:
+def source_frequency(result: ScenarioResult) -> tuple[Array, Array]:
     """Corners of the source's frequency (s, Hz): as the events say, and with what a background or a record adds."""
     turn, timeline, end = 2.0 * math.pi, result.timeline, _duration(result)
     t_grid: list[float] = []
