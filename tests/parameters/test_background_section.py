@@ -59,11 +59,12 @@ def test_a_number_for_one_quantity_changes_no_other() -> None:
 
 
 def test_draws_fill_their_range() -> None:
-    values = [background(level="dirty", seed=0).redrawn(seed).frequency_offset for seed in range(200)]
+    grid, sensing = background(level="dirty", seed=0), sensors(level="dirty", seed=0)
+    values = [grid.redrawn(seed).frequency_offset for seed in range(200)]
     # Least and largest of 200 uniform numbers: within 5 % of the ends but for one draw in 15,000.
     assert -0.5 <= min(values) < -0.45
     assert 0.45 < max(values) <= 0.5
-    noise = [sensors(level="dirty", seed=0).redrawn(seed).noise for seed in range(200)]
+    noise = [sensing.redrawn(seed).noise for seed in range(200)]
     below = sum(value < math.sqrt(0.001 * 0.005) for value in noise)  # half, in the logarithm
     assert 70 < below < 130
 
