@@ -11,17 +11,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.gain_tables import table
 from tests.oracles.emt_reference import run_reference
 from tests.simulation.studies import lc_study, lcl_study
 from tests.simulation.test_emt_against_dop853 import COMPONENTS, RAMPS, TOLERANCE, errors_pu, library_start
-from vsgdesign.equations.field import FieldSettings, FieldTrack, LockIn, first_lock_in, first_track
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.equations.field import FieldAnswer, FieldSettings, FieldTrack, LockIn, first_lock_in, first_track
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import StudyError
 from vsgdesign.identification.field import FieldEstimator, FieldState, estimate_of
 from vsgdesign.identification.interface import Estimate, Samples
 from vsgdesign.parameters import Grid, Study
+from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.simulation import GainChange, Simulation, run_scenario, simulate
 from vsgdesign.simulation.compiling import compile_function
-from vsgdesign.simulation.field_feed import FieldScheduler, settings_of_study
+from vsgdesign.simulation.field_feed import FieldScheduler, MeasuredCycle, settings_of_study
 from vsgdesign.simulation.field_observer import FIELD_OBSERVER
 from vsgdesign.simulation.loop import compiled_loop
 from vsgdesign.simulation.observing import flat, pack, unpack, zero_record
@@ -135,6 +139,55 @@ def test_recorded_samples_give_the_same_answers_in_plain_python(build) -> None:
     print(f"answers: {difference_of_answers(feed, prober.answers):.1e}")
     assert difference_of_answers(feed, prober.answers) < 1e-9
     assert feed.rows[-1].answer.valid == 1.0
+
+
+class Recording(FieldScheduler):
+    """Keeps what the schedule was given of each cycle, and its gains."""
+
+    def begin(self) -> FieldScheduler:
+        self.given: list[tuple[MeasuredCycle, PowerLoopGains | None]] = []
+        return super().begin()
+
+    def _followed(self, answer: FieldAnswer, measured: MeasuredCycle) -> tuple[PowerLoopGains | None, bool]:
+        found = super()._followed(answer, measured)
+        self.given.append((measured, found[0]))
+        return found
+
+
+def test_a_scheduler_that_is_fed_by_hand_does_the_same() -> None:
+    """A table's scheduler with the estimator in plain Python (push, update_pushed) gives the run's gains, through
+    learning, a change of the grid and the doubt about it."""
+    jump = '[[events]]\ntime = "0.5 s"\ngrid = { scr = 8 }\n'
+    study = lc_study("0.8 s", jump + FOLLOWING)
+    spec, made = replace(study.controllers[-1], schedule="table"), table()
+    feed = Recording(study, spec, Ready(tables={spec.name: made}))
+    run = simulate(study, feed, bridge="averaged")
+    scheduler = scheduler_of(made, FieldEstimator(settings_of_study(study)))
+    first = run.gain_changes[0].gains
+    assert scheduler.hold(*_rest_powers(study, feed), 0).gains == pytest.approx(first, rel=1e-9)
+    limited = np.diff(run.column("limited_samples"), prepend=0.0)
+    worst, given = 0.0, iter(feed.given)
+    for k, row in enumerate(run.log):
+        i_s, v_c, i_g = row[0:2], row[2:4], row[4:6]
+        assert scheduler.probe is not None
+        u = complex(scheduler.probe.values[0])
+        v = v_c + study.filter.R_c * (i_s - i_g)
+        if scheduler.push(v, i_g, theta=row[12], sent=u, limited=limited[k] > 0.0):
+            measured, gains = next(given)
+            ticks = round(measured.t_s / scheduler.settings.tick)
+            found = scheduler.update_pushed(measured.P, measured.Q, measured.V_rms, ticks)
+            assert gains is not None
+            worst = max(worst, float(np.max(np.abs(np.subtract(found.gains, gains)) / np.abs(gains))))
+    print(f"gains: {worst:.1e}")
+    assert worst < 1e-9
+    assert len(feed.given) == len(feed.rows)
+    assert {row.answer.doubt for row in feed.rows} == {0.0, 1.0}
+    assert any(row.answer.changed > 0.5 for row in feed.rows)
+
+
+def _rest_powers(study: Study, feed: FieldScheduler) -> tuple[float, float, float]:
+    rest = library_start(study, [GainChange(0.0, feed.first())]).controller
+    return rest.S_f.real, rest.S_f.imag, rest.V
 
 
 @pytest.mark.parametrize("events", [RAMPS, COMPONENTS])

@@ -16,6 +16,7 @@ from vsgdesign.artifacts.tables import write_table
 from vsgdesign.equations.limiters import LIMITERS as KNOWN
 from vsgdesign.errors import ArtifactError, Fault, StudyError
 from vsgdesign.execution.progress import Progress
+from vsgdesign.identification import estimator_kind
 from vsgdesign.parameters.study import NO_LIMITER, ControllerSpec, Study
 
 if TYPE_CHECKING:  # the simulation is loaded by who measures
@@ -122,6 +123,7 @@ def subjects_of(
     Raises StudyError with every fault: no current limit, a recorded source, no controller or limiter of a name.
     """
     from vsgdesign.simulation.survival import Subject
+    from vsgdesign.simulation.survival.field import ROOM
 
     limit_pu, faults = study.converter.current_limit_pu, []
     known = {spec.name: spec for spec in study.controllers}
@@ -142,23 +144,30 @@ def subjects_of(
     if faults or limit_pu is None:
         raise StudyError(study.name, faults)
     found = {}
+    room_pu = None if study.background is None else ROOM * limit_pu
     for name in wanted:
         for limiter in (None,) if limiters is None else limiters:
             spec = known[name]
             if limiter is not None:  # that of the study has the parameters that the study gives it
                 spec = replace(spec, current_limiter=None if limiter == study.current_limiter else limiter)
             found[variant_name(name, limiter)] = Subject(
-                study=study, spec=spec, ready=ready, limit_pu=limit_pu, bridge=bridge
+                study=study, spec=spec, ready=ready, limit_pu=limit_pu, bridge=bridge, room_pu=room_pu
             )
     return found
 
 
 def survival_cases(study: Study, *, random: bool = True) -> tuple[SurvivalCase, ...]:
-    """The systematic disturbances, and the random ones that the study's [survival] asks for."""
-    from vsgdesign.simulation.survival import fixed_set, random_set
+    """The systematic disturbances, and the random ones that the study's [survival] asks for.
+
+    Where a controller estimates its grid by itself, every case leaves it time to learn the grid, and has a background
+    and sensors of its own if the study has any.
+    """
+    from vsgdesign.simulation.survival import field_cases, fixed_set, random_set
 
     drawn = random_set(study.survival.seed, study.survival.random) if random else ()
-    return (*fixed_set(), *drawn)
+    cases = (*fixed_set(), *drawn)
+    learns = any(spec.estimate != "truth" and estimator_kind(spec.estimate).by_sample for spec in study.controllers)
+    return tuple(field_cases(cases, study.survival.seed)) if learns else cases
 
 
 def survival_document(

@@ -52,7 +52,7 @@ def test_it_survives_as_with_the_truth_in_the_same_grid() -> None:
     assert isinstance(truth, CaseRun)
     assert field.verdict.status == truth.verdict.status == "survived", (field.verdict, truth.verdict)
     assert field.study.background == truth.study.background != study.background
-    assert np.array_equal(field.simulation.timeline.sources, truth.simulation.timeline.sources)
+    assert field.simulation.timeline.sources == truth.simulation.timeline.sources
     log = field.estimates
     assert log is not None
     assert log.cycles is not None

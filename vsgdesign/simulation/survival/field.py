@@ -24,6 +24,10 @@ BAND, BAND_PER_SCR = 0.03, 0.005
 
 SHARE_INSIDE = 0.95
 
+ROOM = 0.95 / 1.2
+"""Largest current of a rest that is asked for where the grid has harmonics, as a share of the limit: theirs come on top
+of it."""
+
 CYCLES = 2
 """Powers are judged by their means over so many nominal cycles."""
 

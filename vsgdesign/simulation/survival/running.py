@@ -28,7 +28,7 @@ from vsgdesign.metrics.survival import (
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Place, Study
 from vsgdesign.runtime.of_study import gain_law
-from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
+from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.run import Simulation, simulate
@@ -72,6 +72,13 @@ class Subject:
     def in_the_field(self) -> bool:
         """Whether the grid's voltage wanders, or the sensors err: no power is then at rest for long."""
         return self.study.background is not None or self.study.sensors is not None
+
+    @property
+    def learns(self) -> bool:
+        """Whether the controller estimates its grid by itself, in every sample. The cases' knowledge is then nothing to
+        it; an estimator of windows is taken as late and wrong as the cases say."""
+        estimate = self.spec.estimate
+        return estimate != "truth" and estimator_kind(estimate).by_sample
 
     def refused(self, rest: ExpectedRest) -> tuple[str, str] | None:
         """(status, reason) if this rest is not asked for."""
@@ -155,8 +162,7 @@ def trace_case(subject: Subject, case: SurvivalCase) -> CaseRun | Survival:
     if subject.in_the_field:
         study = at_asked_powers(study, subject.spec, subject.ready)
     timeline = build_timeline(study)
-    estimates = subject.spec.estimate != "truth"
-    told = (replace(case, knowledge=GridKnowledge()) if estimates else case).told(study, timeline)
+    told = (replace(case, knowledge=GridKnowledge()) if subject.learns else case).told(study, timeline)
     rests = [rest_of(subject, study, timeline, t_s, told) for t_s in (0.0, study.simulation.duration)]
     for rest, where in zip(rests, ("before the event", "after the event"), strict=True):
         refused = subject.refused(rest)
@@ -187,7 +193,7 @@ def trace_case(subject: Subject, case: SurvivalCase) -> CaseRun | Survival:
         simulation=simulation,
         record=record,
         verdict=verdict,
-        estimates=feed.log(timeline) if isinstance(feed, FieldScheduler | EstimatedScheduler) else None,
+        estimates=feed.log(timeline) if isinstance(feed, FieldScheduler) else None,
     )
 
 
@@ -259,11 +265,9 @@ def record_of(study: Study, simulation: Simulation) -> SurvivalRecord:
 
 def _feed(
     subject: Subject, study: Study, timeline: Timeline, told: tuple[tuple[float, Grid | None], ...]
-) -> LateSchedule | FieldScheduler | EstimatedScheduler | tuple[GainChange, ...]:
-    estimate = subject.spec.estimate
-    if estimate != "truth":
-        kind = FieldScheduler if estimator_kind(estimate).by_sample else EstimatedScheduler
-        return kind(study, subject.spec, subject.ready)
+) -> LateSchedule | FieldScheduler | tuple[GainChange, ...]:
+    if subject.learns:
+        return FieldScheduler(study, subject.spec, subject.ready)
     if subject.spec.kind == "scheduled":
         return LateSchedule(study, subject.spec, told, subject.ready, safe=subject.safe)
     return gain_changes(study, subject.spec, timeline)
