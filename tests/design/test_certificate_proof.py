@@ -287,16 +287,15 @@ def test_gap_free_where_it_can_be_and_refused_where_it_is_false(gains: str) -> N
 
 
 def test_a_table_that_is_good_for_20_percent_is_refused_with_a_larger_error_of_Z() -> None:
-    """1.8 1/s holds with ±20 % of each, and with 10 % of |Z|; with 28 % in any direction it does not."""
+    """1.8 1/s holds with ±20 % of each; with 28 % in any direction it does not."""
     schedule = table_schedule(gains_table())
     region = Region((4.0, 12.0), (0.5, 2.0), *POWERS, error=0.2)
     options: Any = {"schedule": schedule, "decay": 1.8, "budget": 0, "fresh": 400, "nodes_per_axis": 4}
-    for error_Z in (0.0, 0.1):
-        found = certify(STUDY, controller("angle_damped"), replace(region, error_Z=error_Z), **options)
-        assert isinstance(found, Certificate)
-        said = found.as_record().region
-        assert (said.error, said.error_Z) == (0.2, error_Z)
-        assert ("error_Z" in found.as_document()["region"]) == (error_Z > 0.0)
+    found = certify(STUDY, controller("angle_damped"), region, **options)
+    assert isinstance(found, Certificate)
+    assert "error_Z" not in found.as_document()["region"]  # as in a file of before
+    said = replace(found, region=replace(region, error_Z=0.06)).as_record().region
+    assert (said.error, said.error_Z) == (0.2, 0.06)
     with pytest.raises(InfeasibleStudyError, match=r"decay = 1.8 1/s does not hold; at most 1\.[0-4]"):
         certify(STUDY, controller("angle_damped"), replace(region, error_Z=0.28), **options)
 

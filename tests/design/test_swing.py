@@ -14,12 +14,12 @@ from scipy.optimize import brentq
 
 from tests.design.test_certificate_proof import systems
 from vsgdesign.certificate import Region
-from vsgdesign.certificate.box_bounds import bounds
+from vsgdesign.certificate.box_bounds import bounds, cover
 from vsgdesign.certificate.boxes import Boxes, parameters_of, whole_region
-from vsgdesign.certificate.region import System
+from vsgdesign.certificate.region import System, random_points
 from vsgdesign.certificate.swing import SwingLaw, SwingStart, large_signal, swing_law, swing_statement
-from vsgdesign.certificate.swing.check import with_angle
-from vsgdesign.certificate.swing.conditions import limited_tests
+from vsgdesign.certificate.swing.check import gains_hold, looks, with_angle
+from vsgdesign.certificate.swing.conditions import gains_tests, limited_tests
 from vsgdesign.certificate.swing.loops import SwingLoops
 from vsgdesign.certificate.swing.statement import loops_at
 from vsgdesign.equations.limiters.interface import GridEstimate, IntegratorSteps, LimiterView
@@ -270,6 +270,22 @@ def test_a_rest_does_not_touch_a_low_soft_limit() -> None:
     law = swing_law(study, SPEC)
     assert law.i_rest < law.i_soft < 0.9 * law.i_max
     assert LAW.i_rest == pytest.approx(0.9 * LAW.i_max)
+
+
+def test_the_gains_of_estimates_with_an_error_of_Z_are_decided_on_their_boxes() -> None:
+    """K_ip > 0 for every estimate of a resistive and of an inductive grid, and a place that fails is of the region."""
+    region = Region((5.0, 5.5), (12.0, 15.0), (0.0, 0.1 * S), (0.0, 0.1 * S), error=0.1, error_Z=0.1)
+    here = replace(system(), region=region)
+    boxes = whole_region(here, region)
+    assert boxes.errors is not None
+    assert boxes.high[:, 1].max() > 0.5 * math.pi  # R̂ < 0
+    found = cover(looks(here, gains_tests(here, region, LAW), boxes, gains_hold), boxes, 20_000, lambda _: False)
+    assert len(found.left) == 0
+    assert found.proved > 0
+    rng = np.random.default_rng(1)
+    points, _ = here.matrices(random_points(region, 200, rng))
+    gains = here.cells(points).gains
+    assert (np.asarray(gains.K_ip) > 0.0).all()
 
 
 def test_nothing_is_claimed_where_there_is_no_operating_point() -> None:

@@ -142,15 +142,9 @@ def points_of(system: System, region: Region, boxes: Boxes, places: Array) -> Ar
     c, f, source = system.study.converter, system.study.filter, system.study.grid_source
     first, angle, p, q, e_R, e_L = places.T
     size = basis_of(system).magnitude(first, np.sin(angle))
-    R, X = size * np.cos(angle), size * np.sin(angle)
-    if (bounds := boxes.errors) is None:
-        R, X = R / (1.0 + e_R), X / (1.0 + e_L)
-    else:
-        (a, b, m), (a_X, b_X, m_X) = ([one[boxes.piece] for one in three] for three in (bounds.R, bounds.X))
-        R_hat, X_hat = R, X
-        R, X = R / (1.0 + a * e_R) + (m - b * e_R) * size, X / (1.0 + a_X * e_L) + (m_X - b_X * e_L) * size
-        with np.errstate(divide="ignore"):
-            e_R, e_L = R_hat / R - 1.0, X_hat / X - 1.0
+    if boxes.errors is not None:
+        e_R, e_L = relative_errors(boxes, places)
+    R, X = size * np.cos(angle) / (1.0 + e_R), size * np.sin(angle) / (1.0 + e_L)
     r = (R + f.R_2 / c.Z_base) / size
     x = (X + c.omega_n * f.L_2 / c.Z_base) * (source.omega_g / c.omega_n) / size
     V_sq = (source.V_g_rms / c.V_rated_rms) ** 2 / drop_sq(r, x, p, q)
@@ -161,6 +155,20 @@ def points_of(system: System, region: Region, boxes: Boxes, places: Array) -> Ar
     known = (points[:, :4] >= low[:4]) & (points[:, :4] <= high[:4])
     with np.errstate(invalid="ignore"):
         return points[known.all(axis=1) & (R > 0.0) & (X > 0.0) & region.holds(points[:, 1], e_R, e_L)]
+
+
+def relative_errors(boxes: Boxes, places: Array) -> tuple[Array, Array]:
+    """Relative errors of R_g and of L_g at places (N, 6), each in the box of its row."""
+    if boxes.errors is None:
+        return places[:, 4], places[:, 5]
+    found = []
+    for k, (hat, three) in enumerate(
+        ((np.cos(places[:, 1]), boxes.errors.R), (np.sin(places[:, 1]), boxes.errors.X)), start=4
+    ):
+        a, b, m = (one[boxes.piece] for one in three)
+        with np.errstate(divide="ignore"):
+            found.append(hat / (hat / (1.0 + a * places[:, k]) + m - b * places[:, k]) - 1.0)
+    return found[0], found[1]
 
 
 def drop_sq(r: Any, x: Any, p: Any, q: Any) -> Any:

@@ -52,7 +52,7 @@ def programs(system: System, region: Region, weights: Weights, P: Array, decay: 
     tracer = Tracer(6)
     first, angle, p, q, e_R, e_L = tracer.symbols()
     here = Estimate.of(system, first, angle)
-    true_r, true_x = _truth(system, region, tracer, here, (e_R, e_L))
+    true_r, true_x = true_grid(system, region, tracer, here, (e_R, e_L))
     path = (true_r + here.fixed[0], (true_x + here.fixed[1]) * here.share)
     inverse_V, conditions = voltage_conditions(system, region, p, q, path, here.base)
     counted = SCR_BASES[system.study.scr_basis].counted(true_r, true_x)
@@ -230,7 +230,7 @@ def _state_matrices(
     return [loops.matrix([one - hat for one, hat in zip(J, J_hat, strict=True)]) for J in true]
 
 
-def _truth(
+def true_grid(
     system: System, region: Region, tracer: Tracer, here: Estimate, errors: tuple[Symbol, Symbol]
 ) -> tuple[Any, Any]:
     """The true R and X behind an estimate, in |Ẑ_g|, by the coordinates of the errors."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.certificate.boxes import basis_of, drop_sq
-from vsgdesign.certificate.enclosure import PIECES, Estimate, Loops, voltage_conditions
+from vsgdesign.certificate.enclosure import PIECES, Estimate, Loops, true_grid, voltage_conditions
 from vsgdesign.certificate.region import Region, System
 from vsgdesign.certificate.tracing import Program, Symbol, Tracer, program_of
 from vsgdesign.equations.grid import SCR_BASES
@@ -78,7 +78,7 @@ def gains_tests(system: System, region: Region, law: SwingLaw) -> list[Test]:
         tracer = Tracer(6)
         first, angle, p, q, e_R, e_L = tracer.symbols()
         here = Estimate.of(system, first, angle)
-        r, x = here.direction[0] / (1.0 + e_R), here.direction[1] / (1.0 + e_L)
+        r, x = true_grid(system, region, tracer, here, (e_R, e_L))
         path = (r + here.fixed[0], (x + here.fixed[1]) * here.share)
         inverse_V, conditions = voltage_conditions(system, region, p, q, path, here.base)
         conditions += _of_grid(system, region, here, r, x)

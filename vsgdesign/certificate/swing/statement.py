@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.certificate.box_bounds import UNDECIDED, Look, cover
-from vsgdesign.certificate.boxes import Boxes, basis_of, drop_sq, encloses, whole_region
+from vsgdesign.certificate.boxes import Boxes, basis_of, drop_sq, encloses, relative_errors, whole_region
 from vsgdesign.certificate.region import Region, System, region_faults
 from vsgdesign.certificate.swing.check import (
     edge_holds,
@@ -214,7 +214,10 @@ def _broken(system: System, law: SwingLaw, name: str, look: Look, left: Boxes) -
     share = rng.uniform(0.0, 1.0, (count, left.low.shape[1]))
     share[::2] = np.round(share[::2])  # corners
     places = left.low[index] + share * (left.high - left.low)[index]
-    state, _ = look(Boxes(places, places, left.piece[index]))
+    chosen = Boxes(places, places, left.piece[index], left.errors)
+    state, _ = look(chosen)
+    if name == "gains":  # the last coordinates are those of the errors
+        places = np.column_stack([places[:, :4], *relative_errors(chosen, places)])
     for place in places[state == UNDECIDED][:_CONFIRMED]:
         loops, point = loops_at(system, law, place, name == "gains")
         delta: float | None = None
