@@ -44,6 +44,25 @@ int main(void)
 """
 
 
+FOLLOWING = """
+void start_up(void);
+void follow(vsg_real_t R_g, vsg_real_t L_g, const vsg_covariance_t *covariance, uint16_t changed, vsg_answer_t *answer);
+int main(void)
+{
+    const vsg_covariance_t wide = {VSG_C(0.25), VSG_C(0.0), VSG_C(2.5e-6)};
+    vsg_answer_t answer;
+    start_up();
+    now = 20000UL;
+    follow(VSG_C(0.9), VSG_C(3e-3), &wide, 1U, &answer);
+    printf("%u ", (unsigned)(answer.status & (VSG_FRESH | VSG_PARTLY)));
+    now = 40000UL;
+    follow(VSG_C(0.9), VSG_C(3e-3), 0, 0U, &answer);
+    printf("%u", (unsigned)(answer.status & (VSG_FRESH | VSG_PARTLY)));
+    return 0;
+}
+"""
+
+
 CONTROL_STAND_INS = """
 #include <math.h>
 #include <stdio.h>
@@ -83,16 +102,24 @@ int main(void)
 
 def test_the_interrupt_routine_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three simulated seconds: 150 updates, the last fresh, and the power is the set point."""
-    folder, (routine, _) = exported_page(tmp_path, monkeypatch)
+    folder, (routine, *_) = exported_page(tmp_path, monkeypatch)
     said = run(tmp_path, folder, routine, STAND_INS)
     updates, status, delivered = map(int, said.split())
     assert (updates, status) == (150, 1)
     assert abs(delivered - 4000) <= 20
 
 
+def test_an_estimator_that_knows_its_error_is_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A change far away with a wide estimate: accepted at once, and followed in part."""
+    folder, (routine, following, _) = exported_page(tmp_path, monkeypatch)
+    stand_ins = STAND_INS[: STAND_INS.index("int main")] + FOLLOWING
+    status, exact = map(int, run(tmp_path, folder, routine + following, stand_ins).split())
+    assert (status, exact) == (1 + 128, 1)
+
+
 def test_the_whole_controllers_routine_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """At no load on a grid of nominal voltage the bridge makes that voltage, and a retuning does not disturb it."""
-    folder, (_, routine) = exported_page(tmp_path, monkeypatch)
+    folder, (*_, routine) = exported_page(tmp_path, monkeypatch)
     size = float(run(tmp_path, folder, routine, CONTROL_STAND_INS))
     assert abs(size - 326.6) <= 0.02 * 326.6
 
@@ -107,7 +134,7 @@ def exported_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path
         (code,) = re.findall(rf"^## {heading}\n.*?^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
         exec(compile(code, str(PAGE), "exec"), scope)
     routines = re.findall(r"^```c\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    assert len(routines) == 2
+    assert len(routines) == 3
     return export_c_files("lab.json", "lab-c").folder, routines
 
 
