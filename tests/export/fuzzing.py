@@ -12,7 +12,7 @@ from vsgdesign.equations.grid import grid_from_scr_impedance
 from vsgdesign.equations.limiters import Limiter
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.export import initialiser
-from vsgdesign.export.compiled import SOURCES, STRICT, run_compiler
+from vsgdesign.export.compiled import SOURCES, STRICT, run_compiler, sources_of
 from vsgdesign.export.known_answers import gain_sizes, known_steps
 from vsgdesign.runtime import Scheduler, table_schedule
 
@@ -51,6 +51,16 @@ def build_control_fuzz(
     run_compiler(
         [compiler, *STRICT, *SANITIZERS, *precision, f"-I{folder}", f"-I{build}", *sources, "-o", str(program), "-lm"]
     )
+    return program
+
+
+def build_converter_fuzz(folder: Path, build: Path, *, double: bool, compiler: str = "gcc") -> Path:
+    """The program that feeds the converter with its field estimator, with sanitizers."""
+    program = build / "fuzz_converter"
+    sources = [str(Path(__file__).with_name("fuzz_converter.c")), *map(str, sources_of(folder))]
+    precision = ["-DVSG_DOUBLE"] if double else []
+    plain = ("-O0", *(flag for flag in SANITIZERS if flag.startswith("-f")))  # optimising it takes half a minute
+    run_compiler([compiler, *STRICT, *plain, *precision, f"-I{folder}", *sources, "-o", str(program), "-lm"])
     return program
 
 

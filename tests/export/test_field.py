@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from tests.artifacts.field_networks import random_field_weights
 from tests.compilers import GCC_AND_CLANG, require_compiler
 from tests.export.conftest import built
 from tests.export.exchange import written
+from tests.export.fuzzing import build_converter_fuzz, run_control_fuzz
 from vsgdesign.equations.field import (
     FieldAnswer,
     FieldFeatures,
@@ -228,6 +230,18 @@ def test_inputs(field_c: CompiledC, recorded: Recorded) -> None:
     assert not found.listen(100 + 0j, 1 + 0j, 0j, 0.98 * recorded.settings.omega_n)
     assert found.data.track.filled == -1.0
     assert found.data.lock.omega == pytest.approx(0.98 * recorded.settings.omega_n, rel=1e-6)
+
+
+@pytest.mark.parametrize("double", [True, False])
+def test_no_input_spoils_it(double: bool, field_folder: Path, tmp_path: Path) -> None:
+    """NaN, infinite and huge samples, trips and a background task that is too slow, under the sanitizers."""
+    program = build_converter_fuzz(field_folder, tmp_path, double=double)
+    code, said = run_control_fuzz(program, 40_000, seed=5)
+    assert code == 0, said
+    cycles, _, spoilt, waited = map(int, re.findall(r"\d+", said))
+    assert cycles > 20
+    assert spoilt > 0
+    assert waited > 0
 
 
 def test_small_and_plain(field_folder: Path, field_c: CompiledC, recorded: Recorded) -> None:

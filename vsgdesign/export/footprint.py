@@ -6,6 +6,7 @@ import re
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from vsgdesign.export.compiled import STRICT, run_compiler
 
@@ -99,3 +100,43 @@ def measure_footprint(folder: str | Path) -> Footprint:
 def _sizes(said: str) -> dict[str, int]:
     """Bytes by symbol, from the output of nm."""
     return {m[2]: int(m[1]) for m in re.finditer(r"^\d+ (\d+) \w (\w+)$", said, re.MULTILINE)}
+
+
+class FieldFootprint(NamedTuple):
+    """Bytes of the field estimator alone. ``flash``: its code and constants, ``ram``: its state with the waiting
+    samples, ``stack`` of a sample and of a conclusion, without interrupts; the C library is not counted."""
+
+    flash: int
+    ram: int
+    stack_sample: int
+    stack_conclude: int
+
+
+def measure_field_footprint(folder: str | Path) -> FieldFootprint:
+    """The footprint of the estimator in an exported folder that has it. Raises ArtifactError without the compiler."""
+    folder = Path(folder)
+    with tempfile.TemporaryDirectory(prefix="vsg") as name:
+        build = Path(name)
+        (build / "state.c").write_text('#include "vsg.h"\nvsg_field_t f;\n', encoding="utf-8")
+        made, state = build / "vsg_field.o", build / "state.o"
+        source = str(folder / "vsg_field.c")
+        run_compiler([COMPILER, *STRICT, *TARGET, "-fstack-usage", "-c", source, "-o", str(made)])
+        run_compiler([COMPILER, *TARGET, f"-I{folder}", "-c", str(build / "state.c"), "-o", str(state)])
+        run_compiler([COMPILER, *TARGET, "-c", str(folder / "vsg_data.c"), "-o", str(build / "data.o")])
+        text = int(run_compiler(["arm-none-eabi-size", str(made)]).split("\n")[1].split()[0])
+        constants = _sizes(run_compiler(["arm-none-eabi-nm", "-S", "-t", "d", str(build / "data.o")]))
+        ram = _sizes(run_compiler(["arm-none-eabi-nm", "-S", "-t", "d", str(state)]))["f"]
+        usage = made.with_suffix(".su").read_text(encoding="utf-8")
+    stacks = {function: int(size) for function, size in re.findall(r":(\w+)[.\w]*\t(\d+)\t", usage)}
+    text += sum(size for symbol, size in constants.items() if symbol.startswith("vsg_field_"))
+    inner = max(size for function, size in stacks.items() if function not in _OUTER)
+    return FieldFootprint(
+        flash=text,
+        ram=ram,
+        stack_sample=stacks["vsg_field_listen"] + stacks.get("vsg_field_take", 0),
+        stack_conclude=stacks["vsg_field_conclude"] + stacks.get("vsg_conclude", 0) + inner,
+    )
+
+
+_OUTER = ("vsg_field_conclude", "vsg_conclude", "vsg_first_track", "vsg_field_listen", "vsg_field_take")
+"""Functions that no other one below a conclusion calls."""
