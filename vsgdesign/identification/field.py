@@ -45,7 +45,7 @@ class ProbeLimits:
     """Largest amplitude at the PCC while the estimator learns or is in doubt, for some tenths of a second."""
     current: float = 0.03
     """Largest current of one line, relative to the rated current."""
-    ripple: float = 0.0065
+    ripple: float = 0.0048
     """Largest rms value of the power that both lines add, relative to the rated power."""
 
 
@@ -89,7 +89,7 @@ def field_settings(
         sigma_rest=limits.sigma,
         sigma_burst=0.01,
         noise_first=3e-8,
-        gain_class=0.005,
+        gain_class=math.hypot(0.0045, 0.13 * omega_n * T_s),
         sigma_valid=0.15,
         seed=float(seed % 511 + 1),
     )

@@ -53,6 +53,16 @@ from vsgdesign.frames import rotate, rotate_back
 
 SLOW_MEMORY = 100.0
 """Cycles of the track that the answer follows."""
+LARGE_UNTIL = 0.025
+LARGE_CYCLES = 15.0
+"""Relative standard deviation, and cycles of the slow track, after which the probe is no longer large."""
+YOUNG = 15.0
+YOUNG_SHARE = 2.0
+"""A young track remembers so many times its cycles, but YOUNG at least: the first ones hold the end of a transient."""
+LONGER_FROM = 0.02
+"""Relative standard deviation from which on it remembers more cycles, as many as bring it back there."""
+LONGER = 3.0
+"""Up to so many times more."""
 FAST_MEMORY = 6.0
 """Cycles of the track that tells whether something has changed."""
 SOFT = 6.0
@@ -367,11 +377,14 @@ def conclude(  # noqa: C901
     # Both tracks, and the impedances that fit them.
     S_1, S_2 = track.noise.line_1.S, track.noise.line_2.S
     slow = track.slow
+    sure = grid_sigma(track.answer, settings) / LONGER_FROM
+    memory = SLOW_MEMORY * np.minimum(np.maximum(sure * sure, 1.0), LONGER)
+    memory = np.minimum(memory, np.maximum(YOUNG_SHARE * slow.count, YOUNG))
     if use:
         fast = taken(fast, F_1, F_2, FAST_MEMORY, weight)
         residuals = residuals_with(residuals, F_1, F_2, FAST_MEMORY)
         if mode != DOUBT:
-            slow = taken(slow, F_1, F_2, SLOW_MEMORY, weight)
+            slow = taken(slow, F_1, F_2, memory, weight)
     slow_fit = fit_of(slow, S_1, S_2)
     fast_fit = fit_of(fast, S_1, S_2) if use else fast_fit
     size_sq = track.answer.R * track.answer.R + track.answer.X * track.answer.X
@@ -454,9 +467,12 @@ def conclude(  # noqa: C901
     elif use and fast.count > 1.5:
         response_1 = response_of(fast.line_1, response_1, settings)
         response_2 = response_of(fast.line_2, response_2, settings)
+    # After a change the probe stays large until the new impedance is known.
+    settled_down = grid_sigma(answer, settings) < LARGE_UNTIL or slow.count > LARGE_CYCLES
+    rest = 1.0 if mode == TRACK and suspect < 0.5 and settled_down else 0.0
     both_noise = noise_of_probe(noise)
-    a_1 = line_amplitude(both_noise, mode, response_1, settings)
-    a_2 = line_amplitude(both_noise, mode, response_2, settings)
+    a_1 = line_amplitude(both_noise, rest, lock.a_1, response_1, settings)
+    a_2 = line_amplitude(both_noise, rest, lock.a_2, response_2, settings)
     following = FieldTrack(
         history_1=shifted(now_1, track.history_1),
         history_2=shifted(now_2, track.history_2),

@@ -25,6 +25,8 @@ FAR = 22.0
 """Square of a distance that is one."""
 RATIO = 14.0
 """Difference of squared distances at which one explanation is preferred."""
+SURE = 0.15
+"""Relative standard deviation of the first difference after an event up to which it may decide alone."""
 NEVER = 99.0
 LONGEST = 25.0
 """Cycles of the fast track after which a doubt ends without a decision."""
@@ -168,7 +170,9 @@ def verdict_of(
     size = np.sqrt(R_g * R_g + X_g * X_g)
     sigma = np.sqrt(np.maximum(fast.P_RR + fast.P_XX, 0.0))
     possible = X_g > 0.008 and -0.25 * X_g - 0.03 < R_g and fast.known > 0.5 and calm > 0.5
-    by_step = d_step < NEAR_STEP and d_old - d_step > RATIO
+    # One difference that is not sure agrees by chance with a step that was the grid's own.
+    sure = sigma < SURE * size or doubt.used > 1.5
+    by_step = d_step < NEAR_STEP and d_old - d_step > RATIO and sure
     fresh_flip = since_flip > 2.5 and since_flip < 6.5
     by_probe = d_sure > FAR and doubt.used > 5.5 and fresh_flip
     changed = 1.0 if possible and (by_step or by_probe) else 0.0

@@ -6,13 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.field.data import DOUBT, TRACK, FieldSettings
+from vsgdesign.equations.field.data import DOUBT, FieldSettings
 from vsgdesign.equations.field.noise import CHIP_CYCLES
 from vsgdesign.equations.field.tracks import LineTrack
 
 REST_CYCLES = 60.0
 BURST_CYCLES = 4.0
 """Cycles within which the probe is to give the wanted standard deviation, at rest and else."""
+SINKS_TO = 0.85
 LEAST_RESPONSE = 0.05
 FORCED_AT = 3.0
 """Cycles of the fast track in doubt at which the sign is changed once, whatever the code says."""
@@ -88,15 +89,22 @@ def response_of(line: LineTrack, before: Response, settings: FieldSettings) -> R
     return Response(v=v, pcc=pcc, i=i)
 
 
-def line_amplitude(noise: Any, mode: Any, response: Response, settings: FieldSettings) -> Any:
-    """Amplitude of a line (:eq:`field-amplitude`): what the wanted standard deviation needs, within the limits."""
-    calm = mode == TRACK
-    cycles = REST_CYCLES if calm else BURST_CYCLES
-    sigma = settings.sigma_rest if calm else settings.sigma_burst
+def line_amplitude(noise: Any, calm: Any, before: Any, response: Response, settings: FieldSettings) -> Any:
+    """Amplitude of a line (:eq:`field-amplitude`): what the wanted standard deviation needs, within the limits.
+
+    ``calm`` is 1 at rest and 0 while the estimator learns, doubts or suspects a change. ``before`` is the amplitude of
+    the last cycle: after a burst it sinks by no more than SINKS_TO in a cycle.
+    """
+    rest = calm > 0.5
+    cycles = REST_CYCLES if rest else BURST_CYCLES
+    sigma = settings.sigma_rest if rest else settings.sigma_burst
     wanted = np.sqrt(noise / (2.0 * cycles)) / (sigma * response.v)
-    arrives = settings.amplitude_rest if calm else settings.amplitude_burst
+    arrives = settings.amplitude_rest if rest else settings.amplitude_burst
     # Each line may make its part of the ripple of the power.
     by_current = np.minimum(settings.current_rest, settings.ripple_rest) / response.i
+    largest = np.minimum(settings.amplitude_burst / response.pcc, settings.amplitude_sent)
     top = np.minimum(arrives / response.pcc, settings.amplitude_sent)
-    top = np.minimum(top, by_current) if calm else top
-    return np.minimum(np.maximum(wanted, settings.amplitude_least), top)
+    top = np.minimum(top, by_current) if rest else top
+    amplitude = np.minimum(np.maximum(wanted, settings.amplitude_least), top)
+    sinking = np.minimum(SINKS_TO * np.abs(before), largest)
+    return np.maximum(amplitude, sinking) if rest else amplitude
