@@ -2,7 +2,7 @@
 
 Each name is a module of this folder with a function ``main(folder)`` that prints its tables and leaves its rows as JSON
 in the folder. ``make evidence`` runs all of them. Some leave their tables as NAME.md, too: ``--paste`` puts these into
-the page of docs that has a place for them.
+the page of docs that has a place for them, and the files of ``SHIPS`` of a module into the package.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import pkgutil
+import shutil
 import sys
 import time
 from pathlib import Path
@@ -41,7 +42,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m evidence", description=evidence.__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"what to measure: {', '.join(names())}")
     parser.add_argument("--out", default="out/evidence", help="folder for the rows as JSON")
-    parser.add_argument("--paste", action="store_true", help="put the tables into the pages of docs")
+    parser.add_argument("--paste", action="store_true", help="put the tables into docs, the files into the package")
     arguments = parser.parse_args()
     unknown = sorted(set(arguments.names) - set(names()))
     if unknown:
@@ -52,11 +53,15 @@ def main() -> int:
     for name in arguments.names or names():
         begin = time.perf_counter()
         print(f"## {name}", flush=True)
-        importlib.import_module(f"evidence.{name}").main(folder)
+        module = importlib.import_module(f"evidence.{name}")
+        module.main(folder)
         tables = folder / f"{name}.md"
         if arguments.paste and tables.exists():
             for page in paste(name, tables.read_text(encoding="utf-8"), DOCS):
                 print(f"written: {page}")
+        for file, place in getattr(module, "SHIPS", {}).items() if arguments.paste else ():
+            shutil.copyfile(folder / file, place)
+            print(f"written: {place}")
         print(f"({name}: {time.perf_counter() - begin:.0f} s)\n", flush=True)
     return 0
 

@@ -28,7 +28,7 @@ from evidence._field_summary import (
     rest_of_bin,
 )
 from evidence._kept_runs import first_seed, kept_runs, share
-from vsgdesign.artifacts.measured_errors import MEASURED_FILE
+from vsgdesign.artifacts.measured_errors import MEASURED_FILE, SHIPPED
 
 COUNTS = {
     "rest": 100,
@@ -48,6 +48,9 @@ COUNTS = {
 
 PROBE_COUNT = 10
 """Runs with and without the probe on each converter."""
+
+SHIPS = {SHIPPED.name: SHIPPED}
+"""The page of a gain table holds these errors against its error set."""
 
 CYCLES = (0, 1, 2, 3, 4, 5, 7, 9, 14, 19, 29, 49)
 """Cycles after an event that the table of errors shows."""
@@ -116,8 +119,7 @@ def main(folder: Path) -> None:
     document["probe"] = probe
     (folder / "field.json").write_text(json.dumps(document, indent=1, ensure_ascii=False))
     (folder / "field.md").write_text(text)
-    # A gain table's page holds these against its error set: copy the file to vsgdesign/artifacts/ to ship it.
-    errors = folder / "measured_errors.json"
+    errors = folder / SHIPPED.name
     errors.unlink(missing_ok=True)
     MEASURED_FILE.write(measured_errors(rows, first_seed()), errors)
     print(text)
