@@ -62,7 +62,7 @@ def test_events(results: dict[str, Any]) -> None:
         ]
         for event in events:
             assert {"name", "kind", "overshoot_pct", "settling_time_s", "rise_time_s", "peak_current_pu"} <= set(event)
-            assert {"overshoot_pct", "settling_time_s", "rise_time_s"} <= set(event["one_cycle_mean"])
+            assert {"overshoot_pct", "settling_time_s", "rise_time_s"} <= set(event["cycle_mean"])
         step, disturbance = events[0], events[2]
         assert (step["name"], step["kind"]) == ("P_ref 2.5 kW", "step")
         # 0.1 s is too short for a design of 1 s: no figure, and why.

@@ -64,7 +64,7 @@ def test_nothing_outside_the_window_counts() -> None:
     spoilt[outside], current[outside] = 1e6, 9.0
     dirty = measure(2.0, 5.0, spoilt, current=current)
     assert dirty.raw == clean.raw
-    assert dirty.one_cycle_mean == clean.one_cycle_mean
+    assert dirty.cycle_mean == clean.cycle_mean
     assert dirty.peak_current_pu == 0.5
 
 
@@ -123,10 +123,10 @@ def test_ripple_of_a_cycle_is_gone_from_the_mean_and_not_from_the_raw() -> None:
     assert m.status == MEASURED
     assert m.raw.settling_time_s is None or m.raw.settling_time_s > 2.9
     assert m.raw.overshoot_pct == pytest.approx(10.0, abs=0.1)
-    assert m.one_cycle_mean.overshoot_pct == pytest.approx(0.0, abs=0.01)
+    assert m.cycle_mean.overshoot_pct == pytest.approx(0.0, abs=0.01)
     # The mean over the last cycle of an exponential lags by half a cycle, 10 ms (to (cycle/τ)²/24 τ = 0.1 ms).
     lag = 0.5 * PER_CYCLE * DT
-    assert m.one_cycle_mean.settling_time_s == pytest.approx(TAU * math.log(50.0) + lag, abs=5e-4)
+    assert m.cycle_mean.settling_time_s == pytest.approx(TAU * math.log(50.0) + lag, abs=5e-4)
 
 
 def test_a_window_shorter_than_the_response_has_no_figure() -> None:
@@ -134,7 +134,7 @@ def test_a_window_shorter_than_the_response_has_no_figure() -> None:
     y, settled = first_order(2.0, 2000.0, 2500.0), TAU * math.log(50.0)
     short, enough = measure(2.0, 2.0 + settled - 0.01, y), measure(2.0, 2.0 + settled + 0.01, y)
     assert (short.status, enough.status) == (TOO_SHORT, MEASURED)
-    for figures in (short.raw, short.one_cycle_mean):
+    for figures in (short.raw, short.cycle_mean):
         assert (figures.final, figures.overshoot_pct, figures.settling_time_s) == (2500.0, None, None)
     assert short.needs_s == pytest.approx(settled, abs=1e-3)
     assert short.reason == "the window is too short: 0.772 s after the step, the slowest mode needs 0.783 s"

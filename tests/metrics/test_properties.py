@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from vsgdesign.metrics import disturbance_response, one_cycle_mean, step_response
+from vsgdesign.metrics import cycle_mean, disturbance_response, step_response
 from vsgdesign.metrics.step_response import settling_time
 
 Array = NDArray[np.float64]
@@ -98,36 +98,36 @@ def test_a_disturbance_has_no_sign_and_no_offset(y: Array, rating: float, offset
 
 @thorough
 @given(SAMPLES, st.integers(1, 30))
-def test_one_cycle_mean_against_a_loop(y: Array, per_cycle: int) -> None:
+def test_cycle_mean_against_a_loop(y: Array, per_cycle: int) -> None:
     expected = [float(np.mean(y[max(k - per_cycle + 1, 0) : k + 1])) for k in range(len(y))]
     # Sums of whole numbers are exact; the division rounds once here and twice there.
-    np.testing.assert_allclose(one_cycle_mean(y, per_cycle), expected, rtol=0.0, atol=60.0 * 4e-16)
+    np.testing.assert_allclose(cycle_mean(y, per_cycle), expected, rtol=0.0, atol=60.0 * 4e-16)
 
 
 @thorough
 @given(st.integers(2, 60), st.integers(1, 7), st.floats(0.0, 6.28), st.floats(-1e4, 1e4))
-def test_one_cycle_mean_takes_out_whole_cycle_ripple(per_cycle: int, harmonic: int, phase: float, level: float) -> None:
+def test_cycle_mean_takes_out_whole_cycle_ripple(per_cycle: int, harmonic: int, phase: float, level: float) -> None:
     if harmonic % per_cycle == 0:  # aliases to a constant: no ripple
         return
     k = np.arange(4 * per_cycle)
     ripple = np.cos(2.0 * np.pi * harmonic * k / per_cycle + phase)
-    mean = one_cycle_mean(level + ripple, per_cycle)
+    mean = cycle_mean(level + ripple, per_cycle)
     np.testing.assert_allclose(mean[per_cycle - 1 :], level, rtol=0.0, atol=1e-11)
     assert np.ptp(ripple) > 0.0
 
 
-def test_one_cycle_mean_of_a_single_sample_is_the_signal_and_no_view_of_it() -> None:
+def test_cycle_mean_of_a_single_sample_is_the_signal_and_no_view_of_it() -> None:
     y = np.arange(5.0)
-    mean = one_cycle_mean(y, 1)
+    mean = cycle_mean(y, 1)
     mean[0] = 9.0
     assert y[0] == 0.0
 
 
-def test_one_cycle_mean_keeps_its_digits_over_a_long_run() -> None:
+def test_cycle_mean_keeps_its_digits_over_a_long_run() -> None:
     """A running sum must not lose the ripple under the total: 3e5 samples of 2 kW."""
     rng = np.random.default_rng(2)
     y = 2000.0 + rng.standard_normal(300_000)
-    mean = one_cycle_mean(y, 100)
+    mean = cycle_mean(y, 100)
     late = rng.integers(len(y) // 2, len(y), 50)
     # The sum has passed 1e3 (of y − y[0], times a few) by then: 1e-9 leaves it 1e-12 a sample.
     np.testing.assert_allclose(mean[late], [np.mean(y[k - 99 : k + 1]) for k in late], rtol=0.0, atol=1e-9)

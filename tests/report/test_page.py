@@ -184,7 +184,7 @@ def test_a_window_too_short_to_know_is_neither_met_nor_missed(short):
     controller = short.result.controllers[1]
     why = "the window is too short: 1 s after the step, the slowest mode needs 2.05 s"
     unknown = tuple(
-        replace(e, status=TOO_SHORT, reason=why, raw=no_figures(2000.0, 2500.0), one_cycle_mean=no_figures(2000.0))
+        replace(e, status=TOO_SHORT, reason=why, raw=no_figures(2000.0, 2500.0), cycle_mean=no_figures(2000.0))
         for e in controller.events
     )
     result = replace(short.result, controllers=(replace(controller, events=unknown),))
@@ -205,7 +205,7 @@ def test_a_window_too_short_to_know_is_neither_met_nor_missed(short):
 def test_an_unstable_end_is_a_miss_without_figures(short):
     controller = short.result.controllers[1]
     grown = tuple(
-        replace(e, status=UNSTABLE, reason="unstable: a mode", raw=no_figures(0.0), one_cycle_mean=no_figures(0.0))
+        replace(e, status=UNSTABLE, reason="unstable: a mode", raw=no_figures(0.0), cycle_mean=no_figures(0.0))
         for e in controller.events
     )
     result = replace(short.result, controllers=(replace(controller, events=grown),))

@@ -23,13 +23,13 @@ P_ref = "2.5 kW"
 V2 = "[grid]\ncomponents = [{ order = -1, amplitude_pu = 0.02, phase = 0.4 }]\n"
 
 
-def test_its_targets_are_judged_on_one_cycle_means(capsys: pytest.CaptureFixture[str]) -> None:
+def test_its_targets_are_judged_on_cycle_means(capsys: pytest.CaptureFixture[str]) -> None:
     clean, distorted = (run_scenario(lc_study("8 s", STEP, sections)) for sections in ("", V2))
     a, b = clean.controllers[0], distorted.controllers[0]
     assert not a.ripples
     assert b.ripples
     # The instantaneous power never settles, its mean does, as without the negative sequence.
-    (mean,) = (event.one_cycle_mean for event in b.events if event.signal == "P_pcc")
+    (mean,) = (event.cycle_mean for event in b.events if event.signal == "P_pcc")
     (raw,) = (event.raw for event in a.events if event.signal == "P_pcc")
     assert mean.settling_time_s == pytest.approx(raw.settling_time_s, abs=0.02)
     assert [event.raw.settling_time_s for event in b.events if event.signal == "P_pcc"] == [None]

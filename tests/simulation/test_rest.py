@@ -80,7 +80,7 @@ def test_a_step_seen_for_a_second_has_no_figure_and_one_seen_for_long_enough_has
     assert truth is not None
     assert truth > 1.2
     assert (short.status, short.raw.settling_time_s, short.raw.overshoot_pct) == (TOO_SHORT, None, None)
-    assert short.one_cycle_mean.settling_time_s is None
+    assert short.cycle_mean.settling_time_s is None
     assert short.needs_s is not None
     enough = figures(run_scenario(published(f"{1.0 + short.needs_s + 0.1:.3f} s", event)), 1.0)
     assert enough.status == MEASURED
@@ -163,7 +163,7 @@ def test_a_switched_bridge_ends_where_its_last_cycles_are() -> None:
     assert abs(mean - averaged) > 0.025 * 100e3
     assert m.raw.final == pytest.approx(mean, abs=0.002 * 100e3)
     assert m.status == MEASURED
-    assert m.one_cycle_mean.settling_time_s is not None
+    assert m.cycle_mean.settling_time_s is not None
     assert figures(short, 0.5).status == TOO_SHORT
 
 

@@ -119,7 +119,7 @@ def test_the_damped_controller_keeps_its_current_limit(published: tuple[Study, R
         assert 4500.0 < found.series["P_pcc"][after].max() < 6000.0
         assert current[after].max() < 1.26
         assert np.ptp(found.simulation.column("limited_samples")[after]) > 100
-    steps = {(e.t_s, e.signal): e.one_cycle_mean for e in found.events}
+    steps = {(e.t_s, e.signal): e.cycle_mean for e in found.events}
     for place in ((10.0, "P_pcc"), (30.0, "P_pcc"), (50.0, "Q_pcc")):
         assert steps[place].settling_time_s == pytest.approx(1.0, abs=0.05)
         assert steps[place].overshoot_pct == pytest.approx(0.0, abs=0.8)

@@ -1,4 +1,4 @@
-"""Results for every event of a run, from the raw signal and from its one-cycle mean, or why there are none."""
+"""Results for every event of a run, from the raw signal and from its mean over whole cycles, or why there are none."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from vsgdesign.metrics.step_response import (
     SETTLING_BAND,
     ResponseMetrics,
+    cycle_mean,
     disturbance_response,
     no_figures,
-    one_cycle_mean,
     step_response,
 )
 
@@ -76,7 +76,7 @@ class EventMetrics:
     kind: str
     """``step``: the signal's own reference was stepped; ``disturbance``: something else changed."""
     raw: ResponseMetrics
-    one_cycle_mean: ResponseMetrics
+    cycle_mean: ResponseMetrics
     peak_current_pu: float | None
     """None where the simulation diverged."""
     status: str = MEASURED
@@ -114,7 +114,7 @@ def measure_event(
     last = _whole_cycles(y[begin:stop], end.samples_per_cycle or samples_per_cycle)
     final = last if end.final is None else end.final
     since = t[begin:stop] - window.t_s
-    mean = one_cycle_mean(y[max(begin - samples_per_cycle, 0) : stop], samples_per_cycle)[-(stop - begin) :]
+    mean = cycle_mean(y[max(begin - samples_per_cycle, 0) : stop], samples_per_cycle)[-(stop - begin) :]
     is_step = window.steps_signal and abs(final - initial) > _SMALLEST_STEP * rating
     reference = abs(final - initial) if is_step else rating
     observed = window.end_s - window.t_s
@@ -162,7 +162,7 @@ def measure_event(
         signal=signal,
         kind="step" if is_step else "disturbance",
         raw=measure(y[begin:stop]),
-        one_cycle_mean=measure(mean),
+        cycle_mean=measure(mean),
         peak_current_pu=float(np.max(current_pu[begin:stop])),
         status=status,
         reason=reason,
@@ -180,7 +180,7 @@ def diverged_event(window: EventWindow, signal: str, reason: str) -> EventMetric
         signal=signal,
         kind=kind,
         raw=nothing,
-        one_cycle_mean=nothing,
+        cycle_mean=nothing,
         peak_current_pu=None,
         status=DIVERGED,
         reason=reason,

@@ -46,13 +46,18 @@ def no_figures(initial: float, final: float | None = None) -> ResponseMetrics:
     )
 
 
-def one_cycle_mean(y: Array, samples_per_cycle: int) -> Array:
-    """Mean over the cycle that ends at each sample; during the first cycle, over the available part."""
+def cycle_mean(y: Array, samples_per_cycle: int) -> Array:
+    """Mean over the cycle, or the whole cycles, that end at each sample; before the first end, over what there is."""
     if samples_per_cycle <= 1:
         return y.copy()
     total = np.concatenate(([0.0], np.cumsum(y - y[0])))
     count = np.minimum(np.arange(1, len(y) + 1), samples_per_cycle)
     return y[0] + (total[1:] - total[np.arange(1, len(y) + 1) - count]) / count
+
+
+def mean_in_words(cycles: int) -> str:
+    """What a mean over so many cycles is called."""
+    return {1: "one-cycle mean", 2: "two-cycle mean"}[cycles]
 
 
 def step_response(t: Array, y: Array, initial: float, final: float, band: float = SETTLING_BAND) -> ResponseMetrics:

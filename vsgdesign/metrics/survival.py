@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.metrics.step_response import SETTLING_BAND, one_cycle_mean, settling_time
+from vsgdesign.metrics.step_response import SETTLING_BAND, cycle_mean, settling_time
 
 Array = NDArray[np.float64]
 
@@ -247,7 +247,7 @@ def _recovery(record: SurvivalRecord, cleared_s: float, rest: ExpectedRest, dema
     """
     t = record.t_s
     cycle = max(round(demand.cycle_s / float(t[1] - t[0])), 1)
-    P, Q = one_cycle_mean(record.P, cycle), one_cycle_mean(record.Q, cycle)
+    P, Q = cycle_mean(record.P, cycle), cycle_mean(record.Q, cycle)
     error = np.maximum(np.abs(P - rest.P), np.abs(Q - rest.Q)) / demand.S_rated
     since = t - cleared_s
     later = since >= 0.0

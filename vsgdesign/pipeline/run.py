@@ -27,6 +27,7 @@ from vsgdesign.simulation.gains import GainChange, settled_changes
 from vsgdesign.simulation.judging import judge_estimates
 from vsgdesign.simulation.promises import Kept, promises_kept
 from vsgdesign.simulation.rest import Instability
+from vsgdesign.simulation.scenario import mean_cycles
 from vsgdesign.stability.words import shares_of
 
 if TYPE_CHECKING:
@@ -167,6 +168,7 @@ def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict
         "schema": 1,
         "study": {"name": study.name, "title": study.title, "source": study.source, "hash": study.hash},
         "provenance": provenance(),
+        "mean_cycles": mean_cycles(study),
         "background": None if study.background is None else study.background.document(),
         "sensors": None if study.sensors is None else study.sensors.document(),
         "replay": None if study.replay is None else study.replay.document(),
@@ -241,7 +243,7 @@ def _controller(result: ScenarioResult, controller: ControllerResult, judged: di
         "estimate": judged,
         "outcome": asdict(controller.outcome),
         "limiter": _limiter(study.with_limit_of(controller.spec)),
-        "events": [_event(event) for event in controller.events],
+        "events": [_event(event, mean_cycles(study)) for event in controller.events],
         "loop_s": controller.simulation.loop_seconds,
         "real_time_factor": study.simulation.duration / max(controller.simulation.loop_seconds, 1e-9),
     }
@@ -254,7 +256,7 @@ def _limiter(study: Study) -> dict[str, Any] | None:
     return {"name": study.current_limiter, "limit_pu": study.converter.current_limit_pu, "parameters": parameters}
 
 
-def _event(event: EventMetrics) -> dict[str, Any]:
+def _event(event: EventMetrics, cycles: int) -> dict[str, Any]:
     return {
         "name": event.name,
         "t_s": event.t_s,
@@ -265,5 +267,6 @@ def _event(event: EventMetrics) -> dict[str, Any]:
         "status": event.status,
         "reason": event.reason,
         "needs_s": event.needs_s,
-        "one_cycle_mean": asdict(event.one_cycle_mean),
+        "cycle_mean": asdict(event.cycle_mean),
+        **({"one_cycle_mean": asdict(event.cycle_mean)} if cycles == 1 else {}),
     }

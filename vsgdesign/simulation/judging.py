@@ -16,7 +16,8 @@ from vsgdesign.stability.inside_set import inside_run
 class StepAgainstTruth:
     """One reference step of a controller with the estimate, and of the same controller with the truth.
 
-    On the instantaneous power, or on its one-cycle mean where the power ripples: a switched bridge, a distorted source.
+    On the instantaneous power, or on its mean over whole cycles where the power ripples: a switched bridge, a distorted
+    source, a probe.
     """
 
     t_s: float
@@ -101,7 +102,7 @@ def _against(controller: ControllerResult, twin: ControllerResult) -> tuple[Step
     steps = []
     for ours, theirs in zip(controller.events, twin.events, strict=True):
         if ours.kind == "step":
-            a, b = (e.one_cycle_mean if controller.ripples else e.raw for e in (ours, theirs))
+            a, b = (e.cycle_mean if controller.ripples else e.raw for e in (ours, theirs))
             steps.append(
                 StepAgainstTruth(
                     t_s=ours.t_s,

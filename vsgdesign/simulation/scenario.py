@@ -14,6 +14,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.frames import clarke, clarke_inverse, instantaneous_power
 from vsgdesign.identification import estimator_kind
+from vsgdesign.identification.registry import samples_itself
 from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
 from vsgdesign.metrics.events import diverged_event
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
@@ -51,13 +52,26 @@ class ControllerResult:
 
     @property
     def ripples(self) -> bool:
-        """Whether P and Q ripple at rest, so that targets are judged on their one-cycle means."""
-        return self.bridge == "pwm" or self.distorted
+        """Whether P and Q ripple at rest, so that targets are judged on their means over :func:`mean_cycles`."""
+        return self.bridge == "pwm" or self.distorted or samples_itself(self.spec.estimate)
 
     @property
     def moves(self) -> bool:
         """Whether the gains never stand still, as they follow an estimate or what is measured."""
         return self.estimates is not None or follows_measured(self.spec)
+
+
+def mean_cycles(study: Study) -> int:
+    """Nominal cycles over which the ripple of P and Q is averaged out: one, or two where a field estimator sends its
+    probe, whose lines lie half-way between the harmonics."""
+    return 2 if any(samples_itself(controller.estimate) for controller in study.controllers) else 1
+
+
+def samples_per_mean(study: Study, t_s: Array) -> int:
+    """Logged samples in these cycles."""
+    if len(t_s) < 2:
+        return 1
+    return max(round(mean_cycles(study) * 2.0 * math.pi / study.converter.omega_n / (t_s[1] - t_s[0])), 1)
 
 
 @dataclass(frozen=True)
@@ -239,7 +253,7 @@ def measure_events(
         return ()
     alpha, beta = clarke(series["i_pcc_a"], series["i_pcc_b"], series["i_pcc_c"])
     current_pu = np.hypot(alpha, beta) / study.converter.I_rated_pk
-    per_cycle = max(round(2.0 * math.pi / study.converter.omega_n / (t_s[1] - t_s[0])), 1)
+    per_mean = samples_per_mean(study, t_s)
     interval = float(t_s[1] - t_s[0])
     metrics = []
     for rest in found:
@@ -256,7 +270,7 @@ def measure_events(
             if rest.end_s - rest.t_s > 4.0 * interval:
                 metrics.append(
                     measure_event(
-                        window, signal, t_s, series[signal], current_pu, study.converter.S_rated, per_cycle, end
+                        window, signal, t_s, series[signal], current_pu, study.converter.S_rated, per_mean, end
                     )
                 )
     return tuple(metrics)

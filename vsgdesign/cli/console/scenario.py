@@ -64,11 +64,14 @@ _NO_TIME = {
 
 
 def results_tables(results: dict[str, Any]) -> None:
-    """The values of every reference step and disturbance of a run: on the raw signal, or on its one-cycle mean if the
-    grid source is distorted."""
+    """The values of every reference step and disturbance of a run: on the raw signal, or on its mean over whole cycles
+    if the grid source is distorted or a controller sends a probe."""
     headings = ("controller", "at", "event", "signal", "overshoot", "settles 2 %", "rise", "peak current")
+    from vsgdesign.metrics import mean_in_words
+
     means = any(controller["distorted"] for controller in results["controllers"].values())
-    title = results["study"]["title"] + (" (one-cycle means)" if means else "")
+    means = means or results["mean_cycles"] > 1
+    title = results["study"]["title"] + (f" ({mean_in_words(results['mean_cycles'])}s)" if means else "")
     table = new_table(title, headings, left=("controller", "event", "signal"))
     reasons: dict[str, list[str]] = {}
     for name, controller in results["controllers"].items():
@@ -76,7 +79,7 @@ def results_tables(results: dict[str, Any]) -> None:
             if event["reason"] is not None:
                 who = f"{name}, {event['t_s']:g} s, {event['signal']}"
                 reasons.setdefault(event["reason"], []).append(who)
-            figures = event["one_cycle_mean"] if controller["distorted"] else event
+            figures = event["cycle_mean"] if means else event
             if event["kind"] == "disturbance" and figures["settling_time_s"] == 0.0:
                 continue  # the other signal never left its band: nothing to see
             table.add_row(

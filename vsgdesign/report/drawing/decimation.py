@@ -42,7 +42,7 @@ def envelope(t: Array, y: Array, columns: int) -> tuple[Array, Array, Array]:
 
 
 def ripple_level(y: Array, mean: Array) -> float:
-    """Typical distance of a signal from its one-cycle mean, in the signal's unit.
+    """Typical distance of a signal from its mean over whole cycles, in the signal's unit.
 
     The median over the whole run: transients, during which the mean lags, do not count.
     """

@@ -152,7 +152,7 @@ def _interesting_time(result: ScenarioResult, event: Event, end_s: float) -> flo
         for signal in ("P_pcc", "Q_pcc"):
             metrics = events_of(controller, signal).get(event.t_s)
             if metrics is not None:
-                settled = metrics.one_cycle_mean.settling_time_s
+                settled = metrics.cycle_mean.settling_time_s
                 longest = max(longest, end_s - event.t_s if settled is None else settled)
     cycle = 2.0 * np.pi / result.study.converter.omega_n
     return max(1.5 * longest, event.over * 1.2, 5.0 * cycle)
@@ -262,7 +262,7 @@ def _draw_step_bands(axes: Any, result: ScenarioResult, signal: Signal, zoom: Zo
     for index, controller in enumerate(result.controllers):
         metrics = events_of(controller, signal.metrics_name or "").get(zoom.event.t_s)
         # Without an end that it has come to there is no band to draw.
-        if metrics is None or metrics.kind != "step" or metrics.one_cycle_mean.settling_time_s is None:
+        if metrics is None or metrics.kind != "step" or metrics.cycle_mean.settling_time_s is None:
             continue
         end, initial = metrics.raw.final, metrics.raw.initial
         if end is None:

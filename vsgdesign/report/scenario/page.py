@@ -10,6 +10,7 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.table_summary import table_lines, table_summary
 from vsgdesign.artifacts.table_text import certificate_sentence
 from vsgdesign.identification.registry import why_no_c
+from vsgdesign.metrics import mean_in_words
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.inner.page import inner_part
 from vsgdesign.report.inner.words import headline
@@ -23,6 +24,7 @@ from vsgdesign.simulation import ScenarioResult
 from vsgdesign.simulation.judging import judge_estimates
 from vsgdesign.simulation.promises import promises_kept
 from vsgdesign.simulation.rest import WHERE_TO_LOOK
+from vsgdesign.simulation.scenario import mean_cycles
 
 if TYPE_CHECKING:
     from vsgdesign.estimator.trained import TrainedEstimator
@@ -120,6 +122,7 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
     study = result.study
     bridges = {controller.bridge for controller in result.controllers}
     sensed = study.sensors is not None and study.sensors.act
+    mean = mean_in_words(mean_cycles(study))
     items = []
     if "averaged" in bridges:
         items.append(
@@ -128,25 +131,25 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
     if "pwm" in bridges:
         items.append(
             "The bridge switches ideally at the exact instants of its modulation: no dead time, no device losses. "
-            "Figures of the instantaneous signal contain the ripple; targets are judged on the one-cycle mean."
+            f"Figures of the instantaneous signal contain the ripple; targets are judged on the {mean}."
         )
     if study.background is not None and study.background.distorts:
         items.append(
             "The voltage of the grid wanders and is distorted as the table of filter and grid says. The simulation "
-            "starts in the steady state of the fundamental at t = 0. Targets are judged on the one-cycle mean; "
+            f"starts in the steady state of the fundamental at t = 0. Targets are judged on the {mean}; "
             "margins, modes and operating points are those of the fundamental without its wander."
         )
     elif study.replay is not None:
         items.append(
             "The grid source is a recorded voltage. The simulation starts in the steady state of its fundamental over "
             "the first ten cycles; margins, modes and operating points are those of this fundamental. Targets are "
-            "judged on the one-cycle mean."
+            f"judged on the {mean}."
         )
     elif study.has_components:
         items.append(
             "The grid source contains a negative sequence or harmonics. The simulation starts in the steady state of "
             "the fundamental alone, so their currents begin with a transient of the inner loops. Targets are judged "
-            "on the one-cycle mean. Margins, modes and operating points are those of the fundamental."
+            f"on the {mean}. Margins, modes and operating points are those of the fundamental."
         )
     items += [
         f"The dc link is an ideal source of {plain_quantity(study.converter.V_dc, 'V')}, nothing behind it.",

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.frames import clarke, peak_to_rms
-from vsgdesign.metrics import EventMetrics, one_cycle_mean
+from vsgdesign.metrics import EventMetrics, cycle_mean
 from vsgdesign.report.drawing.decimation import Trace, ripple_level
 from vsgdesign.report.quantities import prefix_for
 from vsgdesign.simulation import ControllerResult, ScenarioResult
+from vsgdesign.simulation.scenario import samples_per_mean
 
 Array = NDArray[np.float64]
 
@@ -60,17 +61,10 @@ def _traces(result: ScenarioResult, values: list[Array], factor: float) -> tuple
     for controller, y in zip(result.controllers, values, strict=True):
         t = controller.series["t_s"]
         scaled = y / factor
-        mean = one_cycle_mean(scaled, samples_per_cycle(result, t))
+        mean = cycle_mean(scaled, samples_per_mean(result.study, t))
         ripple = ripple_level(scaled, mean) if controller.ripples else 0.0
         traces.append(Trace(t, scaled, mean, ripple, controller.simulation.divergence is not None))
     return tuple(traces)
-
-
-def samples_per_cycle(result: ScenarioResult, t: Array) -> int:
-    """Logged samples in one cycle of the nominal frequency."""
-    if len(t) < 2:
-        return 1
-    return max(round(2.0 * math.pi / result.study.converter.omega_n / (t[1] - t[0])), 1)
 
 
 def _power(result: ScenarioResult, series: str, name: str, title: str, unit: str) -> Signal:

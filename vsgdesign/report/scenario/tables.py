@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from vsgdesign.metrics import EventMetrics, ResponseMetrics
+from vsgdesign.metrics import EventMetrics, ResponseMetrics, mean_in_words
 from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
 from vsgdesign.report.page.converter import grid_label, specs_table
 from vsgdesign.report.page.table import GAIN_UNITS, Table
@@ -14,6 +14,7 @@ from vsgdesign.report.scenario.margins import distinct_grids, loops_on_grids
 from vsgdesign.report.scenario.verdict import RULE, StepOutcome, coupling
 from vsgdesign.simulation import ControllerResult, ScenarioResult
 from vsgdesign.simulation.gains import settled_changes
+from vsgdesign.simulation.scenario import mean_cycles
 
 
 def controllers_table(result: ScenarioResult) -> Table:
@@ -205,7 +206,7 @@ def _met(outcome: StepOutcome, met: bool) -> str:
 
 
 def metrics_table(result: ScenarioResult, controller: ControllerResult) -> Table:
-    """Figures of every event of one controller, on the instantaneous signal and on its one-cycle mean."""
+    """Figures of every event of one controller, on the instantaneous signal and on its mean over whole cycles."""
     starts = sorted({event.t_s for event in result.study.events})
     ends = dict(zip(starts, [*starts[1:], result.study.simulation.duration], strict=False))
     largest = max((abs(event.raw.peak_deviation or 0.0) for event in controller.events), default=1.0)
@@ -219,13 +220,13 @@ def metrics_table(result: ScenarioResult, controller: ControllerResult) -> Table
                 event.name,
                 _signal(event),
                 *_figures(event, event.raw, window, factor),
-                *_figures(event, event.one_cycle_mean, window, factor),
+                *_figures(event, event.cycle_mean, window, factor),
                 number(event.peak_current_pu),
             )
         )
     part = ("Overshoot [%]", "Settling [s]", "Rise [s]", f"Peak deviation [{prefix}W, {prefix}var]", "ITAE [s²]")
     head = ("Time", "Event", "Signal", *part, *part, "Peak current [pu]")
-    groups = (("", 3), ("Instantaneous", 5), ("One-cycle mean", 5), ("", 1))
+    groups = (("", 3), ("Instantaneous", 5), (mean_in_words(mean_cycles(result.study)).capitalize(), 5), ("", 1))
     notes = tuple(_reasons(controller.events))
     return Table(f"Events of {controller.spec.name}", head, tuple(rows), texts=3, groups=groups, notes=notes)
 

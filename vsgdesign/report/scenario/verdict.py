@@ -12,9 +12,9 @@ from vsgdesign.metrics import EventMetrics
 from vsgdesign.metrics.events import DIVERGED, MEASURED, NOT_SETTLED, UNSTABLE
 from vsgdesign.report.quantities import number, percent, plain
 from vsgdesign.report.scenario.second_order import UncoupledResponse, settling_factor, uncoupled_P, uncoupled_Q
-from vsgdesign.report.scenario.signals import samples_per_cycle
 from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult
 from vsgdesign.simulation.promises import CLOSED_FORM, Promises, not_promised, promises_of
+from vsgdesign.simulation.scenario import samples_per_mean
 
 _TIME_SLACK = 1.005
 _OVERSHOOT_SLACK_PCT = 0.05
@@ -61,7 +61,7 @@ class StepOutcome:
 
     @property
     def settling_time_s(self) -> float | None:
-        """On the instantaneous signal; on the one-cycle mean with PWM, whose ripple leaves any 2 % band."""
+        """On the instantaneous signal, or on its mean over whole cycles where ripple leaves any 2 % band."""
         return self._measured().settling_time_s
 
     @property
@@ -114,7 +114,7 @@ class StepOutcome:
         return None if self.row is None else coupling(self.row)
 
     def _measured(self):
-        return self.metrics.one_cycle_mean if self.controller.ripples else self.metrics.raw
+        return self.metrics.cycle_mean if self.controller.ripples else self.metrics.raw
 
 
 def coupling(row: OperatingPointRow) -> float | None:
@@ -157,9 +157,9 @@ def step_outcomes(result: ScenarioResult) -> list[StepOutcome]:
 
 
 def _was_at_rest(result: ScenarioResult, controller: ControllerResult, metrics: EventMetrics) -> bool:
-    """Compares the two cycles before a step."""
+    """Compares the last two means before a step."""
     t = controller.series["t_s"]
-    cycle = samples_per_cycle(result, t)
+    cycle = samples_per_mean(result.study, t)
     begin = int(np.searchsorted(t, metrics.t_s - 0.5 * (t[1] - t[0])))
     if begin < 2 * cycle:
         return True

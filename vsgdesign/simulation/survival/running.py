@@ -13,7 +13,7 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, SimulationDivergedError
 from vsgdesign.identification import estimator_kind
-from vsgdesign.metrics.step_response import one_cycle_mean
+from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.metrics.survival import (
     DIVERGED,
     GRACE_S,
@@ -279,6 +279,6 @@ def _own_rest(rest: ExpectedRest, record: SurvivalRecord, demand: SurvivalDemand
     count = 5 * cycle
     if record.diverged or len(record.t_s) < 2 * count:
         return rest
-    P, Q = (float(np.mean(one_cycle_mean(values, cycle)[-count + cycle :])) for values in (record.P, record.Q))
+    P, Q = (float(np.mean(cycle_mean(values, cycle)[-count + cycle :])) for values in (record.P, record.Q))
     near = max(abs(P - rest.P), abs(Q - rest.Q)) < _OWN_REST_PU * demand.S_rated
     return replace(rest, P=P, Q=Q) if near else rest
