@@ -85,6 +85,43 @@ def no_doubt() -> Doubt:
     )
 
 
+def doubt_begun(no_step: Any) -> Doubt:
+    """A doubt at its event."""
+    none = no_doubt()
+    return Doubt(
+        used=0.0,
+        cycles=0.0,
+        squares=none.squares,
+        v_re=0.0,
+        v_im=0.0,
+        i_re=0.0,
+        i_im=0.0,
+        x_re=0.0,
+        x_im=0.0,
+        no_step=no_step,
+        d_old=none.d_old,
+        d_step=none.d_step,
+    )
+
+
+def doubt_judged(doubt: Doubt, used: Any, d_old: Any, d_step: Any) -> Doubt:
+    """The doubt with the distances of this cycle."""
+    return Doubt(
+        used=used,
+        cycles=doubt.cycles,
+        squares=doubt.squares,
+        v_re=doubt.v_re,
+        v_im=doubt.v_im,
+        i_re=doubt.i_re,
+        i_im=doubt.i_im,
+        x_re=doubt.x_re,
+        x_im=doubt.x_im,
+        no_step=doubt.no_step,
+        d_old=d_old,
+        d_step=d_step,
+    )
+
+
 def doubt_with(doubt: Doubt, mean: Window, phasor: GridPhasor) -> Doubt:
     """The sums with the fundamental of one more cycle."""
     y_re = mean.v_re - phasor.now.re

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.field.cycle import FieldTrack, grid_sigma
 from vsgdesign.equations.field.data import DOUBT, LEARN, FieldAnswer, FieldSettings, LockIn
 from vsgdesign.equations.field.doubt import NEVER, impedance_of_step, step_of_grid
 from vsgdesign.equations.field.residuals import left_over
+from vsgdesign.equations.field.state import FieldTrack, grid_sigma
 from vsgdesign.equations.field.tracks import Fit
 from vsgdesign.equations.integration import TURN
 
@@ -102,17 +102,17 @@ def features(lock: LockIn, track: FieldTrack, answer: FieldAnswer, settings: Fie
     step = impedance_of_step(doubt, phasor)
     known = doubting * step.known
     step = Fit(R=step.R, X=step.X, P_RR=step.P_RR, P_RX=0.0, P_XX=step.P_XX, known=known)
-    fast_ratio, fast_turn = ratio_of(track.fast_fit, fit)
+    fast_ratio, fast_turn = ratio_of(track.fast.fit, fit)
     step_ratio, step_turn = ratio_of(step, fit)
     usual = np.sqrt(phasor.variance)
     n = np.maximum(doubt.cycles - 1.0, 1.0)
     g_re, g_im, scatter = step_of_grid(doubt, fit)
     of_step = np.sqrt(left_over(doubt.squares, step.R, step.X) / n)
     present = doubting if doubt.cycles > 0.5 else 0.0
-    fast_sigma = grid_sigma(track.fast_fit, settings)
+    fast_sigma = grid_sigma(track.fast.fit, settings)
     step_sigma = grid_sigma(step, settings)
     current = np.sqrt(phasor.i_re * phasor.i_re + phasor.i_im * phasor.i_im)
-    fast_known = track.fast_fit.known
+    fast_known = track.fast.fit.known
     d_step = doubt.d_step if doubting > 0.5 else NEVER
     slip = np.minimum(np.maximum(1e3 * phasor.slip, -3.0), 3.0)
     line_1, line_2 = noise.line_1, noise.line_2

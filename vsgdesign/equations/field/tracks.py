@@ -154,3 +154,20 @@ def merged(one: Track, other: Track) -> Track:
 def with_gain(fit: Fit, gain: Any) -> Fit:
     """The fit with the variance of the sensors' gains added."""
     return Fit(R=fit.R, X=fit.X, P_RR=fit.P_RR + gain, P_RX=fit.P_RX, P_XX=fit.P_XX + gain, known=fit.known)
+
+
+def no_fit() -> Fit:
+    """Nothing known."""
+    return Fit(R=0.0, X=0.0, P_RR=1.0, P_RX=0.0, P_XX=1.0, known=0.0)
+
+
+def wider_by(fit: Fit, factor: Any) -> Fit:
+    """The fit with its covariance times a factor."""
+    return Fit(
+        R=fit.R,
+        X=fit.X,
+        P_RR=factor * fit.P_RR,
+        P_RX=factor * fit.P_RX,
+        P_XX=factor * fit.P_XX,
+        known=fit.known,
+    )
