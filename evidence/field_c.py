@@ -2,7 +2,7 @@
 
 The run is the published scenario (SCR 2, 8, 20; two steps of P, one of Q) with the dirty background and dirty sensors,
 a switched bridge, and a schedule that follows the estimator. Every sample that the estimator had is given to the
-exported C in both precisions. Its times are of this machine: the least of some repetitions, since other work disturbs
+exported C in both precisions. Its times are of this machine: the least of five repetitions, since other work disturbs
 them. Multiply-adds are counted in the expression trees from which the C is printed. It needs gcc.
 """
 
@@ -11,14 +11,13 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tests.export.exchange import written
-from tests.export.field_record import FieldRecord, Replayed, apart, recorded_run, replay
+from tests.export.field_record import FieldRecord, apart, recorded_run, replay
 from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.codegen.counting import cost_of
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures, conclude, features, listen, probe_value
@@ -49,7 +48,6 @@ events = [
     { time = "50 s", Q_ref = "1.5 kvar" },
 ]
 """
-REPEATS = 5
 DECISIONS = ("valid", "changed", "event", "doubt", "mode")
 
 
@@ -77,9 +75,8 @@ def main(folder: Path) -> None:
         for double in (True, False):
             # Single precision is given the probe that was sent in the run: its own would not be what was measured.
             given = FieldRecord(record.rows, record.answers, None if double else first.sent)
-            runs = [replay(plain, place, given, double=double) for _ in range(REPEATS)]
-            found = fastest(runs)
-            with_network = fastest([replay(behind, place, given, double=double) for _ in range(REPEATS)])
+            found = replay(plain, place, given, double=double)
+            with_network = replay(behind, place, given, double=double)
             error = apart(found.answers, record.answers, study.converter.omega_n)
             decided = otherwise(found.answers, record.answers)
             row = {
@@ -108,12 +105,6 @@ def main(folder: Path) -> None:
                 print(f"Cortex-M4F, {kind}: {footprint}")
                 rows.append({"footprint": kind} | footprint._asdict())
     (folder / "field_c.json").write_text(json.dumps(rows, indent=1), encoding="utf-8")
-
-
-def fastest(runs: list[Replayed]) -> Replayed:
-    """The least of each time: other work on the machine only adds."""
-    names = ("sample_ns", "sample_ns_p999", "sample_ns_worst", "conclude_ns", "conclude_ns_worst")
-    return replace(runs[0], **{name: min(getattr(run, name) for run in runs) for name in names})
 
 
 def otherwise(found: np.ndarray, wanted: np.ndarray) -> int:

@@ -10,7 +10,7 @@ import pytest
 
 from tests.compilers import require_compiler
 from vsgdesign.export import export_c_files
-from vsgdesign.export.compiled import SOURCES, STRICT, run_compiler
+from vsgdesign.export.compiled import STRICT, run_compiler, sources_of
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "integrate-c.md"
 
@@ -100,6 +100,61 @@ int main(void)
 """
 
 
+CONVERTER_STAND_INS = """
+#include <math.h>
+#include <stdio.h>
+#include "vsg.h"
+void start_converter(void);
+void converter_interrupt(void);
+void background_task(void);
+static double angle;
+static int closed, requested;
+static long sample_number, closed_at, cycles;
+static uint16_t last;
+void sample_all(vsg_measurement_t *m, vsg_real_t *v_grid_alpha, vsg_real_t *v_grid_beta)
+{
+    *v_grid_alpha = (vsg_real_t)(326.6 * cos(angle));
+    *v_grid_beta = (vsg_real_t)(326.6 * sin(angle));
+    m->v_alpha = *v_grid_alpha;
+    m->v_beta = *v_grid_beta;
+    m->i_s_alpha = (vsg_real_t)(-1.026 * sin(angle));
+    m->i_s_beta = (vsg_real_t)(1.026 * cos(angle));
+    m->i_g_alpha = m->i_g_beta = VSG_C(0.0);
+}
+void set_bridge(vsg_real_t alpha, vsg_real_t beta, int on) { (void)alpha; (void)beta; (void)on; }
+int is_tripped(void) { return 0; }
+int is_closed(void) { return closed; }
+void close_breaker(void) { closed = 1; closed_at = sample_number; }
+int probe_is_wanted(void) { return 1; }
+uint32_t counter(void) { return (uint32_t)(50L * sample_number); }
+void request_background(void) { requested = 1; }
+void report(const vsg_field_answer_t *estimate, uint16_t status) { (void)estimate; last = status; cycles += 1; }
+void halt(void) { printf("halted"); }
+int main(void)
+{
+    angle = 1.0;
+    start_converter();
+    for (sample_number = 0; sample_number < 12000; ++sample_number) {
+        converter_interrupt();
+        if (requested) { requested = 0; background_task(); }
+        angle += 314.159265 * 50e-6;
+    }
+    printf("%ld %ld %u", closed_at, cycles, (unsigned)last);
+    return 0;
+}
+"""
+
+
+def test_the_whole_converters_routines_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The breaker closes 0.2 s after both voltages are equal, and the estimator's cycles begin then."""
+    _, (*_, routine) = exported_page(tmp_path, monkeypatch)
+    said = run(tmp_path, tmp_path / "lab-field-c", routine, CONVERTER_STAND_INS)
+    closed_at, cycles, status = map(int, said.split())
+    assert 4000 <= closed_at <= 8000
+    assert abs(cycles - (12000 - closed_at) / 400) <= 1
+    assert status & 16 == 0  # VSG_ESTIMATE_WAITS
+
+
 def test_the_interrupt_routine_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three simulated seconds: 150 updates, the last fresh, and the power is the set point."""
     folder, (routine, *_) = exported_page(tmp_path, monkeypatch)
@@ -111,7 +166,7 @@ def test_the_interrupt_routine_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_an_estimator_that_knows_its_error_is_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A change far away with a wide estimate: accepted at once, and followed in part."""
-    folder, (routine, following, _) = exported_page(tmp_path, monkeypatch)
+    folder, (routine, following, *_) = exported_page(tmp_path, monkeypatch)
     stand_ins = STAND_INS[: STAND_INS.index("int main")] + FOLLOWING
     status, exact = map(int, run(tmp_path, folder, routine + following, stand_ins).split())
     assert (status, exact) == (1 + 128, 1)
@@ -119,7 +174,7 @@ def test_an_estimator_that_knows_its_error_is_followed(tmp_path: Path, monkeypat
 
 def test_the_whole_controllers_routine_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """At no load on a grid of nominal voltage the bridge makes that voltage, and a retuning does not disturb it."""
-    folder, (*_, routine) = exported_page(tmp_path, monkeypatch)
+    folder, (_, _, routine, _) = exported_page(tmp_path, monkeypatch)
     size = float(run(tmp_path, folder, routine, CONTROL_STAND_INS))
     assert abs(size - 326.6) <= 0.02 * 326.6
 
@@ -130,17 +185,17 @@ def exported_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path
     monkeypatch.chdir(tmp_path)
     page = PAGE.read_text(encoding="utf-8")
     scope: dict[str, object] = {}
-    for heading in ("A table", "The whole controller"):
+    for heading in ("A table", "The whole controller", "Everything of one converter"):
         (code,) = re.findall(rf"^## {heading}\n.*?^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
         exec(compile(code, str(PAGE), "exec"), scope)
     routines = re.findall(r"^```c\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    assert len(routines) == 3
+    assert len(routines) == 4
     return export_c_files("lab.json", "lab-c").folder, routines
 
 
 def run(tmp_path: Path, folder: Path, routine: str, stand_ins: str) -> str:
     (tmp_path / "routine.c").write_text(routine, encoding="utf-8")
     (tmp_path / "stand_ins.c").write_text(stand_ins, encoding="utf-8")
-    sources = [*(str(folder / name) for name in SOURCES), "routine.c", "stand_ins.c"]
+    sources = [*map(str, sources_of(folder)), "routine.c", "stand_ins.c"]
     run_compiler(["gcc", *STRICT, "-O2", f"-I{folder}", "-I.", *sources, "-o", "program", "-lm"])
     return subprocess.run([str(tmp_path / "program")], capture_output=True, text=True, check=True).stdout

@@ -411,6 +411,7 @@ def _field(converter: ConverterConstants) -> dict[str, Any]:
     return field_content(network is not None) | {
         "network": None if network is None else _field_network(network),
         "settings": initialiser(converter.field_settings),
+        "period_text": f"{converter.field_settings.T_s * 1e6:.6g} us",
         "inner_gains": initialiser(converter.inner_gains),
         "references": initialiser(converter.references),
         "controller_settings": initialiser(converter.controller_settings),
