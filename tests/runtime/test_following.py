@@ -262,6 +262,14 @@ def test_states_of_before_are_refused_with_a_sentence() -> None:
         scheduler.restore(old)
 
 
+def test_a_schedule_waits_as_long_as_its_estimator_may_be_silent() -> None:
+    speaker = Speaker((), calibrated=True)
+    assert scheduler_of(TABLE, speaker).settings.stale_ticks == 1_000_000
+    assert scheduler_of(TABLE, speaker, stale_ticks=700_000).settings.stale_ticks == 700_000
+    assert scheduler_of(TABLE, replace(speaker, finds_within=0.1)).settings.stale_ticks == 600_000
+    assert scheduler_of(TABLE).settings.stale_ticks == 600_000
+
+
 class Said(NamedTuple):
     count: int
 
@@ -272,6 +280,7 @@ class Speaker:
 
     answers: tuple[Estimate, ...]
     calibrated: bool
+    finds_within: float = 1.0
     title: str = "the speaker"
     signals: str = "other"
     needs: Needs = field(default_factory=lambda: Needs(samples=1, sample_interval=1e-4))

@@ -26,9 +26,10 @@ from vsgdesign.export.known_answers import known_answers, known_steps, known_win
 from vsgdesign.export.known_cycles import known_cycles, known_posteriors
 from vsgdesign.export.laws import laws_content
 from vsgdesign.frames import rated_current_rms, rms_to_peak
+from vsgdesign.identification.field import FINDS_WITHIN
 from vsgdesign.identification.field_network import FieldNetwork, field_network
 from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
-from vsgdesign.runtime.guards import ARRIVED, REASONS, window_settings
+from vsgdesign.runtime.guards import ARRIVED, REASONS, searching_settings, window_settings
 from vsgdesign.runtime.needed_sigma import needed_sigma
 from vsgdesign.runtime.scheduler import Scheduler, read_table_of, scheduler_of
 from vsgdesign.runtime.updating import ROUNDED_CORRELATION
@@ -160,6 +161,8 @@ def export_c_files(
         origin = replace(
             origin, weights_sha256=trained.hash, channels=window.channels, sample_interval=window.sample_interval
         )
+    if converter is not None:
+        changes = searching_settings(FINDS_WITHIN) | changes
     inputs = [path for path in (table, weights) if path is not None]
     return export_c(scheduler_of(found, network, **changes), origin, out, inputs=inputs, converter=converter)
 

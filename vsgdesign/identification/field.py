@@ -95,6 +95,10 @@ def field_settings(
     )
 
 
+FINDS_WITHIN = 1.0
+"""Time after any event within which the estimator has an answer again, s."""
+
+
 class FieldState(NamedTuple):
     """State of the method in plain Python."""
 
@@ -112,6 +116,7 @@ class FieldEstimator:
     title: str = "the field estimator"
     signals: str = "field"
     calibrated: bool = True
+    finds_within: float = FINDS_WITHIN
     network: FieldNetwork | None = None
     """A network behind the recursions (docs/theory/field-network.md)."""
     needs: Needs = field(init=False)

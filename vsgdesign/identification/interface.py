@@ -223,6 +223,11 @@ class KnowsItsError(Protocol):
         """Whether it is."""
         ...
 
+    @property
+    def finds_within(self) -> float:
+        """Time after an event within which it has an estimate again, s. So long a schedule waits for it."""
+        ...
+
 
 SIGNAL_SETS = {
     "none": "nothing measured",

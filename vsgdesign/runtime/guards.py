@@ -201,6 +201,12 @@ def window_settings(period: float, tick: float = SchedulerSettings.tick) -> dict
     }
 
 
+def searching_settings(finds_within: float, tick: float = SchedulerSettings.tick) -> dict[str, int]:
+    """Changes to the settings if an estimator may be silent for ``finds_within`` s after an event: the schedule holds
+    its place for so long."""
+    return {"stale_ticks": max(SchedulerSettings.stale_ticks, round(finds_within / tick))}
+
+
 def box_settings(
     *,
     scr: Pair,

@@ -26,6 +26,7 @@ from vsgdesign.runtime.guards import (
     TOLD_LIMITED,
     TOLD_SURPRISED,
     SchedulerSettings,
+    searching_settings,
     settings_of,
     window_settings,
 )
@@ -284,7 +285,12 @@ def _whole(ticks: Any) -> int:
 
 
 def scheduler_of(table: GainTable, estimator: Estimator | None = None, **changes: Any) -> Scheduler:
-    """The scheduler of a table. ``changes`` to its settings are as in :func:`vsgdesign.runtime.guards.settings_of`."""
+    """The scheduler of a table. ``changes`` to its settings are as in :func:`vsgdesign.runtime.guards.settings_of`.
+
+    It waits for an estimator that is calibrated as long as this may be silent.
+    """
+    if isinstance(estimator, KnowsItsError):
+        changes = searching_settings(estimator.finds_within) | changes
     lookup = gain_lookup(table_schedule(table), V_n_rms=table.base.V_rated_rms)
     settings = settings_of(table, **changes)
     if isinstance(estimator, NeuralEstimator):

@@ -23,7 +23,7 @@ from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification import Probe
-from vsgdesign.identification.field import estimate_of, field_settings
+from vsgdesign.identification.field import FieldEstimator, estimate_of, field_settings
 from vsgdesign.identification.field_network import FieldNetwork, field_network
 from vsgdesign.identification.registry import estimator_kind
 from vsgdesign.parameters.estimator import ProbeSpec
@@ -149,10 +149,10 @@ class FieldScheduler:
         """``probe``: whether it is sent; None: as the study says."""
         self._study, self._spec = study, spec
         self._probing = probe_of(study).send if probe is None else probe
-        self._answers = ScheduledAnswers(study, spec, ready)
+        self._settings = settings_of_study(study)
+        self._answers = ScheduledAnswers(study, spec, ready, FieldEstimator(self._settings))
         self._has_table = ready.table(spec) is not None
         self._box, self._follows = box_of(study), follows_measured(spec)
-        self._settings = settings_of_study(study)
         self._network = network_of(study, spec)
         self.held: HeldProbe | None = None
         self.limited_samples = 0
