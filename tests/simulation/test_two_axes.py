@@ -15,7 +15,6 @@ from tests.simulation.test_emt_against_dop853 import (
     EVERYTHING,
     RAMPS,
     SAG,
-    SENSORS,
     TOLERANCE,
     errors_pu,
     library_start,
@@ -83,11 +82,11 @@ def test_unequal_axes_against_an_ode_solver(build: Callable[..., Study], bridge:
 
 @pytest.mark.parametrize("recorded", [False, True])
 def test_unequal_axes_in_a_restless_grid(tmp_path: Path, recorded: bool) -> None:
-    """With a background and sensors, and with a recorded voltage."""
+    """With a background, and with a recorded voltage."""
     np.savez(tmp_path / "g.npz", v=np.cos(2.0 * np.pi * 50.1 * np.arange(2000) / 5000.0), fs=5000.0)
     record = f'[replay]\nfile = "{tmp_path / "g.npz"}"\nscale = "rated"\n'
     study = lcl_study(
-        "12 ms", '[[events]]\ntime = "1.0123 ms"\ngrid = { scr = 4 }\n' + (record if recorded else EVERYTHING + SENSORS)
+        "12 ms", '[[events]]\ntime = "1.0123 ms"\ngrid = { scr = 4 }\n' + (record if recorded else EVERYTHING)
     )
     beta = other_axis(study)
     own = lambda grid: two_axes(study.circuit(grid), study.circuit(beta(grid)))  # noqa: E731
