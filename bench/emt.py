@@ -15,8 +15,9 @@ from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, GridEstimate
 from vsgdesign.equations.power_loops import References
 from vsgdesign.operating_point.sampled import cold_start
 from vsgdesign.parameters import Study, load_study, study_from_text
-from vsgdesign.simulation import build_timeline, gain_changes, run_scenario, simulate
+from vsgdesign.simulation import GainChange, build_timeline, gain_changes, run_scenario, simulate
 from vsgdesign.simulation.compiling import compile_function, compiled_law
+from vsgdesign.simulation.field_feed import FieldScheduler
 
 PUBLISHED = Path(__file__).resolve().parents[1] / "studies" / "published_averaged" / "study.toml"
 
@@ -120,6 +121,31 @@ def lcl() -> list[Row]:
             rows.append(Row("lcl", f"{what}: loop", loop, "RT", anchors[0], whose, limit=CHAIN[bridge]))
             rows.append(Row("lcl", f"{what}: simulate()", whole_call, "RT", anchors[1], whose, limit=OVERHEAD))
     return rows
+
+
+def field() -> list[Row]:
+    """The field estimator in the loop: what a cycle of it costs, with its samples, its conclusion and the gains."""
+    study = load_study(PUBLISHED)
+    spec = replace(study.controllers[-1], estimate="field", update_period=None)
+    study = replace(with_simulation(study, duration=10.0), controllers=(spec,))
+    feed = FieldScheduler(study, spec)
+    plain = repeat(lambda: simulate(study, [GainChange(0.0, feed.first())]))
+    estimating = repeat(lambda: simulate(study, feed))
+    longer = [1e6 * (long - short) / len(feed.rows) for long, short in zip(estimating, plain, strict=True)]
+    seconds = real_time_factor(estimating, 10.0)
+    what = "5 kVA LC + grid, 10 s at 50 us"
+    return [
+        Row(
+            "field", f"{what}: simulate() with the field estimator", seconds, "RT", limit="arguments of a call a cycle"
+        ),
+        Row(
+            "field",
+            f"{what}: a cycle of it, all included",
+            figure(longer),
+            "us",
+            limit="gains in Python; 28 ns a sample",
+        ),
+    ]
 
 
 def controller() -> list[Row]:
@@ -229,6 +255,7 @@ BENCHMARKS: dict[str, Callable[[], list[Row]]] = {
     "averaged": averaged,
     "pwm": pwm,
     "lcl": lcl,
+    "field": field,
     "controller": controller,
     "scaling": scaling,
     "limiters": limiters,

@@ -18,12 +18,12 @@ from tests.simulation.test_emt_against_dop853 import COMPONENTS, RAMPS, TOLERANC
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.field import FieldAnswer, FieldSettings, FieldTrack, LockIn, first_lock_in, first_track
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import StudyError
+from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.identification.field import FieldEstimator, FieldState, estimate_of
 from vsgdesign.identification.interface import Estimate, Samples
 from vsgdesign.parameters import Grid, Study
 from vsgdesign.runtime.scheduler import scheduler_of
-from vsgdesign.simulation import GainChange, Simulation, run_scenario, simulate
+from vsgdesign.simulation import GainChange, Probe, Simulation, run_scenario, simulate
 from vsgdesign.simulation.compiling import compile_function
 from vsgdesign.simulation.field_feed import FieldScheduler, MeasuredCycle, settings_of_study
 from vsgdesign.simulation.field_observer import FIELD_OBSERVER
@@ -253,6 +253,12 @@ def test_a_study_can_ask_for_it() -> None:
     error = np.hypot(log.R_g_hat - log.R_g, 314.159 * (log.L_g_hat - log.L_g)) / np.hypot(log.R_g, 314.159 * log.L_g)
     assert error[-10:].max() < 0.02
     assert {"cov_RL", "valid", "doubt", "mode", "amplitude"} <= set(log.series())
+
+
+def test_another_probe_is_refused() -> None:
+    study = lc_study("40 ms", FOLLOWING)
+    with pytest.raises(InfeasibleStudyError, match="sends its own"):
+        simulate(study, FieldScheduler(study, study.controllers[-1]), probe=Probe(np.zeros(1, dtype=complex), 1e-3))
 
 
 def test_update_period_is_refused() -> None:

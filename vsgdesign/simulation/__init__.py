@@ -1,6 +1,7 @@
 """EMT simulation: the exact plant between sampling and switching instants, with the real controller."""
 
 from vsgdesign.identification import Probe
+from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.following import gain_feed
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.online import FixedGains, HeldBack, MeasuredWindow, OnlineScheduler, Recorder
@@ -10,6 +11,7 @@ from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 __all__ = [
     "ControllerResult",
+    "FieldScheduler",
     "FixedGains",
     "GainChange",
     "HeldBack",

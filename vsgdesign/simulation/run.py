@@ -96,13 +96,13 @@ def simulate(
     progress: Progress | None = None,
 ) -> Simulation:
     """Simulate a study with given gains over time (the first change at or before t = 0), or with a scheduler
-    that is asked for them during the run.
+    that is asked for them during the run: after each of its windows, or after each cycle of a field estimator.
 
     ``bridge`` overrides the study's ("averaged" or "pwm"); ``log_states`` keeps the controller's states at the
-    first so many samples; ``probe`` is sent from t = 0 on, in place of one that the scheduler asks for;
-    ``circuit`` replaces the study's circuit between bridge and source, and its axes may differ. Raises
-    InfeasibleStudyError where the start has no steady state or a scheduler's or probe's period does not fit the
-    sampling. A run whose states leave every sensible bound ends there and says so (``divergence``);
+    first so many samples; ``probe`` is sent from t = 0 on, in place of one that the scheduler asks for, and not
+    beside that of a field estimator; ``circuit`` replaces the study's circuit between bridge and source, and its axes
+    may differ. Raises InfeasibleStudyError where the start has no steady state or a scheduler's or probe's period does
+    not fit the sampling. A run whose states leave every sensible bound ends there and says so (``divergence``);
     SimulationDivergedError is raised where less than two rows of the log come before.
     """
     timeline = build_timeline(study)
@@ -110,6 +110,11 @@ def simulate(
     T_s = settings.T_s
     samples = round(study.simulation.duration / T_s)
     feed = _feed(schedule, study, timeline)
+    if probe is not None and isinstance(schedule, FieldScheduler):
+        raise InfeasibleStudyError(
+            "probe: a field estimator sends its own in every sample and listens to that one alone. Leave probe out, or "
+            "give a controller without a field estimator."
+        )
     kept = round(study.simulation.log_interval / T_s)
     log_every = math.gcd(kept, feed.log_samples)  # a scheduler's samples are taken from the log
     log = np.empty((-(-samples // log_every), len(LOG_COLUMNS)))
