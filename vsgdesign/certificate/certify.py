@@ -129,7 +129,7 @@ def certify(
     for P(ρ) (:eq:`affine-lyapunov`). Points outside the static limits (:eq:`static-limits`) are not part of the
     region. A counterexample is returned where a cell is unstable by itself. Raises StudyError where the region or the
     decay is wrong, InfeasibleStudyError where the region is empty, where the controller is not scheduled or its table
-    is not there, or where every cell is stable but no function of the kind exists.
+    is not there, or where every cell that was looked at is stable but no function of the kind exists.
     """
     system, motion = prepared(study, spec, region, ready, schedule, decay)
     rng = np.random.default_rng(seed)
@@ -340,8 +340,8 @@ def _fitted(system: System, motion: Motion, name: str, points: Array, A: Array) 
     if best is None:
         kind = "function of this rate" if motion.moving else "common quadratic function"
         raise NoFunctionError(
-            f"controller {name}: every cell is stable (slowest {limit:.3g} 1/s), but no {kind} exists. "
-            "Shrink the region, the error or the rate.",
+            f"controller {name}: every cell that was looked at is stable (slowest {limit:.3g} 1/s), but no {kind} "
+            "exists. Shrink the region, the error or the rate.",
             CertificateCell(**where, decay=limit),
         )
     return best
