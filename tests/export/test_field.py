@@ -180,7 +180,7 @@ def test_the_network_behind_it(network_c: CompiledC, recorded: Recorded) -> None
     answers, _ = replayed(network_c, recorded)
     np.testing.assert_allclose(np.array(answers), np.array(recorded.spoken), rtol=1e-11, atol=1e-14)
     spoken = [one != other for one, other in zip(recorded.spoken, recorded.answers, strict=True)]
-    assert 3 <= sum(spoken) < len(spoken)
+    assert 0 < sum(spoken) < len(spoken)
 
 
 def test_its_known_answers(field_c: CompiledC, field_folder: Path, tmp_path: Path) -> None:

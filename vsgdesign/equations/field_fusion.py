@@ -156,7 +156,8 @@ def fused_answer(
     limits: GateLimits,
     settings: FieldSettings,
 ) -> tuple[NetworkGate, FieldAnswer]:
-    """The answer of a cycle with the network behind it: its own where it may speak, otherwise the recursions'.
+    """The answer of a cycle with the network behind it: its own where the recursions have no valid answer and it may
+    speak, otherwise the recursions'.
 
     ``gate`` is that after this cycle's :func:`next_gate`; ``refuted`` and ``radius_squared`` are as in
     :func:`may_speak` and :func:`fused_impedance`. Returns (gate, answer).
@@ -166,8 +167,8 @@ def fused_answer(
     R = answer.R_g / ohm + settings.R_2
     X = answer.L_g / henry + settings.X_2
     fused = fused_impedance(R, X, posterior, radius_squared)
-    quiet = answer.spoilt < 0.5 and answer.limited <= MOSTLY_LIMITED
-    open_ = quiet and may_speak(gate, refuted, limits) > 0.5
+    silent = answer.valid < 0.5 and answer.spoilt < 0.5 and answer.limited <= MOSTLY_LIMITED
+    open_ = silent and may_speak(gate, refuted, limits) > 0.5
     R_g, X_g = fused.R - settings.R_2, fused.X - settings.X_2
     sigma = np.sqrt((fused.var_R + fused.var_X) / np.maximum(R_g * R_g + X_g * X_g, 1e-12))
     speaks = open_ and sigma < limits.confident

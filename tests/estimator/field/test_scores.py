@@ -70,7 +70,14 @@ def test_nothing_is_said_in_a_limited_cycle(cycles: FieldCycles) -> None:
     limited[:, FieldAnswer._fields.index("limited")] = 0.4
     found = answers_of_ways(replace(cycles, answer=limited), oracle(), RADII, GATE)
     assert np.array_equal(found["gated"], limited)
-    assert np.array_equal(found["ungated"], limited)
+    valid = FieldAnswer._fields.index("valid")
+    assert (found["ungated"][:, valid] == 0.0).all()
+
+
+def test_a_valid_answer_of_the_recursions_is_left_alone(cycles: FieldCycles) -> None:
+    sure = cycles.answer.copy()
+    sure[:, FieldAnswer._fields.index("valid")] = 1.0
+    assert np.array_equal(answers_of_ways(replace(cycles, answer=sure), oracle(), RADII, GATE)["gated"], sure)
 
 
 def test_figures(cycles: FieldCycles) -> None:

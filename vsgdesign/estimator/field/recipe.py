@@ -72,7 +72,7 @@ class FieldRecipe:
     sensors: str = "dirty"
     bridge: str = "pwm"
     hidden: int = 24
-    epochs: int = 40
+    epochs: int = 80
     weight: float = 7.0
     weighted: float = 0.35
     """Cycles within ``weighted`` s after a change count ``weight`` times in the training."""

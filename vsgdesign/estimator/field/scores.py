@@ -79,11 +79,21 @@ def answers_of_ways(
 ) -> dict[str, Array]:
     """The answers of the three ways, each (N, 14) as in :class:`FieldCycles`, by the controller's own equations."""
     always = GateLimits(first=0.0, first_refuted=0.0, last=LONG_AGO, confident=gate.confident)
-    gated, ungated = (_spoken(cycles, layers, radius_squared, limits) for limits in (gate, always))
+    silent = cycles.answer.copy()
+    silent[:, FieldAnswer._fields.index("valid")] = 0.0
+    gated = _spoken(cycles, cycles.answer, layers, radius_squared, gate)
+    ungated = _spoken(cycles, silent, layers, radius_squared, always)
     return dict(zip(WAYS, (cycles.answer, gated, ungated), strict=True))
 
 
-def _spoken(cycles: FieldCycles, layers: FieldLayers, radius_squared: Mapping[str, float], limits: GateLimits) -> Array:
+def _spoken(
+    cycles: FieldCycles,
+    said: Array,
+    layers: FieldLayers,
+    radius_squared: Mapping[str, float],
+    limits: GateLimits,
+) -> Array:
+    """The answers with the network behind the recursions' answers ``said`` (N, 14)."""
     outputs = np.column_stack(evaluate(layers, cycles.features))
     radii = np.array([radius_squared[name] for name in MODES])[cycles.mode]
     settings = [cycles.settings(k) for k in range(len(cycles.header["converters"]))]
@@ -91,7 +101,7 @@ def _spoken(cycles: FieldCycles, layers: FieldLayers, radius_squared: Mapping[st
     for k in range(len(cycles)):
         if cycles.run[k] != run:
             gate, run = FIRST_GATE, cycles.run[k]
-        answer = FieldAnswer(*cycles.answer[k].tolist())
+        answer = FieldAnswer(*said[k].tolist())
         gate, spoken = fused_answer(
             answer,
             next_gate(gate, answer.event),

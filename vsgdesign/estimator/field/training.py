@@ -33,11 +33,11 @@ class FieldTrainingSettings:
 
     hidden: int = 24
     """tanh units in each of the two hidden layers."""
-    epochs: int = 40
+    epochs: int = 80
     batch: int = 1024
     rate: float = 3e-3
     """First step size of Adam; it falls to a hundredth of this as half a cosine."""
-    decay: float = 2.0
+    decay: float = 0.5
     """Share of the weights that decays in a step, over the step size: few runs must not be learnt by heart."""
     weight: float = 7.0
     """Weight of the cycles in the ``weighted`` seconds after a change; all others have 1."""
