@@ -52,7 +52,7 @@ class Replayed:
     sent: np.ndarray
     """(N, 2): the probe of every sample."""
     sample_ns: float
-    sample_ns_p999: float
+    sample_ns_p99: float
     sample_ns_worst: float
     conclude_ns: float
     conclude_ns_worst: float
