@@ -31,17 +31,17 @@ from evidence._kept_runs import first_seed, kept_runs, share
 from vsgdesign.artifacts.measured_errors import MEASURED_FILE, SHIPPED
 
 COUNTS = {
-    "rest": 100,
-    "jump": 250,
-    "jump and step": 120,
-    "small jump": 60,
-    "jump at no current": 30,
-    "grid-side step": 270,
-    "power step": 70,
-    "measured: rest": 40,
-    "measured: jump": 60,
-    "beat": 40,
-    "noise 1 %": 30,
+    "rest": 200,
+    "jump": 350,
+    "jump and step": 200,
+    "small jump": 100,
+    "jump at no current": 40,
+    "grid-side step": 300,
+    "power step": 50,
+    "measured: rest": 60,
+    "measured: jump": 100,
+    "beat": 60,
+    "noise 1 %": 40,
     "long rest": 20,
 }
 """Runs of each group on each converter. The 20 long rests of 60 s on three converters are 1 h."""
