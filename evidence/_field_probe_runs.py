@@ -14,6 +14,7 @@ from evidence._field_converters import Converter
 from evidence._field_draws import FieldDraw
 from evidence._field_runs import converter_of, simulate_field, study_of
 from evidence._field_summary import SCR_BINS, quantile
+from vsgdesign.equations.field.measuring import LONGER, LONGER_FROM, SLOW_MEMORY
 from vsgdesign.estimator.bound import sensor_noise, tracked_probe_bound
 from vsgdesign.frames import instantaneous_power
 from vsgdesign.metrics.power_quality import interharmonic_rms, ripple_rms
@@ -28,9 +29,6 @@ ComplexArray = NDArray[np.complex128]
 
 LINES = (1.5, 2.5)
 """Orders of the probe's lines in the stationary frame."""
-
-MEMORY = 60.0
-"""Memory of the estimator at rest, cycles."""
 
 REST_FROM_S, DURATION_S = 5.0, 9.0
 """The estimator has then forgotten what it learned from at the start, with a larger probe."""
@@ -64,7 +62,8 @@ def run_probe(task: ProbeTask) -> dict[str, Any]:
         if probe:
             rows = answers.rows(REST_FROM_S, draw.duration_s) & answers.valid
             found["rms_error"] = math.sqrt(float(np.mean(answers.error[rows] ** 2))) if rows.any() else None
-            found["bound"] = _bound(converter, draw, study, i)
+            sigma = np.sqrt(np.trace(answers.covariance[rows], axis1=1, axis2=2)) / np.abs(answers.Z[rows])
+            found["bound"] = _bound(converter, draw, study, i, float(np.median(sigma)) if rows.any() else 1.0)
     return found
 
 
@@ -86,8 +85,10 @@ def _quality(converter: Converter, draw: FieldDraw, v: ComplexArray, i: ComplexA
     }
 
 
-def _bound(converter: Converter, draw: FieldDraw, study: Study, i: ComplexArray) -> float:
-    """Least relative error of Z that a tracker of this memory can have, from the true currents of the lines."""
+def _bound(converter: Converter, draw: FieldDraw, study: Study, i: ComplexArray, sigma: float) -> float:
+    """Least relative error of Z that a tracker of the estimator's memory can have, from the true currents of the lines.
+    The memory follows from the standard deviation ``sigma`` that the estimator states (:eq:`field-memory`)."""
+    memory = SLOW_MEMORY * min(max((sigma / LONGER_FROM) ** 2, 1.0), LONGER)
     c, sensors = converter.study.converter, study.sensors
     if sensors is None:
         raise ValueError("no sensors: no bound.")
@@ -104,7 +105,7 @@ def _bound(converter: Converter, draw: FieldDraw, study: Study, i: ComplexArray)
         c.omega_n,
         noise,
         samples,
-        MEMORY,
+        memory,
         R,
         L,
     )
@@ -120,22 +121,25 @@ def _line(i: ComplexArray, omega: float, T_s: float, length: float) -> float:
 
 
 def probe_table(rows: list[dict[str, Any]]) -> list[str]:
-    """Markdown: by range of SCR, the median and the largest of each figure."""
+    """Markdown: by converter and range of SCR, the median and the largest of each figure."""
     lines = [
-        "| SCR | runs | line at 3/2 f, % of V: with (without) | line at 5/2 f | ripple of P, % of S: more by | error "
-        "over its bound |",
-        "| --- | --- | --- | --- | --- | --- |",
+        "| converter | SCR | runs | line at 3/2 f, % of V: with (without) | line at 5/2 f | ripple of P, % of S: more "
+        "by | least rms error of Z, % | error over it |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
-    for low, high in SCR_BINS:
-        mine = [row for row in rows if low <= row["scr"] < high]
+    names = dict.fromkeys(row["converter"] for row in rows)
+    for name, (low, high) in itertools.product(names, SCR_BINS):
+        mine = [row for row in rows if row["converter"] == name and low <= row["scr"] < high]
         if not mine:
             continue
-        cells = [f"{low:g}–{high:g}", f"{len(mine)}"]
-        for name in ("line_1_pct", "line_2_pct"):
-            on, off = ([row[which][name] for row in mine] for which in ("with", "without"))
+        cells = [name, f"{low:g}–{high:g}", f"{len(mine)}"]
+        for line in ("line_1_pct", "line_2_pct"):
+            on, off = ([row[which][line] for row in mine] for which in ("with", "without"))
             cells.append(f"{quantile(on, 0.5):.3f}, at most {max(on):.3f} ({max(off):.3f})")
         more = [row["with"]["ripple_pct"] - row["without"]["ripple_pct"] for row in mine]
         cells.append(f"{quantile(more, 0.5):.2f}, at most {max(more):.2f}")
+        bounds = [100.0 * row["bound"] for row in mine]
+        cells.append(f"{quantile(bounds, 0.5):.1f}, at most {max(bounds):.1f}")
         ratios = [row["rms_error"] / row["bound"] for row in mine if row["rms_error"] is not None]
         cells.append(f"{quantile(ratios, 0.5):.2f}" if ratios else "–")
         lines.append(f"| {' | '.join(cells)} |")

@@ -77,7 +77,7 @@ def _background(draw: FieldDraw) -> BackgroundSpec:
     if what.beat:
         frequency = what.beat_order * (omega / (2.0 * math.pi) + draw.start.df_hz)
         name = "modulation" if what.beat == "modulation" else "interharmonic"
-        ranges |= {name: (what.beat_pu,) * 2, f"{name}_frequency": (frequency,) * 2}
+        ranges |= {name: (what.beat_pu, what.beat_pu), f"{name}_frequency": (frequency, frequency)}
     return draw_background(ranges, what.seed, what.background)
 
 

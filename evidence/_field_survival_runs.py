@@ -198,7 +198,7 @@ def sensor_gains(study: Study) -> tuple[float, float]:
     """Mean gain of the voltage sensors and of those of the current into the grid."""
     if study.sensors is None:
         return 1.0, 1.0
-    errors = dict(zip(CHANNELS, study.sensors.gain_errors, strict=True))
+    errors = {str(name): error for name, error in zip(CHANNELS, study.sensors.gain_errors, strict=True)}
     k_v, k_i = (1.0 + sum(errors[f"{name}_{phase}"] for phase in "abc") / 3.0 for name in ("v", "i_g"))
     return k_v, k_i
 

@@ -67,9 +67,14 @@ def draws(share_of_all: float, seed: int) -> list[FieldDraw]:
     return sorted(found, key=lambda draw: -draw.duration_s)
 
 
+def judged(rows: list[Row]) -> list[Row]:
+    """The runs that have figures."""
+    return [row for row in rows if "left_out" not in row]
+
+
 def markdown(everything: list[Row]) -> tuple[str, dict[str, Any]]:
     """All tables, and the same as data."""
-    rows = [row for row in everything if "left_out" not in row]
+    rows = judged(everything)
     asked, data = asked_table(rows)
     hours = sum(row["duration_s"] for row in rows) / 3600.0
     lines = [
@@ -121,5 +126,5 @@ def main(folder: Path) -> None:
     (folder / "field.md").write_text(text)
     errors = folder / SHIPPED.name
     errors.unlink(missing_ok=True)
-    MEASURED_FILE.write(measured_errors(rows, first_seed()), errors)
+    MEASURED_FILE.write(measured_errors(judged(rows), first_seed()), errors)
     print(text)

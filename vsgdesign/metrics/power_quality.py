@@ -36,7 +36,7 @@ def interharmonic_rms(
             f"{cycles / frequency_hz:g} s. Give a longer record."
         )
     bins = np.arange(cycles * order + _BESIDE, cycles * (order + 1) - _BESIDE + 1)
-    t = np.arange(len(x)) * step_s
+    t = np.arange(len(x), dtype=np.float64) * step_s
     x = x - _fundamental(x, t, frequency_hz)
     squares = []
     for k in range(windows):
