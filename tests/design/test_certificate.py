@@ -236,6 +236,13 @@ def test_what_cannot_be_asked(study: Study) -> None:
         region_of(study, "nobody", (5.0, 2.0), None, (-1.0, 1.0), (-0.4, 0.4), float("nan"), -1.0)
     for part in ("no such scheduled controller", "scr = 5 2", "error = nan", "rate = -1"):
         assert part in str(caught.value)
+    for error_Z, says in (
+        (0.4, "must be from 0 to 0.3"),
+        (0.3, "must be less than 0.287"),
+        (float("nan"), "from 0 to"),
+    ):
+        with pytest.raises(StudyError, match=rf"error-z = .*{says}"):
+            certify(study, controller(study, "angle_damped"), replace(PUBLISHED_BOX, error_Z=error_Z))
     for decay in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(StudyError, match=r"decay = .*must be more than zero"):
             certify(study, controller(study, "angle_damped"), PUBLISHED_BOX, decay=decay)

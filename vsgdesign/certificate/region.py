@@ -118,6 +118,9 @@ def region_faults(region: Region) -> list[Fault]:
     if not 0.0 <= region.error_Z <= MOST_ERROR_Z:
         limit = f"must be from 0 to {MOST_ERROR_Z:g}, a fraction of |Z_g|"
         faults.append(Fault("error-z", f"{region.error_Z:g}", limit))
+    elif region.error_Z >= (share := float(np.sin(np.arctan(region.x_over_r[0])))):
+        limit = f"leaves no inductance in an estimate at X/R {region.x_over_r[0]:g}: must be less than {share:.3g}"
+        faults.append(Fault("error-z", f"{region.error_Z:g}", limit, "Begin x-over-r higher, or ask for less."))
     if not region.rate >= 0.0:
         faults.append(Fault("rate", f"{region.rate:g}", "must be zero or more, in 1/s", "inf: the grid may jump."))
     return faults
