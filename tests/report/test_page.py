@@ -294,4 +294,5 @@ def test_the_frequency_of_a_restless_source(tmp_path) -> None:
     controllers = tuple(replace(spec, gains=GAINS) for spec in study.controllers)
     t_s, f = source_frequency(run_scenario(replace(study, controllers=controllers)))
     replay = build_timeline(study).replay
+    assert replay is not None
     np.testing.assert_allclose(f, 50.0 + 0.1 * (t_s + replay.spec.origin - 1.0 / 50.0 / 3.0), atol=1e-3)

@@ -147,7 +147,7 @@ def source_frequency(result: ScenarioResult) -> tuple[Array, Array]:
         return np.array(t_grid), np.array(f_grid)
     edges = np.arange(0, math.floor(end / _MEAN_S) + 1) * round(_MEAN_S / moving.T_s)
     own = np.diff(moving.angle_at(edges[edges * moving.T_s < end])) / (turn * _MEAN_S)
-    t_s = (np.arange(len(own)) + 0.5) * _MEAN_S
+    t_s: Array = (np.arange(len(own), dtype=np.float64) + 0.5) * _MEAN_S
     return t_s, np.array([timeline.source_at(t).omega / turn for t in t_s]) + own
 
 
