@@ -13,7 +13,7 @@ from typing import Any
 
 from vsgdesign.parameters.ranges import Drawn, Range, drawn_values, read_range, stream
 from vsgdesign.parameters.reader import TableReader
-from vsgdesign.parameters.study import SourceComponent
+from vsgdesign.parameters.source import SourceComponent
 
 HARMONICS = (5, 7, 11, 13)
 """The harmonics of a three-phase grid that have names here."""

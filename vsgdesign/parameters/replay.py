@@ -76,7 +76,7 @@ def _margins(record: Record, omega: float) -> tuple[float, float]:
     """
     turn = 2.0 * math.pi / omega
     end = (NEIGHBOURS + 1) / record.rate + 0.5 * turn
-    return end + (2.0 / 3.0 * turn if record.values.shape[1] == 1 else 0.0), end
+    return end + (2.0 * (turn / 3.0) if record.values.shape[1] == 1 else 0.0), end
 
 
 def _vectors(record: Record, omega: float, places: NDArray[np.float64]) -> NDArray[np.complex128]:

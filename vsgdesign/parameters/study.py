@@ -18,6 +18,7 @@ from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants, notch_con
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.frames import base_impedance, linear_modulation_limit, rated_current_rms, rms_to_peak
+from vsgdesign.parameters.source import GridSource, SourceComponent
 from vsgdesign.parameters.survival import SurvivalSpec
 
 if TYPE_CHECKING:
@@ -159,29 +160,6 @@ class InnerLoopRequest:
     settling_time: float
     """Settling time of the power loops, s. The inner loops have to be faster."""
     seed: int = 0
-
-
-@dataclass(frozen=True)
-class SourceComponent:
-    """A negative sequence or a harmonic of the grid source's voltage (:eq:`source-components`)."""
-
-    order: float
-    """Multiple of the fundamental's frequency in the space vector. A negative order turns backwards: −1 is the
-    fundamental's negative sequence, −5 the usual fifth harmonic."""
-    amplitude_pu: float
-    """Over the rated voltage."""
-    phase: float
-    """Angle of the space vector where the fundamental's is zero, rad."""
-
-
-@dataclass(frozen=True)
-class GridSource:
-    """The ideal voltage source behind the grid impedance."""
-
-    V_g_rms: float
-    omega_g: float
-    components: tuple[SourceComponent, ...] = ()
-    """What its voltage contains besides the positive sequence of the fundamental."""
 
 
 @dataclass(frozen=True, kw_only=True)
