@@ -95,7 +95,7 @@ def main(folder: Path) -> None:
                 f"| {row['precision']} | {error.max():.1e} ({np.median(error):.1e}) | {decided} | "
                 f"{found.sample_ns:.0f}, {found.sample_ns_p99:.0f}, {found.sample_ns_worst:.0f} | "
                 f"{found.conclude_ns / 1e3:.2f}, {found.conclude_ns_worst / 1e3:.1f} | "
-                f"{with_network.conclude_ns / 1e3:.2f} | {found.state_bytes} |",
+                f"{with_network.conclude_ns / 1e3:.2f} | {found.state_bytes:.0f} |",
                 flush=True,
             )
         rows.append(counted())

@@ -56,9 +56,9 @@ class Replayed:
     sample_ns_worst: float
     conclude_ns: float
     conclude_ns_worst: float
-    state_bytes: int
-    lock_in_bytes: int
-    track_bytes: int
+    state_bytes: float
+    lock_in_bytes: float
+    track_bytes: float
 
 
 def replay(folder: Path, build: Path, record: FieldRecord, *, double: bool, compiler: str = "gcc") -> Replayed:
@@ -77,7 +77,7 @@ def replay(folder: Path, build: Path, record: FieldRecord, *, double: bool, comp
     said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     rows = np.fromfile(told).reshape(-1, 1 + len(FieldAnswer._fields))
     numbers = said.split()
-    return Replayed(rows[:, 1:], np.fromfile(probes).reshape(-1, 2), *map(float, numbers[:5]), *map(int, numbers[5:]))
+    return Replayed(rows[:, 1:], np.fromfile(probes).reshape(-1, 2), *map(float, numbers))
 
 
 def apart(found: np.ndarray, wanted: np.ndarray, omega: float) -> np.ndarray:

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.export.conftest import built
 from tests.export.exchange import written
 from tests.export.live_grid import LiveGrid
+from vsgdesign.export import compile_c
 from vsgdesign.export.c_code import Origin, export_c
 from vsgdesign.export.compiled_field import OPEN, PROBE_OFF, TRIPPED, VALID, WAITS, CompiledConverter
 from vsgdesign.export.field import converter_constants
@@ -34,7 +34,7 @@ class Connected:
     def __init__(self, folder: Path) -> None:
         self.study = study_from_text(STUDY)
         self.grid, self.rng = LiveGrid(self.study), np.random.default_rng(1)
-        self.converter: CompiledConverter = built(folder, double=False).converter()
+        self.converter: CompiledConverter = compile_c(folder, flags=("-O0",)).converter()
 
     def run(self, duration: float, inputs: int = 0) -> np.ndarray:
         """Largest |i_s| and |i_g| over rated."""

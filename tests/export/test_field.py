@@ -28,7 +28,8 @@ from vsgdesign.equations.field import (
 )
 from vsgdesign.equations.field import probe_value as probe_of
 from vsgdesign.equations.field_fusion import FIRST_GATE, GateLimits
-from vsgdesign.export import CompiledC, compile_c
+from vsgdesign.errors import ArtifactError
+from vsgdesign.export import CompiledC, compile_c, export_c_files
 from vsgdesign.export.c_code import Origin, export_c
 from vsgdesign.export.compiled import STRICT, run_compiler
 from vsgdesign.export.compiled_field import OPEN, PROBE_OFF, TRIPPED
@@ -79,7 +80,7 @@ def network_c(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Compile
     origin = Origin("t", "0" * 64, "s", "0" * 64, limiter=study.current_limiter)
     scheduler = load_scheduler(written(place)[0])
     made = export_c(scheduler, origin, place / "c", converter=converter_constants(study, a_network()))
-    return built(made.folder, double=True)
+    return compile_c(made.folder, double=True, flags=("-O0",))
 
 
 @dataclass
@@ -131,7 +132,7 @@ def recorded(study: Study) -> Recorded:
     assert max(answer.changed for answer in answers) == 1.0  # the jump is seen
     assert max(answer.spoilt for answer in answers) == 1.0
     assert answers[-1].valid == 1.0
-    return Recorded(settings, v, i_all, sent_all, probes, limited_all.real, closed.real, answers, spoken)
+    return Recorded(settings, v, i_all, sent_all, probes, limited_all, closed, answers, spoken)
 
 
 def replayed(compiled: CompiledC, record: Recorded, late: int = 0) -> tuple[list[FieldAnswer], float]:
@@ -196,7 +197,7 @@ def test_its_known_answers(field_c: CompiledC, field_folder: Path, tmp_path: Pat
             assert bent != text
             text = bent
         (tmp_path / path.name).write_text(text, encoding="utf-8")
-    assert compile_c(tmp_path).selftest() > 0
+    assert compile_c(tmp_path, flags=("-O0",)).selftest() > 0
 
 
 def test_a_slow_background_task_changes_nothing(field_c: CompiledC, recorded: Recorded) -> None:
@@ -242,6 +243,17 @@ def test_no_input_spoils_it(double: bool, field_folder: Path, tmp_path: Path) ->
     assert cycles > 20
     assert spoilt > 0
     assert waited > 0
+
+
+def test_what_cannot_be_exported_is_said(study: Study, tmp_path: Path) -> None:
+    table_file, out = written(tmp_path)[0], tmp_path / "c"
+    with pytest.raises(ArtifactError, match=r"no study says which\. Give the study"):
+        export_c_files(table_file, out, estimator="field")
+    with pytest.raises(ArtifactError, match=r'"kalman": unknown\. Known: field, field_network, none'):
+        export_c_files(table_file, out, estimator="kalman")
+    with pytest.raises(ArtifactError, match="was not designed from this study"):
+        export_c_files(table_file, out, study=study, estimator="field")
+    assert not out.exists()
 
 
 def test_small_and_plain(field_folder: Path, field_c: CompiledC, recorded: Recorded) -> None:
