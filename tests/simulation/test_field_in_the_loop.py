@@ -6,6 +6,7 @@ small differences of its sums by one another, which costs some digits more.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -211,6 +212,19 @@ def test_nothing_of_the_grid_is_lent() -> None:
         first[scr] = feed.grid(0)
         assert feed.grid(0) != study.grid
     assert first[2.0] == first[15.0]
+
+
+def test_what_is_no_grid_is_not_followed() -> None:
+    """A valid answer with a negative inductance leaves the gains alone; one beyond the range is clipped to it."""
+    study = lc_study("40 ms", FOLLOWING)
+    _, feed = field_run(study, "averaged")
+    answer, at = feed.rows[-1].answer._replace(valid=1.0), MeasuredCycle(0.04, 2e3, 500.0, 110.0, 0)
+    before = feed.grid(0)
+    for R_g, L_g in ((1.0, -1e-3), (-2.0, 1e-3), (math.nan, 1e-3)):
+        assert feed._followed(answer._replace(R_g=R_g, L_g=L_g), at) == (None, False)
+        assert feed.grid(0) == before
+    feed._followed(answer._replace(R_g=0.01, L_g=1e-5), at)  # SCR 600
+    assert feed.grid(0).scr(study.converter, "impedance") == pytest.approx(25.0)
 
 
 def test_a_second_run_starts_afresh() -> None:

@@ -46,6 +46,10 @@ ANGLE_LIMITS_DEG = (14.0, 86.0)
 """The same for the angle of Z."""
 
 
+LEAST_RESISTANCE = -0.1
+"""R of an estimate over its |Z| from which on it is a grid: an error may make a small resistance negative."""
+
+
 @dataclass(frozen=True)
 class GridBox:
     """The grids that a schedule is made for."""
@@ -238,6 +242,9 @@ class FieldScheduler:
             spread = (answer.var_R, answer.cov_RL, answer.var_L)
             return self._answers.to(measured, R_g, L_g, covariance=spread, **decided)
         if followed:
+            size = math.hypot(answer.R_g, self._study.converter.omega_n * answer.L_g)
+            if not (answer.L_g > 0.0 and answer.R_g > LEAST_RESISTANCE * size):
+                return None, False
             self._held = self._box.clipped(answer.R_g, answer.L_g, self._study)
         return self._answers.to(measured, self._held.R_g, self._held.L_g)
 
