@@ -158,8 +158,8 @@ class Recording(FieldScheduler):
 def test_a_scheduler_that_is_fed_by_hand_does_the_same() -> None:
     """A table's scheduler with the estimator in plain Python (push, update_pushed) gives the run's gains, through
     learning, a change of the grid and the doubt about it."""
-    jump = '[[events]]\ntime = "0.5 s"\ngrid = { scr = 8 }\n'
-    study = lc_study("0.8 s", jump + FOLLOWING)
+    jump = '[[events]]\ntime = "0.3 s"\ngrid = { scr = 8 }\n'
+    study = lc_study("0.55 s", jump + FOLLOWING)
     spec, made = replace(study.controllers[-1], schedule="table"), table()
     feed = Recording(study, spec, Ready(tables={spec.name: made}))
     run = simulate(study, feed, bridge="averaged")
