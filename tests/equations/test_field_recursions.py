@@ -129,16 +129,49 @@ def test_features_are_finite_and_c(in_c: Compiled) -> None:
 def test_a_sample_that_is_no_number_is_told_and_forgotten() -> None:
     line = Line(0.1, 0.2, noise=1e-3)
     lock, track, _ = run(line, 20)
-    before = flat(lock)
     lock = listen(lock, math.nan, 1.0, math.inf, 1.0, 0.0, 0.0, 0.0, SETTINGS)
     assert np.all(np.isfinite(flat(lock)))
     assert lock.spoilt == 1.0
-    assert len(before) == len(flat(lock))
     while lock.closed < 0.5:
         lock = listen(lock, math.nan, math.nan, math.nan, math.nan, 0.0, 0.0, 0.0, SETTINGS)
     lock, track, answer = conclude(lock, track, SETTINGS)
     assert answer.spoilt == 1.0
-    assert np.all(np.isfinite(flat(answer)))
+    assert np.all(np.isfinite(flat((lock, track, answer))))
+    answers = go_on(line, lock, track, 30)
+    assert answers[0].spoilt == 0.0
+    assert answers[-1].valid == 1.0
+    found = complex(answers[-1].R_g, OMEGA * answers[-1].L_g) / Z_BASE
+    assert abs(found - complex(0.1, 0.2)) < 0.05 * abs(complex(0.1, 0.2))
+
+
+def test_a_memory_that_is_no_number_begins_anew() -> None:
+    line = Line(0.1, 0.2, noise=1e-3)
+    lock, track, _ = run(line, 10)
+    answers = go_on(line, lock, track._replace(answer=track.answer._replace(R=math.nan)), 30)
+    assert np.all(np.isfinite(flat(tuple(answers))))
+    assert answers[1].valid == 0.0
+    assert answers[-1].valid == 1.0
+
+
+def test_without_a_probe_the_answer_ages_and_nothing_is_learnt() -> None:
+    line = Line(0.1, 0.2, noise=1e-3)
+    lock, track, before = run(line, 40)
+    answers = go_on(line, lock, track, 60, allowed=0.0)
+    assert answers[-1].R_g == answers[10].R_g
+    assert answers[-1].sigma > 1.2 * answers[10].sigma
+    assert answers[10].sigma < 2.0 * before[-1].sigma
+
+
+def go_on(line: Line, lock: Any, track: Any, cycles: int, allowed: float = 1.0) -> list[Any]:
+    """The answers of so many more cycles."""
+    answers: list[Any] = []
+    while len(answers) < cycles:
+        lock = listen(lock, *line.measured(), 0.0, SETTINGS)
+        if lock.closed > 0.5:
+            lock, track, answer = conclude(lock, track, SETTINGS)
+            answers.append(answer)
+        line.moved(complex(*probe_value(lock, allowed, SETTINGS)))
+    return answers
 
 
 def test_the_state_is_small() -> None:

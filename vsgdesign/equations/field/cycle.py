@@ -13,7 +13,7 @@ from vsgdesign.equations.field.lock_in import turn_less_one
 from vsgdesign.equations.field.measuring import measured
 from vsgdesign.equations.field.noise import Noise, noise_of_probe
 from vsgdesign.equations.field.sign_code import Response, code_moved, line_amplitude, response_of
-from vsgdesign.equations.field.state import FieldTrack, grid_sigma
+from vsgdesign.equations.field.state import FieldTrack, first_track, grid_sigma
 from vsgdesign.equations.field.tracks import LineTrack, wider_by
 from vsgdesign.equations.field.windows import current_at_the_end, shifted, third_difference, windows_of_cycle
 from vsgdesign.equations.integration import TURN
@@ -100,6 +100,14 @@ def size_of_probe(
     return a_1, a_2
 
 
+def sane(track: FieldTrack) -> bool:
+    """Whether nothing has overflowed: the estimator then begins anew rather than never to answer again."""
+    fit, noise, phasor = track.answer, track.noise, track.phasor
+    size = fit.R * fit.R + fit.X * fit.X + noise.line_1.S + noise.line_2.S + phasor.variance
+    spread = fit.P_RR + fit.P_XX
+    return size < 1e6 and spread < 1e12 and noise.line_1.S > 0.0 and noise.line_2.S > 0.0
+
+
 def conclude(lock: LockIn, track: FieldTrack, settings: FieldSettings) -> tuple[LockIn, FieldTrack, FieldAnswer]:
     """Concludes a closed cycle and begins the next one. Returns (lock, track, answer)."""
     mean, now_1, now_2 = windows_of_cycle(lock, settings)
@@ -142,6 +150,9 @@ def conclude(lock: LockIn, track: FieldTrack, settings: FieldSettings) -> tuple[
         apart=decision.apart,
         suspect=found.suspect,
     )
+    if not sane(following):
+        following = first_track(settings)
+        code = following.code
     told = answer_of(following, decision.changed, decision.event, lock, np.maximum(a_1, a_2), settings)
     return next_cycle(lock, omega, code.sign * a_1, code.sign * a_2, settings), following, told
 

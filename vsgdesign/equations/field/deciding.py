@@ -24,6 +24,8 @@ from vsgdesign.equations.field.residuals import misfit
 from vsgdesign.equations.field.state import FastTrack, FieldTrack, grid_sigma, no_fast
 from vsgdesign.equations.field.tracks import Fit, Track, fit_of, forgotten, merged, no_fit, wider_by, with_gain
 
+AGEING = 1.01
+"""Factor of the covariance in a cycle without a probe: 1.4 % become 15 % in about ten seconds."""
 SOFT = 6.0
 """Squared distance of both tracks from which on the slow one forgets faster."""
 
@@ -73,10 +75,11 @@ class Decision(NamedTuple):
 
 
 def as_before(track: FieldTrack, happened: Happening, found: Measured) -> Decision:
-    """Nothing decided: the answer is held."""
+    """Nothing decided: the answer is held. Without a probe it ages."""
+    aged = wider_by(track.answer, AGEING) if happened.use > 0.5 and found.probed < 0.5 else track.answer
     return Decision(
         mode=happened.mode,
-        answer=track.answer,
+        answer=aged,
         prior=track.prior,
         slow=found.slow,
         fast=found.fast,
@@ -185,7 +188,7 @@ def doubted(track: FieldTrack, happened: Happening, found: Measured, calm: Any, 
 def decided(track: FieldTrack, happened: Happening, found: Measured, calm: Any, settings: FieldSettings) -> Decision:
     """The decision of the mode. ``calm`` is 0 where the current was limited for more than 30 % of the cycle."""
     decision = as_before(track, happened, found)
-    if happened.mode == DOUBT and happened.use > 0.5:
+    if happened.mode == DOUBT and happened.use > 0.5 and found.probed > 0.5:
         decision = doubted(track, happened, found, calm, settings)
     elif happened.mode == LEARN and found.both > 0.5:
         decision = learnt(track, happened, found, settings)

@@ -22,7 +22,7 @@ LARGEST_SLIP = 0.2
 REFERENCE_SHARE = 0.4
 """Share with which the reference follows the phasor."""
 EVENT_SIGMAS = 6.0
-LEAST_EVENT = 0.007
+LEAST_EVENT = 0.006
 """Least step of the phasor that is an event, pu. A frequency that changes by 2 Hz/s makes 0.005."""
 UNSURE = 0.02
 """Error of the impedance that the test for an event allows for, relative."""

@@ -26,6 +26,8 @@ LONGER = 3.0
 """Up to so many times more."""
 FAST_MEMORY = 6.0
 """Cycles of the track that tells whether something has changed."""
+NO_PROBE = 1e-11
+"""Square of the probe below which none was sent: the tracks then neither learn nor forget, and the answer ages."""
 LONGEST_SUSPICION = 15.0
 """Cycles for which the noise may be taken from the fast track because both tracks differ."""
 
@@ -42,6 +44,8 @@ class Measured(NamedTuple):
     """Variance of the impedance from the gains of the sensors, pu²."""
     both: Any
     """1 if both fits are known, else 0."""
+    probed: Any
+    """1 if a probe was sent, else 0."""
 
 
 def memory_of(track: FieldTrack, settings: FieldSettings) -> Any:
@@ -53,7 +57,8 @@ def memory_of(track: FieldTrack, settings: FieldSettings) -> Any:
 
 def measured(track: FieldTrack, happened: Happening, F_1: Window, F_2: Window, settings: FieldSettings) -> Measured:
     """Takes the third difference into the tracks, and what they leave of it into the noise."""
-    use, mode, weight = happened.use > 0.5, happened.mode, happened.weight
+    sent = F_1.u_re * F_1.u_re + F_1.u_im * F_1.u_im + F_2.u_re * F_2.u_re + F_2.u_im * F_2.u_im
+    use, mode, weight = happened.use > 0.5 and sent > NO_PROBE, happened.mode, happened.weight
     slow, fast, residuals = track.slow, happened.fast.track, happened.fast.residuals
     if use:
         fast = taken(fast, F_1, F_2, FAST_MEMORY, weight)
@@ -82,6 +87,7 @@ def measured(track: FieldTrack, happened: Happening, F_1: Window, F_2: Window, s
         slow_fit = fit_of(slow, noise.line_1.S, noise.line_2.S)
         fast_fit = fit_of(fast, noise.line_1.S, noise.line_2.S)
     known = 1.0 if both else 0.0
+    probed = 1.0 if sent > NO_PROBE else 0.0
     return Measured(
         slow=slow,
         slow_fit=slow_fit,
@@ -90,4 +96,5 @@ def measured(track: FieldTrack, happened: Happening, F_1: Window, F_2: Window, s
         suspect=suspect,
         gain=gain,
         both=known,
+        probed=probed,
     )
