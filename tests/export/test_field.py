@@ -233,10 +233,9 @@ def test_inputs(field_c: CompiledC, recorded: Recorded) -> None:
     assert found.data.lock.omega == pytest.approx(0.98 * recorded.settings.omega_n, rel=1e-6)
 
 
-@pytest.mark.parametrize("double", [True, False])
-def test_no_input_spoils_it(double: bool, field_folder: Path, tmp_path: Path) -> None:
+def test_no_input_spoils_it(field_folder: Path, tmp_path: Path) -> None:
     """NaN, infinite and huge samples, trips and a background task that is too slow, under the sanitizers."""
-    program = build_converter_fuzz(field_folder, tmp_path, double=double)
+    program = build_converter_fuzz(field_folder, tmp_path, double=False)
     code, said = run_control_fuzz(program, 40_000, seed=5)
     assert code == 0, said
     cycles, _, spoilt, waited = map(int, re.findall(r"\d+", said))
