@@ -136,7 +136,7 @@ def test_a_wide_estimate_still_arrives() -> None:
 
 
 STEPS = st.lists(
-    st.tuples(st.floats(0.3, 3.2), st.floats(-2.2, 1.1), st.sampled_from([0.1, 0.2, 0.29])), min_size=1, max_size=28
+    st.tuples(st.floats(0.5, 2.95), st.floats(-2.2, 1.1), st.sampled_from([0.1, 0.2, 0.29])), min_size=1, max_size=28
 )
 
 
