@@ -30,7 +30,7 @@ ComplexArray = NDArray[np.complex128]
 LINES = (1.5, 2.5)
 """Orders of the probe's lines in the stationary frame."""
 
-REST_FROM_S, DURATION_S = 5.0, 9.0
+REST_FROM_S, DURATION_S = 15.0, 24.0
 """The estimator has then forgotten what it learned from at the start, with a larger probe."""
 
 
