@@ -99,7 +99,7 @@ def run_field(draw: FieldDraw) -> dict[str, Any]:
     try:
         simulation, answers = simulate_field(converter, study)
     except InfeasibleStudyError as error:
-        return name | {"left_out": str(error)}
+        return name | {"left_out": " ".join(str(error).split())}
     if simulation.divergence is not None:
         return name | {"left_out": simulation.divergence.reason}
     found = figures_of(draw, answers, 2.0 * math.pi / study.converter.omega_n)
