@@ -27,7 +27,7 @@ from vsgdesign.identification.field import FieldEstimator, estimate_of, field_se
 from vsgdesign.identification.field_network import FieldNetwork, field_network
 from vsgdesign.identification.registry import estimator_kind
 from vsgdesign.parameters.estimator import ProbeSpec
-from vsgdesign.parameters.study import ControllerSpec, Grid, Place, Study
+from vsgdesign.parameters.study import ControllerSpec, Converter, Grid, Place, Study
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.estimated import NO_DESIGN, EstimateLog
 from vsgdesign.simulation.field_observer import FIELD_OBSERVER, first_memory
@@ -64,13 +64,16 @@ class GridBox:
         (a, b), (c, d) = self.scr, self.x_over_r
         return Place(math.sqrt(a * b), math.sqrt(c * d), self.basis)
 
-    def clipped(self, R_g: float, L_g: float, study: Study) -> Grid:
+    def clipped(self, R_g: float, L_g: float, converter: Converter) -> Grid:
         """The grid of the box that is nearest to an estimate (Ω, H) in SCR and X/R."""
-        c = study.converter
-        R, X = max(R_g, 0.0), max(c.omega_n * L_g, 1e-6 * c.Z_base)
-        x_over_r = min(max(X / R if R > 0.0 else math.inf, self.x_over_r[0]), self.x_over_r[1])
-        scr = SCR_BASES[self.basis].scr(R, X / c.omega_n, c.Z_base, c.omega_n)
-        return Place(min(max(scr, self.scr[0]), self.scr[1]), x_over_r, self.basis).grid(c)
+        omega, Z_base = converter.omega_n, converter.Z_base
+        R, X = max(R_g, 0.0), max(omega * L_g, 1e-6 * Z_base)
+        x_over_r = X / R if R > 0.0 else math.inf
+        scr = SCR_BASES[self.basis].scr(R, X / omega, Z_base, omega)
+        (a, b), (c, d) = self.scr, self.x_over_r
+        if a <= scr <= b and c <= x_over_r <= d:
+            return Grid(R_g, L_g)
+        return Place(min(max(scr, a), b), min(max(x_over_r, c), d), self.basis).grid(converter)
 
 
 def box_of(study: Study) -> GridBox:
@@ -245,7 +248,7 @@ class FieldScheduler:
             size = math.hypot(answer.R_g, self._study.converter.omega_n * answer.L_g)
             if not (answer.L_g > 0.0 and answer.R_g > LEAST_RESISTANCE * size):
                 return None, False
-            self._held = self._box.clipped(answer.R_g, answer.L_g, self._study)
+            self._held = self._box.clipped(answer.R_g, answer.L_g, self._study.converter)
         return self._answers.to(measured, self._held.R_g, self._held.L_g)
 
     def log(self, timeline: Timeline) -> EstimateLog:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
-
-import numpy as np
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -133,10 +132,10 @@ class ScheduledAnswers:
         The scheduler of a table is told what the estimator decided (``surprised``, ``changed``) and the ``covariance``
         of its error, as in :meth:`vsgdesign.runtime.scheduler.Scheduler.update_estimate`.
         """
-        known = bool(np.isfinite(R_g) and np.isfinite(L_g))
+        known = math.isfinite(R_g) and math.isfinite(L_g)
         if self._runtime is None:
             found = _numbers(self._law(R_g, L_g, window.P, window.Q, window.V_rms)) if known else None
-            if found is None or not np.isfinite(found).all():
+            if found is None or not all(map(math.isfinite, found)):
                 return None, False
             self._grid = Grid(R_g, L_g)
             return found, False

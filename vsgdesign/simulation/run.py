@@ -305,8 +305,8 @@ def _stretches(study: Study, timeline: Timeline, gain_cuts: set[int], samples: i
 def _of_own_types(values: Any, like: ControllerState) -> ControllerState:
     """A state that the compiled loop returned, as the classes of this process: machine code from the disk cache brings
     its own copies."""
-    state = ControllerState(**values._asdict())
-    return state._replace(limiter=type(like.limiter)(*state.limiter))
+    *numbers, limiter = values
+    return ControllerState(*numbers, limiter=type(like.limiter)(*limiter))
 
 
 def _pieces(

@@ -7,10 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.parameters import study_from_text
 from vsgdesign.parameters.study import Study
+from vsgdesign.pipeline.survival import subjects_of, survival_cases
 from vsgdesign.simulation import build_timeline
 from vsgdesign.simulation.survival import CaseRun, Change, GridState, Subject, SurvivalCase, field_cases, trace_case
+from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
 from vsgdesign.simulation.survival.field import at_asked_powers, late_grid
 
 TEXT = """
@@ -98,3 +101,15 @@ def test_a_rest_without_room_is_left_out() -> None:
     assert not isinstance(found, CaseRun)
     assert found.reason is not None
     assert "room" in found.reason
+
+
+def test_the_verb_gives_every_case_time_to_learn() -> None:
+    study = study_from_text(TEXT + '[survival]\nrandom = 3\n[[controllers]]\nname = "truth"\nkind = "scheduled"\n')
+    cases = survival_cases(study)
+    assert {case.lead_s for case in cases} == {LEARNING_S}
+    assert len({case.draw for case in cases}) == len(cases)
+    assert cases == survival_cases(study)
+    plain = replace(study, controllers=study.controllers[1:])
+    assert {case.lead_s for case in survival_cases(plain)} == {LEAD_S}
+    rooms = [subject.room_pu for subject in subjects_of(study, NOTHING).values()]
+    assert rooms == pytest.approx([0.95] * len(rooms))
