@@ -156,8 +156,11 @@ def fused_answer(
     limits: GateLimits,
     settings: FieldSettings,
 ) -> tuple[NetworkGate, FieldAnswer]:
-    """The answer of a cycle with the network behind it: its own where the recursions have no valid answer and it may
-    speak, otherwise the recursions'.
+    """The answer of a cycle with the network behind it.
+
+    Where the recursions have no valid answer and the network may speak, the answer is the network's. A valid answer of
+    the recursions keeps its impedance; if the network is less sure of it than they are, its covariance is the
+    network's, and it is no longer valid where this is too large.
 
     ``gate`` is that after this cycle's :func:`next_gate`; ``refuted`` and ``radius_squared`` are as in
     :func:`may_speak` and :func:`fused_impedance`. Returns (gate, answer).
@@ -167,8 +170,8 @@ def fused_answer(
     R = answer.R_g / ohm + settings.R_2
     X = answer.L_g / henry + settings.X_2
     fused = fused_impedance(R, X, posterior, radius_squared)
-    silent = answer.valid < 0.5 and answer.spoilt < 0.5 and answer.limited <= MOSTLY_LIMITED
-    open_ = silent and may_speak(gate, refuted, limits) > 0.5
+    quiet = answer.spoilt < 0.5 and answer.limited <= MOSTLY_LIMITED
+    open_ = quiet and answer.valid < 0.5 and may_speak(gate, refuted, limits) > 0.5
     R_g, X_g = fused.R - settings.R_2, fused.X - settings.X_2
     sigma = np.sqrt((fused.var_R + fused.var_X) / np.maximum(R_g * R_g + X_g * X_g, 1e-12))
     speaks = open_ and sigma < limits.confident
@@ -191,4 +194,22 @@ def fused_answer(
         spoilt=answer.spoilt,
         amplitude=answer.amplitude,
     )
-    return moved, spoken if speaks else answer
+    doubts = quiet and answer.valid > 0.5 and sigma > answer.sigma
+    widened = FieldAnswer(
+        R_g=answer.R_g,
+        L_g=answer.L_g,
+        var_R=spoken.var_R,
+        cov_RL=spoken.cov_RL,
+        var_L=spoken.var_L,
+        sigma=sigma,
+        valid=1.0 if sigma < settings.sigma_valid else 0.0,
+        changed=answer.changed,
+        event=answer.event,
+        doubt=answer.doubt,
+        mode=answer.mode,
+        limited=answer.limited,
+        spoilt=answer.spoilt,
+        amplitude=answer.amplitude,
+    )
+    kept = widened if doubts else answer
+    return moved, spoken if speaks else kept

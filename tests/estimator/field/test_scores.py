@@ -9,7 +9,7 @@ import pytest
 
 from tests.estimator.field.made_up import EVENT, PER_RUN, made_up_cycles
 from vsgdesign.artifacts.field_weights import MODES, FieldLayers
-from vsgdesign.equations.field import FieldAnswer
+from vsgdesign.equations.field import TRACK, FieldAnswer
 from vsgdesign.equations.field_fusion import GateLimits
 from vsgdesign.estimator.field.cycles import FieldCycles
 from vsgdesign.estimator.field.scores import answers_of_ways, field_scores
@@ -47,7 +47,7 @@ def test_gate_opens_after_the_flag_alone(cycles: FieldCycles) -> None:
     flag = EVENT + 1
     for refuted, first in ((False, 4), (True, 2)):
         with_it = replace(cycles, refuted=np.full(len(cycles), refuted))
-        found = answers_of_ways(with_it, oracle(), RADII, GATE)
+        found = answers_of_ways(with_it, oracle(0.005), RADII, GATE)
         spoke = (found["gated"] != found["physics"]).any(axis=1).reshape(-1, PER_RUN)
         expected = np.zeros(PER_RUN, dtype=bool)
         expected[flag + first : flag + 7] = True
@@ -77,7 +77,20 @@ def test_nothing_is_said_in_a_limited_cycle(cycles: FieldCycles) -> None:
 def test_a_valid_answer_of_the_recursions_is_left_alone(cycles: FieldCycles) -> None:
     sure = cycles.answer.copy()
     sure[:, FieldAnswer._fields.index("valid")] = 1.0
-    assert np.array_equal(answers_of_ways(replace(cycles, answer=sure), oracle(), RADII, GATE)["gated"], sure)
+    assert np.array_equal(answers_of_ways(replace(cycles, answer=sure), oracle(0.005), RADII, GATE)["gated"], sure)
+
+
+def test_a_network_that_is_less_sure_widens_the_covariance(cycles: FieldCycles) -> None:
+    """With 5 % of deviation in size and angle, σ is 7 % of |Z|, a little more at the PCC; the impedance is kept."""
+    found = answers_of_ways(cycles, oracle(), RADII, GATE)
+    tracking = cycles.mode == TRACK
+    before, after = (FieldAnswer(*found[way][tracking].T) for way in ("physics", "gated"))
+    assert np.array_equal(before.R_g, after.R_g)
+    assert np.array_equal(before.L_g, after.L_g)
+    assert (after.valid == 1.0).all()
+    assert np.median(after.sigma) == pytest.approx(0.05 * np.sqrt(2.0), rel=0.15)
+    lost = FieldAnswer(*answers_of_ways(cycles, oracle(0.3), RADII, GATE)["gated"][tracking].T)
+    assert (lost.valid == 0.0).all()
 
 
 def test_figures(cycles: FieldCycles) -> None:

@@ -1,0 +1,73 @@
+"""What the packaged network adds to the field estimator, on runs that neither its training nor its gate has seen.
+
+The recursions alone, the network behind its gate, and the network at all times answer in the same runs: those of the
+recipe that it was trained with, from another seed. Finished runs are kept in the folder.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+from evidence._kept_runs import share
+from vsgdesign.artifacts.field_weights import read_field_weights
+from vsgdesign.estimator.field.recipe import load_field_recipe
+from vsgdesign.estimator.field.runs import generate_cycles
+from vsgdesign.estimator.field.scores import GROUPS, WAYS, WINDOWS, GroupScore, field_scores
+from vsgdesign.estimator.field.trained import GROUP_WORDS, scores_document, studies_of
+from vsgdesign.parameters import load_study
+
+RECIPE = Path(__file__).with_suffix(".toml")
+STUDY = Path(__file__).resolve().parents[1] / "studies" / "survival" / "study.toml"
+SEED, RUNS = 21, 300
+CYCLES = (2, 5, 10)
+WAY_WORDS = {"physics": "recursions", "gated": "with network", "ungated": "network alone"}
+
+
+def main(folder: Path) -> None:
+    """Prints the table, and leaves it as Markdown and the scores as JSON."""
+    recipe = replace(load_field_recipe(RECIPE), runs=max(round(RUNS * share()), 6))
+    studies = studies_of(load_study(STUDY), recipe)
+    cycles = generate_cycles(studies, recipe, SEED, out=folder / "field_network.npz", workers=2)
+    weights = read_field_weights()
+    scores = field_scores(cycles, weights.layers, weights.radius_squared, weights.gate)
+    text = markdown(scores, recipe.runs)
+    print(text)
+    (folder / "field_network.md").write_text(text, encoding="utf-8")
+    (folder / "field_network.json").write_text(json.dumps(scores_document(scores), indent=1), encoding="utf-8")
+
+
+def markdown(scores: dict[str, dict[str, GroupScore]], runs: int) -> str:
+    """The table: a row for each group and way."""
+    head = ["change", "answers", *(f"{k} cycles" for k in CYCLES), "within 10 %", "wrong", *WINDOWS]
+    lines = [
+        f"{runs} runs of three converters in the dirty background, from another seed than those of the training. By "
+        "cycles after the change: share of valid answers and, after the comma, the 95th percentile of their error, both"
+        " in %. Within 10 %: median and 95th percentile of the time to stay there, ms. Wrong: mean time per change of "
+        "valid answers with an error above 20 %, ms. Last: share of the valid answers whose 95 % ellipse contains the "
+        "truth, by cycles after the change, %.",
+        "",
+        "| " + " | ".join(head) + " |",
+        "| " + " | ".join("---" for _ in head) + " |",
+    ]
+    for group in GROUPS:
+        for way in WAYS:
+            one = scores[way][group]
+            name = f"{GROUP_WORDS[group].replace('|Z_g|', 'the impedance')} ({one.changes})" if way == WAYS[0] else ""
+            cells = [f"{_percent(one.valid_share[k])}, {_percent(one.valid_error_p95[k])}" for k in CYCLES]
+            times = f"{_ms(one.t10_s[0])}, {_ms(one.t10_s[2])}" if "jump" in group else "–"
+            covered = [_percent(one.coverage[name]) for name in WINDOWS]
+            lines.append(
+                f"| {name} | {WAY_WORDS[way]} | " + " | ".join([*cells, times, _ms(one.wrong_s), *covered]) + " |"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def _percent(share_of: float) -> str:
+    return f"{100.0 * share_of:.0f}" if math.isfinite(share_of) else "–"
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.0f}" if math.isfinite(seconds) else "never"
