@@ -30,7 +30,7 @@ def test_it_is_what_the_scheduler_follows_fully() -> None:
     scheduler = scheduler_of(ASKED)
     lookup, omega = scheduler.lookup, scheduler.lookup.omega
     for (i, j), sigma in np.ndenumerate(needed):
-        R, L = lookup.grid(ASKED.scr[i], 1.0 / ASKED.x_over_r[j])
+        R, L = lookup.grid(float(ASKED.scr[i]), 1.0 / float(ASKED.x_over_r[j]))
         for factor, partly in ((0.999, 0), (1.001, PARTLY)):
             var = 0.5 * (factor * sigma) ** 2 * (R**2 + (omega * L) ** 2)
             covariance = (var, 0.0, var / omega**2)
