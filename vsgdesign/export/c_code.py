@@ -191,7 +191,8 @@ def _converter_of(study: Study | None, estimator: str | None, limiter: str) -> C
     if estimator == "field":
         return converter_constants(study)
     named = None if study.estimator is None else study.estimator.field_weights_file
-    return converter_constants(study, field_network(read_field_weights(named), FieldFeatures._fields))
+    weights = read_field_weights(named)
+    return converter_constants(study, field_network(weights, FieldFeatures._fields), weights.hash)
 
 
 def _check_same_converter(trained: NetworkWeights, base: TableBase) -> None:
@@ -253,7 +254,7 @@ def export_c(
             },
             "field": None
             if converter is None
-            else {"settings": converter.field_settings._asdict(), "network": converter.network is not None},
+            else {"settings": converter.field_settings._asdict(), "network_sha256": converter.network_sha256},
         }
     )
     with staged_folder(out, KIND, inputs=inputs, record=MANIFEST) as folder:

@@ -88,9 +88,12 @@ class ConverterConstants:
     field_settings: FieldSettings
     network: FieldNetwork | None = None
     """The network behind the field estimator."""
+    network_sha256: str | None = None
 
 
-def converter_constants(study: Study, network: FieldNetwork | None = None) -> ConverterConstants:
+def converter_constants(
+    study: Study, network: FieldNetwork | None = None, network_sha256: str | None = None
+) -> ConverterConstants:
     """The constants of a study's converter, with set points without power, and of the network that it is given."""
     from vsgdesign.simulation.field_feed import settings_of_study
 
@@ -101,4 +104,5 @@ def converter_constants(study: Study, network: FieldNetwork | None = None) -> Co
         study.controller_settings(),
         settings_of_study(study),
         network,
+        network_sha256,
     )
