@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from vsgdesign.identification.field import FieldEstimator, FieldState, estimate_
 from vsgdesign.identification.interface import Estimate, Samples
 from vsgdesign.parameters import Grid, Study
 from vsgdesign.runtime.scheduler import scheduler_of
-from vsgdesign.simulation import GainChange, Probe, Simulation, run_scenario, simulate
+from vsgdesign.simulation import GainChange, HeldBack, Probe, Recorder, Simulation, run_scenario, simulate
 from vsgdesign.simulation.compiling import compile_function
 from vsgdesign.simulation.field_feed import FieldScheduler, MeasuredCycle, settings_of_study
 from vsgdesign.simulation.field_observer import FIELD_OBSERVER
@@ -273,6 +274,14 @@ def test_another_probe_is_refused() -> None:
     study = lc_study("40 ms", FOLLOWING)
     with pytest.raises(InfeasibleStudyError, match="sends its own"):
         simulate(study, FieldScheduler(study, study.controllers[-1]), probe=Probe(np.zeros(1, dtype=complex), 1e-3))
+
+
+@pytest.mark.parametrize("wrapped", [HeldBack, Recorder])
+def test_what_counts_windows_says_that_there_are_none(wrapped: type[HeldBack | Recorder]) -> None:
+    study = lc_study("40 ms", FOLLOWING)
+    feed: Any = FieldScheduler(study, study.controllers[-1])
+    with pytest.raises(TypeError, match="cycles of its own"):
+        wrapped(feed)
 
 
 def test_update_period_is_refused() -> None:

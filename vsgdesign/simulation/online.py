@@ -151,6 +151,9 @@ class HeldBack:
     _waiting: deque[tuple[PowerLoopGains | None, Grid | None]] = field(default_factory=deque)
     _in_force: list[Grid | None] = field(default_factory=lambda: [None])
 
+    def __post_init__(self) -> None:
+        _check_windows(self.scheduler, "HeldBack")
+
     @property
     def update_period(self) -> float:
         """That of the scheduler."""
@@ -200,6 +203,9 @@ class Recorder:
     windows: list[MeasuredWindow] = field(default_factory=list)
     answers: list[PowerLoopGains | None] = field(default_factory=list)
 
+    def __post_init__(self) -> None:
+        _check_windows(self.scheduler, "Recorder")
+
     @property
     def update_period(self) -> float:
         """That of the scheduler."""
@@ -236,6 +242,15 @@ class Recorder:
         self.windows.append(window)
         self.answers.append(answer)
         return answer
+
+
+def _check_windows(scheduler: OnlineScheduler, who: str) -> None:
+    if not hasattr(scheduler, "update_period"):
+        kind = type(scheduler).__name__
+        raise TypeError(
+            f"{who} counts windows, and {kind} has none: it answers after cycles of its own. Give it to simulate as it "
+            "is; its rows keep the answers."
+        )
 
 
 def _probe_hold(scheduler: OnlineScheduler) -> float | None:
