@@ -21,7 +21,7 @@ from vsgdesign.parameters import load_study
 
 RECIPE = Path(__file__).with_suffix(".toml")
 STUDY = Path(__file__).resolve().parents[1] / "studies" / "survival" / "study.toml"
-SEED, RUNS = 21, 300
+SEED, RUNS = 31, 150
 CYCLES = (2, 5, 10)
 WAY_WORDS = {"physics": "recursions", "gated": "with network", "ungated": "network alone"}
 
