@@ -114,9 +114,9 @@ def conclude(lock: LockIn, track: FieldTrack, settings: FieldSettings) -> tuple[
     F_1 = third_difference(now_1, track.history_1)
     F_2 = third_difference(now_2, track.history_2)
     spoilt = 1.0 if lock.spoilt > 0.5 else 0.0
-    happened = happening_of(track, mean, F_1, F_2, spoilt)
-    found = measured(track, happened, F_1, F_2, settings)
     calm = 1.0 if lock.limited <= LIMITED * lock.samples else 0.0
+    happened = happening_of(track, mean, F_1, F_2, spoilt, calm)
+    found = measured(track, happened, F_1, F_2, settings)
     decision = decided(track, happened, found, calm, settings)
 
     omega = lock.omega + happened.correction * settings.omega_n / TURN

@@ -160,7 +160,7 @@ def doubted(track: FieldTrack, happened: Happening, found: Measured, calm: Any, 
     mode = LEARN if changed else (TRACK if same else DOUBT)
     slow = found.fast.track if changed else (merged(found.slow, found.fast.track) if same else found.slow)
     step = verdict.step
-    by_step = 1.0 if verdict.d_step < NEAR else 0.0
+    by_step = 1.0 if verdict.d_step < NEAR and doubt.limited < 0.5 else 0.0
     told = Fit(R=step.R, X=step.X, P_RR=step.P_RR, P_RX=0.0, P_XX=step.P_XX, known=by_step)
     prior = told if changed else no_fit()
     fit = fast_fit if changed else fit_of(slow, noise.line_1.S, noise.line_2.S)

@@ -50,6 +50,8 @@ class Doubt(NamedTuple):
     """Sums of the same, for the step of the grid that they would mean."""
     no_step: Any
     """1 if the event was no step of the fundamental: then the step says nothing."""
+    limited: Any
+    """1 if a cycle since the event was limited for much of its samples: then the step says little."""
     d_old: Any
     d_step: Any
     """Squared distances of the fast track's impedance to the old one and to that of the step."""
@@ -80,6 +82,7 @@ def no_doubt() -> Doubt:
         x_re=0.0,
         x_im=0.0,
         no_step=0.0,
+        limited=0.0,
         d_old=0.0,
         d_step=NEVER,
     )
@@ -99,6 +102,7 @@ def doubt_begun(no_step: Any) -> Doubt:
         x_re=0.0,
         x_im=0.0,
         no_step=no_step,
+        limited=0.0,
         d_old=none.d_old,
         d_step=none.d_step,
     )
@@ -117,12 +121,13 @@ def doubt_judged(doubt: Doubt, used: Any, d_old: Any, d_step: Any) -> Doubt:
         x_re=doubt.x_re,
         x_im=doubt.x_im,
         no_step=doubt.no_step,
+        limited=doubt.limited,
         d_old=d_old,
         d_step=d_step,
     )
 
 
-def doubt_with(doubt: Doubt, mean: Window, phasor: GridPhasor) -> Doubt:
+def doubt_with(doubt: Doubt, mean: Window, phasor: GridPhasor, calm: Any) -> Doubt:
     """The sums with the fundamental of one more cycle."""
     y_re = mean.v_re - phasor.now.re
     y_im = mean.v_im - phasor.now.im
@@ -145,6 +150,7 @@ def doubt_with(doubt: Doubt, mean: Window, phasor: GridPhasor) -> Doubt:
         x_re=doubt.x_re + mean.x_re,
         x_im=doubt.x_im + mean.x_im,
         no_step=doubt.no_step,
+        limited=np.maximum(doubt.limited, 1.0 - calm),
         d_old=doubt.d_old,
         d_step=doubt.d_step,
     )
@@ -208,7 +214,7 @@ def verdict_of(
     sigma = np.sqrt(np.maximum(fast.P_RR + fast.P_XX, 0.0))
     possible = X_g > 0.008 and -0.25 * X_g - 0.03 < R_g and fast.known > 0.5 and calm > 0.5
     # One difference that is not sure agrees by chance with a step that was the grid's own.
-    sure = sigma < SURE * size or doubt.used > 1.5
+    sure = (sigma < SURE * size and doubt.limited < 0.5) or doubt.used > 1.5
     by_step = d_step < NEAR_STEP and d_old - d_step > RATIO and sure
     fresh_flip = since_flip > 2.5 and since_flip < 6.5
     by_probe = d_sure > FAR and doubt.used > 5.5 and fresh_flip

@@ -75,7 +75,7 @@ class Step(NamedTuple):
     """What the flywheel shall turn faster per cycle, rad."""
 
 
-def step_of(track: FieldTrack, mean: Window, spoilt: Any) -> Step:
+def step_of(track: FieldTrack, mean: Window, spoilt: Any, calm: Any) -> Step:
     """Follows the grid's phasor: its steps begin a doubt. ``spoilt`` is 1 for a cycle that cannot be used."""
     followed, stepped, correction = phasor_moved(track.phasor, mean, track.answer, track.mode)
     bad = spoilt > 0.5
@@ -87,7 +87,7 @@ def step_of(track: FieldTrack, mean: Window, spoilt: Any) -> Step:
     if event > 0.5:
         doubt = doubt_begun(0.0)
     elif mode == DOUBT and not bad:
-        doubt = doubt_with(doubt, mean, phasor)
+        doubt = doubt_with(doubt, mean, phasor, calm)
     skip = SKIPPED if event > 0.5 else track.skip
     fast = no_fast() if event > 0.5 else track.fast
     return Step(mode=mode, doubt=doubt, phasor=phasor, fast=fast, skip=skip, event=event, correction=turned)
@@ -112,9 +112,12 @@ class Happening(NamedTuple):
     loud: Any
 
 
-def happening_of(track: FieldTrack, mean: Window, F_1: Window, F_2: Window, spoilt: Any) -> Happening:
-    """Follows the grid's phasor, and compares the third difference with what is believed."""
-    step = step_of(track, mean, spoilt)
+def happening_of(track: FieldTrack, mean: Window, F_1: Window, F_2: Window, spoilt: Any, calm: Any) -> Happening:
+    """Follows the grid's phasor, and compares the third difference with what is believed.
+
+    ``spoilt`` is 1 for a cycle that cannot be used, ``calm`` 0 for one that was limited for much of its samples.
+    """
+    step = step_of(track, mean, spoilt, calm)
     filled = -1.0 if spoilt > 0.5 else np.minimum(track.filled + 1.0, 4.0)
     full = filled > 3.5
     usable = full and step.skip < 0.5
