@@ -177,8 +177,8 @@ def go_on(line: Line, lock: Any, track: Any, cycles: int, allowed: float = 1.0) 
 def test_the_covariance_is_that_of_many_runs() -> None:
     """White noise on v and i: the mean squared distance of 6 answers of 20 cycles from the truth, over the covariance.
 
-    It would be 2 for exact Gaussian answers, with a deviation of 0.82 of the mean of six; the upper limit is three of them above.
-    The covariance also holds the sensors' gains, which are exact here, so the lower limit is of little meaning.
+    It would be 2 for exact Gaussian answers, and the mean of six has a deviation of 0.82: the upper limit is three of
+    them above. The covariance also holds the sensors' gains, which are exact here, so the lower limit means little.
     """
     omega = np.diag([1.0, OMEGA])
     squares = []
