@@ -47,7 +47,7 @@ class Line:
         self.v = np.exp(1j * (self.theta + 0.1))
         self.sent = 0j
 
-    def measured(self) -> tuple[float, ...]:
+    def measured(self) -> tuple[float, float, float, float, float, float]:
         """v, i (SI) and the sent probe at this sample."""
         v, i = (x + self.noise * complex(*self.draws.normal(size=2)) for x in (self.v, self.i))
         v, i = v * V_BASE, i * V_BASE / Z_BASE
@@ -107,11 +107,12 @@ def in_c(tmp_path_factory: pytest.TempPathFactory) -> Compiled:
 def test_it_is_c(in_c: Compiled) -> None:
     lock, track, _ = run(Line(0.1, 0.2, noise=1e-3), 12)
     sample = (120.0, -40.0, 10.0, 3.0, 1e-3, 2e-3, 0.0)
-    for name, call, given in (
+    cases: tuple[tuple[str, Any, tuple[Any, ...]], ...] = (
         ("probe_value", probe_value, (lock, 1.0, SETTINGS)),
         ("listen", listen, (lock, *sample, SETTINGS)),
         ("conclude", conclude, (lock, track, SETTINGS)),
-    ):
+    )
+    for name, call, given in cases:
         found = in_c(name, np.array([flat(given)]))[0]
         np.testing.assert_allclose(found, flat(call(*given)), rtol=1e-12, atol=1e-15)
 
