@@ -104,17 +104,17 @@ def in_c(tmp_path_factory: pytest.TempPathFactory) -> Compiled:
     return Compiled(text, tmp_path_factory.mktemp("field"), "gcc", double=True)
 
 
+def compare(compiled: Compiled, name: str, call: Any, given: Any) -> None:
+    found = compiled(name, np.array([flat(given)]))[0]
+    np.testing.assert_allclose(found, flat(call(*given)), rtol=1e-12, atol=1e-15)
+
+
 def test_it_is_c(in_c: Compiled) -> None:
     lock, track, _ = run(Line(0.1, 0.2, noise=1e-3), 12)
     sample = (120.0, -40.0, 10.0, 3.0, 1e-3, 2e-3, 0.0)
-    cases: tuple[tuple[str, Any, tuple[Any, ...]], ...] = (
-        ("probe_value", probe_value, (lock, 1.0, SETTINGS)),
-        ("listen", listen, (lock, *sample, SETTINGS)),
-        ("conclude", conclude, (lock, track, SETTINGS)),
-    )
-    for name, call, given in cases:
-        found = in_c(name, np.array([flat(given)]))[0]
-        np.testing.assert_allclose(found, flat(call(*given)), rtol=1e-12, atol=1e-15)
+    compare(in_c, "probe_value", probe_value, (lock, 1.0, SETTINGS))
+    compare(in_c, "listen", listen, (lock, *sample, SETTINGS))
+    compare(in_c, "conclude", conclude, (lock, track, SETTINGS))
 
 
 def test_features_are_finite_and_c(in_c: Compiled) -> None:
