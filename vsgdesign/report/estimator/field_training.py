@@ -76,7 +76,7 @@ def _after_a_change(trained: TrainedFieldNetwork) -> NamedFigure:
                 axes.set_yticklabels(["1", "10", "100"] if column == 0 else [])
                 axes.minorticks_off()
                 axes.axhline(10.0, **REFERENCE)
-                axes.set_xlabel("Cycles after the change")
+                axes.set_xlabel("Cycles after it")
     rows[0][0].set_ylabel("Valid answers [%]")
     rows[1][0].set_ylabel("Error of these, p95 [%]")
     figure.align_ylabels([rows[0][0], rows[1][0]])
