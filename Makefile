@@ -8,6 +8,7 @@ OUT ?= out
 
 paper: $(VENV)/.train
 	$(BIN)/vsgdesign run studies/published/study.toml --out $(OUT)/published
+	$(BIN)/vsgdesign run studies/field/study.toml --out $(OUT)/field
 
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest

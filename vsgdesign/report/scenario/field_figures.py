@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.frames import rms_to_peak
 from vsgdesign.metrics.answers import FOUND, Answers, inside_ellipse
 from vsgdesign.metrics.grid_band import polar_band
 from vsgdesign.report.drawing.style import (
@@ -79,7 +80,7 @@ def _impedance_figure(result: ScenarioResult, controllers: list[tuple[int, Contr
     upper = add_axes(figure, _LEFT, below + height + _GAP, width, height)
     lower = add_axes(figure, _LEFT, below, width, height)
     for axes, kind in ((upper, "size"), (lower, "angle")):
-        _draw(axes, answers, index, kind, 0.0, unit.seconds)
+        _draw(axes, result, answers, index, kind, 0.0, unit.seconds)
         mark_events(axes, [event.t_s for event in study.events], unit)
         whole_scenario(axes, duration, unit, label=axes is lower)
     draw_labels(upper, labels, unit)
@@ -88,8 +89,8 @@ def _impedance_figure(result: ScenarioResult, controllers: list[tuple[int, Contr
     for column, change in enumerate(changes):
         axes = add_axes(figure, _LEFT + column * (panel + between), _BOTTOM, panel, zoom)
         begin, end = max(change - _BEFORE_S, 0.0), min(change + _AFTER_S, duration)
-        rows = answers.rows(begin - 0.05, end)
-        _draw(axes, _some(answers, rows), index, "size", change, 1e-3)
+        rows = answers.rows(begin - 0.05, end + 0.05)
+        _draw(axes, result, _some(answers, rows), index, "size", change, 1e-3)
         axes.set_xlim(1e3 * (begin - change), 1e3 * (end - change))
         mark_events(axes, [0.0], time_unit(0.1))
         axes.set_xlabel("Time after event [ms]")
@@ -107,19 +108,25 @@ def _impedance_figure(result: ScenarioResult, controllers: list[tuple[int, Contr
     return NamedFigure("field_impedance", "Estimated impedance with its 95 % band", caption, figure)
 
 
-def _draw(axes: Any, answers: Answers, index: int, kind: str, origin: float, seconds: float) -> None:
+def _draw(
+    axes: Any, result: ScenarioResult, answers: Answers, index: int, kind: str, origin: float, seconds: float
+) -> None:
     band = polar_band(answers)
-    t = (np.append(answers.t_s, max(answers.end_s, answers.t_s[-1])) - origin) / seconds
+    edges_s = np.append(answers.t_s, max(answers.end_s, answers.t_s[-1]))
+    t = (edges_s - origin) / seconds
+    times, true = _truth(result, edges_s)
     if kind == "size":
-        truth, value, half = np.abs(answers.Z), band.size, band.size_half
+        truth, value, half = np.abs(true), band.size, band.size_half
         axes.set_yscale("log")
         axes.set_ylabel("|$Z_g$| [Ω]")
     else:
-        truth, value, half = (np.degrees(x) for x in (np.angle(answers.Z), band.angle, band.angle_half))
+        truth, value, half = (np.degrees(x) for x in (np.angle(true), band.angle, band.angle_half))
         axes.set_ylabel("arg $Z_g$ [°]")
     low = truth.min() / 1.6 if kind == "size" else truth.min() - 25.0
     high = truth.max() * 1.6 if kind == "size" else truth.max() + 25.0
     axes.set_ylim(low, high)
+    if kind == "size":
+        _plain_ticks(axes)
     colour = COLOURS[index % len(COLOURS)]
     # A band beyond the axes says no more than one up to their edge.
     edges = (np.clip(np.nan_to_num(x, nan=end), low, high) for x, end in ((value - half, low), (value + half, high)))
@@ -127,11 +134,27 @@ def _draw(axes: Any, answers: Answers, index: int, kind: str, origin: float, sec
         t, *(np.append(edge, edge[-1]) for edge in edges), step="post", color=colour, alpha=0.25, linewidth=0.0
     )
     axes.step(t, np.append(value, value[-1]), where="post", color=colour, linewidth=0.8, zorder=3.0)
-    axes.step(t, np.append(truth, truth[-1]), where="post", **REFERENCE)
-    silent = np.append(~answers.valid, ~answers.valid[-1])
-    axes.fill_between(
-        t, 0.0, 0.05, where=silent, step="post", transform=axes.get_xaxis_transform(), color="#777777", linewidth=0.0
-    )
+    axes.step((times - origin) / seconds, truth, where="post", **REFERENCE)
+    silent = [(t[k], t[k + 1] - t[k]) for k in np.flatnonzero(~answers.valid)]
+    axes.broken_barh(silent, (0.0, 0.05), transform=axes.get_xaxis_transform(), color="#777777", linewidth=0.0)
+
+
+def _truth(result: ScenarioResult, edges_s: Array) -> tuple[Array, NDArray[np.complex128]]:
+    """Instants between the first and the last edge from which a grid holds, and its impedance; the end, too."""
+    omega_n = result.study.converter.omega_n
+    begin, end = float(edges_s[0]), float(edges_s[-1])
+    times = [begin, *(t_s for t_s, _ in result.timeline.grids if begin < t_s < end), end]
+    grids = [result.timeline.grid_at(t_s) for t_s in times]
+    return np.array(times), np.array([complex(grid.R_g, omega_n * grid.L_g) for grid in grids])
+
+
+def _plain_ticks(axes: Any) -> None:
+    """Few decades: 0.3, 1, 3 read more easily than powers of ten."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _error_figure(result: ScenarioResult, controllers: list[tuple[int, ControllerResult]]) -> NamedFigure:
@@ -206,7 +229,7 @@ def _probe_figure(result: ScenarioResult, controllers: list[tuple[int, Controlle
     figure = new_figure(PAGE_IN, total)
     c = result.study.converter
     titles = ("(a) voltage at the capacitor", "(b) grid current")
-    bases = (np.sqrt(2.0) * c.V_rated_rms, c.I_rated_pk)
+    bases = (rms_to_peak(c.V_rated_rms), c.I_rated_pk)
     lines: list[Any] = []
     for column, (name, base, title) in enumerate(zip(("v_c_alpha", "i_g_alpha"), bases, titles, strict=True)):
         axes = add_axes(figure, _LEFT + column * (width + between), _BOTTOM, width, height)
@@ -251,7 +274,7 @@ def _spectrum(controller: ControllerResult, name: str, rest: Rest) -> tuple[Arra
         simulation.column(name)[rows], 1.0 / step, window="hann", nperseg=round(_WINDOW_S / step), scaling="spectrum"
     )
     kept = f <= _HIGHEST_HZ
-    return f[kept], np.sqrt(2.0 * power[kept])
+    return f[kept], rms_to_peak(np.sqrt(power[kept]))
 
 
 def _changes(result: ScenarioResult) -> list[float]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vsgdesign.metrics import cycle_mean
 from vsgdesign.metrics.answers import Answers, answers_of, coverage, share_valid, time_to_stay
 from vsgdesign.metrics.power_quality import interharmonic_rms, ripple_rms
 from vsgdesign.parameters.study import Grid
@@ -16,6 +17,7 @@ from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import DASH, number, plain
 from vsgdesign.simulation import ControllerResult, ScenarioResult
 from vsgdesign.simulation.judging import twin_of
+from vsgdesign.simulation.scenario import samples_per_mean
 
 SETTLE_S = 4.0
 """From an event to the rest after it, s. What the estimator reaches at rest needs this long."""
@@ -128,6 +130,12 @@ def answers_text(result: ScenarioResult, controller: ControllerResult) -> str:
             f" At rest 95 % of its answers are within {number(100.0 * most, 2)} % of the true Z, and "
             f"{number(100.0 * held, 3)} % of its 95 % ellipses hold it."
         )
+    moved = _moved(result, controller)
+    if moved > 0.0:
+        text += (
+            f" Its probe moves P at rest by up to {number(100.0 * moved, 2)} % of the rating (rms of the two-cycle "
+            "mean), which is part of the overshoot of a small step."
+        )
     if found:
         late = max(found)
         text += (
@@ -136,6 +144,24 @@ def answers_text(result: ScenarioResult, controller: ControllerResult) -> str:
             else " It did not find every changed grid within 10 % before the next event."
         )
     return text
+
+
+def _moved(result: ScenarioResult, controller: ControllerResult) -> float:
+    """Rms of what is left of P's ripple at rest in the mean that steps are judged on, of the rating: the largest of the
+    rests, less that of the twin. Zero where there is no twin."""
+    twin = twin_of(result, controller)
+    if twin is None:
+        return 0.0
+    found = [0.0]
+    for rest in rests_of(result):
+        both = []
+        for one in (controller, twin):
+            t_s = one.simulation.t_s
+            rows = (t_s >= rest.begin_s) & (t_s < rest.end_s)
+            mean = cycle_mean(one.simulation.column("P")[rows], samples_per_mean(result.study, t_s))
+            both.append(ripple_rms(mean[len(mean) // 10 :]) / result.study.converter.S_rated)
+        found.append(math.sqrt(max(both[0] ** 2 - both[1] ** 2, 0.0)))
+    return max(found)
 
 
 def _cost(result: ScenarioResult, controller: ControllerResult, rest: Rest) -> tuple[float, float, float]:

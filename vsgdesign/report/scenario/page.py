@@ -47,7 +47,12 @@ def write_page(
         study=study,
         scenario=_scenario(result),
         warnings=[*(one.message for one in result.instabilities), *([WHERE_TO_LOOK] if result.instabilities else [])],
-        verdict=[*verdict(result, outcomes), *promise_tables.promise_sentences(kept), *_designed(result, inner)],
+        verdict=[
+            *(answers_text(result, controller) for _, controller in field_controllers(result)),
+            *verdict(result, outcomes),
+            *promise_tables.promise_sentences(kept),
+            *_designed(result, inner),
+        ],
         explanation=explanation(outcomes),
         targets=tables.targets_table(outcomes) if outcomes else None,
         promises=promise_tables.promises_table(kept),
@@ -96,7 +101,7 @@ def _estimate(result: ScenarioResult, trained: TrainedEstimator | None) -> dict[
             found.append(estimate_tables.truth_table(judged))
     fields = [controller for _, controller in field_controllers(result)]
     found += [answers_table(result, controller) for controller in fields]
-    text = [*(answers_text(result, one) for one in fields), *estimate_tables.estimate_text(result, judgements)]
+    text = estimate_tables.estimate_text(result, judgements)
     return {"text": text, "network": about, "tables": found}
 
 
