@@ -196,7 +196,7 @@ def test_the_folder_holds_what_was_found(tmp_path: Path) -> None:
     results = json.loads((tmp_path / "out" / "results.json").read_text())
     assert results["weights"] == {"Neural, mine": NETWORKS["Untrained"].hash}
     assert results["settings"]["scr"] == [8.0]
-    assert len(results["accuracy"]) == len(results["grid_steps"]) == 8
+    assert len(results["accuracy"]) == len(results["grid_steps"]) == 9
     for name in results["figures"]:
         assert (tmp_path / "out" / "figures" / f"{name}.svg").is_file()
     assert (tmp_path / "out" / "report.html").is_file()

@@ -17,6 +17,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.estimator.recipes import Spread, WindowRecipe
 from vsgdesign.estimator.scenarios import Scenario
 from vsgdesign.estimator.windows import kept_windows, scenario_study
+from vsgdesign.identification.field import FieldEstimator
 from vsgdesign.identification.interface import Array
 from vsgdesign.parameters.sensors import draw_sensors
 from vsgdesign.parameters.study import ControllerSpec, SourceComponent, Study
@@ -72,7 +73,7 @@ class FieldRun:
     """Samples of the whole run."""
 
 
-def field_run(study: Study, recipe: WindowRecipe, scenario: Scenario) -> FieldRun:
+def field_run(study: Study, recipe: WindowRecipe, scenario: Scenario, estimator: FieldEstimator) -> FieldRun:
     """Simulates a scenario with the field estimator, which the gains do not follow, so that all methods see the same
     converter. Where the study has no sensors, those of the recipe are put into the loop."""
     kept = kept_windows(recipe)
@@ -87,7 +88,8 @@ def field_run(study: Study, recipe: WindowRecipe, scenario: Scenario) -> FieldRu
     )
     source = replace(case.grid_source, components=(*case.grid_source.components, *components))
     case = replace(case, grid_source=source)
-    listener = _Listener(case, scenario.gains, kept.change_s)
+    name = "field" if estimator.network is None else "field_network"
+    listener = _Listener(case, name, scenario.gains, kept.change_s)
     simulation = simulate(case, listener).to_its_end()
     n, windows = recipe.samples, np.array(kept.windows)
     rows = (windows[:, None] * n + np.arange(n)).ravel()
@@ -124,9 +126,12 @@ def _line_currents(i: NDArray[Any], h: float, n: int, omega: float) -> Array:
 class _Listener(FieldScheduler):
     """The field estimator beside gains that are known: those of the first grid, then those of the second."""
 
-    def __init__(self, case: Study, gains: tuple[PowerLoopGains, PowerLoopGains], change_s: float) -> None:
+    def __init__(
+        self, case: Study, estimate: str, gains: tuple[PowerLoopGains, PowerLoopGains], change_s: float
+    ) -> None:
         self._known, self._change_s = gains, change_s
-        super().__init__(case, ControllerSpec(name="listener", kind="scheduled", target=case.target, estimate="field"))
+        spec = ControllerSpec(name="listener", kind="scheduled", target=case.target, estimate=estimate)
+        super().__init__(case, spec)
 
     def begin(self) -> FieldScheduler:
         super().begin()

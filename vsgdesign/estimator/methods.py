@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.artifacts.network_weights import NetworkWeights
 from vsgdesign.errors import ArtifactError
 from vsgdesign.estimator.recipes import WindowRecipe
@@ -123,7 +124,10 @@ def all_methods(
     Raises ArtifactError for weights of another kind of window.
     """
     at = installation(converter, recipe, guess)
-    untrained = [Method(kind, at) for kind in ESTIMATORS.values() if not (kind.trained or kind.field_network)]
+    packaged = replace(at, weights=read_field_weights())
+    untrained = [
+        Method(kind, packaged if kind.field_network else at) for kind in ESTIMATORS.values() if not kind.trained
+    ]
     for weights in networks.values():
         if weights.window.samples != recipe.samples:
             raise ArtifactError(

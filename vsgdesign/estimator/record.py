@@ -114,7 +114,7 @@ def run_case(
     scenario = replace(scenario, seed=(*scenario.seed, draw)) if draw else scenario
     found = None
     if isinstance(prober, FieldEstimator):
-        found = field_run(drawn_study, recipe, scenario)
+        found = field_run(drawn_study, recipe, scenario, prober)
         kept = kept_windows(recipe)
         after = np.array([k >= kept.begins for k in kept.windows])
         theta, vectors = found.theta, found.vectors
