@@ -22,7 +22,8 @@ from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.codegen.counting import cost_of
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures, conclude, features, listen, probe_value
 from vsgdesign.equations.probe import probe_offset
-from vsgdesign.export.c_code import Origin, export_c
+from vsgdesign.export.c_code import export_c
+from vsgdesign.export.c_content import Origin
 from vsgdesign.export.field import converter_constants
 from vsgdesign.export.footprint import COMPILER, measure_field_footprint
 from vsgdesign.frames import rotate

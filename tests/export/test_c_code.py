@@ -20,7 +20,8 @@ from vsgdesign.artifacts import read_table_file
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export import compile_c, export_c_files
-from vsgdesign.export.c_code import FILES, MANIFEST, REASON_NAMES
+from vsgdesign.export.c_code import FILES, MANIFEST
+from vsgdesign.export.c_content import REASON_NAMES
 from vsgdesign.export.compiled import STRICT, run_compiler
 from vsgdesign.export.footprint import COMPILER, measure_footprint
 from vsgdesign.parameters import load_study

@@ -21,7 +21,7 @@ from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants, notch_con
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.export import CompiledC, export_c, export_c_files
-from vsgdesign.export.c_code import Origin
+from vsgdesign.export.c_content import Origin
 from vsgdesign.export.known_answers import gain_sizes, known_steps
 from vsgdesign.runtime import (
     ClosedFormSchedule,

@@ -11,7 +11,8 @@ import pytest
 from tests.export.exchange import written
 from tests.export.live_grid import LiveGrid
 from vsgdesign.export import compile_c
-from vsgdesign.export.c_code import Origin, export_c
+from vsgdesign.export.c_code import export_c
+from vsgdesign.export.c_content import Origin
 from vsgdesign.export.compiled_field import OPEN, PROBE_OFF, TRIPPED, VALID, WAITS, CompiledConverter
 from vsgdesign.export.field import converter_constants
 from vsgdesign.parameters import Grid, study_from_text

@@ -30,7 +30,8 @@ from vsgdesign.equations.field import probe_value as probe_of
 from vsgdesign.equations.field_fusion import FIRST_GATE, GateLimits
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export import CompiledC, compile_c, export_c_files
-from vsgdesign.export.c_code import Origin, export_c
+from vsgdesign.export.c_code import export_c
+from vsgdesign.export.c_content import Origin
 from vsgdesign.export.compiled import STRICT, run_compiler
 from vsgdesign.export.compiled_field import OPEN, PROBE_OFF, TRIPPED
 from vsgdesign.export.field import converter_constants

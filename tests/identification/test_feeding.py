@@ -13,7 +13,8 @@ import pytest
 from tests.gain_tables import table
 from tests.identification.signals import AT, OMEGA, N, answers, power_step
 from vsgdesign.errors import ArtifactError
-from vsgdesign.export.c_code import Origin, export_c
+from vsgdesign.export.c_code import export_c
+from vsgdesign.export.c_content import Origin
 from vsgdesign.identification import ESTIMATORS, Estimate, Needs, Samples, build_estimator
 from vsgdesign.identification.feeding import FedEstimator
 from vsgdesign.runtime import scheduler_of
