@@ -66,13 +66,17 @@ def _since(jumps: Sequence[Row]) -> tuple[JumpInstant, ...]:
         return ()
     longest = max(row["cycle_s"] for row in chosen)
     return tuple(
-        JumpInstant(round(k * longest, 6), np.round([row["after"][k - 1][3:6] for row in chosen], _DIGITS))
+        JumpInstant(round(k * longest, 6), _rounded([row["after"][k - 1][3:6] for row in chosen]))
         for k in CYCLES
     )
 
 
 def _thinned(values: Array) -> Array:
-    return np.round(values[_evenly(len(values))], _DIGITS)
+    return _rounded(values[_evenly(len(values))])
+
+
+def _rounded(values: Any) -> Array:
+    return np.asarray(np.round(np.asarray(values, dtype=np.float64), _DIGITS), dtype=np.float64)
 
 
 def _evenly(count: int) -> NDArray[np.int64]:

@@ -165,7 +165,7 @@ def test_pieces_hold_every_true_grid_behind_an_estimate_with_an_error_of_Z(k: in
     assert whole.errors is not None
     low, high, at = whole.low[None, :, :2], whole.high[None, :, :2], places[:, None, :2]
     inside = ((low <= at * (1.0 + 1e-12)) & (at * (1.0 - 1e-12) <= high)).all(axis=2)  # nodes lie on limits
-    assert inside.any(axis=1).all()
+    assert np.any(inside, axis=1).all()
     piece = inside.argmax(axis=1)
     R_hat, X_hat = np.cos(places[:, 1]), np.sin(places[:, 1])
     truth = R_hat / (1.0 + points[:, 4]), X_hat / (1.0 + points[:, 5])

@@ -31,9 +31,9 @@ def made(
     Z = np.where(T < CHANGE, 2.0 + 2.0j, 1.0 + 1.0j)
     n = len(T)
     return Answers(
-        t_s=T,
+        t_s=np.asarray(T, dtype=np.float64),
         Z=Z,
-        Z_hat=Z * (1.0 + np.broadcast_to(error, n)),
+        Z_hat=np.asarray(Z * (1.0 + np.broadcast_to(error, n)), dtype=np.complex128),
         covariance=np.tile(np.eye(2), (n, 1, 1)),
         valid=np.broadcast_to(valid, n).copy(),
         changed=np.broadcast_to(changed, n).copy(),
