@@ -66,8 +66,7 @@ def _since(jumps: Sequence[Row]) -> tuple[JumpInstant, ...]:
         return ()
     longest = max(row["cycle_s"] for row in chosen)
     return tuple(
-        JumpInstant(round(k * longest, 6), _rounded([row["after"][k - 1][3:6] for row in chosen]))
-        for k in CYCLES
+        JumpInstant(round(k * longest, 6), _rounded([row["after"][k - 1][3:6] for row in chosen])) for k in CYCLES
     )
 
 
