@@ -136,13 +136,11 @@ def answers_text(result: ScenarioResult, controller: ControllerResult) -> str:
             f" Its probe moves P at rest by up to {number(100.0 * moved, 2)} % of the rating (rms of the two-cycle "
             "mean), which is part of the overshoot of a small step."
         )
-    if found:
-        late = max(found)
-        text += (
-            f" It finds a changed grid within 10 % for good in {', '.join(plain(t, 2) for t in found)} s."
-            if math.isfinite(late)
-            else " It did not find every changed grid within 10 % before the next event."
-        )
+    if found and max(found) < math.inf:
+        times = " and ".join(f"{plain(t, 2)} s" for t in found)
+        text += f" After a change of the grid its answers are within 10 % for good from {times} on."
+    elif found:
+        text += " It did not find every changed grid within 10 % before the next event."
     return text
 
 
