@@ -121,7 +121,7 @@ def test_after_a_change_of_grid_the_sequence_finds_it_again() -> None:
 
 def test_the_field_estimator_finds_a_changed_grid_first() -> None:
     delays = {step.method: max(step.delay) for step in compared().grid_steps}
-    assert delays["the field estimator"] <= min(delays.values())
+    assert delays["Field estimator"] <= min(delays.values())
 
 
 def test_a_real_grid_leaves_the_field_estimator_alone() -> None:
@@ -131,7 +131,7 @@ def test_a_real_grid_leaves_the_field_estimator_alone() -> None:
     study = replace(study, background=draw_background({}, 0, "dirty"), sensors=draw_sensors({}, 0, "dirty"))
     settings = replace(SETTINGS, grid_steps=(), draws=2)
     found = {one.method: float(one.rms[0]) for one in compare_methods(study, NETWORKS, settings).accuracy}
-    assert found["the field estimator"] < 0.06
+    assert found["Field estimator"] < 0.06
     assert min(found["Untrained"], found["Recursive least squares"]) > 0.15
 
 

@@ -17,7 +17,7 @@ from vsgdesign.estimator.bound import (
     steady_window_bound,
     windows_bound,
 )
-from vsgdesign.estimator.in_the_loop import LINE_ORDERS, has_surroundings
+from vsgdesign.estimator.in_the_loop import LINE_ORDERS, has_surroundings, surroundings_in_words
 from vsgdesign.estimator.methods import Estimates, Method, all_methods
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe, check_recipe, one_of
 from vsgdesign.estimator.record import Record, Run, measure, run_case
@@ -136,6 +136,8 @@ class Comparison:
     """Hash of each network's weights by method."""
     left_out: tuple[str, ...] = ()
     """A sentence on each grid of the settings that the converter cannot be run on; ``settings`` are without them."""
+    around: str = ""
+    """Background and sensors of the runs in words; empty where sensors came after them."""
 
 
 def window_of(recipe: WindowRecipe, converter: Converter) -> WindowFormat:
@@ -221,7 +223,7 @@ def compare_methods(
         step for pair in settings.grid_steps for step in _grid_steps(study, recipe, pair, methods, settings, progress)
     )
     hashes = {name: weights.hash for name, weights in networks.items()}
-    return Comparison(settings, accuracy, disturbances, steps, hashes, left_out)
+    return Comparison(settings, accuracy, disturbances, steps, hashes, left_out, surroundings_in_words(study))
 
 
 def methods_of(

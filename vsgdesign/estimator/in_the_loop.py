@@ -34,6 +34,15 @@ def has_surroundings(study: Study) -> bool:
     return study.background is not None or study.sensors is not None
 
 
+def surroundings_in_words(study: Study) -> str:
+    """What runs of a study have around them; empty where there is nothing."""
+    if not has_surroundings(study):
+        return ""
+    background = "a pure sine" if study.background is None else f"the background {study.background.level}"
+    sensors = "ideal sensors" if study.sensors is None else f"the sensors {study.sensors.level} in the loop"
+    return f"{background} and {sensors}, drawn anew for every run"
+
+
 def in_surroundings(study: Study, recipe: WindowRecipe, key: tuple[int, ...]) -> tuple[Study, WindowRecipe]:
     """Another draw of a study's background and sensors.
 

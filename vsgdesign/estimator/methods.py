@@ -116,6 +116,10 @@ def installation(converter: Converter, recipe: WindowRecipe, guess: Grid) -> Ins
     )
 
 
+_SHORT = {"field": "Field estimator", "field_network": "Field, with network"}
+"""What the panels of a comparison have room for."""
+
+
 def all_methods(
     converter: Converter, networks: dict[str, NetworkWeights], recipe: WindowRecipe, guess: Grid
 ) -> tuple[Method, ...]:
@@ -126,7 +130,9 @@ def all_methods(
     at = installation(converter, recipe, guess)
     packaged = replace(at, weights=read_field_weights())
     untrained = [
-        Method(kind, packaged if kind.field_network else at) for kind in ESTIMATORS.values() if not kind.trained
+        Method(kind, packaged if kind.field_network else at, _SHORT.get(name))
+        for name, kind in ESTIMATORS.items()
+        if not kind.trained
     ]
     for weights in networks.values():
         if weights.window.samples != recipe.samples:

@@ -19,6 +19,7 @@ from vsgdesign.estimator.comparison import (
     probed_runs,
     relative_errors,
 )
+from vsgdesign.estimator.in_the_loop import surroundings_in_words
 from vsgdesign.estimator.recipes import WindowRecipe, one_of
 from vsgdesign.estimator.runnable import nominal_settings, runnable_settings, runnable_values
 from vsgdesign.execution.progress import Progress, silent
@@ -105,6 +106,8 @@ class Stress:
     f_n: float = 50.0
     """Nominal frequency of the grid, Hz."""
     weights: dict[str, str] = field(default_factory=dict)
+    around: str = ""
+    """As in :class:`vsgdesign.estimator.comparison.Comparison`."""
     left_out: tuple[str, ...] = ()
     """A sentence on each value that the converter cannot be run with; its axis is without it."""
 
@@ -148,9 +151,9 @@ def stress_methods(
         for axis, *parts in zip(axes, np.split(rms, ends, axis=1), np.split(p95, ends, axis=1), strict=True)
     )
     hashes = {name: weights.hash for name, weights in networks.items()}
-    return Stress(
-        settings, tuple(method.name for method in methods), results, omega_n / (2.0 * math.pi), hashes, left_out
-    )
+    names = tuple(method.name for method in methods)
+    around = surroundings_in_words(study)
+    return Stress(settings, names, results, omega_n / (2.0 * math.pi), hashes, around, left_out)
 
 
 def _runnable(

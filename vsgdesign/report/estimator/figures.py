@@ -116,11 +116,15 @@ def _accuracy(found: Comparison) -> NamedFigure:
             axes.set_xlabel("SCR [1]")
     _legend_above(figure, entries)
     s = found.settings
+    around = found.around or f"noise {plain(100.0 * s.noise)} % of the rated peak, {s.adc_bits} bit"
+    networks = "The networks are given the grid's phase, and X/R is what they were trained on."
+    if found.around:
+        networks = "The networks' windows begin at an unknown phase of the grid, as in the field."
     caption = (
         f"How to read: error |Ẑ − Z|/|Z| on each grid after a power step of {plain(s.P_step_pu)} pu, X/R "
-        f"{plain(s.x_over_r)}, noise {plain(100.0 * s.noise)} % of the rated peak, {s.adc_bits} bit, switched bridge. "
+        f"{plain(s.x_over_r)}, {around}, switched bridge. "
         "No unbiased estimator of the same signals gets below the dashed line. Shaded: 10 % and better, enough for a "
-        "schedule. The networks are given the grid's phase, and X/R is what they were trained on."
+        f"schedule. {networks}"
     )
     return NamedFigure("estimator_accuracy", "Error of every method and its bound", caption, figure, 1)
 
@@ -140,8 +144,9 @@ def _disturbance(found: Comparison) -> NamedFigure:
     panels[1].set_yticklabels([])
     _legend_above(figure, {line.get_label(): line for line in panels[0].lines})
     caption = (
-        "How to read: the price of a probe of 0.5 % of the rated voltage. The voltage is the same on every grid, the "
-        "power that it moves grows with the SCR."
+        "How to read: the price of a probe, the largest move of P and Q at rest. Injection and sequence send 0.5 % of "
+        "the rated voltage on every grid, and the power that it moves grows with the SCR. The field estimator limits "
+        "what its probe moves; the first second, in which it learns, is not shown."
     )
     return NamedFigure("estimator_disturbance", "What the probes do to P and Q", caption, figure, 2)
 
@@ -213,7 +218,7 @@ def _stress(found: Stress) -> NamedFigure:
     )
     caption = (
         "How to read: rms error |Ẑ − Z|/|Z|, one quantity at a time taken from its nominal value (dotted); otherwise "
-        f"SCR 8, X/R 1, {found.f_n:g} Hz, ideal sensors. Shaded: 10 % and better. "
+        f"SCR 8, X/R 1, {found.f_n:g} Hz, {found.around or 'ideal sensors'}. Shaded: 10 % and better. "
         "What is beyond the axis is drawn on its edge."
     )
     return NamedFigure("estimator_stress", "Where each method breaks", caption, figure, 1)
