@@ -135,6 +135,22 @@ def test_a_real_grid_leaves_the_field_estimator_alone() -> None:
     assert min(found["Untrained"], found["Recursive least squares"]) > 0.15
 
 
+def test_the_axis_of_noise_is_left_out_where_sensors_are_in_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    study = replace(load_study("studies/published/study.toml"), sensors=draw_sensors({}, 0, "typical"))
+    asked: list[int] = []
+
+    def stop(_study: Study, cases: list[object], *_: object) -> None:
+        asked.append(len(cases))
+        raise InterruptedError
+
+    monkeypatch.setattr("vsgdesign.estimator.stress.probed_runs", stop)
+    axes = tuple(axis for axis in stress_axes(50.0) if axis.name in ("noise", "V_g"))
+    for one in (study, replace(study, sensors=None)):
+        with pytest.raises(InterruptedError):
+            stress_methods(one, NETWORKS, axes=axes)
+    assert asked == [5, 11]
+
+
 def test_every_draw_has_its_own_background_and_the_same_seed_the_same() -> None:
     study = load_study("studies/published/study.toml")
     study = replace(study, background=draw_background({}, 0, "dirty"), sensors=draw_sensors({}, 0, "typical"))

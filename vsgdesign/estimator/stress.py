@@ -130,9 +130,13 @@ def stress_methods(
     nominal = comparison_recipe(study, settings, {name: one.window for name, one in networks.items()})
     methods = methods_of(study, networks, nominal, settings)
     omega_n = study.converter.omega_n
-    axes, left_out = _runnable(
-        study, nominal, stress_axes(omega_n / (2.0 * math.pi)) if axes is None else axes, settings
-    )
+    axes = stress_axes(omega_n / (2.0 * math.pi)) if axes is None else axes
+    sensed = study.sensors is not None
+    if sensed:
+        axes = tuple(axis for axis in axes if axis.name != "noise")
+    axes, left_out = _runnable(study, nominal, axes, settings)
+    if sensed:
+        left_out = (*left_out, "The axis of sensor noise is left out: the sensors in the loop have their own.")
     cases = [(axis.change(nominal, value, omega_n), 0) for axis in axes for value in axis.values]
     by_probe = probed_runs(study, cases, methods, settings, progress)
     rms, p95 = (np.empty((len(methods), len(cases))) for _ in range(2))
