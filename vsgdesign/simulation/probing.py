@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import cmath
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.probe import probe_offset
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.identification import Probe
 
@@ -65,8 +65,8 @@ class HeldProbe:
         value = self.value(sample)
         if self._probe.quantity != "voltage":
             return 0.0, 0.0
-        whole = V_rms + value * self._V_rated_rms
-        return abs(whole) - V_rms, cmath.phase(whole)
+        added_V, added_theta = probe_offset(value.real, value.imag, V_rms, self._V_rated_rms)
+        return float(added_V), float(added_theta)
 
     def references(self, sample: int, refs: References) -> References:
         """The references with what a probe of power adds from a sample on."""
