@@ -1,0 +1,100 @@
+"""Cases of a batch as arrays: where each run rests at first, what happens in it, and what is known of its grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Kinds = NDArray[np.int8]
+
+STEP, DISTURBANCE = 0, 1
+"""Kinds of a case: a step of one reference, which has an overshoot and a settling time; anything else."""
+
+ACTIVE, REACTIVE = 0, 1
+"""The signal of a step: P or Q."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LaneEvents:
+    """What happens in N runs: arrays (N, E) in ascending order of time; E is the most that any run has.
+
+    NaN in a quantity means that it does not change. Rows that are not used are at t = inf.
+    """
+
+    t_s: Array
+    """Time of the run, s."""
+    R_g: Array
+    """Ω; with L_g: both or none are given."""
+    L_g: Array
+    """H."""
+    V_g_rms: Array
+    """Phase rms, V."""
+    omega_g: Array
+    """rad/s."""
+    over: Array
+    """Duration of a linear ramp of V_g_rms and omega_g, s. Zero means a step."""
+    phase_jump: Array
+    """rad."""
+    P_ref: Array
+    """W."""
+    Q_ref: Array
+    """var."""
+
+    @property
+    def count(self) -> int:
+        """E."""
+        return self.t_s.shape[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LaneCases:
+    """N runs that begin at rest. Arrays (N,), SI; the source begins at the phase of every run, −90°."""
+
+    R_g: Array
+    L_g: Array
+    """The grid at the start, at the PCC, Ω and H."""
+    V_g_rms: Array
+    omega_g: Array
+    """The source at the start, phase rms V and rad/s."""
+    P_ref: Array
+    Q_ref: Array
+    """The references at the start, W and var."""
+    events: LaneEvents
+    error_R: Array
+    error_X: Array
+    """Errors of the estimate, relative: it is R_g (1 + error_R) and L_g (1 + error_X) at all times."""
+    silent_s: Array
+    """After every change of the grid or its source there is no estimate for this long, s."""
+    cleared_s: Array
+    """When the last change is over, s of the run."""
+    kind: Kinds
+    """STEP or DISTURBANCE."""
+    signal: Kinds
+    """ACTIVE or REACTIVE, of a step."""
+
+    def __len__(self) -> int:
+        return len(self.R_g)
+
+    def take(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> LaneCases:
+        """Some of the cases, by index or by mask."""
+        parts = {f.name: getattr(self, f.name) for f in fields(self)}
+        events = parts.pop("events")
+        some = {f.name: getattr(events, f.name)[chosen] for f in fields(events)}
+        return LaneCases(events=LaneEvents(**some), **{name: values[chosen] for name, values in parts.items()})
+
+    @property
+    def ramped(self) -> NDArray[np.bool_]:
+        """Whether a case has a ramp, (N,)."""
+        return (self.events.over > 0.0).any(axis=1)
+
+
+def no_events(count: int, each: int = 1) -> LaneEvents:
+    """Events of ``count`` runs, ``each`` of a run, none of which ever comes: to be filled in."""
+    unchanged = {
+        name: np.full((count, each), np.nan) for name in ("R_g", "L_g", "V_g_rms", "omega_g", "P_ref", "Q_ref")
+    }
+    none = {name: np.zeros((count, each)) for name in ("over", "phase_jump")}
+    return LaneEvents(t_s=np.full((count, each), np.inf), **unchanged, **none)
