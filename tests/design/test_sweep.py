@@ -23,9 +23,11 @@ from vsgdesign.design import sweep as sweeping
 from vsgdesign.design.cell import CellDesign
 from vsgdesign.design.figures import Figures
 from vsgdesign.design.record import CellRecord, CellTask, read_record, record_document, record_of, write_record
-from vsgdesign.design.sweep import executor_of, sweep
+from vsgdesign.design.sweep import sweep
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.errors import ArtifactError, WorkerError
+from vsgdesign.execution import executors
+from vsgdesign.execution.executors import executor_of
 
 STUDY = robust_study()
 SPEC = specification(STUDY)
@@ -167,7 +169,7 @@ def test_a_folder_that_cannot_be_is_named(tmp_path: Path, alone: tuple[Path, lis
 
 @pytest.mark.parametrize("address", ["nonsense://x", "127.0.0.1:1"])
 def test_a_cluster_that_does_not_answer(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sweeping, "_CONNECT_S", 0.3)
+    monkeypatch.setattr(executors, "_CONNECT_S", 0.3)
     with pytest.raises(WorkerError, match="no scheduler answers"), executor_of(cluster=address):
         pytest.fail("there is none")
 

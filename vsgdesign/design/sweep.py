@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
-import logging
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
-from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +11,8 @@ from vsgdesign.design.evaluation import Each
 from vsgdesign.design.record import CellRecord, CellTask, one_thread, read_record, run_task, write_record
 from vsgdesign.equations.structures import STRUCTURES, Structure
 from vsgdesign.errors import WorkerError
-from vsgdesign.execution.processes import worker_processes
+from vsgdesign.execution.executors import LOST
 from vsgdesign.execution.progress import Progress, silent
-
-_CONNECT_S = 10.0
-"""How long a scheduler may take to answer."""
-
-_LOST = (
-    "a process that designed cells was lost (out of memory?). Finished cells are kept: run the same command again, "
-    "with fewer workers if it happens once more."
-)
 
 
 def sweep(
@@ -69,7 +57,7 @@ def _results(tasks: Sequence[tuple[str, CellTask]], executor: Executor | None) -
             if future.done() and not future.cancelled() and future.exception() is None:
                 yield futures[future], future.result()
         if isinstance(error, BrokenExecutor | CancelledError):
-            raise WorkerError(f"workers: {_LOST}") from error
+            raise WorkerError(f"workers: {LOST}") from error
         raise
     finally:
         for future in futures:
@@ -90,7 +78,7 @@ def each_of(executor: Executor | None) -> Each:
             for future in futures:
                 yield future.result()
         except (BrokenExecutor, CancelledError) as error:
-            raise WorkerError(f"workers: {_LOST}") from error
+            raise WorkerError(f"workers: {LOST}") from error
         finally:
             for future in futures:
                 future.cancel()
@@ -108,50 +96,3 @@ def _with_structures(structures: Iterable[Structure], function: Callable[..., An
 def _alone(function: Callable[[Any], Any], item: Any) -> Any:
     with one_thread():
         return function(item)
-
-
-@contextmanager
-def executor_of(workers: int | None = None, cluster: str | None = None) -> Iterator[Executor | None]:
-    """Local processes (None: one per core; 1: no other process), or a Dask cluster.
-
-    ``cluster``: ``local`` starts one here, anything else is the address of a scheduler. It needs the extra
-    ``cluster``. Raises WorkerError where that is not installed or cannot be reached.
-    """
-    if cluster is not None:
-        with _dask(cluster, workers) as executor:
-            yield executor
-        return
-    count = (os.cpu_count() or 1) if workers is None else workers
-    if count == 1:
-        yield None
-        return
-    with worker_processes(count) as pool:
-        yield pool
-
-
-@contextmanager
-def _dask(cluster: str, workers: int | None) -> Iterator[Executor]:
-    try:
-        distributed: Any = importlib.import_module("distributed")
-    except ImportError as error:
-        raise WorkerError(
-            'cluster: the package distributed is missing. Install it with: pip install "vsgdesign[cluster]"'
-        ) from error
-    with ExitStack() as stack:
-        address: Any = cluster
-        if cluster == "local":
-            count = (os.cpu_count() or 1) if workers is None else workers
-            address = distributed.LocalCluster(
-                n_workers=count, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
-            )
-            stack.enter_context(address)
-        try:
-            client = stack.enter_context(distributed.Client(address, timeout=_CONNECT_S))
-        except (OSError, ValueError) as error:
-            raise WorkerError(
-                f'cluster = "{cluster}": no scheduler answers. Give "local" or an address such as tcp://host:8786.'
-            ) from error
-        try:
-            yield client.get_executor(pure=False)
-        except (distributed.KilledWorker, distributed.CommClosedError) as error:
-            raise WorkerError(f'cluster = "{cluster}": {_LOST}') from error

@@ -100,8 +100,8 @@ def build_table_file(
         raise StudyError(study.name, [Fault("specification", "", "missing table", advice)])
     TABLE_FILE.check_target(out)
     from vsgdesign.design.between import POINTS
-    from vsgdesign.design.sweep import executor_of
     from vsgdesign.design.table import build_table
+    from vsgdesign.execution.executors import executor_of
 
     with _cells(out, f'"{out}"', fresh) as folder:
         with executor_of(workers, cluster) as executor:
@@ -240,8 +240,8 @@ def _built_table(
     certificates: bool,
     progress: Progress | None,
 ) -> GainTable:
-    from vsgdesign.design.sweep import executor_of
     from vsgdesign.design.table import build_table
+    from vsgdesign.execution.executors import executor_of
 
     place = Path(os.path.realpath(out))
     cells = place.with_name(f"{place.name}.{spec.name}")
