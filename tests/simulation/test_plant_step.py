@@ -11,7 +11,8 @@ from scipy.linalg import expm
 from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.operating_point.plant import plant_step, state_matrices
+from vsgdesign.operating_point.plant import plant_step
+from vsgdesign.operating_point.plants import state_matrices
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.kernel import edge_response
 

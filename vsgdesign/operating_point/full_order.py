@@ -13,7 +13,7 @@ from vsgdesign.equations.controller_data import flat_settings
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.model.full_order import PARAMETERS, FullOrderMap, LimiterInModel, full_order_map, limiter_states
-from vsgdesign.operating_point.plant import state_matrices
+from vsgdesign.operating_point.plants import state_matrices
 from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state
 from vsgdesign.parameters.study import Grid, GridSource, Study
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from vsgdesign.equations.filters import FilterGrid, pcc_voltage
 from vsgdesign.model.full_order import INPUTS, OUTPUTS, PARAMETERS
 from vsgdesign.operating_point.full_order import FullOrderModel
-from vsgdesign.operating_point.plant import plant_step, state_matrices
+from vsgdesign.operating_point.plant import plant_step
+from vsgdesign.operating_point.plants import state_matrices
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]

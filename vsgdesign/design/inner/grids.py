@@ -11,7 +11,7 @@ import numpy as np
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.operating_point.plant import state_matrices
+from vsgdesign.operating_point.plants import state_matrices
 from vsgdesign.parameters.study import Converter, Filter, Place
 
 GridPoint = tuple[float, float]

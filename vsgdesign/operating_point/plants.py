@@ -1,0 +1,166 @@
+"""Many circuits between two instants at once, propagated without step-size error (:eq:`exact-step`).
+
+The first axis of every array counts the circuits ("lanes"). :mod:`vsgdesign.operating_point.plant` describes the
+method and offers the same step for one circuit; it computes it with these functions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vsgdesign.equations.filters import FilterGrid, filter_grid_derivative
+from vsgdesign.parameters.study import Study
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_UNIT = np.eye(5).tolist()
+_MAX_DEGREE = 64
+_TAYLOR_ORDER = 14
+"""Truncates e^{0.5} below 1e-16."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlantSteps:
+    """Exact propagation of N circuits with equal axes, each over one interval: arrays for one axis.
+
+    Each is what :class:`vsgdesign.operating_point.plant.PlantStep` has under the same name, with the lane as the first
+    axis.
+    """
+
+    h: Array
+    """(N,), s."""
+    transition: Array
+    """(N, 3, 3)."""
+    bridge: Array
+    """(N, 3)."""
+    edge: Array
+    """(N, degree + 1, 3). A lane that needs a lower degree has zeros above it; one that is too stiff has NaN."""
+    source: Complex
+    """(N, 3, 3): of each lane the order m = 0, 1, 2 of the source c·s^m·e^{jωs}, then the state."""
+
+
+def plant_steps(
+    study: Study, R_g: ArrayLike, L_g: ArrayLike, h: ArrayLike, omega: ArrayLike, edges: bool = False
+) -> PlantSteps:
+    """The steps of a study's filter on N grids (R_g in Ω, L_g in H) over intervals h (s), for sources of the angular
+    frequency omega (rad/s).
+
+    The four arrays broadcast to (N,). Without ``edges`` the edge polynomial is empty: an averaged bridge has no edges.
+    """
+    given = [np.asarray(value, dtype=float) for value in (R_g, L_g, h, omega)]
+    R_g, L_g, h, omega = np.broadcast_arrays(*given)
+    A, b, e = state_matrices(study.circuit()._replace(R_g=R_g, L_g=L_g))
+    transition, bridge = transitions(A, b[..., None], h)
+    edge = edge_polynomials(A, b[..., None], h)[..., 0] if edges else np.empty((len(A), 0, 3))
+    source = source_responses(A, e, transition, h, omega)
+    return PlantSteps(h, transition, bridge[..., 0], edge, source)
+
+
+def state_matrices(circuit: FilterGrid) -> tuple[Array, Array, Array]:
+    """A (3, 3), b (3) and e (3) of d(i_s, v_c, i_g)/dt = A x + b v_b + e v_g, read off the linear equation.
+
+    If fields of the circuit are arrays of the shape (N,), the results are (N, 3, 3), (N, 3) and (N, 3).
+    """
+    rates = [filter_grid_derivative(u[0], u[1], u[2], u[3], u[4], circuit) for u in _UNIT]
+    shape = max((np.shape(value) for value in circuit), key=len)
+    if shape:
+        rates = [[np.broadcast_to(rate, shape) for rate in column] for column in rates]
+    matrix = np.array(rates, dtype=float).T
+    return matrix[..., :3].copy(), matrix[..., 3].copy(), matrix[..., 4].copy()
+
+
+def transitions(A: Array, inputs: Array, h: ArrayLike) -> tuple[Array, Array]:
+    """Φ(h) (N, n, n) and ∫₀ʰ Φ(s) B ds (N, n, m) of A (N, n, n) and B (N, n, m), from one exponential.
+
+    A may be singular (no resistance anywhere). h is a number or (N,).
+    """
+    n, m = inputs.shape[-2:]
+    h = np.asarray(h)[..., None, None]
+    augmented = np.zeros((len(A), n + m, n + m))
+    augmented[:, :n, :n] = A * h
+    augmented[:, :n, n:] = inputs * h
+    result = exponentials(augmented)
+    return result[:, :n, :n].copy(), result[:, :n, n:].copy()
+
+
+def exponentials(M: Array) -> Array:
+    """e^M of small matrices (N, m, m) by Taylor series of M/2^k, squared k times.
+
+    SciPy's general routine costs the same alone and up to a thousand times more when its threads meet a busy
+    machine; a run needs one for every stretch of a ramp, a map one for every cell.
+    """
+    norms = np.abs(M).sum(axis=1).max(axis=1)
+    # k is the least one that brings the norm to a half: log2 of twice the norm, rounded up.
+    mantissa, exponent = np.frexp(2.0 * norms)
+    squarings = np.maximum(exponent - (mantissa == 0.5), 0)
+    if len(squarings) == 0 or (squarings == squarings[0]).all():
+        return _squared_series(M, int(squarings[0]) if len(squarings) else 0)
+    result = np.empty_like(M)
+    for k in np.unique(squarings):
+        some = np.flatnonzero(squarings == k)
+        result[some] = _squared_series(M[some], int(k))
+    return result
+
+
+def _squared_series(M: Array, squarings: int) -> Array:
+    scaled = M / 2.0**squarings
+    identity = np.eye(M.shape[-1])
+    result = identity
+    for k in range(_TAYLOR_ORDER, 0, -1):
+        result = identity + scaled @ result / k
+    for _ in range(squarings):
+        result = result @ result
+    return result
+
+
+def edge_polynomials(A: Array, inputs: Array, h: ArrayLike) -> Array:
+    """Taylor series (N, degree + 1, n, m) of ∫₀^τ Φ(s) B ds about τ = h/2, in x = 2τ/h − 1, to the last bit that
+    matters over 0 ≤ τ ≤ h.
+
+    NaN where it does not converge: the fastest mode of that lane dies out many times within h.
+    """
+    half = 0.5 * np.asarray(h)
+    transition, middle = transitions(A, inputs, half)
+    half = half[..., None, None]
+    coefficients, largest = [middle], np.abs(middle)
+    term = transition @ inputs * half
+    active, degree = np.ones(len(A), dtype=bool), 0
+    for k in range(1, _MAX_DEGREE):
+        coefficients.append(np.where(active[:, None, None], term, 0.0))
+        largest = np.maximum(largest, np.abs(term))
+        if k > 2:
+            small = active & (np.abs(term) <= 1e-17 * largest).all(axis=(-2, -1))
+            if small.any():
+                active, degree = active & ~small, k
+            if not active.any():
+                break
+        term = A @ term * (half / (k + 1))
+    result = np.stack(coefficients[: degree + 1], axis=1)
+    result[active] = np.nan
+    return result
+
+
+def source_responses(A: Array, e: Array, transition: Array, h: ArrayLike, omega: ArrayLike) -> Complex:
+    """What s^m e^{jωs}, m = 0, 1, 2, adds over h (N, 3, n): particular solutions of (jω − A) p = e…, started from rest.
+
+    e is (N, n); h and omega are numbers or (N,).
+    """
+    h, omega = np.asarray(h), np.asarray(omega)
+    resolvent = np.linalg.inv((1j * omega)[..., None, None] * np.eye(A.shape[-1]) - A)
+    p0 = resolvent @ e.astype(complex)[..., None]
+    q = resolvent @ p0
+    r = resolvent @ q
+    turn = np.exp(1j * omega * h)[..., None, None]
+    h = h[..., None, None]
+    # s·e^{jωs}: (p0 s − q) e^{jωs};  s²·e^{jωs}: (p0 s² − 2 q s + 2 r) e^{jωs}.
+    responses: tuple[Any, ...] = (
+        p0 * turn - transition @ p0,
+        (p0 * h - q) * turn + transition @ q,
+        (p0 * h * h - 2.0 * q * h + 2.0 * r) * turn - transition @ (2.0 * r),
+    )
+    return np.concatenate(responses, axis=-1).swapaxes(-1, -2)
