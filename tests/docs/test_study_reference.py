@@ -26,6 +26,7 @@ from vsgdesign.parameters import (
     stability,
     study_from_text,
     survival,
+    verification,
 )
 from vsgdesign.parameters.reader import REQUIRED, TableReader
 
@@ -88,6 +89,13 @@ components = [{ order = 7, amplitude_pu = 0.01 }]
 [stability]
 [stability.gates]
 [survival]
+[verification]
+[verification.step]
+[verification.grid]
+[verification.phase]
+[verification.sag]
+[verification.ramp]
+[verification.reference]
 [background]
 [sensors]
 [estimator.probe]
@@ -239,6 +247,7 @@ def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[As
         specification,
         stability,
         survival,
+        verification,
     ):
         for node in ast.walk(ast.parse(inspect.getsource(module))):
             if (

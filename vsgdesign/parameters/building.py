@@ -37,9 +37,11 @@ from vsgdesign.parameters.study import (
     Grid,
     GridSource,
     InnerLoopRequest,
+    StabilitySpec,
     Study,
 )
 from vsgdesign.parameters.survival import read_survival
+from vsgdesign.parameters.verification import read_verification
 
 SCHEMA = 1
 
@@ -95,6 +97,8 @@ def build_study(
             "estimator.probe", None, "no controller has a field estimator", 'Set estimate = "field", or leave it.'
         )
     survival = read_survival(root.child("survival"))
+    maps = _axes_given(root, stability)
+    verification = read_verification(root.child("verification"), converter, source_, specification, maps, basis)
     background, sensors = read_background(root.child("background")), read_sensors(root.child("sensors"))
     replay = read_replay(root.child("replay"), converter, simulation.duration)
     if root.has("replay"):
@@ -131,10 +135,18 @@ def build_study(
         current_limiter=current_limiter,
         limiter_given=limiter_given,
         survival=survival,
+        verification=verification,
         background=background,
         sensors=sensors,
         replay=replay,
     )
+
+
+def _axes_given(root: TableReader, stability: StabilitySpec) -> dict[str, tuple[float, ...]]:
+    """The axes of the margin maps that the study itself gives."""
+    written = root.table.get("stability")
+    names = [name for name in ("scr", "x_over_r", "P", "Q") if isinstance(written, dict) and name in written]
+    return {name: getattr(stability, name) for name in names}
 
 
 def _check_replay(root: TableReader, faults: list[Fault]) -> None:

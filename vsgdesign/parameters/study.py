@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from vsgdesign.parameters.replay import ReplaySpec
     from vsgdesign.parameters.sensors import SensorSpec
     from vsgdesign.parameters.specification import Specification
+    from vsgdesign.parameters.verification import VerificationSpec
 
 UNLIMITED_PU = 1e6
 """A current limit so far out of reach that the limiter never acts (infinity would make NaN of 0·∞)."""
@@ -329,6 +330,8 @@ class Study:
     """Parameters of that limiter that the study sets, by name, in SI. The others have their defaults."""
     survival: SurvivalSpec = field(default_factory=SurvivalSpec)
     """Random disturbances of a survival measurement."""
+    verification: VerificationSpec | None = None
+    """Random cases with which promises are tested; None for a study that was built from its parts."""
     background: BackgroundSpec | None = None
     """What the grid's voltage does besides the events; None if the study has no [background]."""
     sensors: SensorSpec | None = None
