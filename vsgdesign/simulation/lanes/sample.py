@@ -237,10 +237,10 @@ def measured_by(x: PlantState, R_c: Any) -> Measurement:
     )
 
 
-def with_angle(state: ControllerState, theta: Any) -> ControllerState:
-    """The state with another angle, rad. (The restricted language knows no ``_replace``.)"""
+def drawn_back(state: ControllerState) -> ControllerState:
+    """The state with its angle within a turn. (The restricted language knows no ``_replace``.)"""
     return ControllerState(
-        theta=theta,
+        theta=within_a_turn(state.theta),
         omega_i=state.omega_i,
         V=state.V,
         P_f=state.P_f,
@@ -277,7 +277,8 @@ def averaged_sample(
     delayed: bool,
 ) -> Any:
     """One sample with an averaged bridge. Returns (following, output, moved, waiting, turned): the controller's next
-    state and its output, the circuit, the voltage that waits out the delay, and the source at the next sample."""
+    state, its angle not yet drawn back by a turn, and its output; the circuit, the voltage that waits out the delay,
+    and the source at the next sample."""
     measured = measured_by(x, R_c)
     following, output = controller_step(state, measured, grid, refs, power_gains, inner_gains, settings, limiter)
     asked = BridgeVoltage(alpha=output.v_b_alpha, beta=output.v_b_beta)
@@ -286,7 +287,7 @@ def averaged_sample(
     else:
         moved = moved_by_source(moved_by_bridge(x, asked.alpha, asked.beta, row), source, row)
     cosine, sine = rotate(source.cosine, source.sine, row.turn_cos, row.turn_sin)
-    return with_angle(following, within_a_turn(following.theta)), output, moved, asked, SourcePhasor(cosine, sine)
+    return following, output, moved, asked, SourcePhasor(cosine, sine)
 
 
 def switched_sample(
@@ -320,4 +321,4 @@ def switched_sample(
         moved = switched_bridge(x, asked.alpha, asked.beta, row, V_dc, part, edge, zero_sequence, rising)
     driven = moved_by_source(moved, source, row)
     cosine, sine = rotate(source.cosine, source.sine, row.turn_cos, row.turn_sin)
-    return with_angle(following, within_a_turn(following.theta)), output, driven, asked, SourcePhasor(cosine, sine)
+    return following, output, driven, asked, SourcePhasor(cosine, sine)

@@ -1,0 +1,196 @@
+"""What is watched of a lane while it runs: the figures of a step, and those of a disturbance.
+
+They are the figures of :mod:`vsgdesign.metrics.step_response` and :mod:`vsgdesign.metrics.survival`, sample by sample,
+so that no run has to be logged. Times are numbers of samples, as floats.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vsgdesign.equations.controller import ControllerOutput, ControllerState
+from vsgdesign.equations.filters import FilterGrid, pcc_voltage
+from vsgdesign.frames import instantaneous_power
+from vsgdesign.simulation.lanes.sample import PlantState, SourcePhasor
+
+
+class Entry(NamedTuple):
+    """When a signal entered its band for the last time."""
+
+    last_out: Any
+    """Number of the last sample outside; −1 where there is none."""
+    error_out: Any
+    """Error of that sample."""
+    error_in: Any
+    """Error of the sample after it."""
+    was_out: Any
+    """1 where the present sample is outside, else 0."""
+
+
+class Load(NamedTuple):
+    """What the converter's current did."""
+
+    first_sq: Any
+    """Largest squared length of the current within 5 ms of an event, A² peak."""
+    later_sq: Any
+    """The same later than this."""
+    limited: Any
+    """Samples from the start of the run in which the current limiter acted."""
+    above: Any
+    """Samples in which the current was above its limit."""
+
+
+class LoadDemand(NamedTuple):
+    """What counts of the current: whether an event has come (1 or 0), whether it is less than 5 ms ago, and the
+    squared limit, A² peak."""
+
+    after: Any
+    first: Any
+    limit_sq: Any
+
+
+class StepWatch(NamedTuple):
+    """Of a step of a reference."""
+
+    most: Any
+    """Largest share of the step that was reached."""
+    entry: Entry
+    load: Load
+
+
+class StepDemand(NamedTuple):
+    """What is watched of a step: the signal before it, one over its size, the band as a share of the step, and the
+    shares of P and Q in the signal, of which one is 1 and the other 0."""
+
+    initial: Any
+    per_step: Any
+    band: Any
+    of_P: Any
+    of_Q: Any
+    V_g_pk: Any
+    """Amplitude of the source, V peak."""
+
+
+class DisturbanceWatch(NamedTuple):
+    """Of any other disturbance."""
+
+    sum_P: Any
+    sum_Q: Any
+    """Sums over the last cycle, W and var."""
+    entry: Entry
+    load: Load
+    delta: Any
+    """Angle of the converter's frame against the source, rad, not wrapped."""
+    least: Any
+    most: Any
+    """Least and largest angle since the last event, rad."""
+
+
+class DisturbanceDemand(NamedTuple):
+    """What is watched of a disturbance: the rest (W and var), one over the rated power, the band as a share of the
+    rated power, one over the samples of a cycle, and by how much the source turns in this interval, rad."""
+
+    P_rest: Any
+    Q_rest: Any
+    per_S: Any
+    band: Any
+    per_cycle: Any
+    turn: Any
+
+
+def entered(entry: Entry, error: Any, band: Any, k: Any) -> Entry:
+    """The entry after a sample with this error (:eq:`last-entry`)."""
+    outside = 1.0 * (error > band)
+    # The sample after the last one outside: its error closes the interpolation.
+    after = (1.0 - outside) * entry.was_out
+    return Entry(
+        last_out=np.where(outside > 0.5, k, entry.last_out),
+        error_out=np.where(outside > 0.5, error, entry.error_out),
+        error_in=np.where(after > 0.5, error, entry.error_in),
+        was_out=outside,
+    )
+
+
+def loaded(load: Load, of: LoadDemand, x: PlantState, limited: Any) -> Load:
+    """The load after a sample."""
+    length_sq = x.i_s_alpha * x.i_s_alpha + x.i_s_beta * x.i_s_beta
+    return Load(
+        first_sq=np.maximum(load.first_sq, of.first * length_sq),
+        later_sq=np.maximum(load.later_sq, of.after * (1.0 - of.first) * length_sq),
+        limited=load.limited + limited,
+        above=load.above + of.after * (length_sq > of.limit_sq),
+    )
+
+
+def power_at_pcc(
+    x: PlantState,
+    source: SourcePhasor,
+    output: ControllerOutput,
+    circuit: FilterGrid,
+    V_g_pk: Any,
+    second_inductor: bool,
+) -> Any:
+    """Powers at the PCC. Returns (P, Q) in W and var. Without a second inductor it is the capacitor node."""
+    if second_inductor:
+        v_alpha = pcc_voltage(x.i_s_alpha, x.v_c_alpha, x.i_g_alpha, V_g_pk * source.cosine, circuit)
+        v_beta = pcc_voltage(x.i_s_beta, x.v_c_beta, x.i_g_beta, V_g_pk * source.sine, circuit)
+        P, Q = instantaneous_power(v_alpha, v_beta, x.i_g_alpha, x.i_g_beta)
+    else:
+        P, Q = output.P, output.Q
+    return P, Q
+
+
+def watched_step(
+    watch: StepWatch,
+    of: StepDemand,
+    load_of: LoadDemand,
+    x: PlantState,
+    source: SourcePhasor,
+    output: ControllerOutput,
+    circuit: FilterGrid,
+    k: Any,
+    second_inductor: bool,
+) -> StepWatch:
+    """What is known of a step after a sample: the power at the PCC against its step."""
+    P, Q = power_at_pcc(x, source, output, circuit, of.V_g_pk, second_inductor)
+    progress = (of.of_P * P + of.of_Q * Q - of.initial) * of.per_step
+    return StepWatch(
+        most=np.maximum(watch.most, progress),
+        entry=entered(watch.entry, np.abs(progress - 1.0), of.band, k),
+        load=loaded(watch.load, load_of, x, output.limited),
+    )
+
+
+def watched_disturbance(
+    watch: DisturbanceWatch,
+    of: DisturbanceDemand,
+    load_of: LoadDemand,
+    x: PlantState,
+    state: ControllerState,
+    following: ControllerState,
+    output: ControllerOutput,
+    P_ago: Any,
+    Q_ago: Any,
+    extra: Any,
+    k: Any,
+) -> DisturbanceWatch:
+    """What is known of a disturbance after a sample: the means of P and Q over a cycle against the rest, and the angle.
+
+    P_ago and Q_ago are the powers one cycle ago. ``following`` is the state before its angle is drawn back by a turn.
+    ``extra``: by how much more than ``of.turn`` the source turns, rad.
+    """
+    sum_P = watch.sum_P + (output.P - P_ago)
+    sum_Q = watch.sum_Q + (output.Q - Q_ago)
+    error_P = np.abs(sum_P * of.per_cycle - of.P_rest)
+    error_Q = np.abs(sum_Q * of.per_cycle - of.Q_rest)
+    return DisturbanceWatch(
+        sum_P=sum_P,
+        sum_Q=sum_Q,
+        entry=entered(watch.entry, np.maximum(error_P, error_Q) * of.per_S, of.band, k),
+        load=loaded(watch.load, load_of, x, output.limited),
+        delta=watch.delta + ((following.theta - state.theta) - (of.turn + extra)),
+        least=np.minimum(watch.least, watch.delta),
+        most=np.maximum(watch.most, watch.delta),
+    )
