@@ -1,0 +1,138 @@
+"""Blocks of runs on any number of workers: a block is the same whoever runs it, so the whole is, too."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.provenance import package_hash
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.equations.structures import STRUCTURES, Structure
+from vsgdesign.errors import WorkerError
+from vsgdesign.execution.executors import LOST
+from vsgdesign.execution.threads import one_thread
+from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.verification.counting import MapAxes, count_block
+from vsgdesign.verification.promises import Promise
+from vsgdesign.verification.summary import Summary
+
+BLOCK = 2048
+"""Runs of a block: some tenths of a second of work, and a whole number of lanes on any machine."""
+
+
+class Batch(NamedTuple):
+    """How cases are drawn and run. Functions of modules, because they go to other processes."""
+
+    draw: Callable[..., Any]
+    """(study, spec, first, count) -> (LaneCases, family (count,))."""
+    run: Callable[..., Any]
+    """(study, spec, ready, cases, bridge=, strict=) -> results (:class:`vsgdesign.verification.counting.Results`)."""
+    instruction_set: Callable[[], str]
+    """Of this machine, for results that are not strict."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What is verified: everything that the summary of a block depends on."""
+
+    study: Study
+    """With its [verification], whose seed draws the cases."""
+    spec: ControllerSpec
+    tables: Mapping[str, GainTable]
+    families: tuple[str, ...]
+    """Names of the families; the index of a name is what the draw returns."""
+    promises: tuple[Promise, ...]
+    axes: MapAxes
+    runs: int
+    bridge: str = "averaged"
+    strict: bool = False
+    """Whether every machine computes the same bits; a third slower."""
+    block: int = BLOCK
+    batch: Batch
+    structures: tuple[Structure, ...] = field(default_factory=lambda: tuple(STRUCTURES.added))
+    """Structures that were added to the project's own: a fresh process does not know them."""
+
+    @property
+    def ready(self) -> Ready:
+        """The tables as the runs take them."""
+        return Ready(tables=dict(self.tables))
+
+    @property
+    def blocks(self) -> range:
+        """Numbers of all blocks."""
+        return range(-(-self.runs // self.block))
+
+    def span(self, number: int) -> tuple[int, int]:
+        """(first, count) of the runs of a block; the last one may be shorter."""
+        first = number * self.block
+        return first, min(self.block, self.runs - first)
+
+    @property
+    def key(self) -> str:
+        """Hash of everything that a summary depends on, the source of the package included."""
+        study = replace(self.study, files=(), name="", title="", source="", hash="", origin=None)
+        tables = {name: table.sha256 for name, table in sorted(self.tables.items())}
+        # A batch that is not strict may differ in the last digits from one instruction set to the next.
+        machine = "strict" if self.strict else self.batch.instruction_set()
+        parts = (package_hash(), study, self.spec, tables, self.promises, self.runs, self.bridge, self.block, machine)
+        return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+def run_block(job: Job, number: int) -> Summary:
+    """Draws, runs and counts the cases of one block."""
+    for structure in job.structures:
+        STRUCTURES.register(structure)
+    first, count = job.span(number)
+    with one_thread():
+        cases, family = job.batch.draw(job.study, job.spec, first, count)
+        results = job.batch.run(job.study, job.spec, job.ready, cases, bridge=job.bridge, strict=job.strict)
+        return count_block(
+            number,
+            first,
+            cases,
+            family,
+            results,
+            names=job.families,
+            promises=job.promises,
+            axes=job.axes,
+            converter=job.study.converter,
+            instruction_set="strict" if job.strict else job.batch.instruction_set(),
+        )
+
+
+def run_blocks(job: Job, numbers: Iterable[int], executor: Executor | None, ahead: int) -> Iterator[Summary]:
+    """The summaries of these blocks, as they are finished. ``ahead``: how many are handed out at a time.
+
+    After an error or an interruption, what else is finished is still given before it is raised. Raises WorkerError
+    where a worker is lost.
+    """
+    if executor is None:
+        for number in numbers:
+            yield run_block(job, number)
+        return
+    sent = replace(job, study=replace(job.study, origin=None))  # its document is not needed, and cannot be sent
+    left = iter(numbers)
+    under_way: set[Future[Summary]] = set()
+    try:
+        while True:
+            while len(under_way) < ahead and (number := next(left, None)) is not None:
+                under_way.add(executor.submit(run_block, sent, number))
+            if not under_way:
+                return
+            done, under_way = wait(under_way, return_when=FIRST_COMPLETED)
+            while done:
+                yield done.pop().result()
+    except (Exception, KeyboardInterrupt) as error:
+        for future in under_way:
+            if future.done() and not future.cancelled() and future.exception() is None:
+                yield future.result()
+        if isinstance(error, BrokenExecutor | CancelledError):
+            raise WorkerError(f"workers: {LOST}") from error
+        raise
+    finally:
+        for future in under_way:
+            future.cancel()
