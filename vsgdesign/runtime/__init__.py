@@ -15,6 +15,7 @@ from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.closed_form import ClosedFormSchedule, closed_form_schedule
 from vsgdesign.runtime.guards import REASONS, STATUSES, SchedulerSettings, box_settings, settings_of, status_text
 from vsgdesign.runtime.lookup import GainLookup, gain_lookup
+from vsgdesign.runtime.many import ManySchedulers
 from vsgdesign.runtime.network import load_neural_estimator
 from vsgdesign.runtime.power_controller import PowerController
 from vsgdesign.runtime.schedule import Schedule
@@ -34,6 +35,7 @@ __all__ = [
     "EstimatorKind",
     "GainLookup",
     "Installation",
+    "ManySchedulers",
     "Needs",
     "NeuralEstimator",
     "PowerController",

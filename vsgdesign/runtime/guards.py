@@ -246,17 +246,21 @@ def box_settings(
     return SchedulerSettings(**box, **changed)
 
 
-def near(scr: float, r_over_x: float, of_scr: float, of_r_over_x: float, share: float, floor: float) -> bool:
-    """Whether a place differs from another by at most a relative ``share`` (:eq:`place-band`)."""
+def near(scr: Any, r_over_x: Any, of_scr: Any, of_r_over_x: Any, share: Any, floor: Any) -> Any:
+    """Whether a place differs from another by at most a relative ``share`` (:eq:`place-band`); numbers or arrays."""
     f = 1.0 + share
-    return (
-        scr <= of_scr * f and of_scr <= scr * f and abs(r_over_x - of_r_over_x) <= share * max(abs(of_r_over_x), floor)
-    )
+    of_scr_near = (scr <= of_scr * f) & (of_scr <= scr * f)
+    return of_scr_near & (np.abs(r_over_x - of_r_over_x) <= share * np.maximum(np.abs(of_r_over_x), floor))
 
 
-def limited(goal: float, present: float, factor: float) -> float:
-    """The goal, limited to at most a factor away from the present value (:eq:`place-rate`)."""
-    return min(max(goal, present / factor), present * factor)
+def limited(goal: Any, present: Any, factor: Any) -> Any:
+    """The goal, limited to at most a factor away from the present value (:eq:`place-rate`); numbers or arrays."""
+    return np.minimum(np.maximum(goal, present / factor), present * factor)
+
+
+def within(value: Any, low: float, high: float) -> Any:
+    """The value or values, drawn to between two limits."""
+    return np.minimum(np.maximum(value, low), high)
 
 
 def _single(value: float, towards: float) -> float:

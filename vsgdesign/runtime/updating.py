@@ -37,16 +37,20 @@ from vsgdesign.runtime.guards import (
     SchedulerSettings,
     limited,
     near,
+    within,
 )
 from vsgdesign.runtime.lookup import GainLookup
 from vsgdesign.runtime.state import SchedulerState
 
-_MASK = 0xFFFFFFFF
-_HALF = 0x80000000
-_OLDEST = 0x7FFFFFFF
+COUNTER_MASK, COUNTER_HALF = 0xFFFFFFFF, 0x80000000
+"""The caller's counter of ticks has 32 bits; a difference of half its range means that time went backwards."""
+
+OLDEST = 0x7FFFFFFF
+"""Largest age, in ticks, that is counted to."""
 
 _share_that_fits = on_floats(share_that_fits)
 _part_of_the_way = on_floats(part_of_the_way)
+_near, _limited, _within = on_floats(near), on_floats(limited), on_floats(within)
 
 Covariance = tuple[float, float, float]
 """var R_g (Ω²), cov(R_g, L_g) (Ω·H) and var L_g (H²)."""
@@ -77,9 +81,7 @@ def first_state(lookup: GainLookup, settings: SchedulerSettings) -> SchedulerSta
     Raises ArtifactError if the table has no design at the safe place.
     """
     scr, r_over_x, V_rms = settings.safe_scr, settings.safe_r_over_x, lookup.V_n_rms
-    V_rms = min(max(V_rms, settings.V_rms[0]), settings.V_rms[1])
-    P = min(max(0.0, settings.P[0]), settings.P[1])
-    Q = min(max(0.0, settings.Q[0]), settings.Q[1])
+    P, Q, V_rms = _within(0.0, *settings.P), _within(0.0, *settings.Q), _within(V_rms, *settings.V_rms)
     normalised = lookup.normalised(scr, r_over_x)
     if normalised is None:
         raise ArtifactError(
@@ -137,9 +139,9 @@ def advance(
     within the box.
     """
     status, reason = 0, said
-    elapsed = (ticks - s.ticks) & _MASK if s.started else 0
+    elapsed = (ticks - s.ticks) & COUNTER_MASK if s.started else 0
     step = min(elapsed, c.longest_ticks)
-    if elapsed >= _HALF:
+    if elapsed >= COUNTER_HALF:
         elapsed, step, status, reason = c.update_ticks, 0, REFUSED, TIME
     elif not (isfinite(P) and isfinite(Q) and isfinite(V_rms)):
         status, reason = REFUSED, NOT_FINITE
@@ -154,13 +156,11 @@ def advance(
         P, Q, V_rms = s.P, s.Q, s.V_rms
     else:
         asked = P, Q, V_rms
-        P = min(max(P, c.P[0]), c.P[1])
-        Q = min(max(Q, c.Q[0]), c.Q[1])
-        V_rms = min(max(V_rms, c.V_rms[0]), c.V_rms[1])
+        P, Q, V_rms = _within(P, *c.P), _within(Q, *c.Q), _within(V_rms, *c.V_rms)
         status = 0 if (P, Q, V_rms) == asked else CLAMPED
 
     goal_scr, goal_r, count, share = s.goal_scr, s.goal_r_over_x, 0, 1.0
-    refuted = min(s.refuted + elapsed, _OLDEST) if s.refuted > 0 else 0
+    refuted = min(s.refuted + elapsed, OLDEST) if s.refuted > 0 else 0
     refuted = 0 if refuted > c.stale_ticks else refuted
     candidate_scr, candidate_r = s.candidate_scr, s.candidate_r_over_x
     if reason == NO_REASON and not (c.R_g[0] <= R_g <= c.R_g[1] and c.L_g[0] <= L_g <= c.L_g[1]):
@@ -173,8 +173,8 @@ def advance(
         scr, r_over_x = lookup.coordinates(R_g, L_g)
         if covariance is not None:
             share = followed_share(lookup, c, scr, r_over_x, covariance)
-        if not near(scr, r_over_x, goal_scr, goal_r, c.jump, c.ratio_floor):
-            agrees = s.agreed > 0 and near(scr, r_over_x, candidate_scr, candidate_r, c.jump, c.ratio_floor)
+        if not _near(scr, r_over_x, goal_scr, goal_r, c.jump, c.ratio_floor):
+            agrees = s.agreed > 0 and _near(scr, r_over_x, candidate_scr, candidate_r, c.jump, c.ratio_floor)
             count = min(s.agreed + 1, c.confirm) if agrees else 1
             if s.told & TOLD_CHANGED:
                 count = c.confirm
@@ -183,7 +183,7 @@ def advance(
                 reason = JUMP
             elif share >= 1.0:
                 count = 0
-        if reason == NO_REASON and not near(scr, r_over_x, goal_scr, goal_r, c.hysteresis, c.ratio_floor):
+        if reason == NO_REASON and not _near(scr, r_over_x, goal_scr, goal_r, c.hysteresis, c.ratio_floor):
             if share >= 1.0:
                 goal_scr, goal_r = scr, r_over_x
             else:
@@ -193,10 +193,10 @@ def advance(
         if reason == NO_REASON and share >= 1.0:
             refuted = 0
 
-    age = min(s.age + elapsed, _OLDEST)
+    age = min(s.age + elapsed, OLDEST)
     doubt, surprised = 0, s.told & TOLD_SURPRISED
     if reason != NO_REASON and s.doubt > 0 and not (surprised and not s.told & SURPRISED_BEFORE):
-        doubt = min(s.doubt + elapsed, _OLDEST)
+        doubt = min(s.doubt + elapsed, OLDEST)
     elif reason != NO_REASON and (s.told != 0 or reason == JUMP):
         doubt = 1
     stale = reason != NO_REASON and (age > c.lost_ticks or doubt > c.stale_ticks)
@@ -204,7 +204,7 @@ def advance(
         goal_scr, goal_r = c.safe_scr, c.safe_r_over_x
 
     factor = 1.0 + step * c.rate_per_tick
-    scr, r_over_x = limited(goal_scr, s.scr, factor), limited(goal_r, s.r_over_x, factor)
+    scr, r_over_x = _limited(goal_scr, s.scr, factor), _limited(goal_r, s.r_over_x, factor)
     (place_scr, place_r), (aim_scr, aim_r) = drawn_in(scr, r_over_x, c), drawn_in(goal_scr, goal_r, c)
     moving = CLAMPED if aim_scr != goal_scr or aim_r != goal_r else 0
     if abs(place_scr - aim_scr) > ARRIVED * aim_scr or abs(place_r - aim_r) > ARRIVED * aim_r:
@@ -227,7 +227,7 @@ def advance(
         status, told = status | HELD, s.told & TOLD_CHANGED | (SURPRISED_BEFORE if surprised else 0)
     following = SchedulerState(
         1,
-        ticks & _MASK,
+        ticks & COUNTER_MASK,
         age,
         doubt,
         told,
@@ -257,4 +257,4 @@ def possible(covariance: Covariance) -> bool:
 
 def drawn_in(scr: float, r_over_x: float, c: SchedulerSettings) -> tuple[float, float]:
     """A place, drawn into the certified box."""
-    return min(max(scr, c.scr[0]), c.scr[1]), min(max(r_over_x, c.r_over_x[0]), c.r_over_x[1])
+    return _within(scr, *c.scr), _within(r_over_x, *c.r_over_x)
