@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from vsgdesign.certificate.error_bounds import truth_behind
 from vsgdesign.equations.grid import error_half_widths
-from vsgdesign.equations.power_flow import POWER_MARGIN, operating_point
-from vsgdesign.frames import rated_current_rms, rms_to_peak
+from vsgdesign.equations.power_flow import operating_point
+from vsgdesign.operating_point.static_limits import static_limit_uses
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import Grid, Place, Study
 
@@ -26,9 +26,6 @@ Signs = tuple[float, float]
 _BISECTIONS = 24
 _ROUNDING = 1e-9
 """A grid that is this little outside the table, relatively, is on its edge."""
-
-_BRIDGE_SHARE = 0.995
-"""Of the bridge's voltage limit: the rest is for the sampled bridge, which makes its fundamental in steps."""
 
 NOMINAL = 0
 """The scenario without error, at the design point or as much of it as the limits allow, comes first."""
@@ -292,23 +289,7 @@ def within_limits(study: Study, s: Scenarios) -> NDArray[np.bool_]:
 
 def limit_uses(study: Study, s: Scenarios) -> dict[str, Array]:
     """How much of each static limit the scenarios use, (S,) each: 1 on the limit, NaN without an operating point."""
-    c, f = study.converter, study.filter
-    low, high = c.V_limits_rms
-    apparent = np.hypot(s.P, s.Q)
-    V_pu = s.V_rms / c.V_rated_rms
-    carried = c.S_rated * V_pu * V_pu * c.Z_base / np.hypot(s.R, s.X)
-    limit_pu = np.inf if c.current_limit_pu is None else c.current_limit_pu
-    with np.errstate(invalid="ignore"):
-        current = rated_current_rms(s.P - 1j * s.Q, s.V_rms)
-        shunt = 1j * s.omega_g * f.C / (1.0 + 1j * s.omega_g * f.C * f.R_c)
-        bridge = s.V_rms + (f.R_1 + 1j * s.omega_g * f.L_1) * (current + shunt * s.V_rms)
-        return {
-            "power transfer": POWER_MARGIN * apparent / carried,
-            "least voltage": low / s.V_rms,
-            "largest voltage": s.V_rms / high,
-            "current": apparent / (limit_pu * c.S_rated * V_pu),
-            "bridge voltage": rms_to_peak(np.abs(bridge)) / (_BRIDGE_SHARE * c.v_max_pk),
-        }
+    return static_limit_uses(study, s.R, s.X, s.omega_g, s.P, s.Q, s.V_rms)
 
 
 def _signs(error: float) -> tuple[float, ...]:
