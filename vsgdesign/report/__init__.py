@@ -1,10 +1,10 @@
-"""Figures and pages of a scenario, a stability assessment, a gain table and a comparison. This module does not load
-matplotlib.
+"""Figures and pages of a scenario, a stability assessment, a gain table, a comparison and a verification. This module
+does not load matplotlib.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +30,7 @@ __all__ = [
     "write_stability_report",
     "write_table_figures",
     "write_table_report",
+    "write_verification_report",
 ]
 
 
@@ -112,3 +113,16 @@ def write_comparison_report(comparison: Comparison, figures: Sequence[WrittenFig
     from vsgdesign.report.comparison.page import write_comparison_page
 
     return write_comparison_page(comparison, figures, Path(out_path))
+
+
+def write_verification_report(document: Mapping[str, Any], folder: str | Path) -> list[Path]:
+    """Write ``report.html`` and ``figures/`` of a verification into ``folder`` (made if missing).
+
+    ``document`` is results.json of the verb ``verify``. The page's links lead to the study files of the worst cases,
+    which the document names relative to the folder. Returns every file that was written.
+    """
+    from vsgdesign.report.verification.page import write_verification_page
+
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return write_verification_page(document, folder)

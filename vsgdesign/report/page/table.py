@@ -18,6 +18,8 @@ class Table:
     notes: tuple[str, ...] = ()
     flagged: frozenset[int] = field(default_factory=frozenset)
     """Rows that deserve attention."""
+    links: tuple[str, ...] = ()
+    """Where the first cell of each row leads, relative to the page; empty: no row has a link."""
 
 
 GAIN_UNITS = {

@@ -1,0 +1,160 @@
+"""Figures and page of a verification: complete, readable, and with the numbers of the document."""
+
+from __future__ import annotations
+
+import functools
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.report.layout import assert_apart
+from tests.verification_documents import document
+from vsgdesign.artifacts.verification_text import promise_sentences
+from vsgdesign.report import write_verification_report
+from vsgdesign.report.drawing.style import look
+from vsgdesign.report.figure_types import NamedFigure
+from vsgdesign.report.verification.page import verification_figures
+from vsgdesign.report.verification.tables import left_out_table, promises_table
+
+UNIT = re.compile(r"\[[^\]]+\]$")
+
+
+@functools.cache
+def made(broken: bool) -> dict[str, Any]:
+    return document(broken=broken)
+
+
+@functools.cache
+def drawn(broken: bool) -> dict[str, NamedFigure]:
+    return {figure.name: figure for figure in verification_figures(made(broken))}
+
+
+@pytest.mark.parametrize("broken", [True, False])
+def test_every_axis_has_a_unit_and_nothing_overlaps(broken: bool) -> None:
+    assert list(drawn(broken)) == ["verification_promises", "verification_map_step", "verification_map_grid"]
+    for named in drawn(broken).values():
+        with look():
+            named.figure.draw_without_rendering()
+        labels = [label for axes in named.figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
+        assert labels
+        assert all(UNIT.search(label) for label in labels), (named.name, labels)
+        assert_apart(named.figure, 1.5, named.name)
+
+
+def panels(broken: bool, name: str) -> dict[str, Any]:
+    axes = drawn(broken)[f"verification_map_{name}"].figure.axes
+    return {one.get_title(loc="left"): one for one in axes if one.get_title(loc="left")}
+
+
+def test_a_map_marks_the_bins_in_which_something_is_broken() -> None:
+    found = made(True)["map"]["families"]["step"]
+    broken = np.argwhere(np.array(found["broken"]) > 0)
+    assert len(broken) > 1
+    marked = panels(True, "step")["Share of broken cases"].lines[0].get_xydata()
+    edges = [np.array(made(True)["map"][key]) for key in ("scr_edges", "x_over_r_edges")]
+    bins = np.stack([np.searchsorted(e, marked[:, k]) - 1 for k, e in enumerate(edges)], axis=1)
+    assert sorted(map(tuple, bins)) == sorted(map(tuple, broken))
+    # A promise that is kept has no marks, although another one is broken in the same bins.
+    assert len(panels(True, "step")["Worst settling time, asked for ≤ 1.3 s"].lines) == 0
+
+
+def test_without_broken_cases_there_is_no_map_of_their_share() -> None:
+    assert "Share of broken cases" not in panels(False, "step")
+    assert list(panels(False, "step"))[-1] == "Judged steps, and the worst of them"
+
+
+def test_bins_without_cases_are_left_grey() -> None:
+    few = document(runs=60, broken=False)
+    figure = next(one for one in verification_figures(few) if one.name == "verification_map_step")
+    counts = np.array(few["map"]["families"]["step"]["judged"])
+    assert (counts == 0).any()
+    for axes in figure.figure.axes[::2]:
+        assert np.array_equal(np.ma.getmaskarray(axes.collections[0].get_array()).T.reshape(counts.shape), counts == 0)
+    assert "no judged cases" in [text.get_text() for text in figure.figure.legends[0].get_texts()]
+
+
+def test_a_family_without_judged_cases_says_so(tmp_path: Path) -> None:
+    empty = document(runs=40, broken=False)
+    step = empty["families"]["step"]
+    step["judged"] = 0
+    for promise in step["promises"].values():
+        promise.update(broken=0, judged=0, share=None, bound=None, one_in=None, worst=None, quantiles={})
+    step["lost"] = {}
+    maps = empty["map"]["families"]["step"]
+    maps["judged"] = (0 * np.array(maps["judged"])).tolist()
+    maps["worst_of"] = {name: [[None] * 10] * 12 for name in maps["worst_of"]}
+    empty["worst"], empty["search"] = [], {"evaluations": 0, "found": []}
+    text = write_verification_report(empty, tmp_path)[-1].read_text(encoding="utf-8")
+    assert "Overshoot: no steps were judged, so nothing is known." in text
+    assert "figure-verification_map_step" not in text
+    assert "No search was made." in text
+
+
+class Page(HTMLParser):
+    """Ids, links and text of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.words: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value or "")
+            if name in ("src", "href", "xlink:href") and not (value or "").startswith(("#", "data:")):
+                assert (tag, name) == ("a", "href")
+                self.links.append(value or "")
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return re.sub(r"\s+", " ", "".join(self.words))
+
+
+@pytest.mark.parametrize("broken", [True, False])
+def test_the_page_has_everything(tmp_path: Path, broken: bool) -> None:
+    files = write_verification_report(made(broken), tmp_path)
+    assert sorted(path.name for path in files if path.suffix == ".svg") == sorted(f"{n}.svg" for n in drawn(broken))
+    assert all(path.is_file() for path in files)
+    source = (tmp_path / "report.html").read_text(encoding="utf-8")
+    page = Page(source)
+    assert len(page.ids) == len(set(page.ids))
+    assert [i for i in page.ids if i.startswith("part-")] == [f"part-{k}" for k in range(1, 9)]
+    assert page.links == [case["study"] for case in (*made(broken)["worst"], *made(broken)["search"]["found"])]
+    # The answer comes first, before any heading of a part.
+    top = page.text.split("1. Promises")[0]
+    for sentence in promise_sentences(made(broken)):
+        assert sentence in top
+    assert ('class="verdict warning"' in source) == broken
+    assert "these do not count in the share" in page.text
+
+
+def test_the_tables_have_the_numbers_of_the_document() -> None:
+    rows = {(row[0], row[1]): row for row in promises_table(made(True)).rows}
+    promise = made(True)["families"]["step"]["promises"]["overshoot"]
+    row = rows["Steps of P_ref or Q_ref", "Overshoot ≤ 5 %"]
+    assert row[2:4] == (str(promise["broken"]), f"{promise['judged']:,}")
+    assert row[5] == f"1 in {promise['one_in']:,}"
+    assert row[-1] == f"{100.0 * promise['worst']:.3g} %"
+    last = left_out_table(made(True)).rows[-1]
+    assert last[1] == "6,000"
+    assert last[-1] == f"{made(True)['judged']:,}"
+    counts = [int(cell.replace(",", "")) for cell in last[1:]]
+    assert counts[0] == sum(counts[1:])
+
+
+def test_all_bounds_together_hold_with_less() -> None:
+    assert promises_table(made(True)).notes == (
+        f"Lost jumps of the grid: {made(True)['families']['grid']['lost']['diverged']} diverged.",
+        "Each bound holds with 99 % confidence by itself; all 5 together hold with at least 95 %.",
+    )
+    assert promises_table(document(runs=400, confidence=0.7)).notes[0].endswith("nothing is said of all 5 at once.")

@@ -1,0 +1,1 @@
+"""Figures and page of a verification: what a reader sees of ``vsgdesign verify``."""

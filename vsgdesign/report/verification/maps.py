@@ -1,0 +1,278 @@
+"""Maps over SCR and X/R: the worst figures of each bin, its share of broken cases, how many cases it has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.verification_text import (
+    family_noun,
+    family_title,
+    figure_of,
+    figure_words,
+    promise_about,
+    value_text,
+)
+from vsgdesign.report.drawing.look import NO_POINT, Scale, colour_bar, gate_scale
+from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure
+from vsgdesign.report.drawing.surfaces import surface_scale
+from vsgdesign.report.figure_types import NamedFigure
+from vsgdesign.report.quantities import plain
+
+Array = NDArray[np.float64]
+
+MAPS = 2
+"""Part of the page."""
+
+_LEFT, _BOTTOM, _TOP, _BAR_ROOM, _BETWEEN, _GAP = 0.5, 0.36, 0.24, 0.8, 0.34, 0.3
+_LEGEND = 0.24
+_ASPECT = 0.56
+_BROKEN: dict[str, Any] = {
+    "marker": "o",
+    "markersize": 3.4,
+    "markerfacecolor": "#000000",
+    "markeredgecolor": "#FFFFFF",
+    "markeredgewidth": 0.6,
+    "linestyle": "",
+    "zorder": 6,
+}
+_RANK: dict[str, Any] = {"marker": "+", "markersize": 5.0, "markeredgewidth": 1.0, "linestyle": "", "zorder": 7}
+_FOUND: dict[str, Any] = {"marker": "x", "markersize": 4.4, "markeredgewidth": 1.1, "linestyle": "", "zorder": 7}
+
+
+class _ShareScale(Scale):
+    """Nothing broken is pale blue; shares go from light to dark orange."""
+
+    def colours(self) -> Any:
+        """A colour map whose first step is zero alone."""
+        from matplotlib.colors import ListedColormap
+
+        orange = gate_scale(0.0, 2.0, 1.0, (), larger_is_better=False).colours()(np.linspace(0.52, 1.0, 255))
+        return ListedColormap(np.concatenate([[[0.90, 0.945, 0.975, 1.0]], orange]), name="share")
+
+
+class _CountScale(Scale):
+    """Few cases are pale and many are blue, so that marks of any other colour stand out."""
+
+    def colours(self) -> Any:
+        """The better half of the colours of a limit, reversed."""
+        from matplotlib.colors import ListedColormap
+
+        blue = gate_scale(0.0, 2.0, 1.0, ()).colours()(np.linspace(0.5, 0.85, 256))
+        return ListedColormap(blue, name="count")
+
+
+@dataclass(frozen=True, eq=False)
+class _Panel:
+    """A quantity of every bin; NaN where it has no cases.
+
+    ``broken``: which bins get a dot. ``places``: whether the worst cases are marked in it.
+    """
+
+    title: str
+    label: str
+    values: Array
+    scale: Scale
+    broken: NDArray[np.bool_] | None = None
+    places: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Bins:
+    scr: Array
+    x_over_r: Array
+    scr_label: str
+    judged: Array
+    broken: Array
+    worst: Sequence[Mapping[str, Any]]
+    found: Sequence[Mapping[str, Any]]
+
+
+def map_figures(document: Mapping[str, Any]) -> Iterator[NamedFigure]:
+    """One figure for each family of which cases were judged."""
+    found = document.get("map") or {"families": {}}
+    for name, one in found["families"].items():
+        judged = np.asarray(one["judged"], dtype=float)
+        if not judged.any():
+            continue
+        family = document["families"][name]
+        basis = found.get("scr_basis")
+        bins = _Bins(
+            np.asarray(found["scr_edges"], dtype=float),
+            np.asarray(found["x_over_r_edges"], dtype=float),
+            f"SCR, {basis} basis [1]" if basis else "SCR [1]",
+            judged,
+            np.asarray(one["broken"], dtype=float),
+            [case for case in document["worst"] if case["family"] == name],
+            [case for case in document["search"]["found"] if case["family"] == name],
+        )
+        panels = [*_worst_panels(family, one["worst_of"], judged), *_count_panels(name, family, bins)]
+        with look():
+            yield _draw(name, family, panels, bins)
+
+
+def _worst_panels(family: Mapping[str, Any], worst_of: Mapping[str, Any], judged: Array) -> Iterator[_Panel]:
+    """The figures that a promise limits; where nothing is limited, the first two."""
+    limited = [key for key in worst_of if promise_about(family, key) is not None]
+    for key in limited or list(worst_of)[:2]:
+        found = promise_about(family, key)
+        name = key if found is None else figure_of(*found)
+        words = figure_words(name)
+        # The worst case of a judged bin may have no value, because it never settled: that is beyond every scale.
+        values = np.array([[np.inf if v is None else words.factor * v for v in row] for row in worst_of[key]])
+        values = np.where(judged > 0.0, values, np.nan)
+        known = values[np.isfinite(values)]
+        if not len(known):
+            continue
+        label = f"{words.title} [{words.unit}]"
+        if found is None:
+            yield _Panel(f"Worst {_lower_first(words.title)}", label, values, surface_scale(known))
+            continue
+        limit, at_least = words.factor * found[1]["limit"], bool(found[1].get("at_least"))
+        low, high = 0.0 if words.unit == "%" else float(known.min()), float(known.max())
+        low, high = min(low, 0.9 * limit), max(high, 1.5 * limit)
+        ticks = (*_round_ticks(low, limit, 4), *_round_ticks(limit, high, 3))
+        scale = gate_scale(low, high, limit, ticks, larger_is_better=at_least)
+        with np.errstate(invalid="ignore"):
+            broken = values < limit if at_least else values > limit
+        asked = f"{'≥' if at_least else '≤'} {value_text(name, found[1]['limit'])}"
+        title = f"Worst {_lower_first(words.title)}, asked for {asked}"
+        yield _Panel(title, label, values, scale, broken)
+
+
+def _count_panels(name: str, family: Mapping[str, Any], bins: _Bins) -> Iterator[_Panel]:
+    noun = family_noun(name, family)
+    empty = bins.judged == 0.0
+    if bins.broken.any():
+        shares = np.where(empty, np.nan, 100.0 * bins.broken / np.where(empty, 1.0, bins.judged))
+        top = float(np.nanmax(shares))
+        scale = _ShareScale(0.0, top, ticks=tuple(_round_ticks(0.0, top)))
+        yield _Panel("Share of broken cases", "Broken [%]", shares, scale, bins.broken > 0.0)
+    counts = np.where(empty, np.nan, bins.judged)
+    top = float(bins.judged.max())
+    title = f"Judged {noun}" + (", and the worst of them" if bins.worst or bins.found else "")
+    yield _Panel(title, "Cases [1]", counts, _CountScale(0.0, top, ticks=tuple(_round_ticks(0.0, top))), places=True)
+
+
+def _round_ticks(low: float, high: float, count: int = 6) -> list[float]:
+    from matplotlib.ticker import MaxNLocator
+
+    return [float(tick) for tick in MaxNLocator(count).tick_values(low, high)]
+
+
+def _draw(name: str, family: Mapping[str, Any], panels: Sequence[_Panel], bins: _Bins) -> NamedFigure:
+    width = (PAGE_IN - _LEFT - 2.0 * _BAR_ROOM - _GAP) / 2.0
+    height = width * _ASPECT
+    rows = -(-len(panels) // 2)
+    entries = _legend_entries(panels, bins)
+    below = _BOTTOM + (_LEGEND if entries else 0.0)
+    total = below + rows * height + (rows - 1) * _BETWEEN + _TOP
+    figure = new_figure(PAGE_IN if len(panels) > 1 else _LEFT + width + _BAR_ROOM, total)
+    for k, panel in enumerate(panels):
+        row, column = divmod(k, 2)
+        left = _LEFT + column * (width + _BAR_ROOM + _GAP)
+        bottom = below + (rows - 1 - row) * (height + _BETWEEN)
+        axes = add_axes(figure, left, bottom, width, height)
+        _draw_panel(axes, panel, bins)
+        axes.set_title(panel.title)
+        if column == 0:
+            axes.set_ylabel("X/R [1]")
+        if k + 2 >= len(panels):
+            axes.set_xlabel(bins.scr_label)
+        else:
+            axes.tick_params(axis="x", which="both", labelbottom=False)
+        known = panel.values[~np.isnan(panel.values)]
+        beyond = (bool((known < panel.scale.low).any()), bool((known > panel.scale.high).any()))
+        colour_bar(figure, (left + width + 0.08, bottom, 0.1, height), panel.scale, panel.label, beyond)
+    if entries:
+        figure.legend(
+            *zip(*entries, strict=True),
+            ncols=len(entries),
+            loc="lower left",
+            bbox_to_anchor=(_LEFT / float(figure.get_size_inches()[0]), 0.03 / total),
+            handleheight=1.1,
+            handlelength=1.6,
+        )
+    caption = (
+        "How to read: each bin is a range of SCR and X/R of the grid on which a case ends. The colour of a worst "
+        "figure is that of the worst judged case in the bin: blue within the limit, orange beyond it. Bins without "
+        "judged cases are grey."
+    )
+    if bins.broken.any():
+        caption += " A black dot marks a bin in which a case breaks what the panel shows."
+    if bins.worst:
+        caption += " Plus signs: the worst drawn cases, in the table below."
+    if bins.found:
+        caption += " Crosses: found by searching, which do not count in any share."
+    return NamedFigure(
+        f"verification_map_{name}", f"{family_title(name, family)} over the grids", caption, figure, MAPS
+    )
+
+
+def _draw_panel(axes: Any, panel: _Panel, bins: _Bins) -> None:
+    x, y = bins.scr, bins.x_over_r
+    axes.grid(False)
+    axes.set_facecolor(NO_POINT["facecolor"])
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.pcolormesh(
+        x,
+        y,
+        np.ma.masked_invalid(panel.scale(panel.values).T),
+        cmap=panel.scale.colours(),
+        vmin=0.0,
+        vmax=1.0,
+        zorder=1,
+        edgecolors="face",
+        linewidth=0.4,
+    )
+    axes.set_xlim(x[0], x[-1])
+    axes.set_ylim(y[0], y[-1])
+    for axis, ends in ((axes.xaxis, x), (axes.yaxis, y)):
+        _log_ticks(axis, float(ends[0]), float(ends[-1]))
+    axes.tick_params(which="both", direction="out")
+    if panel.places:
+        for cases, style, colour in ((bins.worst, _RANK, COLOURS[1]), (bins.found, _FOUND, COLOURS[6])):
+            ends = [case.get("end") or case["start"] for case in cases]
+            places = [(end["scr"], end["x_over_r"]) for end in ends]
+            if places:
+                axes.plot(*zip(*places, strict=True), color=colour, clip_on=False, **style)
+    if panel.broken is not None and panel.broken.any():
+        places = np.argwhere(panel.broken)
+        middle_x, middle_y = np.sqrt(x[1:] * x[:-1]), np.sqrt(y[1:] * y[:-1])
+        axes.plot(middle_x[places[:, 0]], middle_y[places[:, 1]], **_BROKEN)
+
+
+def _log_ticks(axis: Any, low: float, high: float) -> None:
+    """Ticks at 1, 2 and 5 of every decade, and at both ends where they are apart from those."""
+    from matplotlib.ticker import FixedLocator, NullLocator
+
+    inside = [m * 10.0**d for d in range(-3, 5) for m in (1.0, 2.0, 5.0) if low < m * 10.0**d < high]
+    apart = [tick for tick in inside if min(tick / low, high / tick) > 1.25]
+    axis.set_major_locator(FixedLocator([low, *apart, high]))
+    axis.set_major_formatter(lambda value, _position: plain(value, 3))
+    axis.set_minor_locator(NullLocator())
+
+
+def _legend_entries(panels: Sequence[_Panel], bins: _Bins) -> list[tuple[Any, str]]:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    entries: list[tuple[Any, str]] = []
+    if any(panel.broken is not None and panel.broken.any() for panel in panels):
+        entries.append((Line2D([], [], **_BROKEN), "broken in this bin"))
+    if (bins.judged == 0.0).any():
+        entries.append((Patch(facecolor=NO_POINT["facecolor"], edgecolor="#BBBBBB", linewidth=0.4), "no judged cases"))
+    if bins.worst:
+        entries.append((Line2D([], [], color=COLOURS[1], **_RANK), "worst drawn"))
+    if bins.found:
+        entries.append((Line2D([], [], color=COLOURS[6], **_FOUND), "found by searching"))
+    return entries
+
+
+def _lower_first(text: str) -> str:
+    return text[:1].lower() + text[1:]
