@@ -15,6 +15,7 @@ from vsgdesign.design.box import (
     scenarios_around_estimate,
     scenarios_of_estimate,
     scenarios_of_truth,
+    scenarios_of_truths,
     within_limits,
 )
 from vsgdesign.equations.power_flow import operating_point, power_flow
@@ -224,3 +225,14 @@ def test_take_keeps_every_column_in_order() -> None:
     part = s.take(np.array([3, 1]))
     for f in fields(Scenarios):
         assert getattr(part, f.name).tolist() == [getattr(s, f.name)[3], getattr(s, f.name)[1]]
+
+
+def test_many_grids_at_once_are_the_same_as_one_by_one() -> None:
+    rng = np.random.default_rng(3)
+    grids = np.exp(rng.uniform(np.log([1.2, 0.3]), np.log([20.0, 20.0]), (20, 2))).tolist()
+    together = scenarios_of_truths(WIDE, specification(WIDE), grids, TARGET.P, TARGET.Q)
+    assert len(together) == len(grids)
+    for grid, found in zip(grids, together, strict=True):
+        alone = of_truth(WIDE, *grid)
+        for field in fields(Scenarios):
+            np.testing.assert_array_equal(getattr(found, field.name), getattr(alone, field.name))

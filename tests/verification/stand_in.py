@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes.cases import LaneCases, no_events
 from vsgdesign.verification.blocks import Batch, Job
@@ -31,20 +32,28 @@ def uniforms(first: int, count: int, each: int = 8) -> np.ndarray:
     return np.random.Generator(generator).random((count, each))
 
 
-def draw(study: Study, spec: ControllerSpec, first: int, count: int) -> tuple[LaneCases, np.ndarray]:
-    """Grids over the box, half of them with a jump."""
-    del spec
-    u = uniforms(first, count)
-    c = study.converter
+def draw(
+    study: Study, spec: ControllerSpec, first: int, count: int, ready: Ready = NOTHING
+) -> tuple[LaneCases, np.ndarray]:
+    """Cases by number."""
+    return cases_of(study, spec, uniforms(first, count), None, ready)
+
+
+def cases_of(
+    study: Study, spec: ControllerSpec, u: np.ndarray, family: int | None = None, ready: Ready = NOTHING
+) -> tuple[LaneCases, np.ndarray]:
+    """Grids over the box; a jump halves the impedance."""
+    del spec, ready
+    c, count = study.converter, len(u)
     scr = AXES.scr[0] * (AXES.scr[1] / AXES.scr[0]) ** u[:, 0]
     x_over_r = AXES.x_over_r[0] * (AXES.x_over_r[1] / AXES.x_over_r[0]) ** u[:, 1]
-    family = (u[:, 2] < 0.5).astype(np.int8)
+    kind = (u[:, 2] < 0.5).astype(np.int8) if family is None else np.full(count, family, np.int8)
     R_g = c.Z_base / scr / np.hypot(1.0, x_over_r)
     L_g = R_g * x_over_r / c.omega_n
     events = no_events(count)
     events.t_s[:] = 0.1
-    events.R_g[family == 1, 0] = R_g[family == 1] / 2.0
-    events.L_g[family == 1, 0] = L_g[family == 1] / 2.0
+    events.R_g[kind == 1, 0] = R_g[kind == 1] / 2.0
+    events.L_g[kind == 1, 0] = L_g[kind == 1] / 2.0
     zero = np.zeros(count)
     cases = LaneCases(
         R_g=R_g,
@@ -58,10 +67,10 @@ def draw(study: Study, spec: ControllerSpec, first: int, count: int) -> tuple[La
         error_X=zero,
         silent_s=zero,
         cleared_s=zero + 0.1,
-        kind=family.copy(),
+        kind=kind.copy(),
         signal=np.zeros(count, np.int8),
     )
-    return cases, family
+    return cases, kind
 
 
 def run(study: Study, spec: ControllerSpec, ready: Any, cases: LaneCases, *, bridge: str, strict: bool) -> Any:
@@ -101,6 +110,6 @@ def job(study: Study, runs: int, **changed: Any) -> Job:
         "families": FAMILIES,
         "promises": PROMISES,
         "axes": AXES,
-        "batch": Batch(draw, run, where),
+        "batch": Batch(draw, cases_of, run, where),
     }
     return Job(study=study, runs=runs, **(parts | changed))

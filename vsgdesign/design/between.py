@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.design.box import joined, scenarios_of_truth
+from vsgdesign.design.box import joined, scenarios_of_truths
 from vsgdesign.design.evaluation import Each, Evaluation, LawOfStudy, evaluate_pairs
 from vsgdesign.design.figures import Figures, shortfalls, worst
 from vsgdesign.parameters.specification import Specification
@@ -100,7 +100,7 @@ def _check(
     study: Study, law: LawOfStudy, spec: Specification, table: GainTable, grids: Array
 ) -> tuple[PointCheck, ...]:
     schedule = table_schedule(table)
-    boxes = [scenarios_of_truth(study, spec, float(s), float(x), table.P_design, table.Q_design) for s, x in grids]
+    boxes = scenarios_of_truths(study, spec, grids.tolist(), table.P_design, table.Q_design)
     kept = [k for k, box in enumerate(boxes) if len(box)]
     if not kept:
         return ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from vsgdesign.certificate.error_bounds import truth_behind
 from vsgdesign.equations.grid import error_half_widths
-from vsgdesign.equations.power_flow import POWER_MARGIN, operating_point
-from vsgdesign.frames import rated_current_rms, rms_to_peak
+from vsgdesign.equations.power_flow import operating_point
+from vsgdesign.operating_point.static_limits import static_limit_uses
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import Grid, Place, Study
 
@@ -26,9 +26,6 @@ Signs = tuple[float, float]
 _BISECTIONS = 24
 _ROUNDING = 1e-9
 """A grid that is this little outside the table, relatively, is on its edge."""
-
-_BRIDGE_SHARE = 0.995
-"""Of the bridge's voltage limit: the rest is for the sampled bridge, which makes its fundamental in steps."""
 
 NOMINAL = 0
 """The scenario without error, at the design point or as much of it as the limits allow, comes first."""
@@ -71,8 +68,15 @@ def scenarios_of_truth(study: Study, spec: Specification, scr: float, x_over_r: 
     cut the box: a power beyond them is drawn in towards zero until it lies on them, so what is asked of a grid
     changes smoothly with it.
     """
-    grid = Place(scr, x_over_r, spec.scr_basis).grid(study.converter)
-    return _scenarios(study, spec, _around_truth(study, grid, spec), P, Q)
+    return scenarios_of_truths(study, spec, [(scr, x_over_r)], P, Q)[0]
+
+
+def scenarios_of_truths(
+    study: Study, spec: Specification, grids: Sequence[tuple[float, float]], P: float, Q: float
+) -> list[Scenarios]:
+    """:func:`scenarios_of_truth` of many grids (SCR, X/R) at once, in a small part of the time."""
+    truths = [Place(float(scr), float(x_over_r), spec.scr_basis).grid(study.converter) for scr, x_over_r in grids]
+    return _scenarios(study, spec, [_around_truth(study, truth, spec) for truth in truths], P, Q)
 
 
 def scenarios_of_estimate(
@@ -83,7 +87,7 @@ def scenarios_of_estimate(
     Beyond the table's edge nothing is promised: errors that would put the truth there are drawn in until it lies on
     the edge. A node on the edge has the estimates beyond it too that are looked up there.
     """
-    return _scenarios(study, spec, _behind_node(study, spec, scr, x_over_r), P, Q)
+    return _scenarios(study, spec, [_behind_node(study, spec, scr, x_over_r)], P, Q)[0]
 
 
 def scenarios_around_estimate(
@@ -101,7 +105,7 @@ def scenarios_around_estimate(
         for x in _steps(reach[2], x_over_r, reach[3])
         for pair in _behind_lookup(study, spec, s, x)
     ]
-    return _scenarios(study, spec, list(dict.fromkeys([*own, *more])), P, Q)
+    return _scenarios(study, spec, [list(dict.fromkeys([*own, *more]))], P, Q)[0]
 
 
 def _behind_node(study: Study, spec: Specification, scr: float, x_over_r: float) -> list[tuple[Grid, Grid]]:
@@ -229,34 +233,62 @@ def _within_table(study: Study, spec: Specification, grid: Grid) -> Grid:
     return Place(scr, ratio, spec.scr_basis).grid(study.converter)
 
 
-def _scenarios(study: Study, spec: Specification, grids: Sequence[tuple[Grid, Grid]], P: float, Q: float) -> Scenarios:
-    """Every (truth, estimate) with every power, frequency and voltage; the design point with the first first."""
-    box, f, omega_n = spec.box, study.filter, study.converter.omega_n
-    powers = [(p, q) for p in _with_middle(box.P) for q in _with_middle(box.Q)]
-    rows = [(0, P, Q, study.grid_source.omega_g, study.grid_source.V_g_rms)]
-    with_error = range(1 if len(grids) > 1 else 0, len(grids))
-    rows += [(k, *pq, w, v) for k, pq, w, v in itertools.product(with_error, powers, box.omega_g, box.V_g_rms)]
-    which, powers_P, powers_Q, omega_g, V_g = np.array(rows).T
+def _scenarios(
+    study: Study, spec: Specification, sets: Sequence[Sequence[tuple[Grid, Grid]]], P: float, Q: float
+) -> list[Scenarios]:
+    """Of each set: every (truth, estimate) with every power, frequency and voltage; the design point with the first
+    first. All sets are cut by the limits together: the arithmetic of each scenario is its own."""
+    f, omega_n = study.filter, study.converter.omega_n
+    sizes = [len(pairs) for pairs in sets]
+    rows = {size: _combinations(study, spec, size, P, Q) for size in set(sizes)}
+    which, powers_P, powers_Q, omega_g, V_g = np.concatenate([rows[size] for size in sizes]).T
+    counts = [len(rows[size]) for size in sizes]
+    place = which.astype(int) + np.repeat(np.cumsum([0, *sizes[:-1]]), counts)
     truth, estimate = (
-        np.array([(pair[side].R_g, pair[side].L_g) for pair in grids])[which.astype(int)].T for side in (0, 1)
+        np.array([(pair[side].R_g, pair[side].L_g) for pairs in sets for pair in pairs])[place].T for side in (0, 1)
     )
     R, X = f.R_2 + truth[0], omega_g * (f.L_2 + truth[1])
     R_hat, X_hat = f.R_2 + estimate[0], omega_n * (f.L_2 + estimate[1])
+    nowhere = np.full_like(R, np.nan)
+    wanted = Scenarios(R, X, R_hat, X_hat, V_g, omega_g, powers_P, powers_Q, nowhere, nowhere)
+    share = np.ones(len(R))
+    cut = np.flatnonzero(~within_limits(study, _with_share(wanted, share)))
+    share[cut] = _largest_share(study, wanted.take(cut))
+    found = _with_share(wanted, share)
+    inside = within_limits(study, found)
+    ends = np.cumsum(counts)
+    return [
+        found.take(start + np.flatnonzero(inside[start:end]))
+        for start, end in zip(ends - np.array(counts), ends, strict=True)
+    ]
 
-    def scaled(share: Array) -> Scenarios:
-        p, q = share * powers_P, share * powers_Q
-        with np.errstate(invalid="ignore"):
-            V_rms, delta = operating_point(p, q, V_g, R, X)
-        return Scenarios(R, X, R_hat, X_hat, V_g, omega_g, p, q, V_rms, delta)
 
-    low, high = np.zeros(len(rows)), np.ones(len(rows))
-    whole = within_limits(study, scaled(high))
+def _combinations(study: Study, spec: Specification, pairs: int, P: float, Q: float) -> Array:
+    """Rows of the pair's number, P, Q, ω_g and V_g: the design point, then every combination of a set of so many
+    pairs, the one without error alone only where there is no other."""
+    box = spec.box
+    powers = [(p, q) for p in _with_middle(box.P) for q in _with_middle(box.Q)]
+    with_error = range(1 if pairs > 1 else 0, pairs)
+    every = [(k, *pq, w, v) for k, pq, w, v in itertools.product(with_error, powers, box.omega_g, box.V_g_rms)]
+    return np.array([(0, P, Q, study.grid_source.omega_g, study.grid_source.V_g_rms), *every])
+
+
+def _with_share(s: Scenarios, share: Array) -> Scenarios:
+    """Scenarios with a share of their powers, where they run then."""
+    P, Q = share * s.P, share * s.Q
+    with np.errstate(invalid="ignore"):
+        V_rms, delta = operating_point(P, Q, s.V_g_rms, s.R, s.X)
+    return replace(s, P=P, Q=Q, V_rms=V_rms, delta=delta)
+
+
+def _largest_share(study: Study, s: Scenarios) -> Array:
+    """The largest share of each scenario's powers that is within the limits; zero where none is."""
+    low, high = np.zeros(len(s)), np.ones(len(s))
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        inside = within_limits(study, scaled(middle))
+        inside = within_limits(study, _with_share(s, middle))
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-    found = scaled(np.where(whole, 1.0, low))
-    return found.take(np.flatnonzero(within_limits(study, found)))
+    return low
 
 
 def measured_at_limits(study: Study, spec: Specification, scr: float, x_over_r: float) -> Scenarios:
@@ -292,23 +324,7 @@ def within_limits(study: Study, s: Scenarios) -> NDArray[np.bool_]:
 
 def limit_uses(study: Study, s: Scenarios) -> dict[str, Array]:
     """How much of each static limit the scenarios use, (S,) each: 1 on the limit, NaN without an operating point."""
-    c, f = study.converter, study.filter
-    low, high = c.V_limits_rms
-    apparent = np.hypot(s.P, s.Q)
-    V_pu = s.V_rms / c.V_rated_rms
-    carried = c.S_rated * V_pu * V_pu * c.Z_base / np.hypot(s.R, s.X)
-    limit_pu = np.inf if c.current_limit_pu is None else c.current_limit_pu
-    with np.errstate(invalid="ignore"):
-        current = rated_current_rms(s.P - 1j * s.Q, s.V_rms)
-        shunt = 1j * s.omega_g * f.C / (1.0 + 1j * s.omega_g * f.C * f.R_c)
-        bridge = s.V_rms + (f.R_1 + 1j * s.omega_g * f.L_1) * (current + shunt * s.V_rms)
-        return {
-            "power transfer": POWER_MARGIN * apparent / carried,
-            "least voltage": low / s.V_rms,
-            "largest voltage": s.V_rms / high,
-            "current": apparent / (limit_pu * c.S_rated * V_pu),
-            "bridge voltage": rms_to_peak(np.abs(bridge)) / (_BRIDGE_SHARE * c.v_max_pk),
-        }
+    return static_limit_uses(study, s.R, s.X, s.omega_g, s.P, s.Q, s.V_rms)
 
 
 def _signs(error: float) -> tuple[float, ...]:

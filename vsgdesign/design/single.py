@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.design.box import Scenarios, scenarios_of_truth
+from vsgdesign.design.box import Scenarios, joined, scenarios_of_truths
 from vsgdesign.design.evaluation import Evaluation, LawOfStudy, evaluate_fixed, law_of
 from vsgdesign.design.figures import Figures, worst
 from vsgdesign.design.variables import variables
@@ -161,8 +161,7 @@ def exact_scenarios(
 ) -> Scenarios:
     """The scenarios of all grids (SCR, X/R), joined, without error of the estimate."""
     exact = replace(spec, box=spec.box.exact())
-    boxes = [scenarios_of_truth(study, exact, scr, x_over_r, P, Q) for scr, x_over_r in grids]
-    return Scenarios(*(np.concatenate([getattr(box, f.name) for box in boxes]) for f in fields(Scenarios)))
+    return joined(scenarios_of_truths(study, exact, grids, P, Q))
 
 
 def violations(spec: Specification, e: Evaluation, inertia: Array) -> Array:

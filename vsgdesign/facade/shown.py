@@ -86,7 +86,9 @@ def _svg(figure: Figure) -> str:
 
     from vsgdesign.report.drawing.files import compact
     from vsgdesign.report.drawing.style import look
+    from vsgdesign.report.drawing.ticks import plain_ticks
 
+    plain_ticks(figure)
     buffer = io.StringIO()
     with look():
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
@@ -96,6 +98,7 @@ def _svg(figure: Figure) -> str:
 
 def _save(figure: Figure, path: Path) -> None:
     from vsgdesign.report.drawing.style import look
+    from vsgdesign.report.drawing.ticks import plain_ticks
 
     field = _MARKED_FIELDS.get(path.suffix.lower())
     if field is None:
@@ -108,6 +111,7 @@ def _save(figure: Figure, path: Path) -> None:
         there = path.read_bytes() if path.exists() else b""
         if there and _MARK.encode() not in there:
             raise ArtifactError(f"{path}: this file exists and was not drawn by vsgdesign. It was left unchanged.")
+        plain_ticks(figure)
         with look():
             figure.savefig(path, metadata={field: _MARK})
     except OSError as error:

@@ -70,6 +70,8 @@ class VerificationSpec:
     """For how long a schedule is told nothing after each change of the grid or its source, s."""
     families: Mapping[str, CaseFamily] = field(hash=False)
     """By name, in the order of :data:`FAMILIES`."""
+    given: frozenset[str] = frozenset()
+    """Names of the ranges of the box that the study itself gives; the others follow from its other sections."""
 
     @property
     def scr(self) -> Range:
@@ -150,6 +152,7 @@ def read_verification(
         box=_read_box(table, converter, source, specification, maps, scr_basis),
         silent_s=read_range(table, _SILENT, _SILENT_DEFAULT),
         families=_read_families(table, converter.omega_n / (2.0 * math.pi)),
+        given=frozenset(name for name in ("scr", "x_over_r", "P", "Q") if table.has(name)),
     )
     table.finish()
     return spec

@@ -16,7 +16,8 @@ from vsgdesign.errors import WorkerError
 from vsgdesign.execution.executors import LOST
 from vsgdesign.execution.threads import one_thread
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.verification.counting import MapAxes, count_block
+from vsgdesign.simulation.lanes.cases import LaneCases
+from vsgdesign.verification.counting import MapAxes, Results, count_block
 from vsgdesign.verification.promises import Promise
 from vsgdesign.verification.summary import Summary
 
@@ -28,7 +29,9 @@ class Batch(NamedTuple):
     """How cases are drawn and run. Functions of modules, because they go to other processes."""
 
     draw: Callable[..., Any]
-    """(study, spec, first, count) -> (LaneCases, family (count,))."""
+    """(study, spec, first, count, ready) -> (LaneCases, family (count,))."""
+    cases_of: Callable[..., Any]
+    """(study, spec, uniforms, family, ready) -> (LaneCases, family), for the search."""
     run: Callable[..., Any]
     """(study, spec, ready, cases, bridge=, strict=) -> results (:class:`vsgdesign.verification.counting.Results`)."""
     instruction_set: Callable[[], str]
@@ -62,6 +65,20 @@ class Job:
         return Ready(tables=dict(self.tables))
 
     @property
+    def sent(self) -> Job:
+        """The same for another process: the study's document is not needed there, and cannot be sent."""
+        return replace(self, study=replace(self.study, origin=None))
+
+    def prepare(self) -> None:
+        """Make this process know what the job needs."""
+        for structure in self.structures:
+            STRUCTURES.register(structure)
+
+    def run(self, cases: LaneCases) -> Results:
+        """The results of cases."""
+        return self.batch.run(self.study, self.spec, self.ready, cases, bridge=self.bridge, strict=self.strict)
+
+    @property
     def blocks(self) -> range:
         """Numbers of all blocks."""
         return range(-(-self.runs // self.block))
@@ -84,12 +101,11 @@ class Job:
 
 def run_block(job: Job, number: int) -> Summary:
     """Draws, runs and counts the cases of one block."""
-    for structure in job.structures:
-        STRUCTURES.register(structure)
+    job.prepare()
     first, count = job.span(number)
     with one_thread():
-        cases, family = job.batch.draw(job.study, job.spec, first, count)
-        results = job.batch.run(job.study, job.spec, job.ready, cases, bridge=job.bridge, strict=job.strict)
+        cases, family = job.batch.draw(job.study, job.spec, first, count, job.ready)
+        results = job.run(cases)
         return count_block(
             number,
             first,
@@ -114,7 +130,7 @@ def run_blocks(job: Job, numbers: Iterable[int], executor: Executor | None, ahea
         for number in numbers:
             yield run_block(job, number)
         return
-    sent = replace(job, study=replace(job.study, origin=None))  # its document is not needed, and cannot be sent
+    sent = job.sent
     left = iter(numbers)
     under_way: set[Future[Summary]] = set()
     try:

@@ -134,9 +134,7 @@ def count_block(
             lost=_counts(status[asked][status[asked] != STATUSES.index(SURVIVED)]),
             broken=int(any_broken.sum()),
             promises={
-                p.name: _promise(
-                    p, found[p.name], misses[p.name], first + asked, status[asked], figures[asked], bins[asked]
-                )
+                p.name: _promise(p, found[p.name], first + asked, status[asked], figures[asked], bins[asked])
                 for p in sorted(held, key=lambda promise: promise.name)
             },
             judged_map=np.bincount(bins[asked], minlength=MAP[0] * MAP[1]).reshape(MAP),

@@ -8,6 +8,7 @@ import warnings
 from pathlib import Path
 
 from vsgdesign.report.drawing.style import look
+from vsgdesign.report.drawing.ticks import plain_ticks
 from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
 
 _PATH = re.compile(r'(?<= d=")[^"]*')
@@ -20,6 +21,7 @@ _FAMILY = re.compile("'DejaVu Sans'(, sans-serif)?")
 def write_figure(named: NamedFigure, folder: Path) -> WrittenFigure:
     """One figure as NAME.svg and NAME.png."""
     svg, png = folder / f"{named.name}.svg", folder / f"{named.name}.png"
+    plain_ticks(named.figure)
     buffer = io.StringIO()
     with look(), warnings.catch_warnings():
         # A controller may have any letters in its name; a missing glyph costs a box in the PNG, no more.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.report.drawing.style import TEXT_PT, text_width
+from vsgdesign.report.drawing.ticks import Labels, power_of_ten
 from vsgdesign.report.quantities import plain
 
 Array = NDArray[np.float64]
@@ -175,10 +176,14 @@ def value_ticks(
             chosen.append(k)
     chosen.sort()
     axis.set_major_locator(FixedLocator([values[k] for k in chosen]))
-    axis.set_major_formatter(lambda value, _position: plain(factor * value, 3))
+    axis.set_major_formatter(Labels(functools.partial(_value_text, factor)))
     rest = [v for k, v in enumerate(values) if k not in chosen]
     axis.set_minor_locator(FixedLocator(rest) if rest else NullLocator())
     axis.set_minor_formatter(NullFormatter())
+
+
+def _value_text(factor: float, value: float) -> str:
+    return plain(factor * value, 3)
 
 
 def decades(axis: Any, most: int = 12) -> None:
@@ -186,27 +191,8 @@ def decades(axis: Any, most: int = 12) -> None:
     from matplotlib.ticker import LogLocator, NullLocator
 
     axis.set_major_locator(LogLocator(numticks=most))
-    axis.set_major_formatter(lambda value, _position: power_of_ten(value))
+    axis.set_major_formatter(Labels(power_of_ten))
     axis.set_minor_locator(NullLocator())
-
-
-def plain_numbers(*axes: Any) -> None:
-    """Tick labels of linear axes as plain text, which is much faster set than formulas."""
-    from matplotlib.ticker import ScalarFormatter
-
-    for one in axes:
-        for axis in (one.xaxis, one.yaxis):
-            if isinstance(axis.get_major_formatter(), ScalarFormatter):
-                axis.set_major_formatter(ScalarFormatter(useOffset=False, useMathText=False))
-
-
-def power_of_ten(value: float) -> str:
-    """A tick of a logarithmic axis; with its sign, and zero, for a symmetric one."""
-    if value < 0.0:
-        return "−" + power_of_ten(-value)
-    if value == 0.0 or 1e-3 <= value < 9e3:
-        return f"{value:g}"
-    return "10" + str(round(float(np.log10(value)))).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 @dataclass(frozen=True, kw_only=True)

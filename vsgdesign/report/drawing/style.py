@@ -67,7 +67,6 @@ _LOOK: dict[str, Any] = {
     "axes.titley": 1.0,
     "axes.formatter.useoffset": False,
     "axes.formatter.limits": (-4, 5),
-    "axes.formatter.use_mathtext": True,
     "grid.color": "#E4E4E4",
     "grid.linewidth": 0.5,
     "lines.linewidth": 1.0,

@@ -22,6 +22,7 @@ from vsgdesign.report.drawing.style import (
     look,
     new_figure,
 )
+from vsgdesign.report.drawing.ticks import Labels
 from vsgdesign.report.drawing.time_axis import (
     draw_labels,
     event_labels,
@@ -150,10 +151,10 @@ def _truth(result: ScenarioResult, edges_s: Array) -> tuple[Array, NDArray[np.co
 
 def _plain_ticks(axes: Any) -> None:
     """Few decades: 0.3, 1, 3 read more easily than powers of ten."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_major_formatter(Labels("{:g}".format))
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 

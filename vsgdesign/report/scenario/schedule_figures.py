@@ -18,6 +18,7 @@ from vsgdesign.report.drawing.style import (
     new_figure,
     text_width,
 )
+from vsgdesign.report.drawing.ticks import Labels, PlainNumbers, ten_to
 from vsgdesign.report.drawing.time_axis import (
     draw_labels,
     event_labels,
@@ -135,23 +136,23 @@ def _step_line(
 def _gain_scale(axes: Any, low: float, high: float) -> None:
     """Logarithmic over a wide range; else linear with some room, so that a constant stands clear of the frame."""
     if low > 0.0 and high > _LOG_FROM * low:
-        from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+        from matplotlib.ticker import LogLocator, NullFormatter
 
         axes.set_yscale("log")
         axes.set_ylim(low / 1.4, high * 1.4)
         # Few decades: 1, 2, 5 read more easily than a lone power of ten.
         axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100.0 * low else (1.0,)))
-        axes.yaxis.set_major_formatter(FuncFormatter(_log_tick))
+        axes.yaxis.set_major_formatter(Labels(_log_tick))
         axes.yaxis.set_minor_formatter(NullFormatter())
         return
-    axes.ticklabel_format(axis="y", style="sci", scilimits=(-3, 4), useMathText=True)
+    axes.yaxis.set_major_formatter(PlainNumbers((-3, 4)))
     room = max(0.15 * (high - low), 0.1 * abs(high), 1e-12)
     axes.set_ylim(max(low - room, 0.0), high + room)
 
 
-def _log_tick(value: float, _position: int) -> str:
+def _log_tick(value: float) -> str:
     if 1e-4 <= value < 1e5:
         return f"{value:g}"
     mantissa, _, power = f"{value:.0e}".partition("e")
-    factor = "" if mantissa == "1" else rf"{mantissa}\times"
-    return f"${factor}10^{{{int(power)}}}$"
+    factor = "" if mantissa == "1" else f"{mantissa}×"
+    return f"{factor}{ten_to(int(power))}"

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.report.drawing.look import decades, plain_numbers, power_of_ten
+from vsgdesign.report.drawing.look import decades
 from vsgdesign.report.drawing.panels import groups
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, new_figure, text_width
+from vsgdesign.report.drawing.ticks import Labels, power_of_ten
 from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.quantities import plain, prefix_for
@@ -143,7 +144,6 @@ def _broken(degrees: Array, jump: float) -> Array:
 def _degree_axis(axes: Any) -> None:
     axes.set_ylim(-190.0, 190.0)
     axes.set_yticks([-180, -90, 0, 90, 180])
-    plain_numbers(axes)
     axes.set_ylabel("Phase [°]")
 
 
@@ -202,7 +202,6 @@ def _nichols_figure(result: StabilityResult, part: Sequence[Column], name: str) 
             axes.set_yticks([-40, -20, 0, 20, 40])
             axes.set_title(_title(a) + f": $L_{loop}$")
             axes.set_ylabel("Magnitude [dB]")
-            plain_numbers(axes)
             if row == 1:
                 axes.set_xlabel("Phase [°]")
     layout.legend(part)
@@ -249,7 +248,7 @@ def _passivity_figure(result: StabilityResult, part: Sequence[Column], name: str
         _frequency_axis(axes, part, last=True)
     _same_limits(layout.figure.axes)
     for axes in layout.figure.axes:
-        axes.yaxis.set_major_formatter(lambda value, _position: power_of_ten(value))
+        axes.yaxis.set_major_formatter(Labels(power_of_ten))
         low, high = axes.get_ylim()
         axes.axhspan(min(low, 0.0), 0.0, facecolor="#F6E3D3", linewidth=0.0, zorder=0.5)
         axes.set_ylim(low, high)
@@ -285,7 +284,6 @@ def _nyquist_figure(result: StabilityResult, part: Sequence[Column], name: str) 
         axes.set_title(_title(a))
         axes.set_xlabel("Re λ [1]")
         axes.set_ylabel("Im λ [1]")
-        plain_numbers(axes)
     layout.legend(part)
     first = min(float(_hertz(cell)[0]) for _, _, cells in part for cell in cells)
     caption = (

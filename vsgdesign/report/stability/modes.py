@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from typing import Any
 
@@ -9,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.parameters.study import Study
-from vsgdesign.report.drawing.look import UNSTABLE, colour_bar, plain_numbers
+from vsgdesign.report.drawing.look import UNSTABLE, colour_bar
 from vsgdesign.report.drawing.panels import groups
 from vsgdesign.report.drawing.style import LABEL_PT, PAGE_IN, add_axes, look, new_figure
+from vsgdesign.report.drawing.ticks import Labels
 from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.quantities import plain
@@ -106,7 +108,6 @@ def _loci_figure(result: StabilityResult, index: int, a: ControllerAssessment) -
             axes.patch.set_gid(f"hover.locus.{index}.{which}.{view}")
             axes.set_title(symbols(f"{a.spec.name} over {locus.parameter}: ") + what.replace("ω_g", "$\\omega_g$"))
             axes.set_ylabel("Im s [rad/s]")
-            plain_numbers(axes)
             if row == 2:
                 axes.set_xlabel("Re s [1/s]")
         place = figure.add_axes(
@@ -179,7 +180,7 @@ def _rays(axes: Any, limits: tuple[float, float, float, float], study: Study) ->
 
 def _between_figure(result: StabilityResult, part: Any, name: str) -> NamedFigure:
     from matplotlib.lines import Line2D
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     gates = result.study.stability.gates
     scale = DAMPING.scale(gates)
@@ -229,7 +230,7 @@ def _between_figure(result: StabilityResult, part: Any, name: str) -> NamedFigur
         axes.set_ylim(*(result.study.stability.x_over_r[0] * 0.93, result.study.stability.x_over_r[-1] / 0.93))
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axis.set_major_formatter(FuncFormatter(lambda v, _: plain(v, 3)))
+            axis.set_major_formatter(Labels(functools.partial(plain, digits=3)))
             axis.set_minor_formatter(NullFormatter())
         axes.set_title(symbols(f"{a.spec.name} ({a.spec.kind}), full order"))
         axes.set_xlabel(axis_labels(result.study)[0])

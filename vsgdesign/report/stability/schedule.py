@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.parameters.study import Study
-from vsgdesign.report.drawing.look import Cells, plain_numbers
+from vsgdesign.report.drawing.look import Cells
 from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, new_figure
 from vsgdesign.report.drawing.time_axis import symbols
@@ -197,7 +197,6 @@ def _draw_boxes(result: StabilityResult, index: int, a: ControllerAssessment, fi
         axes.set_ylim(top=max(axes.get_ylim()[1], 1.15 * (gate or 0.0), 0.1))
         axes.set_xlabel("Half-width of the box of errors of $R_g$ and $L_g$ [%]")
         axes.set_ylabel(quantity.label)
-        plain_numbers(axes)
         axes.set_title(symbols(f"{a.spec.name}, full order"))
         lines = axes.get_lines()[: len(shown)]
     figure.legend(

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from vsgdesign.metrics.events import TOO_SHORT, UNSTABLE, time_needed
 from vsgdesign.metrics.step_response import SETTLING_BAND, ResponseMetrics, settling_time, step_response
 from vsgdesign.report.drawing.decimation import extreme_indices
-from vsgdesign.report.drawing.look import plain_numbers
 from vsgdesign.report.drawing.panels import groups
 from vsgdesign.report.drawing.style import BAND, COLOURS, PAGE_IN, add_axes, look, new_figure
 from vsgdesign.report.drawing.time_axis import symbols, time_unit
@@ -117,7 +116,6 @@ def _figure(
                 axes.set_xlabel(f"Time after step [{unit.symbol}]")
             else:
                 axes.tick_params(axis="x", labelbottom=False)
-            plain_numbers(axes)
             in_row.append(axes)
         lows, highs = zip(*(one.get_ylim() for one in in_row), strict=True)
         for one in in_row:

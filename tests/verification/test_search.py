@@ -1,0 +1,70 @@
+"""The search finds what a plain draw of the same size misses, and says what it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.verification import stand_in
+from tests.verification.test_summary import STUDY
+from vsgdesign.verification.blocks import Batch
+from vsgdesign.verification.search import APART, FOUND, POPULATION, search, starts_of
+
+EIGHT = starts_of([], 8)
+
+
+def cornered(study: Any, spec: Any, ready: Any, cases: Any, *, bridge: str, strict: bool) -> Any:
+    """The overshoot breaks its promise in one corner alone: weak grid, large P; a share of 2.5e-5 of the cube."""
+    found = stand_in.run(study, spec, ready, cases, bridge=bridge, strict=strict)
+    c = study.converter
+    weak = np.clip(1.0 - np.log(c.Z_base / np.hypot(cases.R_g, c.omega_n * cases.L_g) / 1.5) / np.log(20 / 1.5), 0, 1)
+    P = 0.5 + 0.5 * cases.P_ref / (0.9 * c.S_rated)
+    found.overshoot = 0.05025 * weak * P
+    found.status[:] = 2
+    found.settling_s[:] = found.recovery_s[:] = 0.5
+    return found
+
+
+JOB = stand_in.job(STUDY, 1, batch=Batch(stand_in.draw, stand_in.cases_of, cornered, stand_in.where))
+
+
+def test_a_rare_failure_is_found() -> None:
+    drawn = cornered(STUDY, None, None, stand_in.draw(STUDY, JOB.spec, 0, 2000)[0], bridge="averaged", strict=False)
+    assert drawn.overshoot.max() < 0.05
+    found = search(JOB, 2000, {"step": EIGHT})
+    assert found.evaluations <= 2000
+    first = found.found[0]
+    assert (first.family, first.promise, first.broken) == ("step", "overshoot", ("overshoot",))
+    assert first.case.severity == pytest.approx(first.case.figures[0] / 0.05)
+    assert found.broken >= 1
+
+
+def test_found_cases_are_apart_and_in_order_and_the_same_again() -> None:
+    found = search(JOB, 6 * POPULATION, {"step": EIGHT, "jump": EIGHT})
+    assert found == search(JOB, 6 * POPULATION, {"step": EIGHT, "jump": EIGHT})
+    severities = [one.case.severity for one in found.found]
+    assert severities == sorted(severities, reverse=True)
+    for family in ("step", "jump"):
+        rows = [np.array(one.coordinates) for one in found.found if one.family == family]
+        assert 1 <= len(rows) <= FOUND
+        gaps = [np.abs(a - b).max() for k, a in enumerate(rows) for b in rows[:k]]
+        assert min(gaps, default=1.0) >= APART
+
+
+def test_it_begins_where_it_is_told() -> None:
+    corner = np.full((1, 8), 0.5)
+    corner[0, [0, 3]] = 0.0, 0.9999
+    found = search(JOB, 2 * POPULATION, {"step": corner})
+    assert found.broken >= 1
+
+
+def test_cases_that_are_not_asked_for_are_no_finding() -> None:
+    def left_out(*parts: Any, **named: Any) -> Any:
+        results = cornered(*parts, **named)
+        results.status[:] = 0
+        return results
+
+    job = stand_in.job(STUDY, 1, batch=Batch(stand_in.draw, stand_in.cases_of, left_out, stand_in.where))
+    assert search(job, 2 * POPULATION, {"step": EIGHT}).found == ()

@@ -1,0 +1,153 @@
+"""One sample of a loop as LLVM's text, with what is computed once before the loop or before a stretch of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vsgdesign.codegen.expressions import Expression, Number, Operation, Variable
+from vsgdesign.codegen.flat import Block, needed_lets
+from vsgdesign.codegen.llvm_values import Printer, Scope, Value
+from vsgdesign.codegen.loop_spec import LoopSpec
+
+
+@dataclass(frozen=True)
+class Level:
+    """What a value depends on: the lane, the number of the sample or the state."""
+
+    lane: bool
+    sample: bool
+
+
+ONCE, STRETCH, SAMPLE, STATE = Level(False, False), Level(True, False), Level(False, True), Level(True, True)
+
+
+class Kept:
+    """Values that are computed before a loop and wait in memory until a sample needs them.
+
+    There are far more of them than registers, and a load costs a sample nothing.
+    """
+
+    def __init__(self, pointer: str, printer: Printer, scope: Scope, wide: bool) -> None:
+        self.pointer, self.printer, self.scope, self.wide = pointer, printer, scope, wide
+        self.places: dict[str, int] = {}
+
+    def place(self, value: Value) -> int:
+        """Where the value waits, in doubles behind the pointer."""
+        size = self.printer.width if self.wide else 1
+        if value.text not in self.places:
+            self.places[value.text] = at = len(self.places) * size
+            where = self.printer.line(self.scope, f"getelementptr double, ptr {self.pointer}, i64 {at}")
+            kind = self.printer.type(self.wide)
+            self.scope.lines.append(f"  store {kind} {value.text}, ptr {where}, align 8")
+        return self.places[value.text]
+
+    @property
+    def size(self) -> int:
+        """Doubles that it needs, at least one."""
+        return max(1, len(self.places) * (self.printer.width if self.wide else 1))
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Scopes and places that all bodies of a loop share."""
+
+    spec: LoopSpec
+    printer: Printer
+    entry: Scope
+    stretch: Scope
+    once: Kept
+    lanes: Kept
+
+
+class Body:
+    """The text of one kind of sample."""
+
+    def __init__(self, around: Surroundings, block: Block) -> None:
+        self.around, self.block = around, block
+        self.spec, self.printer = around.spec, around.printer
+        self.scope = Scope(around.stretch)
+        self.levels = self._levels()
+        self._lets = dict(block.lets)
+        self._values: dict[tuple[str, int], Value] = {}
+
+    def _levels(self) -> dict[str, Level]:
+        spec = self.spec
+        found = dict.fromkeys(spec.uniform, ONCE) | dict.fromkeys(spec.constant, STRETCH)
+        found |= dict.fromkeys(spec.cyclic, SAMPLE) | ({spec.index: SAMPLE} if spec.index else {})
+        found |= dict.fromkeys((*spec.fed, *(name for name, _ in (*spec.state, *spec.rings))), STATE)
+        for name, value in self.block.lets:
+            read = [found[one.name] for one in _arguments(value) if isinstance(one, Variable)]
+            found[name] = Level(any(one.lane for one in read), any(one.sample for one in read))
+        return found
+
+    def print(self) -> tuple[list[Value], Value | None]:
+        """Prints the sample without its log; the values to be logged, and the one that stops the loop."""
+        spec, outputs = self.spec, dict(self.block.outputs)
+        inputs = {name for name, _ in spec.state}
+        targets = [*spec.state, *spec.rings]
+        wanted = [outputs[output] for _, output in targets]
+        logs = [outputs.get(name, Variable(name)) for name in spec.logged]
+        stops = [outputs[spec.stop]] if spec.stop else []
+        for name, value in needed_lets(self.block.lets, [*wanted, *logs, *stops]):
+            self._let(name, value)
+        # Everything is read before anything is written: an output may be the input of another row.
+        results = [self._at_sample(value) for value in (*wanted, *logs, *stops)]
+        moved, logged = results[: len(targets)], results[len(targets) : len(targets) + len(logs)]
+        for at, ((name, _), value) in enumerate(zip(targets, moved, strict=True)):
+            if at < len(spec.state):
+                if wanted[at] != Variable(name):
+                    self.printer.store(self.scope, "%base", at * spec.width, value)
+            else:
+                self.printer.store(self.scope, "%ring", (at - len(inputs)) * spec.width, value)
+        logged = [self.printer.widened(self.scope, value) for value in logged]
+        return logged, self.printer.widened(self.scope, results[-1]) if stops else None
+
+    def _let(self, name: str, value: Expression) -> None:
+        if not isinstance(value, Operation):
+            raise TypeError(f"let {name}: {value!r} is no operation.")
+        level = self.levels[name]
+        scope = {ONCE: self.around.entry, STRETCH: self.around.stretch}.get(level, self.scope)
+        given = [self._seen(one, scope) for one in value.arguments]
+        self._values[name, id(scope)] = self.printer.operation(scope, value, given)
+
+    def _at_sample(self, value: Expression) -> Value:
+        return self._seen(value, self.scope)
+
+    def _seen(self, value: Expression, scope: Scope) -> Value:
+        """A number, an input or a let as a scope sees it."""
+        if isinstance(value, Number):
+            return self.printer.number(value, False)
+        if not isinstance(value, Variable):
+            raise TypeError(f"{value!r} is not a number, an input or a let.")
+        key = value.name, id(scope)
+        if key not in self._values:
+            self._values[key] = self._fetched(value.name, scope)
+        return self._values[key]
+
+    def _fetched(self, name: str, scope: Scope) -> Value:
+        around, printer, spec = self.around, self.printer, self.spec
+        if name in self._lets:  # of an outer scope
+            level = self.levels[name]
+            outer = around.entry if level is ONCE or not level.lane else around.stretch
+            made = self._values[name, id(outer)]
+            if made.flag or scope is not self.scope:
+                return made
+            kept = around.lanes if made.wide else around.once
+            return Value(printer.load(scope, kept.pointer, kept.place(made), made.wide), made.wide, sound=made.sound)
+        if name == spec.index:
+            return Value("%index", False, sound=True)
+        for names, pointer, wide in (
+            (spec.rows, "%base", True),
+            (spec.uniform, "%uniform", False),
+            (spec.cyclic, "%cyclic_now", False),
+            (spec.fed, "%fed_now", True),
+            (tuple(ring for ring, _ in spec.rings), "%ring", True),
+        ):
+            if name in names:
+                at = names.index(name) * (spec.width if wide else 1)
+                return Value(printer.load(scope, pointer, at, wide), wide, sound=pointer == "%uniform")
+        raise ValueError(f"input {name}: has no place.")
+
+
+def _arguments(value: Expression) -> tuple[Expression, ...]:
+    return value.arguments if isinstance(value, Operation) else ()  # type: ignore[return-value]

@@ -1,0 +1,124 @@
+"""What a compiled loop is made of, and where each of its numbers comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vsgdesign.codegen.expressions import Variable
+from vsgdesign.codegen.flat import Block
+
+
+@dataclass(frozen=True)
+class LoopSpec:
+    """Samples one after the other, each for many lanes at once.
+
+    ``bodies`` are kinds of sample with the same inputs and outputs. Every input that a body reads has exactly one
+    place. Names of inputs and outputs are those of :class:`Block`.
+    """
+
+    bodies: tuple[Block, ...]
+    state: tuple[tuple[str, str], ...]
+    """(input, output): the output of a sample is the input of the next."""
+    constant: tuple[str, ...] = ()
+    """Inputs with one value a lane."""
+    uniform: tuple[str, ...] = ()
+    """Inputs with one value for all; never NaN."""
+    cyclic: tuple[str, ...] = ()
+    """Inputs with one value for all that depends on the sample's number modulo a period."""
+    fed: tuple[str, ...] = ()
+    """Inputs that are given for every sample and lane."""
+    rings: tuple[tuple[str, str], ...] = ()
+    """(input, output): the input is what the output was ``ring_length`` samples ago."""
+    logged: tuple[str, ...] = ()
+    """Outputs, or inputs of the state, that are written at every ``every``-th sample of the run."""
+    index: str = ""
+    """The input that is the number of samples since ``origin``."""
+    stop: str = ""
+    """The output that ends the loop after the sample in which it is not zero in any lane."""
+    lanes: int = 1
+    """Numbers in a vector register: 1, 2, 4 or 8."""
+    vectors: int = 1
+    """Vectors side by side, so that one waits while another computes."""
+    strict: bool = False
+    """Every operation rounds by itself, as plain Python does. Otherwise a product and a sum may round as one, and a
+    division may become a product with the reciprocal."""
+
+    @property
+    def width(self) -> int:
+        """Lanes of a group, L."""
+        return self.lanes * self.vectors
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Inputs that are rows of a group, in order: the state, then the constants."""
+        return (*(name for name, _ in self.state), *self.constant)
+
+    def check(self) -> None:
+        """Raises ValueError with everything that does not fit."""
+        faults = [*self._shape_faults(), *self._place_faults(), *self._output_faults()]
+        if faults:
+            raise ValueError("A loop cannot be built: " + "; ".join(faults) + ".")
+
+    def _shape_faults(self) -> list[str]:
+        faults = []
+        if not self.bodies:
+            faults.append("bodies is empty: give at least one block")
+        if not self.state:
+            faults.append("state is empty: a loop moves at least one number")
+        if self.lanes not in (1, 2, 4, 8):
+            faults.append(f"lanes = {self.lanes}: give 1, 2, 4 or 8")
+        if not 1 <= self.vectors <= 8:
+            faults.append(f"vectors = {self.vectors}: give 1 to 8")
+        for at, body in enumerate(self.bodies[1:], 1):
+            if {name for name, _ in body.outputs} != {name for name, _ in self.bodies[0].outputs}:
+                faults.append(f"body {at} has other outputs than body 0: give the same ones")
+        return faults
+
+    def _place_faults(self) -> list[str]:
+        ring_inputs = (name for name, _ in self.rings)
+        places = [
+            *self.rows,
+            *self.uniform,
+            *self.cyclic,
+            *self.fed,
+            *ring_inputs,
+            *([self.index] if self.index else []),
+        ]
+        known = {name for body in self.bodies for name in body.inputs}
+        read = {name for body in self.bodies for name in inputs_read(body)}
+        faults = [
+            f"input {name} has {places.count(name)} places: give it one"
+            for name in dict.fromkeys(places)
+            if places.count(name) > 1
+        ]
+        faults += [f"{name} is no input of a body: leave it out" for name in dict.fromkeys(places) if name not in known]
+        faults += [
+            f"input {name} has no place: name it in state, constant, uniform or another"
+            for name in sorted(read - set(places))
+        ]
+        return faults
+
+    def _output_faults(self) -> list[str]:
+        if not self.bodies:
+            return []
+        outputs = {name for name, _ in self.bodies[0].outputs}
+        wanted = [output for _, output in (*self.state, *self.rings)] + ([self.stop] if self.stop else [])
+        faults = [
+            f"{name} is no output of a body: name one of its outputs"
+            for name in dict.fromkeys(wanted)
+            if name not in outputs
+        ]
+        may = outputs | {name for name, _ in self.state}
+        faults += [
+            f"logged {name} is neither an output nor an input of the state" for name in self.logged if name not in may
+        ]
+        return faults
+
+
+def inputs_read(block: Block) -> set[str]:
+    """Inputs that an operation or an output of the block reads."""
+    inputs = set(block.inputs)
+    read = {value.name for _, value in block.outputs if isinstance(value, Variable)}
+    for _, value in block.lets:
+        read |= {one.name for one in getattr(value, "arguments", ()) if isinstance(one, Variable)}
+    return read & inputs

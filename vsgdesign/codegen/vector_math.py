@@ -1,0 +1,163 @@
+"""Sine, cosine and the like as plain functions of + − × ÷, roots and comparisons.
+
+A library's sine takes one number at a time. These functions take eight, because a compiled loop evaluates every
+operation on whole vectors. They are right to about 1e-15 (tests/codegen/test_vector_math.py).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+ROUNDING = 6755399441055744.0
+"""1.5·2⁵²: a number below 2⁵¹ loses what is behind its point when this is added, and keeps the rest."""
+
+QUARTERS_A_RADIAN = 0.6366197723675814
+QUARTER_HIGH = 1.5707963267341256
+QUARTER_MIDDLE = 6.077100506303966e-11
+QUARTER_LOW = 2.0222662487959506e-21
+"""π/2 in three parts; the first two have 33 bits, so that their multiples are exact up to 2²⁰ quarter turns."""
+
+HALF_PI = 1.5707963267948966
+QUARTER_PI = 0.7853981633974483
+PI = 3.141592653589793
+PI_REST = 1.2246467991473532e-16
+"""What π has beyond its double."""
+
+LOG_2_HIGH = 0.6931471803691238
+LOG_2_LOW = 1.9082149292705877e-10
+LOG_2_E = 1.4426950408889634
+SQRT_HALF = 0.7071067811865476
+
+
+def rounded(x: Any) -> Any:
+    """The nearest whole number, |x| < 2⁵¹."""
+    return (x + ROUNDING) - ROUNDING
+
+
+def reduced_angle(x: Any) -> Any:
+    """An angle without its whole quarter turns, and how many those were, modulo 4 (−2 to 2).
+
+    Returns (rest, quarter).
+    """
+    count = rounded(x * QUARTERS_A_RADIAN)
+    rest = ((x - count * QUARTER_HIGH) - count * QUARTER_MIDDLE) - count * QUARTER_LOW
+    return rest, count - 4.0 * rounded(0.25 * count)
+
+
+def short_sine(x: Any) -> Any:
+    """sin x for |x| ≤ π/4."""
+    z = x * x
+    tail = 8.33333333332248946124e-03 + z * (
+        -1.98412698298579493134e-04
+        + z * (2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10))
+    )
+    return x + (z * x) * (-1.66666666666666324348e-01 + z * tail)
+
+
+def short_cosine(x: Any) -> Any:
+    """cos x for |x| ≤ π/4."""
+    z = x * x
+    tail = z * (
+        4.16666666666666019037e-02
+        + z
+        * (
+            -1.38888888888741095749e-03
+            + z
+            * (
+                2.48015872894767294178e-05
+                + z * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11))
+            )
+        )
+    )
+    half = 0.5 * z
+    first = 1.0 - half
+    return first + (((1.0 - first) - half) + z * tail)
+
+
+def sine(x: Any) -> Any:
+    """sin x, |x| < 10⁵ rad; the error is below 2e-16."""
+    rest, quarter = reduced_angle(x)
+    s, c = short_sine(rest), short_cosine(rest)
+    size = c if np.abs(quarter) == 1.0 else s
+    return -size if quarter == -1.0 or np.abs(quarter) == 2.0 else size
+
+
+def cosine(x: Any) -> Any:
+    """cos x, |x| < 10⁵ rad; the error is below 2e-16."""
+    rest, quarter = reduced_angle(x)
+    s, c = short_sine(rest), short_cosine(rest)
+    size = s if np.abs(quarter) == 1.0 else c
+    return -size if quarter == 1.0 or np.abs(quarter) == 2.0 else size
+
+
+def tangent(x: Any) -> Any:
+    """tan x, |x| < 10⁵ rad."""
+    return sine(x) / cosine(x)
+
+
+def arctangent_2(y: Any, x: Any) -> Any:
+    """The angle of the vector (x, y), −π to π; 0 of the vector (0, 0). A negative zero counts as zero."""
+    across, along = np.abs(y), np.abs(x)
+    most, least = np.maximum(across, along), np.minimum(across, along)
+    # Beyond 0.66 the difference from an eighth of a turn is small: atan t = π/4 + atan((t − 1)/(t + 1)).
+    beyond = least > 0.66 * most
+    top = least - most if beyond else least
+    bottom = least + most if beyond else most
+    t = top / (1.0 if bottom == 0.0 else bottom)
+    z = t * t
+    upper = -8.750608600031904122785e-1 * z - 1.615753718733365076637e1
+    upper = ((upper * z - 7.500855792314704667340e1) * z - 1.228866684490136173410e2) * z - 6.485021904942025371773e1
+    lower = (z + 2.485846490142306297962e1) * z + 1.650270098316988542046e2
+    lower = ((lower * z + 4.328810604912902668951e2) * z + 4.853903996359136964868e2) * z + 1.945506571482613964425e2
+    angle = t + t * (z * upper / lower)
+    angle = QUARTER_PI + (angle + 0.25 * PI_REST) if beyond else angle
+    angle = HALF_PI - (angle - 0.5 * PI_REST) if across > along else angle
+    angle = PI - (angle - PI_REST) if x < 0.0 else angle
+    return -angle if y < 0.0 else angle
+
+
+def length(x: Any, y: Any) -> Any:
+    """The length of the vector (x, y) where its square is a number, neither too large nor too small."""
+    return np.sqrt(x * x + y * y)
+
+
+def power_of_two(count: Any) -> Any:
+    """2 to a whole number, −1022 to 1023."""
+    left = np.abs(count)
+    found = 1.0
+    found, left = (1.3407807929942597e154 * found, left - 512.0) if left >= 512.0 else (found, left)
+    found, left = (1.157920892373162e77 * found, left - 256.0) if left >= 256.0 else (found, left)
+    found, left = (3.402823669209385e38 * found, left - 128.0) if left >= 128.0 else (found, left)
+    found, left = (1.8446744073709552e19 * found, left - 64.0) if left >= 64.0 else (found, left)
+    found, left = (4294967296.0 * found, left - 32.0) if left >= 32.0 else (found, left)
+    found, left = (65536.0 * found, left - 16.0) if left >= 16.0 else (found, left)
+    found, left = (256.0 * found, left - 8.0) if left >= 8.0 else (found, left)
+    found, left = (16.0 * found, left - 4.0) if left >= 4.0 else (found, left)
+    found, left = (4.0 * found, left - 2.0) if left >= 2.0 else (found, left)
+    found = 2.0 * found if left >= 1.0 else found
+    return 1.0 / found if count < 0.0 else found
+
+
+def exponential(x: Any) -> Any:
+    """eˣ, −700 ≤ x ≤ 700; beyond, its value at that end. The relative error is below 3e-16."""
+    x = np.minimum(np.maximum(x, -700.0), 700.0)
+    count = rounded(x * LOG_2_E)
+    rest = (x - count * LOG_2_HIGH) - count * LOG_2_LOW
+    z = rest * rest
+    odd = rest * ((1.26177193074810590878e-4 * z + 3.02994407707441961300e-2) * z + 9.99999999999999999910e-1)
+    even = (3.00198505138664455042e-6 * z + 2.52448340349684104192e-3) * z + 2.27265548208155028766e-1
+    even = even * z + 2.0
+    return (1.0 + 2.0 * (odd / (even - odd))) * power_of_two(count)
+
+
+PLAIN = {
+    "sin": sine,
+    "cos": cosine,
+    "tan": tangent,
+    "atan2": arctangent_2,
+    "hypot": length,
+    "exp": exponential,
+}
+"""What takes the place of an operation."""

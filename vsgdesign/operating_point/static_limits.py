@@ -1,0 +1,50 @@
+"""What a converter and its grid can carry in steady state: how much of each static limit an operating point uses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.power_flow import POWER_MARGIN
+from vsgdesign.frames import rated_current_rms, rms_to_peak
+from vsgdesign.parameters.study import Study
+
+Array = NDArray[np.float64]
+
+_BRIDGE_SHARE = 0.995
+"""Of the bridge's voltage limit: the rest is for the sampled bridge, which makes its fundamental in steps."""
+
+
+def static_limit_uses(study: Study, R: Any, X: Any, omega_g: Any, P: Any, Q: Any, V_rms: Any) -> dict[str, Array]:
+    """How much of each static limit operating points use, (N,) each: 1 on the limit (:eq:`static-limits`).
+
+    R and X in Ω lead from the control point to the source at omega_g (rad/s). P (W), Q (var) and V (phase rms, V) are
+    those at the control point. A use is NaN where they are.
+    """
+    c = study.converter
+    low, high = c.V_limits_rms
+    apparent = np.hypot(P, Q)
+    V_pu = V_rms / c.V_rated_rms
+    carried = c.S_rated * V_pu * V_pu * c.Z_base / np.hypot(R, X)
+    limit_pu = np.inf if c.current_limit_pu is None else c.current_limit_pu
+    with np.errstate(invalid="ignore"):
+        bridge = V_rms + (study.filter.R_1 + 1j * omega_g * study.filter.L_1) * converter_current_rms(
+            study, omega_g, P, Q, V_rms
+        )
+        return {
+            "power transfer": POWER_MARGIN * apparent / carried,
+            "least voltage": low / V_rms,
+            "largest voltage": V_rms / high,
+            "current": apparent / (limit_pu * c.S_rated * V_pu),
+            "bridge voltage": rms_to_peak(np.abs(bridge)) / (_BRIDGE_SHARE * c.v_max_pk),
+        }
+
+
+def converter_current_rms(study: Study, omega_g: Any, P: Any, Q: Any, V_rms: Any) -> Any:
+    """The current through L_1 as a phasor against the voltage at the control point, A rms: that into the grid and
+    that of the capacitor."""
+    f = study.filter
+    shunt = 1j * omega_g * f.C / (1.0 + 1j * omega_g * f.C * f.R_c)
+    return rated_current_rms(P - 1j * Q, V_rms) + shunt * V_rms

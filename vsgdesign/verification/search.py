@@ -1,0 +1,181 @@
+"""A search for the worst cases. It finds rare failures; its cases are no sample, and no share may be taken of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.errors import WorkerError
+from vsgdesign.execution.executors import LOST
+from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.threads import one_thread
+from vsgdesign.verification.blocks import Job
+from vsgdesign.verification.counting import LEFT_OUT, STATUSES, figures_of, judged_values
+from vsgdesign.verification.summary import CaseFigures
+
+Array = NDArray[np.float64]
+
+POPULATION = 64
+"""Cases of a generation: a whole number of lanes on any machine."""
+
+FOUND = 5
+"""Cases that a search gives for each family."""
+
+APART = 0.05
+"""Two found cases differ by at least this in one of their coordinates, of which each goes from 0 to 1."""
+
+_CEILING = 10.0
+"""A figure that does not exist counts as this many times its limit."""
+
+
+_BEYOND = 0.15
+"""The search may step beyond the cube by this, and is put back on its face: the worst cases are often at a corner."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundCase:
+    """A case that a search has found."""
+
+    family: str
+    promise: str
+    """The promise that it keeps least, or breaks most."""
+    broken: tuple[str, ...]
+    """Promises that it breaks."""
+    coordinates: tuple[float, ...]
+    """What the case is made of (:func:`vsgdesign.verification.draws.cases_of`)."""
+    case: CaseFigures
+    """Its ``index`` is the number of the evaluation."""
+
+
+@dataclass
+class _Watch:
+    """The objective of the search, and everything that it has met."""
+
+    job: Job
+    family: int
+    evaluations: int = 0
+    broken: int = 0
+    best: list[FoundCase] = field(default_factory=list)
+
+    def severities(self, coordinates: Array) -> Array:
+        """The largest figure over its limit of each case (rows of ``coordinates``), zero where it is not asked for."""
+        job, name = self.job, self.job.families[self.family]
+        inside = np.clip(coordinates, 0.0, np.nextafter(1.0, 0.0))
+        cases, _ = job.batch.cases_of(job.study, job.spec, inside, self.family, job.ready)
+        results = job.run(cases)
+        status, figures = np.asarray(results.status), figures_of(results)
+        held = [promise for promise in job.promises if name in promise.families]
+        asked = ~np.isin(status, [STATUSES.index(one) for one in LEFT_OUT])
+        uses = np.stack([judged_values(p, status, figures) / p.limit for p in held], axis=1)
+        worst = np.where(asked, uses.max(axis=1), 0.0)
+        for k in np.argsort(-worst, kind="stable")[:FOUND].tolist():
+            if asked[k]:
+                self._keep(
+                    FoundCase(
+                        family=name,
+                        promise=held[int(uses[k].argmax())].name,
+                        broken=tuple(p.name for j, p in enumerate(held) if not uses[k, j] <= 1.0),
+                        coordinates=tuple(inside[k].tolist()),
+                        case=CaseFigures(
+                            self.evaluations + k, float(worst[k]), STATUSES[status[k]], tuple(figures[k].tolist())
+                        ),
+                    )
+                )
+        self.evaluations += len(coordinates)
+        self.broken += int((worst > 1.0).sum())
+        return np.minimum(worst, _CEILING)
+
+    def _keep(self, found: FoundCase) -> None:
+        """Among those that it is near to, the worst is kept."""
+        near = [one for one in self.best if np.abs(np.subtract(one.coordinates, found.coordinates)).max() < APART]
+        if any(_order(one) <= _order(found) for one in near):
+            return
+        kept = [one for one in self.best if one not in near]
+        self.best = sorted([*kept, found], key=_order)[:FOUND]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Searched:
+    """What a search has found."""
+
+    evaluations: int
+    broken: int
+    """Evaluations that break a promise; many of them may be one case and its neighbours."""
+    found: tuple[FoundCase, ...]
+    """The worst of each family first."""
+
+
+def search(
+    job: Job,
+    evaluations: int,
+    starts: Mapping[str, Array],
+    *,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> Searched:
+    """Looks for the worst case of every family by differential evolution over the coordinates of its cases.
+
+    ``evaluations``: runs in all, shared equally among the families; at least two generations each. ``starts``: rows of
+    coordinates to begin from, by family; the rest of the first generation covers the cube evenly. The same seed finds
+    the same. Raises WorkerError where a worker is lost.
+    """
+    tell, verification = progress or silent, job.study.verification
+    seed = 0 if verification is None else verification.seed
+    each = max(evaluations // max(len(starts), 1), 2 * POPULATION)
+    tasks = [(job.sent, job.families.index(name), each, rows, seed) for name, rows in starts.items()]
+    parts: list[Searched] = []
+    futures = None if executor is None else [executor.submit(_search_family, *task) for task in tasks]
+    try:
+        for k, task in enumerate(tasks):
+            tell("search for the worst", k / len(tasks))
+            parts.append(_search_family(*task) if futures is None else futures[k].result())
+    except (BrokenExecutor, CancelledError) as error:
+        raise WorkerError(f"workers: {LOST}") from error
+    finally:
+        for future in futures or ():
+            future.cancel()
+    tell("search for the worst", 1.0)
+    return Searched(
+        evaluations=sum(part.evaluations for part in parts),
+        broken=sum(part.broken for part in parts),
+        found=tuple(sorted((one for part in parts for one in part.found), key=_order)),
+    )
+
+
+def _search_family(job: Job, family: int, evaluations: int, starts: Array, seed: int) -> Searched:
+    from scipy.optimize import differential_evolution
+    from scipy.stats import qmc
+
+    job.prepare()
+    watch = _Watch(job, family)
+    dimensions = starts.shape[1]
+    generator = np.random.default_rng([seed, family])
+    begin = qmc.LatinHypercube(dimensions, rng=generator).random(POPULATION)
+    begin[: len(starts)] = starts[:POPULATION]
+    with one_thread():
+        differential_evolution(
+            lambda x: -watch.severities(np.ascontiguousarray(x.T)),
+            [(-_BEYOND, 1.0 + _BEYOND)] * dimensions,
+            init=begin,
+            maxiter=max(evaluations // POPULATION - 1, 1),
+            tol=0.0,
+            mutation=(0.4, 0.9),
+            polish=False,
+            updating="deferred",
+            vectorized=True,
+            rng=generator,
+        )
+    return Searched(evaluations=watch.evaluations, broken=watch.broken, found=tuple(watch.best))
+
+
+def _order(found: FoundCase) -> tuple[float, str, int]:
+    return -found.case.severity, found.family, found.case.index
+
+
+def starts_of(coordinates: Sequence[Sequence[float]], dimensions: int) -> Array:
+    """Rows to begin from as an array (n, dimensions); n may be zero."""
+    return np.array(coordinates, dtype=float).reshape(len(coordinates), dimensions)
