@@ -82,6 +82,8 @@ class Loop:
     def __init__(self, spec: LoopSpec, call: Callable[..., int]) -> None:
         self.spec = spec
         self._call = call
+        self._checked: Integers | None = None
+        """Records of the program that was checked last."""
 
     def __call__(  # noqa: PLR0913 (as many arrays as a loop can have)
         self,
@@ -102,7 +104,8 @@ class Loop:
     ) -> int:
         """Moves ``rows`` (G, R, L) through samples ``begin`` to ``end`` − 1 and gives the number of samples done.
 
-        R are the rows of ``spec.rows``, L the lanes of a group. ``uniform`` (n,); ``cyclic`` (period, n) and ``cycle``
+        R are the rows of ``spec.rows``, and more that a program's copies alone use; L the lanes of a group.
+        ``uniform`` (n,); ``cyclic`` (period, n) and ``cycle``
         (period,), the body's number, are those of sample k % period. ``fed`` (G, end − begin, n, L) begins at sample
         ``begin``. ``rings`` (G, size, n, L) hold the last ``ring_length`` (G,) samples, sample k in slot k %
         ring_length. ``log`` (G, slots, n, L) gets samples 0, ``every``, 2·``every``, … of the run in slots 0, 1, 2, …;
@@ -111,7 +114,9 @@ class Loop:
         Raises ValueError with everything that does not fit. The interpreter's lock is free meanwhile.
         """
         spec, given = self.spec, _Given()
-        given.array("rows", rows, (None, len(spec.rows), spec.width))
+        given.array("rows", rows, (None, None, spec.width))
+        behind = rows.ndim == 3 and rows.shape[1] < len(spec.rows)
+        given.fault(behind, f"rows has the shape {rows.shape}: give (any, {len(spec.rows)} or more, {spec.width})")
         groups = rows.shape[0] if rows.ndim == 3 else 0
         given.array("uniform", uniform, (len(spec.uniform),))
         period = 1
@@ -129,15 +134,18 @@ class Loop:
             nothing = np.zeros(0, np.int64)
             start = np.zeros(groups + 1, np.int64), np.zeros(groups, np.int64)
             program = Program(start[0], nothing, nothing, nothing, nothing, nothing, np.zeros(0), start[1])
-        given.program(program, spec, groups)
+        given.fault(len(program.done) != groups, f"done of the program has {len(program.done)} groups: give {groups}")
+        given.program(program, rows.shape[1] if rows.ndim == 3 else 0, spec.width, program.at is not self._checked)
         given.raise_faults()
         given.ranges(begin, end, groups, spec, cycle, ring_length, every if logging else 0)
         given.fault(bool(np.isnan(uniform).any()), "uniform has NaN: give numbers")
         given.raise_faults()
+        self._checked = program.at
         if begin == end or not groups:
             return 0
         numbers = {
-            "begin": begin, "end": end, "groups": groups, "period": period, "fed_group": given.stride("fed", 0),
+            "begin": begin, "end": end, "groups": groups, "rows_group": given.stride("rows", 0),
+            "period": period, "fed_group": given.stride("fed", 0),
             "fed_sample": given.stride("fed", 1), "ring_size": given.length("rings"),
             "log_group": given.stride("log", 0), "log_sample": given.stride("log", 1),
             "every": every if logging else 0, "origin": origin,
@@ -181,22 +189,23 @@ class _Given:
         self.fault(not inner.flags.c_contiguous, f"{name} is not contiguous: give a copy of it")
         self.arrays[name] = array
 
-    def program(self, program: Program, spec: LoopSpec, groups: int) -> None:
-        count = len(program.at)
+    def program(self, program: Program, rows: int, width: int, anew: bool) -> None:
+        """The program; its records only where they are given ``anew``."""
+        count, groups = len(program.at), len(program.done)
         shapes = {"first": groups + 1, "done": groups} | dict.fromkeys(("at", "lane", "row", "count", "source"), count)
         for name, length in shapes.items():
             self.array(name, getattr(program, name), (length,), np.int64)
         self.array("values", program.values, (len(program.values),))
-        if self.faults or not count:
+        if self.faults or not count or not anew:
             return
-        source, rows = program.source, len(spec.rows)
+        source = program.source
         other = np.where(source < 0, -1 - source, 0)
         outside = (
             (program.row < 0)
             | (program.row + program.count > rows)
             | (other + np.where(source < 0, program.count, 0) > rows)
         )
-        outside |= (program.lane < 0) | (program.lane >= spec.width) | (program.count < 0)
+        outside |= (program.lane < 0) | (program.lane >= width) | (program.count < 0)
         outside |= np.where(source >= 0, source + program.count > len(program.values), False)
         self.fault(
             bool(outside.any()),

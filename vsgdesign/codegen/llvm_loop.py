@@ -12,6 +12,7 @@ INTEGERS = (
     "begin",
     "end",
     "groups",
+    "rows_group",
     "period",
     "fed_group",
     "fed_sample",
@@ -67,12 +68,11 @@ def loop_text(spec: LoopSpec) -> str:
 
 def _group(spec: LoopSpec) -> list[str]:
     """Groups one after the other, each over all samples."""
-    size = len(spec.rows) * spec.width
     rings = len(spec.rings) * spec.width
     return [
         "group:",
         "  %g = phi i64 [ 0, %entry ], [ %g_next, %group_end ]",
-        f"  %base_at = mul i64 %g, {size}",
+        "  %base_at = mul i64 %g, %rows_group",
         "  %base = getelementptr double, ptr %rows, i64 %base_at",
         "  %fed_at = mul i64 %g, %fed_group",
         "  %fed_first = getelementptr double, ptr %fed, i64 %fed_at",
