@@ -30,6 +30,8 @@ PLAIN = types.SimpleNamespace(
     arctan2=vector_math.arctangent_2,
     hypot=vector_math.length,
     exp=vector_math.exponential,
+    log=vector_math.logarithm,
+    tanh=vector_math.hyperbolic_tangent,
     pi=math.pi,
 )
 """In place of NumPy: the same functions of floats, with the plain sine and the like."""

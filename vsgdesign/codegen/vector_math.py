@@ -28,7 +28,7 @@ PI_REST = 1.2246467991473532e-16
 LOG_2_HIGH = 0.6931471803691238
 LOG_2_LOW = 1.9082149292705877e-10
 LOG_2_E = 1.4426950408889634
-SQRT_HALF = 0.7071067811865476
+"""ln 2 in two parts, the first of which has 33 bits, and 1/ln 2."""
 
 
 def rounded(x: Any) -> Any:
@@ -152,6 +152,59 @@ def exponential(x: Any) -> Any:
     return (1.0 + 2.0 * (odd / (even - odd))) * power_of_two(count)
 
 
+def small_and_whole(x: Any) -> Any:
+    """A positive number as m·2ᵏ with 0.7 ≤ m ≤ 1.4. Returns (m, k)."""
+    m, k = x, 0.0
+    m, k = (7.458340731200207e-155 * m, k + 512.0) if m >= 1.3407807929942597e154 else (m, k)
+    m, k = (8.636168555094445e-78 * m, k + 256.0) if m >= 1.157920892373162e77 else (m, k)
+    m, k = (2.938735877055719e-39 * m, k + 128.0) if m >= 3.402823669209385e38 else (m, k)
+    m, k = (5.421010862427522e-20 * m, k + 64.0) if m >= 1.8446744073709552e19 else (m, k)
+    m, k = (2.3283064365386963e-10 * m, k + 32.0) if m >= 4294967296.0 else (m, k)
+    m, k = (1.52587890625e-05 * m, k + 16.0) if m >= 65536.0 else (m, k)
+    m, k = (0.00390625 * m, k + 8.0) if m >= 256.0 else (m, k)
+    m, k = (0.0625 * m, k + 4.0) if m >= 16.0 else (m, k)
+    m, k = (0.25 * m, k + 2.0) if m >= 4.0 else (m, k)
+    m, k = (0.5 * m, k + 1.0) if m >= 2.0 else (m, k)
+    m, k = (1.3407807929942597e154 * m, k - 512.0) if m < 1.4916681462400413e-154 else (m, k)
+    m, k = (1.157920892373162e77 * m, k - 256.0) if m < 1.727233711018889e-77 else (m, k)
+    m, k = (3.402823669209385e38 * m, k - 128.0) if m < 5.877471754111438e-39 else (m, k)
+    m, k = (1.8446744073709552e19 * m, k - 64.0) if m < 1.0842021724855044e-19 else (m, k)
+    m, k = (4294967296.0 * m, k - 32.0) if m < 4.656612873077393e-10 else (m, k)
+    m, k = (65536.0 * m, k - 16.0) if m < 3.0517578125e-05 else (m, k)
+    m, k = (256.0 * m, k - 8.0) if m < 0.0078125 else (m, k)
+    m, k = (16.0 * m, k - 4.0) if m < 0.125 else (m, k)
+    m, k = (4.0 * m, k - 2.0) if m < 0.5 else (m, k)
+    m, k = (2.0 * m, k - 1.0) if m < 1.0 else (m, k)
+    return (0.5 * m, k + 1.0) if m > 1.4 else (m, k)
+
+
+def logarithm(x: Any) -> Any:
+    """ln x of a positive number, 1e-307 ≤ x ≤ 1e307; for others it means nothing. The relative error is below 3e-16."""
+    m, k = small_and_whole(x)
+    f = m - 1.0
+    s = f / (2.0 + f)
+    z = s * s
+    tail = 2.857142874366239149e-01 + z * (
+        2.222219843214978396e-01
+        + z * (1.818357216161805012e-01 + z * (1.531383769920937332e-01 + z * 1.479819860511658591e-01))
+    )
+    tail = z * (6.666666666666735130e-01 + z * (3.999999999940941908e-01 + z * tail))
+    half = 0.5 * (f * f)
+    return k * LOG_2_HIGH - ((half - (s * (half + tail) + k * LOG_2_LOW)) - f)
+
+
+def hyperbolic_tangent(x: Any) -> Any:
+    """tanh x. The relative error is below 3e-16."""
+    size = np.abs(x)
+    z = x * x
+    upper = (-9.64399179425052238628e-1 * z - 9.92877231001918586564e1) * z - 1.61468768441708447952e3
+    lower = ((z + 1.12811678491632931402e2) * z + 2.23548839060100448583e3) * z + 4.84406305325125486048e3
+    near = x + x * (z * (upper / lower))
+    far = 1.0 - 2.0 / (exponential(2.0 * size) + 1.0)
+    far = -far if x < 0.0 else far
+    return near if size < 0.625 else far
+
+
 PLAIN = {
     "sin": sine,
     "cos": cosine,
@@ -159,5 +212,7 @@ PLAIN = {
     "atan2": arctangent_2,
     "hypot": length,
     "exp": exponential,
+    "log": logarithm,
+    "tanh": hyperbolic_tangent,
 }
 """What takes the place of an operation."""
