@@ -40,10 +40,9 @@ def interharmonic_rms(
     x = x - _fundamental(x, t, frequency_hz)
     squares = []
     for k in range(windows):
-        weights = _weights(len(x), k * length, (k + 1) * length)
-        chosen = np.flatnonzero(weights)
+        chosen, weights = _window(k * length, (k + 1) * length)
         turned = np.exp(-2j * math.pi * np.outer(bins, t[chosen]) * frequency_hz / cycles)
-        amplitudes = 2.0 * np.abs(turned @ (weights[chosen] * x[chosen])) / length
+        amplitudes = 2.0 * np.abs(turned @ (weights * x[chosen])) / length
         squares.append(float(np.sum(0.5 * amplitudes**2)))
     return math.sqrt(float(np.mean(squares)))
 
@@ -61,7 +60,8 @@ def _fundamental(x: Array, t: Array, frequency_hz: float) -> Array:
     return basis @ np.linalg.lstsq(basis, x, rcond=None)[0]
 
 
-def _weights(n: int, begin: float, end: float) -> Array:
-    """How much of the interval about each sample k, [k − ½, k + ½] in samples, lies in [begin, end] − ½."""
-    edges = np.arange(n + 1, dtype=float)
-    return np.diff(np.clip(edges, begin, end))
+def _window(begin: float, end: float) -> tuple[slice, Array]:
+    """The samples k whose interval, [k − ½, k + ½] in samples, has a part in [begin, end] − ½, and how much of each."""
+    first, stop = math.floor(begin), math.ceil(end)
+    edges = np.arange(first, stop + 1, dtype=float)
+    return slice(first, stop), np.diff(np.clip(edges, begin, end))
