@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.certificate.error_bounds import truth_behind
-from vsgdesign.equations.grid import error_half_widths
+from vsgdesign.equations.grid import SCR_BASES, error_half_widths
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.operating_point.static_limits import static_limit_uses
 from vsgdesign.parameters.specification import Specification
@@ -99,30 +99,35 @@ def scenarios_around_estimate(
     limits meet, what is asked of a grid has a sharp maximum.
     """
     own = _behind_node(study, spec, scr, x_over_r)
-    more = [
-        pair
-        for s in _steps(reach[0], scr, reach[1])
-        for x in _steps(reach[2], x_over_r, reach[3])
-        for pair in _behind_lookup(study, spec, s, x)
-    ]
-    return _scenarios(study, spec, [list(dict.fromkeys([*own, *more]))], P, Q)[0]
+    places = list(itertools.product(_steps(reach[0], scr, reach[1]), _steps(reach[2], x_over_r, reach[3])))
+    return _scenarios(study, spec, [list(dict.fromkeys([*own, *_behind_lookups(study, spec, places)]))], P, Q)[0]
 
 
 def _behind_node(study: Study, spec: Specification, scr: float, x_over_r: float) -> list[tuple[Grid, Grid]]:
     grid = Place(scr, x_over_r, spec.scr_basis).grid(study.converter)
-    return list(dict.fromkeys([(grid, grid), *_behind_lookup(study, spec, scr, x_over_r)]))
+    return list(dict.fromkeys([(grid, grid), *_behind_lookups(study, spec, [(scr, x_over_r)])]))
 
 
-def _behind(study: Study, spec: Specification, estimate: Grid) -> list[tuple[Grid, Grid]]:
-    """(truth, estimate) for every sign of the errors, the truth within the table."""
-    return [(_drawn_in(study, spec, estimate, signs), estimate) for signs in _signs_of(spec)]
+def _behind_lookups(
+    study: Study, spec: Specification, places: Sequence[tuple[float, float]]
+) -> list[tuple[Grid, Grid]]:
+    """(truth, estimate) of places in the table (SCR, X/R), one after another: for every sign of the errors with the
+    truth within the table, then estimates beyond its edge that are looked up there."""
+    grids = [Place(*place, spec.scr_basis).grid(study.converter) for place in places]
+    signs = _signs_of(spec)
+    truths = iter(_drawn_in(study, spec, *zip(*itertools.product(grids, signs), strict=True)))
+    pairs = []
+    for place, grid in zip(places, grids, strict=True):
+        pairs += [(next(truths), grid) for _ in signs]
+        pairs += _beyond_edge(study, spec, *place)
+    return pairs
 
 
-def _behind_lookup(study: Study, spec: Specification, scr: float, x_over_r: float) -> list[tuple[Grid, Grid]]:
-    """(truth, estimate) of a place in the table: also estimates beyond its edge that are looked up here."""
+def _beyond_edge(study: Study, spec: Specification, scr: float, x_over_r: float) -> list[tuple[Grid, Grid]]:
+    """(truth, estimate) of estimates beyond the table's edge that are looked up at this place."""
     c, basis = study.converter, spec.scr_basis
     place = Place(scr, x_over_r, basis).grid(c)
-    pairs = _behind(study, spec, place)
+    pairs = []
     for signs in _signs_of(spec):
         truths = []
         if scr in (spec.scr[0], spec.scr[-1]):
@@ -196,33 +201,45 @@ def _seen(study: Study, spec: Specification, estimate: Grid) -> Grid:
     return _within_table(study, spec, estimate) if spec.box.error_Z else estimate
 
 
-def _drawn_in(study: Study, spec: Specification, estimate: Grid, signs: Signs) -> Grid:
-    """The truth behind an estimate with these errors, or with as much of both as leaves it within the table."""
-    omega_n = study.converter.omega_n
+def _drawn_in(study: Study, spec: Specification, estimates: Sequence[Grid], signs: Sequence[Signs]) -> list[Grid]:
+    """The truth behind each estimate with the errors of its signs, or with as much of them as leaves it within the
+    table."""
+    c, basis = study.converter, SCR_BASES[spec.scr_basis]
+    R_hat, L_hat = np.array([(grid.R_g, grid.L_g) for grid in estimates]).T
+    sign_R, sign_X = np.array(signs).T
 
-    def truth(share: float) -> Grid:
-        errors = tuple(share * error for error in spec.box.errors)
+    def truths(share: Array) -> tuple[Array, Array]:
+        errors = [share * error for error in spec.box.errors]
         if not spec.box.error_Z:
-            return Grid(estimate.R_g / (1.0 + signs[0] * errors[0]), estimate.L_g / (1.0 + signs[1] * errors[1]))
-        R, X = truth_behind(estimate.R_g, omega_n * estimate.L_g, *signs, *errors)
-        return Grid(float(R), float(X / omega_n))
+            return R_hat / (1.0 + sign_R * errors[0]), L_hat / (1.0 + sign_X * errors[1])
+        R, X = truth_behind(R_hat, c.omega_n * L_hat, sign_R, sign_X, *errors)
+        return R, X / c.omega_n
 
-    if _is_within(study, spec, truth(1.0)):
-        return truth(1.0)
-    low, high = 0.0, 1.0
+    def within(share: Array) -> NDArray[np.bool_]:
+        R, L = truths(share)
+        with np.errstate(divide="ignore"):
+            return _in_table(spec, basis.scr(R, L, c.Z_base, c.omega_n), c.omega_n * L / R)
+
+    low, high = np.zeros(len(R_hat)), np.ones(len(R_hat))
+    whole = within(high)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _is_within(study, spec, truth(middle)) else (low, middle)
-    return truth(low)
+        inside = within(middle)
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    return [Grid(float(R), float(L)) for R, L in zip(*truths(np.where(whole, 1.0, low)), strict=True)]
+
+
+def _in_table(spec: Specification, scr: Any, x_over_r: Any) -> Any:
+    """Whether places are within the table, to rounding."""
+    axes = ((spec.scr, scr), (spec.x_over_r, x_over_r))
+    parts = [(axis[0] * (1.0 - _ROUNDING) <= at) & (at <= axis[-1] * (1.0 + _ROUNDING)) for axis, at in axes]
+    return parts[0] & parts[1]
 
 
 def _is_within(study: Study, spec: Specification, grid: Grid) -> bool:
     """Whether a grid is within the table."""
     place = grid.place(study.converter, spec.scr_basis)
-    return all(
-        axis[0] * (1.0 - _ROUNDING) <= value <= axis[-1] * (1.0 + _ROUNDING)
-        for axis, value in ((spec.scr, place.scr), (spec.x_over_r, place.x_over_r))
-    )
+    return bool(_in_table(spec, place.scr, place.x_over_r))
 
 
 def _within_table(study: Study, spec: Specification, grid: Grid) -> Grid:
