@@ -7,6 +7,7 @@ together, bit by bit and with every guard.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -219,6 +220,13 @@ class ManySchedulers:
             gains=many.gains(places, blank.P, blank.Q, blank.V_rms),
         )
         return inside
+
+    def take(self, chosen: NDArray[Any]) -> ManySchedulers:
+        """Schedulers of their own with the state of some of these, by index or by mask."""
+        some = copy(self)
+        some._state, some._places, some.answers = _taken(self._state, chosen), _taken(self._places, chosen), None
+        some._count = len(some._state.scr)
+        return some
 
     def tell(self, *, limited: Any = False, surprised: Any = False, changed: Any = False, lanes: Lanes = None) -> None:
         """Says what happened since the last update, as :meth:`vsgdesign.runtime.scheduler.Scheduler.tell`."""
@@ -489,7 +497,7 @@ def _everywhere(state: Any, count: int) -> Any:
     )
 
 
-def _taken(state: Any, lanes: Whole) -> Any:
+def _taken(state: Any, lanes: NDArray[Any]) -> Any:
     """The same of some lanes."""
     return type(state)(
         *(_taken(values, lanes) if isinstance(values, tuple) else values[..., lanes] for values in state)

@@ -334,8 +334,8 @@ class OnlineGains:
         self._scheduler, self._timeline = scheduler, timeline
         T_s = study.converter.T_s
         interval, period = scheduler.sample_interval, scheduler.update_period
-        self._every = _whole(interval, T_s, "sample_interval", "the controller's sampling period")
-        self._period = self._every * _whole(period, interval, "update_period", "the sample interval")
+        self._every = whole_multiple(interval, T_s, "sample_interval", "the controller's sampling period")
+        self._period = self._every * whole_multiple(period, interval, "update_period", "the sample interval")
         self.log_samples = self._every
         self._T_s, self._circuit = T_s, study.circuit()
         self._gains = scheduler.first_gains()
@@ -437,7 +437,8 @@ def _grid(scheduler: OnlineScheduler) -> Grid | None:
     return grid
 
 
-def _whole(value: float, unit: float, what: str, of: str) -> int:
+def whole_multiple(value: float, unit: float, what: str, of: str) -> int:
+    """How many units a value is. Raises InfeasibleStudyError if it is no whole number of them."""
     count = round(value / unit) if value > 0.0 and math.isfinite(value) else 0
     if count < 1 or abs(value / unit - count) > 1e-6:
         raise InfeasibleStudyError(

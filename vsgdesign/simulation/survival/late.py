@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Grid, Study
+from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Grid, Place, Study
 from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.following import ScheduledAnswers
@@ -16,6 +16,18 @@ from vsgdesign.simulation.online import MeasuredWindow
 
 STALE_S = SchedulerSettings.stale_ticks * SchedulerSettings.tick
 """Time without an answer from which on gains are those of a safe place, s: as a table's scheduler has it."""
+
+
+def safe_grid(study: Study) -> Grid | None:
+    """Where a closed form takes its gains from once its estimate is stale: the middle of the specification's grids.
+
+    None without a specification: the closed form then goes on with what it was told last.
+    """
+    asked = study.specification
+    if asked is None:
+        return None
+    scr, x_over_r = (math.sqrt(axis[0] * axis[-1]) for axis in (asked.scr, asked.x_over_r))
+    return Place(scr, x_over_r, asked.scr_basis).grid(study.converter)
 
 
 class LateSchedule:

@@ -26,7 +26,7 @@ from vsgdesign.metrics.survival import (
     judge_survival,
 )
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
-from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Place, Study
+from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
@@ -34,7 +34,7 @@ from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.cases import GridKnowledge, SurvivalCase
 from vsgdesign.simulation.survival.field import at_asked_powers, field_demand, late_grid
-from vsgdesign.simulation.survival.late import LateSchedule
+from vsgdesign.simulation.survival.late import LateSchedule, safe_grid
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 Array = NDArray[np.float64]
@@ -88,15 +88,8 @@ class Subject:
 
     @property
     def safe(self) -> Grid | None:
-        """Where a closed form takes its gains from once its estimate is stale: the middle of the specification's grids.
-
-        None without a specification: the closed form then goes on with what it was told last.
-        """
-        asked = self.study.specification
-        if asked is None:
-            return None
-        scr, x_over_r = (math.sqrt(axis[0] * axis[-1]) for axis in (asked.scr, asked.x_over_r))
-        return Place(scr, x_over_r, asked.scr_basis).grid(self.study.converter)
+        """Where a closed form takes its gains from once its estimate is stale (:func:`safe_grid`)."""
+        return safe_grid(self.study)
 
     @property
     def settling_time(self) -> float:
