@@ -66,7 +66,8 @@ class InfeasibleStudyError(VsgDesignError):
 
 
 class LimitHitError(InfeasibleStudyError):
-    """A steady state needs more than the converter has: ``limit`` is ``bridge voltage`` or ``current``."""
+    """A steady state needs more than the converter has: ``limit`` is ``bridge voltage``, ``current`` or ``voltage
+    limits``."""
 
     def __init__(self, message: str, *, limit: str) -> None:
         self.limit = limit

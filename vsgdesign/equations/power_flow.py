@@ -47,8 +47,12 @@ def operating_point(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> tuple[Any, 
     """
     b_0, discriminant = operating_point_discriminant(P, Q, V_g_rms, R, X)
     V_sq = 0.5 * (b_0 + np.sqrt(discriminant))
-    delta = np.arctan2(X * P - R * Q, PHASES * V_sq - R * P - X * Q)
-    return np.sqrt(V_sq), delta
+    return np.sqrt(V_sq), power_angle(P, Q, V_sq, R, X)
+
+
+def power_angle(P: Any, Q: Any, V_sq: Any, R: Any, X: Any) -> Any:
+    """The angle δ in rad of a voltage that delivers P and Q (:eq:`operating-point`). V_sq is its square in V²."""
+    return np.arctan2(X * P - R * Q, PHASES * V_sq - R * P - X * Q)
 
 
 def largest_scale(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> Any:

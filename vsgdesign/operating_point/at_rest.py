@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.operating_point.sampled import SampledState, steady_state
+from vsgdesign.operating_point.many import NO_GAINS, NOT_CONVERGED, many_rests_with_measured_gains
+from vsgdesign.operating_point.sampled import SampledState, fault_of_rest, state_of_lane
 from vsgdesign.parameters.study import Grid, GridSource, Study
 
+Array = NDArray[np.float64]
 GainsOfMeasured = Callable[[float, float, float], PowerLoopGains]
 """Function of P (W), Q (var) and V (phase rms, V) at the control point that returns gains, or NaN if there are none."""
-
-_ROUNDS = 100
-_TOLERANCE = 1e-10
 
 
 def rest_with_measured_gains(
@@ -33,20 +33,24 @@ def rest_with_measured_gains(
     state are computed in turn until they agree to 1e-10. Raises InfeasibleStudyError if there is no steady state, if
     there are no gains in it, or if the iteration does not converge.
     """
-    gains = gains_of(P_ref, Q_ref, study.converter.V_rated_rms)
-    for _ in range(_ROUNDS):
-        if not np.isfinite(gains).all():
-            raise InfeasibleStudyError(
-                f"no gains: R_g = {grid.R_g:.4g} Ω, L_g = {grid.L_g * 1e3:.4g} mH is not in the "
-                "schedule. Leave this grid out, or take a schedule that contains it."
-            )
-        state = steady_state(study, grid, source, P_ref, Q_ref, gains, phase)
-        before, at = gains, state.controller
-        gains = gains_of(at.P_f, at.Q_f, at.V)
-        scale = np.abs(before) + np.abs(gains)
-        if np.all(np.abs(np.subtract(gains, before)) <= _TOLERANCE * scale):
-            return state, before
-    raise InfeasibleStudyError(
-        "no steady state: the gains follow the measured powers and do not come to rest. Ask for other "
-        "references, or start cold."
-    )
+
+    def of_many(P: Array, Q: Array, V: Array) -> PowerLoopGains:
+        return PowerLoopGains(*(np.array([value]) for value in gains_of(float(P[0]), float(Q[0]), float(V[0]))))
+
+    at = (grid.R_g, grid.L_g, source.V_g_rms, source.omega_g, P_ref, Q_ref)
+    states, found = many_rests_with_measured_gains(study, *at, of_many, phase)
+    gains = PowerLoopGains(*(float(value[0]) for value in found))
+    fault = states.fault[0]
+    if fault == NO_GAINS:
+        raise InfeasibleStudyError(
+            f"no gains: R_g = {grid.R_g:.4g} Ω, L_g = {grid.L_g * 1e3:.4g} mH is not in the "
+            "schedule. Leave this grid out, or take a schedule that contains it."
+        )
+    if fault == NOT_CONVERGED:
+        raise InfeasibleStudyError(
+            "no steady state: the gains follow the measured powers and do not come to rest. Ask for other "
+            "references, or start cold."
+        )
+    if fault:
+        raise fault_of_rest(study, grid, source, P_ref, Q_ref, gains, states)
+    return state_of_lane(states, 0), gains

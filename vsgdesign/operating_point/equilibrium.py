@@ -1,13 +1,11 @@
-"""Operating points: closed form for given P and Q, one scalar equation with voltage droop."""
+"""Operating points: closed form for given P and Q, a quartic equation with voltage droop."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from scipy.optimize import root_scalar
 
 from vsgdesign.equations.power_flow import (
     jacobian_from_powers,
@@ -18,6 +16,7 @@ from vsgdesign.equations.power_flow import (
 )
 from vsgdesign.errors import NoOperatingPointError
 from vsgdesign.frames import PHASES
+from vsgdesign.operating_point.droop import points_with_droop
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,57 +60,27 @@ def solve_with_droop(
 ) -> OperatingPoint:
     """The operating point where Q = Q_ref + D_q (V_n − V), the steady state of the Q loop. D_q is in var/V rms.
 
-    For each V the angle that delivers P is known in closed form, so one scalar equation in V remains. Its highest root
-    is taken, since the lower one is on the lower side of the nose curve. Raises NoOperatingPointError if there is none.
-    The message then says whether the grid or the droop is the cause, and what to change.
+    V is the highest root of :eq:`droop-quartic`, since the lower one is on the lower side of the nose curve. Raises
+    NoOperatingPointError if there is none. The message then says whether the grid or the droop is the cause, and what
+    to change.
     """
     if D_q == 0.0:
         return solve_operating_point(P, Q_ref, V_g_rms, R, X)
     _require_voltage(P, V_g_rms)
-    V_rms = _droop_voltage(P, Q_ref, D_q, V_n_rms, V_g_rms, R, X)
-    if V_rms is None:
+    V_rms, delta = _with_droop(P, Q_ref, D_q, V_n_rms, V_g_rms, R, X)
+    if np.isnan(V_rms):
         raise _no_point_with_droop(P, Q_ref, D_q, V_n_rms, V_g_rms, R, X)
-    delta = float(_angle(P, V_rms, V_g_rms, R, X))
     Q = float(power_flow(delta, V_rms, V_g_rms, R, X)[1])
     return _at(P, Q, V_rms, delta, R, X, (0.0, np.inf))
 
 
-def _droop_voltage(
+def _with_droop(
     P: float, Q_ref: float, D_q: float, V_n_rms: float, V_g_rms: float, R: float, X: float
-) -> float | None:
-    """The highest V at which grid and Q–V droop agree; None where they do at none."""
-
-    def surplus(V: Any) -> Any:
-        return Q_ref + D_q * (V_n_rms - V) - power_flow(_angle(P, V, V_g_rms, R, X), V, V_g_rms, R, X)[1]
-
-    low, high = _voltages_with_angle(P, V_g_rms, R, X)
-    low = max(low, 1e-3 * V_g_rms)
-    high = min(high, 4.0 * max(V_g_rms, V_n_rms))
-    # Dense towards both ends: on a resistive grid every root lies close to one.
-    grid = low + (high - low) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 400)))
-    values = surplus(grid)
-    # The last sign change between points where an angle exists.
-    signs = np.isfinite(values[:-1]) & np.isfinite(values[1:]) & (values[:-1] * values[1:] <= 0.0)
-    if not signs.any():
-        return None
-    k = int(np.flatnonzero(signs)[-1])
-    solution = root_scalar(surplus, bracket=(grid[k], grid[k + 1]), method="brentq", xtol=1e-13 * V_n_rms, rtol=1e-15)
-    return float(solution.root)
-
-
-def _angle(P: float, V: Any, V_g_rms: float, R: float, X: float) -> Any:
-    """The stable δ that delivers P at voltage V: R V² + |Z| V V_g sin(δ − atan(R/X)) = P|Z|²/3; NaN if none."""
-    Z = np.hypot(R, X)
-    ratio = (P * Z * Z / PHASES - R * V * V) / (Z * V * V_g_rms)
-    angle = np.arctan2(R, X) + np.arcsin(np.clip(ratio, -1.0, 1.0))
-    return np.where(np.abs(ratio) <= 1.0 + 1e-12, angle, np.nan)
-
-
-def _voltages_with_angle(P: float, V_g_rms: float, R: float, X: float) -> tuple[float, float]:
-    """The voltages between which :func:`_angle` has an answer: where |P|Z|²/3 − R V²| = |Z| V V_g."""
-    Z = np.hypot(R, X)
-    reach = V_g_rms + np.sqrt(np.maximum(V_g_rms * V_g_rms + 4.0 * R * P / PHASES, 0.0))
-    return 2.0 * Z * abs(P) / PHASES / reach, 0.5 * Z * reach / R if R > 0.0 else np.inf
+) -> tuple[float, float]:
+    """V and δ; NaN where grid and Q–V droop agree at no voltage."""
+    lane = (np.array([value], dtype=float) for value in (P, Q_ref, D_q, V_n_rms, V_g_rms, R, X))
+    V_rms, delta = points_with_droop(*lane)
+    return float(V_rms[0]), float(delta[0])
 
 
 def _at(P: float, Q: float, V_rms: float, delta: float, R: float, X: float, limits: tuple) -> OperatingPoint:
@@ -142,7 +111,7 @@ def _no_point_with_droop(
     plain = solve_operating_point(P, Q_ref, V_g_rms, R, X)
 
     def has_point(share: float, droop: float) -> bool:
-        return _droop_voltage(share * P, Q_ref, droop, V_n_rms, V_g_rms, R, X) is not None
+        return not np.isnan(_with_droop(share * P, Q_ref, droop, V_n_rms, V_g_rms, R, X)[0])
 
     remedies, shortfall = [], float("nan")
     share = _largest(lambda s: has_point(s, D_q))
