@@ -33,8 +33,8 @@ from vsgdesign.metrics.survival import (
 from vsgdesign.operating_point.equilibrium import solve_with_droop
 from vsgdesign.parameters.sensors import CHANNELS
 from vsgdesign.parameters.study import Grid, Study
+from vsgdesign.simulation.late import LateSchedule
 from vsgdesign.simulation.run import Simulation, simulate
-from vsgdesign.simulation.survival.late import LateSchedule
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 Array = NDArray[np.float64]

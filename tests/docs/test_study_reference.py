@@ -19,6 +19,7 @@ from vsgdesign.parameters import (
     building,
     estimator,
     inner_loops,
+    knowledge,
     replay,
     scenario,
     sensors,
@@ -82,6 +83,7 @@ name = "d"
 kind = "scheduled"
 schedule = "table"
 table = "gains.json"
+knowledge = { silent = "0.1 s" }
 [[events]]
 time = 1
 grid = { scr = 8 }
@@ -241,6 +243,7 @@ def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[As
         building,
         estimator,
         inner_loops,
+        knowledge,
         replay,
         scenario,
         sensors,

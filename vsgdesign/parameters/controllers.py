@@ -14,6 +14,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.identification.registry import ESTIMATORS, needs_network
 from vsgdesign.identification.sampling import window_of_rate
+from vsgdesign.parameters.knowledge import read_knowledge
 from vsgdesign.parameters.reader import REQUIRED, TableReader
 from vsgdesign.parameters.scenario import read_grid
 from vsgdesign.parameters.study import (
@@ -121,6 +122,7 @@ def read_controllers(
         kind = table.choice("kind", ("fixed", "scheduled"))
         own_target = read_target(table, target, converter)
         own_limiter, own_limit_pu, limiter_given = _read_own_limit(table, converter, filter_, *limiter)
+        knowledge = read_knowledge(table.child("knowledge"))
         spec = ControllerSpec(
             name=name,
             kind=kind,
@@ -129,7 +131,12 @@ def read_controllers(
             current_limiter=own_limiter,
             current_limit_pu=own_limit_pu,
             limiter_given=limiter_given,
+            knowledge=knowledge,
         )
+        if knowledge is not None and kind == "fixed":
+            table.fault(
+                "knowledge", None, 'a controller with kind = "fixed" is told nothing of the grid', "Leave it out."
+            )
         if kind == "fixed":
             specs.append(_read_fixed(table, spec, grid, basis, converter))
         else:
@@ -183,6 +190,9 @@ def _read_scheduled(
     estimate = table.choice("estimate", ("truth", *ESTIMATORS), default="truth")
     if needs_network(estimate) and not root.has("estimator"):
         table.fault("estimate", estimate, "there is no network to estimate with", "Add an [estimator] section.")
+    if spec.knowledge is not None and estimate != "truth":
+        problem = f'has no effect with estimate = "{estimate}", which estimates the grid by itself'
+        table.fault("knowledge", None, problem, 'Leave it out, or take estimate = "truth".')
     period = _read_period(table, estimate, converter, simulation)
     return replace(spec, update_period=period, schedule=schedule, table_file=table_file, estimate=estimate)
 

@@ -24,6 +24,7 @@ from vsgdesign.parameters.survival import SurvivalSpec
 if TYPE_CHECKING:
     from vsgdesign.parameters.background import BackgroundSpec
     from vsgdesign.parameters.estimator import EstimatorSpec
+    from vsgdesign.parameters.knowledge import GridEstimate
     from vsgdesign.parameters.replay import ReplaySpec
     from vsgdesign.parameters.sensors import SensorSpec
     from vsgdesign.parameters.specification import Specification
@@ -208,6 +209,8 @@ class ControllerSpec:
     """File of its gain table. With None the table is built."""
     estimate: str = "truth"
     """Source of the grid impedance of a scheduled controller: ``truth``, or an estimator such as ``neural``."""
+    knowledge: GridEstimate | None = None
+    """With ``truth``: how wrong and how late it is told the grid. None: exactly and at once."""
     current_limiter: str | None = None
     """How it limits its current: a name in ``equations.limiters.LIMITERS``, or :data:`NO_LIMITER`. None means as the
     study says."""
@@ -233,6 +236,12 @@ class Event:
     Q_ref: float | None = None
     components: tuple[SourceComponent, ...] | None = None
     """The source's components from now on, in place of all earlier ones."""
+
+    @property
+    def of_grid(self) -> bool:
+        """Whether the grid or its source changes, and not only a reference."""
+        changed = (self.grid, self.V_g_rms, self.omega_g, self.components)
+        return self.phase_jump != 0.0 or any(value is not None for value in changed)
 
 
 @dataclass(frozen=True, kw_only=True)

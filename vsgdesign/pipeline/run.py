@@ -229,7 +229,7 @@ def _changes(study: Study, controller: ControllerResult) -> tuple[GainChange, ..
 
 
 def _controller(result: ScenarioResult, controller: ControllerResult, judged: dict[str, Any] | None) -> dict[str, Any]:
-    study, table = result.study, result.ready.table(controller.spec)
+    study, table, knowledge = result.study, result.ready.table(controller.spec), controller.spec.knowledge
     return {
         "kind": controller.spec.kind,
         "bridge": controller.bridge,
@@ -238,6 +238,7 @@ def _controller(result: ScenarioResult, controller: ControllerResult, judged: di
         "schedule": controller.spec.schedule if controller.spec.kind == "scheduled" else None,
         "table": None if table is None else table_summary(study, table),
         "target": asdict(controller.spec.target),
+        **({} if knowledge is None else {"knowledge": asdict(knowledge)}),
         "gains": [{"t_s": change.t_s, **change.gains.named()} for change in _changes(study, controller)],
         "gain_changes": len(controller.gain_changes),
         "estimate": judged,

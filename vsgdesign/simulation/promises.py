@@ -18,9 +18,10 @@ from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
-from vsgdesign.runtime.of_study import ControllerGains, gain_law
+from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.simulation.late import as_told
 from vsgdesign.simulation.scenario import OperatingPointRow, ScenarioResult
-from vsgdesign.stability.cells import cells_under, full_order_cells, reduced_cells
+from vsgdesign.stability.cells import GainLaw, cells_under, full_order_cells, reduced_cells
 from vsgdesign.stability.margins import MarginTable, full_order_margins, reduced_margins
 
 TABLE, CLOSED_FORM, GATES = "its table's specification", "its closed form's target", "the study's gates"
@@ -142,8 +143,8 @@ class Kept:
 def promises_kept(result: ScenarioResult) -> tuple[Kept, ...]:
     """Every promise of every controller at every operating point of the scenario, for both models.
 
-    A controller with an estimator is checked with the exact grid. The effect of its estimate is judged in the time
-    domain.
+    A controller that is told a wrong grid is checked with it. One with an estimator is checked with the exact grid:
+    the effect of its estimate is judged in the time domain.
     """
     found: list[Kept] = []
     for controller in result.controllers:
@@ -153,7 +154,7 @@ def promises_kept(result: ScenarioResult) -> tuple[Kept, ...]:
 
 def _of_controller(result: ScenarioResult, spec: ControllerSpec) -> list[Kept]:
     study, timeline, ready = result.study.with_limit_of(spec), result.timeline, result.ready
-    law, promises, found = gain_law(study, spec, ready), promises_of(study, spec, ready), []
+    law, promises, found = as_told(gain_law(study, spec, ready), spec), promises_of(study, spec, ready), []
     points = [row for row in result.operating_points if row.point is not None]
     sources = [timeline.source_at(row.t_s) for row in points]
     asked_by = promises.source if promises.source == TABLE else GATES
@@ -200,7 +201,7 @@ def _of_controller(result: ScenarioResult, spec: ControllerSpec) -> list[Kept]:
 
 
 def _rest(
-    study: Study, law: ControllerGains, row: OperatingPointRow, references: tuple[float, float]
+    study: Study, law: GainLaw, row: OperatingPointRow, references: tuple[float, float]
 ) -> tuple[float, float, str]:
     """P and Q at which the converter rests under its droops, and why it does not rest."""
 

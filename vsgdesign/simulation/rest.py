@@ -21,6 +21,7 @@ from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
 from vsgdesign.runtime.of_study import follows_measured, gain_law
 from vsgdesign.simulation.gains import GainChange, gain_changes
+from vsgdesign.simulation.late import told_at, told_of
 from vsgdesign.simulation.online import pcc_vectors
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.stability.loci import Mode, modes
@@ -134,15 +135,16 @@ def rests(study: Study, timeline: Timeline, changes: Sequence[GainChange]) -> tu
 
 
 def expected_rests(study: Study, timeline: Timeline, spec: ControllerSpec, ready: Ready = NOTHING) -> tuple[Rest, ...]:
-    """:func:`rests` before a run: a controller that estimates the grid is given the gains of the true one, one whose
-    gains follow what it measures those of its own steady state.
+    """:func:`rests` before a run: a controller that estimates the grid is given the gains of the true one, one that is
+    told a wrong grid those of what it is told at the end of each part, one whose gains follow what it measures those of
+    its own steady state.
 
     Empty where it has none on some grid of the scenario.
     """
     study = study.with_limit_of(spec)
     try:
         known = replace(spec, estimate="truth", update_period=ready.update_period(spec))
-        if follows_measured(known):
+        if follows_measured(known) or known.knowledge is not None:
             return rests(study, timeline, _measured_changes(study, timeline, known, ready))
         return rests(study, timeline, gain_changes(study, known, timeline))
     except InfeasibleStudyError:
@@ -151,16 +153,28 @@ def expected_rests(study: Study, timeline: Timeline, spec: ControllerSpec, ready
         return ()
 
 
+def knows_its_rests(study: Study, spec: ControllerSpec, timeline: Timeline) -> bool:
+    """Whether the gains at the end of each part of a scenario follow from what is told of the grid there. In a long
+    silence they also depend on what came before."""
+    if spec.knowledge is None:
+        return True
+    told = told_of(study, spec.knowledge, timeline)
+    ends = (*sorted({event.t_s for event in study.events if event.t_s > 0.0}), study.simulation.duration)
+    return all(told_at(told, end_s - 1e-9)[1] for end_s in ends)
+
+
 def _measured_changes(study: Study, timeline: Timeline, spec: ControllerSpec, ready: Ready) -> tuple[GainChange, ...]:
     """The gains of the steady state after every event, where they follow the measured P, Q and V; without a steady
     state those at the references, so that :func:`rests` says what is missing."""
     law, changes = gain_law(study, spec, ready), []
+    told = None if spec.knowledge is None else told_of(study, spec.knowledge, timeline)
     instants = sorted({0.0, *(event.t_s for event in study.events)})
     for t_s, end_s in zip(instants, [*instants[1:], study.simulation.duration], strict=True):
         grid, source = timeline.grid_at(t_s), timeline.source_at(end_s - 1e-9)
+        known = grid if told is None else told_at(told, end_s - 1e-9)[0]
 
-        def gains_of(P: float, Q: float, V_rms: float, grid: Grid = grid) -> PowerLoopGains:
-            return PowerLoopGains(*(float(value) for value in law(grid.R_g, grid.L_g, P, Q, V_rms)))
+        def gains_of(P: float, Q: float, V_rms: float, known: Grid = known) -> PowerLoopGains:
+            return PowerLoopGains(*(float(value) for value in law(known.R_g, known.L_g, P, Q, V_rms)))
 
         references = timeline.references_at(t_s)
         try:

@@ -24,9 +24,18 @@ from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.following import gain_feed
 from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.late import LateSchedule, safe_grid, told_of
 from vsgdesign.simulation.online import OnlineScheduler, pcc_vectors
 from vsgdesign.simulation.outcome import Divergence, LimitedRest, Outcome, limited_rest, outcome_of
-from vsgdesign.simulation.rest import WHERE_TO_LOOK, Instability, Rest, expected_rests, instabilities, rests
+from vsgdesign.simulation.rest import (
+    WHERE_TO_LOOK,
+    Instability,
+    Rest,
+    expected_rests,
+    instabilities,
+    knows_its_rests,
+    rests,
+)
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
@@ -58,7 +67,7 @@ class ControllerResult:
     @property
     def moves(self) -> bool:
         """Whether the gains never stand still, as they follow an estimate or what is measured."""
-        return self.estimates is not None or follows_measured(self.spec)
+        return self.estimates is not None or follows_measured(self.spec) or self.spec.knowledge is not None
 
 
 def mean_cycles(study: Study) -> int:
@@ -132,7 +141,7 @@ def run_scenario(
         series = derive_series(study, run)
         estimates = feed.log(timeline) if isinstance(feed, EstimatedScheduler | FieldScheduler) else None
         used = bridge or study.simulation.bridge
-        if estimates is not None:  # the gains that it really had
+        if estimates is not None or not knows_its_rests(own_study, spec, timeline):  # the gains that it really had
             found = rests(own_study, timeline, run.gain_changes)
         events = measure_events(
             study, series, found, ripples=used == "pwm" or study.has_components, divergence=run.divergence
@@ -156,6 +165,8 @@ def run_scenario(
 def _feed(
     study: Study, spec: ControllerSpec, timeline: Timeline, ready: Ready
 ) -> EstimatedScheduler | FieldScheduler | OnlineScheduler | tuple[GainChange, ...]:
+    if spec.knowledge is not None:
+        return LateSchedule(study, spec, told_of(study, spec.knowledge, timeline), ready, safe=safe_grid(study))
     if spec.estimate == "truth":
         return gain_feed(study, spec, timeline, ready)
     kind = FieldScheduler if estimator_kind(spec.estimate).by_sample else EstimatedScheduler

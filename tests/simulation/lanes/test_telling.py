@@ -23,8 +23,8 @@ from vsgdesign.simulation.following import KnownGridScheduler
 from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, LaneCases, no_events
 from vsgdesign.simulation.lanes.telling import Telling, alone_because, telling
+from vsgdesign.simulation.late import LateSchedule, safe_grid
 from vsgdesign.simulation.online import ListedGains
-from vsgdesign.simulation.survival.late import LateSchedule, safe_grid
 
 SPECIFIED = TEXT.replace(
     "[simulation]", "[specification]\nscr = [2, 10]\nx_over_r = [1, 5]\nP = [-0.5, 0.5]\nQ = [-0.2, 0.2]\n[simulation]"

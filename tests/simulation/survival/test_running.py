@@ -12,13 +12,13 @@ from tests.simulation.survival.subjects import TEXT, subject
 from vsgdesign.metrics.survival import DIVERGED, NO_REST, OVER_LIMIT, SURVIVED
 from vsgdesign.operating_point.equilibrium import solve_with_droop
 from vsgdesign.simulation import build_timeline
+from vsgdesign.simulation.late import LateSchedule
 from vsgdesign.simulation.survival import (
     FOR_EVER,
     CaseRun,
     Change,
     GridKnowledge,
     GridState,
-    LateSchedule,
     Subject,
     SurvivalCase,
     run_case,

@@ -204,6 +204,17 @@ def _ohm(value: float) -> str:
     return "0 Ω" if value == 0.0 else plain_quantity(value, "Ω")
 
 
+def _known_grid(spec: ControllerSpec) -> str:
+    """What a scheduled controller knows of the grid."""
+    if spec.estimate != "truth":
+        return f"the estimate of the grid by {estimator_kind(spec.estimate).title}"
+    known = spec.knowledge
+    if known is None:
+        return "the true grid impedance"
+    said = f"R_g wrong by {100.0 * known.error_R:+.4g} % and L_g by {100.0 * known.error_X:+.4g} %"
+    return said + (f", silent for {plain_quantity(known.silent_s, 's')} after each change" if known.silent_s else "")
+
+
 def specs_table(result: HasStudy, specs: Sequence[ControllerSpec]) -> Table:
     """What controllers are and aim at."""
     rows = []
@@ -213,11 +224,7 @@ def specs_table(result: HasStudy, specs: Sequence[ControllerSpec]) -> Table:
             every = "after every window" if period is None else f"every {plain_quantity(period, 's')}"
             if spec.estimate != "truth" and estimator_kind(spec.estimate).by_sample:
                 every = "after every cycle of the estimator"
-            how = f"rescheduled {every} from " + (
-                "the true grid impedance"
-                if spec.estimate == "truth"
-                else f"the estimate of the grid by {estimator_kind(spec.estimate).title}"
-            )
+            how = f"rescheduled {every} from {_known_grid(spec)}"
         elif spec.gains is not None:
             how = "given in the study"
         else:

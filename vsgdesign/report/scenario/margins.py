@@ -16,6 +16,7 @@ from vsgdesign.parameters import Grid
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation import ControllerResult, ScenarioResult
+from vsgdesign.simulation.late import as_told
 from vsgdesign.stability.loops import coupled_loop
 
 
@@ -51,7 +52,7 @@ def distinct_grids(result: ScenarioResult) -> tuple[Grid, ...]:
 def loops_on_grids(result: ScenarioResult, controller: ControllerResult) -> tuple[LoopOnGrid, ...]:
     """The loops on all grids that can carry the power of the controller's design."""
     study, target = result.study, controller.spec.target
-    law = gain_law(study, controller.spec, result.ready)
+    law = as_told(gain_law(study, controller.spec, result.ready), controller.spec)
     loops = []
     for grid in distinct_grids(result):
         R, X = study.path_to_grid(grid)

@@ -25,8 +25,8 @@ from vsgdesign.runtime.of_study import ControllerGains, follows_measured, gain_l
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.told import ToldGrids, ToldNow, told_grids
+from vsgdesign.simulation.late import STALE_S, safe_grid
 from vsgdesign.simulation.online import whole_multiple
-from vsgdesign.simulation.survival.late import STALE_S, safe_grid
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]

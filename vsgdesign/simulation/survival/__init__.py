@@ -10,7 +10,6 @@ from vsgdesign.simulation.survival.cases import (
 )
 from vsgdesign.simulation.survival.clearing import ClearingTime, critical_clearing_time
 from vsgdesign.simulation.survival.field import field_cases
-from vsgdesign.simulation.survival.late import LateSchedule
 from vsgdesign.simulation.survival.many import run_many
 from vsgdesign.simulation.survival.running import CaseResult, CaseRun, Subject, rest_of, run_case, trace_case
 from vsgdesign.simulation.survival.sets import fixed_set, random_set
@@ -24,7 +23,6 @@ __all__ = [
     "ClearingTime",
     "GridKnowledge",
     "GridState",
-    "LateSchedule",
     "Subject",
     "SurvivalCase",
     "SurvivalFigures",

@@ -5,17 +5,25 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from typing import Any
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Grid, Place, Study
 from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.online import MeasuredWindow
+from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.stability.cells import GainLaw
 
 STALE_S = SchedulerSettings.stale_ticks * SchedulerSettings.tick
 """Time without an answer from which on gains are those of a safe place, s: as a table's scheduler has it."""
+
+
+Told = Sequence[tuple[float, Grid | None]]
+"""(s, grid) from each instant on; None where the estimator gives no answer. The first entry is a grid, at t = 0."""
 
 
 def safe_grid(study: Study) -> Grid | None:
@@ -30,20 +38,53 @@ def safe_grid(study: Study) -> Grid | None:
     return Place(scr, x_over_r, asked.scr_basis).grid(study.converter)
 
 
+def told_of(study: Study, knowledge: GridEstimate, timeline: Timeline) -> Told:
+    """What a controller with this knowledge is told over a run.
+
+    It is silent from each event on that changes the grid or its source; the end of a ramp is none. If the next one
+    comes before an answer, the silence goes on from there.
+    """
+    told: list[tuple[float, Grid | None]] = [(0.0, knowledge.of(timeline.grid_at(0.0)))]
+    instants = sorted({event.t_s for event in study.events if event.of_grid and event.t_s > 0.0})
+    for k, instant in enumerate(instants):
+        told.append((instant, None))
+        answer_s = instant + knowledge.silent_s
+        if k + 1 == len(instants) or answer_s < instants[k + 1]:
+            told.append((answer_s, knowledge.of(timeline.grid_at(instant))))
+    return tuple(told)
+
+
+def told_at(told: Told, t_s: float) -> tuple[Grid, bool]:
+    """The grid that was told last up to an instant, and whether it is still told there."""
+    until = [grid for start_s, grid in told if start_s <= t_s]
+    return [grid for grid in until if grid is not None][-1], until[-1] is not None
+
+
+def as_told(law: GainLaw, spec: ControllerSpec) -> GainLaw:
+    """The gains of a controller as a function of the true grid, where it knows its grid only with an error."""
+    knowledge = spec.knowledge
+    if knowledge is None:
+        return law
+
+    def of_true(R_g: Any, L_g: Any, P: Any, Q: Any, V_rms: Any) -> PowerLoopGains:
+        return law(R_g * (1.0 + knowledge.error_R), L_g * (1.0 + knowledge.error_X), P, Q, V_rms)
+
+    return of_true
+
+
 class LateSchedule:
     """An online scheduler that is told of the grid what an estimator says, which may be late and wrong.
 
-    ``told``: (s, grid) from each instant on; None where the estimator gives no answer. The first entry is the grid for
-    which the run starts. Without an answer a table's scheduler holds its place and its age grows, as in the field. A
-    closed form goes on with the grid that it was told last, and after ``stale_s`` with the grid ``safe``, if there is
-    one. The object has a state, so it serves one run at a time.
+    The first grid of ``told`` is that for which the run starts. Without an answer a table's scheduler holds its place
+    and its age grows, as in the field. A closed form goes on with the grid that it was told last, and after ``stale_s``
+    with the grid ``safe``, if there is one. The object has a state, so it serves one run at a time.
     """
 
     def __init__(
         self,
         study: Study,
         spec: ControllerSpec,
-        told: Sequence[tuple[float, Grid | None]],
+        told: Told,
         ready: Ready = NOTHING,
         *,
         safe: Grid | None = None,

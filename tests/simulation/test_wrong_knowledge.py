@@ -1,0 +1,132 @@
+"""[controllers.knowledge]: a schedule that knows its grid wrongly and late, in runs, rests and promises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vsgdesign.errors import StudyError
+from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.parameters.knowledge import GridEstimate
+from vsgdesign.simulation import build_timeline, run_scenario
+from vsgdesign.simulation.late import told_at, told_of
+from vsgdesign.simulation.promises import promises_kept
+from vsgdesign.simulation.rest import expected_rests, knows_its_rests
+
+JUMP = """
+[[events]]
+time = "0.205 s"
+grid = { scr = 6 }
+"""
+
+
+def study(*controllers: str, events: str = JUMP, duration: str = "0.6 s", more: str = "") -> Study:
+    tables = "\n".join(f"[[controllers]]\nname = 'c{k}'\n{text}" for k, text in enumerate(controllers))
+    return study_from_text(f"""
+base = "case:hoang2025_5kva"
+[grid]
+scr_basis = "impedance"
+scr = 3
+x_over_r = 2
+[simulation]
+duration = "{duration}"
+P_ref = "2 kW"
+Q_ref = "0.5 kvar"
+{more}
+{tables}
+{events}
+""")
+
+
+@pytest.mark.parametrize(("structure", "apart"), [("published", 1e-8), ("angle_damped", 0.0)])
+def test_exact_knowledge_is_the_truth(structure: str, apart: float) -> None:
+    """The gains of a design point are computed with arrays or without, which differ in the last bit."""
+    kind = f'kind = "scheduled"\nstructure = "{structure}"\n'
+    truth, told = run_scenario(study(kind, kind + "knowledge = {}")).controllers
+    np.testing.assert_allclose(truth.simulation.log, told.simulation.log, rtol=0.0, atol=apart)
+    assert [change.t_s for change in truth.gain_changes] == [change.t_s for change in told.gain_changes]
+
+
+def test_a_wrong_grid_gives_the_gains_that_are_designed_for_it() -> None:
+    wrong = 'kind = "scheduled"\nknowledge = { error_R = "20 %", error_X = "-20 %" }'
+    at = study(wrong, events="").grid
+    fixed = f'kind = "fixed"\ndesign_grid = {{ R_g = {1.2 * at.R_g!r}, L_g = {0.8 * at.L_g!r} }}'
+    step = '[[events]]\ntime = "0.1 s"\nP_ref = "2.2 kW"\n'
+    result = run_scenario(study(wrong, fixed, 'kind = "scheduled"', events=step))
+    told, designed, truth = result.controllers
+    np.testing.assert_allclose(told.simulation.log, designed.simulation.log, rtol=0.0, atol=1e-9)
+    assert np.abs(told.simulation.log - truth.simulation.log).max() > 1.0
+    kept = {name: [one for one in promises_kept(result) if one.controller == name] for name in ("c0", "c1", "c2")}
+    for one, other, exact in zip(kept["c0"], kept["c1"], kept["c2"], strict=True):
+        assert one.ideal == pytest.approx(other.ideal, rel=1e-9)
+        assert one.full_order == pytest.approx(other.full_order, rel=1e-9)
+        if one.name == "damping_ratio":
+            assert one.ideal != pytest.approx(exact.ideal, rel=1e-3)
+
+
+def test_a_new_grid_is_known_late() -> None:
+    late = 'kind = "scheduled"\nknowledge = { silent = "100 ms" }'
+    changes = run_scenario(study(late)).controllers[0].gain_changes
+    # The answer comes at 0.305 s, between two updates.
+    assert [change.t_s for change in changes] == pytest.approx([0.0, 0.32])
+    of_truth = run_scenario(study('kind = "scheduled"')).controllers[0].gain_changes
+    assert [change.t_s for change in of_truth] == pytest.approx([0.0, 0.22])
+    assert [change.gains for change in changes] == [change.gains for change in of_truth]
+
+
+def test_a_second_change_prolongs_the_silence() -> None:
+    events = JUMP + '[[events]]\ntime = "0.25 s"\nphase_jump = "5 deg"\n[[events]]\ntime = "0.5 s"\nP_ref = "2.1 kW"\n'
+    one = study('kind = "scheduled"', events=events)
+    timeline = build_timeline(one)
+    told = told_of(one, GridEstimate(error_X=0.5, silent_s=0.1), timeline)
+    assert [t_s for t_s, grid in told if grid is None] == [0.205, 0.25]
+    assert [t_s for t_s, grid in told if grid is not None] == [0.0, 0.35]
+    grid, known = told_at(told, 0.34)
+    assert (grid.L_g, known) == (1.5 * one.grid.L_g, False)
+    assert told_at(told, 0.36)[0].L_g == pytest.approx(1.5 * timeline.grid_at(0.3).L_g)
+
+
+def test_a_stale_closed_form_goes_to_the_middle_of_the_specification() -> None:
+    late = 'kind = "scheduled"\nknowledge = { silent = "2 s" }'
+    specification = "[specification]\nscr = [1.5, 24]\nx_over_r = [1, 4]\n"
+    middle = 'kind = "fixed"\ndesign_grid = { scr = 6, x_over_r = 2 }'
+    one = study(late, middle, duration="1 s", more=specification)
+    told, fixed = run_scenario(one).controllers
+    # 0.6 s after the change at 0.205 s.
+    assert [change.t_s for change in told.gain_changes] == pytest.approx([0.0, 0.82])
+    np.testing.assert_allclose(told.gain_changes[-1].gains, fixed.gain_changes[0].gains, rtol=1e-12)
+    assert not knows_its_rests(one, one.controllers[0], build_timeline(one))
+
+
+def test_the_rest_is_that_of_the_wrong_gains() -> None:
+    """D_q of the published structure depends on the grid that is known, and with it the Q of a low voltage."""
+    low = '[[events]]\ntime = "0.1 s"\nV_g_pu = 0.97\n'
+    wrong = (
+        'kind = "scheduled"\nsettling_time = 0.2\ndroop_ratio = 0.5\nknowledge = { error_R = "40 %", error_X = "40 %" }'
+    )
+    one = study(wrong, wrong.partition("knowledge")[0], events=low, duration="1.5 s")
+    result = run_scenario(one)
+    ends = [controller.series["Q_pcc"][-1] for controller in result.controllers]
+    found = [expected_rests(one, result.timeline, spec)[-1].Q_pcc for spec in one.controllers]
+    assert abs(ends[0] - ends[1]) > 5.0
+    np.testing.assert_allclose(found, ends, atol=0.2)
+
+
+def test_every_fault_is_named() -> None:
+    with pytest.raises(StudyError) as caught:
+        study(
+            'kind = "fixed"\nknowledge = { error_R = 0.1 }',
+            'kind = "scheduled"\nestimate = "field"\nknowledge = {}',
+            'kind = "scheduled"\nknowledge = { error_R = -2, error_X = nan, silent = "1 V", late = 3 }',
+            'kind = "scheduled"\nknowledge = 3',
+        )
+    for text in (
+        'controllers[0].knowledge: a controller with kind = "fixed" is told nothing of the grid',
+        'controllers[1].knowledge: has no effect with estimate = "field"',
+        "controllers[2].knowledge.error_R = -2",
+        "controllers[2].knowledge.error_X = nan",
+        "controllers[2].knowledge.silent",
+        "controllers[2].knowledge.late: unknown field",
+        "controllers[3].knowledge = 3: expected a table",
+    ):
+        assert text in str(caught.value), str(caught.value)
