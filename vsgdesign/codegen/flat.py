@@ -7,6 +7,7 @@ code give the same numbers.
 
 from __future__ import annotations
 
+import functools
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -163,7 +164,8 @@ class _Flat:
         self.taken: set[str] = set()
         self.flags: set[str] = set()
         self._known: dict[Any, Atom] = {}
-        self._mathematics = Library()
+        self._used: dict[str, int] = {}
+        """How often a name was wanted."""
 
     # Operations.
 
@@ -172,7 +174,7 @@ class _Flat:
         if name == ADVANCED:
             name = "+"
         if name in PLAIN:
-            function = self._mathematics.read(PLAIN[name])
+            function = _plain(name)
             return _scalar(self.results(function, list(arguments))[0])
         arguments = self._fitting(name, arguments)
         found = _simplified(name, arguments)
@@ -214,10 +216,11 @@ class _Flat:
         return Number(bool(value.value)) if isinstance(value, Number) else self.apply("!=", value, Number(0.0))
 
     def _free(self, hint: str) -> str:
-        found, count = hint, 1
+        found, count = hint, self._used.get(hint, 1)
         while found in self.taken:
             count += 1
             found = f"{hint}_{count}"
+        self._used[hint] = count
         self.taken.add(found)
         return found
 
@@ -283,6 +286,12 @@ class _Flat:
         other = _record(self._part(here, statement.other.name, statement.other.path))
         condition = self.value(statement.condition, here)
         return {path: self.apply("select", condition, one[path], other[path], hint=path) for path in one}
+
+
+@functools.cache
+def _plain(name: str) -> Function:
+    """The plain function of an operation, read once a process."""
+    return Library().read(PLAIN[name])
 
 
 def _scalar(value: Values | Expression) -> Atom:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -29,6 +30,11 @@ class Record:
     """Whether it came in as an argument and is what it was."""
     choice: tuple[Expression, Record, Record] | None = None
     """A condition and the two records of which it is one, where that is all that it is."""
+
+
+@functools.cache
+def _hints(record: Any) -> dict[str, Any]:
+    return typing.get_type_hints(record)
 
 
 def is_record(cls: Any) -> bool:
@@ -68,7 +74,7 @@ class Kinds:
 
     def fields(self, record: Any) -> list[tuple[str, Any]]:
         """Names, and the class of what is no number."""
-        hints, found = typing.get_type_hints(record), []
+        hints, found = _hints(record), []
         for name in record._fields:
             default = record._field_defaults.get(name)
             kinds = self._said.get(record, {}).get(name), hints.get(name), type(default)

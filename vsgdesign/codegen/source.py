@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
 import io
 import re
@@ -40,8 +41,9 @@ class Source:
         return UntranslatableError(f"{self.file}:{line}: {self.function.__name__}: {what}. {instead}")
 
 
+@functools.cache
 def source_of(function: Any) -> Source:
-    """The source of a plain function. Raises UntranslatableError where there is none or its hints cannot be read."""
+    """The source of a plain function, read once a process. Raises UntranslatableError where there is none or its hints cannot be read."""
     name = getattr(function, "__name__", repr(function))
     try:
         lines, first = inspect.getsourcelines(function)
