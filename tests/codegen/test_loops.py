@@ -189,6 +189,25 @@ def test_a_loop_stops_after_the_sample_that_says_so() -> None:
     same(one, other)
 
 
+def test_rows_behind_those_of_the_loop_are_a_store() -> None:
+    """A program copies into them what a lane was, and a call takes the first groups alone."""
+    ours, expected = drawn(), drawn()
+    rows = np.zeros((GROUPS, 6, 4))
+    rows[:, :4] = ours.rows
+    first, zero = np.array([0, 1, 1, 1]), np.zeros(1, np.int64)
+    program = Program(first, np.array([30]), zero, zero + 4, zero + 2, zero - 1, np.zeros(0), first[:-1].copy())
+    none = np.zeros(0, np.int64)
+    start = np.zeros(GROUPS + 1, np.int64)
+    loop, empty = compiled_loop(SPEC), Program(start, none, none, none, none, none, np.zeros(0), start[1:].copy())
+    call(loop, ours._replace(rows=rows, program=program), 0, 30)
+    assert not rows[:, 4:].any(), "A record at the end of a call belongs to the next one."
+    call(loop, ours._replace(rows=rows, program=program), 30, END)
+    call(loop, expected._replace(program=empty), 0, 30)
+    np.testing.assert_array_equal(rows[0, 4:, 0], expected.rows[0, :2, 0])
+    call(loop, expected._replace(program=empty), 30, END)
+    np.testing.assert_array_equal(rows[:, :4], expected.rows)
+
+
 def test_width_of_this_machine() -> None:
     assert best_lanes() == {"avx512": 8, "avx2": 4}.get(instruction_set(), 2)
     assert best_lanes("sse2") == 2
@@ -217,7 +236,8 @@ def test_what_does_not_fit_together_is_refused(change: dict[str, Any], message: 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"rows": np.zeros((1, 4, 3))}, r"rows has the shape \(1, 4, 3\): give \(any, 4, 4\)"),
+        ({"rows": np.zeros((1, 4, 3))}, r"rows has the shape \(1, 4, 3\): give \(any, any, 4\)"),
+        ({"rows": np.zeros((1, 3, 4))}, r"rows has the shape \(1, 3, 4\): give \(any, 4 or more, 4\)"),
         ({"rows": np.zeros((1, 4, 4), np.float32)}, "rows is of float32: give float64"),
         ({"rows": np.zeros((1, 8, 4))[:, ::2]}, "rows is not contiguous"),
         ({"uniform": np.array([np.nan])}, "uniform has NaN"),

@@ -43,7 +43,10 @@ class Source:
 
 @functools.cache
 def source_of(function: Any) -> Source:
-    """The source of a plain function, read once a process. Raises UntranslatableError where there is none or its hints cannot be read."""
+    """The source of a plain function, read once a process.
+
+    Raises UntranslatableError where there is none or its hints cannot be read.
+    """
     name = getattr(function, "__name__", repr(function))
     try:
         lines, first = inspect.getsourcelines(function)
