@@ -9,7 +9,6 @@ import pytest
 
 from tests.verification import stand_in
 from tests.verification.test_summary import STUDY
-from vsgdesign.verification.blocks import Batch
 from vsgdesign.verification.search import APART, FOUND, POPULATION, search, starts_of
 
 EIGHT = starts_of([], 8)
@@ -27,7 +26,7 @@ def cornered(study: Any, spec: Any, ready: Any, cases: Any, *, bridge: str, stri
     return found
 
 
-JOB = stand_in.job(STUDY, 1, batch=Batch(stand_in.draw, stand_in.cases_of, cornered, stand_in.where))
+JOB = stand_in.job(STUDY, 1, batch=stand_in.BATCH._replace(run=cornered))
 
 
 def test_a_rare_failure_is_found() -> None:
@@ -66,5 +65,10 @@ def test_cases_that_are_not_asked_for_are_no_finding() -> None:
         results.status[:] = 0
         return results
 
-    job = stand_in.job(STUDY, 1, batch=Batch(stand_in.draw, stand_in.cases_of, left_out, stand_in.where))
+    job = stand_in.job(STUDY, 1, batch=stand_in.BATCH._replace(run=left_out))
     assert search(job, 2 * POPULATION, {"step": EIGHT}).found == ()
+
+
+@pytest.mark.parametrize(("asked", "made"), [(31, 0), (32, 32), (100, 96), (64 * 5 + 1, 64 * 5)])
+def test_it_makes_at_most_what_it_is_asked_for(asked: int, made: int) -> None:
+    assert search(JOB, asked, {"step": EIGHT}).evaluations == made

@@ -36,6 +36,13 @@ class Batch(NamedTuple):
     """(study, spec, ready, cases, bridge=, strict=) -> results (:class:`vsgdesign.verification.counting.Results`)."""
     instruction_set: Callable[[], str]
     """Of this machine, for results that are not strict."""
+    written: Callable[..., str]
+    """(study, spec, cases, index, path) -> the TOML text of a study that is this case, to be kept at ``path``."""
+    simulated: Callable[..., Mapping[str, float]]
+    """(path, ready) -> figures of the study of a case, as a single run has them."""
+    decay: Callable[..., float]
+    """(study, spec, ready, cases, index) -> rate of the slowest mode of the linear model at the last rest, 1/s; NaN
+    where it is not known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,12 +97,15 @@ class Job:
 
     @property
     def key(self) -> str:
-        """Hash of everything that a summary depends on, the source of the package included."""
+        """Hash of everything that a summary depends on, the source of the package included.
+
+        The instruction set is not part of it: it may differ from one shard to the next, and a job that is not strict
+        may then differ in the last digits of a figure. The summary says which there were.
+        """
         study = replace(self.study, files=(), name="", title="", source="", hash="", origin=None)
         tables = {name: table.sha256 for name, table in sorted(self.tables.items())}
-        # A batch that is not strict may differ in the last digits from one instruction set to the next.
-        machine = "strict" if self.strict else self.batch.instruction_set()
-        parts = (package_hash(), study, self.spec, tables, self.promises, self.runs, self.bridge, self.block, machine)
+        parts = (package_hash(), study, self.spec, tables, self.promises, self.runs, self.bridge, self.block)
+        parts += (self.strict,)
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 

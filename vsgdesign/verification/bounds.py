@@ -13,7 +13,7 @@ CONFIDENCE = 0.99
 
 
 def upper_bound(broken: int, judged: int, confidence: float = CONFIDENCE) -> float:
-    """The share of broken cases that is not exceeded with a stated confidence.
+    """The share of broken cases that is not exceeded with a stated confidence (:eq:`clopper-pearson`).
 
     It is the share p at which at most ``broken`` of ``judged`` independent cases are broken with the probability
     1 - confidence: the one-sided bound of Clopper and Pearson, exact and never too small. It is 1 where every case is
@@ -39,23 +39,3 @@ def one_in(bound: float) -> int:
     n = math.floor(1.0 / bound)
     unit = 10 ** max(len(str(n)) - 3, 0)
     return n // unit * unit
-
-
-def bound_text(broken: int, judged: int, confidence: float = CONFIDENCE) -> str:
-    """The count and its bound in words: "0 of 100,000 broken: with 99 % confidence fewer than 1 in 21,700"."""
-    if judged == 0:
-        return "no case was judged, so nothing is known"
-    said = f"{broken:,} of {judged:,} broken"
-    bound = upper_bound(broken, judged, confidence)
-    sure = f"with {100.0 * confidence:g} % confidence"
-    if bound >= 1.0:
-        return said
-    if bound > 0.01:
-        return f"{said}: {sure} fewer than {100.0 * _up(bound):.3g} % of all cases"
-    return f"{said}: {sure} fewer than 1 in {one_in(bound):,}"
-
-
-def _up(share: float) -> float:
-    """Rounded up to three digits."""
-    unit = 10.0 ** (math.floor(math.log10(share)) - 2)
-    return min(math.ceil(share / unit) * unit, 1.0)

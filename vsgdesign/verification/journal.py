@@ -25,6 +25,12 @@ def journal_folder(out: str | Path) -> Path:
     return out.with_name(f".{out.name}.verification")
 
 
+def kept_runs(out: str | Path) -> int:
+    """How many finished runs an interrupted verification has left beside its output."""
+    files = sorted(journal_folder(out).glob("*.jsonl"), key=lambda path: path.stat().st_mtime)
+    return Journal(files[-1]).summary.drawn if files else 0
+
+
 class Journal:
     """Finished blocks of one job in one file: a line each, or one line for many."""
 

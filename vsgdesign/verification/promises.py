@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import SurvivalDemand
 from vsgdesign.parameters.study import ControllerSpec, Study
 
@@ -45,52 +46,44 @@ class Promise:
         return FIGURES[self.figure]
 
 
-def settling_time_of(study: Study, spec: ControllerSpec, table: GainTable | None) -> float:
-    """T, s: that of the table's specification, else of the study's, else of the closed form."""
-    if table is not None and "settling_time" in table.specification:
-        return float(table.specification["settling_time"])
-    if study.specification is not None and study.specification.settles:
-        return study.specification.settling_time
-    return spec.target.settling_time
-
-
-def promises_of(
-    study: Study, spec: ControllerSpec, table: GainTable | None, families: Mapping[str, bool]
+def verified_promises(
+    study: Study, spec: ControllerSpec, ready: Ready, families: Mapping[str, bool]
 ) -> tuple[Promise, ...]:
     """The promises of a controller. ``families``: whether the cases of a family are steps, by its name.
 
-    A step keeps the overshoot and the settling time that the specification of the table or of the study asks for. Any
-    case is survived: the converter is at its new rest in 2 T + 0.2 s, as in docs/survival.md. If the current is
-    limited, it is at most 5 % above its limit later than 5 ms after an event.
+    A step keeps the overshoot and the settling time that the page of a run holds the controller to
+    (:func:`vsgdesign.simulation.promises.promises_of`); an overshoot within the 2 % band counts as none. Any other case
+    is survived: the converter is at its new rest in 2 T + 0.2 s, as in docs/survival.md. If the current is limited, it
+    is at most 5 % above its limit later than 5 ms after an event.
     """
+    from vsgdesign.simulation.promises import promises_of
+
     steps = tuple(name for name, step in families.items() if step)
-    every = tuple(families)
-    found = []
-    asked = _asked(study, table)
-    if steps and "overshoot" in asked:
-        found.append(Promise(name="overshoot", figure="overshoot", limit=asked["overshoot"], families=steps))
-    if steps and "settling_time" in asked:
-        found.append(Promise(name="settling", figure="settling_s", limit=asked["settling_time"], families=steps))
-    demand = SurvivalDemand(
-        S_rated=study.converter.S_rated,
-        settling_time=settling_time_of(study, spec, table),
-        cycle_s=0.0,
-        i_max_pu=None,
-    )
-    found.append(Promise(name="survival", figure="recovery_s", limit=demand.deadline_s, families=every, survival=True))
+    others = tuple(name for name, step in families.items() if not step)
+    asked, found = promises_of(study, spec, ready), []
+    overshoots = [pct for pct in (asked.overshoot_pct, asked.overshoot_Q_pct) if pct is not None]
+    if steps and overshoots:
+        limit = max(max(overshoots) / 100.0, SETTLING_BAND)
+        found.append(Promise(name="overshoot", figure="overshoot", limit=limit, families=steps))
+    if steps and asked.settling_time is not None:
+        found.append(Promise(name="settling", figure="settling_s", limit=asked.settling_time, families=steps))
+    if others:
+        limit = _deadline_s(study, spec, ready)
+        found.append(Promise(name="survival", figure="recovery_s", limit=limit, families=others, survival=True))
     limit_pu = study.with_limit_of(spec).converter.current_limit_pu
     if limit_pu is not None:
-        found.append(Promise(name="current", figure="peak_pu", limit=LIMIT_ROOM * limit_pu, families=every))
+        found.append(Promise(name="current", figure="peak_pu", limit=LIMIT_ROOM * limit_pu, families=tuple(families)))
     return tuple(found)
 
 
-def _asked(study: Study, table: GainTable | None) -> dict[str, float]:
-    """Overshoot and settling time of the specification; empty where it holds the inertia instead."""
-    if table is not None:
-        asked = table.specification
-        if asked.get("aim", "settling") != "settling":
-            return {}
-        return {name: float(asked[name]) for name in ("overshoot", "settling_time") if asked.get(name) is not None}
-    if study.specification is None or not study.specification.settles:
-        return {}
-    return {"overshoot": study.specification.overshoot, "settling_time": study.specification.settling_time}
+def _deadline_s(study: Study, spec: ControllerSpec, ready: Ready) -> float:
+    """When a case must be at rest, s after its last change. T is that of the table's specification or target."""
+    table = ready.table(spec)
+    asked = {} if table is None else table.specification
+    demand = SurvivalDemand(
+        S_rated=study.converter.S_rated,
+        settling_time=float(asked.get("settling_time", spec.target.settling_time)),
+        cycle_s=0.0,
+        i_max_pu=None,
+    )
+    return demand.deadline_s

@@ -19,8 +19,8 @@ from vsgdesign.verification.summary import CaseFigures
 
 Array = NDArray[np.float64]
 
-POPULATION = 64
-"""Cases of a generation: a whole number of lanes on any machine."""
+POPULATION, LEAST = 64, 16
+"""Cases of a generation, whole numbers of lanes on any machine: most, and least where few evaluations are asked for."""
 
 FOUND = 5
 """Cases that a search gives for each family."""
@@ -119,13 +119,15 @@ def search(
 ) -> Searched:
     """Looks for the worst case of every family by differential evolution over the coordinates of its cases.
 
-    ``evaluations``: runs in all, shared equally among the families; at least two generations each. ``starts``: rows of
-    coordinates to begin from, by family; the rest of the first generation covers the cube evenly. The same seed finds
-    the same. Raises WorkerError where a worker is lost.
+    ``evaluations``: most runs in all, shared equally among the families; none where they are too few for two small
+    generations of each. ``starts``: rows of coordinates to begin from, by family; the rest of the first generation
+    covers the cube evenly. The same seed finds the same. Raises WorkerError where a worker is lost.
     """
     tell, verification = progress or silent, job.study.verification
     seed = 0 if verification is None else verification.seed
-    each = max(evaluations // max(len(starts), 1), 2 * POPULATION)
+    each = evaluations // max(len(starts), 1)
+    if each < 2 * LEAST:
+        return Searched(evaluations=0, broken=0, found=())
     tasks = [(job.sent, job.families.index(name), each, rows, seed) for name, rows in starts.items()]
     parts: list[Searched] = []
     futures = None if executor is None else [executor.submit(_search_family, *task) for task in tasks]
@@ -154,14 +156,15 @@ def _search_family(job: Job, family: int, evaluations: int, starts: Array, seed:
     watch = _Watch(job, family)
     dimensions = starts.shape[1]
     generator = np.random.default_rng([seed, family])
-    begin = qmc.LatinHypercube(dimensions, rng=generator).random(POPULATION)
-    begin[: len(starts)] = starts[:POPULATION]
+    size = min(POPULATION, evaluations // (2 * LEAST) * LEAST)
+    begin = qmc.LatinHypercube(dimensions, rng=generator).random(size)
+    begin[: len(starts)] = starts[:size]
     with one_thread():
         differential_evolution(
             lambda x: -watch.severities(np.ascontiguousarray(x.T)),
             [(-_BEYOND, 1.0 + _BEYOND)] * dimensions,
             init=begin,
-            maxiter=max(evaluations // POPULATION - 1, 1),
+            maxiter=evaluations // size - 1,
             tol=0.0,
             mutation=(0.4, 0.9),
             polish=False,

@@ -1,0 +1,142 @@
+"""The verb that verifies a controller in random cases."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from vsgdesign.cli.common import JSON, Interrupted, load, print_json, progress, verb
+
+if TYPE_CHECKING:
+    from vsgdesign.verification.shards import Shard
+
+
+def _shard(_context: click.Context, _parameter: click.Parameter, text: str | None) -> Shard | None:
+    if text is None:
+        return None
+    from vsgdesign.verification.shards import Shard
+
+    try:
+        return Shard.read(text)
+    except ValueError as error:
+        raise click.BadParameter(f"{error}.") from None
+
+
+@click.command()
+@click.argument("file", metavar="STUDY.toml|TABLE.json", type=click.Path())
+@click.option("--study", "study_file", default=None, metavar="STUDY.toml", help="The study of a TABLE.json.")
+@click.option("--controller", default=None, metavar="NAME", help="The controller.  [default: the last one]")
+@click.option("--runs", type=click.IntRange(1), default=None, metavar="N", help="Cases.  [default: the study's]")
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=None, help="[default: the study's]")
+@click.option(
+    "--confidence",
+    type=click.FloatRange(0.5, 0.999999),
+    default=None,
+    help="Probability with which each bound holds.  [default: the study's]",
+)
+@click.option("--bridge", type=click.Choice(["averaged", "pwm"]), default="averaged", show_default=True)
+@click.option("--strict", is_flag=True, help="Compute the same bits on every machine; takes longer.")
+@click.option(
+    "--search",
+    type=click.IntRange(0),
+    default=None,
+    metavar="N",
+    help="Runs of a search for the worst; they do not count in the shares.  [default: 5 % of the runs]",
+)
+@click.option(
+    "--workers", type=click.IntRange(1), default=None, metavar="N", help="Number of processes.  [default: one per core]"
+)
+@click.option("--cluster", default=None, metavar="local|ADDRESS", help='A Dask cluster (needs the extra "cluster").')
+@click.option("--shard", callback=_shard, default=None, metavar="i/N", help="Only part i of N, for --merge.")
+@click.option(
+    "--merge",
+    multiple=True,
+    metavar="DIR",
+    type=click.Path(),
+    help="Merge the shards in this folder instead of running. May be repeated.",
+)
+@click.option(
+    "--resume/--fresh", default=True, help="Continue from the blocks of an interrupted verification.  [default: resume]"
+)
+@click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-verification]")
+@JSON
+@verb
+def verify(
+    file: str,
+    study_file: str | None,
+    controller: str | None,
+    runs: int | None,
+    seed: int | None,
+    confidence: float | None,
+    bridge: str,
+    strict: bool,
+    search: int | None,
+    workers: int | None,
+    cluster: str | None,
+    shard: Shard | None,
+    merge: tuple[str, ...],
+    resume: bool,
+    out: str | None,
+    as_json: bool,
+) -> None:
+    """Run random cases in EMT, and bound the share that breaks a promise.
+
+    The study's [verification] says what is drawn. The bound is exact, and the worst cases are written as study files.
+    An interrupted or killed verification continues with the same command and gives the same counts.
+    """
+    from pathlib import Path
+
+    from vsgdesign.pipeline.verify import Asked, merge_shards, verify_study, with_table
+    from vsgdesign.verification.journal import kept_runs
+
+    _check_options(file, study_file, cluster, workers, shard is not None, merge, (controller, runs, seed))
+    study = load(file if study_file is None else study_file)
+    if study_file is not None:
+        study = with_table(study, file, controller)
+    name = f"{study.name}-verification" + ("" if shard is None else f"/shard-{shard.number}-of-{shard.of}")
+    folder = Path("out") / name if out is None else Path(out)
+    asked = Asked(
+        controller=controller, runs=runs, seed=seed, confidence=confidence, bridge=bridge, strict=strict, search=search
+    )
+    try:
+        with progress(quiet=as_json) as tell:
+            if merge:
+                document = merge_shards(study, merge, folder, asked, workers=workers, progress=tell)
+            else:
+                document = verify_study(
+                    study, folder, asked, workers=workers, cluster=cluster, shard=shard, fresh=not resume, progress=tell
+                )
+    except KeyboardInterrupt:
+        raise Interrupted(f"{kept_runs(folder):,} finished runs are kept; the same command continues there") from None
+    if as_json:
+        print_json(document)
+        return
+    if shard is not None:
+        click.echo(f"shard {shard}: {document['judged']:,} of {document['runs']:,} runs were judged; {folder}")
+        return
+    from vsgdesign.cli.console.verify import verification_tables
+
+    verification_tables(document)
+    click.echo(f"report: {folder / 'report.html'}")
+
+
+def _check_options(
+    file: str,
+    study_file: str | None,
+    cluster: str | None,
+    workers: int | None,
+    sharded: bool,
+    merge: tuple[str, ...],
+    of_runs: tuple[object, ...],
+) -> None:
+    if cluster not in (None, "local") and workers is not None:
+        raise click.UsageError(
+            "--workers sets the processes of this machine; a cluster at an address has its own workers"
+        )
+    if study_file is None and file.lower().endswith(".json"):
+        raise click.UsageError(f"{file} is a gain table; --study names the study with whose converter it is verified")
+    if merge and sharded:
+        raise click.UsageError("--shard runs a part, --merge puts parts together: give one of them")
+    if merge and any(value is not None for value in (*of_runs, cluster)):
+        raise click.UsageError("--controller, --runs, --seed and --cluster are those of the shards that --merge reads")

@@ -1,0 +1,290 @@
+"""From a study to a verification: random cases in EMT, counted with an exact bound, the worst of them as studies."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts import provenance, staged_folder, write_record
+from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.errors import Fault, StudyError
+from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.parameters.study import ControllerSpec, Study
+
+if TYPE_CHECKING:  # the simulation is loaded by who verifies
+    from concurrent.futures import Executor
+
+    from vsgdesign.verification.blocks import Job
+    from vsgdesign.verification.shards import Shard
+    from vsgdesign.verification.summary import Summary
+
+VERB = "vsgdesign verify"
+SHARD = "vsgdesign verify --shard"
+
+RUNS = "EMT runs"
+"""What progress calls the runs."""
+
+SEARCH_SHARE, MOST_SEARCHED = 0.05, 50_000
+"""Where nothing is said, the search makes this share of the runs in addition, and at most so many."""
+
+_AHEAD_ON_A_CLUSTER = 1024
+"""Blocks that are handed to a cluster at a time; how many workers it has may change."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What is asked of a verification. None: as the study's [verification] says."""
+
+    controller: str | None = None
+    """Name of the controller; None: the last one of the study."""
+    runs: int | None = None
+    seed: int | None = None
+    confidence: float | None = None
+    bridge: str = "averaged"
+    strict: bool = False
+    """Whether every machine computes the same bits."""
+    search: int | None = None
+    """Evaluations of the search for the worst; None: 5 % of the runs."""
+
+
+def verify_study(
+    study: Study,
+    out: str | Path,
+    asked: Asked = Asked(),
+    *,
+    workers: int | None = None,
+    cluster: str | None = None,
+    shard: Shard | None = None,
+    fresh: bool = False,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Verifies one controller of a study in random cases and writes a folder: results.json, counts.json, report.html
+    and the worst cases as study files. Returns the content of results.json.
+
+    Finished blocks are kept beside ``out`` until the folder is complete, so the same call continues after an
+    interruption and writes the same counts.json; ``fresh`` starts anew. With ``shard``, the folder has the counts of
+    one part alone, for :func:`merge_shards`. ``workers`` and ``cluster`` are those of
+    :func:`vsgdesign.execution.executors.executor_of`. Raises StudyError, ArtifactError and WorkerError.
+    """
+    from vsgdesign.execution.executors import executor_of, worker_count
+    from vsgdesign.verification.blocks import run_blocks
+    from vsgdesign.verification.journal import journal_of
+    from vsgdesign.verification.shards import Shard, write_counts
+
+    tell, begin = progress or silent, time.perf_counter()
+    check_verifiable(study, asked, needs_table_file=shard is not None)
+    with ExitStack() as held:
+        folder = held.enter_context(staged_folder(out, VERB if shard is None else SHARD, inputs=study.input_files))
+        job, confidence = prepared_job(study, asked, out, workers=workers, progress=progress)
+        ready_s = time.perf_counter() - begin
+        numbers = (shard or Shard()).blocks(job)
+        journal = held.enter_context(journal_of(out, _key(job, shard), fresh))
+        kept = set(journal.summary.blocks)
+        missing = [number for number in numbers if number not in kept]
+        tell(RUNS, 1.0 - len(missing) / max(len(numbers), 1))
+        with executor_of(workers if len(missing) > 1 else 1, cluster) as executor:
+            ahead = _AHEAD_ON_A_CLUSTER if cluster not in (None, "local") else 2 * worker_count(workers)
+            for summary in run_blocks(job, missing, executor, ahead):
+                journal.add(summary)
+                tell(RUNS, len(journal.summary.blocks) / len(numbers))
+            summary = journal.summary
+            timing = {"prepare": ready_s, "runs": time.perf_counter() - begin - ready_s}
+            write_counts(folder / "counts.json", job, summary)
+            about = _about(job, confidence, summary, worker_count(workers) if cluster is None else cluster)
+            if shard is not None:
+                about |= {"shard": str(shard), "runs": summary.drawn, "judged": summary.judged}
+                return write_record(folder, about | {"timing_s": timing, "provenance": provenance()}, SHARD)
+            return _concluded(folder, job, summary, about, confidence, asked.search, executor, timing, progress)
+
+
+def merge_shards(
+    study: Study,
+    places: Iterable[str | Path],
+    out: str | Path,
+    asked: Asked = Asked(),
+    *,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Merges the folders that shards wrote into one verification, as if there had been no shards, and writes it.
+
+    ``places``: folders of shards, or folders with such folders in them. Runs, seed, controller and precision are those
+    of the shards. Raises ArtifactError where shards overlap, are missing, or are of another study.
+    """
+    from vsgdesign.execution.executors import executor_of, worker_count
+    from vsgdesign.verification.shards import check_same, counts_files, merged_counts, read_counts, write_counts
+
+    begin = time.perf_counter()
+    files = counts_files(places)
+    documents = [read_counts(path) for path in files]
+    check_same(files, documents)
+    first = documents[0]
+    asked = replace(
+        asked,
+        controller=first["controller"],
+        runs=first["runs"],
+        seed=first["seed"],
+        bridge=first["bridge"],
+        strict=first["strict"],
+    )
+    check_verifiable(study, asked, needs_table_file=True)
+    with staged_folder(out, VERB, inputs=(*study.input_files, *files)) as folder:
+        job, confidence = prepared_job(study, asked, out, workers=workers, progress=progress)
+        summary = merged_counts(files, documents, job)
+        write_counts(folder / "counts.json", job, summary)
+        about = _about(job, confidence, summary, worker_count(workers)) | {"shards": len(files)}
+        timing = {"prepare": time.perf_counter() - begin, "runs": 0.0}
+        with executor_of(workers) as executor:
+            return _concluded(folder, job, summary, about, confidence, asked.search, executor, timing, progress)
+
+
+def with_table(study: Study, table_file: str | Path, controller: str | None = None) -> Study:
+    """The study with another gain table: that of its controller with this name, or of its last one that has a table.
+
+    Raises StudyError where there is no such controller.
+    """
+    scheduled = [spec.name for spec in study.controllers if spec.schedule == "table"]
+    name = controller or (scheduled[-1] if scheduled else None)
+    if name not in scheduled:
+        value = "" if name is None else f'"{name}"'
+        problem = "no controller of the study has a gain table" if name is None else "has no gain table"
+        advice = 'Give a study with a controller that has schedule = "table".'
+        raise StudyError(study.name, [Fault("controller", value, problem, advice)])
+    document = {} if study.origin is None else study.origin.document
+    controllers = [
+        {**table, "table": str(Path(table_file).resolve())} if table.get("name") == name else table
+        for table in document.get("controllers", ())
+    ]
+    return study.with_changes(controllers=controllers)
+
+
+def check_verifiable(study: Study, asked: Asked, needs_table_file: bool = False) -> ControllerSpec:
+    """The controller that is asked for. Raises StudyError with everything that stands against a verification."""
+    faults = []
+    known = {spec.name: spec for spec in study.controllers}
+    spec = study.controllers[-1] if asked.controller is None else known.get(asked.controller)
+    if spec is None:
+        shown = f'"{asked.controller}"'
+        faults.append(Fault("controller", shown, "unknown", f"The study has: {', '.join(known)}."))
+    elif needs_table_file and spec.schedule == "table" and spec.table_file is None:
+        advice = 'Build it once with vsgdesign table build, and name it: table = "FILE.json".'
+        faults.append(Fault(f"controllers.{spec.name}.table", "", "every shard would design the table again", advice))
+    for name in ("background", "sensors", "replay"):
+        if getattr(study, name) is not None:
+            problem = "random cases have the grid source that they draw and ideal sensors"
+            faults.append(
+                Fault(name, "", problem, f"Verify a study without [{name}]; vsgdesign survive measures with it.")
+            )
+    if study.grid_source.components:
+        advice = "Verify a study without them."
+        faults.append(Fault("grid_source.components", "", "random cases have a source without harmonics", advice))
+    if faults or spec is None:
+        raise StudyError(study.name, faults)
+    return spec
+
+
+def prepared_job(
+    study: Study, asked: Asked, out: str | Path, *, workers: int | None = None, progress: Progress | None = None
+) -> tuple[Job, float]:
+    """The job of a study and the confidence of its bounds. A gain table without a file is designed first and kept
+    beside ``out`` until the verification is complete."""
+    from vsgdesign.pipeline.survival import survival_tables
+    from vsgdesign.verification.journal import journal_folder
+
+    spec = check_verifiable(study, asked)
+    ready = survival_tables(
+        replace(study, controllers=(spec,)), journal_folder(out), workers=workers, progress=progress
+    )
+    return job_of(study, spec, ready, asked)
+
+
+def job_of(study: Study, spec: ControllerSpec, ready: Ready, asked: Asked) -> tuple[Job, float]:
+    """The job of a controller whose gain table is there, and the confidence of its bounds."""
+    from vsgdesign.verification.blocks import Job
+    from vsgdesign.verification.counting import MapAxes
+    from vsgdesign.verification.draws import FAMILIES, verification_of
+    from vsgdesign.verification.emt import EMT
+    from vsgdesign.verification.promises import verified_promises
+
+    changed = {name: value for name in ("runs", "seed", "confidence") if (value := getattr(asked, name)) is not None}
+    drawn = replace(verification_of(study, spec, ready), **changed)
+    study = replace(study, verification=drawn)
+    families = {name: name == "step" for name in FAMILIES}
+    table = ready.table(spec)
+    job = Job(
+        study=study,
+        spec=spec,
+        tables={} if table is None else {spec.name: table},
+        families=tuple(families),
+        promises=verified_promises(study, spec, ready, families),
+        axes=MapAxes(scr=drawn.scr, x_over_r=drawn.x_over_r, scr_basis=drawn.scr_basis),
+        runs=drawn.runs,
+        bridge=asked.bridge,
+        strict=asked.strict,
+        batch=EMT,
+    )
+    return job, drawn.confidence
+
+
+def _key(job: Job, shard: Shard | None) -> str:
+    return job.key if shard is None else f"{shard.number}-{shard.of}-{job.key}"
+
+
+def _about(job: Job, confidence: float, summary: Summary, workers: int | str) -> dict[str, Any]:
+    """The head of results.json."""
+    verification = job.study.verification
+    return {
+        "study": job.study.name,
+        "title": job.study.title,
+        "study_hash": job.study.hash,
+        "controller": job.spec.name,
+        "tables": {name: table.sha256 for name, table in job.tables.items()},
+        "seed": None if verification is None else verification.seed,
+        "confidence": confidence,
+        "bridge": job.bridge,
+        "strict": job.strict,
+        "instruction_set": ", ".join(summary.instruction_sets),
+        "workers": workers,
+    }
+
+
+def _concluded(
+    folder: Path,
+    job: Job,
+    summary: Summary,
+    about: Mapping[str, Any],
+    confidence: float,
+    evaluations: int | None,
+    executor: Executor | None,
+    timing: dict[str, float],
+    progress: Progress | None,
+) -> dict[str, Any]:
+    """The counts, the worst cases and the search as one folder."""
+    from vsgdesign.report import write_verification_report
+    from vsgdesign.verification.document import counts_document
+    from vsgdesign.verification.worst import write_found, write_worst
+
+    begin = time.perf_counter()
+    if evaluations is None:
+        evaluations = min(math.ceil(SEARCH_SHARE * job.runs), MOST_SEARCHED)
+    worst = write_worst(folder / "worst", job, summary, progress=progress)
+    timing["worst"], begin = time.perf_counter() - begin, time.perf_counter()
+    searched = write_found(folder / "search", job, summary, evaluations, executor=executor, progress=progress)
+    timing["search"], begin = time.perf_counter() - begin, time.perf_counter()
+    document = {
+        **about,
+        **counts_document(job, summary, confidence),
+        "worst": worst,
+        "search": searched,
+        "timing_s": timing,
+        "provenance": provenance(),
+    }
+    document = plain(document)
+    write_verification_report(document, folder)
+    return write_record(folder, document, VERB)

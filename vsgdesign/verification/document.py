@@ -1,0 +1,109 @@
+"""What a verification says: shares, bounds, quantiles and the map, in JSON's types."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from vsgdesign.verification.blocks import Job
+from vsgdesign.verification.bounds import one_in, upper_bound
+from vsgdesign.verification.histogram import QUANTILE_ERROR, quantile
+from vsgdesign.verification.promises import FIGURES, Promise
+from vsgdesign.verification.summary import FamilyCount, PromiseCount, Summary
+
+QUANTILES = ("50", "90", "99", "99.9")
+"""Percentiles of each figure that are given."""
+
+
+def counts_document(job: Job, summary: Summary, confidence: float) -> dict[str, Any]:
+    """The counts of a verification with their bounds. A figure that does not exist (never settled) is infinite.
+
+    A share is of the judged cases, and its bound is exact because all of them are drawn independently.
+    """
+    broken = sum(family.broken for family in summary.families.values())
+    return {
+        "runs": summary.drawn,
+        "judged": summary.judged,
+        **_share(broken, summary.judged, confidence),
+        "families": {
+            name: _family(job, summary.families[name], confidence) for name in job.families if name in summary.families
+        },
+        "map": {
+            "scr_basis": job.axes.scr_basis,
+            "scr_edges": job.axes.scr_edges,
+            "x_over_r_edges": job.axes.x_over_r_edges,
+            "families": {
+                name: {
+                    "judged": summary.families[name].judged_map,
+                    "broken": summary.families[name].broken_map,
+                    "worst_of": {
+                        promise.figure: summary.families[name].promises[promise.name].worst_map
+                        for promise in job.promises
+                        if promise.name in summary.families[name].promises
+                    },
+                }
+                for name in job.families
+                if name in summary.families
+            },
+        },
+        "quantile_error": QUANTILE_ERROR,
+        "broken_cases": [
+            {
+                "case": case.index,
+                "family": case.family,
+                "promises": case.promises,
+                "status": case.status,
+                "figures": figures_document(case.figures),
+            }
+            for case in summary.broken
+        ],
+    }
+
+
+def figures_document(figures: tuple[float, ...]) -> dict[str, float]:
+    """The figures of a case by name."""
+    return dict(zip(FIGURES, figures, strict=True))
+
+
+def _family(job: Job, family: FamilyCount, confidence: float) -> dict[str, Any]:
+    return {
+        "drawn": family.drawn,
+        "judged": family.judged,
+        "left_out": dict(family.left_out),
+        "lost": dict(family.lost),
+        **_share(family.broken, family.judged, confidence),
+        "promises": {
+            promise.name: {
+                "limit": promise.limit,
+                "unit": promise.unit,
+                "figure": promise.figure,
+                "survival": promise.survival,
+                "at_least": False,
+                "judged": family.judged,
+                **_share(count.broken, family.judged, confidence),
+                "worst": (worst := _worst(promise, count)),
+                "quantiles": {key: quantile(count.bins, float(key) / 100.0, worst) for key in QUANTILES},
+            }
+            for promise in job.promises
+            if (count := family.promises.get(promise.name)) is not None
+        },
+    }
+
+
+def _worst(promise: Promise, count: PromiseCount) -> float:
+    """The largest value of a promise's figure; NaN where nothing was judged."""
+    if not count.worst:
+        return math.nan
+    first = count.worst[0]
+    return math.inf if math.isinf(first.severity) else first.figures[tuple(FIGURES).index(promise.figure)]
+
+
+def _share(broken: int, judged: int, confidence: float) -> dict[str, Any]:
+    """How many, which share of the judged cases, and the bound on the share of all cases."""
+    bound = upper_bound(broken, judged, confidence)
+    return {
+        "broken": broken,
+        "share": broken / judged if judged else None,
+        "bound": bound,
+        "one_in": one_in(bound),
+    }

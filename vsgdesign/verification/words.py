@@ -1,0 +1,142 @@
+"""One case in numbers and words: where it begins and ends, what happens, and why it is bad, where that is known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.parameters.study import Grid, Study
+from vsgdesign.simulation.lanes.cases import LaneCases
+from vsgdesign.verification.counting import last_grids
+from vsgdesign.verification.promises import FIGURES
+
+_EDGE = 0.02
+"""A case is at the edge of what is drawn where a coordinate is this near to 0 or 1."""
+
+_NOTICED_S = 1e-3
+"""A limiter that acted for less is not named."""
+
+_SLOW = 0.7
+"""A slowest mode is named where it alone takes this share of the limit."""
+
+SETTLED = math.log(1.0 / 0.02)
+"""Time constants until an exponential is within 2 %."""
+
+
+def start_of(study: Study, cases: LaneCases, k: int, powers: tuple[float, float] | None = None) -> dict[str, float]:
+    """Where case ``k`` begins, per unit. ``powers``: P and Q at rest, W and var; without them the references."""
+    c = study.converter
+    P, Q = powers or (float(cases.P_ref[k]), float(cases.Q_ref[k]))
+    basis = _basis(study)
+    place = Grid(float(cases.R_g[k]), float(cases.L_g[k])).place(c, basis)
+    return {
+        "scr": place.scr,
+        "x_over_r": place.x_over_r,
+        "P_pu": P / c.S_rated,
+        "Q_pu": Q / c.S_rated,
+        "V_g_pu": float(cases.V_g_rms[k]) / c.V_rated_rms,
+        "f_hz": float(cases.omega_g[k]) / (2.0 * math.pi),
+        "error_R": float(cases.error_R[k]),
+        "error_X": float(cases.error_X[k]),
+    }
+
+
+def end_of(study: Study, cases: LaneCases, k: int) -> dict[str, float]:
+    """The grid on which case ``k`` comes to rest."""
+    R_g, L_g = last_grids(cases.take(np.array([k])))
+    place = Grid(float(R_g[0]), float(L_g[0])).place(study.converter, _basis(study))
+    return {"scr": place.scr, "x_over_r": place.x_over_r}
+
+
+def _basis(study: Study) -> str:
+    if study.verification is not None:
+        return study.verification.scr_basis
+    return study.scr_basis
+
+
+def what_of(study: Study, cases: LaneCases, k: int) -> str:
+    """What happens in case ``k``, in words."""
+    c, events = study.converter, cases.events
+    parts = []
+    P_ref, Q_ref = float(cases.P_ref[k]), float(cases.Q_ref[k])
+    R_g, L_g = float(cases.R_g[k]), float(cases.L_g[k])
+    for j in np.flatnonzero(np.isfinite(events.t_s[k])):
+        changes = []
+        if np.isfinite(events.P_ref[k, j]):
+            changes.append(f"P_ref changes by {(events.P_ref[k, j] - P_ref) / c.S_rated:+.3g} pu")
+            P_ref = float(events.P_ref[k, j])
+        if np.isfinite(events.Q_ref[k, j]):
+            changes.append(f"Q_ref changes by {(events.Q_ref[k, j] - Q_ref) / c.S_rated:+.3g} pu")
+            Q_ref = float(events.Q_ref[k, j])
+        if np.isfinite(events.R_g[k, j]):
+            old, new = (Grid(R, L).place(c, _basis(study)) for R, L in ((R_g, L_g), _grid(cases, k, j)))
+            changes.append(f"SCR changes from {old.scr:.3g} to {new.scr:.3g} (X/R {new.x_over_r:.3g})")
+            R_g, L_g = _grid(cases, k, j)
+        if np.isfinite(events.V_g_rms[k, j]):
+            changes.append(f"the voltage goes to {events.V_g_rms[k, j] / c.V_rated_rms:.3g} pu")
+        if np.isfinite(events.omega_g[k, j]):
+            over = f" in {events.over[k, j]:.3g} s" if events.over[k, j] > 0.0 else ""
+            changes.append(f"the frequency goes to {events.omega_g[k, j] / (2.0 * math.pi):.5g} Hz{over}")
+        if events.phase_jump[k, j] != 0.0:
+            changes.append(f"the phase jumps by {math.degrees(events.phase_jump[k, j]):+.3g}°")
+        parts.append(f"at {events.t_s[k, j]:.4g} s {_listed(changes)}")
+    said = "; ".join(parts)
+    if cases.silent_s[k] > 0.0:
+        said += f"; the schedule is told {cases.silent_s[k]:.3g} s later"
+    return said[:1].upper() + said[1:]
+
+
+def _grid(cases: LaneCases, k: int, j: int) -> tuple[float, float]:
+    return float(cases.events.R_g[k, j]), float(cases.events.L_g[k, j])
+
+
+def _listed(parts: list[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def why_of(
+    figures: tuple[float, ...],
+    promise: str,
+    coordinates: dict[str, float],
+    *,
+    relaxed: bool = False,
+    decay: float = math.nan,
+    limit: float = math.nan,
+) -> str | None:
+    """Why a case is bad, in a sentence for each reason that is known; None where none is.
+
+    ``coordinates``: those of the case that are drawn, 0 to 1, by name. ``relaxed``: whether the gain table gives up a
+    requirement there (:func:`beside_relaxed`). ``decay``: rate of the slowest mode of the linear full-order model at
+    the last rest, 1/s. ``limit``: that of the promise.
+    """
+    by_name = dict(zip(FIGURES, figures, strict=True))
+    said = []
+    if relaxed:
+        said.append("A node of the table beside the estimated grid is relaxed: it gives up a requirement.")
+    if by_name["limited_s"] > _NOTICED_S:
+        said.append(f"The current limiter acts for {1e3 * by_name['limited_s']:.3g} ms.")
+    if promise == "settling" and decay <= 0.0:
+        said.append("The linear model is unstable at the new rest.")
+    elif promise == "settling" and SETTLED / decay > _SLOW * limit:
+        mode = f"The slowest mode of the linear model decays with {decay:.3g} 1/s"
+        said.append(f"{mode}, for which 2 % take {SETTLED / decay:.3g} s.")
+    edges = [name for name, u in coordinates.items() if min(u, 1.0 - u) < _EDGE]
+    if edges:
+        said.append(f"It lies at the edge of what is drawn in {_listed(edges)}.")
+    return " ".join(said) or None
+
+
+def beside_relaxed(table: GainTable | None, study: Study, R_g: float, L_g: float) -> bool:
+    """Whether a gain table gives up a requirement at one of the nodes around a grid (Ω, H)."""
+    if table is None:
+        return False
+    place = Grid(R_g, L_g).place(study.converter, table.base.scr_basis)
+    rows, columns = _around(table.scr, place.scr), _around(table.x_over_r, place.x_over_r)
+    return bool((table.status[np.ix_(rows, columns)] == "relaxed").any())
+
+
+def _around(nodes: np.ndarray, value: float) -> list[int]:
+    k = int(np.clip(np.searchsorted(nodes, value), 1, len(nodes) - 1))
+    return [k - 1, k]
