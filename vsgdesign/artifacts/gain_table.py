@@ -143,6 +143,9 @@ class GainTable:
     ``broken``."""
     causes: list[dict[str, Any]] = field(default_factory=list)
     """The reasons why relaxed cells give up a promise (:mod:`vsgdesign.design.causes`)."""
+    verification: dict[str, Any] | None = None
+    """What random cases in EMT showed (:func:`vsgdesign.artifacts.verification_record.verification_record`); None: none
+    were simulated."""
 
     def __post_init__(self) -> None:
         for name, kind in (("scr", float), ("x_over_r", float), ("price", float), ("status", str), ("active", str)):
@@ -152,7 +155,7 @@ class GainTable:
         object.__setattr__(self, "columns", {name: _fixed(values) for name, values in columns})
         object.__setattr__(self, "margins", {name: _fixed(self.margins[name]) for name in sorted(self.margins)})
         object.__setattr__(self, "gains", PowerLoopGains(*(_fixed(value) for value in self.gains)))
-        for name in ("specification", "provenance", "inputs", "design_inputs", "between", "causes"):
+        for name in ("specification", "provenance", "inputs", "design_inputs", "between", "causes", "verification"):
             object.__setattr__(self, name, sorted_plain(getattr(self, name)))
         _to_floats(self)
 
@@ -248,6 +251,8 @@ def table_document(table: GainTable) -> dict[str, Any]:
     plainly |= {name: dict(vars(plainly[name])) for name in ("base", "validity")}
     if table.validity.error_Z == 0.0:  # a file from before there was such an error keeps its bytes and its hash
         del plainly["validity"]["error_Z"]
+    if table.verification is None:  # the same of one from before tables were verified
+        del plainly["verification"]
     plainly["gains"] = plainly["gains"]._asdict()
     plainly["certificate"] = None if table.certificate is None else table.certificate.document
     for name in ("columns", "gains", "margins"):

@@ -24,6 +24,7 @@ from vsgdesign.artifacts.gain_table import (
     table_document,
 )
 from vsgdesign.artifacts.guarded_file import GuardedFile, is_number, rows_on_a_line
+from vsgdesign.artifacts.verification_record import verification_faults
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
@@ -125,6 +126,8 @@ def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
         yield "between", "must be a table of names and values, or null"
     if isinstance(table.between, dict) and not _is_look(table.between):
         yield "between", "must have points, outside and promised as whole numbers, and the list broken"
+    if table.verification is not None:
+        yield from (("verification", fault) for fault in verification_faults(table.verification))
     if not isinstance(table.causes, list) or not all(isinstance(cause, dict) for cause in table.causes):
         yield "causes", "must be a list of tables of names and values"
 
@@ -159,6 +162,7 @@ def _from_document(document: dict[str, Any]) -> GainTable:
     unknown = document.keys() - {f.name for f in fields(GainTable)} - {"kind", "schema"}
     if unknown:
         raise ValueError(f"unknown: {', '.join(sorted(unknown))}")
+    document = {"verification": None} | document
     values = {f.name: document[f.name] for f in fields(GainTable)}
     values["base"] = TableBase(**values["base"])
     box: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values["validity"].items()}

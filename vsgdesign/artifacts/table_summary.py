@@ -10,6 +10,7 @@ import numpy as np
 from vsgdesign.artifacts.design_inputs import study_differences
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.table_text import between_text, causes_text, certificate_summary, status_text
+from vsgdesign.artifacts.verification_text import table_verification
 from vsgdesign.parameters.study import Study
 
 
@@ -22,6 +23,7 @@ def table_summary(study: Study, table: GainTable) -> dict[str, Any]:
         "certificate": certificate_summary(table.certificate),
         "between": table.between,
         "causes": table.causes,
+        "verification": table.verification,
         "not_of_this_study": study_differences(table, study),
         "nodes": list(table.shape),
         "status": dict(zip(statuses.tolist(), counts.tolist(), strict=True)),
@@ -40,5 +42,7 @@ def table_lines(name: str, table: dict[str, Any]) -> Iterator[str]:
     yield between_text(table["between"])
     if proof["certified"] is not False:
         yield proof["text"]
+    if table.get("verification") is not None:  # summaries of before have none
+        yield from table_verification(table["verification"])
     if table["not_of_this_study"]:
         yield f"the table was not designed from this study: {'; '.join(table['not_of_this_study'])}"

@@ -54,6 +54,21 @@ FAMILIES = {
 """Heading of the families of cases, and what their cases are called."""
 
 
+def families_of(document: Document) -> list[tuple[str, Document]]:
+    """The families by name, in the order of FAMILIES: a file may have sorted them."""
+    return _in_order(document["families"], FAMILIES)
+
+
+def promises_of(family: Document) -> list[tuple[str, Document]]:
+    """The promises of a family by name, in the order of PROMISES."""
+    return _in_order(family["promises"], PROMISES)
+
+
+def _in_order(found: Document, order: Mapping[str, object]) -> list[tuple[str, Document]]:
+    places = list(order)
+    return sorted(found.items(), key=lambda item: places.index(item[0]) if item[0] in order else len(places))
+
+
 def figure_words(name: str) -> FigureWords:
     """Title and unit of a figure. An unknown name is its own title."""
     return FIGURES.get(name, FigureWords(_capital(name), "1", 1.0))
@@ -167,11 +182,11 @@ def confidence_text(confidence: float) -> str:
 
 
 def promise_sentences(document: Document) -> list[str]:
-    """One sentence for each family and promise, in the order of the document."""
+    """One sentence for each family and promise."""
     return [
         promise_sentence(family_name, family, promise_name, promise, document["confidence"])
-        for family_name, family in document["families"].items()
-        for promise_name, promise in family["promises"].items()
+        for family_name, family in families_of(document)
+        for promise_name, promise in promises_of(family)
     ]
 
 
@@ -234,3 +249,14 @@ def _estimate_text(error_R: float | None, error_X: float | None) -> str:
 def _signed(value: float, decimals: int = 2) -> str:
     text = f"{value:+.{decimals}f}"
     return text[1:] if float(text) == 0.0 else text
+
+
+def table_verification(record: Document | None) -> list[str]:
+    """What a gain table says of its verification: the answer, then a line for each promise; one line without one."""
+    if record is None:
+        return ["Not verified: no random cases were simulated with this table (vsgdesign verify)."]
+    return [f"Verified in EMT: {_lower(headline(record))}", *promise_sentences(record)]
+
+
+def _lower(text: str) -> str:
+    return text[:1].lower() + text[1:]

@@ -21,6 +21,7 @@ from vsgdesign.artifacts.table_text import (
     error_text,
     missed_text,
 )
+from vsgdesign.artifacts.verification_text import table_verification
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.gain_table.inside import inside_sentence
@@ -69,6 +70,7 @@ def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_pat
         proof=certificate_sentence(table.certificate),
         inside=inside_sentence(table, shipped_errors()),
         causes=causes_table(table),
+        verification=table_verification(table.verification),
         certificate=None
         if table.certificate is None
         else open_table("Certificate", _without_steps(table.certificate.document), CERTIFICATE_UNITS),
@@ -81,7 +83,7 @@ def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_pat
 
 
 def verdict_of(table: GainTable) -> str:
-    """Counts of cells and the result of the proof, in one paragraph. A failed proof is reported first."""
+    """Counts of cells, the result of the proof and of a verification. A failed proof is reported first."""
     met, relaxed, outside = (int((table.status == status).sum()) for status in ("met", "relaxed", "outside"))
     total = table.status.size
     first = f"{met} of {total} cells keep every promise of the specification."
@@ -96,7 +98,8 @@ def verdict_of(table: GainTable) -> str:
         look = between_text(table.between)
         first += f" {look[0].upper()}{look[1:]}."
     proof = certificate_sentence(table.certificate)
-    return f"{proof} {first}" if certificate_failed(table.certificate) else f"{first} {proof}"
+    verified = "" if table.verification is None else f" {table_verification(table.verification)[0]}"
+    return (f"{proof} {first}" if certificate_failed(table.certificate) else f"{first} {proof}") + verified
 
 
 def identity_table(table: GainTable) -> Table:

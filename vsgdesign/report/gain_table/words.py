@@ -19,6 +19,7 @@ from vsgdesign.artifacts.table_text import (
     inner_loops_text,
     status_text,
 )
+from vsgdesign.artifacts.verification_text import table_verification
 from vsgdesign.certificate import Certificate, Counterexample
 from vsgdesign.certificate.swing import SwingStatement
 from vsgdesign.certificate.swing.results import EMPTY, RETURNS
@@ -62,6 +63,7 @@ def heading(table: GainTable) -> Iterator[str]:
         yield certificate_sentence(table.certificate)
     if table.certificate is not None and table.certificate.steps is not None:
         yield from step_lines(table.certificate.steps)
+    yield from table_verification(table.verification)
     if table.design_hash:
         yield f"design hash {table.design_hash}"
     yield f"sha256 {table.sha256}"

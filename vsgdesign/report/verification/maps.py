@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.verification_text import (
+    families_of,
     family_noun,
     family_title,
     figure_of,
@@ -95,11 +96,11 @@ class _Bins:
 def map_figures(document: Mapping[str, Any]) -> Iterator[NamedFigure]:
     """One figure for each family of which cases were judged."""
     found = document.get("map") or {"families": {}}
-    for name, one in found["families"].items():
+    for name, family in families_of(document):
+        one = found["families"].get(name, {"judged": [0]})
         judged = np.asarray(one["judged"], dtype=float)
         if not judged.any():
             continue
-        family = document["families"][name]
         basis = found.get("scr_basis")
         bins = _Bins(
             np.asarray(found["scr_edges"], dtype=float),

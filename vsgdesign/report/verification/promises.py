@@ -9,8 +9,10 @@ from typing import Any
 from vsgdesign.artifacts.verification_text import (
     bound_text,
     counted_of,
+    families_of,
     family_title,
     promise_text,
+    promises_of,
 )
 from vsgdesign.report.drawing.style import COLOURS, NOTE_COLOUR, PAGE_IN, TEXT_PT, add_axes, look, new_figure
 from vsgdesign.report.drawing.time_axis import symbols
@@ -36,8 +38,8 @@ _WORST: dict[str, Any] = {"marker": "D", "markersize": 4.2, "linestyle": ""}
 def promises_figure(document: Mapping[str, Any]) -> NamedFigure | None:
     """One row for each promise with a limit, by family; None where there is none with values."""
     rows = [
-        (family_name, family, [(name, p) for name, p in family["promises"].items() if _is_drawn(p)])
-        for family_name, family in document["families"].items()
+        (family_name, family, [(name, p) for name, p in promises_of(family) if _is_drawn(p)])
+        for family_name, family in families_of(document)
     ]
     rows = [row for row in rows if row[2]]
     if not rows:

@@ -10,12 +10,14 @@ from vsgdesign.artifacts.verification_text import (
     case_text,
     confidence_text,
     counted_of,
+    families_of,
     family_title,
     figure_of,
     lost_text,
     promise_about,
     promise_text,
     promise_title,
+    promises_of,
     share_text,
     value_text,
     worst_text,
@@ -29,8 +31,8 @@ QUANTILES = ("50", "90", "99", "99.9")
 def promises_table(document: Mapping[str, Any]) -> Table:
     """Every promise of every family: how often it is broken, its bound, its worst value and its quantiles."""
     rows, flagged = [], set()
-    for family_name, family in document["families"].items():
-        for name, promise in family["promises"].items():
+    for family_name, family in families_of(document):
+        for name, promise in promises_of(family):
             if promise["broken"]:
                 flagged.add(len(rows))
             quantiles = [_quantile(name, promise, q) for q in QUANTILES]
@@ -50,7 +52,7 @@ def promises_table(document: Mapping[str, Any]) -> Table:
     head = ("Cases", "Promise", "broken", "judged", "share", "fewer than", "50 %", "90 %", "99 %", "99.9 %", "worst")
     groups = (("", 2), ("measured", 3), (f"with {confidence_text(document['confidence'])} confidence", 1))
     groups += (("quantiles of the judged cases", 4), ("", 1))
-    notes = [lost_text(name, family) for name, family in document["families"].items()]
+    notes = [lost_text(name, family) for name, family in families_of(document)]
     notes = [note for note in notes if note]
     notes += [_joint_note(document["confidence"], count)] if count > 1 else []
     return Table("Promises", head, tuple(rows), texts=2, groups=groups, notes=tuple(notes), flagged=frozenset(flagged))
@@ -122,7 +124,7 @@ def left_out_table(document: Mapping[str, Any]) -> Table:
             *(counted_of(family["left_out"].get(reason, 0)) for reason in reasons),
             counted_of(family["judged"]),
         )
-        for name, family in families.items()
+        for name, family in families_of(document)
     ]
     totals = [
         sum(f["drawn"] for f in families.values()),
