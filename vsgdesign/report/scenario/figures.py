@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -277,8 +279,14 @@ def _draw_step_bands(axes: Any, result: ScenarioResult, signal: Signal, zoom: Zo
 
 
 def _per_unit_axis(axes: Any, per_unit: float) -> None:
-    second = axes.secondary_yaxis("right", functions=(lambda y: y / per_unit, lambda pu: pu * per_unit))
+    # No lambdas: the figure may be sent to another process.
+    functions = functools.partial(_in_per_unit, per_unit), functools.partial(operator.mul, per_unit)
+    second = axes.secondary_yaxis("right", functions=functions)
     second.set_ylabel("[pu]", fontsize=LABEL_PT)
+
+
+def _in_per_unit(per_unit: float, y: Any) -> Any:
+    return y / per_unit
 
 
 def _legend_entries(result: ScenarioResult, signal: Signal) -> list[tuple[Any, str]]:
