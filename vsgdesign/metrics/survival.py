@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,16 +41,16 @@ FIRST_S = 5e-3
 REST_SHARE = 0.9
 """Largest current of a rest that a converter is asked to reach, as a share of its limit."""
 
-_WATCHED = 0.25
+WATCHED = 0.25
 """How long the rest is watched after the deadline, as a share of the settling time."""
 
 _EITHER_WAY = math.radians(20.0)
 """An event that leaves the angle this near to the unstable equilibrium between two rests may go either way round."""
 
-_END_S = 0.3
+END_S = 0.3
 """The last part of a record, in which a latched limiter shows."""
 
-_LATCHED_SHARE = 0.5
+LATCHED_SHARE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +141,7 @@ class SurvivalDemand:
     @property
     def needed_s(self) -> float:
         """Length of the record from the clearing on that the judge needs, s."""
-        return self.deadline_s + _WATCHED * self.settling_time
+        return self.deadline_s + WATCHED * self.settling_time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,7 +212,7 @@ def judge_survival(
         first[start : int(np.searchsorted(t, event_s + FIRST_S - 0.5 * step))] = True
     current, limited = record.i_s_pu[:good], record.limited[:good]
     swing, slipped = _swing(record.delta[:good], starts, rest.delta, ended=not diverged)
-    at_end = float(np.mean(limited[t > t[-1] - _END_S]))
+    at_end = float(np.mean(limited[t > t[-1] - END_S]))
     recovery = None if diverged else _recovery(record, cleared_s, rest, demand)
     figures = Survival(
         status=SURVIVED,
@@ -230,9 +231,9 @@ def judge_survival(
     elif t[-1] + 0.5 * step < cleared_s + demand.needed_s - step:
         status = NOT_KNOWN
         reason = f"the record ends {t[-1] - cleared_s:.4g} s after the clearing, and {demand.needed_s:.4g} s are needed"
-    elif recovery is None and at_end > _LATCHED_SHARE:
+    elif recovery is None and at_end > LATCHED_SHARE:
         status = LATCHED
-        reason = f"not at rest at the end, and the limiter acts in {100.0 * at_end:.0f} % of the last {_END_S:g} s"
+        reason = f"not at rest at the end, and the limiter acts in {100.0 * at_end:.0f} % of the last {END_S:g} s"
     elif recovery is None:
         status, reason = NOT_AT_REST, f"not at rest {t[-1] - cleared_s:.3g} s after the clearing"
     elif recovery > demand.deadline_s:
@@ -276,13 +277,22 @@ def _swing(delta: Array, starts: NDArray[np.intp], rest: float, ended: bool) -> 
         base = turn * round(float(part[0]) / turn)
         if ended and k == len(starts) - 1:
             reached = turn * round(float(part[-1]) / turn)
-            lead = math.remainder(rest, turn)
-            beyond = max(2.0 * lead if reached > base else -2.0 * lead, 0.0)
-            if abs(float(part[0]) - reached) <= math.pi + beyond + _EITHER_WAY:
+            if either_way(float(part[0]), reached, base, rest):
                 base = reached
             slipped = reached != base
         swing = max(swing, float(np.max(np.abs(part - base))))
     return swing, slipped or swing > turn
+
+
+def either_way(first: Any, reached: Any, base: Any, rest: Any) -> Any:
+    """Whether the angle may go from ``first`` to the rest at ``reached`` instead of that at ``base``, the nearest one.
+
+    All are in rad against the rest at ``rest``, scalars or arrays. It may where an event has left it within 20° of the
+    unstable equilibrium between the two, or beyond it.
+    """
+    lead = rest - 2.0 * math.pi * np.round(np.asarray(rest) / (2.0 * math.pi))
+    beyond = np.maximum(np.where(np.asarray(reached) > base, 2.0 * lead, -2.0 * lead), 0.0)
+    return np.abs(np.asarray(first) - reached) <= math.pi + beyond + _EITHER_WAY
 
 
 def _finite_rows(record: SurvivalRecord) -> int:

@@ -1,0 +1,197 @@
+"""The compiled loop of a batch: which numbers are rows of a lane, and which are the same for all."""
+
+from __future__ import annotations
+
+import functools
+import typing
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.codegen.flat import Block, flat_block
+from vsgdesign.codegen.llvm import Loop, LoopSpec, best_lanes, compiled_loop
+from vsgdesign.equations.controller import ControllerSettings, ControllerState
+from vsgdesign.equations.filters import FilterGrid
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.limiters import Limiter, limiter_named
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.lanes.lane_sample import Ramp, RampRow, lane_of_disturbance, lane_of_step, lane_with_ramp
+from vsgdesign.simulation.lanes.sample import BridgeVoltage, CarrierPart, EdgeRow, PlantRow, PlantState, SourcePhasor
+from vsgdesign.simulation.lanes.watched_sample import (
+    DisturbanceDemand,
+    DisturbanceWatch,
+    LoadDemand,
+    StepDemand,
+    StepWatch,
+)
+
+Array = NDArray[np.float64]
+
+
+class LaneKind(NamedTuple):
+    """What decides the text of a loop."""
+
+    limiter: str
+    step: bool
+    """Whether it watches a step; else a disturbance."""
+    ramped: bool
+    """Whether the source may be ramped; of a disturbance only."""
+    switched: bool
+    delayed: bool
+    zero_sequence: bool
+    samples_per_carrier: int
+    second_inductor: bool
+
+
+class LaneLoop(NamedTuple):
+    """A compiled loop and the place of every number in it."""
+
+    loop: Loop
+    spec: LoopSpec
+    place: dict[str, int]
+    """Row of every input of the state and of every constant."""
+
+    def rows(self, prefix: str) -> slice:
+        """The rows of a record, which are beside each other."""
+        found = [row for name, row in self.place.items() if name.startswith(f"{prefix}.")]
+        return slice(found[0], found[-1] + 1)
+
+
+def names_of(record: Any, prefix: str, kinds: dict[str, Any] | None = None) -> list[str]:
+    """Inputs of a record, in the order of its fields. ``kinds``: records in fields whose hint says Any."""
+    hints = typing.get_type_hints(record)
+    found: list[str] = []
+    for name in record._fields:
+        inner = (kinds or {}).get(name, hints[name])
+        path = f"{prefix}.{name}"
+        found += names_of(inner, path) if hasattr(inner, "_fields") else [path]
+    return found
+
+
+def kind_of(study: Study, *, step: bool, ramped: bool, bridge: str) -> LaneKind:
+    """The kind of a study's lanes. ``bridge``: averaged or pwm."""
+    c, f = study.converter, study.filter
+    return LaneKind(
+        limiter=study.current_limiter,
+        step=step,
+        ramped=ramped,
+        switched=bridge == "pwm",
+        delayed=c.delay_samples > 0,
+        zero_sequence=c.zero_sequence,
+        samples_per_carrier=c.samples_per_carrier if bridge == "pwm" else 1,
+        second_inductor=f.L_2 + f.R_2 > 0.0,
+    )
+
+
+@functools.cache
+def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> LaneLoop:
+    """The compiled loop of a kind of lane."""
+    limiter = limiter_named(kind.limiter)
+    memory, constants = (typing.get_type_hints(made)["return"] for made in (limiter.at_rest, limiter.build))
+    # A switched bridge has one edge a leg in an interval that lies on one slope of the carrier.
+    slopes = (True, False) if kind.switched else (True,)
+    bodies = tuple(_body(kind, limiter, memory, constants, rising) for rising in slopes)
+    inputs = set().union(*(body.inputs for body in bodies))
+    watch, demand = (StepWatch, StepDemand) if kind.step else (DisturbanceWatch, DisturbanceDemand)
+    moving = [
+        *zip(names_of(ControllerState, "state", {"limiter": memory}),
+             names_of(ControllerState, "following", {"limiter": memory}), strict=True),
+        *zip(names_of(PlantState, "x"), names_of(PlantState, "moved"), strict=True),
+        *zip(names_of(BridgeVoltage, "pending"), names_of(BridgeVoltage, "waiting"), strict=True),
+        *zip(names_of(SourcePhasor, "source"), names_of(SourcePhasor, "turned"), strict=True),
+        *(zip(names_of(Ramp, "ramp"), names_of(Ramp, "ramp_after"), strict=True) if kind.ramped else ()),
+        *zip(names_of(watch, "watch"), names_of(watch, "watched"), strict=True),
+    ]  # fmt: skip
+    shared_demand = {"of.band", "of.per_S", "of.per_cycle", "load_of.limit_sq"}
+    lane = [
+        *names_of(PlantRow, "row"),
+        *(names_of(RampRow, "ramp_of") if kind.ramped else ()),
+        *names_of(demand, "of"),
+        *names_of(LoadDemand, "load_of"),
+        "refs.P_ref",
+        "refs.Q_ref",
+        *names_of(PowerLoopGains, "power_gains"),
+        "grid.R_g",
+        "grid.L_g",
+        *(["circuit.R_g", "circuit.L_g"] if kind.step else []),
+        *(names_of(EdgeRow, "edge") if kind.switched else []),
+    ]
+    lane = [name for name in lane if name not in shared_demand]
+    uniform = [
+        *names_of(InnerLoopGains, "inner_gains"),
+        *names_of(ControllerSettings, "settings", {"limiter": constants}),
+        "refs.omega_0",
+        "refs.V_n",
+        *sorted(shared_demand),
+        *([f"circuit.{name}" for name in FilterGrid._fields if name not in ("R_g", "L_g")] if kind.step else ["R_c"]),
+        *(["V_dc"] if kind.switched else []),
+    ]
+    lanes = best_lanes()
+    spec = LoopSpec(
+        bodies=bodies,
+        state=tuple(moving),
+        constant=tuple(name for name in lane if name in inputs),
+        uniform=tuple(name for name in uniform if name in inputs),
+        cyclic=tuple(names_of(CarrierPart, "part")) if kind.switched else (),
+        rings=() if kind.step else (("P_ago", "P"), ("Q_ago", "Q")),
+        index="k",
+        lanes=lanes,
+        vectors=max(16 // lanes, 1),
+        strict=strict,
+    )
+    place = {name: row for row, name in enumerate(spec.rows)}
+    return LaneLoop(compiled_loop(spec, target), spec, place)
+
+
+def _body(kind: LaneKind, limiter: Limiter, memory: Any, constants: Any, rising: bool) -> Block:
+    function = lane_of_step if kind.step else (lane_with_ramp if kind.ramped else lane_of_disturbance)
+    fixed: dict[str, Any] = {
+        "limiter": limiter.law,
+        "delayed": kind.delayed,
+        "switched": kind.switched,
+        "zero_sequence": kind.zero_sequence,
+        "rising": rising,
+    }
+    if kind.step:
+        fixed["second_inductor"] = kind.second_inductor
+    kinds = {ControllerState: {"limiter": memory}, ControllerSettings: {"limiter": constants}}
+    return flat_block(function, fixed=fixed, kinds=kinds)
+
+
+def uniform_values(spec: LoopSpec, study: Study, **others: float) -> Array:
+    """The uniform numbers of a study in the order of the spec. ``others``: those of the demand, by name with ``__``
+    for the dot."""
+    settings = study.controller_settings()
+    known: dict[str, float] = {
+        "refs.omega_0": study.converter.omega_n,
+        "refs.V_n": study.converter.V_rated_rms,
+        "R_c": study.filter.R_c,
+        "V_dc": study.converter.V_dc,
+        **_flat(study.inner_gains, "inner_gains"),
+        **_flat(settings, "settings"),
+        **_flat(study.circuit(), "circuit"),
+        **{name.replace("__", "."): value for name, value in others.items()},
+    }
+    return np.array([float(known[name]) for name in spec.uniform])
+
+
+def carrier_values(samples_per_carrier: int) -> tuple[Array, NDArray[np.int64]]:
+    """What depends on the place on the carrier: (n, 3) of :class:`CarrierPart`, and the body (n): 0 where the carrier
+    rises, 1 where it falls."""
+    n = samples_per_carrier
+    begin = np.arange(n) / n
+    level = np.where(begin < 0.5, 4.0 * begin - 1.0, 3.0 - 4.0 * begin)
+    return np.column_stack([begin, begin + 1.0 / n, level]), (begin >= 0.5).astype(np.int64)
+
+
+def _flat(record: Any, prefix: str) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for name, value in record._asdict().items():
+        if hasattr(value, "_fields"):
+            found |= _flat(value, f"{prefix}.{name}")
+        elif not isinstance(value, Sequence):
+            found[f"{prefix}.{name}"] = float(value)
+    return found

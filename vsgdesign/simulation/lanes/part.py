@@ -1,0 +1,285 @@
+"""Lanes of one kind, packed into groups: their rows, their program, and what they have watched at the end."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.codegen.llvm import Program
+from vsgdesign.equations.controller_data import ControllerState
+from vsgdesign.frames import rms_to_peak
+from vsgdesign.metrics.step_response import SETTLING_BAND
+from vsgdesign.metrics.survival import END_S, FIRST_S, SurvivalDemand
+from vsgdesign.operating_point.many import ManyStates
+from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.lanes.body import LaneLoop, carrier_values, kind_of, lane_loop, uniform_values
+from vsgdesign.simulation.lanes.cases import ACTIVE, LaneCases
+from vsgdesign.simulation.lanes.circuit_program import SAME_INSTANT, CircuitProgram
+from vsgdesign.simulation.lanes.program import ProgramWriter
+from vsgdesign.simulation.lanes.segments import START_PHASE, segments_of
+
+Array = NDArray[np.float64]
+Samples = NDArray[np.int64]
+
+_SLACK = 1e-3
+"""Share of a sample by which a row may lie before an event and is still after it: as the judge of survival has it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rests:
+    """Where n lanes rest: the state at the start, the powers that are watched before and after, the angle after."""
+
+    start: ManyStates
+    P_start: Array
+    Q_start: Array
+    P_end: Array
+    Q_end: Array
+    delta_start: Array
+    delta_end: Array
+
+    def take(self, chosen: NDArray[np.intp]) -> Rests:
+        """Some of the lanes."""
+        others = {name: getattr(self, name)[chosen] for name in self.__dataclass_fields__ if name != "start"}
+        return Rests(start=_some(self.start, chosen), **others)
+
+
+def _some(states: ManyStates, chosen: NDArray[np.intp]) -> ManyStates:
+    """The steady states of some lanes. The last axis of every array is that of the lanes."""
+    found: dict[str, Any] = {}
+    for f in fields(states):
+        value = getattr(states, f.name)
+        found[f.name] = _some_fields(value, chosen) if hasattr(value, "_fields") else value[..., chosen]
+    return ManyStates(**found)
+
+
+def _some_fields(record: Any, chosen: NDArray[np.intp]) -> Any:
+    return type(record)(*(_some_fields(one, chosen) if hasattr(one, "_fields") else one[chosen] for one in record))
+
+
+@dataclass(eq=False)
+class Part:
+    """Lanes of one kind. ``index`` says which case of the batch each of its n lanes is."""
+
+    index: NDArray[np.intp]
+    study: Study
+    made: LaneLoop
+    rows: Array
+    """(G, R, L): rows of the loop, and behind them what is kept for the end."""
+    uniform: Array
+    program: Program
+    ends: Samples
+    """Number of samples of each lane, (n,), in descending order."""
+    kept: dict[str, int] = field(default_factory=dict)
+    """First row of what is kept for the end."""
+    rings: Array | None = None
+    ring_length: Samples | None = None
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    @property
+    def end(self) -> int:
+        """The sample up to which the part has to run: one beyond its last, so that what is kept at an end is kept."""
+        return int(self.ends[0]) + 1
+
+    def run(self, begin: int, end: int) -> None:
+        """Runs the samples from ``begin`` up to before ``end`` of every group that is not over."""
+        end = min(end, self.end)
+        width = self.made.spec.width
+        active = -(-int((self.ends + 1 > begin).sum()) // width)
+        if end <= begin or active == 0:
+            return
+        carrier = {}
+        if self.made.spec.cyclic:
+            cyclic, cycle = carrier_values(self.study.converter.samples_per_carrier)
+            carrier = {"cyclic": cyclic, "cycle": cycle}
+        rings = {}
+        if self.rings is not None and self.ring_length is not None:
+            rings = {"rings": self.rings[:active], "ring_length": self.ring_length[:active]}
+        program = replace(self.program, first=self.program.first[: active + 1], done=self.program.done[:active])
+        self.made.loop(begin, end, self.rows[:active], self.uniform, program=program, **carrier, **rings)
+
+    def get(self, row: int | str) -> Array:
+        """A row of every lane, (n,)."""
+        place = self.made.place[row] if isinstance(row, str) else row
+        return self.rows[:, place, :].reshape(-1)[: len(self)].copy()
+
+    def put(self, row: int | str, values: Array) -> None:
+        """Sets a row of every lane."""
+        place = self.made.place[row] if isinstance(row, str) else row
+        self.rows[:, place, :] = padded(values, self.rows.shape[0], self.rows.shape[2])
+
+
+def padded(values: Array, groups: int, width: int) -> Array:
+    """(n,) values of lanes as (G, L), the last lane again in the places that are left."""
+    values = np.broadcast_to(np.asarray(values, dtype=float), np.shape(values) or (groups * width,))
+    full = np.empty(groups * width)
+    full[: len(values)], full[len(values) :] = values, values[-1]
+    return full.reshape(groups, width)
+
+
+def at_or_after(t_s: Array, T_s: float, slack: float) -> Samples:
+    """The first sample that lies at most ``slack`` samples before an instant; a very late one where there is none."""
+    return np.ceil(np.minimum(t_s / T_s, 2.0**40) - slack).astype(np.int64)
+
+
+def make_part(
+    study: Study,
+    cases: LaneCases,
+    index: NDArray[np.intp],
+    rests: Rests,
+    ends: Samples,
+    demand: SurvivalDemand,
+    *,
+    step: bool,
+    ramped: bool,
+    bridge: str,
+    strict: bool,
+) -> Part:
+    """A part of the cases of one kind, which are ``cases`` with their ``rests`` and ends, and ``index`` in the batch.
+
+    ``demand``: what is asked of a disturbance, with the cycle of these cases.
+    """
+    order = np.argsort(-ends, kind="stable")
+    cases, index, rests, ends = cases.take(order), index[order], rests.take(order), ends[order]
+    made = lane_loop(kind_of(study, step=step, ramped=ramped, bridge=bridge), strict)
+    c, T_s, width, n = study.converter, study.converter.T_s, made.spec.width, len(cases)
+    groups = -(-n // width)
+    watch = made.rows("watch")
+    kept, at = {}, len(made.spec.rows)
+    counts = {"watch": watch.stop - watch.start, "limited": 1, "late": 1}
+    counts |= dict.fromkeys(("first", "least", "most"), cases.events.count)
+    for name, count in counts.items():
+        kept[name], at = at, at + count
+    limit = c.I_rated_pk * (demand.i_max_pu if demand.i_max_pu is not None else 1e6)
+    cycle = max(round(demand.cycle_s / T_s), 1)
+    uniform = uniform_values(
+        made.spec,
+        study,
+        of__band=SETTLING_BAND if step else demand.band,
+        of__per_S=1.0 / c.S_rated,
+        of__per_cycle=1.0 / cycle,
+        load_of__limit_sq=limit * limit,
+    )
+    part = Part(
+        index=index,
+        study=study,
+        made=made,
+        rows=np.zeros((groups, at, width)),
+        uniform=uniform,
+        program=ProgramWriter().program(groups, width),
+        ends=ends,
+        kept=kept,
+    )
+    writer = ProgramWriter()
+    _rest(part, cases, rests)
+    CircuitProgram(study, made, writer, segments_of(cases), ramped).write()
+    _references(part, writer, cases)
+    (_watch_step if step else _watch_disturbance)(part, writer, cases, rests)
+    lanes = np.arange(n)
+    writer.copy(lanes, ends, kept["watch"], watch.stop - watch.start, watch.start)
+    if not step:
+        part.rings = np.empty((groups, cycle, 2, width))
+        part.rings[:] = np.stack([padded(rests.P_start, groups, width), padded(rests.Q_start, groups, width)], axis=1)[
+            :, None
+        ]
+        part.ring_length = np.full(groups, cycle, dtype=np.int64)
+        part.put("watch.sum_P", cycle * rests.P_start)
+        part.put("watch.sum_Q", cycle * rests.Q_start)
+    part.program = writer.program(groups, width)
+    return part
+
+
+def _rest(part: Part, cases: LaneCases, rests: Rests) -> None:
+    """The lanes at rest."""
+    start, place = rests.start, part.made.place
+    for name, values in _flat(start.controller):
+        part.put(f"state.{name}", values)
+    for row, values in enumerate(start.plant):
+        part.put(part.made.rows("x").start + row, values)
+    for row, values in enumerate(start.pending):
+        part.put(part.made.rows("pending").start + row, values)
+    part.put("source.cosine", np.full(len(part), math.cos(START_PHASE)))
+    part.put("source.sine", np.full(len(part), math.sin(START_PHASE)))
+    part.put("watch.entry.last_out", np.full(len(part), -1.0))
+    for name in ("P_ref", "Q_ref"):
+        part.put(f"refs.{name}", getattr(cases, name))
+    for name in ("R_g", "L_g"):
+        if f"circuit.{name}" in place:
+            part.put(f"circuit.{name}", getattr(cases, name))
+
+
+def _flat(state: ControllerState) -> list[tuple[str, Array]]:
+    found = [(name, values) for name, values in state._asdict().items() if name != "limiter"]
+    return found + [(f"limiter.{name}", values) for name, values in state.limiter._asdict().items()]
+
+
+def _references(part: Part, writer: ProgramWriter, cases: LaneCases) -> None:
+    """Changes of the references: in force at the first sample at or after their time."""
+    events, T_s = cases.events, part.study.converter.T_s
+    for k in range(events.count):
+        for name in ("P_ref", "Q_ref"):
+            some = np.flatnonzero(np.isfinite(getattr(events, name)[:, k]) & np.isfinite(events.t_s[:, k]))
+            if some.size:
+                at = at_or_after(events.t_s[some, k], T_s, SAME_INSTANT)
+                writer.put(some, at, part.made.place[f"refs.{name}"], getattr(events, name)[some, k])
+
+
+def _load(part: Part, writer: ProgramWriter, lanes: NDArray[np.intp], t_s: Array, at: Samples, first: bool) -> None:
+    """The current counts from an event on, apart in its first 5 ms."""
+    place, T_s = part.made.place, part.study.converter.T_s
+    if first:
+        writer.put(lanes, at, place["load_of.after"], np.ones(len(lanes)))
+        writer.copy(lanes, at + 1, part.kept["limited"], 1, place["watch.load.limited"])
+    writer.put(lanes, at, place["load_of.first"], np.ones(len(lanes)))
+    # The end of the 5 ms of one event must not end those of the next.
+    writer.put(lanes, at_or_after(t_s + FIRST_S, T_s, 0.5), place["load_of.first"], np.zeros(len(lanes)))
+
+
+def _watch_step(part: Part, writer: ProgramWriter, cases: LaneCases, rests: Rests) -> None:
+    """A step is watched from its event on."""
+    place, T_s = part.made.place, part.study.converter.T_s
+    active = cases.signal == ACTIVE
+    initial = np.where(active, rests.P_start, rests.Q_start)
+    part.put("of.initial", initial)
+    part.put("of.per_step", 1.0 / (np.where(active, rests.P_end, rests.Q_end) - initial))
+    part.put("of.of_P", active.astype(float))
+    part.put("of.of_Q", (~active).astype(float))
+    if "of.V_g_pk" in place:
+        part.put("of.V_g_pk", rms_to_peak(cases.V_g_rms))
+    lanes, t_s = np.arange(len(cases)), cases.events.t_s[:, 0]
+    at = at_or_after(t_s, T_s, 0.5)
+    _entry_anew(part, writer, lanes, at)
+    writer.put(lanes, at, place["watch.most"], np.zeros(len(lanes)))
+    _load(part, writer, lanes, t_s, at, first=True)
+
+
+def _entry_anew(part: Part, writer: ProgramWriter, lanes: NDArray[np.intp], at: Samples) -> None:
+    writer.put(lanes, at, part.made.rows("watch.entry").start, np.tile([-1.0, 0.0, 0.0, 0.0], (len(lanes), 1)))
+
+
+def _watch_disturbance(part: Part, writer: ProgramWriter, cases: LaneCases, rests: Rests) -> None:
+    """A disturbance is watched from its first event on, its recovery from its end on, and the angle after each."""
+    place, kept, T_s, events = part.made.place, part.kept, part.study.converter.T_s, cases.events
+    part.put("of.P_rest", rests.P_end)
+    part.put("of.Q_rest", rests.Q_end)
+    part.put("watch.delta", rests.delta_start)
+    least = place["watch.least"]
+    for k in range(events.count):
+        lanes = np.flatnonzero(np.isfinite(events.t_s[:, k]))
+        t_s = events.t_s[lanes, k]
+        at = at_or_after(t_s, T_s, _SLACK)
+        writer.copy(lanes, at, kept["first"] + k, 1, place["watch.delta"])
+        if k > 0:
+            writer.copy(lanes, at, kept["least"] + k - 1, 1, least)
+            writer.copy(lanes, at, kept["most"] + k - 1, 1, least + 1)
+        writer.put(lanes, at, least, np.tile([np.inf, -np.inf], (len(lanes), 1)))
+        _load(part, writer, lanes, t_s, at, first=k == 0)
+    everyone = np.arange(len(cases))
+    _entry_anew(part, writer, everyone, at_or_after(cases.cleared_s, T_s, 1e-9))
+    late = part.ends - np.int64(math.floor(END_S / T_s + 1e-6))
+    writer.copy(everyone, late, kept["late"], 1, place["watch.load.limited"])

@@ -1,0 +1,108 @@
+"""Verdicts and figures of a batch from what its lanes watched: those of one run after the other, as arrays."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.metrics.survival import either_way
+
+Array = NDArray[np.float64]
+Kinds = NDArray[np.int8]
+
+NO_REST, OVER_LIMIT, JUDGED, DIVERGED, SLIPPED, LATCHED, NOT_AT_REST = range(7)
+STATUSES = ("no rest", "rest over limit", "judged", "diverged", "slipped", "latched", "not at rest")
+"""What became of a case. The first two have no verdict. ``judged`` means survived for a disturbance, and that there
+are figures for a step."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LaneResults:
+    """Results of N cases: arrays (N,). NaN where a figure has no meaning, inf for a time that was not reached."""
+
+    status: Kinds
+    """Place in STATUSES."""
+    fault: Kinds
+    """Why there is no rest: place in :data:`vsgdesign.operating_point.many.FAULTS`; 0 otherwise."""
+    overshoot: Array
+    """Of a step, as a share of it."""
+    settling_s: Array
+    """Of a step, from the step on, s."""
+    recovery_s: Array
+    """Of a disturbance, from its end on, s."""
+    first_peak_pu: Array
+    """Largest converter current within 5 ms of an event, pu of the rated peak."""
+    peak_pu: Array
+    """Largest converter current later than this after an event."""
+    above_s: Array
+    """Time for which the converter current was above its limit after the first event, s."""
+    limited_s: Array
+    """Time for which the current limiter acted after the first event, s."""
+    swing_rad: Array
+    """Of a disturbance: largest distance of the angle from the nearest rest that each event leaves it, rad."""
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+    @classmethod
+    def of_none(cls, count: int) -> LaneResults:
+        """Results of so many cases that have no rest, to be filled in."""
+        numbers = {f.name: np.full(count, np.nan) for f in fields(cls) if f.name not in ("status", "fault")}
+        return cls(status=np.zeros(count, dtype=np.int8), fault=np.zeros(count, dtype=np.int8), **numbers)
+
+    def fill(self, index: NDArray[np.intp], part: LaneResults) -> None:
+        """Takes the results of some cases."""
+        for f in fields(self):
+            getattr(self, f.name)[index] = getattr(part, f.name)
+
+
+class LastEntry(NamedTuple):
+    """What :class:`vsgdesign.simulation.lanes.watched_sample.Entry` holds at the end, (n,)."""
+
+    last_out: Array
+    error_out: Array
+    error_in: Array
+    was_out: Array
+
+    def time(self, band: float, T_s: float, since_s: Array) -> Array:
+        """The time from ``since_s`` on at which the signal entered its band for the last time, interpolated
+        (:func:`vsgdesign.metrics.step_response.settling_time`); inf if it ends outside, 0 if it never was."""
+        span = self.error_out - self.error_in
+        fraction = (self.error_out - band) / np.where(span > 0.0, span, 1.0)
+        entered = (self.last_out + fraction) * T_s - since_s
+        return np.where(self.was_out > 0.5, np.inf, np.where(self.last_out < 0.0, 0.0, entered))
+
+
+class Swings(NamedTuple):
+    """The angle of n lanes after each of E events, (n, E), rad, not wrapped: at the event, least and largest until the
+    next one."""
+
+    first: Array
+    least: Array
+    most: Array
+
+
+def swings_of(angle: Swings, events: Array, last: Array, rest: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Largest distance of the angle from its rest after each event, rad (n,), and whether it slipped by a turn.
+
+    ``events``: whether an event is one of the lane, (n, E). ``last``: the angle at the end, ``rest``: the angle of the
+    rest after the last event, (n,). As one run is judged (:func:`vsgdesign.metrics.survival.judge_survival`).
+    """
+    turn = 2.0 * math.pi
+    swing, slipped = np.zeros(len(rest)), np.zeros(len(rest), dtype=bool)
+    final = events.sum(axis=1) - 1
+    for k in range(events.shape[1]):
+        first = angle.first[:, k] - rest
+        base = turn * np.round(first / turn)
+        ends = final == k
+        reached = turn * np.round((last - rest) / turn)
+        other = ends & either_way(first, reached, base, rest)
+        base = np.where(other, reached, base)
+        slipped |= ends & (reached != base)
+        far = np.maximum(np.abs(angle.most[:, k] - rest - base), np.abs(angle.least[:, k] - rest - base))
+        swing = np.where(events[:, k], np.maximum(swing, far), swing)
+    return swing, slipped | (swing > turn)

@@ -1,0 +1,367 @@
+"""Runs a batch of cases: rests, parts of one kind, gains that follow, and the verdicts.
+
+It is what :func:`vsgdesign.simulation.run.simulate` and the judges do with one case after the other, for thousands side
+by side.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.equations.filters import pcc_voltage
+from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.execution.interrupts import interrupts_deferred
+from vsgdesign.frames import instantaneous_power, rms_to_peak
+from vsgdesign.metrics.step_response import SETTLING_BAND
+from vsgdesign.metrics.survival import END_S, GRACE_S, LATCHED_SHARE, REST_SHARE, WATCHED, SurvivalDemand
+from vsgdesign.operating_point.many import (
+    BRIDGE_VOLTAGE,
+    CURRENT,
+    LIMITER_ACTS,
+    LIMITER_PULLS,
+    ManyStates,
+    many_rests_with_measured_gains,
+)
+from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases
+from vsgdesign.simulation.lanes.part import Part, Rests, make_part
+from vsgdesign.simulation.lanes.results import (
+    DIVERGED,
+    JUDGED,
+    LATCHED,
+    NOT_AT_REST,
+    OVER_LIMIT,
+    SLIPPED,
+    LaneResults,
+    LastEntry,
+    Swings,
+    swings_of,
+)
+from vsgdesign.simulation.lanes.segments import START_PHASE, Segments, segments_of
+from vsgdesign.simulation.lanes.telling import Telling, telling
+from vsgdesign.simulation.outcome import BOUND_PU
+from vsgdesign.simulation.survival.running import SETTLING_TIMES, SETTLING_TIMES_FOR_EVER
+
+Array = NDArray[np.float64]
+
+STEP_WINDOW = 1.85
+"""For how many settling times a step is watched."""
+
+
+def run_lanes(
+    study: Study,
+    spec: ControllerSpec,
+    ready: Ready,
+    cases: LaneCases,
+    *,
+    bridge: str = "averaged",
+    strict: bool = False,
+) -> LaneResults:
+    """Runs every case with a controller of the study, and judges it.
+
+    Events of a case are at least 5 ms apart. ``strict``: every operation rounds by itself, so that the results are the
+    same bits on every machine. Raises InfeasibleStudyError where the study cannot be run in a batch: a background,
+    sensors, a recorded source or components of the source; a switched bridge whose intervals do not lie on one slope
+    of the carrier.
+    """
+    own = study.with_limit_of(spec)
+    _refuse(own, bridge)
+    results = LaneResults.of_none(len(cases))
+    if len(cases) == 0:
+        return results
+    told = telling(own, spec, ready, cases)
+    segments = segments_of(cases)
+    T = settling_time_of(spec, ready)
+    demand = _demand(own, T)
+    rests, gains = _rests(own, cases, segments, told, demand, results)
+    good = np.flatnonzero(results.status == JUDGED)
+    if good.size == 0:
+        return results
+    parts = _parts(own, cases, segments, rests, demand, good, bridge, strict)
+    _drive(own, parts, told, gains)
+    for part in parts:
+        _judge(part, cases.take(part.index), rests, demand, results)
+    return results
+
+
+def settling_time_of(spec: ControllerSpec, ready: Ready) -> float:
+    """T of a controller: that of its table's specification, or of its closed form, s."""
+    table = ready.table(spec)
+    if table is not None and "settling_time" in table.specification:
+        return float(table.specification["settling_time"])
+    return spec.target.settling_time
+
+
+def _refuse(study: Study, bridge: str) -> None:
+    if study.has_components or study.sensors is not None or study.background is not None:
+        raise InfeasibleStudyError(
+            "a batch of runs has a sinusoidal source and ideal sensors: leave [background], [sensors], [replay] and "
+            "components of the source out, or simulate the cases one by one."
+        )
+    if bridge == "pwm" and study.converter.samples_per_carrier % 2:
+        raise InfeasibleStudyError(
+            f"a batch of runs with a switched bridge needs an even number of samples in a carrier period, not "
+            f'{study.converter.samples_per_carrier}. Use bridge = "averaged".'
+        )
+
+
+def _demand(study: Study, T: float) -> SurvivalDemand:
+    c = study.converter
+    return SurvivalDemand(
+        S_rated=c.S_rated,
+        settling_time=T,
+        cycle_s=2.0 * math.pi / c.omega_n,
+        i_max_pu=c.current_limit_pu,
+        settling_times=SETTLING_TIMES,
+        grace_s=GRACE_S,
+    )
+
+
+def _rests(
+    study: Study, cases: LaneCases, segments: Segments, told: Telling, demand: SurvivalDemand, results: LaneResults
+) -> tuple[Rests, PowerLoopGains]:
+    """Where every case rests before and after, with the gains at the start; cases without one are marked."""
+    last = _last(segments)
+    P_ref, Q_ref = _last_references(cases)
+    start, gains = many_rests_with_measured_gains(
+        study, cases.R_g, cases.L_g, cases.V_g_rms, cases.omega_g, cases.P_ref, cases.Q_ref, told.first,
+        phase=START_PHASE,
+    )  # fmt: skip
+    end, _ = many_rests_with_measured_gains(
+        study, last.R_g, last.L_g, last.V_g_rms, last.omega, P_ref, Q_ref, told.known_at_end(), phase=0.0
+    )
+    step = cases.kind == STEP
+    at_pcc = [
+        _powers_at_pcc(study, state, grid.R_g, grid.L_g, grid.V_g_rms, phase)
+        for state, grid, phase in ((start, segments.column(0), START_PHASE), (end, last, 0.0))
+    ]
+    rests = Rests(
+        start=start,
+        P_start=np.where(step, at_pcc[0][0], start.P),
+        Q_start=np.where(step, at_pcc[0][1], start.Q),
+        P_end=np.where(step, at_pcc[1][0], end.P),
+        Q_end=np.where(step, at_pcc[1][1], end.Q),
+        delta_start=start.controller.theta - START_PHASE,
+        delta_end=end.controller.theta,
+    )
+    fault = np.where(start.fault > 0, start.fault, end.fault)
+    results.fault[:] = fault
+    results.status[fault == 0] = JUDGED
+    if demand.i_max_pu is not None:
+        largest = REST_SHARE * demand.i_max_pu * study.converter.I_rated_pk
+        over = ~step & (fault == 0) & (np.maximum(start.i_s_pk, end.i_s_pk) > largest)
+        results.status[over] = OVER_LIMIT
+    limited = np.isin(fault, (BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, LIMITER_PULLS))
+    results.status[limited] = OVER_LIMIT
+    return rests, gains
+
+
+def _last(segments: Segments) -> Segments:
+    """What holds at the end of every case."""
+    index = np.isfinite(segments.t_s).sum(axis=1) - 1
+    rows = np.arange(len(index))
+    return Segments(*(values[rows, index] for values in segments))
+
+
+def _last_references(cases: LaneCases) -> tuple[Array, Array]:
+    P, Q = cases.P_ref.copy(), cases.Q_ref.copy()
+    for k in range(cases.events.count):
+        for values, given in ((P, cases.events.P_ref[:, k]), (Q, cases.events.Q_ref[:, k])):
+            known = np.isfinite(given) & np.isfinite(cases.events.t_s[:, k])
+            values[known] = given[known]
+    return P, Q
+
+
+def _powers_at_pcc(
+    study: Study, state: ManyStates, R_g: Array, L_g: Array, V_g_rms: Array, phase: float
+) -> tuple[Array, Array]:
+    """P (W) and Q (var) at the PCC in a steady state."""
+    x = state.plant
+    v_g = rms_to_peak(V_g_rms)
+    circuit = study.circuit()._replace(R_g=R_g, L_g=L_g)
+    alpha = pcc_voltage(x[0], x[2], x[4], v_g * math.cos(phase), circuit)
+    beta = pcc_voltage(x[1], x[3], x[5], v_g * math.sin(phase), circuit)
+    return instantaneous_power(alpha, beta, x[4], x[5])
+
+
+def _parts(
+    study: Study,
+    cases: LaneCases,
+    segments: Segments,
+    rests: Rests,
+    demand: SurvivalDemand,
+    good: NDArray[np.intp],
+    bridge: str,
+    strict: bool,
+) -> list[Part]:
+    """The cases in parts of one kind, of one cycle and with or without ramps."""
+    T_s, T = study.converter.T_s, demand.settling_time
+    omega_end = _last(segments).omega
+    cycle_s = 2.0 * math.pi / omega_end
+    cycle = np.maximum(np.round(cycle_s / T_s), 1).astype(np.int64)
+    times = np.where(np.isinf(cases.silent_s), SETTLING_TIMES_FOR_EVER, SETTLING_TIMES)
+    needed = times * T + demand.grace_s + WATCHED * T + 2.0 * cycle_s
+    end_s = np.where(cases.kind == STEP, cases.events.t_s[:, 0] + STEP_WINDOW * T, cases.cleared_s + needed)
+    ends = np.ceil(end_s / T_s - 1e-6).astype(np.int64)
+    parts = []
+    ramped = cases.ramped
+    keys = np.stack([cases.kind == DISTURBANCE, ramped, np.where(cases.kind == STEP, 0, cycle)], axis=1).astype(
+        np.int64
+    )
+    for key in np.unique(keys[good], axis=0):
+        index = good[(keys[good] == key).all(axis=1)]
+        own = replace(demand, cycle_s=max(int(key[2]), 1) * T_s)
+        part = make_part(
+            study,
+            cases.take(index),
+            index,
+            rests.take(index),
+            ends[index],
+            own,
+            step=not key[0],
+            ramped=bool(key[1]),
+            bridge=bridge,
+            strict=strict,
+        )
+        parts.append(part)
+    return parts
+
+
+def _drive(study: Study, parts: list[Part], told: Telling, gains: PowerLoopGains) -> None:
+    """Runs every part to its end; the gains follow what the scheduler says."""
+    end = max(part.end for part in parts)
+    every, changes = told.update_samples, told.changes
+    cuts = {0, end}
+    if every:
+        cuts |= set(range(0, end, every))
+    cuts |= {int(sample) for sample in np.unique(changes.sample) if sample < end}
+    _put_gains(parts, gains)
+    R_g, L_g = (np.array(value, dtype=float) for value in told.estimate())
+    _put_estimate(parts, R_g, L_g)
+    counted = np.zeros(len(gains.K_ip))
+    ordered = sorted(cuts)
+    for begin, following in zip(ordered, [*ordered[1:], end], strict=True):
+        if begin > 0 and every and begin % every == 0:
+            measured, limited = _measured(parts, len(counted))
+            answer = told.update(begin, *measured, limited - counted)
+            counted = limited
+            if answer is not None:
+                gains = _transferred(study, parts, gains, answer)
+                _put_estimate(parts, *told.estimate())
+        elif begin > 0 and (now := np.flatnonzero(changes.sample == begin)).size:
+            columns = [np.array(np.broadcast_to(value, counted.shape), dtype=float) for value in gains]
+            for column, values in zip(columns, changes.gains, strict=True):
+                column[changes.lane[now]] = values[now]
+            gains = _transferred(study, parts, gains, PowerLoopGains(*columns))
+            R_g[changes.lane[now]], L_g[changes.lane[now]] = changes.R_g[now], changes.L_g[now]
+            _put_estimate(parts, R_g, L_g)
+        with interrupts_deferred():
+            for part in parts:
+                part.run(begin, following)
+
+
+def _measured(parts: list[Part], count: int) -> tuple[tuple[Array, Array, Array], Array]:
+    """P_f, Q_f and V of every case, and how many samples it has limited its current in so far."""
+    found = np.zeros((4, count))
+    for part in parts:
+        for row, name in enumerate(("state.P_f", "state.Q_f", "state.V", "watch.load.limited")):
+            found[row, part.index] = part.get(name)
+    return (found[0], found[1], found[2]), found[3]
+
+
+def _transferred(study: Study, parts: list[Part], old: PowerLoopGains, new: PowerLoopGains) -> PowerLoopGains:
+    """Puts new gains into force; the frequency at which the integrator would rest stays (:eq:`gain-transfer`)."""
+    c = study.converter
+    for part in parts:
+        before, after = (PowerLoopGains(*(np.asarray(value)[part.index] for value in one)) for one in (old, new))
+        if all(np.array_equal(one, other) for one, other in zip(before, after, strict=True)):
+            continue
+        refs = References(part.get("refs.P_ref"), part.get("refs.Q_ref"), c.omega_n, c.V_rated_rms)
+        part.put("state.omega_i", gain_transfer(part.get("state.omega_i"), refs, before, after))
+        for name, values in after._asdict().items():
+            part.put(f"power_gains.{name}", values)
+    return new
+
+
+def _put_gains(parts: list[Part], gains: PowerLoopGains) -> None:
+    for part in parts:
+        for name, values in gains._asdict().items():
+            part.put(f"power_gains.{name}", np.asarray(values)[part.index])
+
+
+def _put_estimate(parts: list[Part], R_g: Array, L_g: Array) -> None:
+    for part in parts:
+        for name, values in (("grid.R_g", R_g), ("grid.L_g", L_g)):
+            if name in part.made.place:
+                part.put(name, values[part.index])
+
+
+def _judge(part: Part, cases: LaneCases, rests: Rests, demand: SurvivalDemand, results: LaneResults) -> None:
+    """The verdicts of a part."""
+    kept, place, T_s = part.kept, part.made.place, part.study.converter.T_s
+    first_watch = part.made.rows("watch").start
+
+    def watched(name: str) -> Array:
+        return part.get(kept["watch"] + place[f"watch.{name}"] - first_watch)
+
+    entry = LastEntry(*(watched(f"entry.{name}") for name in LastEntry._fields))
+    I_rated = part.study.converter.I_rated_pk
+    count = len(part)
+    found = LaneResults.of_none(count)
+    found.status[:] = JUDGED
+    found.first_peak_pu[:] = np.sqrt(watched("load.first_sq")) / I_rated
+    found.peak_pu[:] = np.sqrt(watched("load.later_sq")) / I_rated
+    found.above_s[:] = watched("load.above") * T_s
+    limited = watched("load.limited")
+    found.limited_s[:] = (limited - part.get(kept["limited"])) * T_s
+    if "watch.delta" not in place:
+        t_s = cases.events.t_s[:, 0]
+        found.settling_s[:] = entry.time(SETTLING_BAND, T_s, t_s)
+        found.overshoot[:] = np.maximum(watched("most") - 1.0, 0.0)
+    else:
+        _judge_disturbance(part, cases, rests, demand, entry, limited, found)
+    numbers = np.stack([limited, watched("load.later_sq"), part.get("state.omega_i"), part.get("state.V")])
+    bad = ~np.isfinite(numbers).all(axis=0) | (np.maximum(found.first_peak_pu, found.peak_pu) > BOUND_PU)
+    found.status[bad] = DIVERGED
+    found.settling_s[bad] = np.where(cases.kind[bad] == STEP, np.inf, np.nan)
+    found.recovery_s[bad] = np.where(cases.kind[bad] == STEP, np.nan, np.inf)
+    results.fill(part.index, found)
+
+
+def _judge_disturbance(
+    part: Part,
+    cases: LaneCases,
+    rests: Rests,
+    demand: SurvivalDemand,
+    entry: LastEntry,
+    limited: Array,
+    found: LaneResults,
+) -> None:
+    kept, place, T_s, events = part.kept, part.made.place, part.study.converter.T_s, cases.events
+    used = np.isfinite(events.t_s)
+    first_watch = part.made.rows("watch").start
+    last, least, most = (
+        part.get(kept["watch"] + place[f"watch.{name}"] - first_watch) for name in ("delta", "least", "most")
+    )
+    columns = {
+        name: np.stack([part.get(kept[name] + k) for k in range(events.count)], axis=1) for name in Swings._fields
+    }
+    final = used.sum(axis=1) - 1
+    rows = np.arange(len(part))
+    columns["least"][rows, final], columns["most"][rows, final] = least, most
+    swing, slipped = swings_of(Swings(**columns), used, last, rests.delta_end[part.index])
+    found.swing_rad[:] = swing
+    found.recovery_s[:] = entry.time(demand.band, T_s, cases.cleared_s)
+    at_end = (limited - part.get(kept["late"])) / math.floor(END_S / T_s + 1e-6)
+    times = np.where(np.isinf(cases.silent_s), SETTLING_TIMES_FOR_EVER, SETTLING_TIMES)
+    deadline = times * demand.settling_time + demand.grace_s
+    lost = np.isinf(found.recovery_s)
+    found.status[lost | (found.recovery_s > deadline)] = NOT_AT_REST
+    found.status[lost & (at_end > LATCHED_SHARE)] = LATCHED
+    found.status[slipped] = SLIPPED
