@@ -18,7 +18,7 @@ from vsgdesign.report import write_verification_report
 from vsgdesign.report.drawing.style import look
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.verification.page import verification_figures
-from vsgdesign.report.verification.tables import left_out_table, promises_table
+from vsgdesign.report.verification.tables import again_text, left_out_table, promises_table
 
 UNIT = re.compile(r"\[[^\]]+\]$")
 
@@ -158,3 +158,11 @@ def test_all_bounds_together_hold_with_less() -> None:
         "Each bound holds with 99 % confidence by itself; all 5 together hold with at least 95 %.",
     )
     assert promises_table(document(runs=400, confidence=0.7)).notes[0].endswith("nothing is said of all 5 at once.")
+
+
+def test_cases_that_were_simulated_again_are_compared() -> None:
+    case = {"rank": 1, "simulated": {"overshoot": 0.05}, "difference": 2.4e-9, "agrees": True}
+    assert again_text([case, case | {"rank": 2, "difference": None}]).endswith("agree to 2.4e-09 of each figure.")
+    other = case | {"rank": 7, "difference": None, "agrees": False}
+    assert "rank 7 does not agree" in again_text([case, other])
+    assert again_text([]) == again_text([{"rank": 1}]) == ""

@@ -238,6 +238,8 @@ def _key(job: Job, shard: Shard | None) -> str:
 
 def _about(job: Job, confidence: float, summary: Summary, workers: int | str) -> dict[str, Any]:
     """The head of results.json."""
+    from vsgdesign.verification.distributions import distributions
+
     verification = job.study.verification
     return {
         "study": job.study.name,
@@ -247,6 +249,7 @@ def _about(job: Job, confidence: float, summary: Summary, workers: int | str) ->
         "tables": {name: table.sha256 for name, table in job.tables.items()},
         "seed": None if verification is None else verification.seed,
         "confidence": confidence,
+        "distributions": distributions(job.study, job.spec),
         "bridge": job.bridge,
         "strict": job.strict,
         "instruction_set": ", ".join(summary.instruction_sets),

@@ -13,6 +13,7 @@ from vsgdesign.report.page.html import write_html
 from vsgdesign.report.verification.maps import map_figures
 from vsgdesign.report.verification.promises import promises_figure
 from vsgdesign.report.verification.tables import (
+    again_text,
     cases_table,
     cost_table,
     draws_table,
@@ -45,6 +46,7 @@ def write_verification_page(document: Mapping[str, Any], folder: Path) -> list[P
         promises=promises_table(document),
         worst=cases_table("The worst drawn cases", worst, document) if worst else None,
         found=cases_table("Found by searching", found, document) if found else None,
+        again=[again_text(worst), again_text(found)],
         left_out=left_out_table(document),
         draws=draws_table(document),
         cost=cost_table(document),

@@ -52,7 +52,8 @@ def promises_table(document: Mapping[str, Any]) -> Table:
     head = ("Cases", "Promise", "broken", "judged", "share", "fewer than", "50 %", "90 %", "99 %", "99.9 %", "worst")
     groups = (("", 2), ("measured", 3), (f"with {confidence_text(document['confidence'])} confidence", 1))
     groups += (("quantiles of the judged cases", 4), ("", 1))
-    notes = [lost_text(name, family) for name, family in families_of(document)]
+    notes = [] if "quantile_error" not in document else [_quantile_note(document["quantile_error"])]
+    notes += [lost_text(name, family) for name, family in families_of(document)]
     notes = [note for note in notes if note]
     notes += [_joint_note(document["confidence"], count)] if count > 1 else []
     return Table("Promises", head, tuple(rows), texts=2, groups=groups, notes=tuple(notes), flagged=frozenset(flagged))
@@ -63,6 +64,10 @@ def _quantile(name: str, promise: Mapping[str, Any], q: str) -> str:
     if value is None:
         return "∞" if promise["judged"] else DASH  # the figure does not exist in so many of the cases
     return value_text(figure_of(name, promise), value)
+
+
+def _quantile_note(error: float) -> str:
+    return f"Quantiles are too large by at most {100.0 * error:.2g} %, never too small; the worst values are exact."
 
 
 def _joint_note(confidence: float, count: int) -> str:
@@ -95,6 +100,19 @@ def cases_table(title: str, cases: Sequence[Mapping[str, Any]], document: Mappin
     head = ("Rank", "Cases", "Figure", "Begins at", "What happens", *(("Why",) if with_reason else ()))
     links = tuple(str(case["study"]) for case in cases)
     return Table(title, head, tuple(rows), texts=len(head), flagged=frozenset(flagged), links=links)
+
+
+def again_text(cases: Sequence[Mapping[str, Any]]) -> str:
+    """How well single simulations of the written studies agree with the batch; empty if none was made."""
+    found = [case for case in cases if case.get("simulated")]
+    if not found:
+        return ""
+    if other := [case["rank"] for case in found if not case["agrees"]]:
+        ranks = ", ".join(str(rank) for rank in other)
+        return f"Simulated again, one by one, from the study files: rank {ranks} does not agree with the table."
+    known = [case["difference"] for case in found if case["difference"] is not None]
+    largest = f" to {max(known):.1e} of each figure" if known else ""
+    return f"All were simulated again, one by one, from the study files, and agree{largest}."
 
 
 def case_value(case: Mapping[str, Any], name: str, promise: Mapping[str, Any]) -> str:
