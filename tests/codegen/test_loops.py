@@ -189,6 +189,13 @@ def test_a_loop_stops_after_the_sample_that_says_so() -> None:
     same(one, other)
 
 
+def test_a_loop_that_is_compiled_quickly_has_the_same_bits() -> None:
+    ours, expected = drawn(), drawn()
+    call(compiled_loop(SPEC), expected, 0, END)
+    call(compiled_loop(SPEC, quickly=True), ours, 0, END)
+    same(ours, expected)
+
+
 def test_rows_behind_those_of_the_loop_are_a_store() -> None:
     """A program copies into them what a lane was, and a call takes the first groups alone."""
     ours, expected = drawn(), drawn()

@@ -14,7 +14,7 @@ _CPUS = {"avx512": "x86-64-v4", "avx2": "x86-64-v3", "sse2": "x86-64"}
 _NEEDED = {"avx512": ("avx512f", "avx512dq", "avx512vl", "avx512bw", "avx512cd"), "avx2": ("avx2", "fma"), "sse2": ()}
 
 _lock = threading.Lock()
-_engines: dict[tuple[str, str, str], tuple[Any, int]] = {}
+_engines: dict[tuple[str, str, str, bool], tuple[Any, int]] = {}
 """Compiled texts stay for as long as the process: a function's address is worth nothing without its engine."""
 
 
@@ -58,12 +58,15 @@ def instruction_set(target: str = "native") -> str:
     return target
 
 
-def compiled(text: str, name: str, target: str = "native") -> int:
-    """The address of function ``name`` in a module of LLVM's text. The same text is compiled once a process."""
-    key = hashlib.sha256(text.encode()).hexdigest(), name, instruction_set(target)
+def compiled(text: str, name: str, target: str = "native", quickly: bool = False) -> int:
+    """The address of function ``name`` in a module of LLVM's text. The same text is compiled once a process.
+
+    ``quickly``: for what runs rarely. Compiling takes a fifth of the time, and a run five times as long.
+    """
+    key = hashlib.sha256(text.encode()).hexdigest(), name, instruction_set(target), quickly
     with _lock:
         if key not in _engines:
-            engine = _build(text, target)
+            engine = _build(text, target, quickly)
             _engines[key] = engine, engine.get_function_address(name)
         return _engines[key][1]
 
@@ -84,7 +87,7 @@ def _start() -> None:
     binding.initialize_native_asmprinter()
 
 
-def _parsed(text: str, target: str) -> tuple[Any, Any]:
+def _parsed(text: str, target: str, effort: int = 2) -> tuple[Any, Any]:
     from llvmlite import binding
 
     _start()
@@ -93,17 +96,19 @@ def _parsed(text: str, target: str) -> tuple[Any, Any]:
     cpu, features = host().cpu, ",".join(f"+{name}" for name in sorted(host().features))
     if known in _CPUS:
         cpu, features = _CPUS[known], ""
-    machine = binding.Target.from_default_triple().create_target_machine(cpu=cpu, features=features, opt=2, jit=True)
+    machine = binding.Target.from_default_triple().create_target_machine(
+        cpu=cpu, features=features, opt=effort, jit=True
+    )
     module = binding.parse_assembly(text)
     module.verify()
     return module, machine
 
 
-def _build(text: str, target: str) -> Any:
+def _build(text: str, target: str, quickly: bool) -> Any:
     from llvmlite import binding
 
     # LLVM's passes over the text are left out: they move what is loaded in a sample out of the loop, where there are
     # not enough registers for it (measured: a fifth slower, and twice the time to compile).
-    engine = binding.create_mcjit_compiler(*_parsed(text, target))
+    engine = binding.create_mcjit_compiler(*_parsed(text, target, 0 if quickly else 2))
     engine.finalize_object()
     return engine
