@@ -35,6 +35,7 @@ PAGES = [
     ROOT / "docs" / "tutorial.md",
     ROOT / "docs" / "walk-through.md",
     ROOT / "docs" / "survival.md",
+    ROOT / "docs" / "theory" / "machine-code.md",
     *sorted((ROOT / "docs" / "how-to").glob("*.md")),
 ]
 PAGES = [page for page in PAGES if page.exists()]
