@@ -13,7 +13,7 @@ from vsgdesign.metrics.step_response import step_response
 from vsgdesign.metrics.survival import GRACE_S, ExpectedRest, Survival, SurvivalDemand, SurvivalRecord, judge_survival
 from vsgdesign.parameters.study import ControllerSpec, Event, Grid, GridSource, Study
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
-from vsgdesign.simulation.lanes.run import STEP_WINDOW, settling_time_of
+from vsgdesign.simulation.lanes.rests import STEP_WINDOW, settling_time_of
 from vsgdesign.simulation.late import LateSchedule, safe_grid
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import derive_series

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +13,12 @@ from vsgdesign.equations.controller_data import ControllerState
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, FIRST_S, SurvivalDemand
-from vsgdesign.operating_point.many import ManyStates
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.lanes.body import LaneLoop, carrier_values, kind_of, lane_loop, uniform_values
 from vsgdesign.simulation.lanes.cases import ACTIVE, LaneCases
 from vsgdesign.simulation.lanes.circuit_program import SAME_INSTANT, CircuitProgram
 from vsgdesign.simulation.lanes.program import ProgramWriter
+from vsgdesign.simulation.lanes.rests import Rests
 from vsgdesign.simulation.lanes.segments import START_PHASE, segments_of
 
 Array = NDArray[np.float64]
@@ -27,37 +26,6 @@ Samples = NDArray[np.int64]
 
 _SLACK = 1e-3
 """Share of a sample by which a row may lie before an event and is still after it: as the judge of survival has it."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Rests:
-    """Where n lanes rest: the state at the start, the powers that are watched before and after, the angle after."""
-
-    start: ManyStates
-    P_start: Array
-    Q_start: Array
-    P_end: Array
-    Q_end: Array
-    delta_start: Array
-    delta_end: Array
-
-    def take(self, chosen: NDArray[np.intp]) -> Rests:
-        """Some of the lanes."""
-        others = {name: getattr(self, name)[chosen] for name in self.__dataclass_fields__ if name != "start"}
-        return Rests(start=_some(self.start, chosen), **others)
-
-
-def _some(states: ManyStates, chosen: NDArray[np.intp]) -> ManyStates:
-    """The steady states of some lanes. The last axis of every array is that of the lanes."""
-    found: dict[str, Any] = {}
-    for f in fields(states):
-        value = getattr(states, f.name)
-        found[f.name] = _some_fields(value, chosen) if hasattr(value, "_fields") else value[..., chosen]
-    return ManyStates(**found)
-
-
-def _some_fields(record: Any, chosen: NDArray[np.intp]) -> Any:
-    return type(record)(*(_some_fields(one, chosen) if hasattr(one, "_fields") else one[chosen] for one in record))
 
 
 @dataclass(eq=False)

@@ -13,45 +13,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.equations.filters import pcc_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.interrupts import interrupts_deferred
-from vsgdesign.frames import instantaneous_power, rms_to_peak
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.metrics.survival import END_S, GRACE_S, LATCHED_SHARE, REST_SHARE, WATCHED, SurvivalDemand
-from vsgdesign.operating_point.many import (
-    BRIDGE_VOLTAGE,
-    CURRENT,
-    LIMITER_ACTS,
-    LIMITER_PULLS,
-    ManyStates,
-    many_rests_with_measured_gains,
-)
+from vsgdesign.metrics.survival import END_S, LATCHED_SHARE, SurvivalDemand
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases
-from vsgdesign.simulation.lanes.part import Part, Rests, make_part
+from vsgdesign.simulation.lanes.part import Part, make_part
+from vsgdesign.simulation.lanes.rests import Rests, demand_of, ends_of, rests_of, settling_time_of
 from vsgdesign.simulation.lanes.results import (
     DIVERGED,
     JUDGED,
     LATCHED,
     NOT_AT_REST,
-    OVER_LIMIT,
     SLIPPED,
     LaneResults,
     LastEntry,
     Swings,
     swings_of,
 )
-from vsgdesign.simulation.lanes.segments import START_PHASE, Segments, segments_of
+from vsgdesign.simulation.lanes.segments import Segments, segments_of
 from vsgdesign.simulation.lanes.telling import Telling, telling
 from vsgdesign.simulation.outcome import BOUND_PU
 from vsgdesign.simulation.survival.running import SETTLING_TIMES, SETTLING_TIMES_FOR_EVER
 
 Array = NDArray[np.float64]
-
-STEP_WINDOW = 1.85
-"""For how many settling times a step is watched."""
 
 
 def run_lanes(
@@ -77,9 +64,8 @@ def run_lanes(
         return results
     told = telling(own, spec, ready, cases)
     segments = segments_of(cases)
-    T = settling_time_of(spec, ready)
-    demand = _demand(own, T)
-    rests, gains = _rests(own, cases, segments, told, demand, results)
+    demand = demand_of(own, settling_time_of(spec, ready))
+    rests, gains = rests_of(own, cases, segments, told, demand, results)
     good = np.flatnonzero(results.status == JUDGED)
     if good.size == 0:
         return results
@@ -88,14 +74,6 @@ def run_lanes(
     for part in parts:
         _judge(part, cases.take(part.index), rests, demand, results)
     return results
-
-
-def settling_time_of(spec: ControllerSpec, ready: Ready) -> float:
-    """T of a controller: that of its table's specification, or of its closed form, s."""
-    table = ready.table(spec)
-    if table is not None and "settling_time" in table.specification:
-        return float(table.specification["settling_time"])
-    return spec.target.settling_time
 
 
 def _refuse(study: Study, bridge: str) -> None:
@@ -111,85 +89,6 @@ def _refuse(study: Study, bridge: str) -> None:
         )
 
 
-def _demand(study: Study, T: float) -> SurvivalDemand:
-    c = study.converter
-    return SurvivalDemand(
-        S_rated=c.S_rated,
-        settling_time=T,
-        cycle_s=2.0 * math.pi / c.omega_n,
-        i_max_pu=c.current_limit_pu,
-        settling_times=SETTLING_TIMES,
-        grace_s=GRACE_S,
-    )
-
-
-def _rests(
-    study: Study, cases: LaneCases, segments: Segments, told: Telling, demand: SurvivalDemand, results: LaneResults
-) -> tuple[Rests, PowerLoopGains]:
-    """Where every case rests before and after, with the gains at the start; cases without one are marked."""
-    last = _last(segments)
-    P_ref, Q_ref = _last_references(cases)
-    start, gains = many_rests_with_measured_gains(
-        study, cases.R_g, cases.L_g, cases.V_g_rms, cases.omega_g, cases.P_ref, cases.Q_ref, told.first,
-        phase=START_PHASE,
-    )  # fmt: skip
-    end, _ = many_rests_with_measured_gains(
-        study, last.R_g, last.L_g, last.V_g_rms, last.omega, P_ref, Q_ref, told.known_at_end(), phase=0.0
-    )
-    step = cases.kind == STEP
-    at_pcc = [
-        _powers_at_pcc(study, state, grid.R_g, grid.L_g, grid.V_g_rms, phase)
-        for state, grid, phase in ((start, segments.column(0), START_PHASE), (end, last, 0.0))
-    ]
-    rests = Rests(
-        start=start,
-        P_start=np.where(step, at_pcc[0][0], start.P),
-        Q_start=np.where(step, at_pcc[0][1], start.Q),
-        P_end=np.where(step, at_pcc[1][0], end.P),
-        Q_end=np.where(step, at_pcc[1][1], end.Q),
-        delta_start=start.controller.theta - START_PHASE,
-        delta_end=end.controller.theta,
-    )
-    fault = np.where(start.fault > 0, start.fault, end.fault)
-    results.fault[:] = fault
-    results.status[fault == 0] = JUDGED
-    if demand.i_max_pu is not None:
-        largest = REST_SHARE * demand.i_max_pu * study.converter.I_rated_pk
-        over = ~step & (fault == 0) & (np.maximum(start.i_s_pk, end.i_s_pk) > largest)
-        results.status[over] = OVER_LIMIT
-    limited = np.isin(fault, (BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, LIMITER_PULLS))
-    results.status[limited] = OVER_LIMIT
-    return rests, gains
-
-
-def _last(segments: Segments) -> Segments:
-    """What holds at the end of every case."""
-    index = np.isfinite(segments.t_s).sum(axis=1) - 1
-    rows = np.arange(len(index))
-    return Segments(*(values[rows, index] for values in segments))
-
-
-def _last_references(cases: LaneCases) -> tuple[Array, Array]:
-    P, Q = cases.P_ref.copy(), cases.Q_ref.copy()
-    for k in range(cases.events.count):
-        for values, given in ((P, cases.events.P_ref[:, k]), (Q, cases.events.Q_ref[:, k])):
-            known = np.isfinite(given) & np.isfinite(cases.events.t_s[:, k])
-            values[known] = given[known]
-    return P, Q
-
-
-def _powers_at_pcc(
-    study: Study, state: ManyStates, R_g: Array, L_g: Array, V_g_rms: Array, phase: float
-) -> tuple[Array, Array]:
-    """P (W) and Q (var) at the PCC in a steady state."""
-    x = state.plant
-    v_g = rms_to_peak(V_g_rms)
-    circuit = study.circuit()._replace(R_g=R_g, L_g=L_g)
-    alpha = pcc_voltage(x[0], x[2], x[4], v_g * math.cos(phase), circuit)
-    beta = pcc_voltage(x[1], x[3], x[5], v_g * math.sin(phase), circuit)
-    return instantaneous_power(alpha, beta, x[4], x[5])
-
-
 def _parts(
     study: Study,
     cases: LaneCases,
@@ -201,14 +100,8 @@ def _parts(
     strict: bool,
 ) -> list[Part]:
     """The cases in parts of one kind, of one cycle and with or without ramps."""
-    T_s, T = study.converter.T_s, demand.settling_time
-    omega_end = _last(segments).omega
-    cycle_s = 2.0 * math.pi / omega_end
-    cycle = np.maximum(np.round(cycle_s / T_s), 1).astype(np.int64)
-    times = np.where(np.isinf(cases.silent_s), SETTLING_TIMES_FOR_EVER, SETTLING_TIMES)
-    needed = times * T + demand.grace_s + WATCHED * T + 2.0 * cycle_s
-    end_s = np.where(cases.kind == STEP, cases.events.t_s[:, 0] + STEP_WINDOW * T, cases.cleared_s + needed)
-    ends = np.ceil(end_s / T_s - 1e-6).astype(np.int64)
+    T_s = study.converter.T_s
+    ends, cycle = ends_of(study, cases, segments, demand)
     parts = []
     ramped = cases.ramped
     keys = np.stack([cases.kind == DISTURBANCE, ramped, np.where(cases.kind == STEP, 0, cycle)], axis=1).astype(

@@ -1,0 +1,165 @@
+"""Where the cases of a batch rest before and after, for how long they run, and what is asked of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.equations.filters import pcc_voltage
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.frames import instantaneous_power, rms_to_peak
+from vsgdesign.metrics.survival import GRACE_S, REST_SHARE, WATCHED, SurvivalDemand
+from vsgdesign.operating_point.many import (
+    BRIDGE_VOLTAGE,
+    CURRENT,
+    LIMITER_ACTS,
+    LIMITER_PULLS,
+    ManyStates,
+    many_rests_with_measured_gains,
+)
+from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.simulation.lanes.cases import STEP, LaneCases
+from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT, LaneResults
+from vsgdesign.simulation.lanes.segments import START_PHASE, Segments
+from vsgdesign.simulation.lanes.telling import Telling
+from vsgdesign.simulation.survival.running import SETTLING_TIMES, SETTLING_TIMES_FOR_EVER
+
+Array = NDArray[np.float64]
+Samples = NDArray[np.int64]
+
+STEP_WINDOW = 1.85
+"""For how many settling times a step is watched."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rests:
+    """Where n lanes rest: the state at the start, the powers that are watched before and after, the angle after."""
+
+    start: ManyStates
+    P_start: Array
+    Q_start: Array
+    P_end: Array
+    Q_end: Array
+    delta_start: Array
+    delta_end: Array
+
+    def take(self, chosen: NDArray[np.intp]) -> Rests:
+        """Some of the lanes."""
+        others = {name: getattr(self, name)[chosen] for name in self.__dataclass_fields__ if name != "start"}
+        return Rests(start=_some(self.start, chosen), **others)
+
+
+def _some(states: ManyStates, chosen: NDArray[np.intp]) -> ManyStates:
+    """The steady states of some lanes. The last axis of every array is that of the lanes."""
+    found: dict[str, Any] = {}
+    for f in fields(states):
+        value = getattr(states, f.name)
+        found[f.name] = _some_fields(value, chosen) if hasattr(value, "_fields") else value[..., chosen]
+    return ManyStates(**found)
+
+
+def _some_fields(record: Any, chosen: NDArray[np.intp]) -> Any:
+    return type(record)(*(_some_fields(one, chosen) if hasattr(one, "_fields") else one[chosen] for one in record))
+
+
+def settling_time_of(spec: ControllerSpec, ready: Ready) -> float:
+    """T of a controller: that of its table's specification, or of its closed form, s."""
+    table = ready.table(spec)
+    if table is not None and "settling_time" in table.specification:
+        return float(table.specification["settling_time"])
+    return spec.target.settling_time
+
+
+def demand_of(study: Study, T: float) -> SurvivalDemand:
+    c = study.converter
+    return SurvivalDemand(
+        S_rated=c.S_rated,
+        settling_time=T,
+        cycle_s=2.0 * math.pi / c.omega_n,
+        i_max_pu=c.current_limit_pu,
+        settling_times=SETTLING_TIMES,
+        grace_s=GRACE_S,
+    )
+
+
+def rests_of(
+    study: Study, cases: LaneCases, segments: Segments, told: Telling, demand: SurvivalDemand, results: LaneResults
+) -> tuple[Rests, PowerLoopGains]:
+    """Where every case rests before and after, with the gains at the start; cases without one are marked."""
+    last = last_of(segments)
+    P_ref, Q_ref = _last_references(cases)
+    start, gains = many_rests_with_measured_gains(
+        study, cases.R_g, cases.L_g, cases.V_g_rms, cases.omega_g, cases.P_ref, cases.Q_ref, told.first,
+        phase=START_PHASE,
+    )  # fmt: skip
+    end, _ = many_rests_with_measured_gains(
+        study, last.R_g, last.L_g, last.V_g_rms, last.omega, P_ref, Q_ref, told.known_at_end(), phase=0.0
+    )
+    step = cases.kind == STEP
+    at_pcc = [
+        _powers_at_pcc(study, state, grid.R_g, grid.L_g, grid.V_g_rms, phase)
+        for state, grid, phase in ((start, segments.column(0), START_PHASE), (end, last, 0.0))
+    ]
+    rests = Rests(
+        start=start,
+        P_start=np.where(step, at_pcc[0][0], start.P),
+        Q_start=np.where(step, at_pcc[0][1], start.Q),
+        P_end=np.where(step, at_pcc[1][0], end.P),
+        Q_end=np.where(step, at_pcc[1][1], end.Q),
+        delta_start=start.controller.theta - START_PHASE,
+        delta_end=end.controller.theta,
+    )
+    fault = np.where(start.fault > 0, start.fault, end.fault)
+    results.fault[:] = fault
+    results.status[fault == 0] = JUDGED
+    if demand.i_max_pu is not None:
+        largest = REST_SHARE * demand.i_max_pu * study.converter.I_rated_pk
+        over = ~step & (fault == 0) & (np.maximum(start.i_s_pk, end.i_s_pk) > largest)
+        results.status[over] = OVER_LIMIT
+    limited = np.isin(fault, (BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, LIMITER_PULLS))
+    results.status[limited] = OVER_LIMIT
+    return rests, gains
+
+
+def last_of(segments: Segments) -> Segments:
+    """What holds at the end of every case."""
+    index = np.isfinite(segments.t_s).sum(axis=1) - 1
+    rows = np.arange(len(index))
+    return Segments(*(values[rows, index] for values in segments))
+
+
+def _last_references(cases: LaneCases) -> tuple[Array, Array]:
+    P, Q = cases.P_ref.copy(), cases.Q_ref.copy()
+    for k in range(cases.events.count):
+        for values, given in ((P, cases.events.P_ref[:, k]), (Q, cases.events.Q_ref[:, k])):
+            known = np.isfinite(given) & np.isfinite(cases.events.t_s[:, k])
+            values[known] = given[known]
+    return P, Q
+
+
+def _powers_at_pcc(
+    study: Study, state: ManyStates, R_g: Array, L_g: Array, V_g_rms: Array, phase: float
+) -> tuple[Array, Array]:
+    """P (W) and Q (var) at the PCC in a steady state."""
+    x = state.plant
+    v_g = rms_to_peak(V_g_rms)
+    circuit = study.circuit()._replace(R_g=R_g, L_g=L_g)
+    alpha = pcc_voltage(x[0], x[2], x[4], v_g * math.cos(phase), circuit)
+    beta = pcc_voltage(x[1], x[3], x[5], v_g * math.sin(phase), circuit)
+    return instantaneous_power(alpha, beta, x[4], x[5])
+
+
+def ends_of(study: Study, cases: LaneCases, segments: Segments, demand: SurvivalDemand) -> tuple[Samples, Samples]:
+    """For how many samples each case runs, and the samples of a cycle at its end, (N,)."""
+    T_s, T = study.converter.T_s, demand.settling_time
+    cycle_s = 2.0 * math.pi / last_of(segments).omega
+    cycle = np.maximum(np.round(cycle_s / T_s), 1).astype(np.int64)
+    times = np.where(np.isinf(cases.silent_s), SETTLING_TIMES_FOR_EVER, SETTLING_TIMES)
+    needed = times * T + demand.grace_s + WATCHED * T + 2.0 * cycle_s
+    end_s = np.where(cases.kind == STEP, cases.events.t_s[:, 0] + STEP_WINDOW * T, cases.cleared_s + needed)
+    return np.ceil(end_s / T_s - 1e-6).astype(np.int64), cycle
