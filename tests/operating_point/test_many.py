@@ -17,6 +17,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
+from vsgdesign.operating_point.full_order import Cell, linearise_full_order, slowest_decay
 from vsgdesign.operating_point.many import (
     BRIDGE_VOLTAGE,
     CURRENT,
@@ -36,6 +37,7 @@ from vsgdesign.parameters.study import Grid, GridSource
 from vsgdesign.runtime.guards import settings_of
 from vsgdesign.runtime.of_study import ControllerGains
 from vsgdesign.runtime.table import table_schedule
+from vsgdesign.stability.loci import modes
 
 Array = NDArray[np.float64]
 STUDIES = {"LC": lc_study("1 s"), "LCL with delay": lcl_study("1 s")}
@@ -228,3 +230,23 @@ def test_lanes_without_gains_and_gains_that_find_no_rest() -> None:
     states, gains = many_rests_with_measured_gains(study, *lanes, gains_of)
     np.testing.assert_array_equal(states.fault, [0, NOT_CONVERGED, NO_GAINS])
     np.testing.assert_array_equal([value[0] for value in gains], GAINS)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_the_slowest_mode_is_that_of_each_cell(name: str) -> None:
+    """The least stable mode of the model of each cell, with NaN for lanes without a steady state."""
+    study, gains = STUDIES[name], GAINS._replace(D_p=GAINS.D_p / 10.0)
+    lanes = draw(study, 30, seed=12)
+    states = many_steady_states(study, *lanes, gains)
+    decay = slowest_decay(study, states, *lanes, gains)
+    np.testing.assert_array_equal(np.isnan(decay), states.fault != 0)
+    good = np.flatnonzero(states.fault == 0)
+    assert 10 < len(good) < 30
+    for k in good[:6]:
+        R_g, L_g, V_g, omega_g, P_ref, Q_ref = (float(value[k]) for value in lanes)
+        model = linearise_full_order(study, [Cell(Grid(R_g, L_g), gains, P_ref, Q_ref, GridSource(V_g, omega_g))])
+        slowest = modes(model.states, model.A[0], model.T_s)[0]
+        # An eigenvalue z near 1 is known to some 1e-14, and its logarithm is divided by T_s.
+        assert decay[k] == pytest.approx(-slowest.s.real, abs=1e-12 / study.converter.T_s)
+    dead = (*lanes[:2], 0.0 * lanes[2], *lanes[3:])
+    assert np.isnan(slowest_decay(study, many_steady_states(study, *dead, gains), *dead, gains)).all()

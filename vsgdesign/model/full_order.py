@@ -80,7 +80,12 @@ class FullOrderMap:
     _z: ca.SX
     _p: ca.SX
 
-    # Few need the other two, and they take longer to build than all the rest.
+    # Few need the others, and two of them take longer to build than all the rest.
+
+    @functools.cached_property
+    def state_matrix(self) -> ca.Function:
+        """A alone."""
+        return ca.Function("state_matrix", [self._z, self._p], [ca.densify(self._A)], {"cse": True})
 
     @functools.cached_property
     def directional(self) -> ca.Function:

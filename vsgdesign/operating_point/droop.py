@@ -46,7 +46,7 @@ def points_with_droop(
         index = np.flatnonzero(solvable)
         V_rms[D_q != 0.0] = np.nan
         if index.size:
-            V_n = np.broadcast_to(V_n_rms, P.shape)
+            V_n = np.full(P.shape, V_n_rms)
             taken = (np.asarray(value)[index] for value in (P, Q_ref, D_q, V_n, V_g_rms, R, X))
             V_rms[index], delta[index] = _with_droop(*taken)
         missing = np.isnan(V_rms) | ~(V_g_rms > 0.0)

@@ -6,18 +6,22 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vsgdesign.equations.controller_data import flat_settings
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.model.full_order import PARAMETERS, FullOrderMap, LimiterInModel, full_order_map, limiter_states
+from vsgdesign.operating_point.many import ManyStates, many_steady_states
 from vsgdesign.operating_point.plants import state_matrices
-from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state
+from vsgdesign.operating_point.sampled import SampledState, cold_start, fault_of_rest
 from vsgdesign.parameters.study import Grid, GridSource, Study
 
 Array = NDArray[np.float64]
+
+_AT_ONCE = 1000
+"""Lanes whose matrices are made at once: what they need stays small."""
 
 
 @dataclass(frozen=True)
@@ -59,67 +63,108 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
 
     A cell without one is recorded in ``faults`` and raises no error.
     """
-    settings = study.controller_settings()
-    rows, params, good, faults = [], [], [], []
-    functions = full_order_map(
-        study.converter.delay_samples,
-        study.tau_P > 0.0,
-        study.tau_Q > 0.0,
-        study.inner_gains.R_t != 0.0 or study.inner_gains.X_t != 0.0,
-        _squarings(study, cells),
-        LimiterInModel(
-            law=study.limiter.law, memory=type(cold_start(study).controller.limiter), constants=type(settings.limiter)
-        ),
-        study.has_notch,
+    sources = [cell.source or study.grid_source for cell in cells]
+    at = np.array(
+        [
+            (cell.grid.R_g, cell.grid.L_g, source.V_g_rms, source.omega_g, cell.P_ref, cell.Q_ref)
+            for cell, source in zip(cells, sources, strict=True)
+        ],
+        dtype=float,
     )
-    for k, cell in enumerate(cells):
-        source = cell.source or study.grid_source
-        try:
-            start = steady_state(study, cell.grid, source, cell.P_ref, cell.Q_ref, cell.gains)
-        except InfeasibleStudyError as error:
-            faults.append(str(error))
-            continue
-        faults.append(None)
-        good.append(k)
-        rows.append(pack(functions.states, start))
-        params.append([*parameter_values(study, cell), *flat_settings(settings)])
-    z = np.array(rows).reshape(len(good), len(functions.states))
-    p = np.array(params).reshape(len(good), functions.step.size1_in(1))
-    A, B, C, D = _matrices(functions, z, p)
+    lanes = tuple(at.reshape(len(cells), 6).T)
+    gains = PowerLoopGains(
+        *np.array([cell.gains for cell in cells], dtype=float).reshape(len(cells), len(PowerLoopGains._fields)).T
+    )
+    functions = _functions(study, lanes)
+    faults: list[str | None] = [None] * len(cells)
+    good = np.arange(0)
+    z, p = np.empty((0, len(functions.states))), np.empty((0, functions.step.size1_in(1)))
+    if cells:
+        states = many_steady_states(study, *lanes, gains)
+        good = np.flatnonzero(states.fault == 0)
+        for k in np.flatnonzero(states.fault):
+            cell = cells[k]
+            asked = (study, cell.grid, sources[k], cell.P_ref, cell.Q_ref, cell.gains)
+            faults[k] = str(fault_of_rest(*asked, states, lane=int(k)))
+        z, p = pack(functions.states, states)[good], _parameters(study, lanes, gains)[good]
+    A, B, C, D = _matrices(functions.linear, z, p)
     return FullOrderModel(
         states=functions.states,
-        T_s=settings.T_s,
+        T_s=study.converter.T_s,
         z=z,
         p=p,
         A=A,
         B=B,
         C=C,
         D=D,
-        index=np.array(good, dtype=int),
+        index=good,
         faults=tuple(faults),
         map=functions,
     )
 
 
+def slowest_decay(
+    study: Study,
+    states: ManyStates,
+    R_g: ArrayLike,
+    L_g: ArrayLike,
+    V_g_rms: ArrayLike,
+    omega_g: ArrayLike,
+    P_ref: ArrayLike,
+    Q_ref: ArrayLike,
+    gains: PowerLoopGains,
+) -> Array:
+    """Decay rates (N,) in 1/s of the slowest modes of the full-order model at N steady states; negative: it grows.
+
+    The arguments are those with which ``states`` were found. NaN for a lane with a fault.
+    """
+    lanes = tuple(np.full(len(states), value, dtype=float) for value in (R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref))
+    gains = PowerLoopGains(*(np.full(len(states), value, dtype=float) for value in gains))
+    decay, good = np.full(len(states), np.nan), np.flatnonzero(states.fault == 0)
+    some = tuple(value[good] for value in lanes)
+    functions = _functions(study, some)
+    z = pack(functions.states, states)[good]
+    p = _parameters(study, some, PowerLoopGains(*(value[good] for value in gains)))
+    for k in range(0, len(good), _AT_ONCE):
+        part = slice(k, k + _AT_ONCE)
+        (A,) = _matrices(functions.state_matrix, z[part], p[part])
+        with np.errstate(divide="ignore"):
+            decay[good[part]] = -np.log(np.abs(np.linalg.eigvals(A)).max(axis=1)) / study.converter.T_s
+    return decay
+
+
 def parameter_values(study: Study, cell: Cell) -> list[float]:
     """The map's PARAMETERS for a cell, in order."""
     source = cell.source or study.grid_source
+    lane = (cell.grid.R_g, cell.grid.L_g, source.V_g_rms, source.omega_g, cell.P_ref, cell.Q_ref)
+    row = _parameters(study, tuple(np.array([value], dtype=float) for value in lane), cell.gains)[0]
+    return row[: len(PARAMETERS)].tolist()
+
+
+def _parameters(study: Study, lanes: tuple[Array, ...], gains: PowerLoopGains) -> Array:
+    """The map's p of every lane (N, len(p)): PARAMETERS, then the controller's constants."""
+    R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref = lanes
     c = study.converter
-    return [
-        *study.circuit(cell.grid),
-        *cell.gains,
+    values = (
+        *study.circuit()._replace(R_g=R_g, L_g=L_g),
+        *gains,
         *study.inner_gains,
-        cell.P_ref,
-        cell.Q_ref,
+        P_ref,
+        Q_ref,
         c.omega_n,
         c.V_rated_rms,
-        source.V_g_rms,
-        source.omega_g,
-    ]
+        V_g_rms,
+        omega_g,
+        *flat_settings(study.controller_settings()),
+    )
+    rows = np.empty((len(values), len(R_g)))
+    for row, value in zip(rows, values, strict=True):
+        row[:] = value
+    return rows.T.copy()
 
 
-def pack(states: Sequence[str], start: SampledState) -> list[float]:
-    """A sampled steady state (source at phase zero) as the map's state vector."""
+def pack(states: Sequence[str], start: SampledState | ManyStates) -> Array:
+    """A sampled steady state (source at phase zero) as the map's state vector, (len(states),); many as (N, …)."""
     s = start.controller
     values = {
         **dict(zip(("i_s_d", "i_s_q", "v_c_d", "v_c_q", "i_g_d", "i_g_q"), start.plant, strict=True)),
@@ -129,29 +174,45 @@ def pack(states: Sequence[str], start: SampledState) -> list[float]:
         **s._asdict(),
         **dict(zip(limiter_states(s.limiter._fields), s.limiter, strict=True)),
     }
-    return [float(values[name]) for name in states]
+    return np.array([values[name] for name in states], dtype=float).T.copy()
 
 
-def _squarings(study: Study, cells: Sequence[Cell]) -> int:
-    """Enough that the exponential's series sees at most half a radian (or neper) of the fastest mode."""
-    grids = {cell.grid for cell in cells}
-    fastest = max(
-        (float(np.abs(np.linalg.eigvals(state_matrices(study.circuit(g))[0])).max()) for g in grids), default=1.0
+def _functions(study: Study, lanes: tuple[Array, ...]) -> FullOrderMap:
+    """The map of a study, with an exponential that is good on all of these grids."""
+    return full_order_map(
+        study.converter.delay_samples,
+        study.tau_P > 0.0,
+        study.tau_Q > 0.0,
+        study.inner_gains.R_t != 0.0 or study.inner_gains.X_t != 0.0,
+        _squarings(study, *lanes[:2]),
+        LimiterInModel(
+            law=study.limiter.law,
+            memory=type(cold_start(study).controller.limiter),
+            constants=type(study.controller_settings().limiter),
+        ),
+        study.has_notch,
     )
+
+
+def _squarings(study: Study, R_g: Array, L_g: Array) -> int:
+    """Enough that the exponential's series sees at most half a radian (or neper) of the fastest mode."""
+    A = state_matrices(study.circuit()._replace(R_g=R_g, L_g=L_g))[0]
+    A = A[np.isfinite(A).all(axis=(1, 2))]
+    fastest = float(np.abs(np.linalg.eigvals(A)).max()) if len(A) else 1.0
     return max(0, math.ceil(math.log2(2.0 * fastest * study.converter.T_s)))
 
 
-def _matrices(functions: FullOrderMap, z: Array, p: Array) -> tuple[Array, Array, Array, Array]:
+def _matrices(function: ca.Function, z: Array, p: Array) -> tuple[Array, ...]:
+    """The outputs of a function of z (N, …) and p (N, …): arrays (N, rows, columns)."""
     count = len(z)
+    shapes = [function.size_out(k) for k in range(function.n_out())]
     if count == 0:
-        shapes = [functions.linear.size_out(k) for k in range(4)]
-        return tuple(np.empty((0, *shape)) for shape in shapes)  # type: ignore[return-value]
-    outputs = functions.linear.map(count)(z.T, p.T)
-    matrices = []
-    for k, out in enumerate(outputs):
-        shape = functions.linear.size_out(k)
-        matrices.append(np.array(out).reshape(shape[0], count, shape[1]).transpose(1, 0, 2))
-    return tuple(matrices)  # type: ignore[return-value]
+        return tuple(np.empty((0, *shape)) for shape in shapes)
+    outputs = function.map(count).call([z.T, p.T])
+    return tuple(
+        np.array(out).reshape(shape[0], count, shape[1]).transpose(1, 0, 2)
+        for out, shape in zip(outputs, shapes, strict=True)
+    )
 
 
 def parameter_sensitivity(model: FullOrderModel, cell: int, parameter: str) -> Array:
@@ -177,4 +238,5 @@ __all__ = [
     "pack",
     "parameter_sensitivity",
     "parameter_values",
+    "slowest_decay",
 ]

@@ -142,7 +142,7 @@ def many_rests_with_measured_gains(
     delta, fault = np.full(count, np.nan), np.zeros(count, dtype=int)
 
     def gains_now() -> Array:
-        return np.array([np.broadcast_to(value, count) for value in gains_of(P, Q, V)], dtype=float)
+        return np.array([np.full(count, value, dtype=float) for value in gains_of(P, Q, V)])
 
     gains, active = gains_now(), np.arange(count)
     for _ in range(_ROUNDS):
@@ -174,7 +174,8 @@ def many_rests_with_measured_gains(
 def _lanes(values: Sequence[ArrayLike], gains: PowerLoopGains) -> tuple[tuple[Array, ...], PowerLoopGains]:
     """Numbers and gains as arrays of one length."""
     given = [np.asarray(value, dtype=float) for value in (*values, *gains)]
-    arrays = [np.array(value) for value in np.broadcast_arrays(*given, np.empty(1))][:-1]
+    count = max(value.size for value in given)
+    arrays = [np.full(count, value) for value in given]
     return tuple(arrays[: len(values)]), PowerLoopGains(*arrays[len(values) :])
 
 
@@ -285,7 +286,7 @@ def _states_of(
         K_pv=inner.K_pv,
     )
     memory = study.limiter.at_rest(view, paths.omega_g, settings)
-    memory = type(memory)(*(np.array(np.broadcast_to(value, V.shape), dtype=float) for value in memory))
+    memory = type(memory)(*(np.full(V.shape, value, dtype=float) for value in memory))
     plant, applied = x / turn, v_b / turn
     state = ControllerState(
         theta=theta,
@@ -316,11 +317,11 @@ def _states_of(
         _mark(found, np.abs(i_s) > settings.i_max_pk, CURRENT)
         law, estimate = study.limiter.law, GridEstimate(R_g=grid[0], L_g=grid[1])
         sample = law.limit(memory, view, estimate, refs, gains, settings)
-        _mark(found, np.broadcast_to(sample.limited, V.shape) > 0.0, LIMITER_ACTS)
+        _mark(found, np.asarray(sample.limited) > 0.0, LIMITER_ACTS)
         # One that limits the voltage or the frequency of the power loops moves an integrator that should rest.
         moved, _ = law.move(memory, sample, view, paths.omega_g, IntegratorSteps(0.0, 0.0, 0.0), settings)
         for step in moved:
-            _mark(found, np.broadcast_to(step, V.shape) != 0.0, LIMITER_PULLS)
+            _mark(found, np.asarray(step) != 0.0, LIMITER_PULLS)
     return ManyStates(
         plant=np.stack([part for row in plant for part in (row.real, row.imag)]),
         controller=state,

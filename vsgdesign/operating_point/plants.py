@@ -53,7 +53,8 @@ def plant_steps(
     The four arrays broadcast to (N,). Without ``edges`` the edge polynomial is empty: an averaged bridge has no edges.
     """
     given = [np.asarray(value, dtype=float) for value in (R_g, L_g, h, omega)]
-    R_g, L_g, h, omega = np.broadcast_arrays(*given)
+    count = max(value.size for value in given)
+    R_g, L_g, h, omega = (np.full(count, value) for value in given)
     A, b, e = state_matrices(study.circuit()._replace(R_g=R_g, L_g=L_g))
     transition, bridge = transitions(A, b[..., None], h)
     edge = edge_polynomials(A, b[..., None], h)[..., 0] if edges else np.empty((len(A), 0, 3))
@@ -68,9 +69,11 @@ def state_matrices(circuit: FilterGrid) -> tuple[Array, Array, Array]:
     """
     rates = [filter_grid_derivative(u[0], u[1], u[2], u[3], u[4], circuit) for u in _UNIT]
     shape = max((np.shape(value) for value in circuit), key=len)
+    matrix = np.empty((*shape, 3, 5)) if shape else np.array(rates, dtype=float).T
     if shape:
-        rates = [[np.broadcast_to(rate, shape) for rate in column] for column in rates]
-    matrix = np.array(rates, dtype=float).T
+        for column, entries in enumerate(rates):
+            for row, rate in enumerate(entries):
+                matrix[..., row, column] = rate
     return matrix[..., :3].copy(), matrix[..., 3].copy(), matrix[..., 4].copy()
 
 
