@@ -12,6 +12,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.metrics.step_response import step_response
 from vsgdesign.metrics.survival import GRACE_S, ExpectedRest, Survival, SurvivalDemand, SurvivalRecord, judge_survival
 from vsgdesign.parameters.study import ControllerSpec, Event, Grid, GridSource, Study
+from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
 from vsgdesign.simulation.lanes.rests import STEP_WINDOW, settling_time_of
 from vsgdesign.simulation.late import LateSchedule, safe_grid
@@ -86,6 +87,8 @@ def run_one(study: Study, spec: ControllerSpec, ready: Ready, cases: LaneCases, 
     T = settling_time_of(spec, ready)
     own = study_of(study.with_limit_of(spec), cases, k, T)
     timeline = build_timeline(own)
+    if spec.kind == "fixed":
+        return simulate(own, gain_changes(own, spec, timeline), bridge=bridge)
     feed = LateSchedule(own, spec, told_of(cases, k, timeline), ready, safe=safe_grid(own))
     return simulate(own, feed, bridge=bridge)
 

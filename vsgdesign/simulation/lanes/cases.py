@@ -88,7 +88,7 @@ class LaneCases:
     @property
     def ramped(self) -> NDArray[np.bool_]:
         """Whether a case has a ramp, (N,)."""
-        return (self.events.over > 0.0).any(axis=1)
+        return np.any(self.events.over > 0.0, axis=1)
 
 
 def no_events(count: int, each: int = 1) -> LaneEvents:

@@ -69,8 +69,8 @@ def run_lanes(
     good = np.flatnonzero(results.status == JUDGED)
     if good.size == 0:
         return results
-    parts = _parts(own, cases, segments, rests, demand, good, bridge, strict)
-    _drive(own, parts, told, gains)
+    parts = parts_of(own, cases, segments, rests, demand, good, bridge, strict)
+    drive(own, parts, told, gains)
     for part in parts:
         _judge(part, cases.take(part.index), rests, demand, results)
     return results
@@ -89,7 +89,7 @@ def _refuse(study: Study, bridge: str) -> None:
         )
 
 
-def _parts(
+def parts_of(
     study: Study,
     cases: LaneCases,
     segments: Segments,
@@ -126,9 +126,9 @@ def _parts(
     return parts
 
 
-def _drive(study: Study, parts: list[Part], told: Telling, gains: PowerLoopGains) -> None:
-    """Runs every part to its end; the gains follow what the scheduler says."""
-    end = max(part.end for part in parts)
+def drive(study: Study, parts: list[Part], told: Telling, gains: PowerLoopGains, *, stop_at: int | None = None) -> None:
+    """Runs every part to its end, or up to before the sample ``stop_at``; the gains follow what the scheduler says."""
+    end = max(part.end for part in parts) if stop_at is None else stop_at
     every, changes = told.update_samples, told.changes
     cuts = {0, end}
     if every:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +40,8 @@ class Segments(NamedTuple):
         """Some lanes."""
         return Segments(*(values[chosen] for values in self))
 
-    def at(self, t_s: Array) -> Segments:
-        """The same source and grid, described from a later instant on; of (N,) segments."""
+    def at(self, t_s: Any) -> Segments:
+        """The same source and grid, described from a later instant on, s (N,); of (N,) segments."""
         dt = t_s - self.t_s
         return self._replace(
             t_s=t_s,
