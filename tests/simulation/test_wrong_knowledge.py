@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vsgdesign.errors import StudyError
+from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.simulation import build_timeline, run_scenario
@@ -130,3 +130,15 @@ def test_every_fault_is_named() -> None:
         "controllers[3].knowledge = 3: expected a table",
     ):
         assert text in str(caught.value), str(caught.value)
+
+
+def test_references_that_only_a_droop_brings_home_are_possible() -> None:
+    """At 0.92 pu the droop of 5 % moves Q by 1.6 times the rating. The reference contains it, the grid carries 0.14."""
+    step = '[[events]]\ntime = "0.1 s"\nP_ref = "2.1 kW"\n'
+    one = study('kind = "scheduled"\nstructure = "angle_damped"', events=step, duration="0.2 s")
+    asked = one.with_changes(grid={"V_g_pu": 0.92, "scr": 5}, simulation={"Q_ref": "-8 kvar"})
+    result = run_scenario(asked)
+    assert [row.point for row in result.operating_points] == [None, None]
+    assert abs(result.controllers[0].series["Q_pcc"]).max() < 1000.0
+    with pytest.raises(InfeasibleStudyError, match="no operating point"):
+        run_scenario(asked.with_changes(controllers=[{"name": "c0", "kind": "scheduled"}]))

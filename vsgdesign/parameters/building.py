@@ -33,6 +33,7 @@ from vsgdesign.parameters.study import (
     POWER_FILTERS,
     ClosedFormTarget,
     Converter,
+    Event,
     Filter,
     Grid,
     GridSource,
@@ -103,6 +104,8 @@ def build_study(
     replay = read_replay(root.child("replay"), converter, simulation.duration)
     if root.has("replay"):
         _check_replay(root, faults)
+    if simulation.survival:
+        _check_survival(root, source_, events)
     root.finish()
     inner_gains, omega_t, request = inner.gains, inner.omega_t, None
     if inner_gains is None:
@@ -147,6 +150,18 @@ def _axes_given(root: TableReader, stability: StabilitySpec) -> dict[str, tuple[
     written = root.table.get("stability")
     names = [name for name in ("scr", "x_over_r", "P", "Q") if isinstance(written, dict) and name in written]
     return {name: getattr(stability, name) for name in names}
+
+
+def _check_survival(root: TableReader, source: GridSource, events: tuple[Event, ...]) -> None:
+    """A scenario is judged as one disturbance only where powers come to rest."""
+    advice = "Leave survival out, or take that away. vsgdesign survive judges such grids."
+    restless = [f"[{name}]" for name in ("background", "sensors", "replay") if root.has(name)]
+    if source.components or any(event.components for event in events):
+        restless.append("components of the source")
+    for what in restless:
+        root.fault("simulation.survival", "true", f"powers do not come to rest with {what}", advice)
+    if not any(event.t_s > 0.0 for event in events):
+        root.fault("simulation.survival", "true", "nothing happens after t = 0", "Add an event, or leave it out.")
 
 
 def _check_replay(root: TableReader, faults: list[Fault]) -> None:

@@ -257,6 +257,8 @@ class SimulationSpec:
     csv_interval: float
     P_ref: float
     Q_ref: float
+    survival: bool = False
+    """Whether the events are also judged as one disturbance that a converter survives or not."""
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,7 @@ def _quantities(f_n: float) -> dict[str, tuple[tuple[Drawn, Range | None], ...]]
         "phase": ((Drawn("jump", "rad", *angle), sixty),),
         "sag": (
             (Drawn("depth", "1", 0.0, 1.0), (0.2, 1.0)),
-            (Drawn("duration", "s", 1e-3, 10.0, logarithmic=True), (0.05, 1.0)),
+            (Drawn("duration", "s", 0.01, 10.0, logarithmic=True), (0.05, 1.0)),
             (Drawn("phase", "rad", *angle), sixty),
         ),
         "ramp": (
@@ -188,7 +188,7 @@ def _read_box(
     maps: Mapping[str, tuple[float, ...]],
     scr_basis: str,
 ) -> CaseBox:
-    c, limit = converter, 2.0 * converter.S_rated
+    c, limit, f_n = converter, 2.0 * converter.S_rated, converter.omega_n / (2.0 * math.pi)
     defaults = _of_study(converter, source, maps) if specification is None else _of_specification(specification, c)
     basis = scr_basis if specification is None else specification.scr_basis
     asked = {name: (values[0], values[-1]) for name, values in defaults.items()}
@@ -198,7 +198,7 @@ def _read_box(
         "P": Drawn("P", "W", -limit, limit),
         "Q": Drawn("Q", "var", -limit, limit),
         "V_g_pu": Drawn("V_g_pu", "1", 0.5, 1.5),
-        "f_g": Drawn("f_g", "Hz", 10.0, 1000.0),
+        "f_g": Drawn("f_g", "Hz", 0.8 * f_n, 1.2 * f_n),
     }
     read = {name: read_range(table, one, asked[name]) for name, one in drawn.items()}
     basis = table.choice("scr_basis", tuple(SCR_BASES), default=basis)

@@ -17,6 +17,7 @@ from vsgdesign.identification import estimator_kind
 from vsgdesign.identification.registry import samples_itself
 from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
 from vsgdesign.metrics.events import diverged_event
+from vsgdesign.metrics.survival import Survival
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
 from vsgdesign.runtime.of_study import follows_measured
@@ -37,6 +38,7 @@ from vsgdesign.simulation.rest import (
     rests,
 )
 from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.simulation.survival.running import judge_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 Array = NDArray[np.float64]
@@ -58,6 +60,8 @@ class ControllerResult:
     """Of a controller that estimates the grid: what it was told, window by window."""
     distorted: bool = False
     """Whether the grid source contains more than its fundamental."""
+    survival: Survival | None = None
+    """The verdict on the events as one disturbance, where the study asks for it."""
 
     @property
     def ripples(self) -> bool:
@@ -126,7 +130,7 @@ def run_scenario(
     timeline = build_timeline(study)
     own = [study.with_limit_of(spec) for spec in study.controllers]
     may_rest = any(one.limiter.rests and one.converter.current_limit_pu is not None for one in own)
-    points = operating_points(study, timeline, may_rest)
+    points = _operating_points(study, timeline, may_rest, ready)
     feeds = [_feed(*of, timeline, ready) for of in zip(own, study.controllers, strict=True)]
     expected = [expected_rests(study, timeline, spec, ready) for spec in study.controllers]
     pairs = zip(study.controllers, expected, strict=True)
@@ -157,6 +161,7 @@ def run_scenario(
                 outcome=outcome_of(run.divergence, found, events, _limited_rest(own_study, run, series)),
                 estimates=estimates,
                 distorted=study.has_components,
+                survival=judge_scenario(own_study, spec, ready, run, used) if study.simulation.survival else None,
             )
         )
     return ScenarioResult(study, timeline, points, tuple(results), unstable, ready)
@@ -183,11 +188,30 @@ def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[fl
     return lambda t_s: progress(name, t_s)
 
 
-def operating_points(study: Study, timeline: Timeline, may_rest: bool = False) -> tuple[OperatingPointRow, ...]:
+def _operating_points(study: Study, timeline: Timeline, may_rest: bool, ready: Ready) -> tuple[OperatingPointRow, ...]:
+    """:func:`operating_points`; where the droops of every controller lead to a rest although the grid cannot carry the
+    references themselves, the scenario is possible."""
+    try:
+        return operating_points(study, timeline, may_rest)
+    except InfeasibleStudyError:
+        try:
+            found = [expected_rests(study, timeline, spec, ready) for spec in study.controllers]
+        except InfeasibleStudyError:
+            found = []
+        good = [{rest.t_s for rest in of_one if rest.obstacle is None} for of_one in found]
+        if not good or not set.intersection(*good):
+            raise
+        return operating_points(study, timeline, may_rest, frozenset(set.intersection(*good)))
+
+
+def operating_points(
+    study: Study, timeline: Timeline, may_rest: bool = False, rested: frozenset[float] = frozenset()
+) -> tuple[OperatingPointRow, ...]:
     """The operating point after every change of grid, source or reference.
 
-    ``may_rest``: whether a controller rests at its current limit where the grid cannot carry what is asked. The row
-    then has no point. Without such a controller the scenario is impossible, and InfeasibleStudyError says why.
+    ``may_rest``: whether a controller rests at its current limit where the grid cannot carry what is asked.
+    ``rested``: instants from which on the droops lead to a rest. The row then has no point. In all other cases the
+    scenario is impossible, and InfeasibleStudyError says why.
     """
     limits = study.converter.V_limits_rms
     rows = []
@@ -202,7 +226,7 @@ def operating_points(study: Study, timeline: Timeline, may_rest: bool = False) -
         except NoOperatingPointError as error:
             # A short sag has none and is ridden through; a scenario that rests there needs a limiter that rests. The
             # start must have one in any case.
-            if source.V_g_rms < limits[0] or (may_rest and t_s > 0.0):
+            if source.V_g_rms < limits[0] or (may_rest and t_s > 0.0) or t_s in rested:
                 rows.append(OperatingPointRow(t_s, grid, None, str(error)))
                 continue
             raise InfeasibleStudyError(f"from {t_s:g} s on: {error}") from error

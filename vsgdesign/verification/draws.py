@@ -58,6 +58,9 @@ _BLOCKS = 4
 """Blocks of four numbers that a case takes from the generator: one number is left for the future."""
 
 _MOST_EVENTS = 2
+_LEAST_APART_S = 0.01
+"""A ramp takes at least this long, s: two events of a case are never at the same instant."""
+
 _BISECTIONS = 24
 _LEAST_ERROR = -1.0
 """No estimator says that a resistance is negative."""
@@ -322,7 +325,7 @@ def _events(draw: _Draw, at: _Starts, references: tuple[Array, Array]) -> tuple[
     events.t_s[sag, 1] = cleared_s[sag] = begin[sag] + _logarithmic(ranges["duration"], u["own_2"][sag])
     ramp, ranges = draw.of("ramp"), draw.ranges("ramp")
     size = _signed(ranges["size"], u["own_1"][ramp])
-    over = np.abs(size) / _logarithmic(ranges["rate"], u["own_2"][ramp])
+    over = np.maximum(np.abs(size) / _logarithmic(ranges["rate"], u["own_2"][ramp]), _LEAST_APART_S)
     events.omega_g[ramp, 0] = at.omega_g[ramp] + 2.0 * np.pi * size
     events.omega_g[ramp, 1] = at.omega_g[ramp]
     events.over[ramp] = over[:, None]

@@ -101,6 +101,12 @@ def results_tables(results: dict[str, Any]) -> None:
     for reason, who in reasons.items():
         console.print(f"{escape('; '.join(who))}: {escape(reason)}", soft_wrap=True)
     for name, controller in results["controllers"].items():
+        if controller.get("survival") is not None:
+            from vsgdesign.metrics.survival import Survival
+            from vsgdesign.report.scenario.survived import survival_sentence
+
+            sentence = survival_sentence(name, Survival(**controller["survival"]))
+            console.print(escape(sentence), highlight=False, soft_wrap=True)
         limit = (controller["estimate"] or {}).get("rate_limit")
         if limit and limit["held_s"]:
             from vsgdesign.report.scenario.estimate_tables import rate_limit_text

@@ -204,7 +204,7 @@ def _ohm(value: float) -> str:
     return "0 Ω" if value == 0.0 else plain_quantity(value, "Ω")
 
 
-def _known_grid(spec: ControllerSpec) -> str:
+def known_grid(spec: ControllerSpec) -> str:
     """What a scheduled controller knows of the grid."""
     if spec.estimate != "truth":
         return f"the estimate of the grid by {estimator_kind(spec.estimate).title}"
@@ -224,7 +224,7 @@ def specs_table(result: HasStudy, specs: Sequence[ControllerSpec]) -> Table:
             every = "after every window" if period is None else f"every {plain_quantity(period, 's')}"
             if spec.estimate != "truth" and estimator_kind(spec.estimate).by_sample:
                 every = "after every cycle of the estimator"
-            how = f"rescheduled {every} from {_known_grid(spec)}"
+            how = f"rescheduled {every} from {known_grid(spec)}"
         elif spec.gains is not None:
             how = "given in the study"
         else:

@@ -14,7 +14,7 @@ from vsgdesign.metrics import mean_in_words
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.inner.page import inner_part
 from vsgdesign.report.inner.words import headline
-from vsgdesign.report.page.converter import converter_table, filter_table
+from vsgdesign.report.page.converter import converter_table, filter_table, known_grid
 from vsgdesign.report.page.html import write_html
 from vsgdesign.report.quantities import plain, plain_quantity
 from vsgdesign.report.scenario import estimate_tables, promise_tables, tables
@@ -162,7 +162,13 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
         f"Inductors do not saturate, capacitors {'are' if sensed else 'and measurements are'} ideal; "
         f"the controller is sampled every {plain_quantity(study.converter.T_s, 's')}.",
     ]
-    knowing = [c.spec.name for c in result.controllers if c.spec.kind == "scheduled" and c.estimates is None]
+    told = [c.spec for c in result.controllers if c.spec.kind == "scheduled" and c.estimates is None]
+    knowing = [spec.name for spec in told if spec.knowledge is None]
+    items += [
+        f"Gains of {spec.name} come from {known_grid(spec)}; the estimator itself is not simulated."
+        for spec in told
+        if spec.knowledge is not None
+    ]
     if knowing:
         items.append(
             f"Gains of {', '.join(knowing)} come from the true grid impedance, as it was up to each update; "

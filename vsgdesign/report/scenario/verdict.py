@@ -12,6 +12,7 @@ from vsgdesign.metrics import EventMetrics
 from vsgdesign.metrics.events import DIVERGED, MEASURED, NOT_SETTLED, UNSTABLE
 from vsgdesign.report.quantities import number, percent, plain
 from vsgdesign.report.scenario.second_order import UncoupledResponse, settling_factor, uncoupled_P, uncoupled_Q
+from vsgdesign.report.scenario.survived import survival_text
 from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult
 from vsgdesign.simulation.promises import CLOSED_FORM, Promises, not_promised, promises_of
 from vsgdesign.simulation.scenario import samples_per_mean
@@ -192,13 +193,13 @@ def verdict(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> list[str
         stepped = any(event.P_ref is not None or event.Q_ref is not None for event in later)
         reason = "No reference step moves its power measurably" if stepped else "No event steps a reference"
         no_step = f"{reason}, so there is no settling time or overshoot to hold to a target."
-        return [text for text in (no_step, _at_limit(result), _stress(result)) if text]
+        return [text for text in (no_step, survival_text(result), _at_limit(result), _stress(result)) if text]
     paragraphs = [_summary(result, outcomes)]
     for controller in result.controllers:
         own = [outcome for outcome in outcomes if outcome.controller is controller]
         if own:
             paragraphs.append(_against_target(controller, own, _MOST_LISTED // min(len(result.controllers), 3)))
-    return [text for text in (*paragraphs, _at_limit(result), _stress(result)) if text]
+    return [text for text in (*paragraphs, survival_text(result), _at_limit(result), _stress(result)) if text]
 
 
 def _at_limit(result: ScenarioResult) -> str:

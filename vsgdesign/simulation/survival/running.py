@@ -31,7 +31,7 @@ from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange, gain_changes
-from vsgdesign.simulation.late import LateSchedule, safe_grid
+from vsgdesign.simulation.late import LateSchedule, safe_grid, told_at, told_of
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.cases import GridKnowledge, SurvivalCase
 from vsgdesign.simulation.survival.field import at_asked_powers, field_demand, late_grid
@@ -49,6 +49,14 @@ converter with 3 kHz at SCR 20, with and without a limit. It is judged by its ow
 
 _SAME_INSTANT = 1e-6
 """Share of a sample by which a row may lie before an event and is still after it: times are rounded."""
+
+
+def settling_time_of(spec: ControllerSpec, ready: Ready) -> float:
+    """T of a controller: that of its table's specification, or of its closed form, s."""
+    table = ready.table(spec)
+    if table is not None and "settling_time" in table.specification:
+        return float(table.specification["settling_time"])
+    return spec.target.settling_time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,10 +102,7 @@ class Subject:
     @property
     def settling_time(self) -> float:
         """T: that of its table's specification, or of its closed form, s."""
-        table = self.ready.table(self.spec)
-        if table is not None and "settling_time" in table.specification:
-            return float(table.specification["settling_time"])
-        return self.spec.target.settling_time
+        return settling_time_of(self.spec, self.ready)
 
     def demand(self, case: SurvivalCase) -> SurvivalDemand:
         """What is asked of it in a case."""
@@ -188,6 +193,40 @@ def trace_case(subject: Subject, case: SurvivalCase) -> CaseRun | Survival:
         verdict=verdict,
         estimates=feed.log(timeline) if isinstance(feed, FieldScheduler) else None,
     )
+
+
+def judge_scenario(
+    study: Study, spec: ControllerSpec, ready: Ready, simulation: Simulation, bridge: str = "averaged"
+) -> Survival:
+    """The verdict on a run of a study whose events are one disturbance, as :func:`trace_case` gives it for a case.
+
+    ``study`` has the current limit of the controller. One that estimates the grid rests with the gains of the true one.
+    """
+    c, timeline = study.converter, simulation.timeline
+    end_s, limit_pu = study.simulation.duration, c.current_limit_pu
+    instants = sorted({event.t_s for event in study.events if event.t_s > 0.0})
+    cleared_s = max(event.t_s + event.over for event in study.events)
+    told = None if spec.knowledge is None else told_of(study, spec.knowledge, timeline)
+    subject = Subject(study=study, spec=spec, ready=ready, limit_pu=math.inf if limit_pu is None else limit_pu)
+    demand = SurvivalDemand(
+        S_rated=c.S_rated,
+        settling_time=subject.settling_time,
+        cycle_s=2.0 * math.pi / timeline.source_at(end_s).omega,
+        i_max_pu=limit_pu,
+    )
+    rests = []
+    for t_s in (0.0, end_s):
+        source, grid = timeline.source_at(t_s), timeline.grid_at(t_s)
+        known = grid if told is None else told_at(told, t_s)[0]
+        at = GridSource(source.V_g_rms, source.omega)
+        rests.append(rest_on(subject, study, known, grid, at, timeline.references_at(t_s)))
+    for rest, where in zip(rests, ("before the events", "after the events"), strict=True):
+        refused = subject.refused(rest)
+        if refused is not None:
+            return Survival(status=refused[0], reason=f"{where}: {refused[1]}")
+    record = record_of(study, simulation)
+    rest = _own_rest(rests[1], record, demand) if bridge == "pwm" else rests[1]
+    return judge_survival(record, instants, cleared_s, rest, demand)
 
 
 def rest_of(

@@ -1,0 +1,162 @@
+"""A case of a batch as a study file, which ``vsgdesign simulate`` runs as it was in the batch."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.errors import Fault, StudyError
+from vsgdesign.parameters.loading import FILES, study_from_document
+from vsgdesign.parameters.study import ControllerSpec, Study, StudyOrigin
+from vsgdesign.parameters.toml_text import toml_text
+from vsgdesign.simulation.lanes.cases import STEP, LaneCases
+from vsgdesign.simulation.lanes.ends import end_samples
+from vsgdesign.simulation.survival.running import settling_time_of
+
+_LEFT_OUT = ("background", "sensors", "replay", "survival", "verification", "events", "grid", "simulation")
+"""Sections of the study that a case does not have, or has in its own words."""
+
+
+def case_study(
+    study: Study,
+    spec: ControllerSpec,
+    drawn: LaneCases,
+    index: int,
+    *,
+    ready: Ready = NOTHING,
+    folder: str | Path = ".",
+    table: str | None = None,
+    name: str | None = None,
+    title: str | None = None,
+    bridge: str = "averaged",
+) -> tuple[Study, str]:
+    """One case of a batch as a study and as its text, for a file in ``folder``.
+
+    It has the converter, the loops and the one controller of ``study``, with the case's grid, source, references,
+    events and knowledge of the grid, logged at every sample. ``table``: the controller's gain table as the file is to
+    name it, relative to ``folder``; None: as the study names it. Numbers are written so that reading gives the same
+    bits. Raises StudyError where the study was built from its parts, or where the case cannot be said in a study.
+    """
+    origin = study.origin
+    if origin is None:
+        fault = Fault("study", "", "was built from its parts and not read from a document", "Use vd.load.")
+        raise StudyError(study.name, [fault])
+    source, place = dict(origin.document), os.path.abspath(folder)
+    document: dict[str, Any] = {key: value for key, value in source.items() if key not in _LEFT_OUT}
+    document = _at(place, document, os.path.abspath(origin.folder))
+    document["study"] = {"name": name or f"{study.name}_case", "title": title or f"A case of {study.title}"}
+    if study.source:
+        document["study"]["source"] = study.source
+    if study.inner_request is not None:
+        document["inner_loops"] = _inner_loops(study)
+    if spec.estimate == "truth":
+        document.pop("estimator", None)
+    document["grid"] = _grid(study, drawn, index)
+    document["simulation"] = _simulation(study, drawn, index, settling_time_of(spec, ready), bridge)
+    document["controllers"] = [_controller(study, spec, document, drawn, index, table)]
+    document["events"] = _events(study, drawn, index)
+    text = toml_text(document, (document["study"]["title"],))
+    read = StudyOrigin(document, place, document["study"]["name"], document["study"]["name"])
+    return study_from_document(document, read), text
+
+
+def _at(place: str, document: dict[str, Any], folder: str) -> dict[str, Any]:
+    """The document with the files that it names relative to another folder."""
+    if place == folder:
+        return document
+
+    def moved(table: Any, field: str) -> Any:
+        named = table.get(field) if isinstance(table, dict) else None
+        if not isinstance(named, str) or (field == "recipe" and not named.endswith(".toml")):
+            return table
+        return table | {field: Path(os.path.relpath(os.path.join(folder, named), place)).as_posix()}
+
+    for section, field in FILES:
+        tables = document.get(section)
+        if isinstance(tables, list):
+            document[section] = [moved(one, field) for one in tables]
+        elif tables is not None:
+            document[section] = moved(tables, field)
+    return document
+
+
+def _inner_loops(study: Study) -> dict[str, Any]:
+    """The gains that were designed for the study, in place of the wish to design them."""
+    gains, c = study.inner_gains, study.converter
+    found: dict[str, Any] = {name: float(getattr(gains, name)) for name in ("K_pv", "K_iv", "K_pc", "K_ic")}
+    found["current_feedforward"] = float(gains.K_ff)
+    if gains.R_t or gains.X_t:
+        found["transient_resistance_pu"] = float(gains.R_t) / c.Z_base
+        found["transient_reactance_pu"] = float(gains.X_t) / c.Z_base
+        found["transient_corner"] = study.omega_t / (2.0 * math.pi)
+    if gains.kappa:
+        found["current_prediction"] = float(gains.kappa)
+    return found
+
+
+def _grid(study: Study, drawn: LaneCases, k: int) -> dict[str, Any]:
+    return {
+        "scr_basis": study.scr_basis,
+        "R_g": float(drawn.R_g[k]),
+        "L_g": float(drawn.L_g[k]),
+        "V_g_pu": float(drawn.V_g_rms[k]) / study.converter.V_rated_rms,
+        "f_g": float(drawn.omega_g[k]) / (2.0 * math.pi),
+    }
+
+
+def _simulation(study: Study, drawn: LaneCases, k: int, settling_time: float, bridge: str) -> dict[str, Any]:
+    T_s = study.converter.T_s
+    end = int(end_samples(drawn.take(np.array([k])), settling_time, T_s)[0])
+    found: dict[str, Any] = {
+        "duration": end * T_s,
+        "bridge": bridge,
+        "log_interval": T_s,
+        "P_ref": float(drawn.P_ref[k]),
+        "Q_ref": float(drawn.Q_ref[k]),
+    }
+    return found if drawn.kind[k] == STEP else found | {"survival": True}
+
+
+def _controller(
+    study: Study, spec: ControllerSpec, document: dict[str, Any], drawn: LaneCases, k: int, table: str | None
+) -> dict[str, Any]:
+    """The controller's own table of the document, with what it knows of the grid."""
+    found = dict(next(one for one in document["controllers"] if one.get("name") == spec.name))
+    found.pop("knowledge", None)
+    if table is not None:
+        found["table"] = table
+    if spec.kind == "fixed" and spec.gains is None and spec.design_grid is not None:
+        at = spec.design_grid
+        found["design_grid"] = {"scr_basis": study.scr_basis, "R_g": at.R_g, "L_g": at.L_g}
+    told = float(drawn.error_R[k]), float(drawn.error_X[k]), float(drawn.silent_s[k])
+    if spec.kind == "scheduled" and spec.estimate == "truth" and any(told):
+        found["knowledge"] = dict(zip(("error_R", "error_X", "silent"), told, strict=True))
+    return found
+
+
+def _events(study: Study, drawn: LaneCases, k: int) -> list[dict[str, Any]]:
+    V_rated, events = study.converter.V_rated_rms, drawn.events
+    found = []
+    for j in range(events.count):
+        if not np.isfinite(events.t_s[k, j]):
+            continue
+        event: dict[str, Any] = {"time": float(events.t_s[k, j])}
+        if np.isfinite(events.R_g[k, j]):
+            event["grid"] = {"R_g": float(events.R_g[k, j]), "L_g": float(events.L_g[k, j])}
+        scales = {"V_g_pu": ("V_g_rms", V_rated), "f_g": ("omega_g", 2.0 * math.pi)}
+        scales |= {"P_ref": ("P_ref", 1.0), "Q_ref": ("Q_ref", 1.0)}
+        for field, (row, unit) in scales.items():
+            value = float(getattr(events, row)[k, j])
+            if math.isfinite(value):
+                event[field] = value / unit
+        if events.over[k, j] > 0.0:
+            event["over"] = float(events.over[k, j])
+        if events.phase_jump[k, j] != 0.0:
+            event["phase_jump"] = float(events.phase_jump[k, j])
+        found.append(event)
+    return found
