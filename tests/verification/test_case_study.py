@@ -140,7 +140,7 @@ def test_a_run_of_the_file_is_that_of_the_case() -> None:
     assert apart[:, :6].max() < 1e-6
     verdict, expected = result.survival, traced.verdict
     said = survival_text(run)
-    assert said.startswith("one survives the events and is at rest 0.301 s after the last one. Its largest current")
+    assert said.startswith("one survives the events and is at rest 0.3007 s after the last one. Its largest current")
     assert said in "".join(verdict_text(run, []))
     assert verdict is not None
     assert (verdict.status, expected.status) == (SURVIVED, SURVIVED)
