@@ -6,18 +6,21 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from bench.timing import REPEATS, Row, figure, real_time_factor, repeat, scaled
-from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
-from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, GridEstimate
-from vsgdesign.equations.power_loops import References
+from vsgdesign.codegen.llvm import LoopSpec, compiled_loop, flat_block
+from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, controller_step
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, GridEstimate, LimiterLaw
+from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.operating_point.sampled import cold_start
 from vsgdesign.parameters import Study, load_study, study_from_text
 from vsgdesign.simulation import GainChange, build_timeline, gain_changes, run_scenario, simulate
-from vsgdesign.simulation.compiling import compile_function, compiled_law
 from vsgdesign.simulation.field_feed import FieldScheduler
+from vsgdesign.simulation.records import numbers_of
 
 PUBLISHED = Path(__file__).resolve().parents[1] / "studies" / "published_averaged" / "study.toml"
 
@@ -154,16 +157,24 @@ def controller() -> list[Row]:
     gains = gain_changes(study, study.controllers[-1], build_timeline(study))[0].gains
     c = study.converter
     refs = References(2000.0, 1000.0, c.omega_n, c.V_rated_rms)
+    settings = study.controller_settings()
     state = cold_start(study).controller._replace(P_f=2000.0, Q_f=1000.0)
-    loop = compile_function(_controller_loop, outermost=True)  # type: ignore[arg-type]
-    count = 1_000_000
+    kinds = {ControllerState: {"limiter": type(state.limiter)}, ControllerSettings: {"limiter": type(settings.limiter)}}
+    block = flat_block(_fed_back, fixed={"limiter": study.limiter.law}, kinds=kinds)
+    moving = {"v_alpha": "v_alpha_next", "v_beta": "v_beta_next"}
+    moving |= {f"state.{name}": f"following.{name}" for name in ("theta", "u_alpha", "u_beta", "i_f_d", "i_f_q")}
+    held = tuple(name for name in block.inputs if name not in moving)
+    loop = compiled_loop(LoopSpec((block,), tuple(moving.items()), constant=held, strict=True))
     grid = GridEstimate(R_g=study.grid.R_g, L_g=study.grid.L_g)
-    limiter = compiled_law(study.limiter.law)
-    arguments = (count, state, grid, refs, gains, study.inner_gains, study.controller_settings(), limiter)
+    given = numbers_of((state, (150.0, 0.0), grid, refs, gains, study.inner_gains, settings))
+    values = dict(zip(block.inputs, given, strict=True))
+    start = np.array([values[name] for name in loop.spec.rows])[None, :, None]
+    count = 1_000_000
 
     def run() -> None:
-        final = loop(*arguments)
-        if not np.isfinite(final):
+        rows = start.copy()
+        loop(0, count, rows, np.zeros(0))
+        if not np.isfinite(rows).all():
             raise RuntimeError("the benchmark's controller diverged")
 
     seconds = scaled(figure(repeat(run)), 1e9 / count)
@@ -178,31 +189,22 @@ def controller() -> list[Row]:
     ]
 
 
-def _controller_loop(count, state, grid, refs, power_gains, inner_gains, settings, limiter):
-    v_alpha, v_beta = 150.0, 0.0
-    for _ in range(count):
-        measured = Measurement(v_alpha, v_beta, 10.0, -5.0, 10.0, -5.0)
-        following, output = controller_step(state, measured, grid, refs, power_gains, inner_gains, settings, limiter)
-        # Weakly coupled back: the chain of dependence is whole and nothing runs away.
-        v_alpha = 150.0 + 1e-9 * output.v_b_alpha
-        v_beta = 1e-9 * output.v_b_beta
-        state = ControllerState(
-            theta=following.theta,
-            omega_i=state.omega_i,
-            V=state.V,
-            P_f=state.P_f,
-            Q_f=state.Q_f,
-            xi_vd=0.5 * following.xi_vd,
-            xi_vq=0.5 * following.xi_vq,
-            xi_id=0.5 * following.xi_id,
-            xi_iq=0.5 * following.xi_iq,
-            i_f_d=following.i_f_d,
-            i_f_q=following.i_f_q,
-            u_alpha=following.u_alpha,
-            u_beta=following.u_beta,
-            limiter=following.limiter,
-        )
-    return v_alpha + state.xi_vd + state.xi_id
+def _fed_back(
+    state: ControllerState,
+    v_alpha: Any,
+    v_beta: Any,
+    grid: GridEstimate,
+    refs: References,
+    power_gains: PowerLoopGains,
+    inner_gains: InnerLoopGains,
+    settings: ControllerSettings,
+    limiter: LimiterLaw,
+) -> Any:
+    """The controller's step on a voltage that it moves a little: the chain of dependence is whole, and nothing runs
+    away. Returns (following, v_alpha_next, v_beta_next)."""
+    measured = Measurement(v_alpha, v_beta, 10.0, -5.0, 10.0, -5.0)
+    moved, output = controller_step(state, measured, grid, refs, power_gains, inner_gains, settings, limiter)
+    return moved, 150.0 + 1e-9 * output.v_b_alpha, 1e-9 * output.v_b_beta
 
 
 def scaling() -> list[Row]:

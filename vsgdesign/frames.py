@@ -2,7 +2,7 @@
 
 Space vectors are amplitude-invariant: the length of (alpha, beta), and of (d, q), is the *peak* of the
 phase quantity. ``_rms`` is phase-to-neutral rms, ``_ll_rms`` is line-to-line rms. All functions are plain
-scalar expressions: floats, NumPy arrays, CasADi symbols and Numba take them as they are.
+scalar expressions: floats, NumPy arrays and CasADi symbols go through them, and they are compiled and printed as C.
 """
 
 from __future__ import annotations

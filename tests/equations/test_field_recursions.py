@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.codegen.compiled import Compiled
+from tests.codegen.machine import Machine
 from tests.compilers import require_compiler
 from tests.equations.test_three_ways import flat
 from vsgdesign.codegen import c_functions
@@ -23,7 +24,7 @@ from vsgdesign.equations.field import (
     probe_value,
 )
 from vsgdesign.identification.field import field_settings
-from vsgdesign.simulation.compiling import compile_function
+from vsgdesign.simulation.records import record_like
 
 OMEGA = 2.0 * math.pi * 50.0
 V_BASE, Z_BASE, T_S = 155.6, 7.26, 100e-6
@@ -89,9 +90,16 @@ def test_it_recovers_a_grid() -> None:
 
 def test_python_and_the_compiled_sample_agree() -> None:
     """What runs with every sample. The compiled cycle is compared where the simulation uses it."""
-    compiled = [compile_function(function, outermost=True) for function in (probe_value, listen)]
+    probe, take = Machine(probe_value), Machine(listen)
+
+    def probing(*given: Any) -> Any:
+        return probe(flat(given))
+
+    def listening(lock: LockIn, *given: Any) -> LockIn:
+        return record_like(lock, iter(take(flat((lock, *given)))))
+
     _, _, one = run(Line(0.1, 0.2, noise=1e-3), 12)
-    _, _, two = run(Line(0.1, 0.2, noise=1e-3), 12, (*compiled, conclude))
+    _, _, two = run(Line(0.1, 0.2, noise=1e-3), 12, (probing, listening, conclude))
     np.testing.assert_allclose(
         np.array([flat(a) for a in one]), np.array([flat(a) for a in two]), rtol=1e-8, atol=1e-12
     )

@@ -20,7 +20,7 @@ from tests.simulation.studies import FAST_GAINS, GAINS, lc_study, lcl_study
 from vsgdesign.operating_point.sampled import steady_state
 from vsgdesign.parameters import Grid, GridSource, Study, study_from_text
 from vsgdesign.simulation import GainChange, Simulation, gain_changes, simulate
-from vsgdesign.simulation.sensors import Sensors
+from vsgdesign.simulation.sensors import SensorsOfRun
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.simulation.wander import Wander
 
@@ -144,8 +144,8 @@ def random_numbers(study: Study) -> dict[str, Any]:
         wander = Wander(study.background, c.T_s, c.omega_n)
         found["wander"] = lambda count: wander.factors(0, count)
     if study.sensors is not None:
-        sensors = Sensors(study, study.sensors, np.zeros(6), c.omega_n)
-        found["noise"] = lambda count: sensors.rows(0, count).noise
+        sensors = SensorsOfRun(study, study.sensors, np.zeros(6), c.omega_n)
+        found["noise"] = lambda count: sensors.noise(0, count)
     if (replay := build_timeline(study).replay) is not None:
         found["record"] = lambda count: replay.vectors(0, count)
     return found

@@ -26,11 +26,8 @@ from vsgdesign.identification.interface import Estimate, Samples
 from vsgdesign.parameters import Grid, Study
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.simulation import GainChange, HeldBack, Probe, Recorder, Simulation, run_scenario, simulate
-from vsgdesign.simulation.compiling import compile_function
 from vsgdesign.simulation.field_feed import FieldScheduler, MeasuredCycle, settings_of_study
-from vsgdesign.simulation.field_observer import FIELD_OBSERVER
-from vsgdesign.simulation.loop import compiled_loop
-from vsgdesign.simulation.observing import flat, pack, unpack, zero_record
+from vsgdesign.simulation.records import numbers_of, record_like, zero_record
 
 FOLLOWING = """
 [[controllers]]
@@ -240,21 +237,9 @@ def test_a_second_run_starts_afresh() -> None:
 def test_records_keep_their_numbers_in_an_array() -> None:
     settings = settings_of_study(lcl_study("20 ms"))
     for record, kind in ((first_lock_in(settings, 314.0), LockIn), (first_track(settings), FieldTrack)):
-        values = np.array(flat(record))
-        assert unpack(values, zero_record(kind)) == record
-        copy = np.zeros_like(values)
-        compile_function(_copied, outermost=True)(values, copy, zero_record(kind))
-        assert np.array_equal(copy, values)
-        assert flat(zero_record(kind)) == [0.0] * len(values)
-
-
-def _copied(values, copy, like) -> None:
-    pack(copy, unpack(values, like))
-
-
-def test_the_machine_code_is_kept_on_disk() -> None:
-    law = lc_study("20 ms").limiter.law
-    assert type(getattr(compiled_loop(law, FIELD_OBSERVER), "_cache")).__name__ == "FunctionCache"  # noqa: B009
+        values = numbers_of(record)
+        assert record_like(zero_record(kind), iter(values)) == record
+        assert numbers_of(zero_record(kind)) == [0.0] * len(values)
 
 
 def test_a_study_can_ask_for_it() -> None:

@@ -38,7 +38,6 @@ from vsgdesign.simulation import (
     run_scenario,
     simulate,
 )
-from vsgdesign.simulation.loop import compiled_loop
 
 SAG = """
 [[events]]
@@ -302,12 +301,6 @@ def test_it_is_told_the_grid_that_the_gains_are_for(leaning: str) -> None:
     # The runs are cut at other samples, which changes the rounding of the source's turning.
     assert np.max(np.abs(listed[:, 1] - scheduled[:, 1])) < 1e-10
     assert np.max(np.abs(listed[:, 1] - own[:, 1])) > 1e-5
-
-
-def test_only_the_packages_machine_code_is_kept_on_disk() -> None:
-    """The compiler's index names the modules of what it keeps, and who cannot import one cannot read the index."""
-    kept = [type(getattr(compiled_loop(one.law), "_cache")).__name__ for one in (CIRCULAR, LEANING)]  # noqa: B009
-    assert kept == ["FunctionCache", "NullCache"]
 
 
 OWN = """

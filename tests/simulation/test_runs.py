@@ -8,7 +8,8 @@ import pytest
 from tests.simulation.studies import FAST_GAINS, GAINS, lc_study, lcl_study
 from vsgdesign.errors import SimulationDivergedError
 from vsgdesign.simulation import GainChange, Simulation, run, simulate
-from vsgdesign.simulation.kernel import LOG_COLUMNS, carrier, modulation_indices
+from vsgdesign.simulation.lanes.sample import modulation
+from vsgdesign.simulation.loop import LOG_COLUMNS, carrier
 
 JUMP = '[[events]]\ntime = "7.013 ms"\nphase_jump = "5 deg"\n'
 EVENTS = """
@@ -114,13 +115,13 @@ def test_gains_and_references_act_at_the_first_sample_at_or_after_their_time() -
     np.testing.assert_allclose(late[k + 2], on[k + 1], rtol=1e-4)
 
 
-@pytest.mark.parametrize("zero_sequence", [0, 1])
-def test_modulation_fills_the_dc_link(zero_sequence: int) -> None:
+@pytest.mark.parametrize("zero_sequence", [False, True])
+def test_modulation_fills_the_dc_link(zero_sequence: bool) -> None:
     """Indices reach ±1 at the linear limit and keep the line-to-line voltages."""
     limit = 700.0 / 3.0**0.5 if zero_sequence else 350.0
     largest = 0.0
     for angle in np.linspace(0.0, 2.0 * np.pi, 721):
-        m = modulation_indices(limit * np.cos(angle), limit * np.sin(angle), 700.0, zero_sequence)
+        m = modulation(limit * np.cos(angle), limit * np.sin(angle), 700.0, zero_sequence)
         largest = max(largest, *(abs(x) for x in m))
         line = limit * 3.0**0.5 * np.cos(angle + np.pi / 6.0)
         assert (m[0] - m[1]) * 350.0 == pytest.approx(line, abs=1e-9)

@@ -183,7 +183,7 @@ class Structure:
     """A power-loop structure, with everything in which one structure differs from another.
 
     ``gains`` is a plain function of scalars like every equation (CONTRIBUTING.md). It runs with floats, CasADi and the
-    certificate trace it, Numba compiles it, and it is printed as C.
+    certificate trace it, the EMT compiles it, and it is printed as C.
     """
 
     name: str

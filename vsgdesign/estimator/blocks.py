@@ -17,7 +17,7 @@ from vsgdesign.errors import ArtifactError
 from vsgdesign.estimator.data_set import content_hash, read_arrays, write_arrays
 from vsgdesign.execution.processes import worker_processes
 from vsgdesign.execution.progress import Progress
-from vsgdesign.simulation.compiling import source_stamp
+from vsgdesign.simulation.source_stamp import source_stamp
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -43,7 +43,7 @@ class Interval(NamedTuple):
 
 
 class Background:
-    """Rows of ``PlantPieces.background`` for a run. ``V_base_pk``: what the components' amplitudes are taken on, V.
+    """What the loop of a run is given sample by sample. ``V_base_pk``: what the components' amplitudes are taken on, V.
 
     ``timeline``: of the run, where it has a background or a record.
     """
@@ -56,9 +56,9 @@ class Background:
         self._lines = functools.lru_cache(maxsize=64)(lambda grid, h: straight_line_responses(circuit(grid), h))
 
     def acts(self, intervals: Sequence[Interval]) -> bool:
-        """Whether the source has more than the fundamental of the events."""
+        """Whether the source has more than a fundamental of constant amplitude and frequency."""
         of_study = self._replay is not None or (self._wander is not None and self._wander.spec.distorts)
-        return of_study or any(one.components for one in intervals)
+        return of_study or any(one.components or not one.source.steady for one in intervals)
 
     def _response(self, grid: Grid, h: float, omega: float) -> NDArray[Any]:
         """Rows m = 0, 1, 2: what s^m e^{jωs} adds, complex (3, 2n): the part of Re c and, as −j times it, of Im c."""
@@ -87,6 +87,9 @@ class Background:
         drift = source.omega_slope * since
         phase = source.phase + (source.omega + 0.5 * drift) * since
         total = _Total(len(since), states_of(self._circuit(interval.grid)))
+        if not source.steady:
+            turn, V = np.exp(1j * phase), rms_to_peak(source.V_g_rms + source.V_slope * since)
+            self._add_rotating(total, interval, 1.0, V * turn, drift, rms_to_peak(source.V_slope) * turn)
         if self._replay is not None:
             self._add_record(total, interval, first, elapsed, phase)
         if self._wander is None:

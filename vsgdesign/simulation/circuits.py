@@ -1,20 +1,83 @@
-"""The circuits that a run meets: one for every grid of its timeline, as the arrays that the compiled loop takes."""
+"""The circuits that a run meets: one for every grid of its timeline, as the numbers that the loop takes."""
 
 from __future__ import annotations
 
+import functools
+import math
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.operating_point.plant import TwoAxisCircuit, plant_step, two_axes
+from vsgdesign.operating_point.plant import PlantStep, TwoAxisCircuit, plant_step, two_axes
 from vsgdesign.parameters.study import Grid, Study
-from vsgdesign.simulation.kernel import PlantPieces
+from vsgdesign.simulation.bodies import LARGEST_DEGREE, Axes
 from vsgdesign.simulation.timeline import Timeline
+
+Array = NDArray[np.float64]
 
 CircuitOfGrid = Callable[[Grid], FilterGrid | TwoAxisCircuit]
 """The circuit between bridge and source on a grid."""
+
+
+class Circuits:
+    """The circuits of a run; ``switched``: whether its bridge switches."""
+
+    def __init__(self, study: Study, timeline: Timeline, circuit: CircuitOfGrid | None, *, switched: bool) -> None:
+        self.of = circuits_of(study, timeline, circuit)
+        self.switched = switched
+        self._omega = study.converter.omega_n
+        self._steps = functools.lru_cache(maxsize=64)(self._step)
+        grids = {grid for _, grid in timeline.grids}
+        degree = (
+            max(len(self._steps(grid, study.converter.T_s, self._omega).edge) - 1 for grid in grids) if switched else 0
+        )
+        alike = all(isinstance(self.of(grid), FilterGrid) for grid in grids)
+        self.axes: Axes | None = None
+        if not alike or degree > LARGEST_DEGREE:
+            if alike:
+                given = self.of
+                self.of = lambda grid: two_axes(given(grid))
+                self._steps.cache_clear()
+            self.axes = Axes(states_of(self.of(timeline.grid_at(0.0))), degree)
+
+    @property
+    def states(self) -> int:
+        """How many real states the circuits have on both axes together."""
+        return 6 if self.axes is None else self.axes.states
+
+    def numbers(self, grid: Grid, h: float, V_g_pk: float, omega: float | None) -> dict[str, Array]:
+        """The rows of the circuit over an interval h (s), with a source of V_g_pk (V) and omega (rad/s); without omega
+        the loop adds no source."""
+        step = self._steps(grid, h, self._omega if omega is None else omega)
+        V = 0.0 if omega is None else V_g_pk
+        turn = (1.0, 0.0) if omega is None else (math.cos(omega * h), math.sin(omega * h))
+        source = step.source[0] * V
+        if self.axes is None:
+            row = [step.transition.ravel(), step.bridge, source.real, source.imag, turn]
+        else:
+            row = [step.transition.ravel(), step.bridge.ravel(), source.ravel(), turn]
+        found = {"row": np.concatenate(row), "V_g": np.array([V])}
+        if self.switched:
+            found["edge"] = self._edge(step)
+        return found
+
+    def _edge(self, step: PlantStep) -> Array:
+        degree = LARGEST_DEGREE if self.axes is None else self.axes.degree
+        padded = np.zeros((degree + 1, *step.edge.shape[1:]))
+        padded[: len(step.edge)] = step.edge
+        return np.ascontiguousarray(padded.T).ravel() if self.axes is None else padded.ravel()
+
+    def _step(self, grid: Grid, h: float, omega: float) -> PlantStep:
+        step = plant_step(self.of(grid), h, omega, edges=self.switched)
+        if not np.isfinite(step.edge).all():
+            raise InfeasibleStudyError(
+                "the circuit is too stiff to switch: its fastest mode (R/L or R_c/L) dies out many times within a "
+                'sampling period. Sample faster, lower R_c, raise x_over_r, or use bridge = "averaged".'
+            )
+        return step
 
 
 def circuits_of(study: Study, timeline: Timeline, circuit: CircuitOfGrid | None) -> CircuitOfGrid:
@@ -48,27 +111,6 @@ def circuits_of(study: Study, timeline: Timeline, circuit: CircuitOfGrid | None)
 def states_of(circuit: FilterGrid | TwoAxisCircuit) -> int:
     """How many real states a circuit has on both axes together."""
     return len(circuit.A) if isinstance(circuit, TwoAxisCircuit) else 6
-
-
-def stacked_plants(circuit: CircuitOfGrid, edges: bool, pieces: tuple[tuple[Grid, float, float], ...]) -> PlantPieces:
-    """Some pieces of an interval, each a grid, a length (s) and a source frequency (rad/s), without their sources.
-
-    ``edges``: whether the bridge switches within them.
-    """
-    steps = [plant_step(circuit(grid), h, omega, edges=edges) for grid, h, omega in pieces]
-    degree = max(step.edge.shape[0] for step in steps)
-    polynomials = np.zeros((len(steps), degree, *steps[0].edge.shape[1:]))
-    for k, step in enumerate(steps):
-        polynomials[k, : step.edge.shape[0]] = step.edge
-    return PlantPieces(
-        lengths=np.array([h for _, h, _ in pieces]),
-        transitions=np.array([step.transition for step in steps]),
-        bridges=np.array([step.bridge for step in steps]),
-        edges=polynomials,
-        responses=np.array([step.source for step in steps]),
-        sources=np.empty((len(steps), 6)),
-        background=np.empty((0, states_of(circuit(pieces[0][0])) + 2)),
-    )
 
 
 def _equal(one: TwoAxisCircuit, other: TwoAxisCircuit) -> bool:

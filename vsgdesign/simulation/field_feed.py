@@ -30,10 +30,9 @@ from vsgdesign.parameters.estimator import ProbeSpec
 from vsgdesign.parameters.study import ControllerSpec, Converter, Grid, Place, Study
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.estimated import NO_DESIGN, EstimateLog
-from vsgdesign.simulation.field_observer import FIELD_OBSERVER, first_memory
+from vsgdesign.simulation.field_observer import FieldMemory
 from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.observing import ObserverLaw, Watch
 from vsgdesign.simulation.probing import HeldProbe
 from vsgdesign.simulation.timeline import Timeline
 
@@ -146,7 +145,6 @@ class FieldScheduler:
     object has a state, so it serves one run at a time.
     """
 
-    observer: ObserverLaw = FIELD_OBSERVER
     probe_hold: float | None = None
     log_samples = 0
 
@@ -176,7 +174,7 @@ class FieldScheduler:
         V_n = self._study.converter.V_rated_rms
         self._fresh = True
         self._gate = FIRST_GATE
-        self._memory = first_memory(self._settings, omega_n, V_n, allowed=self._probing)
+        self._memory = FieldMemory(self._settings, omega_n, V_n, allowed=self._probing)
         self._held = self._box.middle.grid(self._study.converter)
         self._first = self._answers.first(self._held, known=False)
         self.rows: list[FieldRow] = []
@@ -184,9 +182,9 @@ class FieldScheduler:
         return self
 
     @property
-    def watch(self) -> Watch:
-        """The estimator's numbers, as the compiled loop takes them."""
-        return self._memory.watch
+    def memory(self) -> FieldMemory:
+        """The estimator's numbers."""
+        return self._memory
 
     @property
     def closed(self) -> bool:

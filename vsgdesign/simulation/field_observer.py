@@ -1,19 +1,19 @@
-"""The field estimator as an observer of the compiled loop: its probe and its lock-in in every sample
-(:eq:`probe-in-the-loop`).
+"""The numbers of a field estimator in a run: its lock-in moves with every sample of the compiled loop, the rest once a
+cycle (:eq:`probe-in-the-loop`).
 
-Its numbers lie in arrays between two calls, because a Python object for each of some hundred numbers would cost more
-than the estimator itself.
+They lie in arrays, because a Python object for each of some hundred numbers would cost more than the estimator itself.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.codegen.flat import flat_block
+from vsgdesign.codegen.llvm import Loop, LoopSpec, compiled_loop
 from vsgdesign.equations.field import (
     FieldAnswer,
     FieldFeatures,
@@ -24,123 +24,77 @@ from vsgdesign.equations.field import (
     features,
     first_lock_in,
     first_track,
-    listen,
-    probe_value,
 )
-from vsgdesign.equations.probe import probe_offset
-from vsgdesign.frames import rotate
-from vsgdesign.simulation.compiling import compile_function, source_stamp
-from vsgdesign.simulation.observing import ObserverLaw, Sent, Watch, flat, pack, unpack, zero_record
+from vsgdesign.simulation.records import numbers_of, record_like, zero_record
 
 Array = NDArray[np.float64]
 
-
-class FieldConstants(NamedTuple):
-    """Constants of the observer."""
-
-    settings: FieldSettings
-    V_rated_rms: Any
-    """Rated phase voltage, rms V."""
-    allowed: Any
-    """1 to send the probe, 0 to send none."""
+_LOCK_IN = zero_record(LockIn)
+_SIZE = len(numbers_of(_LOCK_IN))
+_PLACE_OF_CLOSED = int(record_like(_LOCK_IN, iter(np.arange(_SIZE, dtype=float).tolist())).closed)
 
 
-_LOCK_IN, _TRACK, _CONSTANTS = (zero_record(kind) for kind in (LockIn, FieldTrack, FieldConstants))
-
-_PLACE_OF_CLOSED = int(unpack(np.arange(len(flat(_LOCK_IN)), dtype=float), _LOCK_IN).closed)
-
-
-def _begin(watch: Watch) -> Any:
-    return unpack(watch.memory, _LOCK_IN), unpack(watch.constants, _CONSTANTS)
+def concluded(lock: LockIn, track: FieldTrack, settings: FieldSettings) -> Any:
+    """A cycle ends and the next one begins. Returns (next_lock, next_track, answer, seen): the last are the features
+    that a network behind the estimator is given."""
+    locked, moved, said = conclude(lock, track, settings)
+    return locked, moved, said, features(locked, moved, said, settings)
 
 
-def _probe(lock: LockIn, V: Any, constants: FieldConstants) -> Sent:
-    u_d, u_q = probe_value(lock, constants.allowed, constants.settings)
-    added_V, added_theta = probe_offset(u_d, u_q, V, constants.V_rated_rms)
-    return Sent(V=added_V, theta=added_theta, d=u_d, q=u_q)
+class FieldMemory:
+    """The numbers of one estimator. ``omega`` is the converter's frequency, rad/s; without ``allowed`` it sends no
+    probe."""
 
+    def __init__(self, settings: FieldSettings, omega: float, V_rated_rms: float, *, allowed: bool) -> None:
+        self.settings, self.V_rated_rms, self.allowed = settings, V_rated_rms, float(allowed)
+        self.lock = np.array(numbers_of(first_lock_in(settings, omega)))
+        """The lock-in. The loop of a run moves it in place."""
+        track = np.array(numbers_of(first_track(settings)))
+        self._rows = np.concatenate([self.lock, track])[None, :, None]
+        self._constants = np.array(numbers_of(settings))
+        self._log = np.empty((1, 1, len(FieldAnswer._fields) + len(FieldFeatures._fields), 1))
 
-def _listen(lock: LockIn, measured: Any, theta: Any, sent: Sent, limited: Any, constants: FieldConstants) -> LockIn:
-    # The controller's own sine and cosine: the compiler finds that they are the same.
-    sent_alpha, sent_beta = rotate(sent.d, sent.q, np.cos(theta), np.sin(theta))
-    return listen(
-        lock,
-        measured.v_alpha,
-        measured.v_beta,
-        measured.i_g_alpha,
-        measured.i_g_beta,
-        sent_alpha,
-        sent_beta,
-        limited,
-        constants.settings,
-    )
-
-
-def _closed(lock: LockIn) -> Any:
-    return lock.closed
-
-
-def _keep(watch: Watch, lock: LockIn) -> None:
-    pack(watch.memory, lock)
-
-
-FIELD_OBSERVER = ObserverLaw(_begin, _probe, _listen, _closed, _keep)
-"""The law of a run with a field estimator."""
-
-
-class FieldMemory(NamedTuple):
-    """The numbers of one estimator."""
-
-    watch: Watch
-    """Of the loop: the lock-in and the constants."""
-    track: Array
-    """What changes once per cycle."""
-    answer: Array
-    """The answer of the last cycle."""
-    features: Array
-    """What a network behind the estimator is given in this cycle."""
+    def moves_in(self, place: Array) -> None:
+        """The lock-in goes on in another array, that of a run."""
+        place[:] = self.lock
+        self.lock = place
 
     @property
     def closed(self) -> bool:
         """Whether a cycle has ended that is not concluded yet."""
-        return self.watch.memory[_PLACE_OF_CLOSED] != 0.0
+        return bool(self.lock[_PLACE_OF_CLOSED] != 0.0)
 
     @property
     def lock_in(self) -> LockIn:
         """The lock-in as a record."""
-        return unpack(self.watch.memory, _LOCK_IN)
+        return record_like(_LOCK_IN, iter(self.lock.tolist()))
 
     @property
     def seen(self) -> FieldFeatures:
         """The features of the cycle that was concluded last."""
-        return FieldFeatures(*self.features.tolist())
+        return FieldFeatures(*self._log[0, 0, len(FieldAnswer._fields) :, 0].tolist())
 
     def conclude(self) -> FieldAnswer:
         """Ends a cycle and begins the next one."""
-        _conclusion()(self.watch.memory, self.track, self.watch.constants, self.answer, self.features)
-        return FieldAnswer(*self.answer.tolist())
-
-
-def first_memory(settings: FieldSettings, omega: float, V_rated_rms: float, *, allowed: bool) -> FieldMemory:
-    """The numbers of an estimator that knows nothing yet. ``omega`` is the converter's frequency, rad/s."""
-    constants = FieldConstants(settings, V_rated_rms, float(allowed))
-    lock, track = first_lock_in(settings, omega), first_track(settings)
-    memory, kept, given = (np.array(flat(record)) for record in (lock, track, constants))
-    answer, seen = np.zeros(len(FieldAnswer._fields)), np.zeros(len(FieldFeatures._fields))
-    return FieldMemory(Watch(memory, given), kept, answer, seen)
+        self._rows[0, :_SIZE, 0] = self.lock
+        _conclusion()(0, 1, self._rows, self._constants, log=self._log, every=1)
+        self.lock[:] = self._rows[0, :_SIZE, 0]
+        return FieldAnswer(*self._log[0, 0, : len(FieldAnswer._fields), 0].tolist())
 
 
 @functools.cache
-def _conclusion() -> Callable[..., None]:
-    stamp = source_stamp()
-
-    def concluding(memory: Array, track: Array, constants: Array, answer: Array, seen: Array) -> None:
-        if stamp >= 0:  # always: it only makes the stamp part of the cache key
-            settings = unpack(constants, _CONSTANTS).settings
-            lock, moved, said = conclude(unpack(memory, _LOCK_IN), unpack(track, _TRACK), settings)
-            pack(memory, lock)
-            pack(track, moved)
-            pack(answer, said)
-            pack(seen, features(lock, moved, said, settings))
-
-    return compile_function(concluding, outermost=True, cache=True)
+def _conclusion() -> Loop:
+    """A loop of one sample: the end of a cycle."""
+    block = flat_block(concluded)
+    state = [name for name in block.inputs if name.startswith(("lock.", "track."))]
+    outputs = dict(block.outputs)
+    said = [name for name in outputs if name.startswith(("answer.", "seen."))]
+    return compiled_loop(
+        LoopSpec(
+            bodies=(block,),
+            state=tuple((name, f"next_{name}") for name in state),
+            uniform=tuple(name for name in block.inputs if name.startswith("settings.")),
+            logged=tuple(said),
+            strict=True,
+        )
+    )

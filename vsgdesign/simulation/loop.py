@@ -1,45 +1,269 @@
-"""The compiled loop of a run, put together from the kernel, a limiter and an observer."""
+"""The compiled loop of a run with its numbers: from the state before a sample to the state after it, many times.
+
+The body of the loop is one straight line (:mod:`vsgdesign.simulation.bodies`). It is compiled without contraction and
+without approximation, so every processor computes the same bits, and so does plain Python: an interval that an event
+cuts into pieces is run by Python, operation by operation.
+"""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
-from vsgdesign.equations.limiters import CIRCULAR, LimiterLaw
-from vsgdesign.simulation.compiling import compile_function, compiled_law, is_packaged, source_stamp
-from vsgdesign.simulation.kernel import Bridge, ControllerInputs, LogRows, Moving, PlantPieces, Span, run_stretch
-from vsgdesign.simulation.observing import SILENT, ObserverLaw, Watch
-from vsgdesign.simulation.sensors import SensorRows
+import numpy as np
+from numpy.typing import NDArray
 
-acting: LimiterLaw = CIRCULAR.law
-watching: ObserverLaw = SILENT
-"""They stand for the limiter and the observer in the text of the loop below; the compiled loop has those that it was
-asked for."""
+from vsgdesign.codegen.blocks import evaluated
+from vsgdesign.codegen.llvm import Loop, LoopSpec, compiled_loop
+from vsgdesign.codegen.records import Kinds
+from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement
+from vsgdesign.equations.field import FieldSettings, LockIn
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.limiters import GridEstimate
+from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.simulation.bodies import FALLING, PEAK, RISING, Run, bodies, control, plant, states_of
+from vsgdesign.simulation.lanes.sample import CarrierPart, EdgeRow, PlantRow
+from vsgdesign.simulation.records import numbers_of
+from vsgdesign.simulation.sample import Noise, Sensors
+
+Array = NDArray[np.float64]
+
+LOG_COLUMNS = (
+    "i_s_alpha",
+    "i_s_beta",
+    "v_c_alpha",
+    "v_c_beta",
+    "i_g_alpha",
+    "i_g_beta",
+    "v_g_alpha",
+    "v_g_beta",
+    "P",
+    "Q",
+    "omega",
+    "V_rms",
+    "theta",
+    "limited_samples",
+)
+"""What a run keeps of a sample, SI and peak. Voltages and currents are those of the circuit; P and Q are what the
+controller measures with its sensors, before its filters. ``limited_samples`` counts the samples from the start of the
+run up to and including this one in which the current limiter acted."""
+
+SENSED_COLUMNS = ("measured.v_alpha", "measured.v_beta", "measured.i_g_alpha", "measured.i_g_beta")
+"""What is kept besides where the sensors are not ideal: what they say of the capacitor node's voltage and of i_g."""
+
+
+class PieceRows(NamedTuple):
+    """A part of a sampling interval: the rows of its circuit, the source's phasor at its beginning, its place on the
+    carrier (none: averaged), and what the source's other components add to the states over it (none: nothing)."""
+
+    numbers: Mapping[str, Array]
+    slope: str = ""
+    part: CarrierPart | None = None
+    more: Array | None = None
+
+
+class Layout(NamedTuple):
+    """Names of a loop's numbers."""
+
+    state: tuple[tuple[str, str], ...]
+    constant: tuple[str, ...]
+    uniform: tuple[str, ...]
+    fed: tuple[str, ...]
+    logged: tuple[str, ...]
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Of the rows: the state, then the constants."""
+        return (*(name for name, _ in self.state), *self.constant)
 
 
 @functools.cache
-def compiled_loop(law: LimiterLaw, observer: ObserverLaw = SILENT) -> Callable[..., Any]:
-    """The compiled inner loop with a limiter and an observer, from the disk cache where its sources are the package's
-    and unchanged."""
-    return _with_stamp(source_stamp(*law, *observer), law, observer)  # type: ignore[arg-type]
+def layout_of(run: Run, states_logged: bool = False) -> Layout:
+    """Where the numbers of a run's loop stand. Rows and uniform numbers are the same whatever is added or logged."""
+    names, switched = states_of(run.axes), bool(run.bridge.slopes)
+    kinds = Kinds({ControllerState: {"limiter": run.memory}, ControllerSettings: {"limiter": run.constants}})
+
+    def of(head: str, kind: type) -> list[str]:
+        return [f"{head}.{path}" for path in kinds.paths(kind)]
+
+    own = of("state", ControllerState)
+    after = {"state.theta": "next_theta", "state.V": "next_V"} if run.field else {"state.theta": "kept_angle"}
+    told = {"state.theta": "commanded_theta", "state.V": "commanded_V"} if run.field else {}
+    moved = "arrived" if run.added else "moved"
+    state = [(f"x.{name}", f"{moved}.{name}") for name in names]
+    state += [(name, after.get(name, name.replace("state.", "following.", 1))) for name in own]
+    state += [("limited", "limited_samples"), *((f"source.{part}", f"turned.{part}") for part in ("cosine", "sine"))]
+    if run.bridge.delayed:
+        state += [(f"pending.{axis}", f"said.v_b_{axis}") for axis in ("alpha", "beta")]
+    if run.sensors:
+        state += [(f"before.{path}", f"true.{path}") for path in Measurement._fields]
+    if run.field:
+        state += [(name, name.replace("lock.", "heard.", 1)) for name in of("lock", LockIn)]
+    if run.axes is None:
+        constant = of("row", PlantRow) + (of("edge", EdgeRow) if switched else [])
+    else:
+        constant = _two_axis_names(len(names), run.axes.degree if switched else None)
+    constant += ["V_g", *of("refs", References), *of("power_gains", PowerLoopGains), *of("grid", GridEstimate)]
+    uniform = [*of("inner_gains", InnerLoopGains), *of("settings", ControllerSettings), "R_c"]
+    if switched:
+        uniform.append("V_dc")
+    if run.sensors:
+        uniform += of("sensors", Sensors)
+    if run.field:
+        uniform += [*of("field", FieldSettings), "V_rated_rms", "allowed"]
+    fed = [f"more.{name}" for name in names] + ["added.alpha", "added.beta"] if run.added else []
+    fed += of("noise", Noise) if run.sensors else []
+    logged = [f"x.{name}" for name in names[:6]]
+    logged += ["v_g_alpha", "v_g_beta", "said.P", "said.Q", "said.omega"]
+    logged += [told.get("state.V", "state.V"), told.get("state.theta", "state.theta"), "limited_samples"]
+    logged += SENSED_COLUMNS if run.sensors else ()
+    logged += [told.get(name, name) for name in own] if states_logged else []
+    return Layout(tuple(state), tuple(constant), tuple(uniform), tuple(fed), tuple(logged))
 
 
-def _with_stamp(stamp: int, law: LimiterLaw, observer: ObserverLaw) -> Callable[..., Any]:
-    def loop(
-        span: Span,
-        moving: Moving,
-        given: ControllerInputs,
-        bridge: Bridge,
-        plant: PlantPieces,
-        sensors: SensorRows | None,
-        log: LogRows,
-        watch: Watch,
-    ) -> Any:
-        if stamp < 0:  # never: it only makes the stamp part of the cache key
-            span = Span(0, 0, 0)
-        return run_stretch(span, moving, given, bridge, plant, sensors, log, watch, acting, watching)
+def _two_axis_names(states: int, degree: int | None) -> list[str]:
+    pairs = [(row, axis) for row in range(states) for axis in range(2)]
+    found = [f"row.p_{row}_{k}" for row in range(states) for k in range(states)]
+    found += [f"row.b_{row}_{axis}" for row, axis in pairs] + [f"row.s_{row}_{axis}" for row, axis in pairs]
+    found += ["row.turn_cos", "row.turn_sin"]
+    if degree is not None:
+        found += [f"edge.c{k}_{row}_{axis}" for k in range(degree + 1) for row, axis in pairs]
+    return found
 
-    kept = is_packaged((*law, *observer))  # type: ignore[arg-type]
-    laws = {"acting": compiled_law(law), "watching": compiled_law(observer)}
-    return compile_function(loop, outermost=True, cache=kept, **laws)  # type: ignore[arg-type]
+
+@functools.cache
+def loop_of(run: Run, states_logged: bool = False) -> Loop:
+    """The compiled loop, which logs the controller's states or not."""
+    layout = layout_of(run, states_logged)
+    stop = "closed" if run.field else ""
+    wanted = dict.fromkeys([*(output for _, output in layout.state), *([stop] if stop else [])])
+    inputs = set(layout.rows)
+    wanted |= dict.fromkeys(name for name in layout.logged if name not in inputs)
+    blocks = bodies(run, tuple(wanted))
+    known = {name for block in blocks for name in block.inputs}
+    return compiled_loop(
+        LoopSpec(
+            bodies=blocks,
+            state=layout.state,
+            constant=layout.constant,
+            uniform=layout.uniform,
+            cyclic=tuple(f"part.{name}" for name in CarrierPart._fields if f"part.{name}" in known),
+            fed=layout.fed,
+            logged=layout.logged,
+            stop=stop,
+            strict=True,
+        )
+    )
+
+
+def carrier(p: float) -> float:
+    """Symmetric triangle in [−1, 1] over its period p ∈ [0, 1], valley at zero."""
+    return 4.0 * p - 1.0 if p < 0.5 else 3.0 - 4.0 * p
+
+
+def carrier_part(begin: float, end: float) -> CarrierPart:
+    """An interval on the carrier."""
+    return CarrierPart(begin, end, carrier(begin))
+
+
+def slopes_of(samples_per_carrier: int) -> tuple[str, ...]:
+    """Where the samples of a carrier's period lie on it."""
+    n = samples_per_carrier
+    return tuple(RISING if 2 * (j + 1) <= n else FALLING if 2 * j >= n else PEAK for j in range(n))
+
+
+class RunLoop:
+    """The numbers of one run, and the compiled loops that move them.
+
+    A number is found by its name, those of a record by the record's: ``put("refs", refs)``.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        layout = layout_of(run)
+        self._names = layout.rows
+        self._rows = np.zeros((1, len(layout.rows), 1))
+        self._uniform = np.zeros(len(layout.uniform))
+        self._uniform_names = layout.uniform
+        self._places = _heads(layout.rows)
+        self._uniform_places = _heads(layout.uniform)
+        slopes = run.bridge.slopes
+        kinds = list(dict.fromkeys(slopes))
+        n = len(slopes)
+        self._cycle = np.array([kinds.index(slope) for slope in slopes], np.int64)
+        self._parts = [carrier_part(j / n, j / n + 1.0 / n) for j in range(n)]
+        self._cyclic = np.array(self._parts, float).reshape(n, len(CarrierPart._fields))
+
+    def view(self, head: str) -> Array:
+        """The numbers of a record as an array that moves with the run."""
+        return self._rows[0, self._places[head], 0]
+
+    def put(self, head: str, record: Any) -> None:
+        """Sets a number or the numbers of a record."""
+        values = record if isinstance(record, np.ndarray | float) else numbers_of(record)
+        if head in self._places:
+            self._rows[0, self._places[head], 0] = values
+        else:
+            self._uniform[self._uniform_places[head]] = values
+
+    def state(self, like: ControllerState) -> ControllerState:
+        """The controller's state."""
+        numbers = self.view("state").tolist()
+        count = len(like) - 1
+        return ControllerState(*numbers[:count], limiter=type(like.limiter)(*numbers[count:]))
+
+    def advance(self, begin: int, end: int, log: Array, every: int, fed: Array | None, states: bool = False) -> int:
+        """Runs samples ``begin`` to ``end`` − 1, or fewer where a field estimator's cycle ends before. Returns
+        how many.
+
+        ``log``: a row for every ``every``-th sample of the run. ``fed`` (samples, n): what is given sample by sample;
+        None where nothing is added to the source and the sensors are ideal. ``states``: whether the log has the
+        controller's states.
+        """
+        added = fed is not None and fed.shape[1] > (len(Noise._fields) if self.run.sensors else 0)
+        loop = loop_of(self.run._replace(added=added), states)
+        pwm = len(self._parts) > 0
+        return loop(
+            begin,
+            end,
+            self._rows,
+            self._uniform,
+            cyclic=self._cyclic if pwm else None,
+            cycle=self._cycle if len(loop.spec.bodies) > 1 else None,
+            fed=None if fed is None else fed[None, :, :, None],
+            log=log[None, :, :, None],
+            every=every,
+        )
+
+    def advance_in_pieces(self, pieces: list[PieceRows], log: Array, fed: Array, states: bool = False) -> None:
+        """Runs one sample whose interval is in pieces, in plain Python. ``log`` is the row to write, ``fed`` (n) what
+        the loop would be given."""
+        run = self.run._replace(added=True)
+        layout = layout_of(run, states)
+        here = dict(zip(self._names, self._rows[0, :, 0].tolist(), strict=True))
+        here |= dict(zip(self._uniform_names, self._uniform.tolist(), strict=True))
+        here |= dict(zip(layout.fed, fed.tolist(), strict=True))
+        here |= evaluated(control(run), here)
+        log[:] = [here[name] for name in layout.logged]
+        following = dict(here)
+        for piece in pieces:
+            for head, values in piece.numbers.items():
+                following |= dict(zip(self._names[self._places[head]], values.tolist(), strict=True))
+            if piece.part is not None:
+                following |= {f"part.{name}": value for name, value in piece.part._asdict().items()}
+            if piece.more is not None:
+                following |= dict(zip(layout.fed, piece.more.tolist(), strict=False))
+            arrived = evaluated(plant(run, piece.slope), following)
+            following |= arrived
+            following |= {f"x.{name}": arrived[f"arrived.{name}"] for name in states_of(run.axes)}
+        self._rows[0, : len(layout.state), 0] = [following[output] for _, output in layout.state]
+
+
+def _heads(names: tuple[str, ...]) -> dict[str, slice]:
+    """Where the numbers of every record stand."""
+    found: dict[str, slice] = {}
+    for at, name in enumerate(names):
+        head = name.partition(".")[0]
+        found[head] = slice(found[head].start if head in found else at, at + 1)
+    return found

@@ -23,7 +23,6 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.identification import Probe
 from vsgdesign.parameters.study import Grid, Study
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.observing import NO_WATCH, SILENT
 from vsgdesign.simulation.probing import HeldProbe
 from vsgdesign.simulation.timeline import Timeline
 
@@ -280,7 +279,7 @@ def sensed_vectors(log: Array, sensed: Array, v_pcc: Array, circuit: FilterGrid)
 class ListedGains:
     """Gains over time that are known beforehand, as a run takes them."""
 
-    observer, watch, closed = SILENT, NO_WATCH, False
+    memory, closed = None, False
 
     def __init__(self, changes: Sequence[GainChange], T_s: float) -> None:
         if not changes or changes[0].t_s > 0.0:
@@ -328,7 +327,7 @@ class ListedGains:
 class OnlineGains:
     """An online scheduler, as a run takes it: cuts windows out of the log and asks."""
 
-    observer, watch, closed = SILENT, NO_WATCH, False
+    memory, closed = None, False
 
     def __init__(self, scheduler: OnlineScheduler, study: Study, timeline: Timeline) -> None:
         self._scheduler, self._timeline = scheduler, timeline

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.equations.controller_data import flat_state
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
@@ -23,25 +20,19 @@ from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification import Probe
 from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state
 from vsgdesign.parameters.study import Grid, GridSource, Study
-from vsgdesign.simulation.background import Background, Interval
-from vsgdesign.simulation.circuits import CircuitOfGrid, circuits_of, stacked_plants, states_of
+from vsgdesign.simulation.background import Background
+from vsgdesign.simulation.bodies import Bridge, Run
+from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.kernel import (
-    LOG_COLUMNS,
-    Bridge,
-    ControllerInputs,
-    LogRows,
-    Moving,
-    PlantPieces,
-    Span,
-)
-from vsgdesign.simulation.loop import compiled_loop
+from vsgdesign.simulation.loop import LOG_COLUMNS, RunLoop, slopes_of
 from vsgdesign.simulation.online import ListedGains, OnlineGains, OnlineScheduler
-from vsgdesign.simulation.outcome import Divergence, good_rows, outside
+from vsgdesign.simulation.outcome import Divergence, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
-from vsgdesign.simulation.sensors import sensors_of
-from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
+from vsgdesign.simulation.run_log import RunLog
+from vsgdesign.simulation.sensors import SensorsOfRun, sensors_of
+from vsgdesign.simulation.stretches import Sources, on_sample
+from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 _RAMP_STRETCH = 0.02
 """Longest stretch of a ramp with one centre frequency, s."""
@@ -106,8 +97,7 @@ def simulate(
     SimulationDivergedError is raised where less than two rows of the log come before.
     """
     timeline = build_timeline(study)
-    settings = study.controller_settings()
-    T_s = settings.T_s
+    T_s = study.converter.T_s
     samples = round(study.simulation.duration / T_s)
     feed = _feed(schedule, study, timeline)
     if probe is not None and isinstance(schedule, FieldScheduler):
@@ -117,112 +107,130 @@ def simulate(
         )
     kept = round(study.simulation.log_interval / T_s)
     log_every = math.gcd(kept, feed.log_samples)  # a scheduler's samples are taken from the log
-    log = np.empty((-(-samples // log_every), len(LOG_COLUMNS)))
-    circuit_of = circuits_of(study, timeline, circuit)
+    pwm = (study.simulation.bridge if bridge is None else bridge) == "pwm"
+    circuits = Circuits(study, timeline, circuit, switched=pwm)
     start = _start(study, timeline, feed.first())
-    x, state, pending = np.zeros(states_of(circuit_of(timeline.grid_at(0.0)))), start.controller, start.pending
+    like = start.controller
+    x = np.zeros(circuits.states)
     x[: len(start.plant)] = start.plant
     sensors = sensors_of(study, x, timeline.source_at(0.0).omega)
-    sensed = np.empty((0 if sensors is None else len(log), 4))
-    feed.sensed = sensed
-    controller_log = np.empty((min(log_states, samples), len(flat_state(state))))
-    limited = np.zeros(1)
-    c = study.converter
-    pwm = (study.simulation.bridge if bridge is None else bridge) == "pwm"
-    bridge_data = Bridge(
-        pwm=int(pwm),
-        V_dc=c.V_dc,
-        zero_sequence=int(c.zero_sequence),
-        samples_per_carrier=c.samples_per_carrier,
-        delay_samples=c.delay_samples,
-        R_c=study.filter.R_c,
-    )
-    loop = compiled_loop(study.limiter.law, feed.observer)
-    plants = functools.lru_cache(maxsize=64)(functools.partial(stacked_plants, circuit_of, pwm))
-    background = Background(circuit_of, rms_to_peak(c.V_rated_rms), timeline)
+    loop = _loop(study, feed, circuits, start, sensors, x)
+    log = RunLog(samples, log_every, min(log_states, samples), like, sensed=sensors is not None)
+    feed.sensed = log.sensed
+    sources = Sources(circuits, Background(circuits.of, rms_to_peak(study.converter.V_rated_rms), timeline), timeline)
     loop_seconds, divergence = 0.0, None
-    no_rows = np.empty((0, controller_log.shape[1]))
     gains, refs_so_far = feed.first(), _references(study, timeline, 0)
     hold = feed.probe_hold if probe is None else probe.hold
     held = None if hold is None else HeldProbe(hold, study, samples)
     feed.held = held
     cuts = feed.cuts(samples) if held is None else feed.cuts(samples) | held.cuts(samples)
     for first, count in _stretches(study, timeline, cuts, samples):
-        plant = _pieces(timeline, plants, background, (first, count), T_s)
-        if pwm and not np.isfinite(plant.edges).all():
-            raise InfeasibleStudyError(
-                "the circuit is too stiff to switch: its fastest mode (R/L or R_c/L) dies out many times within a "
-                'sampling period. Sample faster, lower R_c, raise x_over_r, or use bridge = "averaged".'
-            )
+        state = loop.state(like)
         refs = _references(study, timeline, first)
-        feed.limited_samples = int(limited[0])
-        before, gains = gains, feed.update(first, gains, state, refs, log, log_every)
+        feed.limited_samples = int(loop.view("limited")[0])
+        before, gains = gains, feed.update(first, gains, state, refs, log.rows, log_every)
         # With the references of the samples before: a step of them at this sample belongs to the new gains.
         state = _with_gains(state, refs_so_far, before, gains)
         refs_so_far = refs
-        states = controller_log[first:] if first < len(controller_log) else no_rows
         added = None
         if held is not None:
             held.ask(first, feed.wanted() if probe is None else probe)
             refs = held.references(first, refs)
             added = held.offset(first, state.V)
             state = add_offset(state, *added)
-        sensor_rows = None if sensors is None else sensors.rows(first, count)
+        loop.put("state", state)
+        loop.put("refs", refs)
+        noise = None if sensors is None else sensors.noise(first, count)
+        stretch = sources.stretch(first, count, T_s, noise, study.converter.samples_per_carrier)
         begin = time.perf_counter()
         done, why = 0, None
         with interrupts_deferred():
             while done < count and why is None:
-                following, done = loop(
-                    Span(first, done, count),
-                    Moving(x, pending, state),
-                    ControllerInputs(
-                        grid=_estimate(feed.grid(first) or study.grid),
-                        refs=refs,
-                        power_gains=gains,
-                        inner_gains=study.inner_gains,
-                        settings=settings,
-                    ),
-                    bridge_data,
-                    plant,
-                    sensor_rows,
-                    LogRows(rows=log, sensed=sensed, every=log_every, states=states, limited=limited),
-                    feed.watch,
-                )
-                state = _of_own_types(following, state)
-                why = outside(study, x, state)
+                loop.put("power_gains", gains)
+                loop.put("grid", _estimate(feed.grid(first) or study.grid))
+                done += stretch.run(loop, log, done)
+                state = loop.state(like)
+                why = outside(study, loop.view("x"), state)
                 if why is None and feed.closed:
                     before, gains = gains, feed.conclude(first + done, gains, state)
                     state = _with_gains(state, refs, before, gains)
+                    loop.put("state", state)
         loop_seconds += time.perf_counter() - begin
         if added is not None:
-            state = add_offset(state, -added[0], -added[1])
+            loop.put("state", add_offset(state, -added[0], -added[1]))
         if why is not None:
-            rows = -(-first // log_every), -(-(first + done) // log_every)
-            good = rows[0] + good_rows(study, log[rows[0] : rows[1]])
+            good = log.good(study, first, first + done)
             diverged_s = good * log_every * T_s
             divergence = Divergence(diverged_s, f"the simulation diverged at {diverged_s:.4g} s: {why}")
             if good <= kept // log_every:
                 raise SimulationDivergedError(divergence.reason)
-            log, controller_log = log[:good], controller_log[: good * log_every]
+            log.end(good)
             break
         if progress is not None:
             progress((first + count) * T_s)
+    final = loop.state(like)
     if divergence is None:
-        feed.limited_samples = int(limited[0])
-        feed.finish(samples, gains, state, _references(study, timeline, samples), log, log_every)
-    log = log if log_every == kept else log[:: kept // log_every].copy()
-    t_s = np.arange(log.shape[0]) * (kept * T_s)
+        feed.limited_samples = int(loop.view("limited")[0])
+        feed.finish(samples, gains, final, _references(study, timeline, samples), log.rows, log_every)
+    rows = log.rows
+    rows = rows if log_every == kept and rows.flags.c_contiguous else rows[:: kept // log_every].copy()
+    t_s = np.arange(rows.shape[0]) * (kept * T_s)
     return Simulation(
         t_s=t_s,
-        log=log,
-        controller_log=controller_log,
+        log=rows,
+        controller_log=log.states,
         timeline=timeline,
         gain_changes=tuple(feed.changes),
-        final_state=state,
-        final_plant=x,
+        final_state=final,
+        final_plant=loop.view("x").copy(),
         loop_seconds=loop_seconds,
         divergence=divergence,
     )
+
+
+def _loop(
+    study: Study,
+    feed: ListedGains | OnlineGains | FieldScheduler,
+    circuits: Circuits,
+    start: SampledState,
+    sensors: SensorsOfRun | None,
+    x: NDArray[np.float64],
+) -> RunLoop:
+    """The loop of a run with the numbers that do not change, at the start of the run."""
+    c, settings = study.converter, study.controller_settings()
+    field = feed.memory
+    run = Run(
+        law=study.limiter.law,
+        memory=type(start.controller.limiter),
+        constants=type(settings.limiter),
+        bridge=Bridge(
+            slopes=slopes_of(c.samples_per_carrier) if circuits.switched else (),
+            zero_sequence=bool(c.zero_sequence),
+            delayed=c.delay_samples > 0,
+        ),
+        axes=circuits.axes,
+        sensors=sensors is not None,
+        field=field is not None,
+    )
+    loop = RunLoop(run)
+    loop.put("x", x)
+    loop.put("state", start.controller)
+    loop.put("inner_gains", study.inner_gains)
+    loop.put("settings", settings)
+    loop.put("R_c", study.filter.R_c)
+    if c.delay_samples > 0:
+        loop.put("pending", np.array(start.pending))
+    if circuits.switched:
+        loop.put("V_dc", c.V_dc)
+    if sensors is not None:
+        loop.put("sensors", sensors.constants)
+        loop.put("before", sensors.before)
+    if field is not None:
+        loop.put("field", field.settings)
+        loop.put("V_rated_rms", field.V_rated_rms)
+        loop.put("allowed", field.allowed)
+        field.moves_in(loop.view("lock"))
+    return loop
 
 
 def _feed(
@@ -266,12 +274,6 @@ def _start(study: Study, timeline: Timeline, gains: PowerLoopGains) -> SampledSt
         raise
 
 
-def _on_sample(t_s: float, T_s: float) -> int | None:
-    """The sample that an instant coincides with (to a millionth of a period), if any."""
-    k = round(t_s / T_s)
-    return k if abs(t_s / T_s - k) < 1e-6 else None
-
-
 def _time_of(sample: int, T_s: float) -> float:
     """A sample's time, with the slack by which instants are taken to coincide with it."""
     return (sample + 1e-6) * T_s
@@ -285,7 +287,7 @@ def _stretches(study: Study, timeline: Timeline, gain_cuts: set[int], samples: i
     T_s = study.converter.T_s
     cuts = {0, samples} | gain_cuts
     for t_s in timeline.plant_changes():
-        k = _on_sample(t_s, T_s)
+        k = on_sample(t_s, T_s)
         cuts |= {k} if k is not None else {math.floor(t_s / T_s), math.floor(t_s / T_s) + 1}
     for t_s, _, _ in timeline.references:
         cuts.add(math.ceil(t_s / T_s - 1e-6))
@@ -300,48 +302,3 @@ def _stretches(study: Study, timeline: Timeline, gain_cuts: set[int], samples: i
     ordered = sorted(k for k in cuts if 0 <= k <= samples)
     for first, following in itertools.pairwise(ordered):
         yield first, following - first
-
-
-def _of_own_types(values: Any, like: ControllerState) -> ControllerState:
-    """A state that the compiled loop returned, as the classes of this process: machine code from the disk cache brings
-    its own copies."""
-    *numbers, limiter = values
-    return ControllerState(*numbers, limiter=type(like.limiter)(*limiter))
-
-
-def _pieces(
-    timeline: Timeline,
-    plants: Callable[..., PlantPieces],
-    background: Background,
-    stretch: tuple[int, int],
-    T_s: float,
-) -> PlantPieces:
-    """The circuit and its source over the interval after a stretch's first sample, cut where they change; and what the
-    source's components add over every interval of the stretch (first sample, count)."""
-    first, count = stretch
-    start, end = first * T_s, (first + 1) * T_s
-    inside = [t for t in timeline.plant_changes() if start < t < end and _on_sample(t, T_s) is None]
-    instants = [start, *inside]
-    lengths = np.diff([*instants, end]) if inside else np.array([T_s])
-    intervals = []
-    for k, h in enumerate(lengths):
-        t_s = instants[k] + 1e-6 * T_s if k == 0 else instants[k]
-        source = timeline.source_at(t_s).at(instants[k])
-        intervals.append(Interval(float(h), timeline.grid_at(t_s), source, timeline.components_at(t_s)))
-    pieces = plants(tuple((one.grid, one.h, one.source.omega) for one in intervals))
-    pieces = pieces._replace(sources=np.array([_source_row(one.source) for one in intervals]))
-    if background.acts(intervals):
-        pieces = pieces._replace(background=background.rows(intervals, first, count, T_s))
-    return pieces
-
-
-def _source_row(source: SourceSegment) -> list[float]:
-    return [
-        math.cos(source.phase),
-        math.sin(source.phase),
-        rms_to_peak(source.V_g_rms),
-        rms_to_peak(source.V_slope),
-        source.omega,
-        source.omega_slope,
-        0.0,
-    ]

@@ -1,0 +1,156 @@
+"""Blocks put together, written by hand, and run in plain Python."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from vsgdesign.codegen.expressions import Expression, Number, Operation, Variable
+from vsgdesign.codegen.flat import Block, needed_lets
+
+
+class Part(NamedTuple):
+    """A block, and for some of its inputs what they are called where it is put."""
+
+    block: Block
+    called: Mapping[str, str] = {}
+
+
+def joined(*parts: Part) -> Block:
+    """Blocks one after the other as one. An input that has the name of an output of an earlier block is this output;
+    every other one is an input of the whole. Equal operations are shared."""
+    inputs: dict[str, None] = {}
+    lets: list[tuple[str, Expression]] = []
+    outputs: dict[str, Expression] = {}
+    taken = {part.called.get(name, name) for part in parts for name in part.block.inputs}
+    shared: dict[str, Variable] = {}
+    for block, called in parts:
+        here: dict[str, Expression] = {}
+        for name in block.inputs:
+            wanted = called.get(name, name)
+            if wanted not in outputs:
+                inputs[wanted] = None
+            here[name] = outputs.get(wanted, Variable(wanted))
+        for name, value in block.lets:
+            moved = _moved(value, here)
+            key = repr(moved)
+            if key not in shared:
+                own = _free(name, taken)
+                lets.append((own, moved))
+                shared[key] = Variable(own)
+            here[name] = shared[key]
+        outputs |= {name: _moved(value, here) for name, value in block.outputs}
+    return Block(tuple(inputs), tuple(lets), tuple(outputs.items()))
+
+
+def with_outputs(block: Block, names: tuple[str, ...]) -> Block:
+    """The block with these outputs alone, and without what they do not need."""
+    outputs = dict(block.outputs)
+    kept = tuple((name, outputs[name]) for name in dict.fromkeys(names))
+    return Block(block.inputs, tuple(needed_lets(block.lets, [value for _, value in kept])), kept)
+
+
+class Writer:
+    """A block that a loop of Python writes, operation by operation."""
+
+    def __init__(self) -> None:
+        self._inputs: dict[str, None] = {}
+        self._lets: list[tuple[str, Expression]] = []
+        self._outputs: dict[str, Expression] = {}
+
+    def input(self, name: str) -> Variable:
+        """An input."""
+        self._inputs[name] = None
+        return Variable(name)
+
+    def does(self, operation: str, *values: Expression) -> Variable:
+        """The value of an operation on numbers, inputs and earlier values."""
+        name = f"line_{len(self._lets)}"
+        self._lets.append((name, Operation(operation, values)))
+        return Variable(name)
+
+    def sum_of(self, *terms: Expression) -> Expression:
+        """The terms added from the left."""
+        total = terms[0]
+        for term in terms[1:]:
+            total = self.does("+", total, term)
+        return total
+
+    def output(self, name: str, value: Expression) -> None:
+        """An output."""
+        self._outputs[name] = value
+
+    def block(self) -> Block:
+        """What was written."""
+        return Block(tuple(self._inputs), tuple(self._lets), tuple(self._outputs.items()))
+
+
+def evaluated(block: Block, values: Mapping[str, float]) -> dict[str, float]:
+    """The outputs of a block for values of its inputs, operation by operation in plain Python: what a strict loop
+    computes, to the last bit."""
+    here: dict[str, Any] = {name: values[name] for name in block.inputs if name in values}
+    for name, value in block.lets:
+        here[name] = _value(value, here)
+    return {name: float(_value(value, here)) for name, value in block.outputs}
+
+
+def _moved(value: Expression, here: Mapping[str, Expression]) -> Expression:
+    if isinstance(value, Variable):
+        return here[value.name]
+    if isinstance(value, Operation):
+        return Operation(value.name, tuple(_moved(one, here) for one in value.arguments))
+    return value
+
+
+def _free(name: str, taken: set[str]) -> str:
+    found, count = name, 1
+    while found in taken:
+        count += 1
+        found = f"{name}_{count}"
+    taken.add(found)
+    return found
+
+
+def _value(value: Expression, here: Mapping[str, Any]) -> Any:
+    if isinstance(value, Number):
+        return value.value
+    if isinstance(value, Variable):
+        return here[value.name]
+    if isinstance(value, Operation):
+        return _DOES[value.name](*(_value(one, here) for one in value.arguments))
+    raise TypeError(f"{value!r} is no operation of a block.")
+
+
+def _quotient(a: float, b: float) -> float:
+    if b != 0.0:
+        return a / b
+    return math.nan if a == 0.0 or a != a else math.copysign(math.inf, a) * math.copysign(1.0, b)
+
+
+def _floor(x: float) -> float:
+    return float(math.floor(x)) if math.isfinite(x) else x
+
+
+_DOES: dict[str, Callable[..., Any]] = {
+    "+": lambda a, b: a + b,
+    "-": lambda a, b: a - b,
+    "*": lambda a, b: a * b,
+    "/": _quotient,
+    "neg": lambda a: -a,
+    "abs": abs,
+    "sqrt": lambda a: math.sqrt(a) if a >= 0.0 else math.nan,
+    "floor": _floor,
+    "max": lambda a, b: a if a >= b or a != a else b,
+    "min": lambda a, b: a if a <= b or a != a else b,
+    "select": lambda condition, one, other: one if condition else other,
+    "and": lambda a, b: a and b,
+    "or": lambda a, b: a or b,
+    "not": lambda a: not a,
+    "<": lambda a, b: a < b,
+    ">": lambda a, b: a > b,
+    "<=": lambda a, b: a <= b,
+    ">=": lambda a, b: a >= b,
+    "==": lambda a, b: a == b,
+    "!=": lambda a, b: a != b,
+}

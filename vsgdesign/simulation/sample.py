@@ -1,0 +1,282 @@
+"""What a run does in every sample besides :mod:`vsgdesign.simulation.lanes.sample`: sensors, a probe, what is logged.
+
+Plain functions of the restricted language: the loop of a run is made of their text, and so is an interval that an event
+cuts into pieces.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, controller_step
+from vsgdesign.equations.field import FieldSettings, LockIn, listen, probe_value
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.integration import within_a_turn
+from vsgdesign.equations.limiters import GridEstimate, LimiterLaw
+from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.equations.probe import probe_offset
+from vsgdesign.frames import clarke, clarke_inverse, rotate
+from vsgdesign.simulation.lanes.sample import (
+    BridgeVoltage,
+    CarrierPart,
+    EdgeRow,
+    PlantRow,
+    PlantState,
+    SourcePhasor,
+    edge_of_leg,
+    leg_after,
+    modulation,
+    moved_by_bridge,
+    moved_by_edges,
+    moved_by_source,
+    switched_bridge,
+)
+
+BEYOND = 5.0
+"""A modulation index that no carrier meets."""
+
+
+class SensorChannel(NamedTuple):
+    """One phase of one quantity: gain, offset, step of the quantisation (0: none), and where it saturates."""
+
+    gain: Any
+    offset: Any
+    step: Any
+    limit: Any
+
+
+class Sensors(NamedTuple):
+    """The sensors of v, i_s and i_g, one for each phase, and by how many sampling periods voltages and currents are
+    late, 0 to 1."""
+
+    v_a: SensorChannel
+    v_b: SensorChannel
+    v_c: SensorChannel
+    i_s_a: SensorChannel
+    i_s_b: SensorChannel
+    i_s_c: SensorChannel
+    i_g_a: SensorChannel
+    i_g_b: SensorChannel
+    i_g_c: SensorChannel
+    late_v: Any
+    late_i: Any
+
+
+class Noise(NamedTuple):
+    """What is added to each reading in one sample."""
+
+    v_a: Any
+    v_b: Any
+    v_c: Any
+    i_s_a: Any
+    i_s_b: Any
+    i_s_c: Any
+    i_g_a: Any
+    i_g_b: Any
+    i_g_c: Any
+
+
+class Switching(NamedTuple):
+    """The edge of one leg in an interval: its place in what is left of it, −1 to 1, and the step of the bridge voltage,
+    V peak, zero where there is no edge."""
+
+    place: Any
+    alpha: Any
+    beta: Any
+
+
+def reading(value: Any, noise: Any, channel: SensorChannel) -> Any:
+    """What one sensor makes of a value (:eq:`sensors`): gain, offset, noise, saturation, steps."""
+    raw = value * channel.gain + channel.offset + noise
+    held = np.minimum(np.maximum(raw, -channel.limit), channel.limit)
+    step = np.where(channel.step > 0.0, channel.step, 1.0)
+    stepped = np.minimum(np.floor(held / step + 0.5) * step, channel.limit - step)
+    return np.where(channel.step > 0.0, stepped, held)
+
+
+def sensed(true: Measurement, before: Measurement, noise: Noise, sensors: Sensors) -> Measurement:
+    """What the sensors say (:eq:`sensors`); ``before`` is what was true one sample before. Returns (measured)."""
+    v_a, v_b, v_c = clarke_inverse(
+        true.v_alpha + sensors.late_v * (before.v_alpha - true.v_alpha),
+        true.v_beta + sensors.late_v * (before.v_beta - true.v_beta),
+    )
+    i_s_a, i_s_b, i_s_c = clarke_inverse(
+        true.i_s_alpha + sensors.late_i * (before.i_s_alpha - true.i_s_alpha),
+        true.i_s_beta + sensors.late_i * (before.i_s_beta - true.i_s_beta),
+    )
+    i_g_a, i_g_b, i_g_c = clarke_inverse(
+        true.i_g_alpha + sensors.late_i * (before.i_g_alpha - true.i_g_alpha),
+        true.i_g_beta + sensors.late_i * (before.i_g_beta - true.i_g_beta),
+    )
+    v_alpha, v_beta = clarke(
+        reading(v_a, noise.v_a, sensors.v_a),
+        reading(v_b, noise.v_b, sensors.v_b),
+        reading(v_c, noise.v_c, sensors.v_c),
+    )
+    i_s_alpha, i_s_beta = clarke(
+        reading(i_s_a, noise.i_s_a, sensors.i_s_a),
+        reading(i_s_b, noise.i_s_b, sensors.i_s_b),
+        reading(i_s_c, noise.i_s_c, sensors.i_s_c),
+    )
+    i_g_alpha, i_g_beta = clarke(
+        reading(i_g_a, noise.i_g_a, sensors.i_g_a),
+        reading(i_g_b, noise.i_g_b, sensors.i_g_b),
+        reading(i_g_c, noise.i_g_c, sensors.i_g_c),
+    )
+    return Measurement(v_alpha, v_beta, i_s_alpha, i_s_beta, i_g_alpha, i_g_beta)
+
+
+def controlled(
+    state: ControllerState,
+    measured: Measurement,
+    grid: GridEstimate,
+    refs: References,
+    power_gains: PowerLoopGains,
+    inner_gains: InnerLoopGains,
+    settings: ControllerSettings,
+    limited: Any,
+    limiter: LimiterLaw,
+) -> Any:
+    """The controller's sample. Returns (following, said, limited_samples): its next state, its output, and the count of
+    limited samples with this one; ``limited`` is the count before."""
+    moved, output = controller_step(state, measured, grid, refs, power_gains, inner_gains, settings, limiter)
+    return moved, output, limited + output.limited
+
+
+def kept_angle(theta: Any) -> Any:
+    """The angle of the next sample. Returns (next_theta)."""
+    return within_a_turn(theta)
+
+
+def probing(lock: LockIn, theta: Any, V_rms: Any, field: FieldSettings, V_rated_rms: Any, allowed: Any) -> Any:
+    """The probe of a field estimator (:eq:`probe-in-the-loop`); ``allowed`` is 0 to send none.
+
+    Returns (commanded_theta, commanded_V, added_theta, added_V, u_d, u_q): what the controller commands, what of it is
+    the probe, and the probe relative to the rated voltage.
+    """
+    d, q = probe_value(lock, allowed, field)
+    V, angle = probe_offset(d, q, V_rms, V_rated_rms)
+    return theta + angle, V_rms + V, angle, V, d, q
+
+
+def hearing(
+    lock: LockIn, measured: Measurement, theta: Any, u_d: Any, u_q: Any, acted: Any, field: FieldSettings
+) -> Any:
+    """The field estimator takes in a sample, in which the limiter acted or not. Returns (heard, closed): its lock-in,
+    and whether its cycle has ended."""
+    sent_alpha, sent_beta = rotate(u_d, u_q, np.cos(theta), np.sin(theta))
+    lock_in = listen(
+        lock,
+        measured.v_alpha,
+        measured.v_beta,
+        measured.i_g_alpha,
+        measured.i_g_beta,
+        sent_alpha,
+        sent_beta,
+        acted,
+        field,
+    )
+    return lock_in, lock_in.closed
+
+
+def without_probe(theta: Any, V_rms: Any, added_theta: Any, added_V: Any) -> Any:
+    """Angle and voltage of the next sample, from which the probe is taken off. Returns (next_theta, next_V)."""
+    return within_a_turn(theta - added_theta), V_rms - added_V
+
+
+def source_voltage(source: SourcePhasor, V_g: Any) -> Any:
+    """The voltage of the source's fundamental, V peak. Returns (v_g_alpha, v_g_beta)."""
+    return V_g * source.cosine, V_g * source.sine
+
+
+def source_voltage_with(source: SourcePhasor, V_g: Any, added: BridgeVoltage) -> Any:
+    """The source's voltage with what is added to its fundamental, V peak. Returns (v_g_alpha, v_g_beta)."""
+    return V_g * source.cosine + added.alpha, V_g * source.sine + added.beta
+
+
+def averaged_plant(x: PlantState, applied: BridgeVoltage, source: SourcePhasor, row: PlantRow) -> Any:
+    """The circuit over an interval with an averaged bridge, and the source's phasor at its end. Returns (moved,
+    turned)."""
+    moved = moved_by_source(moved_by_bridge(x, applied.alpha, applied.beta, row), source, row)
+    return moved, turned_source(source, row)
+
+
+def switched_plant(
+    x: PlantState,
+    applied: BridgeVoltage,
+    source: SourcePhasor,
+    row: PlantRow,
+    V_dc: Any,
+    part: CarrierPart,
+    edge: EdgeRow,
+    zero_sequence: bool,
+    rising: bool,
+) -> Any:
+    """The same with a switched bridge, over an interval on one slope of the carrier. Returns (moved, turned)."""
+    bridged = switched_bridge(x, applied.alpha, applied.beta, row, V_dc, part, edge, zero_sequence, rising)
+    return moved_by_source(bridged, source, row), turned_source(source, row)
+
+
+def peak_plant(
+    x: PlantState,
+    applied: BridgeVoltage,
+    source: SourcePhasor,
+    row: PlantRow,
+    V_dc: Any,
+    part: CarrierPart,
+    edge: EdgeRow,
+    zero_sequence: bool,
+) -> Any:
+    """The same over an interval in which the carrier has its peak: a leg may fall before it and rise behind it. Returns
+    (moved, turned)."""
+    m_a, m_b, m_c = modulation(applied.alpha, applied.beta, V_dc, zero_sequence)
+    half = 0.5 * V_dc
+    w_alpha, w_beta = clarke(
+        leg_after(m_a, part.level, half, True),
+        leg_after(m_b, part.level, half, True),
+        leg_after(m_c, part.level, half, True),
+    )
+    bridged = moved_by_bridge(x, w_alpha, w_beta, row)
+    met_a = met(m_a)
+    met_b = met(m_b)
+    met_c = met(m_c)
+    fallen = moved_by_edges(bridged, met_a, met_b, met_c, V_dc, part, edge, True)
+    risen = moved_by_edges(fallen, met_a, met_b, met_c, V_dc, part, edge, False)
+    return moved_by_source(risen, source, row), turned_source(source, row)
+
+
+def met(m: Any) -> Any:
+    """The modulation index where the carrier meets it below its peak, else one that it never meets."""
+    return np.where(m < 1.0, m, BEYOND)
+
+
+def turned_source(source: SourcePhasor, row: PlantRow) -> SourcePhasor:
+    """The source's phasor at the end of the interval. Returns (turned)."""
+    cosine, sine = rotate(source.cosine, source.sine, row.turn_cos, row.turn_sin)
+    return SourcePhasor(cosine, sine)
+
+
+def legs_after(applied: BridgeVoltage, V_dc: Any, part: CarrierPart, zero_sequence: bool, rising: bool) -> Any:
+    """The switched bridge just after an interval has begun. Returns (first, m_a, m_b, m_c): its voltage, V peak, and
+    the modulation indices."""
+    m_a, m_b, m_c = modulation(applied.alpha, applied.beta, V_dc, zero_sequence)
+    half = 0.5 * V_dc
+    alpha, beta = clarke(
+        leg_after(m_a, part.level, half, rising),
+        leg_after(m_b, part.level, half, rising),
+        leg_after(m_c, part.level, half, rising),
+    )
+    return BridgeVoltage(alpha, beta), m_a, m_b, m_c
+
+
+def edges_on_slope(m_a: Any, m_b: Any, m_c: Any, V_dc: Any, part: CarrierPart, rising: bool) -> Any:
+    """The edges of the three legs on one slope of the carrier. Returns (edge_a, edge_b, edge_c)."""
+    x_a, s_a = edge_of_leg(met(m_a), part, rising)
+    x_b, s_b = edge_of_leg(met(m_b), part, rising)
+    x_c, s_c = edge_of_leg(met(m_c), part, rising)
+    a_alpha, a_beta = clarke(s_a * V_dc, 0.0, 0.0)
+    b_alpha, b_beta = clarke(0.0, s_b * V_dc, 0.0)
+    c_alpha, c_beta = clarke(0.0, 0.0, s_c * V_dc)
+    return Switching(x_a, a_alpha, a_beta), Switching(x_b, b_alpha, b_beta), Switching(x_c, c_alpha, c_beta)

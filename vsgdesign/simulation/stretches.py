@@ -1,0 +1,102 @@
+"""A stretch of a run in which neither the circuit nor its source changes, and the interval that an event cuts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.frames import rms_to_peak
+from vsgdesign.simulation.background import Background, Interval
+from vsgdesign.simulation.bodies import FALLING, PEAK, RISING
+from vsgdesign.simulation.circuits import Circuits
+from vsgdesign.simulation.loop import PieceRows, RunLoop, carrier_part, slopes_of
+from vsgdesign.simulation.run_log import RunLog
+from vsgdesign.simulation.timeline import SourceSegment, Timeline
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Samples ``first`` … ``first + count − 1``. One whose interval an event cuts is a single sample long."""
+
+    first: int
+    count: int
+    pieces: list[PieceRows]
+    fed: Array | None
+    """(count, n): what the loop is given for every sample; None for nothing."""
+
+    def run(self, loop: RunLoop, log: RunLog, done: int) -> int:
+        """Runs what is left of it after ``done`` samples, or less. Returns how many samples were run."""
+        if len(self.pieces) > 1 and self.fed is not None:
+            log.run_in_pieces(loop, self.first, self.pieces, self.fed[0])
+            return 1
+        if done == 0:
+            for head, values in self.pieces[0].numbers.items():
+                loop.put(head, values)
+        fed = None if self.fed is None else self.fed[done:]
+        return log.run(loop, self.first + done, self.first + self.count, fed)
+
+
+class Sources:
+    """The stretches of a run with their source. A source that is ramped is added from outside the loop, as its other
+    components are (:eq:`source-ramp`)."""
+
+    def __init__(self, circuits: Circuits, background: Background, timeline: Timeline) -> None:
+        self._circuits, self._background, self._timeline = circuits, background, timeline
+
+    def stretch(self, first: int, count: int, T_s: float, noise: Array | None, per_carrier: int) -> Stretch:
+        """The stretch; ``noise`` (count, 9) is that of the sensors, if they are not ideal."""
+        start, end = first * T_s, (first + 1) * T_s
+        inside = [t for t in self._timeline.plant_changes() if start < t < end and on_sample(t, T_s) is None]
+        instants = [start, *inside]
+        lengths = np.diff([*instants, end]).tolist() if inside else [T_s]
+        found = []
+        for k, h in enumerate(lengths):
+            t_s = instants[k] + 1e-6 * T_s if k == 0 else instants[k]
+            source = self._timeline.source_at(t_s).at(instants[k])
+            found.append(Interval(float(h), self._timeline.grid_at(t_s), source, self._timeline.components_at(t_s)))
+        added = None
+        if self._background.acts(found):
+            added = self._background.rows(found, first, count, T_s)
+        elif len(found) > 1:
+            added = np.zeros((len(found), self._circuits.states + 2))
+        fed = [] if added is None else [added[:1] if len(found) > 1 else added]
+        fed += [] if noise is None else [noise]
+        whole = None if not fed else np.ascontiguousarray(np.concatenate(fed, axis=1))
+        return Stretch(first, count, self._intervals(found, added, first, T_s, per_carrier), whole)
+
+    def _intervals(self, found: list[Interval], added: Array | None, first: int, T_s: float, n: int) -> list[PieceRows]:
+        made, elapsed = [], 0.0
+        for k, piece in enumerate(found):
+            source = piece.source
+            omega = source.omega if source.steady else None
+            numbers = self._circuits.numbers(piece.grid, piece.h, rms_to_peak(source.V_g_rms), omega)
+            numbers["source"] = _phasor(source)
+            if len(found) == 1:
+                return [PieceRows(numbers)]
+            slope, part = "", None
+            if self._circuits.switched:
+                j = first % n
+                scale = 1.0 / (n * T_s)
+                begin = j / n + elapsed * scale
+                end = j / n + (elapsed + piece.h) * scale if k < len(found) - 1 else j / n + 1.0 / n
+                slope, part = slopes_of(n)[j], carrier_part(begin, end)
+                if slope == PEAK and (begin >= 0.5 or end <= 0.5):
+                    slope = FALLING if begin >= 0.5 else RISING
+            made.append(PieceRows(numbers, slope, part, None if added is None else added[k]))
+            elapsed += piece.h
+        return made
+
+
+def on_sample(t_s: float, T_s: float) -> int | None:
+    """The sample that an instant coincides with (to a millionth of a period), if any."""
+    k = round(t_s / T_s)
+    return k if abs(t_s / T_s - k) < 1e-6 else None
+
+
+def _phasor(source: SourceSegment) -> Array:
+    return np.array([math.cos(source.phase), math.sin(source.phase)])
