@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -203,23 +203,17 @@ def judge_survival(
         status, where = (DIVERGED, "before the first event") if diverged else (NOT_KNOWN, "the record has no event")
         return Survival(status=status, reason=where)
     step = float(t[1] - t[0])
-    # A little slack, because times are rounded; a row just before an event must not count as after it.
-    starts = np.searchsorted(t, np.asarray(events_s, dtype=float) - 1e-3 * step)
-    after = np.zeros(good, dtype=bool)
-    first = np.zeros(good, dtype=bool)
-    after[starts[0] :] = True
-    for event_s, start in zip(events_s, starts, strict=True):
-        first[start : int(np.searchsorted(t, event_s + FIRST_S - 0.5 * step))] = True
-    current, limited = record.i_s_pu[:good], record.limited[:good]
+    starts, loads = _starts(t, events_s), loads_of(record, events_s, demand.i_max_pu)
+    limited = record.limited[:good]
     swing, slipped = _swing(record.delta[:good], starts, rest.delta, ended=not diverged)
     at_end = float(np.mean(limited[t > t[-1] - END_S]))
     recovery = None if diverged else _recovery(record, cleared_s, rest, demand)
     figures = Survival(
         status=SURVIVED,
         recovery_s=recovery,
-        peak_pu=_largest(current[after & ~first]),
-        first_peak_pu=_largest(current[first]),
-        limited_s=float(np.sum(limited[starts[0] + 1 :]) * step),
+        peak_pu=loads.peak_pu,
+        first_peak_pu=loads.first_peak_pu,
+        limited_s=loads.limited_s,
         limited_at_end=at_end,
         swing_rad=swing,
     )
@@ -239,6 +233,43 @@ def judge_survival(
     elif recovery > demand.deadline_s:
         status, reason = NOT_AT_REST, f"at rest after {recovery:.3g} s, later than {demand.deadline_s:.3g} s"
     return Survival(**{**vars(figures), "status": status, "reason": reason})
+
+
+class Loads(NamedTuple):
+    """What a record says of the converter's current from the first event on."""
+
+    first_peak_pu: float | None
+    """Largest within 5 ms of an event, pu of the rated peak."""
+    peak_pu: float | None
+    """Largest later than that."""
+    limited_s: float
+    """Time for which the limiter acted, s."""
+    above_s: float
+    """Time above the limit, s; 0 without one."""
+
+
+def loads_of(record: SurvivalRecord, events_s: Sequence[float], i_max_pu: float | None) -> Loads:
+    """What a record says of the converter's current, up to its first value that is no number."""
+    good = _finite_rows(record)
+    t, current, limited = record.t_s[:good], record.i_s_pu[:good], record.limited[:good]
+    step, starts = float(record.t_s[1] - record.t_s[0]), _starts(t, events_s)
+    after, first = np.zeros(good, dtype=bool), np.zeros(good, dtype=bool)
+    after[starts[0] :] = True
+    for event_s, start in zip(events_s, starts, strict=True):
+        first[start : int(np.searchsorted(t, event_s + FIRST_S - 0.5 * step))] = True
+    above = 0 if i_max_pu is None else int(np.sum(after & (current > i_max_pu)))
+    return Loads(
+        first_peak_pu=_largest(current[first]),
+        peak_pu=_largest(current[after & ~first]),
+        limited_s=float(np.sum(limited[starts[0] + 1 :]) * step),
+        above_s=above * step,
+    )
+
+
+def _starts(t: Array, events_s: Sequence[float]) -> NDArray[np.intp]:
+    """The first row of each event. Times are rounded: a row may lie a little before its event."""
+    step = float(t[1] - t[0]) if len(t) > 1 else 0.0
+    return np.searchsorted(t, np.asarray(events_s, dtype=float) - 1e-3 * step)
 
 
 def _recovery(record: SurvivalRecord, cleared_s: float, rest: ExpectedRest, demand: SurvivalDemand) -> float | None:

@@ -26,7 +26,7 @@ from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.segments import START_PHASE, Segments
-from vsgdesign.simulation.lanes.telling import Telling
+from vsgdesign.simulation.lanes.telling import GainsAtRest
 from vsgdesign.simulation.survival.running import SETTLING_TIMES, SETTLING_TIMES_FOR_EVER
 
 Array = NDArray[np.float64]
@@ -88,7 +88,7 @@ def demand_of(study: Study, T: float) -> SurvivalDemand:
 
 
 def rests_of(
-    study: Study, cases: LaneCases, segments: Segments, told: Telling, demand: SurvivalDemand, results: LaneResults
+    study: Study, cases: LaneCases, segments: Segments, told: GainsAtRest, demand: SurvivalDemand, results: LaneResults
 ) -> tuple[Rests, PowerLoopGains]:
     """Where every case rests before and after, with the gains at the start; cases without one are marked."""
     last = last_of(segments)

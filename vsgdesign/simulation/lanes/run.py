@@ -19,6 +19,7 @@ from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, LATCHED_SHARE, SurvivalDemand
 from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.simulation.lanes.alone import run_alone
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases
 from vsgdesign.simulation.lanes.part import Part, make_part
 from vsgdesign.simulation.lanes.rests import Rests, demand_of, ends_of, rests_of, settling_time_of
@@ -34,7 +35,7 @@ from vsgdesign.simulation.lanes.results import (
     swings_of,
 )
 from vsgdesign.simulation.lanes.segments import Segments, segments_of
-from vsgdesign.simulation.lanes.telling import Telling, telling
+from vsgdesign.simulation.lanes.telling import Telling, alone_because, telling
 from vsgdesign.simulation.outcome import BOUND_PU
 from vsgdesign.simulation.survival.running import SETTLING_TIMES, SETTLING_TIMES_FOR_EVER
 
@@ -53,12 +54,15 @@ def run_lanes(
     """Runs every case with a controller of the study, and judges it.
 
     Events of a case are at least 5 ms apart. ``strict``: every operation rounds by itself, so that the results are the
-    same bits on every machine. Raises InfeasibleStudyError where the study cannot be run in a batch: a background,
-    sensors, a recorded source or components of the source; a switched bridge whose intervals do not lie on one slope
-    of the carrier.
+    same bits on every machine. A controller that estimates its grid in every sample runs its cases one by one
+    (:func:`vsgdesign.simulation.lanes.alone.run_alone`). Raises InfeasibleStudyError where the study cannot be run in a
+    batch: a background, sensors, a recorded source or components of the source; a switched bridge whose intervals do
+    not lie on one slope of the carrier.
     """
     own = study.with_limit_of(spec)
     _refuse(own, bridge)
+    if alone_because(spec):
+        return run_alone(study, spec, ready, cases, bridge=bridge)
     results = LaneResults.of_none(len(cases))
     if len(cases) == 0:
         return results

@@ -49,7 +49,19 @@ class KnownChanges(NamedTuple):
     L_g: Array
 
 
-class Telling(Protocol):
+class GainsAtRest(Protocol):
+    """The gains of N lanes where they rest."""
+
+    def first(self, P: Array, Q: Array, V_rms: Array) -> PowerLoopGains:
+        """Gains from the start on, for the rest that they are part of (``gains_of`` of a rest); NaN: there are none."""
+        ...
+
+    def known_at_end(self) -> ManyGainsOf:
+        """Gains once everything has come to rest after the last change."""
+        ...
+
+
+class Telling(GainsAtRest, Protocol):
     """The gains of N lanes over time. An object has a state, so it serves one run of its lanes."""
 
     @property
@@ -60,10 +72,6 @@ class Telling(Protocol):
     @property
     def changes(self) -> KnownChanges:
         """What changes without an update."""
-        ...
-
-    def first(self, P: Array, Q: Array, V_rms: Array) -> PowerLoopGains:
-        """Gains from the start on, for the rest that they are part of (``gains_of`` of a rest); NaN: there are none."""
         ...
 
     def update(
@@ -78,10 +86,6 @@ class Telling(Protocol):
 
     def estimate(self) -> tuple[Array, Array]:
         """R_g (Ω) and L_g (H) of the grids that the present gains are for: what a current limiter is told."""
-        ...
-
-    def known_at_end(self) -> ManyGainsOf:
-        """Gains once everything has come to rest after the last change."""
         ...
 
     def take(self, chosen: NDArray[Any]) -> Telling:

@@ -1,0 +1,159 @@
+"""Cases run one by one, for a controller that cannot share a loop: the same cases, the same figures."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
+from vsgdesign.metrics.step_response import cycle_mean, step_response
+from vsgdesign.metrics.survival import (
+    ExpectedRest,
+    SurvivalDemand,
+    judge_survival,
+    loads_of,
+)
+from vsgdesign.parameters.study import ControllerSpec, Event, Grid, GridSource, Study
+from vsgdesign.runtime.of_study import ControllerGains, gain_law
+from vsgdesign.simulation.field_feed import FieldScheduler
+from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
+from vsgdesign.simulation.lanes.rests import Rests, demand_of, ends_of, rests_of, settling_time_of
+from vsgdesign.simulation.lanes.results import DIVERGED, JUDGED, NO_REST, STATUSES, LaneResults
+from vsgdesign.simulation.lanes.segments import segments_of
+from vsgdesign.simulation.lanes.telling import ManyGainsOf
+from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.simulation.scenario import derive_series, samples_per_mean
+from vsgdesign.simulation.survival.running import record_of
+
+Array = NDArray[np.float64]
+
+
+def run_alone(
+    study: Study, spec: ControllerSpec, ready: Ready, cases: LaneCases, *, bridge: str = "averaged"
+) -> LaneResults:
+    """Runs every case of a controller that estimates its grid in every sample, one after the other.
+
+    The rests are those with the gains of the true grid. The figures of a step are those of the mean over two nominal
+    cycles, in which the probe does not show (:func:`vsgdesign.simulation.scenario.mean_cycles`). All others are as in
+    lanes.
+    """
+    own = study.with_limit_of(spec)
+    results = LaneResults.of_none(len(cases))
+    if len(cases) == 0:
+        return results
+    segments, demand = segments_of(cases), demand_of(own, settling_time_of(spec, ready))
+    rests, _ = rests_of(own, cases, segments, _OfTrueGrid(gain_law(own, spec, ready), cases), demand, results)
+    ends, cycle = ends_of(own, cases, segments, demand)
+    for k in np.flatnonzero(results.status == JUDGED).tolist():
+        one = study_of_case(own, cases, k, int(ends[k]))
+        try:
+            run = simulate(one, FieldScheduler(one, spec, ready), bridge=bridge)
+        except SimulationDivergedError:
+            _diverged(results, k, cases.kind[k] == STEP)
+            continue
+        except InfeasibleStudyError:
+            results.status[k] = NO_REST
+            continue
+        of_case = replace(demand, cycle_s=int(cycle[k]) * own.converter.T_s)
+        _judge(one, run, cases, k, rests, of_case, results)
+    return results
+
+
+def study_of_case(study: Study, cases: LaneCases, k: int, samples: int) -> Study:
+    """The study of one case: its start, its events, and a log of each of so many samples."""
+    e, T_s = cases.events, study.converter.T_s
+
+    def given(value: float) -> float | None:
+        return float(value) if math.isfinite(value) else None
+
+    events = []
+    for j in np.flatnonzero(np.isfinite(e.t_s[k])):
+        R_g, L_g = given(e.R_g[k, j]), given(e.L_g[k, j])
+        events.append(
+            Event(
+                t_s=float(e.t_s[k, j]),
+                name=f"event {j + 1}",
+                grid=None if R_g is None or L_g is None else Grid(R_g, L_g),
+                V_g_rms=given(e.V_g_rms[k, j]),
+                omega_g=given(e.omega_g[k, j]),
+                over=float(e.over[k, j]),
+                phase_jump=float(e.phase_jump[k, j]),
+                P_ref=given(e.P_ref[k, j]),
+                Q_ref=given(e.Q_ref[k, j]),
+            )
+        )
+    return replace(
+        study,
+        grid=Grid(float(cases.R_g[k]), float(cases.L_g[k])),
+        grid_source=GridSource(float(cases.V_g_rms[k]), float(cases.omega_g[k])),
+        events=tuple(events),
+        simulation=replace(
+            study.simulation,
+            duration=samples * T_s,
+            start="steady_state",
+            log_interval=T_s,
+            P_ref=float(cases.P_ref[k]),
+            Q_ref=float(cases.Q_ref[k]),
+        ),
+    )
+
+
+class _OfTrueGrid:
+    """Gains of a controller that knows its grid, once it has learnt it."""
+
+    def __init__(self, law: ControllerGains, cases: LaneCases) -> None:
+        self._law, self._start = law, (cases.R_g, cases.L_g)
+        R_g, L_g = cases.R_g.copy(), cases.L_g.copy()
+        for k in range(cases.events.count):
+            moved = np.isfinite(cases.events.R_g[:, k]) & np.isfinite(cases.events.t_s[:, k])
+            R_g[moved], L_g[moved] = cases.events.R_g[moved, k], cases.events.L_g[moved, k]
+        self._end = R_g, L_g
+
+    def first(self, P: Array, Q: Array, V_rms: Array) -> PowerLoopGains:
+        return self._law(*self._start, P, Q, V_rms)
+
+    def known_at_end(self) -> ManyGainsOf:
+        return lambda P, Q, V_rms: self._law(*self._end, P, Q, V_rms)
+
+
+def _judge(
+    study: Study, run: Simulation, cases: LaneCases, k: int, rests: Rests, demand: SurvivalDemand, results: LaneResults
+) -> None:
+    record = record_of(study, run)
+    instants = [float(t_s) for t_s in cases.events.t_s[k] if math.isfinite(t_s)]
+    for name, value in loads_of(record, instants, demand.i_max_pu)._asdict().items():
+        getattr(results, name)[k] = 0.0 if value is None else value
+    if cases.kind[k] == STEP:
+        if record.diverged:
+            _diverged(results, k, True)
+        else:
+            _judge_step(study, run, cases, k, rests, results)
+        return
+    rest = ExpectedRest(P=rests.P_end[k], Q=rests.Q_end[k], delta=rests.delta_end[k], i_s_pu=0.0)
+    verdict = judge_survival(record, instants, float(cases.cleared_s[k]), rest, demand)
+    results.status[k] = JUDGED if verdict.survived else STATUSES.index(verdict.status)
+    results.recovery_s[k] = math.inf if verdict.recovery_s is None else verdict.recovery_s
+    results.swing_rad[k] = math.nan if verdict.swing_rad is None else verdict.swing_rad
+
+
+def _judge_step(study: Study, run: Simulation, cases: LaneCases, k: int, rests: Rests, results: LaneResults) -> None:
+    active = cases.signal[k] == ACTIVE
+    series = derive_series(study, run)["P_pcc" if active else "Q_pcc"]
+    t_s = float(cases.events.t_s[k, 0])
+    begin = int(np.searchsorted(run.t_s, t_s - 0.5 * study.converter.T_s))
+    count = samples_per_mean(study, run.t_s)
+    initial = float(np.mean(series[max(begin - count, 0) : begin]))
+    final = float((rests.P_end if active else rests.Q_end)[k])
+    found = step_response(run.t_s[begin:] - t_s, cycle_mean(series, count)[begin:], initial, final)
+    results.overshoot[k] = (found.overshoot_pct or 0.0) / 100.0
+    results.settling_s[k] = math.inf if found.settling_time_s is None else found.settling_time_s
+
+
+def _diverged(results: LaneResults, k: int, step: bool) -> None:
+    results.status[k] = DIVERGED
+    (results.settling_s if step else results.recovery_s)[k] = math.inf
