@@ -10,8 +10,9 @@ import numpy as np
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes.cases import LaneCases, no_events
-from vsgdesign.verification.blocks import Batch, Job
-from vsgdesign.verification.counting import STATUSES, MapAxes
+from vsgdesign.simulation.lanes.results import STATUSES
+from vsgdesign.verification.blocks import Batch, Job, SingleRun
+from vsgdesign.verification.counting import MapAxes
 from vsgdesign.verification.promises import Promise
 
 FAMILIES = ("step", "jump")
@@ -87,6 +88,7 @@ def run(study: Study, spec: ControllerSpec, ready: Any, cases: LaneCases, *, bri
     step = cases.kind == 0
     return SimpleNamespace(
         status=status,
+        fault=(status == 0).astype(np.int8),
         overshoot=np.where(step, 0.0502 * np.mod(1e4 * cases.L_g, 1.0), np.nan),
         settling_s=np.where(step, np.where(y > 0.99, np.nan, 0.4 + 0.8 * y), np.nan),
         recovery_s=0.3 + 2.0 * y,
@@ -103,25 +105,20 @@ def where() -> str:
     return "none"
 
 
-def written(study: Study, spec: ControllerSpec, cases: LaneCases, index: int, path: Any) -> str:
+def written(study: Study, spec: Any, ready: Any, cases: LaneCases, index: int, place: Any, bridge: str) -> str:
     """Not a study, but something to be kept."""
-    del study, spec, path
+    del study, spec, ready, place, bridge
     return f"R_g = {cases.R_g[index]!r}\n"
 
 
-def simulated(path: Any, ready: Any) -> dict[str, float]:
+def simulated(path: Any, ready: Any) -> SingleRun:
     """Nothing is simulated again."""
     del ready
     assert path.is_file()
-    return {}
+    return SingleRun({}, 1.0, 2.0, float("nan"))
 
 
-def decay(*_: Any) -> float:
-    """Not known."""
-    return float("nan")
-
-
-BATCH = Batch(draw, cases_of, run, where, written, simulated, decay)
+BATCH = Batch(draw, cases_of, run, where, written, simulated)
 
 
 def job(study: Study, runs: int, **changed: Any) -> Job:

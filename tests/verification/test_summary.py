@@ -17,8 +17,9 @@ from tests.verification import stand_in
 from vsgdesign.errors import ArtifactError
 from vsgdesign.execution.processes import worker_processes
 from vsgdesign.parameters import load_study
+from vsgdesign.simulation.lanes.results import STATUSES
 from vsgdesign.verification.blocks import run_block, run_blocks
-from vsgdesign.verification.counting import STATUSES, judged_values, last_grids
+from vsgdesign.verification.counting import judged_values, last_grids
 from vsgdesign.verification.histogram import QUANTILE_ERROR, binned, merged_bins, quantile
 from vsgdesign.verification.journal import Journal, journal_folder, journal_of
 from vsgdesign.verification.promises import FIGURES

@@ -26,6 +26,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
     from vsgdesign.cli.new import new
     from vsgdesign.cli.survive import survive
     from vsgdesign.cli.table import table
+    from vsgdesign.cli.verify import verify
     from vsgdesign.errors import counted
 
 
@@ -313,6 +314,7 @@ main.add_command(inner)
 main.add_command(new)
 main.add_command(survive)
 main.add_command(table)
+main.add_command(verify)
 
 if __name__ == "__main__":
     main()

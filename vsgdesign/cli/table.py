@@ -45,6 +45,13 @@ def table() -> None:
     metavar="N",
     help="Number of random grids in each check between the nodes.  [default: 2000]",
 )
+@click.option(
+    "--verify",
+    type=click.IntRange(1),
+    default=None,
+    metavar="N",
+    help="Verify the table in N random EMT cases; its file says the result.",
+)
 @click.option("--fresh", is_flag=True, help="Do not continue from the cells of an interrupted build.")
 @JSON
 @verb
@@ -55,6 +62,7 @@ def build(
     workers: int | None,
     cluster: str | None,
     points: int | None,
+    verify: int | None,
     fresh: bool,
     as_json: bool,
 ) -> None:
@@ -83,6 +91,7 @@ def build(
                 cluster=cluster,
                 fresh=fresh,
                 points=points,
+                verify=verify or 0,
                 progress=tell,
             )
     except KeyboardInterrupt:

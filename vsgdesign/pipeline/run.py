@@ -22,6 +22,7 @@ from vsgdesign.parameters import Study
 from vsgdesign.pipeline.inner import assess_inner_loops, inner_document
 from vsgdesign.pipeline.table import make_tables
 from vsgdesign.pipeline.training import judgement_document, make_network, network_document, training_document
+from vsgdesign.pipeline.verify import verified_tables
 from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
 from vsgdesign.simulation.gains import GainChange, settled_changes
 from vsgdesign.simulation.judging import judge_estimates
@@ -46,9 +47,10 @@ def run_study(
 ) -> dict[str, Any]:
     """Simulates every controller and writes time series, results, figures and a report to ``out``.
 
-    Gain tables that the study asks for are designed first, on ``workers`` processes (None means one per core). Then its
-    network is trained. Both are written to the same folder. ``warn`` is called before the run for each controller that
-    is unstable by the full-order model, since its run shows no meaningful response. Returns the content of
+    Gain tables that the study asks for are designed first, on ``workers`` processes (None means one per core). With
+    ``report`` they are verified if the study's [verification] says ``with_run``. Then its network is trained. Both are
+    written to the same folder. ``warn`` is called before the run for each controller that is unstable by the full-order
+    model, since its run shows no meaningful response. Returns the content of
     results.json. The folder appears when everything is done; after an error or an interruption the old folder is
     unchanged. Raises the errors of :func:`vsgdesign.simulation.run_scenario` and ArtifactError.
     """
@@ -58,6 +60,8 @@ def run_study(
     verb = "vsgdesign run" if report else "vsgdesign simulate"
     with staged_folder(out, verb, inputs=study.input_files) as folder:
         tables = make_tables(study, out, workers=workers, progress=progress)
+        if report:
+            tables = verified_tables(study, tables, out, workers=workers, progress=progress)
         for name, table in tables.items():
             write_table_file(table, folder / f"{name}.table.json")
             timing["tables"] = time.perf_counter() - begin

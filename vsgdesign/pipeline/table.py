@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -69,7 +69,12 @@ def _cells(out: str | Path, what: str, fresh: bool = False) -> Iterator[Path]:
 
 def _forget(folder: Path) -> None:
     """Remove finished cells, and what a kill left of unfinished ones."""
-    for path in [*folder.glob("*.json"), *folder.glob(".*.json.*")]:
+    for path in [
+        *folder.glob("*.json"),
+        *folder.glob(".*.json.*"),
+        *folder.glob("*.jsonl"),
+        *folder.glob(".*.jsonl.*"),
+    ]:
         path.unlink(missing_ok=True)
 
 
@@ -82,6 +87,7 @@ def build_table_file(
     cluster: str | None = None,
     fresh: bool = False,
     points: int | None = None,
+    verify: int = 0,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Designs the gain table of a controller (the last one, if none is named) and writes it to ``out``.
@@ -89,8 +95,9 @@ def build_table_file(
     Returns the result in JSON's types. Finished cells are kept beside ``out`` until the file is complete, so the same
     call continues from them after an interruption and writes the same bytes. ``fresh`` ignores them. ``workers`` and
     ``cluster`` are those of :func:`vsgdesign.design.sweep.executor_of`. ``points`` is the number of random grids of
-    each check between nodes (default 2000). Raises StudyError, InfeasibleStudyError, WorkerError, and ArtifactError if
-    the file cannot be written or would replace anything but a gain table.
+    each check between nodes (default 2000). ``verify`` is the number of random cases in EMT with which the table is
+    verified; the file then has their counts and bounds. Raises StudyError, InfeasibleStudyError, WorkerError, and
+    ArtifactError if the file cannot be written or would replace anything but a gain table.
     """
     out = Path(out)
     spec = _controller(study, controller)
@@ -102,12 +109,21 @@ def build_table_file(
     from vsgdesign.design.between import POINTS
     from vsgdesign.design.table import build_table
     from vsgdesign.execution.executors import executor_of
+    from vsgdesign.pipeline.verify import Asked, blocks_ahead, check_verifiable, verified_table
 
+    if verify:
+        check_verifiable(study, Asked(controller=spec.name))
     with _cells(out, f'"{out}"', fresh) as folder:
         with executor_of(workers, cluster) as executor:
             built = build_table(
                 study, spec, folder, executor=executor, points=POINTS if points is None else points, progress=progress
             )
+            if verify:
+                ahead = blocks_ahead(workers, cluster)
+                table = verified_table(
+                    study, spec, built.table, verify, folder, executor=executor, ahead=ahead, progress=progress
+                )
+                built = replace(built, table=table)
         write_table_file(built.table, out)
     return _built_document(built, out)
 
@@ -138,6 +154,7 @@ def _built_document(built: BuiltTable, out: Path) -> dict[str, Any]:
             "design_hash": table.design_hash,
         },
         "certificate": certificate_summary(table.certificate),
+        **({} if table.verification is None else {"verification": table.verification}),
         "cells": {status: int((table.status == status).sum()) for status in STATUSES},
         "added": [{"axis": axis, "value": value} for axis, value in built.added],
         "relaxed": [

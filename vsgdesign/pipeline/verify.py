@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import math
+import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.artifacts import provenance, staged_folder, write_record
+from vsgdesign.artifacts import provenance, staged_folder, write_record, write_table_file
 from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Study
 
 if TYPE_CHECKING:  # the simulation is loaded by who verifies
     from concurrent.futures import Executor
 
     from vsgdesign.verification.blocks import Job
+    from vsgdesign.verification.journal import Journal
     from vsgdesign.verification.shards import Shard
     from vsgdesign.verification.summary import Summary
 
@@ -73,11 +76,10 @@ def verify_study(
     :func:`vsgdesign.execution.executors.executor_of`. Raises StudyError, ArtifactError and WorkerError.
     """
     from vsgdesign.execution.executors import executor_of, worker_count
-    from vsgdesign.verification.blocks import run_blocks
     from vsgdesign.verification.journal import journal_of
     from vsgdesign.verification.shards import Shard, write_counts
 
-    tell, begin = progress or silent, time.perf_counter()
+    begin = time.perf_counter()
     check_verifiable(study, asked, needs_table_file=shard is not None)
     with ExitStack() as held:
         folder = held.enter_context(staged_folder(out, VERB if shard is None else SHARD, inputs=study.input_files))
@@ -85,22 +87,15 @@ def verify_study(
         ready_s = time.perf_counter() - begin
         numbers = (shard or Shard()).blocks(job)
         journal = held.enter_context(journal_of(out, _key(job, shard), fresh))
-        kept = set(journal.summary.blocks)
-        missing = [number for number in numbers if number not in kept]
-        tell(RUNS, 1.0 - len(missing) / max(len(numbers), 1))
-        with executor_of(workers if len(missing) > 1 else 1, cluster) as executor:
-            ahead = _AHEAD_ON_A_CLUSTER if cluster not in (None, "local") else 2 * worker_count(workers)
-            for summary in run_blocks(job, missing, executor, ahead):
-                journal.add(summary)
-                tell(RUNS, len(journal.summary.blocks) / len(numbers))
-            summary = journal.summary
+        with executor_of(workers, cluster) as executor:
+            summary = _counted(job, numbers, journal, executor, blocks_ahead(workers, cluster), progress)
             timing = {"prepare": ready_s, "runs": time.perf_counter() - begin - ready_s}
             write_counts(folder / "counts.json", job, summary)
             about = _about(job, confidence, summary, worker_count(workers) if cluster is None else cluster)
             if shard is not None:
                 about |= {"shard": str(shard), "runs": summary.drawn, "judged": summary.judged}
                 return write_record(folder, about | {"timing_s": timing, "provenance": provenance()}, SHARD)
-            return _concluded(folder, job, summary, about, confidence, asked.search, executor, timing, progress)
+            return _concluded(folder, out, job, summary, about, confidence, asked.search, executor, timing, progress)
 
 
 def merge_shards(
@@ -141,7 +136,7 @@ def merge_shards(
         about = _about(job, confidence, summary, worker_count(workers)) | {"shards": len(files)}
         timing = {"prepare": time.perf_counter() - begin, "runs": 0.0}
         with executor_of(workers) as executor:
-            return _concluded(folder, job, summary, about, confidence, asked.search, executor, timing, progress)
+            return _concluded(folder, out, job, summary, about, confidence, asked.search, executor, timing, progress)
 
 
 def with_table(study: Study, table_file: str | Path, controller: str | None = None) -> Study:
@@ -212,6 +207,7 @@ def job_of(study: Study, spec: ControllerSpec, ready: Ready, asked: Asked) -> tu
     from vsgdesign.verification.emt import EMT
     from vsgdesign.verification.promises import verified_promises
 
+    spec = _told(study, spec)
     changed = {name: value for name in ("runs", "seed", "confidence") if (value := getattr(asked, name)) is not None}
     drawn = replace(verification_of(study, spec, ready), **changed)
     study = replace(study, verification=drawn)
@@ -230,6 +226,105 @@ def job_of(study: Study, spec: ControllerSpec, ready: Ready, asked: Asked) -> tu
         batch=EMT,
     )
     return job, drawn.confidence
+
+
+def _told(study: Study, spec: ControllerSpec) -> ControllerSpec:
+    """The controller with the errors of each case in place of an estimator of windows, which is not run.
+
+    Raises StudyError for an estimator that acts in every sample: it cannot share a loop with others.
+    """
+    from vsgdesign.simulation.lanes.telling import alone_because
+
+    if reason := alone_because(spec):
+        advice = f'Verify it with estimate = "truth"; vsgdesign survive runs it as it is. ({reason})'
+        field = f"controllers.{spec.name}.estimate"
+        raise StudyError(study.name, [Fault(field, f'"{spec.estimate}"', "cannot be verified in many runs", advice)])
+    if spec.kind == "fixed" or spec.estimate == "truth":
+        return spec
+    return replace(spec, estimate="truth", update_period=spec.update_period or UPDATE_PERIOD)
+
+
+def verified_table(
+    study: Study,
+    spec: ControllerSpec,
+    table: GainTable,
+    runs: int,
+    kept: Path,
+    *,
+    executor: Executor | None = None,
+    ahead: int = 1,
+    progress: Progress | None = None,
+) -> GainTable:
+    """A gain table with the counts and bounds of ``runs`` random cases of its controller.
+
+    Finished blocks are kept in the folder ``kept`` until all are done. Raises StudyError and WorkerError.
+    """
+    from vsgdesign.artifacts.verification_record import verification_record
+    from vsgdesign.verification.document import counts_document
+    from vsgdesign.verification.journal import Journal
+
+    job, confidence = job_of(study, spec, Ready(tables={spec.name: table}), Asked(runs=runs))
+    journal = Journal(kept / f"{job.key[:24]}.jsonl")
+    summary = _counted(job, job.blocks, journal, executor, ahead, progress)
+    journal.path.unlink(missing_ok=True)
+    document = _about(job, confidence, summary, 1) | counts_document(job, summary, confidence)
+    return replace(table, verification=verification_record(plain(document)))
+
+
+def verified_tables(
+    study: Study,
+    tables: Mapping[str, GainTable],
+    out: str | Path,
+    *,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> dict[str, GainTable]:
+    """The gain tables of a study's controllers, each verified in the ``with_run`` cases of its [verification].
+
+    A table whose file says that it was verified in as many is taken as it is. Finished blocks are kept beside ``out``
+    until all are done. Raises StudyError and WorkerError.
+    """
+    runs = 0 if study.verification is None else study.verification.with_run
+    waiting = {
+        spec.name: spec
+        for spec in study.controllers
+        if runs and spec.name in tables and (tables[spec.name].verification or {}).get("runs", 0) < runs
+    }
+    if not waiting:
+        return dict(tables)
+    from vsgdesign.execution.executors import executor_of
+    from vsgdesign.verification.journal import journals
+
+    with journals(out) as folder, executor_of(workers) as executor:
+        ahead = blocks_ahead(workers, None)
+        return dict(tables) | {
+            name: verified_table(
+                study, spec, tables[name], runs, folder, executor=executor, ahead=ahead, progress=progress
+            )
+            for name, spec in waiting.items()
+        }
+
+
+def _counted(
+    job: Job, numbers: Sequence[int], journal: Journal, executor: Executor | None, ahead: int, progress: Progress | None
+) -> Summary:
+    """The summary of these blocks; those that the journal has are not run again."""
+    from vsgdesign.verification.blocks import run_blocks
+
+    tell, kept = progress or silent, set(journal.summary.blocks)
+    missing = [number for number in numbers if number not in kept]
+    tell(RUNS, 1.0 - len(missing) / max(len(numbers), 1))
+    for summary in run_blocks(job, missing, executor if len(missing) > 1 else None, ahead):
+        journal.add(summary)
+        tell(RUNS, len(journal.summary.blocks) / len(numbers))
+    return journal.summary
+
+
+def blocks_ahead(workers: int | None, cluster: str | None) -> int:
+    """How many blocks are handed out at a time."""
+    from vsgdesign.execution.executors import worker_count
+
+    return _AHEAD_ON_A_CLUSTER if cluster not in (None, "local") else 2 * worker_count(workers)
 
 
 def _key(job: Job, shard: Shard | None) -> str:
@@ -259,6 +354,7 @@ def _about(job: Job, confidence: float, summary: Summary, workers: int | str) ->
 
 def _concluded(
     folder: Path,
+    out: str | Path,
     job: Job,
     summary: Summary,
     about: Mapping[str, Any],
@@ -271,14 +367,19 @@ def _concluded(
     """The counts, the worst cases and the search as one folder."""
     from vsgdesign.report import write_verification_report
     from vsgdesign.verification.document import counts_document
-    from vsgdesign.verification.worst import write_found, write_worst
+    from vsgdesign.verification.emt import TABLE
+    from vsgdesign.verification.worst import CaseFolder, write_found, write_worst
 
     begin = time.perf_counter()
     if evaluations is None:
         evaluations = min(math.ceil(SEARCH_SHARE * job.runs), MOST_SEARCHED)
-    worst = write_worst(folder / "worst", job, summary, progress=progress)
+    for table in job.tables.values():
+        write_table_file(table, folder / TABLE)
+    place = Path(os.path.realpath(out))
+    worst = write_worst(CaseFolder(folder / "worst", place / "worst"), job, summary, progress=progress)
     timing["worst"], begin = time.perf_counter() - begin, time.perf_counter()
-    searched = write_found(folder / "search", job, summary, evaluations, executor=executor, progress=progress)
+    found = CaseFolder(folder / "search", place / "search")
+    searched = write_found(found, job, summary, evaluations, executor=executor, progress=progress)
     timing["search"], begin = time.perf_counter() - begin, time.perf_counter()
     document = {
         **about,

@@ -25,6 +25,18 @@ BLOCK = 2048
 """Runs of a block: some tenths of a second of work, and a whole number of lanes on any machine."""
 
 
+class SingleRun(NamedTuple):
+    """A case that was simulated by itself."""
+
+    figures: Mapping[str, float]
+    """Those that the single run has, by the names of :data:`vsgdesign.verification.promises.FIGURES`."""
+    P: float
+    Q: float
+    """At rest before the first event, at the control point, W and var."""
+    decay: float
+    """Rate of the slowest mode of the full-order model at the last rest, 1/s; NaN where there is no such rest."""
+
+
 class Batch(NamedTuple):
     """How cases are drawn and run. Functions of modules, because they go to other processes."""
 
@@ -37,12 +49,9 @@ class Batch(NamedTuple):
     instruction_set: Callable[[], str]
     """Of this machine, for results that are not strict."""
     written: Callable[..., str]
-    """(study, spec, cases, index, path) -> the TOML text of a study that is this case, to be kept at ``path``."""
-    simulated: Callable[..., Mapping[str, float]]
-    """(path, ready) -> figures of the study of a case, as a single run has them."""
-    decay: Callable[..., float]
-    """(study, spec, ready, cases, index) -> rate of the slowest mode of the linear model at the last rest, 1/s; NaN
-    where it is not known."""
+    """(study, spec, ready, cases, index, place, bridge) -> the text of a study that is this case, for a file there."""
+    simulated: Callable[..., SingleRun]
+    """(path, ready) -> the study of a case as a single run."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -128,6 +128,8 @@ def _controller(
     """The controller's own table of the document, with what it knows of the grid."""
     found = dict(next(one for one in document["controllers"] if one.get("name") == spec.name))
     found.pop("knowledge", None)
+    if spec.estimate == "truth":  # also where the study names an estimator, whose errors the case has instead
+        found.pop("estimate", None)
     if table is not None:
         found["table"] = table
     if spec.kind == "fixed" and spec.gains is None and spec.design_grid is not None:

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.grid import SCR_BASES
+from vsgdesign.operating_point.many import FAULTS
 from vsgdesign.parameters.study import Converter
 from vsgdesign.simulation.lanes.cases import LaneCases
+from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, STATUSES
 from vsgdesign.verification.histogram import binned
 from vsgdesign.verification.promises import FIGURES, Promise
 from vsgdesign.verification.summary import (
@@ -29,17 +31,22 @@ from vsgdesign.verification.summary import (
 
 Array = NDArray[np.float64]
 
-STATUSES = ("kept apart: no rest", "over limit", "judged", "diverged", "slipped", "latched", "not at rest")
-LEFT_OUT = STATUSES[:2]
+LEFT_OUT = (NO_REST, OVER_LIMIT)
 """Statuses of cases that no converter is asked for: they are counted apart."""
-SURVIVED = "judged"
 
 
 class Results(Protocol):
-    """What a batch of N runs gives: ``status`` (N,), an index of STATUSES, and one array (N,) for each figure."""
+    """What a batch of N runs gives: arrays (N,), among them one for each figure."""
 
     @property
-    def status(self) -> NDArray[np.int8]: ...
+    def status(self) -> NDArray[np.int8]:
+        """Index of :data:`vsgdesign.simulation.lanes.results.STATUSES`."""
+        ...
+
+    @property
+    def fault(self) -> NDArray[np.int8]:
+        """Index of :data:`vsgdesign.operating_point.many.FAULTS`, where there is no rest."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +101,7 @@ def judged_values(promise: Promise, status: NDArray[np.int8], figures: Array) ->
     """The figure of a promise (N,), infinite where it does not exist: what a case that never settles has."""
     values = figures[:, tuple(FIGURES).index(promise.figure)]
     if promise.survival:
-        values = np.where(status == STATUSES.index(SURVIVED), values, math.inf)
+        values = np.where(status == JUDGED, values, math.inf)
     return np.where(np.isnan(values), math.inf, values)
 
 
@@ -115,7 +122,7 @@ def count_block(
     status = np.asarray(results.status)
     figures = figures_of(results)
     bins = axes.bins(converter, *last_grids(cases))
-    judged = ~np.isin(status, [STATUSES.index(name) for name in LEFT_OUT])
+    judged = ~np.isin(status, LEFT_OUT)
     families: dict[str, FamilyCount] = {}
     broken: list[BrokenCase] = []
     for k, name in enumerate(names):
@@ -130,8 +137,8 @@ def count_block(
         families[name] = FamilyCount(
             drawn=int(drawn.sum()),
             judged=len(asked),
-            left_out=_counts(status[drawn & ~judged]),
-            lost=_counts(status[asked][status[asked] != STATUSES.index(SURVIVED)]),
+            left_out=_reasons(status[drawn & ~judged], np.asarray(results.fault)[drawn & ~judged]),
+            lost=_counts(status[asked][status[asked] != JUDGED]),
             broken=int(any_broken.sum()),
             promises={
                 p.name: _promise(p, found[p.name], first + asked, status[asked], figures[asked], bins[asked])
@@ -173,6 +180,12 @@ def _promise(
         bins=binned(values),
         worst_map=worst_map.reshape(MAP),
     )
+
+
+def _reasons(status: NDArray[np.int8], fault: NDArray[np.int8]) -> Mapping[str, int]:
+    """How many cases are left out for which reason."""
+    said = [FAULTS[f] if s == NO_REST and f > 0 else STATUSES[s] for s, f in zip(status, fault, strict=True)]
+    return {name: said.count(name) for name in sorted(set(said))}
 
 
 def _counts(status: NDArray[np.int8]) -> Mapping[str, int]:

@@ -87,11 +87,23 @@ def journal_of(out: str | Path, key: str, fresh: bool = False) -> Iterator[Journ
     """The journal of a job, of this process alone within the block. It is removed where the block ends well.
 
     Each job (study, table, package, seed, runs) has a file of its own beside ``out``, so that another one does not
-    disturb it. ``fresh`` forgets what is there of this job. Raises ArtifactError where another process is at work on
-    the same output, or where nothing can be written.
+    disturb it. ``fresh`` forgets what is there of this job. Raises the errors of :func:`journals`.
+    """
+    with journals(out) as folder:
+        path = folder / f"{key[:24]}.jsonl"
+        if fresh:
+            path.unlink(missing_ok=True)
+        yield Journal(path)
+        path.unlink(missing_ok=True)
+
+
+@contextmanager
+def journals(out: str | Path) -> Iterator[Path]:
+    """The folder of journals beside ``out``, of this process alone within the block; it is removed where it is empty.
+
+    Raises ArtifactError where another process is at work on the same output, or where nothing can be written.
     """
     folder = journal_folder(out)
-    path = folder / f"{key[:24]}.jsonl"
     with ExitStack() as held:
         try:
             held.enter_context(parents_made(folder.parent))
@@ -105,10 +117,7 @@ def journal_of(out: str | Path, key: str, fresh: bool = False) -> Iterator[Journ
         except OSError as error:
             raise cannot_write(folder, error) from error
         try:
-            if fresh:
-                path.unlink(missing_ok=True)
-            yield Journal(path)
-            path.unlink(missing_ok=True)
+            yield folder
         finally:
             # The lock goes with its folder, and while it is held: whoever comes next sees that it was another's.
             if next(folder.glob("*.jsonl"), None) is None:

@@ -13,8 +13,9 @@ from vsgdesign.errors import WorkerError
 from vsgdesign.execution.executors import LOST
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.execution.threads import one_thread
+from vsgdesign.simulation.lanes.results import STATUSES
 from vsgdesign.verification.blocks import Job
-from vsgdesign.verification.counting import LEFT_OUT, STATUSES, figures_of, judged_values
+from vsgdesign.verification.counting import LEFT_OUT, figures_of, judged_values
 from vsgdesign.verification.summary import CaseFigures
 
 Array = NDArray[np.float64]
@@ -69,7 +70,7 @@ class _Watch:
         results = job.run(cases)
         status, figures = np.asarray(results.status), figures_of(results)
         held = [promise for promise in job.promises if name in promise.families]
-        asked = ~np.isin(status, [STATUSES.index(one) for one in LEFT_OUT])
+        asked = ~np.isin(status, LEFT_OUT)
         uses = np.stack([judged_values(p, status, figures) / p.limit for p in held], axis=1)
         worst = np.where(asked, uses.max(axis=1), 0.0)
         for k in np.argsort(-worst, kind="stable")[:FOUND].tolist():

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,13 @@ AGREEMENT = 1e-6
 or to one unit of it, whichever is larger."""
 
 
+class CaseFolder(NamedTuple):
+    """A folder of studies: where it is written, and where it will be in the end."""
+
+    written: Path
+    final: Path
+
+
 def worst_cases(summary: Summary, count: int = WORST) -> list[tuple[str, str, CaseFigures]]:
     """The worst judged cases with their family and the promise of which they leave the least, each case once."""
     found: dict[int, tuple[str, str, CaseFigures]] = {}
@@ -37,11 +44,13 @@ def worst_cases(summary: Summary, count: int = WORST) -> list[tuple[str, str, Ca
     return sorted(found.values(), key=lambda row: (-row[2].severity, row[2].index))[:count]
 
 
-def write_worst(folder: Path, job: Job, summary: Summary, progress: Progress | None = None) -> list[dict[str, Any]]:
+def write_worst(
+    folder: CaseFolder, job: Job, summary: Summary, progress: Progress | None = None
+) -> list[dict[str, Any]]:
     """Writes the worst drawn cases as studies to a new ``folder`` and simulates each again. Returns their rows."""
     tell, rows = progress or silent, []
     worst = worst_cases(summary)
-    folder.mkdir()
+    folder.written.mkdir()
     for k, (family, promise, case) in enumerate(worst):
         tell("worst cases", k / len(worst))
         cases, _ = job.batch.draw(job.study, job.spec, case.index, 1, job.ready)
@@ -54,7 +63,7 @@ def write_worst(folder: Path, job: Job, summary: Summary, progress: Progress | N
 
 
 def write_found(
-    folder: Path,
+    folder: CaseFolder,
     job: Job,
     summary: Summary,
     evaluations: int,
@@ -72,7 +81,7 @@ def write_found(
     searched = search(job, evaluations, starts, executor=executor, progress=progress)
     found = []
     if searched.found:
-        folder.mkdir()
+        folder.written.mkdir()
     for k, one in enumerate(searched.found):
         cases, _ = _cases_of(job, one)
         name = f"{k + 1:02d}-{one.family}"
@@ -91,7 +100,7 @@ def _cases_of(job: Job, one: FoundCase) -> tuple[LaneCases, Any]:
 
 
 def _row(
-    folder: Path,
+    folder: CaseFolder,
     name: str,
     job: Job,
     cases: LaneCases,
@@ -101,8 +110,9 @@ def _row(
     coordinates: np.ndarray,
 ) -> dict[str, Any]:
     """One case for results.json; its study is written as ``name``.toml."""
-    path = folder / f"{name}.toml"
-    path.write_text(job.batch.written(job.study, job.spec, cases, 0, path), encoding="utf-8", newline="\n")
+    path = folder.written / f"{name}.toml"
+    text = job.batch.written(job.study, job.spec, job.ready, cases, 0, folder.final / path.name, job.bridge)
+    path.write_text(text, encoding="utf-8", newline="\n")
     again = job.batch.simulated(path, job.ready)
     figures = figures_document(case.figures)
     return {
@@ -110,14 +120,14 @@ def _row(
         "promise": promise,
         "status": case.status,
         "figures": figures,
-        "start": start_of(job.study, cases, 0),
+        "start": start_of(job.study, cases, 0, (again.P, again.Q)),
         "end": end_of(job.study, cases, 0),
         "what": what_of(job.study, cases, 0),
-        "why": _why(job, cases, promise, case, coordinates),
-        "study": f"{folder.name}/{path.name}",
-        "simulated": again,
-        "difference": (difference := largest_difference(figures, again)),
-        "agrees": difference is None or difference <= AGREEMENT,
+        "why": _why(job, cases, promise, case, coordinates, again.decay),
+        "study": f"{folder.final.name}/{path.name}",
+        "simulated": dict(again.figures),
+        "difference": (difference := largest_difference(figures, again.figures)),
+        "agrees": None if difference is None else difference <= AGREEMENT,
     }
 
 
@@ -138,7 +148,9 @@ def largest_difference(figures: Mapping[str, float], again: Mapping[str, float])
     return max(differences, default=None)
 
 
-def _why(job: Job, cases: LaneCases, promise: str, case: CaseFigures, coordinates: np.ndarray) -> str | None:
+def _why(
+    job: Job, cases: LaneCases, promise: str, case: CaseFigures, coordinates: np.ndarray, decay: float
+) -> str | None:
     table = job.ready.table(job.spec)
     R_g = float(cases.R_g[0] * (1.0 + cases.error_R[0]))
     L_g = float(cases.L_g[0] * (1.0 + cases.error_X[0]))
@@ -146,11 +158,30 @@ def _why(job: Job, cases: LaneCases, promise: str, case: CaseFigures, coordinate
     return why_of(
         case.figures,
         promise,
-        {name: float(u) for name, u in zip(COORDINATES, coordinates, strict=True) if name in _SAID},
+        _drawn_over_a_range(job, coordinates),
         relaxed=promise in ("overshoot", "settling") and beside_relaxed(table, job.study, R_g, L_g),
-        decay=job.batch.decay(job.study, job.spec, job.ready, cases, 0),
+        decay=decay,
         limit=held.limit,
     )
 
 
-_SAID = ("SCR", "X/R")
+def _drawn_over_a_range(job: Job, coordinates: np.ndarray) -> dict[str, float]:
+    """The coordinates of a case, 0 to 1, whose quantity is drawn and has an edge that means something, by its name."""
+    asked = job.study.verification
+    if asked is None:
+        return {}
+    box = asked.box
+    told = job.spec.kind == "scheduled" and job.spec.estimate == "truth"
+    error_R, error_X, error_Z = box.errors
+    ranges = {
+        "scr": ("SCR", box.scr),
+        "x_over_r": ("X/R", box.x_over_r),
+        "P": ("P", box.P),
+        "Q": ("Q", box.Q),
+        "V_g": ("the voltage", box.V_g_rms),
+        "f_g": ("the frequency", box.omega_g),
+        "error_R": ("the error of R_g", (0.0, told * max(error_R, error_Z))),
+        "error_X": ("the error of L_g", (0.0, told * max(error_X, error_Z))),
+    }
+    by_name = dict(zip(COORDINATES, coordinates.tolist(), strict=True))
+    return {said: by_name[name] for name, (said, (low, high)) in ranges.items() if low < high}

@@ -142,6 +142,7 @@ def built_text(document: dict[str, Any], shown: int = 8) -> str:
     lines += _first(broken, "reached", "breaks its promise with", shown)
     if proof["certified"] is not False:
         lines.append(proof["text"])
+    lines += table_verification(document.get("verification"))
     lines.append(f"sha256 {table['sha256']}")
     return "\n".join(lines)
 
