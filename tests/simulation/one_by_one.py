@@ -14,11 +14,11 @@ from vsgdesign.metrics.survival import GRACE_S, ExpectedRest, Survival, Survival
 from vsgdesign.parameters.study import ControllerSpec, Event, Grid, GridSource, Study
 from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
-from vsgdesign.simulation.lanes.rests import STEP_WINDOW, settling_time_of
+from vsgdesign.simulation.lanes.rests import STEP_WINDOW
 from vsgdesign.simulation.late import LateSchedule, safe_grid
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import derive_series
-from vsgdesign.simulation.survival.running import record_of
+from vsgdesign.simulation.survival.running import record_of, settling_time_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 

@@ -16,10 +16,11 @@ from vsgdesign.parameters import load_study
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes import run as lanes_run
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
-from vsgdesign.simulation.lanes.rests import Rests, demand_of, last_of, rests_of, settling_time_of
+from vsgdesign.simulation.lanes.rests import Rests, demand_of, last_of, rests_of
 from vsgdesign.simulation.lanes.results import JUDGED, LaneResults
 from vsgdesign.simulation.lanes.segments import segments_of
 from vsgdesign.simulation.lanes.telling import telling
+from vsgdesign.simulation.survival.running import settling_time_of
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
 

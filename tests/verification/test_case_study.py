@@ -12,7 +12,7 @@ import pytest
 
 from tests import gain_tables
 from vsgdesign.artifacts.gain_table_file import write_table_file
-from vsgdesign.artifacts.ready import Ready
+from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.errors import StudyError
 from vsgdesign.metrics.survival import SURVIVED
 from vsgdesign.parameters import Study, study_from_text
@@ -22,8 +22,8 @@ from vsgdesign.parameters.toml_text import toml_text
 from vsgdesign.report.scenario.survived import survival_text
 from vsgdesign.report.scenario.verdict import verdict as verdict_text
 from vsgdesign.simulation import run_scenario
-from vsgdesign.simulation.survival import CaseRun, Change, GridKnowledge, GridState, Subject, SurvivalCase, trace_case
-from vsgdesign.simulation.survival.cases import BASIS
+from vsgdesign.simulation.lanes.results import JUDGED
+from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.verification.case_study import case_study
 from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
 
@@ -97,55 +97,31 @@ def test_every_number_is_read_to_the_bit_of_what_was_drawn(family: str) -> None:
                 assert value == pytest.approx(drawn[0, j], rel=1e-15, abs=1e-15)
 
 
-def test_a_run_of_the_file_is_that_of_the_case() -> None:
-    """Against the runs of a survival measurement, which take the disturbance as data and never write a file."""
-    study = study_from_text(TEXT)
+def test_a_run_of_the_file_has_the_figures_of_the_batch() -> None:
+    """The batch knows no file, and its judges are not those of single runs."""
+    study = study_from_text(TEXT).undisturbed
     spec = study.controllers[1]
-    cases, _ = cases_of(study, spec, uniforms_of(1, 3, 1), FAMILIES.index("sag"))
-    found, _ = case_study(study, spec, cases, 0)
-    run = run_scenario(found)
-    result = run.controllers[0]
-    c, e = study.converter, cases.events
-    place = study.grid.__class__(float(cases.R_g[0]), float(cases.L_g[0])).place(c, BASIS)
-    start = GridState(
-        scr=place.scr,
-        x_over_r=place.x_over_r,
-        P_pu=float(cases.P_ref[0]) / c.S_rated,
-        Q_pu=float(cases.Q_ref[0]) / c.S_rated,
-        V_g_pu=float(cases.V_g_rms[0]) / c.V_rated_rms,
-        df_hz=(float(cases.omega_g[0]) - c.omega_n) / (2.0 * math.pi),
-    )
-    changes = tuple(
-        Change(
-            t_s=float(e.t_s[0, j]) - 0.1,
-            V_g_pu=float(e.V_g_rms[0, j]) / c.V_rated_rms,
-            phase_deg=math.degrees(float(e.phase_jump[0, j])),
-        )
-        for j in range(2)
-    )
-    R, X = (1.0 + cases.error_R[0]) * cases.R_g[0], (1.0 + cases.error_X[0]) * c.omega_n * cases.L_g[0]
-    true = complex(cases.R_g[0], c.omega_n * cases.L_g[0])
-    wrong = complex(R, X) / true
-    knowledge = GridKnowledge(
-        silent_s=float(cases.silent_s[0]),
-        magnitude=abs(wrong),
-        angle_deg=math.degrees(math.atan2(wrong.imag, wrong.real)),
-    )
-    case = SurvivalCase(group="sag", start=start, changes=changes, cleared_s=changes[-1].t_s, knowledge=knowledge)
-    subject = Subject(study=study.undisturbed, spec=spec, limit_pu=1.2)
-    traced = trace_case(subject, case)
-    assert isinstance(traced, CaseRun)
-    rows = min(len(traced.simulation.log), len(result.simulation.log))
-    apart = np.abs(traced.simulation.log[:rows] - result.simulation.log[:rows])
-    assert apart[:, :6].max() < 1e-6
-    verdict, expected = result.survival, traced.verdict
-    said = survival_text(run)
-    assert said.startswith("one survives the events and is at rest 0.3007 s after the last one. Its largest current")
-    assert said in "".join(verdict_text(run, []))
-    assert verdict is not None
-    assert (verdict.status, expected.status) == (SURVIVED, SURVIVED)
-    for name in ("recovery_s", "peak_pu", "first_peak_pu", "limited_s", "swing_rad"):
-        assert getattr(verdict, name) == pytest.approx(getattr(expected, name), abs=1e-6), name
+    families = np.array([FAMILIES.index(name) for name in ("step", "sag", "ramp", "grid")])
+    cases, _ = cases_of(study, spec, uniforms_of(1, 0, 4), families)
+    found = run_lanes(study, spec, NOTHING, cases)
+    assert (found.status == JUDGED).all()
+    for k, family in enumerate(families):
+        run = run_scenario(case_study(study, spec, cases, k)[0])
+        verdict, name = run.controllers[0].survival, FAMILIES[family]
+        if name == "step":
+            assert verdict is None
+            signal = "P_pcc" if cases.signal[k] == 0 else "Q_pcc"
+            step = next(event.raw for event in run.controllers[0].events if event.signal == signal)
+            assert step.overshoot_pct == pytest.approx(100.0 * found.overshoot[k], abs=1e-6)
+            assert step.settling_time_s == pytest.approx(found.settling_s[k], abs=1e-6)
+            continue
+        assert verdict is not None
+        assert verdict.status == SURVIVED
+        for figure in ("recovery_s", "peak_pu", "first_peak_pu", "limited_s", "swing_rad"):
+            assert getattr(verdict, figure) == pytest.approx(getattr(found, figure)[k], abs=1e-6), (name, figure)
+        said = survival_text(run)
+        assert said.startswith(f"one survives the events and is at rest {found.recovery_s[k]:.4g} s after the last one")
+        assert said in "".join(verdict_text(run, []))
 
 
 def test_a_table_and_files_are_named_as_seen_from_the_case(tmp_path: Path) -> None:

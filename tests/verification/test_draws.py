@@ -19,7 +19,8 @@ from vsgdesign.parameters import study_from_text
 from vsgdesign.parameters.study import Grid, GridSource, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.lanes.cases import LaneCases
-from vsgdesign.verification.draws import FAMILIES, LEAD_S, UNIFORMS, cases_of, draw_cases, uniforms_of, verification_of
+from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
+from vsgdesign.verification.draws import FAMILIES, UNIFORMS, cases_of, draw_cases, uniforms_of, verification_of
 
 LIMITED = """
 [converter]
@@ -232,6 +233,8 @@ def test_a_fixed_controller_and_an_estimator_are_told_nothing() -> None:
     for controller in ('kind = "fixed"', 'kind = "scheduled", estimate = "field"'):
         cases, _ = drawn(study(controller=controller), 50)
         assert not np.any([cases.error_R, cases.error_X, cases.silent_s])
+        # A field estimator needs time to learn its grid first.
+        assert cases.events.t_s[:, 0].min() >= (LEARNING_S if "field" in controller else LEAD_S)
 
 
 def test_another_rating_and_filter_and_no_limit() -> None:

@@ -15,7 +15,8 @@ from vsgdesign.parameters.loading import FILES, study_from_document
 from vsgdesign.parameters.study import ControllerSpec, Study, StudyOrigin
 from vsgdesign.parameters.toml_text import toml_text
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
-from vsgdesign.simulation.lanes.ends import end_samples
+from vsgdesign.simulation.lanes.rests import demand_of, ends_of
+from vsgdesign.simulation.lanes.segments import segments_of
 from vsgdesign.simulation.survival.running import settling_time_of
 
 _LEFT_OUT = ("background", "sensors", "replay", "survival", "verification", "events", "grid", "simulation")
@@ -110,8 +111,8 @@ def _grid(study: Study, drawn: LaneCases, k: int) -> dict[str, Any]:
 
 
 def _simulation(study: Study, drawn: LaneCases, k: int, settling_time: float, bridge: str) -> dict[str, Any]:
-    T_s = study.converter.T_s
-    end = int(end_samples(drawn.take(np.array([k])), settling_time, T_s)[0])
+    T_s, own = study.converter.T_s, drawn.take(np.array([k]))
+    end = int(ends_of(study, own, segments_of(own), demand_of(study, settling_time))[0][0])
     found: dict[str, Any] = {
         "duration": end * T_s,
         "bridge": bridge,

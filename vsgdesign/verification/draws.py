@@ -18,6 +18,7 @@ from vsgdesign.equations.grid import SCR_BASES, error_half_widths
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.frames import rms_to_peak
+from vsgdesign.identification.registry import samples_itself
 from vsgdesign.metrics.survival import REST_SHARE
 from vsgdesign.operating_point.static_limits import converter_current_rms, static_limit_uses
 from vsgdesign.parameters.ranges import Range
@@ -25,6 +26,7 @@ from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.parameters.verification import FAMILIES, CaseBox, VerificationSpec
 from vsgdesign.runtime.of_study import ControllerGains, gain_law
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, REACTIVE, STEP, LaneCases, LaneEvents, no_events
+from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int8]
@@ -50,9 +52,6 @@ COORDINATES = (
 
 UNIFORMS = len(COORDINATES)
 """Numbers of a case."""
-
-LEAD_S = 0.1
-"""A case is at rest for this long before its disturbance, s."""
 
 _BLOCKS = 4
 """Blocks of four numbers that a case takes from the generator: one number is left for the future."""
@@ -283,7 +282,8 @@ def _with_references(draw: _Draw, at: _Starts, spec: ControllerSpec, law: Contro
     droop_P = np.nan_to_num(gains.D_p * (at.omega_g - c.omega_n), nan=0.0)
     droop_Q = np.nan_to_num(gains.D_q * (V_rms - c.V_rated_rms), nan=0.0)
     references = at.P + droop_P, at.Q + droop_Q
-    events, cleared_s = _events(draw, at, references)
+    learns = spec.kind == "scheduled" and samples_itself(spec.estimate)
+    events, cleared_s = _events(draw, at, references, LEARNING_S if learns else LEAD_S)
     step, signal = draw.of("step"), np.full(len(at.P), ACTIVE, dtype=np.int8)
     signal[step] = np.where(u["own_1"][step] < 0.5, ACTIVE, REACTIVE)
     return LaneCases(
@@ -303,10 +303,10 @@ def _with_references(draw: _Draw, at: _Starts, spec: ControllerSpec, law: Contro
     )
 
 
-def _events(draw: _Draw, at: _Starts, references: tuple[Array, Array]) -> tuple[LaneEvents, Array]:
-    """What happens in each case, and when the last change is over, s."""
+def _events(draw: _Draw, at: _Starts, references: tuple[Array, Array], lead_s: float) -> tuple[LaneEvents, Array]:
+    """What happens in each case after a rest of lead_s, and when the last change is over, s."""
     u, events = draw.u, no_events(len(at.P), _MOST_EVENTS)
-    begin = LEAD_S + u["instant"] * (2.0 * np.pi / draw.study.converter.omega_n)
+    begin = lead_s + u["instant"] * (2.0 * np.pi / draw.study.converter.omega_n)
     events.t_s[:, 0] = begin
     cleared_s = begin.copy()
     for ref, changes, events_of in zip(references, (at.dP, at.dQ), (events.P_ref, events.Q_ref), strict=True):
@@ -371,4 +371,4 @@ def _signed(ends: Range, u: Array) -> Array:
     return np.where(x < 0.0, -1.0, 1.0) * _uniform(ends, np.abs(x))
 
 
-__all__ = ["COORDINATES", "FAMILIES", "LEAD_S", "UNIFORMS", "cases_of", "draw_cases", "uniforms_of", "verification_of"]
+__all__ = ["COORDINATES", "FAMILIES", "UNIFORMS", "cases_of", "draw_cases", "uniforms_of", "verification_of"]

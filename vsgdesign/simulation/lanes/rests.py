@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.filters import pcc_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.frames import instantaneous_power, rms_to_peak
@@ -22,7 +21,7 @@ from vsgdesign.operating_point.many import (
     ManyStates,
     many_rests_with_measured_gains,
 )
-from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.segments import START_PHASE, Segments
@@ -65,14 +64,6 @@ def _some(states: ManyStates, chosen: NDArray[np.intp]) -> ManyStates:
 
 def _some_fields(record: Any, chosen: NDArray[np.intp]) -> Any:
     return type(record)(*(_some_fields(one, chosen) if hasattr(one, "_fields") else one[chosen] for one in record))
-
-
-def settling_time_of(spec: ControllerSpec, ready: Ready) -> float:
-    """T of a controller: that of its table's specification, or of its closed form, s."""
-    table = ready.table(spec)
-    if table is not None and "settling_time" in table.specification:
-        return float(table.specification["settling_time"])
-    return spec.target.settling_time
 
 
 def demand_of(study: Study, T: float) -> SurvivalDemand:

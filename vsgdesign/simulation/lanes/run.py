@@ -22,7 +22,7 @@ from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes.alone import run_alone
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases
 from vsgdesign.simulation.lanes.part import Part, make_part
-from vsgdesign.simulation.lanes.rests import Rests, demand_of, ends_of, rests_of, settling_time_of
+from vsgdesign.simulation.lanes.rests import Rests, demand_of, ends_of, rests_of
 from vsgdesign.simulation.lanes.results import (
     DIVERGED,
     JUDGED,
@@ -37,7 +37,7 @@ from vsgdesign.simulation.lanes.results import (
 from vsgdesign.simulation.lanes.segments import Segments, segments_of
 from vsgdesign.simulation.lanes.telling import Telling, alone_because, telling
 from vsgdesign.simulation.outcome import BOUND_PU
-from vsgdesign.simulation.survival.running import SETTLING_TIMES, SETTLING_TIMES_FOR_EVER
+from vsgdesign.simulation.survival.running import SETTLING_TIMES, SETTLING_TIMES_FOR_EVER, settling_time_of
 
 Array = NDArray[np.float64]
 
