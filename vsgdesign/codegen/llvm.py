@@ -25,6 +25,7 @@ __all__ = ["Block", "Loop", "LoopSpec", "Program", "best_lanes", "compiled_loop"
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+_FLOATS, _INTEGERS = np.dtype(np.float64), np.dtype(np.int64)
 _LANES = {"avx512": 8, "avx2": 4, "sse2": 2, "other": 2}
 
 
@@ -127,16 +128,13 @@ class Loop:
             period = len(cycle) if cycle is not None else (len(cyclic) if cyclic is not None else 0)
             given.fault(period == 0, "cyclic or cycle has no sample: give at least one")
         given.array("cyclic", cyclic, (period, len(spec.cyclic)), needed=bool(spec.cyclic))
-        given.array("cycle", cycle, (period,), np.int64, needed=len(spec.bodies) > 1)
+        given.array("cycle", cycle, (period,), _INTEGERS, needed=len(spec.bodies) > 1)
         given.array("fed", fed, (groups, None, len(spec.fed), spec.width), needed=bool(spec.fed), whole=False)
         given.array("rings", rings, (groups, None, len(spec.rings), spec.width), needed=bool(spec.rings))
-        given.array("ring_length", ring_length, (groups,), np.int64, needed=bool(spec.rings))
+        given.array("ring_length", ring_length, (groups,), _INTEGERS, needed=bool(spec.rings))
         logging = bool(spec.logged) and every > 0
         given.array("log", log, (groups, None, len(spec.logged), spec.width), needed=logging, whole=False)
-        if program is None:
-            nothing = np.zeros(0, np.int64)
-            start = np.zeros(groups + 1, np.int64), np.zeros(groups, np.int64)
-            program = Program(start[0], nothing, nothing, nothing, nothing, nothing, np.zeros(0), start[1])
+        program = _no_program(groups) if program is None else program
         given.fault(len(program.done) != groups, f"done of the program has {len(program.done)} groups: give {groups}")
         given.program(program, rows.shape[1] if rows.ndim == 3 else 0, spec.width, program.at is not self._checked)
         given.raise_faults()
@@ -154,6 +152,13 @@ class Loop:
             "every": every if logging else 0, "origin": origin,
         }  # fmt: skip
         return self._call(*(numbers[name] for name in INTEGERS), *(given.address(name) for name in POINTERS))
+
+
+@functools.lru_cache(maxsize=64)
+def _no_program(groups: int) -> Program:
+    """A program without records: no call changes it."""
+    nothing = np.zeros(0, np.int64)
+    return Program(np.zeros(groups + 1, np.int64), *[nothing] * 5, values=np.zeros(0), done=np.zeros(groups, np.int64))
 
 
 class _Given:
@@ -176,7 +181,7 @@ class _Given:
         name: str,
         array: NDArray[Any] | None,
         shape: tuple[int | None, ...],
-        kind: Any = np.float64,
+        kind: Any = _FLOATS,
         *,
         needed: bool = True,
         whole: bool = True,
@@ -186,8 +191,11 @@ class _Given:
             self.fault(needed, f"{name} is missing: give an array of shape {_shown(shape)}")
             return
         fits = array.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
+        if fits and array.dtype == kind and array.flags.c_contiguous:  # a text costs more than a check
+            self.arrays[name] = array
+            return
         self.fault(not fits, f"{name} has the shape {array.shape}: give {_shown(shape)}")
-        self.fault(array.dtype != kind, f"{name} is of {array.dtype}: give {np.dtype(kind)}")
+        self.fault(array.dtype != kind, f"{name} is of {array.dtype}: give {kind}")
         inner = array if whole or not fits or 0 in array.shape[:-2] else array[(0,) * (array.ndim - 2)]
         self.fault(not inner.flags.c_contiguous, f"{name} is not contiguous: give a copy of it")
         self.arrays[name] = array
@@ -197,7 +205,7 @@ class _Given:
         count, groups = len(program.at), len(program.done)
         shapes = {"first": groups + 1, "done": groups} | dict.fromkeys(("at", "lane", "row", "count", "source"), count)
         for name, length in shapes.items():
-            self.array(name, getattr(program, name), (length,), np.int64)
+            self.array(name, getattr(program, name), (length,), _INTEGERS)
         self.array("values", program.values, (len(program.values),))
         if self.faults or not count or not anew:
             return
