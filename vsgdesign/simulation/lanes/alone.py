@@ -22,13 +22,13 @@ from vsgdesign.parameters.study import ControllerSpec, Event, Grid, GridSource, 
 from vsgdesign.runtime.of_study import ControllerGains, gain_law
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
-from vsgdesign.simulation.lanes.rests import Rests, demand_of, ends_of, rests_of, settling_time_of
+from vsgdesign.simulation.lanes.rests import Rests, demand_of, ends_of, rests_of
 from vsgdesign.simulation.lanes.results import DIVERGED, JUDGED, NO_REST, STATUSES, LaneResults
 from vsgdesign.simulation.lanes.segments import segments_of
 from vsgdesign.simulation.lanes.telling import ManyGainsOf
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import derive_series, samples_per_mean
-from vsgdesign.simulation.survival.running import record_of
+from vsgdesign.simulation.survival.running import record_of, settling_time_of
 
 Array = NDArray[np.float64]
 
