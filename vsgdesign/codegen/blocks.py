@@ -86,13 +86,40 @@ class Writer:
         return Block(tuple(self._inputs), tuple(self._lets), tuple(self._outputs.items()))
 
 
-def evaluated(block: Block, values: Mapping[str, float]) -> dict[str, float]:
-    """The outputs of a block for values of its inputs, operation by operation in plain Python: what a strict loop
-    computes, to the last bit."""
-    here: dict[str, Any] = {name: values[name] for name in block.inputs if name in values}
-    for name, value in block.lets:
-        here[name] = _value(value, here)
-    return {name: float(_value(value, here)) for name, value in block.outputs}
+class Plain:
+    """A block that plain Python runs, operation by operation: what a strict loop computes, to the last bit."""
+
+    def __init__(self, block: Block) -> None:
+        self._inputs = block.inputs
+        places = {name: at for at, name in enumerate(block.inputs)}
+        self._numbers: list[Any] = []
+        first = len(places) + len(block.lets)  # numbers that are known stand behind all values
+
+        def place(value: Expression) -> int:
+            if isinstance(value, Variable):
+                return places[value.name]
+            if isinstance(value, Number):
+                self._numbers.append(value.value)
+                return first + len(self._numbers) - 1
+            raise TypeError(f"{value!r} is no number, input or let of a block.")
+
+        self._steps: list[tuple[Callable[..., Any], tuple[int, ...]]] = []
+        for name, value in block.lets:
+            if not isinstance(value, Operation):
+                raise TypeError(f"{name} = {value!r} is no operation of a block.")
+            self._steps.append((_DOES[value.name], tuple(place(one) for one in value.arguments)))
+            places[name] = len(places)
+        self._outputs = [(name, place(value)) for name, value in block.outputs]
+
+    def __call__(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The outputs for these values of the inputs. One that nothing reads may be missing."""
+        here: list[Any] = [values.get(name, math.nan) for name in self._inputs]
+        count = len(here)
+        here += [None] * len(self._steps)
+        here += self._numbers
+        for at, (does, places) in enumerate(self._steps, count):
+            here[at] = does(*[here[place] for place in places])
+        return {name: float(here[place]) for name, place in self._outputs}
 
 
 def _moved(value: Expression, here: Mapping[str, Expression]) -> Expression:
@@ -110,16 +137,6 @@ def _free(name: str, taken: set[str]) -> str:
         found = f"{name}_{count}"
     taken.add(found)
     return found
-
-
-def _value(value: Expression, here: Mapping[str, Any]) -> Any:
-    if isinstance(value, Number):
-        return value.value
-    if isinstance(value, Variable):
-        return here[value.name]
-    if isinstance(value, Operation):
-        return _DOES[value.name](*(_value(one, here) for one in value.arguments))
-    raise TypeError(f"{value!r} is no operation of a block.")
 
 
 def _quotient(a: float, b: float) -> float:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.codegen.blocks import evaluated
+from vsgdesign.codegen.blocks import Plain
 from vsgdesign.codegen.llvm import Loop, LoopSpec, compiled_loop
 from vsgdesign.codegen.records import Kinds
 from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement
@@ -157,6 +157,16 @@ def loop_of(run: Run, states_logged: bool = False) -> Loop:
     )
 
 
+@functools.cache
+def _plain_control(run: Run) -> Plain:
+    return Plain(control(run))
+
+
+@functools.cache
+def _plain_plant(run: Run, slope: str) -> Plain:
+    return Plain(plant(run, slope))
+
+
 def carrier(p: float) -> float:
     """Symmetric triangle in [−1, 1] over its period p ∈ [0, 1], valley at zero."""
     return 4.0 * p - 1.0 if p < 0.5 else 3.0 - 4.0 * p
@@ -244,7 +254,7 @@ class RunLoop:
         here = dict(zip(self._names, self._rows[0, :, 0].tolist(), strict=True))
         here |= dict(zip(self._uniform_names, self._uniform.tolist(), strict=True))
         here |= dict(zip(layout.fed, fed.tolist(), strict=True))
-        here |= evaluated(control(run), here)
+        here |= _plain_control(run)(here)
         log[:] = [here[name] for name in layout.logged]
         following = dict(here)
         for piece in pieces:
@@ -254,7 +264,7 @@ class RunLoop:
                 following |= {f"part.{name}": value for name, value in piece.part._asdict().items()}
             if piece.more is not None:
                 following |= dict(zip(layout.fed, piece.more.tolist(), strict=False))
-            arrived = evaluated(plant(run, piece.slope), following)
+            arrived = _plain_plant(run, piece.slope)(following)
             following |= arrived
             following |= {f"x.{name}": arrived[f"arrived.{name}"] for name in states_of(run.axes)}
         self._rows[0, : len(layout.state), 0] = [following[output] for _, output in layout.state]
