@@ -11,6 +11,7 @@ import pytest
 from tests.simulation.one_by_one import numbers, run_one, step_of, verdict_of
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.equations.controller import ControllerState
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.metrics.survival import ExpectedRest
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.study import ControllerSpec, Study
@@ -101,6 +102,26 @@ def test_figures_of_a_batch_are_those_of_single_runs(name: str, controller: str,
         assert results.swing_rad[k] == pytest.approx(verdict.swing_rad, abs=1e-7)
 
 
+def test_a_switched_bridge_with_events_inside_its_intervals() -> None:
+    study, spec = study_named("survival", "decoupled")
+    own, T = study.with_limit_of(spec), settling_time_of(spec, NOTHING)
+    for family in ("sag", "ramp"):
+        cases = drawn(study, spec, family, 2)
+        rests = batch(study, spec, cases)[1]
+        results = lanes_run.run_lanes(study, spec, NOTHING, cases, bridge="pwm")
+        for k in np.flatnonzero(results.status >= JUDGED).tolist():
+            run = run_one(study, spec, NOTHING, cases, k, "pwm")
+            rest = ExpectedRest(
+                P=float(rests.P_end[k]), Q=float(rests.Q_end[k]), delta=float(rests.delta_end[k]), i_s_pu=0.5
+            )
+            omega_end = float(last_of(segments_of(cases)).omega[k])
+            verdict, _ = verdict_of(own, run, cases, k, rest, T, omega_end)
+            recovery = np.inf if verdict.recovery_s is None else verdict.recovery_s
+            assert results.recovery_s[k] == pytest.approx(recovery, abs=1e-8)
+            assert results.peak_pu[k] == pytest.approx(verdict.peak_pu, abs=1e-9)
+            assert results.limited_s[k] == pytest.approx(verdict.limited_s, abs=1e-12)
+
+
 @pytest.mark.parametrize(("name", "controller"), [("survival", "published"), ("laboratory", "scheduled")])
 def test_every_state_at_the_end_of_a_step(name: str, controller: str) -> None:
     study, spec = study_named(name, controller)
@@ -148,8 +169,10 @@ def test_a_batch_does_not_depend_on_its_neighbours() -> None:
 def test_what_cannot_be_run_in_a_batch_is_refused() -> None:
     study, spec = study_named("survival", "decoupled")
     distorted = study.with_changes(background={})
-    with pytest.raises(Exception, match="one by one"):
+    with pytest.raises(InfeasibleStudyError, match="one by one"):
         lanes_run.run_lanes(distorted, spec, NOTHING, drawn(study, spec, "step", 2))
     odd = replace(study, converter=replace(study.converter, samples_per_carrier=3))
-    with pytest.raises(Exception, match="even number"):
-        lanes_run.run_lanes(odd, spec, NOTHING, drawn(study, spec, "step", 2), bridge="pwm")
+    with pytest.raises(InfeasibleStudyError, match="even number"):
+        lanes_run.run_lanes(odd, spec, NOTHING, drawn(study, spec, "grid", 2), bridge="pwm")
+    with pytest.raises(InfeasibleStudyError, match="averaged bridge"):
+        lanes_run.run_lanes(study, spec, NOTHING, drawn(study, spec, "step", 2), bridge="pwm")

@@ -18,7 +18,14 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import Limiter, limiter_named
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation.lanes.lane_sample import Ramp, RampRow, lane_of_disturbance, lane_of_step, lane_with_ramp
+from vsgdesign.simulation.lanes.lane_sample import (
+    Ramp,
+    RampRow,
+    SecondPiece,
+    lane_of_disturbance,
+    lane_of_step,
+    lane_with_ramp,
+)
 from vsgdesign.simulation.lanes.sample import BridgeVoltage, CarrierPart, EdgeRow, PlantRow, PlantState, SourcePhasor
 from vsgdesign.simulation.lanes.watched_sample import (
     DisturbanceDemand,
@@ -44,6 +51,11 @@ class LaneKind(NamedTuple):
     zero_sequence: bool
     samples_per_carrier: int
     second_inductor: bool
+    broken: bool = False
+    """Whether it runs single samples in whose interval an event falls, on one slope of the carrier; of a switched
+    bridge only. An averaged bridge has one interval for both parts."""
+    rising: bool = True
+    """The slope of these."""
 
 
 class LaneLoop(NamedTuple):
@@ -92,7 +104,7 @@ def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> L
     limiter = limiter_named(kind.limiter)
     memory, constants = (typing.get_type_hints(made)["return"] for made in (limiter.at_rest, limiter.build))
     # A switched bridge has one edge a leg in an interval that lies on one slope of the carrier.
-    slopes = (True, False) if kind.switched else (True,)
+    slopes = (True, False) if kind.switched and not kind.broken else (kind.rising,)
     bodies = tuple(_body(kind, limiter, memory, constants, rising) for rising in slopes)
     inputs = set().union(*(body.inputs for body in bodies))
     watch, demand = (StepWatch, StepDemand) if kind.step else (DisturbanceWatch, DisturbanceDemand)
@@ -118,6 +130,8 @@ def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> L
         "grid.L_g",
         *(["circuit.R_g", "circuit.L_g"] if kind.step else []),
         *(names_of(EdgeRow, "edge") if kind.switched else []),
+        *([*names_of(CarrierPart, "part"), *names_of(SecondPiece, "second")] if kind.broken else []),
+        *(["P_ago", "Q_ago"] if kind.broken and not kind.step else []),
     ]
     lane = [name for name in lane if name not in shared_demand]
     uniform = [
@@ -129,14 +143,14 @@ def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> L
         *([f"circuit.{name}" for name in FilterGrid._fields if name not in ("R_g", "L_g")] if kind.step else ["R_c"]),
         *(["V_dc"] if kind.switched else []),
     ]
-    lanes = best_lanes()
+    lanes = best_lanes(target)
     spec = LoopSpec(
         bodies=bodies,
         state=tuple(moving),
         constant=tuple(name for name in lane if name in inputs),
         uniform=tuple(name for name in uniform if name in inputs),
-        cyclic=tuple(names_of(CarrierPart, "part")) if kind.switched else (),
-        rings=() if kind.step else (("P_ago", "P"), ("Q_ago", "Q")),
+        cyclic=tuple(names_of(CarrierPart, "part")) if kind.switched and not kind.broken else (),
+        rings=() if kind.step or kind.broken else (("P_ago", "P"), ("Q_ago", "Q")),
         index="k",
         lanes=lanes,
         vectors=max(16 // lanes, 1),
@@ -152,6 +166,7 @@ def _body(kind: LaneKind, limiter: Limiter, memory: Any, constants: Any, rising:
         "limiter": limiter.law,
         "delayed": kind.delayed,
         "switched": kind.switched,
+        "broken": kind.broken,
         "zero_sequence": kind.zero_sequence,
         "rising": rising,
     }
@@ -178,13 +193,17 @@ def uniform_values(spec: LoopSpec, study: Study, **others: float) -> Array:
     return np.array([float(known[name]) for name in spec.uniform])
 
 
+def carrier_part(begin: Array, end: Array) -> Array:
+    """:class:`CarrierPart` of intervals, (n, 3)."""
+    return np.column_stack([begin, end, np.where(begin < 0.5, 4.0 * begin - 1.0, 3.0 - 4.0 * begin)])
+
+
 def carrier_values(samples_per_carrier: int) -> tuple[Array, NDArray[np.int64]]:
     """What depends on the place on the carrier: (n, 3) of :class:`CarrierPart`, and the body (n): 0 where the carrier
     rises, 1 where it falls."""
     n = samples_per_carrier
     begin = np.arange(n) / n
-    level = np.where(begin < 0.5, 4.0 * begin - 1.0, 3.0 - 4.0 * begin)
-    return np.column_stack([begin, begin + 1.0 / n, level]), (begin >= 0.5).astype(np.int64)
+    return carrier_part(begin, begin + 1.0 / n), (begin >= 0.5).astype(np.int64)
 
 
 def _flat(record: Any, prefix: str) -> dict[str, float]:

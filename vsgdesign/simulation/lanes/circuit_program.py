@@ -7,11 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.operating_point.plants import PlantSteps, plant_steps
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation.lanes.body import LaneLoop
+from vsgdesign.simulation.lanes.body import LaneLoop, carrier_part
 from vsgdesign.simulation.lanes.program import ProgramWriter
+from vsgdesign.simulation.lanes.sample import Coefficients
 from vsgdesign.simulation.lanes.segments import Segments, last_before
 
 Array = NDArray[np.float64]
@@ -25,6 +27,10 @@ RAMP_DRIFT = 1e-4
 out is of third order, 2e-13 of the source."""
 
 
+TERMS = len(Coefficients._fields)
+"""Terms of an edge polynomial."""
+
+
 class _Interval(NamedTuple):
     """One interval of n lanes: transition (n, 3, 3), bridge (n, 3), and what the source adds, complex (n, 3), for the
     source's phasor at its beginning as a unit; and by how much the source turns, rad."""
@@ -33,12 +39,30 @@ class _Interval(NamedTuple):
     bridge: Array
     source: Complex
     turn: Array
+    edge: Array
+    """(n, 48) of :class:`vsgdesign.simulation.lanes.sample.EdgeRow`; (n, 0) for an averaged bridge."""
+
+
+class BrokenSample(NamedTuple):
+    """A sample of a lane in whose interval an event falls, with a switched bridge: what its own loop is given."""
+
+    lane: int
+    sample: int
+    values: dict[str, Array]
+    """Values of a record, or of one number, by name."""
 
 
 class CircuitProgram:
-    """Writes the circuit of a batch. ``lanes`` are numbers within the batch, ``segments`` those of the same lanes."""
+    """Writes the circuit of a batch. ``lanes`` are numbers within the batch, ``segments`` those of the same lanes.
+
+    With a switched bridge, the samples in whose interval an event falls are left to loops of their own (``broken``).
+    """
+
+    broken: list[BrokenSample]
 
     def __init__(self, study: Study, loop: LaneLoop, writer: ProgramWriter, segments: Segments, ramped: bool) -> None:
+        self.broken = []
+        self._switched = bool(loop.spec.cyclic)
         self._study, self._loop, self._writer, self._ramped = study, loop, writer, ramped
         self._segments, self._T_s = segments, study.converter.T_s
         self._row, self._turn = loop.rows("row").start, loop.place.get("of.turn")
@@ -70,16 +94,22 @@ class CircuitProgram:
         """The one interval of each lane in which a segment begins, from its two parts (:eq:`composite-interval`)."""
         T_s = self._T_s
         before = last_before(every, after.t_s).at(at * T_s)
-        one = self._interval(before, after.t_s - at * T_s)
-        other = self._interval(after, (at + 1) * T_s - after.t_s)
+        one = self._interval(before, np.asarray(after.t_s - at * T_s, dtype=np.float64))
+        other = self._interval(after, np.asarray((at + 1) * T_s - after.t_s, dtype=np.float64))
         # The source's phasor at the event, over the one at the sample.
         turned = np.exp(1j * (after.phase - before.phase))
+        if self._switched:
+            other = other._replace(source=other.source * turned[:, None])
+            turn = (after.phase - before.phase) + other.turn
+            self._note_broken(lanes, at, one._replace(turn=turn), other, after.t_s)
+            return
         source = np.einsum("nij,nj->ni", other.transition, one.source) + other.source * turned[:, None]
         joint = _Interval(
             transition=other.transition @ one.transition,
             bridge=np.einsum("nij,nj->ni", other.transition, one.bridge) + other.bridge,
             source=source,
             turn=(after.phase - before.phase) + other.turn,
+            edge=other.edge,
         )
         self._put(lanes, at, joint)
         if self._ramped:  # the responses have the whole source in them
@@ -89,6 +119,30 @@ class CircuitProgram:
             self._writer.put(
                 lanes, at, self._loop.rows("ramp").start, np.column_stack([np.ones(len(lanes)), np.zeros(len(lanes))])
             )
+
+    def _note_broken(
+        self, lanes: NDArray[np.intp], at: NDArray[np.int64], one: _Interval, other: _Interval, t_s: Array
+    ) -> None:
+        """Samples in two parts, whose source is that of the whole interval's beginning."""
+        n = self._study.converter.samples_per_carrier
+        begin = (at % n) / n
+        middle = begin + (t_s / self._T_s - at) / n
+        parts = carrier_part(begin, middle), carrier_part(middle, begin + 1.0 / n)
+        for k, lane in enumerate(lanes.tolist()):
+            values = {
+                "row": _row(one)[k],
+                "part": parts[0][k],
+                "edge": one.edge[k],
+                "second.row": _row(other)[k],
+                "second.part": parts[1][k],
+                "second.edge": other.edge[k],
+            }
+            if self._turn is not None:
+                values["of.turn"] = one.turn[k : k + 1]
+            if self._ramped:
+                values["ramp_of"] = np.concatenate([one.source[k].real, one.source[k].imag, np.zeros(14)])
+                values["ramp"] = np.array([1.0, 0.0])
+            self.broken.append(BrokenSample(lane, int(at[k]), values))
 
     def _jumped(self, lanes: NDArray[np.intp], at: NDArray[np.int64], every: Segments, after: Segments) -> None:
         """Where an event coincides with a sample, a jump of the phase is part of the turn of the interval before."""
@@ -136,23 +190,45 @@ class CircuitProgram:
         self._writer.put(lanes, at, self._loop.rows("ramp").start, now)
 
     def _put(self, lanes: NDArray[np.intp], at: NDArray[np.int64], interval: _Interval) -> None:
-        n = len(lanes)
-        columns = [
-            interval.transition.reshape(n, 9),
+        self._writer.put(lanes, at, self._row, _row(interval))
+        if self._switched:
+            self._writer.put(lanes, at, self._loop.rows("edge").start, interval.edge)
+        if self._turn is not None:
+            self._writer.put(lanes, at, self._turn, interval.turn)
+
+    def _interval(self, source: Segments, h: Array | float) -> _Interval:
+        """An interval of length h (s) that begins with the segment given."""
+        steps = plant_steps(self._study, source.R_g, source.L_g, h, source.omega, edges=self._switched)
+        V, a, r = rms_to_peak(source.V_g_rms), rms_to_peak(source.V_slope), source.omega_slope
+        weights = np.stack([V + 0j, a + 0j, 0.5j * V * r], axis=1)  # :eq:`source-ramp` without a drift
+        added = np.einsum("nm,nmi->ni", weights, steps.source)
+        edge = _edges(steps) if self._switched else np.empty((len(added), 0))
+        return _Interval(steps.transition, steps.bridge, added, source.omega * h + 0.5 * r * h * h, edge)
+
+
+def _row(interval: _Interval) -> Array:
+    """Values of :class:`vsgdesign.simulation.lanes.sample.PlantRow`, (n, 20)."""
+    return np.column_stack(
+        [
+            interval.transition.reshape(-1, 9),
             interval.bridge,
             interval.source.real,
             interval.source.imag,
             np.cos(interval.turn),
             np.sin(interval.turn),
         ]
-        self._writer.put(lanes, at, self._row, np.column_stack(columns))
-        if self._turn is not None:
-            self._writer.put(lanes, at, self._turn, interval.turn)
+    )
 
-    def _interval(self, source: Segments, h: Array | float) -> _Interval:
-        """An interval of length h (s) that begins with the segment given."""
-        steps: PlantSteps = plant_steps(self._study, source.R_g, source.L_g, h, source.omega)
-        V, a, r = rms_to_peak(source.V_g_rms), rms_to_peak(source.V_slope), source.omega_slope
-        weights = np.stack([V + 0j, a + 0j, 0.5j * V * r], axis=1)  # :eq:`source-ramp` without a drift
-        added = np.einsum("nm,nmi->ni", weights, steps.source)
-        return _Interval(steps.transition, steps.bridge, added, source.omega * h + 0.5 * r * h * h)
+
+def _edges(steps: PlantSteps) -> Array:
+    """Values of :class:`vsgdesign.simulation.lanes.sample.EdgeRow`, (n, 48): for each state its coefficients, from the
+    constant one on."""
+    count, degree = steps.edge.shape[:2]
+    if degree > TERMS or not np.isfinite(steps.edge).all():
+        raise InfeasibleStudyError(
+            "the circuit is too stiff to switch in a batch: its fastest mode (R/L or R_c/L) dies out within a sampling "
+            'period. Sample faster, lower R_c, raise x_over_r, or use bridge = "averaged".'
+        )
+    full = np.zeros((count, 3, TERMS))
+    full[:, :, :degree] = steps.edge.transpose(0, 2, 1)
+    return full.reshape(count, 3 * TERMS)

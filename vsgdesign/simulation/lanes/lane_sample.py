@@ -21,6 +21,8 @@ from vsgdesign.simulation.lanes.sample import (
     SourcePhasor,
     averaged_sample,
     drawn_back,
+    moved_by_source,
+    switched_bridge,
     switched_sample,
 )
 from vsgdesign.simulation.lanes.watched_sample import (
@@ -105,6 +107,15 @@ def with_ramp(row: PlantRow, ramp: Ramp, of: RampRow, T_s: Any) -> Any:
     return moved_row, Ramp(V_pk=V + a * T_s, drift=d + r * T_s), extra
 
 
+class SecondPiece(NamedTuple):
+    """The rest of an interval in which an event falls: the circuit over it, with what the source adds for the phasor at
+    the beginning of the whole interval; its part of the carrier, and the responses to its edges."""
+
+    row: PlantRow
+    part: CarrierPart
+    edge: EdgeRow
+
+
 def bridge_sample(
     state: ControllerState,
     x: PlantState,
@@ -120,14 +131,43 @@ def bridge_sample(
     V_dc: Any,
     part: CarrierPart,
     edge: EdgeRow,
+    second: SecondPiece,
     limiter: LimiterLaw,
     delayed: bool,
     switched: bool,
+    broken: bool,
     zero_sequence: bool,
     rising: bool,
 ) -> Any:
-    """One sample with either bridge. Returns (following, output, moved, waiting, turned)."""
-    if switched:
+    """One sample with either bridge; ``broken``: an event falls inside its interval. Returns (following, output, moved,
+    waiting, turned)."""
+    if broken:
+        following, output, middle, waiting, turned = switched_sample(
+            state,
+            x,
+            pending,
+            source,
+            grid,
+            refs,
+            power_gains,
+            inner_gains,
+            settings,
+            R_c,
+            row,
+            V_dc,
+            part,
+            edge,
+            limiter,
+            delayed,
+            zero_sequence,
+            rising,
+        )
+        applied = pending if delayed else waiting
+        rest = switched_bridge(
+            middle, applied.alpha, applied.beta, second.row, V_dc, second.part, second.edge, zero_sequence, rising
+        )
+        moved = moved_by_source(rest, source, second.row)
+    elif switched:
         following, output, moved, waiting, turned = switched_sample(
             state,
             x,
@@ -169,6 +209,7 @@ def lane_of_step(
     V_dc: Any,
     part: CarrierPart,
     edge: EdgeRow,
+    second: SecondPiece,
     watch: StepWatch,
     of: StepDemand,
     load_of: LoadDemand,
@@ -177,6 +218,7 @@ def lane_of_step(
     limiter: LimiterLaw,
     delayed: bool,
     switched: bool,
+    broken: bool,
     zero_sequence: bool,
     rising: bool,
     second_inductor: bool,
@@ -197,9 +239,11 @@ def lane_of_step(
         V_dc,
         part,
         edge,
+        second,
         limiter,
         delayed,
         switched,
+        broken,
         zero_sequence,
         rising,
     )
@@ -223,6 +267,7 @@ def lane_of_disturbance(
     V_dc: Any,
     part: CarrierPart,
     edge: EdgeRow,
+    second: SecondPiece,
     watch: DisturbanceWatch,
     of: DisturbanceDemand,
     load_of: LoadDemand,
@@ -232,6 +277,7 @@ def lane_of_disturbance(
     limiter: LimiterLaw,
     delayed: bool,
     switched: bool,
+    broken: bool,
     zero_sequence: bool,
     rising: bool,
 ) -> Any:
@@ -251,9 +297,11 @@ def lane_of_disturbance(
         V_dc,
         part,
         edge,
+        second,
         limiter,
         delayed,
         switched,
+        broken,
         zero_sequence,
         rising,
     )
@@ -280,6 +328,7 @@ def lane_with_ramp(
     V_dc: Any,
     part: CarrierPart,
     edge: EdgeRow,
+    second: SecondPiece,
     watch: DisturbanceWatch,
     of: DisturbanceDemand,
     load_of: LoadDemand,
@@ -289,6 +338,7 @@ def lane_with_ramp(
     limiter: LimiterLaw,
     delayed: bool,
     switched: bool,
+    broken: bool,
     zero_sequence: bool,
     rising: bool,
 ) -> Any:
@@ -309,9 +359,11 @@ def lane_with_ramp(
         V_dc,
         part,
         edge,
+        second,
         limiter,
         delayed,
         switched,
+        broken,
         zero_sequence,
         rising,
     )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from bisect import bisect_left
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,9 +16,9 @@ from vsgdesign.frames import rms_to_peak
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, FIRST_S, SurvivalDemand
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation.lanes.body import LaneLoop, carrier_values, kind_of, lane_loop, uniform_values
+from vsgdesign.simulation.lanes.body import LaneKind, LaneLoop, carrier_values, kind_of, lane_loop, uniform_values
 from vsgdesign.simulation.lanes.cases import ACTIVE, LaneCases
-from vsgdesign.simulation.lanes.circuit_program import SAME_INSTANT, CircuitProgram
+from vsgdesign.simulation.lanes.circuit_program import SAME_INSTANT, BrokenSample, CircuitProgram
 from vsgdesign.simulation.lanes.program import ProgramWriter
 from vsgdesign.simulation.lanes.rests import Rests
 from vsgdesign.simulation.lanes.segments import START_PHASE, segments_of
@@ -41,10 +43,16 @@ class Part:
     program: Program
     ends: Samples
     """Number of samples of each lane, (n,), in descending order."""
+    kind: LaneKind
+    demanded: dict[str, float]
+    """Uniform numbers of what is demanded."""
+    strict: bool
     kept: dict[str, int] = field(default_factory=dict)
     """First row of what is kept for the end."""
     rings: Array | None = None
     ring_length: Samples | None = None
+    broken: list[BrokenSample] = field(default_factory=list)
+    """In the order of their samples."""
 
     def __len__(self) -> int:
         return len(self.index)
@@ -57,6 +65,47 @@ class Part:
     def run(self, begin: int, end: int) -> None:
         """Runs the samples from ``begin`` up to before ``end`` of every group that is not over."""
         end = min(end, self.end)
+        due = self.broken[self._broken_before(begin) : self._broken_before(end)]
+        for sample, together in itertools.groupby(due, key=lambda one: one.sample):
+            self._run(begin, sample)
+            after = [(one, self._after_broken(one)) for one in together]
+            begin = sample + 1
+            self._run(sample, begin)
+            for one, state in after:
+                group, lane = divmod(one.lane, self.made.spec.width)
+                self.rows[group, : len(state), lane] = state
+        self._run(begin, end)
+
+    def _after_broken(self, one: BrokenSample) -> Array:
+        """The state of a lane after a sample in whose interval an event falls."""
+        width, k = self.made.spec.width, one.sample
+        group, lane = divmod(one.lane, width)
+        n = self.study.converter.samples_per_carrier
+        own = lane_loop(self.kind._replace(broken=True, rising=(k % n) / n < 0.5), self.strict)
+        now = self.rows[group, :, lane].copy()
+        p, due = self.program, slice(self.program.first[group], self.program.first[group + 1])
+        for r in np.flatnonzero((p.at[due] == k) & (p.lane[due] == lane)) + due.start:
+            row, count, source = p.row[r], p.count[r], p.source[r]
+            values = p.values[source : source + count] if source >= 0 else now[-1 - source : -1 - source + count].copy()
+            now[row : row + count] = values
+        rows = np.zeros((1, len(own.spec.rows), width))
+        for name, place in own.place.items():
+            if name in self.made.place:
+                rows[0, place] = now[self.made.place[name]]
+        for name, values in one.values.items():
+            begin = own.place[name] if name in own.place else own.rows(name).start
+            rows[0, begin : begin + len(values)] = values[:, None]
+        if self.rings is not None and self.ring_length is not None:
+            slot = k % int(self.ring_length[group])
+            for name, value in zip(("P_ago", "Q_ago"), self.rings[group, slot, :, lane], strict=True):
+                rows[0, own.place[name]] = value
+        own.loop(k, k + 1, rows, uniform_values(own.spec, self.study, **self.demanded))
+        return rows[0, : len(own.spec.state), 0]
+
+    def _broken_before(self, sample: int) -> int:
+        return bisect_left(self.broken, sample, key=lambda one: one.sample)
+
+    def _run(self, begin: int, end: int) -> None:
         width = self.made.spec.width
         active = -(-int((self.ends + 1 > begin).sum()) // width)
         if end <= begin or active == 0:
@@ -114,7 +163,8 @@ def make_part(
     """
     order = np.argsort(-ends, kind="stable")
     cases, index, rests, ends = cases.take(order), index[order], rests.take(order), ends[order]
-    made = lane_loop(kind_of(study, step=step, ramped=ramped, bridge=bridge), strict)
+    kind = kind_of(study, step=step, ramped=ramped, bridge=bridge)
+    made = lane_loop(kind, strict)
     c, T_s, width, n = study.converter, study.converter.T_s, made.spec.width, len(cases)
     groups = -(-n // width)
     watch = made.rows("watch")
@@ -125,14 +175,13 @@ def make_part(
         kept[name], at = at, at + count
     limit = c.I_rated_pk * (demand.i_max_pu if demand.i_max_pu is not None else 1e6)
     cycle = max(round(demand.cycle_s / T_s), 1)
-    uniform = uniform_values(
-        made.spec,
-        study,
-        of__band=SETTLING_BAND if step else demand.band,
-        of__per_S=1.0 / c.S_rated,
-        of__per_cycle=1.0 / cycle,
-        load_of__limit_sq=limit * limit,
-    )
+    demanded = {
+        "of__band": SETTLING_BAND if step else demand.band,
+        "of__per_S": 1.0 / c.S_rated,
+        "of__per_cycle": 1.0 / cycle,
+        "load_of__limit_sq": limit * limit,
+    }
+    uniform = uniform_values(made.spec, study, **demanded)
     part = Part(
         index=index,
         study=study,
@@ -141,11 +190,16 @@ def make_part(
         uniform=uniform,
         program=ProgramWriter().program(groups, width),
         ends=ends,
+        kind=kind,
+        demanded=demanded,
+        strict=strict,
         kept=kept,
     )
     writer = ProgramWriter()
     _rest(part, cases, rests)
-    CircuitProgram(study, made, writer, segments_of(cases), ramped).write()
+    circuit = CircuitProgram(study, made, writer, segments_of(cases), ramped)
+    circuit.write()
+    part.broken = sorted(circuit.broken, key=lambda one: one.sample)
     _references(part, writer, cases)
     (_watch_step if step else _watch_disturbance)(part, writer, cases, rests)
     lanes = np.arange(n)

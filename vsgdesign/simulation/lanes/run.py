@@ -60,7 +60,7 @@ def run_lanes(
     not lie on one slope of the carrier.
     """
     own = study.with_limit_of(spec)
-    _refuse(own, bridge)
+    _refuse(own, cases, bridge)
     if alone_because(spec):
         return run_alone(study, spec, ready, cases, bridge=bridge)
     results = LaneResults.of_none(len(cases))
@@ -80,11 +80,16 @@ def run_lanes(
     return results
 
 
-def _refuse(study: Study, bridge: str) -> None:
+def _refuse(study: Study, cases: LaneCases, bridge: str) -> None:
     if study.has_components or study.sensors is not None or study.background is not None:
         raise InfeasibleStudyError(
             "a batch of runs has a sinusoidal source and ideal sensors: leave [background], [sensors], [replay] and "
             "components of the source out, or simulate the cases one by one."
+        )
+    if bridge == "pwm" and (cases.kind == STEP).any():
+        raise InfeasibleStudyError(
+            "a step is watched sample by sample, and the power of a switched bridge ripples: use an averaged bridge "
+            "for steps of a reference, or simulate the cases one by one."
         )
     if bridge == "pwm" and study.converter.samples_per_carrier % 2:
         raise InfeasibleStudyError(
