@@ -86,6 +86,7 @@ class Loop:
     def __init__(self, spec: LoopSpec, call: Callable[..., int]) -> None:
         self.spec = spec
         self._call = call
+        self._rows = len(spec.rows)
         self._checked: Integers | None = None
         """Records of the program that was checked last."""
 
@@ -119,8 +120,8 @@ class Loop:
         """
         spec, given = self.spec, _Given()
         given.array("rows", rows, (None, None, spec.width))
-        behind = rows.ndim == 3 and rows.shape[1] < len(spec.rows)
-        given.fault(behind, f"rows has the shape {rows.shape}: give (any, {len(spec.rows)} or more, {spec.width})")
+        if rows.ndim == 3 and rows.shape[1] < self._rows:
+            given.faults.append(f"rows has the shape {rows.shape}: give (any, {self._rows} or more, {spec.width})")
         groups = rows.shape[0] if rows.ndim == 3 else 0
         given.array("uniform", uniform, (len(spec.uniform),))
         period = 1
@@ -134,14 +135,17 @@ class Loop:
         given.array("ring_length", ring_length, (groups,), _INTEGERS, needed=bool(spec.rings))
         logging = bool(spec.logged) and every > 0
         given.array("log", log, (groups, None, len(spec.logged), spec.width), needed=logging, whole=False)
-        program = _no_program(groups) if program is None else program
-        given.fault(len(program.done) != groups, f"done of the program has {len(program.done)} groups: give {groups}")
-        given.program(program, rows.shape[1] if rows.ndim == 3 else 0, spec.width, program.at is not self._checked)
+        if program is None:
+            given.places = _no_program(groups)[0]
+        else:
+            if len(program.done) != groups:
+                given.faults.append(f"done of the program has {len(program.done)} groups: give {groups}")
+            given.program(program, rows.shape[1] if rows.ndim == 3 else 0, spec.width, program.at is not self._checked)
         given.raise_faults()
         given.ranges(begin, end, groups, spec, cycle, ring_length, every if logging else 0)
         given.fault(bool(np.isnan(uniform).any()), "uniform has NaN: give numbers")
         given.raise_faults()
-        self._checked = program.at
+        self._checked = None if program is None else program.at
         if begin == end or not groups:
             return 0
         numbers = {
@@ -155,10 +159,10 @@ class Loop:
 
 
 @functools.lru_cache(maxsize=64)
-def _no_program(groups: int) -> Program:
-    """A program without records: no call changes it."""
-    nothing = np.zeros(0, np.int64)
-    return Program(np.zeros(groups + 1, np.int64), *[nothing] * 5, values=np.zeros(0), done=np.zeros(groups, np.int64))
+def _no_program(groups: int) -> tuple[dict[str, int], tuple[Integers, Integers]]:
+    """Where the numbers of a program without records lie, and the arrays that hold them: no call changes them."""
+    first, done = np.zeros(groups + 1, np.int64), np.zeros(groups, np.int64)
+    return {"first": first.ctypes.data, "done": done.ctypes.data}, (first, done)
 
 
 class _Given:
@@ -166,6 +170,8 @@ class _Given:
 
     def __init__(self) -> None:
         self.arrays: dict[str, NDArray[Any]] = {}
+        self.places: dict[str, int] = {}
+        """Where arrays lie that need no look."""
         self.faults: list[str] = []
 
     def fault(self, there: bool, text: str) -> None:
@@ -265,7 +271,7 @@ class _Given:
 
     def address(self, name: str) -> int:
         """Where an array lies; 0 where there is none."""
-        return self.arrays[name].ctypes.data if name in self.arrays else 0
+        return self.arrays[name].ctypes.data if name in self.arrays else self.places.get(name, 0)
 
 
 def _shown(shape: tuple[int | None, ...]) -> str:
