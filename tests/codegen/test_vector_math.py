@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -11,7 +12,9 @@ import pytest
 from tests.codegen.twins import twin
 from vsgdesign.codegen.language import FUNCTIONS
 from vsgdesign.codegen.llvm import LoopSpec, compiled_loop, empty_rows, flat_block
+from vsgdesign.codegen.llvm_loop import loop_text
 from vsgdesign.codegen.vector_math import PLAIN
+from vsgdesign.equations.inner_loops import limit_length
 
 RNG = np.random.default_rng(5)
 COUNT = 4000
@@ -92,6 +95,24 @@ def test_nan_stays(name: str) -> None:
     nothing = tuple(np.full(8, np.nan) for _ in inputs[0])
     assert np.isnan(compiled_values(function, nothing, strict=False)).all()
     assert math.isnan(twin(function)(*(math.nan for _ in nothing)))
+
+
+def test_a_root_that_divides_is_right_to_the_last_digits() -> None:
+    """A loop of eight lanes has its own 1/√x where x is the larger of two and one of them a square."""
+    block = flat_block(limit_length)
+    spec = LoopSpec((block,), (("x", "short_x"), ("y", "short_y")), uniform=("limit",), lanes=8)
+    assert "lshr" in loop_text(spec)
+    assert "lshr" not in loop_text(dataclasses.replace(spec, strict=True))
+    rows = empty_rows(spec, COUNT // 8)
+    for limit in (1e-140, 1e-3, 1.0, 7.3, 1e140):
+        x, y = limit * np.exp(RNG.uniform(-5.0, 5.0, (2, COUNT // 8, 8))) * RNG.choice([-1.0, 1.0], (2, COUNT // 8, 8))
+        rows[:] = np.stack([x, y], axis=1)
+        compiled_loop(spec)(0, 1, rows, np.array([limit]))
+        for found, expected in zip(np.swapaxes(rows, 0, 1), limit_length(x, y, limit), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=1e-15, atol=0.0)
+    rows[:] = np.nan
+    compiled_loop(spec)(0, 1, rows, np.array([1.0]))
+    assert np.isnan(rows).all()
 
 
 def compiled_values(function: Any, given: tuple[np.ndarray, ...], strict: bool) -> np.ndarray:

@@ -67,7 +67,7 @@ class Body:
         self.spec, self.printer = around.spec, around.printer
         self.scope = Scope(around.stretch)
         self.levels = self._levels()
-        self._lets = dict(block.lets)
+        self._lets: dict[str, Expression] = dict(block.lets)
         self._values: dict[tuple[str, int], Value] = {}
 
     def _levels(self) -> dict[str, Level]:
@@ -105,10 +105,49 @@ class Body:
     def _let(self, name: str, value: Expression) -> None:
         if not isinstance(value, Operation):
             raise TypeError(f"let {name}: {value!r} is no operation.")
-        level = self.levels[name]
-        scope = {ONCE: self.around.entry, STRETCH: self.around.stretch}.get(level, self.scope)
+        scope = self._scope(self.levels[name])
+        if value.name == "/" and not self.spec.strict:
+            value = self._product(value, name, scope)
         given = [self._seen(one, scope) for one in value.arguments]
-        self._values[name, id(scope)] = self.printer.operation(scope, value, given)
+        self._values[name, id(scope)] = self.printer.operation(scope, value.name, *given)
+
+    def _scope(self, level: Level) -> Scope:
+        return {ONCE: self.around.entry, STRETCH: self.around.stretch}.get(level, self.scope)
+
+    def _product(self, quotient: Operation, name: str, scope: Scope) -> Operation:
+        """A quotient as a product with one over its divisor, where that is faster: where the divisor changes less often
+        than the quotient, or is a root and the vectors are long."""
+        dividend, divisor = quotient.arguments
+        if not isinstance(divisor, Variable):
+            return quotient
+        inverse = Variable(f"1/{divisor.name}")
+        if inverse.name not in self._lets:
+            here = self._scope(self.levels[divisor.name])
+            if self.levels[divisor.name] != self.levels[name]:
+                made = self.printer.operation(here, "/", self._seen(Number(1.0), here), self._seen(divisor, here))
+            elif self.spec.lanes >= 8 and scope is self.scope and (under := self._positive_under(divisor)):
+                made = self.printer.inverse_root(here, self._seen(under, here))
+            else:
+                return quotient
+            self._lets[inverse.name] = Operation("/", (Number(1.0), divisor))
+            self.levels[inverse.name] = self.levels[divisor.name]
+            self._values[inverse.name, id(here)] = made
+        return Operation("*", (dividend, inverse))
+
+    def _positive_under(self, root: Variable) -> Expression | None:
+        """What stands under a root, where it is the larger of two of which one is a square that is no NaN."""
+        value = self._lets.get(root.name)
+        if not isinstance(value, Operation) or value.name != "sqrt":
+            return None
+        under = value.arguments[0]
+        largest = self._lets.get(under.name) if isinstance(under, Variable) else None
+        if not isinstance(largest, Operation) or largest.name != "max":
+            return None
+        for one in largest.arguments:
+            square = self._lets.get(one.name) if isinstance(one, Variable) else None
+            if isinstance(square, Operation) and square.name == "*" and square.arguments[0] == square.arguments[1]:
+                return under
+        return None
 
     def _at_sample(self, value: Expression) -> Value:
         return self._seen(value, self.scope)

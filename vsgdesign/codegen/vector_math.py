@@ -25,6 +25,10 @@ PI = 3.141592653589793
 PI_REST = 1.2246467991473532e-16
 """What π has beyond its double."""
 
+ANGLE_OF_HALF = 0.4636476090008061
+ANGLE_OF_HALF_REST = 2.2698777452961687e-17
+"""The angle with tangent 1/2, and what it has beyond its double."""
+
 LOG_2_HIGH = 0.6931471803691238
 LOG_2_LOW = 1.9082149292705877e-10
 LOG_2_E = 1.4426950408889634
@@ -97,22 +101,28 @@ def tangent(x: Any) -> Any:
     return sine(x) / cosine(x)
 
 
+def short_arctangent(x: Any) -> Any:
+    """The angle with tangent x, |x| ≤ 7/16."""
+    z = x * x
+    tail = 4.97687799461593236017e-02 + z * (-3.65315727442169155270e-02 + z * 1.62858201153657823623e-02)
+    tail = 6.66107313738753120669e-02 + z * (-5.83357013379057348645e-02 + z * tail)
+    tail = 9.09088713343650656196e-02 + z * (-7.69187620504482999495e-02 + z * tail)
+    tail = 1.42857142725034663711e-01 + z * (-1.11111104054623557880e-01 + z * tail)
+    tail = 3.33333333333329318027e-01 + z * (-1.99999999998764832476e-01 + z * tail)
+    return x - x * (z * tail)
+
+
 def arctangent_2(y: Any, x: Any) -> Any:
     """The angle of the vector (x, y), −π to π; 0 of the vector (0, 0). A negative zero counts as zero."""
     across, along = np.abs(y), np.abs(x)
     most, least = np.maximum(across, along), np.minimum(across, along)
-    # Beyond 0.66 the difference from an eighth of a turn is small: atan t = π/4 + atan((t − 1)/(t + 1)).
-    beyond = least > 0.66 * most
-    top = least - most if beyond else least
-    bottom = least + most if beyond else most
-    t = top / (1.0 if bottom == 0.0 else bottom)
-    z = t * t
-    upper = -8.750608600031904122785e-1 * z - 1.615753718733365076637e1
-    upper = ((upper * z - 7.500855792314704667340e1) * z - 1.228866684490136173410e2) * z - 6.485021904942025371773e1
-    lower = (z + 2.485846490142306297962e1) * z + 1.650270098316988542046e2
-    lower = ((lower * z + 4.328810604912902668951e2) * z + 4.853903996359136964868e2) * z + 1.945506571482613964425e2
-    angle = t + t * (z * upper / lower)
-    angle = QUARTER_PI + (angle + 0.25 * PI_REST) if beyond else angle
+    # The angle is taken from the nearest of three directions, whose tangents are 0, 1/2 and 1.
+    half, eighth = least > 0.4375 * most, least > 0.6875 * most
+    slope = 1.0 if eighth else (0.5 if half else 0.0)
+    from_there = QUARTER_PI if eighth else (ANGLE_OF_HALF if half else 0.0)
+    rest = 0.25 * PI_REST if eighth else (ANGLE_OF_HALF_REST if half else 0.0)
+    top, bottom = least - slope * most, most + slope * least
+    angle = from_there + (short_arctangent(top / (1.0 if bottom == 0.0 else bottom)) + rest)
     angle = HALF_PI - (angle - 0.5 * PI_REST) if across > along else angle
     angle = PI - (angle - PI_REST) if x < 0.0 else angle
     return -angle if y < 0.0 else angle
