@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +85,32 @@ def each_of(executor: Executor | None) -> Each:
                 future.cancel()
 
     return each
+
+
+def begun(executor: Executor | None, function: Callable[..., Any], *arguments: Any, **named: Any) -> Callable[[], Any]:
+    """Begins a call on one of an executor's workers, with one thread, and returns what waits for its result.
+
+    The function, what it is given and what it returns go to another process and back. Without an executor the call is
+    made here, when its result is asked for. What waits raises the errors of the call, and WorkerError where the worker
+    is lost.
+    """
+    call = partial(function, *arguments, **named)
+    if executor is None:
+        return partial(_made_alone, call)
+    future = executor.submit(_with_structures, STRUCTURES.added, _made_alone, call)
+
+    def result() -> Any:
+        try:
+            return future.result()
+        except (BrokenExecutor, CancelledError) as error:
+            raise WorkerError(f"workers: {LOST}") from error
+
+    return result
+
+
+def _made_alone(call: Callable[[], Any]) -> Any:
+    with one_thread():
+        return call()
 
 
 def _with_structures(structures: Iterable[Structure], function: Callable[..., Any], *arguments: Any) -> Any:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,9 +21,8 @@ from vsgdesign.metrics import EventMetrics
 from vsgdesign.operating_point import OperatingPoint
 from vsgdesign.parameters import Study
 from vsgdesign.pipeline.inner import assess_inner_loops, inner_document
-from vsgdesign.pipeline.table import make_tables
-from vsgdesign.pipeline.training import judgement_document, make_network, network_document, training_document
-from vsgdesign.pipeline.verify import verified_tables
+from vsgdesign.pipeline.making import made
+from vsgdesign.pipeline.training import judgement_document, network_document, training_document
 from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
 from vsgdesign.simulation.gains import GainChange, settled_changes
 from vsgdesign.simulation.judging import judge_estimates
@@ -47,53 +47,65 @@ def run_study(
 ) -> dict[str, Any]:
     """Simulates every controller and writes time series, results, figures and a report to ``out``.
 
-    Gain tables that the study asks for are designed first, on ``workers`` processes (None means one per core). With
-    ``report`` they are verified if the study's [verification] says ``with_run``. Then its network is trained. Both are
-    written to the same folder. ``warn`` is called before the run for each controller that is unstable by the full-order
-    model, since its run shows no meaningful response. Returns the content of
-    results.json. The folder appears when everything is done; after an error or an interruption the old folder is
-    unchanged. Raises the errors of :func:`vsgdesign.simulation.run_scenario` and ArtifactError.
+    Gain tables that the study asks for are designed first, on ``workers`` processes (None means one per core), and its
+    network is trained beside them (:func:`vsgdesign.pipeline.making.made`). With ``report`` tables are verified if
+    the study's [verification] says ``with_run``. All is written to the same folder.
+    ``warn`` is called before a controller is simulated that is unstable by the full-order model, since its run shows no
+    meaningful response. Returns the content of results.json. The folder appears when everything is done; after an error
+    or an interruption the old folder is unchanged. Raises the errors of
+    :func:`vsgdesign.simulation.run_scenario` and ArtifactError.
     """
     tell = progress or silent
-    begin = time.perf_counter()
-    timing: dict[str, float] = {}
     verb = "vsgdesign run" if report else "vsgdesign simulate"
-    with staged_folder(out, verb, inputs=study.input_files) as folder:
-        tables = make_tables(study, out, workers=workers, progress=progress)
-        if report:
-            tables = verified_tables(study, tables, out, workers=workers, progress=progress)
-        for name, table in tables.items():
-            write_table_file(table, folder / f"{name}.table.json")
-            timing["tables"] = time.perf_counter() - begin
-        begin = time.perf_counter()
-        network, trained = make_network(study, bridge=bridge, progress=progress)
-        if network is not None:
-            write_network_weights(network, folder / "estimator.weights.json")
-            timing["estimator"] = time.perf_counter() - begin
-        ready = Ready(tables=tables, network=network)
-        _export(study, ready, folder, warn)
+    with (
+        staged_folder(out, verb, inputs=study.input_files) as folder,
+        made(study, out, bridge=bridge, verify=report, workers=workers, progress=progress) as have,
+    ):
+        exports: list[Callable[[], Any]] = []
+
+        def complete(ready: Ready) -> Ready:
+            _write_made(ready, folder)
+            exports.extend(_exports(study, ready, folder, have.executor, warn))
+            return ready
+
+        late = have.late
         begin = time.perf_counter()
         result = run_scenario(
             study,
-            ready,
+            have.ready if late is not None else complete(have.ready),
             bridge=bridge,
             warn=warn,
             progress=lambda name, t_s: tell(f"simulate {name}", t_s / study.simulation.duration),
+            late=None if late is None else lambda: complete(late()),
         )
-        timing["simulate"] = time.perf_counter() - begin
-        return _write(result, folder, verb, timing, report=report, trained=trained, tell=tell)
+        timing = have.timing_s | {"simulate": time.perf_counter() - begin}
+        return _write(
+            result,
+            folder,
+            verb,
+            timing,
+            report=report,
+            trained=have.trained,
+            tell=tell,
+            exports=exports,
+            executor=have.executor,
+        )
 
 
 def write_run(result: ScenarioResult, out: str | Path, *, progress: Progress | None = None) -> dict[str, Any]:
     """Writes the folder of :func:`run_study` for a scenario that was simulated before. Raises ArtifactError."""
     verb = "vsgdesign run"
     with staged_folder(out, verb, inputs=result.study.input_files) as folder:
-        for name, table in result.ready.tables.items():
-            write_table_file(table, folder / f"{name}.table.json")
-        if result.ready.network is not None:
-            write_network_weights(result.ready.network, folder / "estimator.weights.json")
-        _export(result.study, result.ready, folder)
-        return _write(result, folder, verb, {}, report=True, trained=None, tell=progress or silent)
+        _write_made(result.ready, folder)
+        exports = _exports(result.study, result.ready, folder)
+        return _write(result, folder, verb, {}, report=True, trained=None, tell=progress or silent, exports=exports)
+
+
+def _write_made(ready: Ready, folder: Path) -> None:
+    for name, table in ready.tables.items():
+        write_table_file(table, folder / f"{name}.table.json")
+    if ready.network is not None:
+        write_network_weights(ready.network, folder / "estimator.weights.json")
 
 
 def _write(
@@ -105,8 +117,10 @@ def _write(
     report: bool,
     trained: TrainedEstimator | None,
     tell: Progress,
+    exports: Sequence[Callable[[], Any]],
+    executor: Executor | None = None,
 ) -> dict[str, Any]:
-    """Time series, figures, page and record of a simulated scenario."""
+    """Time series, figures, page and record of a simulated scenario, and what waits for its C."""
     study, network = result.study, result.ready.network
     begin = time.perf_counter()
     for done, controller in enumerate(result.controllers):
@@ -123,10 +137,12 @@ def _write(
 
         begin = time.perf_counter()
         tell("draw figures", 0.0)
-        figures = write_figures(result, folder / "figures", trained)
+        figures = write_figures(result, folder / "figures", trained, executor)
         tell("draw figures", 1.0)
         write_report(result, figures, folder / "report.html", trained, inner)
         timing["report"] = time.perf_counter() - begin
+    for wait in exports:
+        wait()
     document = results_document(result, timing)
     if inner is not None:
         document["inner_loops"] = inner
@@ -137,14 +153,24 @@ def _write(
     return write_record(folder, document, verb)
 
 
-def _export(study: Study, ready: Ready, folder: Path, warn: Callable[[str], None] | None = None) -> None:
-    """C of every gain table, with the network where the study has one: ready to compile, beside what it was made of.
+def _exports(
+    study: Study,
+    ready: Ready,
+    folder: Path,
+    executor: Executor | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> list[Callable[[], Any]]:
+    """Begins the C of every gain table, with the network where the study has one: ready to compile, beside what it was
+    made of. Returns what waits for each.
 
     An estimator that has no C is left out, and said: its scheduler is exported without one.
     """
+    if not ready.tables:
+        return []
+    from vsgdesign.design.sweep import begun
     from vsgdesign.export import export_c_files
 
-    estimator = study.estimator
+    estimator, begin = study.estimator, []
     for spec in study.controllers:
         if spec.name not in ready.tables:
             continue
@@ -153,7 +179,9 @@ def _export(study: Study, ready: Ready, folder: Path, warn: Callable[[str], None
         if missing and warn is not None:
             warn(missing)
         own, by_sample = study.with_limit_of(spec), samples_itself(spec.estimate)
-        export_c_files(
+        call = begun(
+            executor,
+            export_c_files,
             folder / f"{spec.name}.table.json",
             folder / f"{spec.name}.c",
             weights=None if network is None else folder / "estimator.weights.json",
@@ -162,6 +190,8 @@ def _export(study: Study, ready: Ready, folder: Path, warn: Callable[[str], None
             study=own if by_sample else None,
             estimator=spec.estimate if by_sample else "none",
         )
+        begin.append(call)
+    return begin
 
 
 def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict[str, Any]:

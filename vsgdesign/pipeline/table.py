@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
+from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from vsgdesign.artifacts.ready import read_named_table
 from vsgdesign.artifacts.staging import cannot_write, parents_made
 from vsgdesign.artifacts.table_text import certificate_summary
 from vsgdesign.errors import ArtifactError, Fault, StudyError
+from vsgdesign.execution.executors import executor_of
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import ControllerSpec, Study
 
@@ -94,10 +96,10 @@ def build_table_file(
 
     Returns the result in JSON's types. Finished cells are kept beside ``out`` until the file is complete, so the same
     call continues from them after an interruption and writes the same bytes. ``fresh`` ignores them. ``workers`` and
-    ``cluster`` are those of :func:`vsgdesign.design.sweep.executor_of`. ``points`` is the number of random grids of
-    each check between nodes (default 2000). ``verify`` is the number of random cases in EMT with which the table is
-    verified; the file then has their counts and bounds. Raises StudyError, InfeasibleStudyError, WorkerError, and
-    ArtifactError if the file cannot be written or would replace anything but a gain table.
+    ``cluster`` are those of :func:`vsgdesign.execution.executors.executor_of`. ``points`` is the number of random
+    grids of each check between nodes (default 2000). ``verify`` is the number of random cases in EMT with which the
+    table is verified; the file then has their counts and bounds. Raises StudyError, InfeasibleStudyError, WorkerError,
+    and ArtifactError if the file cannot be written or would replace anything but a gain table.
     """
     out = Path(out)
     spec = _controller(study, controller)
@@ -108,7 +110,6 @@ def build_table_file(
     TABLE_FILE.check_target(out)
     from vsgdesign.design.between import POINTS
     from vsgdesign.design.table import build_table
-    from vsgdesign.execution.executors import executor_of
     from vsgdesign.pipeline.verify import Asked, blocks_ahead, check_verifiable, verified_table
 
     if verify:
@@ -225,18 +226,22 @@ def make_tables(
     out: str | Path | None = None,
     *,
     workers: int | None = None,
+    executor: Executor | None = None,
     certificates: bool = True,
+    keep: ExitStack | None = None,
     progress: Progress | None = None,
 ) -> dict[str, GainTable]:
     """The gain table of every controller that asks for one, by the controller's name.
 
     A table is read if the study names a file, otherwise it is built. Finished cells are kept beside ``out`` during a
-    build. With None they are in a temporary folder, and an interrupted build starts again. ``certificates`` says
-    whether built tables are certified. Raises ArtifactError for a file that is not a table of this converter, and the
-    errors of :func:`vsgdesign.design.table.build_table`.
+    build, and until ``keep`` is closed if it is given. With None they are in a temporary folder, and an interrupted
+    build starts again. An ``executor`` is used instead of processes of its own, ``workers`` of them. ``certificates``
+    says whether built tables are certified. Raises ArtifactError for a file that is not a table of this converter, and
+    the errors of :func:`vsgdesign.design.table.build_table`.
     """
     tables = {}
-    with ExitStack() as held:
+    with ExitStack() as own:
+        held = own if keep is None else keep
         for spec in study.controllers:
             if spec.schedule != "table":
                 continue
@@ -244,7 +249,12 @@ def make_tables(
             if table is None:
                 if out is None:
                     out = Path(held.enter_context(TemporaryDirectory())) / study.name
-                table = _built_table(study, spec, out, workers, certificates, progress)
+                if executor is None:
+                    executor = own.enter_context(executor_of(workers))
+                place = Path(os.path.realpath(out))
+                cells = place.with_name(f"{place.name}.{spec.name}")
+                folder = held.enter_context(_cells(cells, f'the table of controller {spec.name} for "{out}"'))
+                table = _built_table(study, spec, folder, executor, certificates, progress)
             tables[spec.name] = table
     return tables
 
@@ -252,21 +262,14 @@ def make_tables(
 def _built_table(
     study: Study,
     spec: ControllerSpec,
-    out: str | Path,
-    workers: int | None,
+    folder: Path,
+    executor: Executor | None,
     certificates: bool,
     progress: Progress | None,
 ) -> GainTable:
     from vsgdesign.design.table import build_table
-    from vsgdesign.execution.executors import executor_of
 
-    place = Path(os.path.realpath(out))
-    cells = place.with_name(f"{place.name}.{spec.name}")
-    with (
-        _cells(cells, f'the table of controller {spec.name} for "{out}"') as folder,
-        executor_of(workers) as executor,
-    ):
-        built = build_table(
-            study.with_limit_of(spec), spec, folder, executor=executor, certificate=certificates, progress=progress
-        )
-        return built.table
+    built = build_table(
+        study.with_limit_of(spec), spec, folder, executor=executor, certificate=certificates, progress=progress
+    )
+    return built.table

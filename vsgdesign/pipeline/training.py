@@ -17,6 +17,7 @@ from vsgdesign.artifacts.network_weights import (
 )
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.threads import one_thread
 from vsgdesign.identification.registry import needs_network
 from vsgdesign.parameters.estimator import EstimatorSpec
 from vsgdesign.parameters.study import Study
@@ -26,6 +27,12 @@ if TYPE_CHECKING:  # the estimator's room is loaded by who trains
     from vsgdesign.estimator.recipes import WindowRecipe
     from vsgdesign.estimator.trained import TrainedEstimator
     from vsgdesign.simulation.judging import Judgement
+
+
+def trains(study: Study) -> bool:
+    """Whether a controller asks for a network that no file has, so that it has to be trained."""
+    spec = study.estimator
+    return spec is not None and spec.weights_file is None and any(needs_network(c.estimate) for c in study.controllers)
 
 
 def make_network(
@@ -43,21 +50,31 @@ def make_network(
         return None, None
     if spec.weights_file is not None:
         return read_network_weights(spec.weights_file), None
-    from vsgdesign.estimator.recipes import load_recipe
     from vsgdesign.estimator.trained import train_estimator
+
+    with one_thread():  # the same digits wherever it is trained, and beside whatever
+        trained = train_estimator(
+            study,
+            recipe_of(study, spec, bridge),
+            seed=spec.seed,
+            hidden=spec.hidden,
+            components=spec.components,
+            starts=spec.starts,
+            progress=progress or silent,
+        )
+    return trained.weights, trained
+
+
+def recipe_of(study: Study, spec: EstimatorSpec, bridge: str | None) -> WindowRecipe:
+    """The recipe of a training in a run with this bridge. Raises StudyError if it does not fit the study, and
+    InfeasibleStudyError without PyTorch."""
+    from vsgdesign.estimator.recipes import load_recipe
+    from vsgdesign.estimator.trained import require_torch
 
     recipe = replace(load_recipe(spec.recipe), bridge=bridge or study.simulation.bridge)
     check_fit(study, spec, recipe)
-    trained = train_estimator(
-        study,
-        recipe,
-        seed=spec.seed,
-        hidden=spec.hidden,
-        components=spec.components,
-        starts=spec.starts,
-        progress=progress or silent,
-    )
-    return trained.weights, trained
+    require_torch()
+    return recipe
 
 
 def check_fit(study: Study, spec: EstimatorSpec, recipe: WindowRecipe) -> None:

@@ -276,13 +276,15 @@ def verified_tables(
     tables: Mapping[str, GainTable],
     out: str | Path,
     *,
+    executor: Executor | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> dict[str, GainTable]:
     """The gain tables of a study's controllers, each verified in the ``with_run`` cases of its [verification].
 
     A table whose file says that it was verified in as many is taken as it is. Finished blocks are kept beside ``out``
-    until all are done. Raises StudyError and WorkerError.
+    until all are done. An ``executor`` that is there is used instead of ``workers`` processes. Raises StudyError and
+    WorkerError.
     """
     runs = 0 if study.verification is None else study.verification.with_run
     waiting = {
@@ -295,7 +297,9 @@ def verified_tables(
     from vsgdesign.execution.executors import executor_of
     from vsgdesign.verification.journal import journals
 
-    with journals(out) as folder, executor_of(workers) as executor:
+    with ExitStack() as held:
+        folder = held.enter_context(journals(out))
+        executor = executor or held.enter_context(executor_of(workers))
         ahead = blocks_ahead(workers, None)
         return dict(tables) | {
             name: verified_table(

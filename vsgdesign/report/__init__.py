@@ -5,6 +5,7 @@ does not load matplotlib.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,17 +36,21 @@ __all__ = [
 
 
 def write_figures(
-    result: ScenarioResult, folder: str | Path, trained: TrainedEstimator | None = None
+    result: ScenarioResult,
+    folder: str | Path,
+    trained: TrainedEstimator | None = None,
+    executor: Executor | None = None,
 ) -> list[WrittenFigure]:
     """Draw every figure of a scenario into ``folder`` (created if missing), each as SVG and as PNG (200 dpi).
 
-    ``trained`` is the network that was trained in the run, for the figures of its training.
+    ``trained`` is the network that was trained in the run, for the figures of its training. Worker processes of an
+    ``executor`` draw the files, which are the same.
     """
     from vsgdesign.report.scenario.files import write_all
 
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    return write_all(result, folder, trained)
+    return write_all(result, folder, trained, executor)
 
 
 def write_report(

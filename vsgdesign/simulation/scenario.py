@@ -119,8 +119,12 @@ def run_scenario(
     bridge: str | None = None,
     progress: Callable[[str, float], None] | None = None,
     warn: Callable[[str], None] | None = None,
+    late: Callable[[], Ready] | None = None,
 ) -> ScenarioResult:
     """Check every operating point and the full-order model there, then simulate every controller.
+
+    ``late`` returns what takes longer to make than ``ready``, with all that this contains: it is called once, when
+    every controller that can do without is simulated. Controllers whose table is not in ``ready`` then follow.
 
     ``progress`` is called with the controller's name and the simulated time in s, ``warn`` before the run with a
     sentence on every instability that it is going to show. Raises InfeasibleStudyError
@@ -130,16 +134,47 @@ def run_scenario(
     timeline = build_timeline(study)
     own = [study.with_limit_of(spec) for spec in study.controllers]
     may_rest = any(one.limiter.rests and one.converter.current_limit_pu is not None for one in own)
+    if late is not None:
+        try:
+            operating_points(study, timeline, may_rest)
+        except InfeasibleStudyError:  # whether droops lead to a rest there needs every table
+            ready, late = late(), None
     points = _operating_points(study, timeline, may_rest, ready)
-    feeds = [_feed(*of, timeline, ready) for of in zip(own, study.controllers, strict=True)]
-    expected = [expected_rests(study, timeline, spec, ready) for spec in study.controllers]
-    pairs = zip(study.controllers, expected, strict=True)
-    unstable = tuple(one for spec, found in pairs for one in instabilities(study, spec, found))
+    waiting = [
+        spec
+        for spec in study.controllers
+        if late is not None and spec.schedule == "table" and spec.name not in ready.tables
+    ]
+    first = [spec for spec in study.controllers if spec not in waiting]
+    done, unstable = _run_controllers(study, first, ready, timeline, bridge, progress, warn)
+    if late is not None:
+        ready = late()
+        more, also = _run_controllers(study, waiting, ready, timeline, bridge, progress, warn)
+        done, unstable = done | more, unstable + also
+    names = [spec.name for spec in study.controllers]
+    unstable.sort(key=lambda one: names.index(one.controller))
+    return ScenarioResult(study, timeline, points, tuple(done[name] for name in names), tuple(unstable), ready)
+
+
+def _run_controllers(
+    study: Study,
+    specs: Sequence[ControllerSpec],
+    ready: Ready,
+    timeline: Timeline,
+    bridge: str | None,
+    progress: Callable[[str, float], None] | None,
+    warn: Callable[[str], None] | None,
+) -> tuple[dict[str, ControllerResult], list[Instability]]:
+    """Check controllers, then simulate them: their results by name, and where they are unstable."""
+    own = [study.with_limit_of(spec) for spec in specs]
+    feeds = [_feed(*of, timeline, ready) for of in zip(own, specs, strict=True)]
+    expected = [expected_rests(study, timeline, spec, ready) for spec in specs]
+    unstable = [one for spec, found in zip(specs, expected, strict=True) for one in instabilities(study, spec, found)]
     if warn is not None and unstable:
         for text in (*(one.message for one in unstable), WHERE_TO_LOOK):
             warn(text)
-    results = []
-    for own_study, spec, feed, found in zip(own, study.controllers, feeds, expected, strict=True):
+    results = {}
+    for own_study, spec, feed, found in zip(own, specs, feeds, expected, strict=True):
         report = None if progress is None else _reporter(progress, spec.name)
         run = simulate(own_study, feed, bridge=bridge, progress=report)
         series = derive_series(study, run)
@@ -150,21 +185,19 @@ def run_scenario(
         events = measure_events(
             study, series, found, ripples=used == "pwm" or study.has_components, divergence=run.divergence
         )
-        results.append(
-            ControllerResult(
-                spec=spec,
-                bridge=used,
-                gain_changes=run.gain_changes,
-                simulation=run,
-                series=series,
-                events=events,
-                outcome=outcome_of(run.divergence, found, events, _limited_rest(own_study, run, series)),
-                estimates=estimates,
-                distorted=study.has_components,
-                survival=judge_scenario(own_study, spec, ready, run, used) if study.simulation.survival else None,
-            )
+        results[spec.name] = ControllerResult(
+            spec=spec,
+            bridge=used,
+            gain_changes=run.gain_changes,
+            simulation=run,
+            series=series,
+            events=events,
+            outcome=outcome_of(run.divergence, found, events, _limited_rest(own_study, run, series)),
+            estimates=estimates,
+            distorted=study.has_components,
+            survival=judge_scenario(own_study, spec, ready, run, used) if study.simulation.survival else None,
         )
-    return ScenarioResult(study, timeline, points, tuple(results), unstable, ready)
+    return results, unstable
 
 
 def _feed(

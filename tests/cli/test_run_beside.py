@@ -1,0 +1,144 @@
+"""A run that designs a table and trains a network does both at once, and writes what it writes one after the other."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.cli.small_studies import SMALL
+from tests.gain_tables import table
+from vsgdesign.artifacts.gain_table import base_of
+from vsgdesign.artifacts.gain_table_file import read_table_file
+from vsgdesign.certificate import Region, refusal_record
+from vsgdesign.parameters import Study, load_study
+from vsgdesign.pipeline import making, run_study
+from vsgdesign.pipeline import table as table_pipeline
+
+TABLED = """
+[[controllers]]
+name = "tabled"
+kind = "scheduled"
+structure = "angle_damped"
+schedule = "table"
+
+[[controllers]]
+name = "network"
+kind = "scheduled"
+estimate = "neural"
+
+[specification]
+settling_time = "1.3 s"
+P = ["0 W", "4 kW"]
+Q = ["0 var", "2 kvar"]
+scr = [5, 20]
+x_over_r = [1, 10]
+
+[estimator]
+grid_phase = true
+recipe = "few.toml"
+"""
+RECORD = refusal_record("no such function", Region((5.0, 20.0), (1.0, 10.0), (0.0, 1e3), (0.0, 1e3), 0.1), None)
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Study:
+    """Its table takes no time to design, and its certificate says that there is none."""
+    (tmp_path / "few.toml").write_text('base = "continuous"\nscenarios = 20\nbridge = "averaged"\n', encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(SMALL + TABLED, encoding="utf-8")
+    found = load_study(tmp_path / "mine.toml")
+    designed = table(base=base_of(found, "impedance"))
+    monkeypatch.setattr(table_pipeline, "_built_table", lambda *_: designed)
+    monkeypatch.setattr(making, "_certified", lambda *_: (RECORD, 0.1))
+    return found
+
+
+@contextmanager
+def threads(count: int | None = None) -> Iterator[Executor]:
+    with ThreadPoolExecutor(count) as executor:
+        yield executor
+
+
+def contents(folder: Path) -> dict[str, Any]:
+    """Every file; of results.json what is not a time."""
+    found: dict[str, Any] = {
+        str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()
+    }
+    document = json.loads(found.pop("results.json"))
+    for name in ("timing_s", "sha256"):
+        document.pop(name, None)
+    document["estimator"]["training"].pop("timing_s")
+    for controller in document["controllers"].values():
+        controller.pop("loop_s")
+        controller.pop("real_time_factor")
+    return found | document
+
+
+def test_the_files_are_those_of_a_run_of_one_process(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_study(study, tmp_path / "one", report=False, workers=1)
+    monkeypatch.setattr(making, "executor_of", threads)
+    monkeypatch.setattr(making, "worker_processes", threads)
+    monkeypatch.setattr("vsgdesign.certificate.box_check.compile_ahead", lambda: None)
+    run_study(study, tmp_path / "many", report=False, workers=2)
+    one, many = contents(tmp_path / "one"), contents(tmp_path / "many")
+    assert one == many
+    assert "tabled.c/vsg.c" in one["files"]
+    assert read_table_file(tmp_path / "many" / "tabled.table.json").certificate == RECORD
+
+
+def test_a_controller_without_a_table_does_not_wait_for_a_certificate(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulated, order = threading.Event(), []
+
+    def slow(*_: Any) -> tuple[Any, float]:
+        assert simulated.wait(60.0)
+        order.append("certificate")
+        return RECORD, 0.1
+
+    def tell(what: str, share: float) -> None:
+        if what.startswith("simulate") and share == 1.0:
+            order.append(what)
+        if what == "simulate network":
+            simulated.set()
+
+    monkeypatch.setattr(making, "executor_of", threads)
+    monkeypatch.setattr(making, "worker_processes", threads)
+    monkeypatch.setattr(making, "_certified", slow)
+    monkeypatch.setattr("vsgdesign.certificate.box_check.compile_ahead", lambda: None)
+    run_study(study, tmp_path / "out", report=False, workers=2, progress=tell)
+    assert order[-1] == "simulate tabled"
+    assert order.index("certificate") > order.index("simulate scheduled")
+
+
+def test_finished_cells_are_kept_until_the_run_is_complete(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run that is interrupted while it simulates does not design its table again."""
+    seen: list[list[str]] = []
+    designed = table(base=base_of(study, "impedance"))
+
+    def build(_study: Study, _spec: Any, folder: Path, *_: Any) -> Any:
+        seen.append(sorted(path.name for path in folder.glob("*.json")))
+        (folder / "cell.json").write_text("{}", encoding="utf-8")
+        return designed
+
+    monkeypatch.setattr(table_pipeline, "_built_table", build)
+
+    def stop(what: str, _share: float) -> None:
+        if what.startswith("simulate"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(study, tmp_path / "out", report=False, workers=1, progress=stop)
+    run_study(study, tmp_path / "out", report=False, workers=1)
+    assert seen == [[], ["cell.json"]]
+    assert not list(tmp_path.glob(".out*"))
