@@ -177,16 +177,17 @@ def test_some_lanes_at_a_time() -> None:
     np.testing.assert_array_equal(part.grid[1][lanes], whole.grid[1][lanes])
 
 
-def test_starts_on_known_grids_or_at_the_safe_place() -> None:
+@pytest.mark.parametrize("nearest", [False, True])
+def test_starts_on_known_grids_or_at_the_safe_place(nearest: bool) -> None:
     lookup, settings = CASES["decoupled"]()
     L_g = np.array([2e-3, 5e-3, 1e-6, 0.0, np.nan, 15e-3])
     R_g = np.array([0.5, 1.0, 0.5, 0.5, 0.5, 0.1])
     many = ManySchedulers(lookup, settings, len(L_g))
-    known = many.start(R_g, L_g)
+    known = many.start(R_g, L_g, nearest=nearest)
     for lane in range(len(L_g)):
         single = Scheduler(lookup, settings)
         try:
-            single.start(float(R_g[lane]), float(L_g[lane]))
+            single.start(float(R_g[lane]), float(L_g[lane]), nearest=nearest)
             assert known[lane]
         except ArtifactError:
             assert not known[lane]

@@ -350,6 +350,19 @@ def test_known_grid_at_the_start() -> None:
             scheduler.start(*bad)
 
 
+def test_a_grid_outside_the_box_may_be_taken_for_the_nearest_place() -> None:
+    """The gains are then those that updates on this grid lead to in the end."""
+    started, updated = made(), made()
+    started.start(*grid(40.0, 1.0), nearest=True)
+    updated.start(*grid(19.0, 1.0))
+    for k in range(100):
+        updated.update_estimate(*grid(40.0, 1.0), *POWERS, 20_000 * k)
+    started.update_estimate(*grid(40.0, 1.0), *POWERS)
+    np.testing.assert_allclose(started.gains, updated.gains, rtol=1e-9)
+    with pytest.raises(ArtifactError, match="not in the schedule's box"):
+        started.start(np.nan, 1e-3, nearest=True)
+
+
 def test_the_closed_form_needs_no_table() -> None:
     schedule = ClosedFormSchedule(
         P=4500.0,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests import gain_tables
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.knowledge import GridEstimate
@@ -96,6 +98,18 @@ def test_a_stale_closed_form_goes_to_the_middle_of_the_specification() -> None:
     assert [change.t_s for change in told.gain_changes] == pytest.approx([0.0, 0.82])
     np.testing.assert_allclose(told.gain_changes[-1].gains, fixed.gain_changes[0].gains, rtol=1e-12)
     assert not knows_its_rests(one, one.controllers[0], build_timeline(one))
+
+
+def test_a_table_has_settled_at_an_estimate_beyond_its_edge() -> None:
+    """SCR 3 is taken for 30: the gains are those of the nearest place from the start on, and do not travel there."""
+    kind = 'kind = "scheduled"\nschedule = "table"\ntable = "t.json"\n'
+    text = kind + 'knowledge = { error_R = "-90 %", error_X = "-90 %" }'
+    step = '[[events]]\ntime = "0.1 s"\nP_ref = "2.1 kW"\n'
+    one = study(text, events=step, duration="0.2 s")
+    changes = run_scenario(one, Ready(tables={"c0": gain_tables.table()})).controllers[0].gain_changes
+    assert len(changes) > 1
+    for change in changes[1:]:
+        np.testing.assert_allclose(change.gains, changes[0].gains, rtol=2e-2)
 
 
 def test_the_rest_is_that_of_the_wrong_gains() -> None:

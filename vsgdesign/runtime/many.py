@@ -197,13 +197,16 @@ class ManySchedulers:
         """The state, with an array of ``count`` in each field."""
         return self._state
 
-    def start(self, R_g: Array, L_g: Array) -> NDArray[np.bool_]:
-        """Starts on known grids. Returns which of them are in the box; the others start at the safe place."""
+    def start(self, R_g: Array, L_g: Array, *, nearest: bool = False) -> NDArray[np.bool_]:
+        """Starts on known grids. Returns which of them are in the box; the others start at the safe place. With
+        ``nearest``, a grid outside the box is taken for the nearest place in it."""
         c, many = self._settings, self._many
         first = first_state(many.lookup, c)
         with np.errstate(all="ignore"):
             usable = (L_g > 0.0) & np.isfinite(R_g + L_g)
             scr, r_over_x = many.coordinates(np.where(usable, R_g, 1.0), np.where(usable, L_g, 1.0))
+            if nearest:
+                scr, r_over_x = np.clip(scr, *c.scr), np.clip(r_over_x, *c.r_over_x)
             inside = usable & (c.scr[0] <= scr) & (scr <= c.scr[1])
             inside &= (c.r_over_x[0] <= r_over_x) & (r_over_x <= c.r_over_x[1])
             inside &= many.places(scr, r_over_x).designed

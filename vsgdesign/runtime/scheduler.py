@@ -160,10 +160,15 @@ class Scheduler:
         said = SAID.get(found.status, NO_ESTIMATE)
         return self._advance(said, found.R_g, found.L_g, P, Q, V_rms, ticks, covariance_of(found, self.estimator))
 
-    def start(self, R_g: float, L_g: float) -> PowerLoopGains:
-        """Starts on a known grid instead of the safe place. Raises ArtifactError if the grid is not in the box."""
+    def start(self, R_g: float, L_g: float, *, nearest: bool = False) -> PowerLoopGains:
+        """Starts on a known grid instead of the safe place. Raises ArtifactError if the grid is not in the box.
+
+        With ``nearest``, a grid outside the box is taken for the nearest place in it, as every update takes it.
+        """
         c, R_g, L_g = self.settings, as_number(R_g), as_number(L_g)
         scr, r_over_x = self.lookup.coordinates(R_g, L_g) if L_g > 0.0 and isfinite(R_g + L_g) else (0.0, 0.0)
+        if nearest and scr > 0.0:
+            scr, r_over_x = min(max(scr, c.scr[0]), c.scr[1]), min(max(r_over_x, c.r_over_x[0]), c.r_over_x[1])
         first = first_state(self.lookup, c)
         normalised = self.lookup.normalised(scr, r_over_x)
         inside = c.scr[0] <= scr <= c.scr[1] and c.r_over_x[0] <= r_over_x <= c.r_over_x[1]

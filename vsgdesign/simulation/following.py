@@ -78,12 +78,13 @@ class ScheduledAnswers:
         """The grid for which the present gains are made. For a table it is the place of its scheduler."""
         return self._grid if self._runtime is None else Grid(*self._runtime.grid)
 
-    def first(self, told: Grid | None = None, *, known: bool = True) -> PowerLoopGains:
+    def first(self, told: Grid | None = None, *, known: bool = True, nearest: bool = False) -> PowerLoopGains:
         """Gains at the start: of the known grid, in the steady state that they are part of; without load for a cold
         start. A table's safe place where the grid is not in its box.
 
         ``told`` is the grid that the controller takes the true one for; None: it knows the true one. With ``known``
-        false a table starts at its safe place, whatever the grid is. Raises InfeasibleStudyError where there is no
+        false a table starts at its safe place, whatever the grid is; with ``nearest`` at the nearest place of its box.
+        Raises InfeasibleStudyError where there is no
         steady state, or a closed form has no gains.
         """
         study, spec = self._study, self._spec
@@ -95,7 +96,7 @@ class ScheduledAnswers:
             self._runtime = Scheduler(self._runtime.lookup, self._runtime.settings)
         elif self._runtime is not None:
             try:
-                self._runtime.start(grid.R_g, grid.L_g)
+                self._runtime.start(grid.R_g, grid.L_g, nearest=nearest)
             except ArtifactError:  # not in the table's box: from the safe place, as in the field
                 known = False
         elif not self._law.measured:

@@ -300,7 +300,7 @@ class _OfTable:
         self.update_samples, self._tick = updates.every, settings.tick
         self._safe = Grid(*lookup.grid(settings.safe_scr, settings.safe_r_over_x))
         self._schedulers = ManySchedulers(lookup, settings, len(told.starts))
-        inside = self._schedulers.start(self._now.R_g, self._now.L_g)
+        inside = self._schedulers.start(self._now.R_g, self._now.L_g, nearest=True)
         self._first_R_g = np.where(inside, self._now.R_g, np.nan)
 
     @property
