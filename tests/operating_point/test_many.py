@@ -34,6 +34,7 @@ from vsgdesign.operating_point.plants import plant_steps
 from vsgdesign.operating_point.sampled import steady_state
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.study import Grid, GridSource
+from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.guards import settings_of
 from vsgdesign.runtime.of_study import ControllerGains
 from vsgdesign.runtime.table import table_schedule
@@ -214,6 +215,28 @@ def test_measured_gains_belong_to_their_steady_states() -> None:
         )
         np.testing.assert_allclose(own, [value[k] for value in gains], rtol=1e-13)
         np.testing.assert_allclose(alone.plant, states.plant[:, k], rtol=1e-12, atol=1e-10)
+
+
+def test_gains_that_overshoot_from_round_to_round_come_to_rest() -> None:
+    """The droop follows the measured P and turns it back by 90 %: 100 plain rounds were once called no rest."""
+    study = STUDIES["LC"]
+    target = replace(study.target, follow_references=True)
+    law = ControllerGains(closed_form_schedule(study, target), None, True, None)
+    lanes = draw(study, 300, seed=3)
+    lanes = (*lanes[:4], 0.7 * lanes[4], 0.5 * lanes[5])
+    rounds = []
+
+    def gains_of(P: Array, Q: Array, V: Array) -> PowerLoopGains:
+        rounds.append(1)
+        return law(lanes[0], lanes[1], P, Q, V)
+
+    states, gains = many_rests_with_measured_gains(study, *lanes, gains_of, PHASE, free_of_limits=True)
+    good = states.fault == 0
+    assert good.sum() > 150
+    assert not (states.fault == NOT_CONVERGED).any()
+    assert len(rounds) < 30
+    for found, own in zip(gains, law(lanes[0], lanes[1], states.P, states.Q, states.V), strict=True):
+        np.testing.assert_allclose(found[good], own[good], rtol=1e-9)
 
 
 def test_lanes_without_gains_and_gains_that_find_no_rest() -> None:

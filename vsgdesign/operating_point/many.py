@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.limiters import GridEstimate, IntegratorSteps, LimiterView
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.frames import instantaneous_power, peak_to_rms, rms_to_peak
@@ -42,6 +43,10 @@ FAULTS = (
 """What the codes of :attr:`ManyStates.fault` mean; 0: there is a steady state."""
 
 _ROUNDS = 100
+_PLAIN_ROUNDS = 8
+"""Rounds before the secant is taken: most lanes need fewer."""
+_LONGEST = 30.0
+"""Most of the last step that a secant may add or take back."""
 _TOLERANCE = 1e-10
 
 
@@ -133,42 +138,57 @@ def many_rests_with_measured_gains(
 ) -> tuple[ManyStates, PowerLoopGains]:
     """The steady states with the gains that belong to their own P, Q and V, and these gains.
 
-    Gains and steady states are computed in turn until they agree to 1e-10. Where the droops do not depend on the
-    measured values, the first state is the final one. The other arguments are those of :func:`many_steady_states`.
+    Gains and steady states are computed in turn until they agree to 1e-10, with secant steps after some rounds. Where
+    the droops do not depend on the measured values, the first state is the final one. The other arguments are those of
+    :func:`many_steady_states`.
     """
     grid, _ = _lanes((R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref), PowerLoopGains(0.0, 0.0, 0.0, 0.0))
-    paths, count = _paths(study, *grid[:4]), len(grid[0])
-    P, Q, V = grid[4].copy(), grid[5].copy(), np.full(count, study.converter.V_rated_rms)
-    delta, fault = np.full(count, np.nan), np.zeros(count, dtype=int)
+    c, paths, count = study.converter, _paths(study, *grid[:4]), len(grid[0])
+    measured = np.array([grid[4], grid[5], np.full(count, c.V_rated_rms)])
+    scale = np.array([[c.S_rated], [c.S_rated], [c.V_rated_rms]])
+    V, delta, fault = np.full(count, np.nan), np.full(count, np.nan), np.zeros(count, dtype=int)
+    reached_before, change_before = np.zeros_like(measured), np.zeros_like(measured)
 
     def gains_now() -> Array:
-        return np.array([np.full(count, value, dtype=float) for value in gains_of(P, Q, V)])
+        return np.array([np.full(count, value, dtype=float) for value in gains_of(*measured)])
 
     gains, active = gains_now(), np.arange(count)
-    for _ in range(_ROUNDS):
+    for k in range(_ROUNDS):
         missing = ~np.isfinite(gains[:, active]).all(axis=0)
         fault[active[missing]] = NO_GAINS
         active = active[~missing]
         if not active.size:
             break
-        some, before = tuple(value[active] for value in grid), gains[:, active]
-        laws = PowerLoopGains(*before)
-        V_now, delta_now = _points(study, _Paths(*(value[active] for value in paths)), some, laws)
-        there = np.isfinite(V_now)
+        some, laws = tuple(value[active] for value in grid), PowerLoopGains(*gains[:, active])
+        V[active], delta[active] = _points(study, _Paths(*(value[active] for value in paths)), some, laws)
+        reached = np.array([_power(study, some, laws), some[5] + laws.D_q * (c.V_rated_rms - V[active]), V[active]])
+        there = np.isfinite(V[active])
         fault[active[~there]] = NO_POINT
-        P_now = _power(study, some, laws)
-        Q_now = some[5] + laws.D_q * (study.converter.V_rated_rms - V_now)
-        active, before = active[there], before[:, there]
-        P[active], Q[active], V[active], delta[active] = P_now[there], Q_now[there], V_now[there], delta_now[there]
-        following = gains_now()[:, active]
-        close = np.abs(following - before) <= _TOLERANCE * (np.abs(before) + np.abs(following))
-        moving = ~close.all(axis=0)
-        active = active[moving]
-        gains[:, active] = following[:, moving]
+        active, reached = active[there], reached[:, there]
+        change = (reached - measured[:, active]) / scale
+        measured[:, active] = reached
+        if k >= _PLAIN_ROUNDS:
+            measured[:, active] -= _share(change, change_before[:, active]) * (reached - reached_before[:, active])
+        reached_before[:, active], change_before[:, active] = reached, change
+        following, before = gains_now()[:, active], gains[:, active]
+        if k < _PLAIN_ROUNDS:
+            settled = (np.abs(following - before) <= _TOLERANCE * (np.abs(before) + np.abs(following))).all(axis=0)
+        else:
+            settled = np.abs(change).max(axis=0) <= 0.1 * _TOLERANCE
+        active = active[~settled]
+        gains[:, active] = following[:, ~settled]
     fault[active] = NOT_CONVERGED
     V[fault > 0] = np.nan
     found = PowerLoopGains(*gains)
     return _states(study, paths, grid, found, V, delta, phase, free_of_limits, fault), found
+
+
+def _share(change: Array, change_before: Array) -> Array:
+    """How much of the last step to take back so that the change of the measured values vanishes, if it goes on as in
+    the last two rounds (the secant through them)."""
+    difference = change - change_before
+    share = np.sum(change * difference, axis=0) / np.maximum(np.sum(difference * difference, axis=0), 1e-300)
+    return np.clip(share, -_LONGEST, _LONGEST)
 
 
 def _lanes(values: Sequence[ArrayLike], gains: PowerLoopGains) -> tuple[tuple[Array, ...], PowerLoopGains]:
@@ -191,8 +211,9 @@ def _paths(study: Study, R_g: Array, L_g: Array, V_g_rms: Array, omega_g: Array)
     inverse = np.linalg.inv(turn[:, None, None] * np.eye(3) - steps.transition)
     per_bridge = (inverse @ steps.bridge[..., None])[..., 0]
     from_source = (inverse @ steps.source[:, 0, :, None])[..., 0] * rms_to_peak(V_g_rms)[:, None]
-    node = np.array([study.filter.R_c, 1.0, -study.filter.R_c])
-    node_per_bridge, node_from_source = per_bridge @ node, from_source @ node
+    node_per_bridge, node_from_source = (
+        capacitor_node_voltage(*state.T, study.circuit()) for state in (per_bridge, from_source)
+    )
     # i_g = (v - v_source)/Z, with the two numbers that make it so for every v.
     Z = node_per_bridge / per_bridge[:, 2]
     v_source = node_from_source - Z * from_source[:, 2]
