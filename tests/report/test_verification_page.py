@@ -18,7 +18,7 @@ from vsgdesign.report import write_verification_report
 from vsgdesign.report.drawing.style import look
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.verification.page import verification_figures
-from vsgdesign.report.verification.tables import again_text, left_out_table, promises_table
+from vsgdesign.report.verification.tables import again_text, case_value, left_out_table, promises_table
 
 UNIT = re.compile(r"\[[^\]]+\]$")
 
@@ -166,3 +166,10 @@ def test_cases_that_were_simulated_again_are_compared() -> None:
     other = case | {"rank": 7, "difference": None, "agrees": False}
     assert "rank 7 does not agree" in again_text([case, other])
     assert again_text([]) == again_text([{"rank": 1}]) == ""
+
+
+def test_a_lost_case_says_how_it_was_lost() -> None:
+    promise = {"figure": "recovery_s", "survival": True, "limit": 2.8}
+    case = {"promise": "survival", "status": "latched", "figures": {"recovery_s": 2.39}, "broken": ["survival"]}
+    assert case_value(case, "survival", promise) == "latched"
+    assert case_value(case | {"status": "judged", "broken": []}, "survival", promise) == "2.39 s"

@@ -35,6 +35,9 @@ FIGURES = {
 }
 """Figures of a case by their names in the document."""
 
+_NOTHING = 1e-6
+"""Values up to this are shown as zero: below it, no quantile is resolved."""
+
 PROMISES = {
     "overshoot": "Overshoot",
     "settling": "Settling time",
@@ -116,6 +119,7 @@ def value_text(name: str, value: float | None, digits: int = 3) -> str:
     words = figure_words(name)
     if value is None or not math.isfinite(value):
         return "–"
+    value = 0.0 if abs(value) <= _NOTHING else value
     unit = "" if words.unit == "1" else f" {words.unit}"
     return f"{words.factor * value:.{digits}g}{unit}"
 

@@ -18,7 +18,7 @@ from vsgdesign.artifacts.verification_text import (
     promise_about,
     value_text,
 )
-from vsgdesign.report.drawing.look import NO_POINT, Scale, colour_bar, gate_scale
+from vsgdesign.report.drawing.look import Scale, colour_bar, gate_scale
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure
 from vsgdesign.report.drawing.surfaces import surface_scale
 from vsgdesign.report.figure_types import NamedFigure
@@ -32,6 +32,8 @@ MAPS = 2
 _LEFT, _BOTTOM, _TOP, _BAR_ROOM, _BETWEEN, _GAP = 0.5, 0.36, 0.24, 0.8, 0.34, 0.3
 _LEGEND = 0.24
 _ASPECT = 0.56
+_EMPTY = "#C9C9C9"
+"""Grey of bins without cases: apart from the pale blue of bins without a broken case."""
 _BROKEN: dict[str, Any] = {
     "marker": "o",
     "markersize": 3.4,
@@ -137,7 +139,7 @@ def _worst_panels(family: Mapping[str, Any], worst_of: Mapping[str, Any], judged
         low, high = 0.0 if words.unit == "%" else float(known.min()), float(known.max())
         low, high = min(low, 0.9 * limit), max(high, 1.5 * limit)
         ticks = (*_round_ticks(low, limit, 4), *_round_ticks(limit, high, 3))
-        scale = gate_scale(low, high, limit, ticks, larger_is_better=at_least)
+        scale = Scale(low, high, limit, at_least, ticks=ticks)
         with np.errstate(invalid="ignore"):
             broken = values < limit if at_least else values > limit
         asked = f"{'≥' if at_least else '≤'} {value_text(name, found[1]['limit'])}"
@@ -217,7 +219,7 @@ def _draw(name: str, family: Mapping[str, Any], panels: Sequence[_Panel], bins: 
 def _draw_panel(axes: Any, panel: _Panel, bins: _Bins) -> None:
     x, y = bins.scr, bins.x_over_r
     axes.grid(False)
-    axes.set_facecolor(NO_POINT["facecolor"])
+    axes.set_facecolor(_EMPTY)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.pcolormesh(
@@ -267,7 +269,7 @@ def _legend_entries(panels: Sequence[_Panel], bins: _Bins) -> list[tuple[Any, st
     if any(panel.broken is not None and panel.broken.any() for panel in panels):
         entries.append((Line2D([], [], **_BROKEN), "broken in this bin"))
     if (bins.judged == 0.0).any():
-        entries.append((Patch(facecolor=NO_POINT["facecolor"], edgecolor="#BBBBBB", linewidth=0.4), "no judged cases"))
+        entries.append((Patch(facecolor=_EMPTY, edgecolor="#999999", linewidth=0.4), "no judged cases"))
     if bins.worst:
         entries.append((Line2D([], [], color=COLOURS[1], **_RANK), "worst drawn"))
     if bins.found:

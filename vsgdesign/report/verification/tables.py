@@ -117,6 +117,8 @@ def again_text(cases: Sequence[Mapping[str, Any]]) -> str:
 
 def case_value(case: Mapping[str, Any], name: str, promise: Mapping[str, Any]) -> str:
     """The figure of a case that its promise limits."""
+    if promise.get("survival") and case.get("status", "judged") != "judged":
+        return str(case["status"])  # how it was lost says more than when it was nearly at rest
     value = case["figures"].get(figure_of(name, promise))
     return worst_text(name, {**promise, "worst": value, "broken": case_breaks(case, name, promise)})
 
