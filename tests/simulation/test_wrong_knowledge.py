@@ -11,6 +11,7 @@ from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.simulation import build_timeline, run_scenario
+from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.late import told_at, told_of
 from vsgdesign.simulation.promises import promises_kept
 from vsgdesign.simulation.rest import expected_rests, knows_its_rests
@@ -110,6 +111,20 @@ def test_a_table_has_settled_at_an_estimate_beyond_its_edge() -> None:
     assert len(changes) > 1
     for change in changes[1:]:
         np.testing.assert_allclose(change.gains, changes[0].gains, rtol=2e-2)
+
+
+@pytest.mark.parametrize(("scr", "x_over_r"), [(1.5, 0.3), (1.5, 10.0), (20.0, 0.3), (20.0, 10.0)])
+def test_a_table_starts_in_its_own_corners(scr: float, x_over_r: float) -> None:
+    """R_g and L_g of a corner give its SCR and X/R but for the last bit. The safe place is another one."""
+    table = gain_tables.table()
+    assert (scr in table.validity.scr, x_over_r in table.validity.x_over_r) == (True, True)
+    kind = 'kind = "scheduled"\nschedule = "table"\ntable = "t.json"\n'
+    one = study(kind, events="").with_changes(grid={"scr": scr, "x_over_r": x_over_r}, simulation={"P_ref": "0.5 kW"})
+    answers = ScheduledAnswers(one, one.controllers[0], Ready(tables={"c0": table}))
+    answers.first()
+    # Single precision: 2⁻²³ in SCR and in R/X.
+    assert answers.grid.R_g == pytest.approx(one.grid.R_g, rel=2.5e-7)
+    assert answers.grid.L_g == pytest.approx(one.grid.L_g, rel=2.5e-7)
 
 
 def test_the_rest_is_that_of_the_wrong_gains() -> None:

@@ -19,6 +19,10 @@ from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.online import MeasuredWindow, OnlineScheduler
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
+_ROUNDING = 2.0**-22
+"""A grid that is this little outside a scheduler's box, relatively, is on its edge. The box is that of the table in
+single precision, rounded inwards."""
+
 
 class MeasuredPowers(Protocol):
     """What a schedule takes of a window, SI."""
@@ -96,6 +100,7 @@ class ScheduledAnswers:
             self._runtime = Scheduler(self._runtime.lookup, self._runtime.settings)
         elif self._runtime is not None:
             try:
+                nearest = nearest or (told is None and _on_the_edge(self._runtime, grid))
                 self._runtime.start(grid.R_g, grid.L_g, nearest=nearest)
             except ArtifactError:  # not in the table's box: from the safe place, as in the field
                 known = False
@@ -195,6 +200,15 @@ def gain_feed(
     if follows_measured(spec):
         return KnownGridScheduler(study, spec, timeline, ready)
     return gain_changes(study, spec, timeline)
+
+
+def _on_the_edge(runtime: Scheduler, grid: Grid) -> bool:
+    """Whether a grid is in the scheduler's box but for rounding: R_g and L_g of a corner need not give its SCR."""
+    c, at = runtime.settings, runtime.lookup.coordinates(grid.R_g, grid.L_g)
+    return all(
+        low * (1.0 - _ROUNDING) <= value <= high * (1.0 + _ROUNDING)
+        for value, (low, high) in zip(at, (c.scr, c.r_over_x), strict=True)
+    )
 
 
 def _numbers(gains: PowerLoopGains) -> PowerLoopGains:
