@@ -10,7 +10,6 @@ import numpy as np
 from tests.verification_documents import document
 from vsgdesign.artifacts.verification_text import (
     bound_text,
-    case_text,
     headline,
     kept,
     promise_sentence,
@@ -91,11 +90,3 @@ def test_the_headline_counts_promises() -> None:
     empty = document(runs=800) | {"judged": 0}
     assert headline(empty) == "Nothing is known: none of 800 drawn cases could be judged."
     assert not kept(empty)
-
-
-def test_where_a_case_begins() -> None:
-    start = {"scr": 1.5234, "x_over_r": 0.3, "P_pu": -0.88, "Q_pu": 0.0, "V_g_pu": 1.0, "f_hz": 60.0}
-    assert case_text(start) == "SCR 1.52, X/R 0.3, P -0.88 pu, Q 0.00 pu, 60 Hz; exact estimate"
-    told = start | {"V_g_pu": 0.95, "error_R": 0.2, "error_X": -0.2}
-    assert "V_g 0.950 pu" in case_text(told)
-    assert case_text(told).endswith("; estimate of R_g +20.0 %, of L_g -20.0 %")

@@ -18,7 +18,7 @@ from vsgdesign.report import write_verification_report
 from vsgdesign.report.drawing.style import look
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.verification.page import verification_figures
-from vsgdesign.report.verification.tables import again_text, case_value, left_out_table, promises_table
+from vsgdesign.report.verification.tables import again_text, case_value, cases_table, left_out_table, promises_table
 
 UNIT = re.compile(r"\[[^\]]+\]$")
 
@@ -162,7 +162,7 @@ def test_all_bounds_together_hold_with_less() -> None:
 
 def test_cases_that_were_simulated_again_are_compared() -> None:
     case = {"rank": 1, "simulated": {"overshoot": 0.05}, "difference": 2.4e-9, "agrees": True}
-    assert again_text([case, case | {"rank": 2, "difference": None}]).endswith("agree to 2.4e-09 of each figure.")
+    assert again_text([case, case | {"rank": 2, "difference": None}]).endswith("agree to 2.4·10⁻⁹ of each figure.")
     other = case | {"rank": 7, "difference": None, "agrees": False}
     assert "rank 7 does not agree" in again_text([case, other])
     assert again_text([]) == again_text([{"rank": 1}]) == ""
@@ -173,3 +173,16 @@ def test_a_lost_case_says_how_it_was_lost() -> None:
     case = {"promise": "survival", "status": "latched", "figures": {"recovery_s": 2.39}, "broken": ["survival"]}
     assert case_value(case, "survival", promise) == "latched"
     assert case_value(case | {"status": "judged", "broken": []}, "survival", promise) == "2.39 s"
+
+
+def test_the_source_is_shown_where_it_is_not_the_same_in_all_cases() -> None:
+    cases = made(True)["worst"]
+    assert cases_table("worst", cases, made(True)).head[-6:-2] == ("SCR", "X/R", "P [pu]", "Q [pu]")
+    other = [
+        case | {"start": case["start"] | {"f_hz": 50.0 + case["rank"], "error_R": 0, "error_X": 0}} for case in cases
+    ]
+    table = cases_table("worst", other, made(True))
+    assert table.head[-1] == "f [Hz]"
+    assert table.rows[2][-1] == "53.00"
+    assert table.rows[0][0] == "1"
+    assert table.links[0] == cases[0]["study"]

@@ -233,28 +233,6 @@ def lost_text(name: str, family: Document) -> str:
     return f"Lost {family_noun(name, family)}: {', '.join(f'{counted_of(n)} {reason}' for reason, n in lost.items())}."
 
 
-def case_text(start: Document) -> str:
-    """Where a case begins: grid, powers, source, and what the controller is told of the grid."""
-    parts = [f"SCR {start['scr']:.3g}", f"X/R {start['x_over_r']:.3g}"]
-    parts += [f"{name} {_signed(start[key])} pu" for name, key in (("P", "P_pu"), ("Q", "Q_pu"))]
-    if abs(start.get("V_g_pu", 1.0) - 1.0) > 5e-4:
-        parts.append(f"V_g {start['V_g_pu']:.3f} pu")
-    if start.get("f_hz") is not None:
-        parts.append(f"{start['f_hz']:.4g} Hz")
-    return f"{', '.join(parts)}; {_estimate_text(start.get('error_R'), start.get('error_X'))}"
-
-
-def _estimate_text(error_R: float | None, error_X: float | None) -> str:
-    if not error_R and not error_X:
-        return "exact estimate"
-    return f"estimate of R_g {_signed(100.0 * (error_R or 0.0), 1)} %, of L_g {_signed(100.0 * (error_X or 0.0), 1)} %"
-
-
-def _signed(value: float, decimals: int = 2) -> str:
-    text = f"{value:+.{decimals}f}"
-    return text[1:] if float(text) == 0.0 else text
-
-
 def table_verification(record: Document | None) -> list[str]:
     """What a gain table says of its verification: the answer, then a line for each promise; one line without one."""
     if record is None:

@@ -116,7 +116,8 @@ def why_of(
     if relaxed:
         said.append("A node of the table beside the estimated grid is relaxed: it gives up a requirement.")
     if by_name["limited_s"] > _NOTICED_S:
-        said.append(f"The current limiter acts for {1e3 * by_name['limited_s']:.3g} ms.")
+        acts = by_name["limited_s"]
+        said.append(f"The current limiter acts for {f'{1e3 * acts:.3g} ms' if acts < 1.0 else f'{acts:.3g} s'}.")
     if promise == "settling" and decay <= 0.0:
         said.append("The linear model is unstable at the new rest.")
     elif promise == "settling" and SETTLED / decay > _SLOW * limit:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from vsgdesign.artifacts.verification_text import (
     bound_text,
-    case_text,
     confidence_text,
     counted_of,
     families_of,
@@ -23,7 +22,7 @@ from vsgdesign.artifacts.verification_text import (
     worst_text,
 )
 from vsgdesign.report.page.table import Table
-from vsgdesign.report.quantities import DASH, plain
+from vsgdesign.report.quantities import DASH, number, plain
 
 QUANTILES = ("50", "90", "99", "99.9")
 
@@ -79,8 +78,9 @@ def _joint_note(confidence: float, count: int) -> str:
 
 
 def cases_table(title: str, cases: Sequence[Mapping[str, Any]], document: Mapping[str, Any]) -> Table:
-    """Cases, the worst first: what they break or come nearest to, where they begin, what happens."""
+    """Cases, the worst first: what they break or come nearest to, what happens and why, and where they begin."""
     rows, flagged = [], set()
+    starts = _start_columns([case["start"] for case in cases])
     with_reason = any(case.get("why") for case in cases)
     for case in cases:
         family = document["families"].get(case["family"], {})
@@ -92,14 +92,41 @@ def cases_table(title: str, cases: Sequence[Mapping[str, Any]], document: Mappin
                 str(case["rank"]),
                 family_title(case["family"], family),
                 f"{promise_title(name, promise)} {case_value(case, name, promise)}",
-                case_text(case["start"]),
                 str(case["what"]),
                 *((str(case.get("why") or DASH),) if with_reason else ()),
+                *(shown(case["start"]) for _, shown in starts),
             )
         )
-    head = ("Rank", "Cases", "Figure", "Begins at", "What happens", *(("Why",) if with_reason else ()))
+    texts = ("Rank", "Cases", "Figure", "What happens", *(("Why",) if with_reason else ()))
+    groups = (("", len(texts)), ("the case begins at", len(starts)))
     links = tuple(str(case["study"]) for case in cases)
-    return Table(title, head, tuple(rows), texts=len(head), flagged=frozenset(flagged), links=links)
+    head = (*texts, *(heading for heading, _ in starts))
+    return Table(title, head, tuple(rows), len(texts), groups, flagged=frozenset(flagged), links=links)
+
+
+def _start_columns(
+    starts: Sequence[Mapping[str, Any]],
+) -> list[tuple[str, Callable[[Mapping[str, Any]], str]]]:
+    """Heading and text of what is told of the start of cases: the source only where it is not the same in all."""
+    columns: list[tuple[str, Callable[[Mapping[str, Any]], str]]] = [
+        ("SCR", lambda start: f"{start['scr']:.3g}"),
+        ("X/R", lambda start: f"{start['x_over_r']:.3g}"),
+        ("P [pu]", lambda start: f"{start['P_pu']:.2f}"),
+        ("Q [pu]", lambda start: f"{start['Q_pu']:.2f}"),
+    ]
+    if len({start["V_g_pu"] for start in starts}) > 1:
+        columns.append(("V_g [pu]", lambda start: f"{start['V_g_pu']:.3f}"))
+    if len({start["f_hz"] for start in starts}) > 1:
+        columns.append(("f [Hz]", lambda start: f"{start['f_hz']:.2f}"))
+    if any(start["error_R"] or start["error_X"] for start in starts):
+        columns.append(("error of R_g [%]", lambda start: _percent(start["error_R"])))
+        columns.append(("error of L_g [%]", lambda start: _percent(start["error_X"])))
+    return columns
+
+
+def _percent(share: float) -> str:
+    text = f"{100.0 * share:+.1f}"
+    return "0.0" if float(text) == 0.0 else text
 
 
 def again_text(cases: Sequence[Mapping[str, Any]]) -> str:
@@ -111,7 +138,7 @@ def again_text(cases: Sequence[Mapping[str, Any]]) -> str:
         ranks = ", ".join(str(rank) for rank in other)
         return f"Simulated again, one by one, from the study files: rank {ranks} does not agree with the table."
     known = [case["difference"] for case in found if case["difference"] is not None]
-    largest = f" to {max(known):.1e} of each figure" if known else ""
+    largest = f" to {number(max(known), 2)} of each figure" if known else ""
     return f"All were simulated again, one by one, from the study files, and agree{largest}."
 
 
