@@ -26,6 +26,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _FLOATS, _INTEGERS = np.dtype(np.float64), np.dtype(np.int64)
+_FED, _FED_SAMPLE = len(INTEGERS) + POINTERS.index("fed"), INTEGERS.index("fed_sample")
+"""Places of what is fed among the arguments of the compiled function."""
+
 _LANES = {"avx512": 8, "avx2": 4, "sse2": 2, "other": 2}
 
 
@@ -118,6 +121,44 @@ class Loop:
 
         Raises ValueError with everything that does not fit. The interpreter's lock is free meanwhile.
         """
+        arguments = self._arguments(
+            begin, end, rows, uniform, cyclic, cycle, fed, rings, ring_length, log, every, origin, program
+        )
+        return 0 if begin == end or not len(rows) else self._call(*arguments)
+
+    def standing(
+        self,
+        rows: Floats,
+        uniform: Floats,
+        *,
+        cyclic: Floats | None = None,
+        cycle: Integers | None = None,
+        log: Floats | None = None,
+        every: int = 0,
+    ) -> StandingLoop:
+        """The loop over arrays that stay where they are: many short calls cost less."""
+        nothing_fed = np.zeros((len(rows), 0, len(self.spec.fed), self.spec.width)) if self.spec.fed else None
+        arguments = self._arguments(0, 0, rows, uniform, cyclic, cycle, nothing_fed, None, None, log, every, 0, None)
+        slots = log.shape[1] if log is not None and every else None
+        return StandingLoop(self.spec, self._call, arguments, (rows, uniform, cyclic, cycle, log), every, slots)
+
+    def _arguments(  # noqa: PLR0913
+        self,
+        begin: int,
+        end: int,
+        rows: Floats,
+        uniform: Floats,
+        cyclic: Floats | None,
+        cycle: Integers | None,
+        fed: Floats | None,
+        rings: Floats | None,
+        ring_length: Integers | None,
+        log: Floats | None,
+        every: int,
+        origin: int,
+        program: Program | None,
+    ) -> list[int]:
+        """The arguments of the compiled function, after all checks."""
         spec, given = self.spec, _Given()
         given.array("rows", rows, (None, None, spec.width))
         if rows.ndim == 3 and rows.shape[1] < self._rows:
@@ -146,8 +187,6 @@ class Loop:
         given.fault(bool(np.isnan(uniform).any()), "uniform has NaN: give numbers")
         given.raise_faults()
         self._checked = None if program is None else program.at
-        if begin == end or not groups:
-            return 0
         numbers = {
             "begin": begin, "end": end, "groups": groups, "rows_group": given.stride("rows", 0),
             "period": period, "fed_group": given.stride("fed", 0),
@@ -155,7 +194,42 @@ class Loop:
             "log_group": given.stride("log", 0), "log_sample": given.stride("log", 1),
             "every": every if logging else 0, "origin": origin,
         }  # fmt: skip
-        return self._call(*(numbers[name] for name in INTEGERS), *(given.address(name) for name in POINTERS))
+        return [*(numbers[name] for name in INTEGERS), *(given.address(name) for name in POINTERS)]
+
+
+class StandingLoop:
+    """A compiled loop over arrays that stay where they are (:meth:`Loop.standing`). It serves one thread."""
+
+    def __init__(
+        self,
+        spec: LoopSpec,
+        call: Callable[..., int],
+        arguments: list[int],
+        kept: tuple[NDArray[Any] | None, ...],
+        every: int,
+        slots: int | None,
+    ) -> None:
+        self._spec, self._call, self._given, self._kept = spec, call, arguments, kept
+        self._every, self._slots = every, slots
+
+    def __call__(self, begin: int, end: int, fed: Floats | None = None) -> int:
+        """Moves the rows through samples ``begin`` to ``end`` − 1 as a call of :class:`Loop` does; one group is fed.
+
+        Raises ValueError where the samples, the log or what is fed do not fit.
+        """
+        arguments, spec = self._given, self._spec
+        if not 0 <= begin <= end:
+            raise ValueError(f"samples {begin} to {end}: give 0 ≤ begin ≤ end.")
+        if self._slots is not None and end > begin and self._slots <= (end - 1) // self._every:
+            raise ValueError(f"log has {self._slots} slots: give {(end - 1) // self._every + 1}.")
+        if spec.fed:
+            wanted = (1, end - begin, len(spec.fed), spec.width)
+            if fed is None or fed.shape != wanted or fed.dtype != np.float64 or not fed.flags.c_contiguous:
+                raise ValueError(f"fed is {'missing' if fed is None else fed.shape}: give {wanted}, contiguous.")
+            arguments[_FED] = fed.ctypes.data
+            arguments[_FED_SAMPLE] = len(spec.fed) * spec.width
+        arguments[0], arguments[1] = begin, end
+        return 0 if begin == end else self._call(*arguments)
 
 
 @functools.lru_cache(maxsize=64)
@@ -194,7 +268,8 @@ class _Given:
     ) -> None:
         """Notes an array; ``whole``: all of it is contiguous, else its last two axes are."""
         if array is None or not needed:
-            self.fault(needed, f"{name} is missing: give an array of shape {_shown(shape)}")
+            if needed:
+                self.faults.append(f"{name} is missing: give an array of shape {_shown(shape)}")
             return
         fits = array.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
         if fits and array.dtype == kind and array.flags.c_contiguous:  # a text costs more than a check

@@ -30,6 +30,8 @@ class Circuits:
         self.switched = switched
         self._omega = study.converter.omega_n
         self._steps = functools.lru_cache(maxsize=64)(self._step)
+        self.numbers = functools.lru_cache(maxsize=64)(self._numbers)
+        """The same mapping again where it is asked for the same."""
         grids = {grid for _, grid in timeline.grids}
         degree = (
             max(len(self._steps(grid, study.converter.T_s, self._omega).edge) - 1 for grid in grids) if switched else 0
@@ -48,7 +50,7 @@ class Circuits:
         """How many real states the circuits have on both axes together."""
         return 6 if self.axes is None else self.axes.states
 
-    def numbers(self, grid: Grid, h: float, V_g_pk: float, omega: float | None) -> dict[str, Array]:
+    def _numbers(self, grid: Grid, h: float, V_g_pk: float, omega: float | None) -> dict[str, Array]:
         """The rows of the circuit over an interval h (s), with a source of V_g_pk (V) and omega (rad/s); without omega
         the loop adds no source."""
         step = self._steps(grid, h, self._omega if omega is None else omega)

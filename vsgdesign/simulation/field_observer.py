@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.codegen.flat import flat_block
-from vsgdesign.codegen.llvm import Loop, LoopSpec, compiled_loop
+from vsgdesign.codegen.llvm import Loop, LoopSpec, StandingLoop, compiled_loop
 from vsgdesign.equations.field import (
     FieldAnswer,
     FieldFeatures,
@@ -53,6 +53,7 @@ class FieldMemory:
         self._rows = np.concatenate([self.lock, track])[None, :, None]
         self._constants = np.array(numbers_of(settings))
         self._log = np.empty((1, 1, len(FieldAnswer._fields) + len(FieldFeatures._fields), 1))
+        self._conclude: StandingLoop | None = None
 
     def moves_in(self, place: Array) -> None:
         """The lock-in goes on in another array, that of a run."""
@@ -77,7 +78,9 @@ class FieldMemory:
     def conclude(self) -> FieldAnswer:
         """Ends a cycle and begins the next one."""
         self._rows[0, :_SIZE, 0] = self.lock
-        _conclusion()(0, 1, self._rows, self._constants, log=self._log, every=1)
+        if self._conclude is None:
+            self._conclude = _conclusion().standing(self._rows, self._constants, log=self._log, every=1)
+        self._conclude(0, 1)
         self.lock[:] = self._rows[0, :_SIZE, 0]
         return FieldAnswer(*self._log[0, 0, : len(FieldAnswer._fields), 0].tolist())
 

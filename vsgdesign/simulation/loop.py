@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.codegen.blocks import Plain
-from vsgdesign.codegen.llvm import Loop, LoopSpec, compiled_loop
+from vsgdesign.codegen.llvm import Loop, LoopSpec, StandingLoop, compiled_loop
 from vsgdesign.codegen.records import Kinds
 from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement
+from vsgdesign.equations.controller_data import flat_state
 from vsgdesign.equations.field import FieldSettings, LockIn
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
@@ -54,10 +55,11 @@ SENSED_COLUMNS = ("measured.v_alpha", "measured.v_beta", "measured.i_g_alpha", "
 
 
 class PieceRows(NamedTuple):
-    """A part of a sampling interval: the rows of its circuit, the source's phasor at its beginning, its place on the
+    """A part of a sampling interval: the numbers of its circuit, the source's phasor at its beginning, its place on the
     carrier (none: averaged), and what the source's other components add to the states over it (none: nothing)."""
 
-    numbers: Mapping[str, Array]
+    circuit: Mapping[str, Array]
+    source: tuple[float, float]
     slope: str = ""
     part: CarrierPart | None = None
     more: Array | None = None
@@ -192,10 +194,12 @@ class RunLoop:
     def __init__(self, run: Run) -> None:
         self.run = run
         layout = layout_of(run)
+        self._circuit: Mapping[str, Array] | None = None
         self._names = layout.rows
         self._rows = np.zeros((1, len(layout.rows), 1))
         self._uniform = np.zeros(len(layout.uniform))
         self._uniform_names = layout.uniform
+        self._loops: dict[tuple[bool, bool], tuple[Array, StandingLoop]] = {}
         self._places = _heads(layout.rows)
         self._uniform_places = _heads(layout.uniform)
         slopes = run.bridge.slopes
@@ -209,9 +213,21 @@ class RunLoop:
         """The numbers of a record as an array that moves with the run."""
         return self._rows[0, self._places[head], 0]
 
+    def put_piece(self, piece: PieceRows) -> None:
+        """Sets the circuit and the source."""
+        if piece.circuit is not self._circuit:
+            self._circuit = piece.circuit
+            for head, values in piece.circuit.items():
+                self.put(head, values)
+        self.put("source", piece.source)
+
     def put(self, head: str, record: Any) -> None:
         """Sets a number or the numbers of a record."""
-        values = record if isinstance(record, np.ndarray | float) else numbers_of(record)
+        values = record
+        if head == "state":
+            values = flat_state(record)
+        elif head in ("settings", "sensors"):
+            values = numbers_of(record)
         if head in self._places:
             self._rows[0, self._places[head], 0] = values
         else:
@@ -232,25 +248,34 @@ class RunLoop:
         controller's states.
         """
         added = fed is not None and fed.shape[1] > (len(Noise._fields) if self.run.sensors else 0)
-        loop = loop_of(self.run._replace(added=added), states)
-        pwm = len(self._parts) > 0
-        return loop(
-            begin,
-            end,
-            self._rows,
-            self._uniform,
-            cyclic=self._cyclic if pwm else None,
-            cycle=self._cycle if len(loop.spec.bodies) > 1 else None,
-            fed=None if fed is None else fed[None, :, :, None],
-            log=log[None, :, :, None],
-            every=every,
-        )
+        loop = self._standing(added, states, log, every)
+        return loop(begin, end, None if fed is None else fed[None, : end - begin, :, None])
+
+    def _standing(self, added: bool, states: bool, log: Array, every: int) -> StandingLoop:
+        """The loop over this run's numbers. A run has one log for each kind of loop."""
+        key = added, states
+        if key not in self._loops or self._loops[key][0] is not log:
+            loop = loop_of(self.run._replace(added=added), states)
+            several = len(loop.spec.bodies) > 1
+            self._loops[key] = (
+                log,
+                loop.standing(
+                    self._rows,
+                    self._uniform,
+                    cyclic=self._cyclic if loop.spec.cyclic else None,
+                    cycle=self._cycle if several else None,
+                    log=log[None, :, :, None],
+                    every=every,
+                ),
+            )
+        return self._loops[key][1]
 
     def advance_in_pieces(self, pieces: list[PieceRows], log: Array, fed: Array, states: bool = False) -> None:
         """Runs one sample whose interval is in pieces, in plain Python. ``log`` is the row to write, ``fed`` (n) what
         the loop would be given."""
         run = self.run._replace(added=True)
         layout = layout_of(run, states)
+        self.put_piece(pieces[0])
         here = dict(zip(self._names, self._rows[0, :, 0].tolist(), strict=True))
         here |= dict(zip(self._uniform_names, self._uniform.tolist(), strict=True))
         here |= dict(zip(layout.fed, fed.tolist(), strict=True))
@@ -258,8 +283,9 @@ class RunLoop:
         log[:] = [here[name] for name in layout.logged]
         following = dict(here)
         for piece in pieces:
-            for head, values in piece.numbers.items():
+            for head, values in piece.circuit.items():
                 following |= dict(zip(self._names[self._places[head]], values.tolist(), strict=True))
+            following |= dict(zip(self._names[self._places["source"]], piece.source, strict=True))
             if piece.part is not None:
                 following |= {f"part.{name}": value for name, value in piece.part._asdict().items()}
             if piece.more is not None:

@@ -14,7 +14,7 @@ from vsgdesign.simulation.bodies import FALLING, PEAK, RISING
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.loop import PieceRows, RunLoop, carrier_part, slopes_of
 from vsgdesign.simulation.run_log import RunLog
-from vsgdesign.simulation.timeline import SourceSegment, Timeline
+from vsgdesign.simulation.timeline import Timeline
 
 Array = NDArray[np.float64]
 
@@ -35,8 +35,7 @@ class Stretch:
             log.run_in_pieces(loop, self.first, self.pieces, self.fed[0])
             return 1
         if done == 0:
-            for head, values in self.pieces[0].numbers.items():
-                loop.put(head, values)
+            loop.put_piece(self.pieces[0])
         fed = None if self.fed is None else self.fed[done:]
         return log.run(loop, self.first + done, self.first + self.count, fed)
 
@@ -47,11 +46,12 @@ class Sources:
 
     def __init__(self, circuits: Circuits, background: Background, timeline: Timeline) -> None:
         self._circuits, self._background, self._timeline = circuits, background, timeline
+        self._changes = timeline.plant_changes()
 
     def stretch(self, first: int, count: int, T_s: float, noise: Array | None, per_carrier: int) -> Stretch:
         """The stretch; ``noise`` (count, 9) is that of the sensors, if they are not ideal."""
         start, end = first * T_s, (first + 1) * T_s
-        inside = [t for t in self._timeline.plant_changes() if start < t < end and on_sample(t, T_s) is None]
+        inside = [t for t in self._changes if start < t < end and on_sample(t, T_s) is None]
         instants = [start, *inside]
         lengths = np.diff([*instants, end]).tolist() if inside else [T_s]
         found = []
@@ -75,9 +75,9 @@ class Sources:
             source = piece.source
             omega = source.omega if source.steady else None
             numbers = self._circuits.numbers(piece.grid, piece.h, rms_to_peak(source.V_g_rms), omega)
-            numbers["source"] = _phasor(source)
+            phasor = math.cos(source.phase), math.sin(source.phase)
             if len(found) == 1:
-                return [PieceRows(numbers)]
+                return [PieceRows(numbers, phasor)]
             slope, part = "", None
             if self._circuits.switched:
                 j = first % n
@@ -87,7 +87,7 @@ class Sources:
                 slope, part = slopes_of(n)[j], carrier_part(begin, end)
                 if slope == PEAK and (begin >= 0.5 or end <= 0.5):
                     slope = FALLING if begin >= 0.5 else RISING
-            made.append(PieceRows(numbers, slope, part, None if added is None else added[k]))
+            made.append(PieceRows(numbers, phasor, slope, part, None if added is None else added[k]))
             elapsed += piece.h
         return made
 
@@ -96,7 +96,3 @@ def on_sample(t_s: float, T_s: float) -> int | None:
     """The sample that an instant coincides with (to a millionth of a period), if any."""
     k = round(t_s / T_s)
     return k if abs(t_s / T_s - k) < 1e-6 else None
-
-
-def _phasor(source: SourceSegment) -> Array:
-    return np.array([math.cos(source.phase), math.sin(source.phase)])

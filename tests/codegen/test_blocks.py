@@ -1,0 +1,71 @@
+"""Blocks put together: the same numbers as one after the other, in plain Python and as machine code."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vsgdesign.codegen.blocks import Part, Plain, Writer, joined, with_outputs
+from vsgdesign.codegen.expressions import Number
+from vsgdesign.codegen.llvm import LoopSpec, compiled_loop, flat_block
+from vsgdesign.frames import clarke_inverse, rotate
+
+
+def length(turned_x: Any, y: Any) -> Any:
+    """Returns (size, angle)."""
+    return np.sqrt(turned_x * turned_x + y * y), np.arctan2(y, turned_x)
+
+
+def test_an_input_is_the_output_of_its_name() -> None:
+    """``turned_x`` comes from the block before; y is asked for under another name; x, cosine and sine come in."""
+    both = joined(Part(flat_block(rotate)), Part(flat_block(length), {"y": "turned_y"}))
+    assert both.inputs == ("x", "y", "cosine", "sine")
+    values = {"x": 3.0, "y": 4.0, "cosine": 0.6, "sine": 0.8}
+    found = Plain(both)(values)
+    assert found["size"] == pytest.approx(5.0, rel=1e-15)
+    assert (found["turned_x"], found["turned_y"]) == rotate(3.0, 4.0, 0.6, 0.8)
+    assert found["angle"] == np.arctan2(found["turned_y"], found["turned_x"])
+
+
+def test_equal_operations_are_shared_and_others_left_out() -> None:
+    once = flat_block(clarke_inverse)
+    twice = joined(Part(once), Part(once))
+    assert len(twice.lets) == len(once.lets)
+    alone = with_outputs(twice, (twice.outputs[0][0],))
+    assert len(alone.lets) < len(once.lets)
+    assert [name for name, _ in alone.outputs] == [twice.outputs[0][0]]
+
+
+def test_plain_python_has_the_bits_of_a_strict_loop() -> None:
+    both = joined(Part(flat_block(rotate)), Part(flat_block(length), {"y": "turned_y"}))
+    spec = LoopSpec((both,), (("x", "angle"), ("y", "size")), ("cosine", "sine"), logged=("size", "angle"), strict=True)
+    rows, log = np.array([0.3, -0.7, 0.8, 0.61])[None, :, None].copy(), np.empty((1, 50, 2, 1))
+    here = dict(zip(spec.rows, rows.ravel().tolist(), strict=True))
+    compiled_loop(spec)(0, 50, rows, np.zeros(0), log=log, every=1)
+    for k in range(50):
+        found = Plain(both)(here)
+        assert [found["size"], found["angle"]] == log[0, k, :, 0].tolist()
+        here |= {"x": found["angle"], "y": found["size"]}
+
+
+def test_a_standing_loop_does_what_a_call_does() -> None:
+    line = Writer()
+    line.output("next", line.sum_of(line.input("x"), line.input("fed"), Number(1.0)))
+    loop = compiled_loop(LoopSpec((line.block(),), (("x", "next"),), fed=("fed",), logged=("x",), strict=True))
+    fed = np.arange(12.0).reshape(1, 12, 1, 1)
+    one, other = np.zeros((1, 1, 1)), np.zeros((1, 1, 1))
+    logs = np.zeros((2, 1, 6, 1, 1))
+    loop(0, 12, one, np.zeros(0), fed=fed, log=logs[0], every=2)
+    standing = loop.standing(other, np.zeros(0), log=logs[1], every=2)
+    parts = ((0, 5), (5, 5), (5, 12))
+    assert [standing(begin, end, fed[:, begin:end].copy()) for begin, end in parts] == [5, 0, 7]
+    assert one.tobytes() == other.tobytes()
+    assert logs[0].tobytes() == logs[1].tobytes()
+    with pytest.raises(ValueError, match=r"log has 6 slots: give 7"):
+        standing(12, 13, fed[:, :1].copy())
+    with pytest.raises(ValueError, match=r"fed is missing"):
+        standing(0, 1)
+    with pytest.raises(ValueError, match=r"begin"):
+        standing(3, 2, fed[:, :1].copy())

@@ -1,0 +1,183 @@
+"""The loop of a run: an interval that Python runs has its bits, and a leg switches where the carrier meets it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from tests.simulation.studies import GAINS, lc_study, lcl_study
+from tests.simulation.test_emt_against_dop853 import SENSORS, compare
+from tests.simulation.test_field_in_the_loop import FOLLOWING
+from vsgdesign.codegen.blocks import Plain
+from vsgdesign.codegen.llvm import compiled_loop
+from vsgdesign.equations.controller_data import Nothing
+from vsgdesign.equations.limiters import CIRCULAR
+from vsgdesign.operating_point.plant import plant_step, state_matrices, two_axes
+from vsgdesign.parameters import Study
+from vsgdesign.simulation import GainChange, simulate
+from vsgdesign.simulation.bodies import FALLING, LARGEST_DEGREE, PEAK, RISING, Axes, Bridge, Run, plant, states_of
+from vsgdesign.simulation.circuits import Circuits
+from vsgdesign.simulation.field_feed import FieldScheduler
+from vsgdesign.simulation.lanes.sample import BridgeVoltage, modulation
+from vsgdesign.simulation.loop import carrier, carrier_part, loop_of, slopes_of
+from vsgdesign.simulation.stretches import Stretch
+from vsgdesign.simulation.timeline import build_timeline
+
+NOTHING_HAPPENS = '[[events]]\ntime = "1.0123 ms"\ncomponents = []\n'
+
+
+@pytest.mark.parametrize(
+    ("build", "bridge", "more"),
+    [
+        (lc_study, "averaged", ""),
+        (lcl_study, "averaged", SENSORS),
+        (lcl_study, "pwm", SENSORS),
+        (lc_study, "pwm", FOLLOWING),
+        (lcl_study, "pwm", "two axes"),
+    ],
+)
+def test_an_interval_in_plain_python_has_the_bits_of_the_loop(
+    build: Callable[..., Study], bridge: str, more: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every fifth stretch of one sample goes the way of one that an event cuts, with one piece."""
+    study = build("3 ms", "" if more == "two axes" else more, simulation='start = "cold"')
+    circuit = (lambda grid: two_axes(study.circuit(grid))) if more == "two axes" else None
+
+    def run() -> np.ndarray:
+        steps = [GainChange(k * study.converter.T_s, GAINS) for k in range(60)]
+        given = FieldScheduler(study, study.controllers[-1]) if more == FOLLOWING else steps
+        found = simulate(study, given, bridge=bridge, log_states=20, circuit=circuit)
+        return np.concatenate([part.ravel() for part in (found.log, found.controller_log, found.final_plant)])
+
+    if more == FOLLOWING:
+        monkeypatch.setattr("vsgdesign.simulation.run._PROGRESS_STRETCH", study.converter.T_s)
+    whole, run_in_loop = run(), Stretch.run
+
+    def some_in_python(self: Stretch, loop, log, done: int) -> int:
+        if self.first % 5 or self.count != 1:
+            return run_in_loop(self, loop, log, done)
+        slopes = loop.run.bridge.slopes
+        j, n = (self.first % len(slopes), len(slopes)) if slopes else (0, 1)
+        part = carrier_part(j / n, j / n + 1.0 / n) if slopes else None
+        piece = self.pieces[0]._replace(slope=slopes[j] if slopes else "", part=part)
+        nothing = np.zeros(len(loop.view("x")) + 2)
+        fed = nothing if self.fed is None else np.concatenate([nothing, self.fed[0]])
+        log.run_in_pieces(loop, self.first, [piece], fed)
+        return 1
+
+    monkeypatch.setattr(Stretch, "run", some_in_python)
+    assert np.array_equal(run(), whole)  # but for the sign of a zero to which nothing is added
+
+
+# Where a leg switches.
+
+H, N = 100e-6, {RISING: 2, FALLING: 2, PEAK: 1}
+PLACES = {RISING: (0.0, 0.5), FALLING: (0.5, 1.0), PEAK: (0.0, 1.0)}
+
+
+def moved(slope: str, applied: BridgeVoltage, V_dc: float, axes: bool) -> np.ndarray:
+    """The circuit after an interval from rest, without a source."""
+    circuit = lc_study("1 ms").circuit()
+    h = H / N[slope]
+    step = plant_step(two_axes(circuit) if axes else circuit, h, 314.0)
+    run = Run(
+        CIRCULAR.law, Nothing, Nothing, Bridge((slope,), True, False), Axes(6, len(step.edge) - 1) if axes else None
+    )
+    part = carrier_part(*PLACES[slope])
+    values = {f"part.{name}": value for name, value in part._asdict().items()}
+    values |= {f"x.{name}": 0.0 for name in states_of(None)} | {"source.cosine": 0.0, "source.sine": 0.0, "V_dc": V_dc}
+    values |= {"said.v_b_alpha": applied.alpha, "said.v_b_beta": applied.beta, "row.turn_cos": 1.0, "row.turn_sin": 0.0}
+    if axes:
+        for name, table in (("p", step.transition), ("b", step.bridge), ("s", step.source[0])):
+            values |= {f"row.{name}_{i}_{k}": float(table[i, k]) for i in range(6) for k in range(table.shape[1])}
+        degree = range(len(step.edge))
+        values |= {f"edge.c{d}_{i}_{k}": float(step.edge[d, i, k]) for d in degree for i in range(6) for k in range(2)}
+    else:
+        values |= {f"row.p{i + 1}{k + 1}": float(step.transition[i, k]) for i in range(3) for k in range(3)}
+        values |= {f"row.b{i + 1}": float(step.bridge[i]) for i in range(3)}
+        values |= {f"row.{part}{i + 1}": 0.0 for part in ("re", "im") for i in range(3)}
+        padded = np.zeros((LARGEST_DEGREE + 1, 3))
+        padded[: len(step.edge)] = step.edge
+        names = ("i_s", "v_c", "i_g")
+        values |= {f"edge.{name}.c{d}": float(padded[d, i]) for i, name in enumerate(names) for d in range(len(padded))}
+    found = Plain(plant(run, slope))(values)
+    return np.array([found[f"moved.{name}"] for name in states_of(None)])
+
+
+def expected(slope: str, applied: BridgeVoltage, V_dc: float) -> np.ndarray:
+    """By matrix exponentials between the instants at which a leg meets the carrier, found by its definition."""
+    A, b, _ = state_matrices(lc_study("1 ms").circuit())
+    begin, end = PLACES[slope]
+    m = modulation(applied.alpha, applied.beta, V_dc, True)
+    instants = sorted({begin, end, 0.5} | {p for one in m for p in ((one + 1.0) / 4.0, (3.0 - one) / 4.0)})
+    instants = [p for p in instants if begin <= p <= end]
+    x = np.zeros(3, dtype=complex)
+    turn = np.exp(2j * np.pi * np.arange(3) / 3.0)
+    for one, other in itertools.pairwise(instants):
+        if other - one < 1e-12:
+            continue
+        high = np.array([1.0 if value > carrier(0.5 * (one + other)) else -1.0 for value in m])
+        v = 2.0 / 3.0 * turn @ (0.5 * V_dc * high)
+        M = np.zeros((4, 4))
+        M[:3, :3], M[:3, 3] = A, b
+        step = expm(M * (other - one) * H)
+        x = step[:3, :3] @ x + step[:3, 3] * v
+    return np.stack([x.real, x.imag], axis=1).ravel()
+
+
+@pytest.mark.parametrize("axes", [False, True])
+@pytest.mark.parametrize("slope", [RISING, FALLING, PEAK])
+def test_a_leg_switches_where_the_carrier_meets_it(slope: str, axes: bool) -> None:
+    """At random voltages, beyond the linear limit among them, and where a leg begins or ends on the carrier: no
+    voltage, and a leg at its valley or its peak."""
+    rng = np.random.default_rng(4)
+    V_dc = 400.0
+    edge = BridgeVoltage(V_dc / 3.0**0.5, 0.0)
+    voltages = [
+        BridgeVoltage(*(r * np.array([np.cos(a), np.sin(a)])).tolist()) for r, a in rng.uniform(0, 340, (25, 2))
+    ]
+    for applied in [
+        BridgeVoltage(0.0, 0.0),
+        edge,
+        BridgeVoltage(-edge.alpha, 0.0),
+        BridgeVoltage(0.0, 200.0),
+        *voltages,
+    ]:
+        found, true = moved(slope, applied, V_dc, axes), expected(slope, applied, V_dc)
+        np.testing.assert_allclose(found, true, rtol=0.0, atol=2e-12 * np.abs(true).max() + 1e-11)
+
+
+def test_samples_lie_on_the_carrier() -> None:
+    assert slopes_of(1) == (PEAK,)
+    assert slopes_of(2) == (RISING, FALLING)
+    assert slopes_of(3) == (RISING, PEAK, FALLING)
+    assert slopes_of(4) == (RISING, RISING, FALLING, FALLING)
+
+
+def test_a_stiff_circuit_against_an_ode_solver() -> None:
+    """Its edge polynomial has a degree for which nothing is written out: it goes the way of two axes."""
+    study = lcl_study("6 ms", '[[events]]\ntime = "1.0123 ms"\nphase_jump = "8 deg"\n', R_c='"60 ohm"')
+    circuits = Circuits(study, build_timeline(study), None, switched=True)
+    assert circuits.axes is not None
+    assert circuits.axes.degree > LARGEST_DEGREE
+    compare(study, [GainChange(0.0, GAINS)], "pwm")
+
+
+def test_every_instruction_set_gives_the_same_bits() -> None:
+    """What is strict has no rounding of its own on any processor."""
+    study, found = lc_study("4 ms"), []
+    for target in ("native", "avx2", "sse2"):
+        with pytest.MonkeyPatch.context() as patch:
+            try:
+                spec = loop_of(Run(CIRCULAR.law, Nothing, Nothing, Bridge()), False).spec
+                loop = compiled_loop(spec, target)
+            except ValueError:  # this processor has it not
+                continue
+            patch.setattr("vsgdesign.simulation.loop.loop_of", lambda *_, own=loop: own)
+            found.append(simulate(study, [GainChange(0.0, GAINS)], bridge="averaged").log.tobytes())
+    assert len(found) >= 1
+    assert len(set(found)) == 1
