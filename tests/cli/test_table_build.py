@@ -239,3 +239,22 @@ def test_faults_are_told_before_the_work(study_file: Path, tmp_path: Path) -> No
     ):
         assert says in failure(code, "table", "build", *arguments), says
     assert sorted(path.name for path in tmp_path.iterdir()) == ["foreign.json", "plain.toml"]
+
+
+def test_a_table_that_is_verified_says_so(
+    built: tuple[Path, BuiltTable], study_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(building, "build_table", lambda *_, **__: built[1])
+    out = tmp_path / "table.json"
+    shown = call("table", "build", study_file, "--out", out, "--workers", "1", "--verify", "24")
+    assert shown.exit_code == 0, shown.output
+    table, plain = read_table_file(out), read_table_file(built[0])
+    assert plain.verification is None
+    assert table.verification is not None
+    assert (table.verification["runs"], table.verification["judged"] <= 24) == (24, True)
+    assert replace(table, verification=None) == plain
+    assert "Verified in EMT" in shown.stdout
+    step = table.verification["families"]["step"]["promises"]["settling"]
+    assert f"{step['broken']} of {step['judged']} steps above 1.3 s" in shown.stdout
+    assert "Verified in EMT" in call("table", "show", out).stdout
+    assert [path.name for path in tmp_path.iterdir()] == ["table.json"]

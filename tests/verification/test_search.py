@@ -69,6 +69,6 @@ def test_cases_that_are_not_asked_for_are_no_finding() -> None:
     assert search(job, 2 * POPULATION, {"step": EIGHT}).found == ()
 
 
-@pytest.mark.parametrize(("asked", "made"), [(31, 0), (32, 32), (100, 96), (64 * 5 + 1, 64 * 5)])
+@pytest.mark.parametrize(("asked", "made"), [(31, 0), (32, 32), (100, 96), (128 * 5 + 1, 128 * 5)])
 def test_it_makes_at_most_what_it_is_asked_for(asked: int, made: int) -> None:
     assert search(JOB, asked, {"step": EIGHT}).evaluations == made

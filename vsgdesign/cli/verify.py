@@ -93,7 +93,7 @@ def verify(
     _check_options(file, study_file, cluster, workers, shard is not None, merge, (controller, runs, seed))
     study = load(file if study_file is None else study_file)
     if study_file is not None:
-        study = with_table(study, file, controller)
+        study, controller = with_table(study, file, controller)
     name = f"{study.name}-verification" + ("" if shard is None else f"/shard-{shard.number}-of-{shard.of}")
     folder = Path("out") / name if out is None else Path(out)
     asked = Asked(

@@ -87,7 +87,7 @@ def verify_study(
         ready_s = time.perf_counter() - begin
         numbers = (shard or Shard()).blocks(job)
         journal = held.enter_context(journal_of(out, _key(job, shard), fresh))
-        with executor_of(workers, cluster) as executor:
+        with executor_of(workers if len(numbers) > 1 else 1, cluster) as executor:
             summary = _counted(job, numbers, journal, executor, blocks_ahead(workers, cluster), progress)
             timing = {"prepare": ready_s, "runs": time.perf_counter() - begin - ready_s}
             write_counts(folder / "counts.json", job, summary)
@@ -139,10 +139,9 @@ def merge_shards(
             return _concluded(folder, out, job, summary, about, confidence, asked.search, executor, timing, progress)
 
 
-def with_table(study: Study, table_file: str | Path, controller: str | None = None) -> Study:
-    """The study with another gain table: that of its controller with this name, or of its last one that has a table.
-
-    Raises StudyError where there is no such controller.
+def with_table(study: Study, table_file: str | Path, controller: str | None = None) -> tuple[Study, str]:
+    """The study with another gain table, and the name of its controller: the one of this name, or the last one that
+    has a table. Raises StudyError where there is no such controller.
     """
     scheduled = [spec.name for spec in study.controllers if spec.schedule == "table"]
     name = controller or (scheduled[-1] if scheduled else None)
@@ -156,7 +155,7 @@ def with_table(study: Study, table_file: str | Path, controller: str | None = No
         {**table, "table": str(Path(table_file).resolve())} if table.get("name") == name else table
         for table in document.get("controllers", ())
     ]
-    return study.with_changes(controllers=controllers)
+    return study.with_changes(controllers=controllers), name
 
 
 def check_verifiable(study: Study, asked: Asked, needs_table_file: bool = False) -> ControllerSpec:
@@ -263,6 +262,8 @@ def verified_table(
     from vsgdesign.verification.document import counts_document
     from vsgdesign.verification.journal import Journal
 
+    # A table may be built for a controller of the study that does not follow one.
+    spec = replace(spec, kind="scheduled", schedule="table", gains=None, design_grid=None)
     job, confidence = job_of(study, spec, Ready(tables={spec.name: table}), Asked(runs=runs))
     journal = Journal(kept / f"{job.key[:24]}.jsonl")
     summary = _counted(job, job.blocks, journal, executor, ahead, progress)

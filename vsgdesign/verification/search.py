@@ -20,7 +20,7 @@ from vsgdesign.verification.summary import CaseFigures
 
 Array = NDArray[np.float64]
 
-POPULATION, LEAST = 64, 16
+POPULATION, LEAST = 128, 16
 """Cases of a generation, whole numbers of lanes on any machine: most, and least where few evaluations are asked for."""
 
 FOUND = 5

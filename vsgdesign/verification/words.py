@@ -116,8 +116,7 @@ def why_of(
     if relaxed:
         said.append("A node of the table beside the estimated grid is relaxed: it gives up a requirement.")
     if by_name["limited_s"] > _NOTICED_S:
-        acts = by_name["limited_s"]
-        said.append(f"The current limiter acts for {f'{1e3 * acts:.3g} ms' if acts < 1.0 else f'{acts:.3g} s'}.")
+        said.append(f"The current limiter acts for {_duration(by_name['limited_s'])}.")
     if promise == "settling" and decay <= 0.0:
         said.append("The linear model is unstable at the new rest.")
     elif promise == "settling" and SETTLED / decay > _SLOW * limit:
@@ -127,6 +126,10 @@ def why_of(
     if edges:
         said.append(f"It lies at the edge of what is drawn in {_listed(edges)}.")
     return " ".join(said) or None
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.3g} s" if seconds >= 1.0 else f"{1e3 * seconds:.3g} ms"
 
 
 def beside_relaxed(table: GainTable | None, study: Study, R_g: float, L_g: float) -> bool:
