@@ -253,6 +253,15 @@ def test_a_table_is_tested_within_its_validity() -> None:
     box = verification_of(one, one.controllers[0], Ready(tables={"a": table})).box
     assert (box.scr, box.x_over_r, box.Q) == (table.validity.scr, table.validity.x_over_r, table.validity.Q)
     assert box.P == (-1e3, 1e3)
+    assert box.errors == (0.2, 0.2, 0.0)
+    robust = gain_tables.table(validity=replace(table.validity, error_Z=0.05))
+    assert verification_of(one, one.controllers[0], Ready(tables={"a": robust})).box.errors == (0.2, 0.2, 0.05)
+    asked = study("[verification]\nerror_R = 0.3\nerror_X = 0.1\n", controller=controller)
+    with pytest.raises(
+        StudyError, match=r"verification\.error_R = 0\.3: is more than the table .* made for, 0\.2"
+    ) as said:
+        verification_of(asked, asked.controllers[0], Ready(tables={"a": robust}))
+    assert "error_X" not in str(said.value)
     wide = study('[verification]\nscr = [0.1, 100]\nscr_basis = "impedance"\n', controller=controller)
     with pytest.raises(StudyError, match=r"verification\.scr = 0\.1 to 100: is not within the validity of the table"):
         verification_of(wide, wide.controllers[0], Ready(tables={"a": table}))

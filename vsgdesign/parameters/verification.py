@@ -152,7 +152,9 @@ def read_verification(
         box=_read_box(table, converter, source, specification, maps, scr_basis),
         silent_s=read_range(table, _SILENT, _SILENT_DEFAULT),
         families=_read_families(table, converter.omega_n / (2.0 * math.pi)),
-        given=frozenset(name for name in ("scr", "x_over_r", "P", "Q") if table.has(name)),
+        given=frozenset(
+            name for name in ("scr", "x_over_r", "P", "Q", "error_R", "error_X", "error_Z") if table.has(name)
+        ),
     )
     table.finish()
     return spec

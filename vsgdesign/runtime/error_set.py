@@ -54,20 +54,26 @@ NOT_DESIGNED = ErrorSet(0.2, 0.2, 0.05)
 """What is taken for a schedule that was designed for exact estimates or for errors that nobody knows."""
 
 
-def error_set_of(table: GainTable) -> ErrorSet:
-    """The error set of a table: from its specification, or from its validity where the specification has none.
-
-    Where the table has no error of R (or X) at all, that of ``NOT_DESIGNED`` is taken, because no estimate would ever
-    fit a set without width.
-    """
+def error_shares(table: GainTable) -> ErrorSet:
+    """The errors that a table is made for: from its specification, or from its validity where the specification has
+    none. All may be zero."""
     box = table.specification.get("box")
     box = box if isinstance(box, dict) else {}
     error = table.validity.error
-    found = ErrorSet(
+    return ErrorSet(
         _share(box.get("error_R", error)),
         _share(box.get("error_X", error)),
         _share(box.get("error_Z", table.validity.error_Z)),
     )
+
+
+def error_set_of(table: GainTable) -> ErrorSet:
+    """The error set of a table (:func:`error_shares`).
+
+    Where the table has no error of R (or X) at all, that of ``NOT_DESIGNED`` is taken, because no estimate would ever
+    fit a set without width.
+    """
+    found = error_shares(table)
     if found.error_Z > 0.0:
         return found
     return ErrorSet(found.error_R or NOT_DESIGNED.error_R, found.error_X or NOT_DESIGNED.error_X, 0.0)

@@ -24,6 +24,7 @@ from vsgdesign.operating_point.static_limits import converter_current_rms, stati
 from vsgdesign.parameters.ranges import Range
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.parameters.verification import FAMILIES, CaseBox, VerificationSpec
+from vsgdesign.runtime.error_set import ErrorSet, error_shares
 from vsgdesign.runtime.of_study import ControllerGains, gain_law
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, REACTIVE, STEP, LaneCases, LaneEvents, no_events
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
@@ -115,9 +116,25 @@ def verification_of(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) 
             advice = "Take a part of that range, or another table."
             faults.append(Fault(f"verification.{name}", f"{low:.6g} to {high:.6g}", said, advice))
         changes[name] = (max(low, least), min(high, most))
+    errors = _errors_within(study, spec, asked, error_shares(table), faults)
     if faults:
         raise StudyError(study.name, faults)
-    return replace(asked, box=replace(box, **changes))
+    return replace(asked, box=replace(box, errors=errors, **changes))
+
+
+def _errors_within(
+    study: Study, spec: ControllerSpec, asked: VerificationSpec, made_for: ErrorSet, faults: list[Fault]
+) -> tuple[float, float, float]:
+    """The errors of the estimate: those that the study asks for, as far as the table was made for them; all of the
+    table's where the study has no specification."""
+    found = []
+    for name, wanted, most in zip(ErrorSet._fields, asked.box.errors, made_for, strict=True):
+        if name in asked.given and wanted > most * (1.0 + 1e-9):
+            said = f"is more than the table of controller {spec.name} is made for, {most:g}"
+            faults.append(Fault(f"verification.{name}", f"{wanted:g}", said, "Ask for less, or take another table."))
+        given = name in asked.given or study.specification is not None
+        found.append(min(wanted, most) if given else most)
+    return found[0], found[1], found[2]
 
 
 def cases_of(
