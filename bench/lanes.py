@@ -1,0 +1,143 @@
+"""Many runs side by side: the compiled loop of the lanes, its compilation, whole batches, and their cost in cases."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bench.timing import REPEATS, Row, figure
+from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.codegen.llvm import compiled_loop, instruction_set
+from vsgdesign.parameters import Study, load_study
+from vsgdesign.simulation.lanes.body import LaneLoop, kind_of, lane_loop
+from vsgdesign.simulation.lanes.cases import LaneCases
+from vsgdesign.simulation.lanes.part import Part
+from vsgdesign.simulation.lanes.rests import demand_of, rests_of
+from vsgdesign.simulation.lanes.results import JUDGED, LaneResults
+from vsgdesign.simulation.lanes.run import parts_of, run_lanes
+from vsgdesign.simulation.lanes.segments import segments_of
+from vsgdesign.simulation.lanes.telling import telling
+from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
+
+STUDIES = Path(__file__).resolve().parents[1] / "studies"
+MOTULATOR = "motulator 0.18 native C, LCL + grid, 125 us, one run"
+ROOTS = "two roots and two divisions a lane, of which one core makes 8 in about 24 cycles"
+SAMPLES = 20_000
+CASES = 256
+
+
+def prepared(study: Study, family: str, bridge: str, strict: bool = False) -> Part:
+    """Lanes of one kind, at rest before their first sample."""
+    spec = study.controllers[-1]
+    own, cases = study.with_limit_of(spec), drawn(study, family, CASES)
+    results, told, segments = LaneResults.of_none(CASES), telling(own, spec, NOTHING, cases), segments_of(cases)
+    demand = demand_of(own, spec.target.settling_time)
+    rests, gains = rests_of(own, cases, segments, told, demand, results)
+    good = np.flatnonzero(results.status == JUDGED)
+    part = parts_of(own, cases, segments, rests, demand, good, bridge, strict)[0]
+    for name, values in gains._asdict().items():
+        part.put(f"power_gains.{name}", np.asarray(values)[part.index])
+    for name, values in zip(("grid.R_g", "grid.L_g"), told.estimate(), strict=True):
+        if name in part.made.place:
+            part.put(name, values[part.index])
+    return part
+
+
+def drawn(study: Study, family: str, count: int) -> LaneCases:
+    """Cases of one family, all drawn from the study's box."""
+    return cases_of(study, study.controllers[-1], uniforms_of(1, 0, count), FAMILIES.index(family))[0]
+
+
+def closed_form(name: str) -> Study:
+    """A study with its last closed form as its only controller."""
+    study = load_study(STUDIES / name / "study.toml")
+    forms = [spec for spec in study.controllers if spec.kind == "scheduled" and spec.schedule == "closed_form"]
+    return replace(study, controllers=(forms[-1],))
+
+
+def nanoseconds(part: Part, made: LaneLoop | None = None) -> list[float]:
+    """CPU time of a lane and sample, ns: the loop alone."""
+    part.made = made or part.made
+    values = []
+    for repeat in range(REPEATS):
+        begin = time.process_time()
+        part.run(repeat * SAMPLES // REPEATS, (repeat + 1) * SAMPLES // REPEATS)
+        count = part.rows.shape[0] * part.rows.shape[2] * (SAMPLES / REPEATS)
+        values.append((time.process_time() - begin) / count * 1e9)
+    return values
+
+
+def loop() -> list[Row]:
+    """The loop of the lanes with everything that it watches, on one core."""
+    rows = []
+    plain, limited = closed_form("table"), closed_form("survival")
+    kinds = (
+        ("averaged, no limit", plain, "step", "averaged", False, 4500.0),
+        ("averaged, projection limiter", limited, "grid", "averaged", False, 3500.0),
+        ("averaged, projection limiter, strict", limited, "grid", "averaged", True, None),
+        ("averaged, ramps of the source", limited, "ramp", "averaged", False, None),
+        ("switched", plain, "step", "pwm", False, 2400.0),
+        ("switched, projection limiter", limited, "step", "pwm", False, None),
+    )
+    for what, study, family, bridge, strict, target in kinds:
+        part = prepared(study, family, bridge, strict)
+        values = nanoseconds(part)
+        T_ns = study.converter.T_s * 1e9
+        name = f"{what}, {part.made.spec.width} lanes, {T_ns / 1e3:.0f} us, {instruction_set('native')}, one core"
+        anchor = 166.0 if bridge == "averaged" else 57.0
+        factor = figure([T_ns / value for value in values])
+        rows.append(Row("lanes", f"{name}: loop", factor, "RT", anchor, MOTULATOR, target, ROOTS))
+        rows.append(Row("lanes", f"{name}: one lane and sample", figure(values), "ns", limit=ROOTS))
+    return rows
+
+
+def instruction_sets() -> list[Row]:
+    """The averaged loop compiled for older processors."""
+    rows, study = [], closed_form("table")
+    for target in ("avx2", "sse2"):
+        part = prepared(study, "step", "averaged")
+        made = lane_loop(kind_of(study, step=True, ramped=False, bridge="averaged"), False, target)
+        if made.spec.width != part.made.spec.width or list(made.place) != list(part.made.place):
+            continue
+        values = nanoseconds(part, made)
+        name = f"averaged, no limit, compiled for {target}, one core: loop"
+        factor = figure([study.converter.T_s * 1e9 / value for value in values])
+        asked = 3500.0 if target == "avx2" else None
+        rows.append(Row("lanes", name, factor, "RT", 166.0, MOTULATOR, asked, ROOTS))
+    return rows
+
+
+def compilation() -> list[Row]:
+    """Both bridges' loops of the lanes from nothing, in this process."""
+    study, values = closed_form("table"), []
+    for _ in range(3):
+        lane_loop.cache_clear()
+        compiled_loop.cache_clear()
+        begin = time.process_time()
+        for bridge in ("averaged", "pwm"):
+            lane_loop(kind_of(study, step=True, ramped=False, bridge=bridge))
+        values.append(time.process_time() - begin)
+    return [Row("lanes", "compile the lanes' loops, both bridges", figure(values), "s", limit="LLVM")]
+
+
+def cases() -> list[Row]:
+    """Whole batches: rests, program, gains, loop, verdicts; and how the cost grows."""
+    rows, study = [], closed_form("survival")
+    spec = study.controllers[-1]
+    for family, count in (("step", 512), ("step", 2048), ("grid", 2048)):
+        some = drawn(study, family, count)
+        run_lanes(study, spec, NOTHING, some.take(np.arange(16)))
+        values = []
+        for _ in range(3):
+            begin = time.process_time()
+            run_lanes(study, spec, NOTHING, some)
+            values.append((time.process_time() - begin) / count * 1e3)
+        what = f"{count} cases of {'2' if family == 'step' else '2.7'} s, {family}, projection limiter: one case"
+        rows.append(Row("lanes", what, figure(values), "ms", limit="the loop takes 70 to 85 %"))
+    return rows
+
+
+BENCHMARKS = {"lanes": loop, "lanes-sets": instruction_sets, "lanes-compile": compilation, "lanes-cases": cases}
