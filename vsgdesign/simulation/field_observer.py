@@ -99,5 +99,6 @@ def _conclusion() -> Loop:
             uniform=tuple(name for name in block.inputs if name.startswith("settings.")),
             logged=tuple(said),
             strict=True,
-        )
+        ),
+        quickly=True,  # it runs once a cycle: what compiling saves is worth the calls of twenty minutes
     )
