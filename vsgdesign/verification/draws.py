@@ -32,7 +32,7 @@ from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
 Array = NDArray[np.float64]
 Index = NDArray[np.int8]
 
-COORDINATES = (
+COORDINATES: tuple[str, ...] = (
     "family",
     "scr",
     "x_over_r",
