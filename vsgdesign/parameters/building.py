@@ -27,7 +27,7 @@ from vsgdesign.parameters.replay import read_replay
 from vsgdesign.parameters.scenario import read_components, read_events, read_grid, read_simulation
 from vsgdesign.parameters.sensors import read_sensors
 from vsgdesign.parameters.specification import read_specification
-from vsgdesign.parameters.stability import read_stability
+from vsgdesign.parameters.stability import StabilitySpec, read_stability
 from vsgdesign.parameters.study import (
     NOTCH_DAMPING,
     POWER_FILTERS,
@@ -38,7 +38,6 @@ from vsgdesign.parameters.study import (
     Grid,
     GridSource,
     InnerLoopRequest,
-    StabilitySpec,
     Study,
 )
 from vsgdesign.parameters.survival import read_survival

@@ -2,12 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from vsgdesign.parameters.reader import TableReader
-from vsgdesign.parameters.study import ClosedFormTarget, Converter, Gates, StabilitySpec
+from vsgdesign.parameters.study import ClosedFormTarget, Converter
 
 DEFAULT_SCR = (1.2, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0, 12.5, 16.0, 20.0)
 DEFAULT_X_OVER_R = (0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 14.0, 20.0)
 DEFAULT_ERRORS = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
+
+
+@dataclass(frozen=True)
+class Gates:
+    """Gates: limits for the margins of a design. They are set in the study and do not come from a grid code."""
+
+    damping_ratio: float = 0.3
+    gain_margin_db: float = 6.0
+    phase_margin_deg: float = 30.0
+    M_s: float = 2.0
+    settling_time: float = 1.0
+
+
+@dataclass(frozen=True)
+class StabilitySpec:
+    """Axes of the margin maps: SCR × X/R × every combination of P (W) and Q (var), and estimate errors."""
+
+    scr: tuple[float, ...]
+    x_over_r: tuple[float, ...]
+    P: tuple[float, ...]
+    Q: tuple[float, ...]
+    errors: tuple[float, ...]
+    """Relative errors of R_g and L_g, each taking every value."""
+    gates: Gates
 
 
 def read_stability(

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from vsgdesign.parameters.replay import ReplaySpec
     from vsgdesign.parameters.sensors import SensorSpec
     from vsgdesign.parameters.specification import Specification
+    from vsgdesign.parameters.stability import StabilitySpec
     from vsgdesign.parameters.verification import VerificationSpec
 
 UNLIMITED_PU = 1e6
@@ -259,30 +260,6 @@ class SimulationSpec:
     Q_ref: float
     survival: bool = False
     """Whether the events are also judged as one disturbance that a converter survives or not."""
-
-
-@dataclass(frozen=True)
-class Gates:
-    """Gates: limits for the margins of a design. They are set in the study and do not come from a grid code."""
-
-    damping_ratio: float = 0.3
-    gain_margin_db: float = 6.0
-    phase_margin_deg: float = 30.0
-    M_s: float = 2.0
-    settling_time: float = 1.0
-
-
-@dataclass(frozen=True)
-class StabilitySpec:
-    """Axes of the margin maps: SCR × X/R × every combination of P (W) and Q (var), and estimate errors."""
-
-    scr: tuple[float, ...]
-    x_over_r: tuple[float, ...]
-    P: tuple[float, ...]
-    Q: tuple[float, ...]
-    errors: tuple[float, ...]
-    """Relative errors of R_g and L_g, each taking every value."""
-    gates: Gates
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,15 @@ from vsgdesign.design.inner.grids import GridBox
 from vsgdesign.equations.closed_form import EQUAL_TIMES, paced
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.structures import ANGLE_DAMPED
+from vsgdesign.parameters.stability import Gates, StabilitySpec
 from vsgdesign.parameters.study import (
     ClosedFormTarget,
     ControllerSpec,
     Converter,
     Filter,
-    Gates,
     GridSource,
     Place,
     SimulationSpec,
-    StabilitySpec,
     Study,
 )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from vsgdesign.artifacts.certificate_record import CertificateRecord
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.parameters.study import Gates
+from vsgdesign.parameters.stability import Gates
 from vsgdesign.report.drawing.look import NO_POINT, Cells, edges, value_ticks
 from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure

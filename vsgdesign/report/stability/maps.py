@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.parameters.study import Gates, Study
+from vsgdesign.parameters.stability import Gates
+from vsgdesign.parameters.study import Study
 from vsgdesign.report.drawing.look import Cells, Scale, gate_scale
 from vsgdesign.report.drawing.panels import Frame, Panel, groups, map_figure
 from vsgdesign.report.figure_types import NamedFigure
