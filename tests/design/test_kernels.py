@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import control
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from tests.design.robust_studies import SETTLING, law, robust_study, scenarios
+from vsgdesign.design import kernels
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.evaluation import Evaluation, evaluate, final_Q
-from vsgdesign.design.kernels import HORIZON, STEPS_PER_SETTLING
+from vsgdesign.design.kernels import HORIZON, STEPS_PER_SETTLING, figures
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.metrics.step_response import SETTLING_BAND
@@ -106,3 +109,34 @@ def test_disk_margins_are_those_of_the_stability_room(box: Scenarios, evaluated:
         assert (found >= exact * (1.0 - 1e-9)).all()
         damped = evaluated["damping_ratio"][design, margins.stable] > 0.5
         assert (found <= exact * np.where(damped, 1.01, 1.1)).all()
+
+
+def test_compiled_figures_are_those_of_plain_python(box: Scenarios) -> None:
+    """The functions of one sample run with floats: what is compiled for many systems has the same bits."""
+    model, gains = model_of(0, box)
+    T, omegas = SETTLING, np.geomspace(1.0, 100.0, 5)
+    ends = final_Q(model.J, np.broadcast_to(gains.D_q, len(box)))
+    parts = (model.A, model.B[:, :, :2], model.C[:, :2], model.A_K, model.B_K, model.C_K, model.J)
+    found = figures(*parts, ends, np.ones(len(box), dtype=bool), T, omegas)
+    n, h, samples = len(model.states), T / STEPS_PER_SETTLING, int(HORIZON * STEPS_PER_SETTLING)
+    for k in range(len(box)):
+        A, B, C, A_K, B_K, C_K, J = (part[k].tolist() for part in parts)
+        norm = max(sum(abs(value) for value in row) for row in A) * h
+        squarings = max(math.ceil(math.log2(norm / 0.5)), 0)
+        step, one = h / 2.0**squarings, np.eye(n).tolist()
+        rows = {"term": one, "phi": one, "psi": (np.eye(n) * step).tolist()}
+        for sample in range(1, 11):
+            rows = kernels._taylor_sample(float(sample), A, step, **rows)
+        rows = {name: rows[name] for name in ("phi", "psi")}
+        for sample in range(squarings):
+            rows = kernels._doubling_sample(float(sample), float(squarings), **rows)
+        drive = kernels._product(rows["psi"], B)
+        state = {"x": [[0.0] * n] * 2, "overshoot": [0.0] * 2, "settled": [0.0] * 2, "before": [1.0] * 2}
+        state["peak"] = [0.0] * 2
+        for sample in range(1, samples + 1):
+            state = kernels._step_sample(float(sample), h, rows["phi"], drive, C, [1.0, float(ends[k])], **state)
+        largest = 0.0
+        for omega in omegas.tolist():
+            largest = kernels._disk_sample(omega, A_K, B_K, C_K, J, largest)["largest"]
+        expected = [value for pair in zip(state["overshoot"], state["settled"], strict=True) for value in pair]
+        assert found[k].tolist() == [*expected, state["peak"][1], state["peak"][0], 1.0 / math.sqrt(largest)]

@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 INPUTS = ("P_ref", "Q_ref", "omega_g", "V_g")
 OUTPUTS = ("P", "Q", "omega", "V")
 
+_CHUNK = 64
+"""Operating points that CasADi evaluates in one call."""
+
 
 @dataclass(frozen=True)
 class CoupledModel:
@@ -144,11 +147,19 @@ def _packed(function: ca.Function) -> tuple[ca.Function, list[tuple[int, int]]]:
 
 def _evaluate(function: ca.Function, inputs: Any) -> Array:
     """One row of results for each row of inputs, through buffers: CasADi's own matrices are copied by way of lists."""
-    results: Any = np.empty((len(inputs), function.size1_out(0)))
-    if len(inputs):
-        mapped: Any = function.map(len(inputs))
-        buffer, run = mapped.buffer()
-        buffer.set_arg(0, memoryview(inputs))
-        buffer.set_res(0, memoryview(results))
+    chunks = -(-len(inputs) // _CHUNK)
+    given: Any = np.zeros((chunks * _CHUNK, inputs.shape[1]))
+    results: Any = np.empty((chunks * _CHUNK, function.size1_out(0)))
+    given[: len(inputs)] = inputs
+    buffer, run = _mapped(function).buffer()
+    for k in range(0, len(given), _CHUNK):
+        buffer.set_arg(0, memoryview(given[k : k + _CHUNK]))
+        buffer.set_res(0, memoryview(results[k : k + _CHUNK]))
         run()
-    return results
+    return results[: len(inputs)]
+
+
+@functools.cache
+def _mapped(function: ca.Function) -> Any:
+    """The function of _CHUNK columns. To make one takes as long as to run it for a thousand."""
+    return function.map(_CHUNK)
