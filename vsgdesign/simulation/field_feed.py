@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,14 +65,19 @@ class GridBox:
 
     def clipped(self, R_g: float, L_g: float, converter: Converter) -> Grid:
         """The grid of the box that is nearest to an estimate (Ω, H) in SCR and X/R."""
-        omega, Z_base = converter.omega_n, converter.Z_base
-        R, X = max(R_g, 0.0), max(omega * L_g, 1e-6 * Z_base)
-        x_over_r = X / R if R > 0.0 else math.inf
-        scr = SCR_BASES[self.basis].scr(R, X / omega, Z_base, omega)
+        return Grid(*(float(value) for value in self.all_clipped(R_g, L_g, converter)))
+
+    def all_clipped(self, R_g: Any, L_g: Any, converter: Converter) -> tuple[Array, Array]:
+        """R_g (Ω) and L_g (H) of the grids of the box that are nearest to estimates; numbers or arrays."""
+        omega, Z_base, basis = converter.omega_n, converter.Z_base, SCR_BASES[self.basis]
+        R, X = np.maximum(R_g, 0.0), np.maximum(omega * L_g, 1e-6 * Z_base)
+        with np.errstate(divide="ignore"):
+            x_over_r = X / R
+        scr = basis.scr(R, X / omega, Z_base, omega)
         (a, b), (c, d) = self.scr, self.x_over_r
-        if a <= scr <= b and c <= x_over_r <= d:
-            return Grid(R_g, L_g)
-        return Place(min(max(scr, a), b), min(max(x_over_r, c), d), self.basis).grid(converter)
+        inside = (a <= scr) & (scr <= b) & (c <= x_over_r) & (x_over_r <= d)
+        near_R, near_L = basis.grid(np.clip(scr, a, b), np.clip(x_over_r, c, d), Z_base, omega)
+        return np.where(inside, R_g, near_R), np.where(inside, L_g, near_L)
 
 
 def box_of(study: Study) -> GridBox:

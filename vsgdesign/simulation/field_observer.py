@@ -86,19 +86,23 @@ class FieldMemory:
 
 
 @functools.cache
-def _conclusion() -> Loop:
-    """A loop of one sample: the end of a cycle."""
+def conclusion_spec(lanes: int = 1, vectors: int = 1) -> LoopSpec:
+    """A loop of one sample: the end of a cycle of so many estimators. Its rows are the numbers of the lock-in and of
+    the track, and it logs those of the answer and of the features."""
     block = flat_block(concluded)
     state = [name for name in block.inputs if name.startswith(("lock.", "track."))]
-    outputs = dict(block.outputs)
-    said = [name for name in outputs if name.startswith(("answer.", "seen."))]
-    return compiled_loop(
-        LoopSpec(
-            bodies=(block,),
-            state=tuple((name, f"next_{name}") for name in state),
-            uniform=tuple(name for name in block.inputs if name.startswith("settings.")),
-            logged=tuple(said),
-            strict=True,
-        ),
-        quickly=True,  # it runs once a cycle: what compiling saves is worth the calls of twenty minutes
+    said = [name for name, _ in block.outputs if name.startswith(("answer.", "seen."))]
+    return LoopSpec(
+        bodies=(block,),
+        state=tuple((name, f"next_{name}") for name in state),
+        uniform=tuple(name for name in block.inputs if name.startswith("settings.")),
+        logged=tuple(said),
+        lanes=lanes,
+        vectors=vectors,
+        strict=True,
     )
+
+
+def _conclusion() -> Loop:
+    # It runs once a cycle: what compiling quickly saves is worth the calls of twenty minutes.
+    return compiled_loop(conclusion_spec(), quickly=True)

@@ -12,10 +12,9 @@ from tests.simulation.survival.subjects import TEXT
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.parameters import study_from_text
 from vsgdesign.simulation import run_scenario
-from vsgdesign.simulation.lanes.alone import study_of_case
+from vsgdesign.simulation.lanes.alone import run_alone, study_of_case
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases, no_events
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT
-from vsgdesign.simulation.lanes.run import run_lanes
 
 FIELD = TEXT.replace('kind = "scheduled"', 'kind = "scheduled"\nestimate = "field"', 1)
 
@@ -47,7 +46,7 @@ def cases() -> LaneCases:
 def test_figures_of_cases_that_run_alone_are_those_of_scenarios() -> None:
     study = study_from_text(FIELD)
     spec, drawn = study.controllers[0], cases()
-    found = run_lanes(study, spec, NOTHING, drawn)
+    found = run_alone(study, spec, NOTHING, drawn)
     np.testing.assert_array_equal(found.status, [JUDGED, JUDGED, OVER_LIMIT])
     one = study_of_case(study, drawn, 0, round(3.05 / study.converter.T_s))
     result = run_scenario(replace(one, controllers=(spec,))).controllers[0]

@@ -266,9 +266,11 @@ def test_some_lanes_go_on_alone(ready: Ready) -> None:
 
 def test_what_cannot_run_in_lanes_says_so() -> None:
     study, spec = study_of(SPECIFIED, estimate="field")
-    assert "one by one" in alone_because(spec)
-    assert not alone_because(replace(spec, estimate="truth"))
-    with pytest.raises(ValueError, match="one by one"):
+    assert "one by one" in alone_because(spec, "pwm")
+    assert "one by one" in alone_because(replace(spec, estimate="field_network"))
+    assert not alone_because(spec)
+    assert not alone_because(replace(spec, estimate="truth"), "pwm")
+    with pytest.raises(ValueError, match="learns its grid"):
         telling(study, spec, NOTHING, random_cases(study, 2))
     with pytest.raises(InfeasibleStudyError, match=r"update_period = 0.02001 s is not a whole multiple"):
         telling(study, replace(spec, estimate="truth", update_period=0.02001), NOTHING, random_cases(study, 2))

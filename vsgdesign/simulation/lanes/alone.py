@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.metrics.step_response import cycle_mean, step_response
 from vsgdesign.metrics.survival import (
@@ -19,13 +18,13 @@ from vsgdesign.metrics.survival import (
     loads_of,
 )
 from vsgdesign.parameters.study import ControllerSpec, Event, Grid, GridSource, Study
-from vsgdesign.runtime.of_study import ControllerGains, gain_law
+from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
 from vsgdesign.simulation.lanes.rests import Rests, demand_of, ends_of, rests_of
 from vsgdesign.simulation.lanes.results import DIVERGED, JUDGED, NO_REST, STATUSES, LaneResults
 from vsgdesign.simulation.lanes.segments import segments_of
-from vsgdesign.simulation.lanes.telling import ManyGainsOf
+from vsgdesign.simulation.lanes.telling import OfTrueGrid
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import derive_series, samples_per_mean
 from vsgdesign.simulation.survival.running import record_of, settling_time_of
@@ -47,7 +46,7 @@ def run_alone(
     if len(cases) == 0:
         return results
     segments, demand = segments_of(cases), demand_of(own, settling_time_of(spec, ready))
-    rests, _ = rests_of(own, cases, segments, _OfTrueGrid(gain_law(own, spec, ready), cases), demand, results)
+    rests, _ = rests_of(own, cases, segments, OfTrueGrid(gain_law(own, spec, ready), cases), demand, results)
     ends, cycle = ends_of(own, cases, segments, demand)
     for k in np.flatnonzero(results.status == JUDGED).tolist():
         one = study_of_case(own, cases, k, int(ends[k]))
@@ -103,30 +102,15 @@ def study_of_case(study: Study, cases: LaneCases, k: int, samples: int) -> Study
     )
 
 
-class _OfTrueGrid:
-    """Gains of a controller that knows its grid, once it has learnt it."""
-
-    def __init__(self, law: ControllerGains, cases: LaneCases) -> None:
-        self._law, self._start = law, (cases.R_g, cases.L_g)
-        R_g, L_g = cases.R_g.copy(), cases.L_g.copy()
-        for k in range(cases.events.count):
-            moved = np.isfinite(cases.events.R_g[:, k]) & np.isfinite(cases.events.t_s[:, k])
-            R_g[moved], L_g[moved] = cases.events.R_g[moved, k], cases.events.L_g[moved, k]
-        self._end = R_g, L_g
-
-    def first(self, P: Array, Q: Array, V_rms: Array) -> PowerLoopGains:
-        return self._law(*self._start, P, Q, V_rms)
-
-    def known_at_end(self) -> ManyGainsOf:
-        return lambda P, Q, V_rms: self._law(*self._end, P, Q, V_rms)
-
-
 def _judge(
     study: Study, run: Simulation, cases: LaneCases, k: int, rests: Rests, demand: SurvivalDemand, results: LaneResults
 ) -> None:
     record = record_of(study, run)
     instants = [float(t_s) for t_s in cases.events.t_s[k] if math.isfinite(t_s)]
-    for name, value in loads_of(record, instants, demand.i_max_pu)._asdict().items():
+    T_s = study.converter.T_s
+    # A step begins with the sample that is nearest to it, as in lanes.
+    since = [math.ceil(instants[0] / T_s - 0.5) * T_s] if cases.kind[k] == STEP else instants
+    for name, value in loads_of(record, since, demand.i_max_pu)._asdict().items():
         getattr(results, name)[k] = 0.0 if value is None else value
     if cases.kind[k] == STEP:
         if record.diverged:

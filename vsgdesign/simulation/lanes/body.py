@@ -23,14 +23,19 @@ from vsgdesign.simulation.lanes.lane_sample import (
     RampRow,
     SecondPiece,
     lane_of_disturbance,
+    lane_of_mean_step,
     lane_of_step,
     lane_with_ramp,
 )
+from vsgdesign.simulation.lanes.listening import LISTENING, SHARED_BY_LISTENERS, listening_body
+from vsgdesign.simulation.lanes.names import names_of
 from vsgdesign.simulation.lanes.sample import BridgeVoltage, CarrierPart, EdgeRow, PlantRow, PlantState, SourcePhasor
 from vsgdesign.simulation.lanes.watched_sample import (
     DisturbanceDemand,
     DisturbanceWatch,
     LoadDemand,
+    MeanStepDemand,
+    MeanStepWatch,
     StepDemand,
     StepWatch,
 )
@@ -56,6 +61,8 @@ class LaneKind(NamedTuple):
     bridge only. An averaged bridge has one interval for both parts."""
     rising: bool = True
     """The slope of these."""
+    listening: bool = False
+    """Whether a field estimator sends its probe and listens; of an averaged bridge only."""
 
 
 class LaneLoop(NamedTuple):
@@ -72,18 +79,7 @@ class LaneLoop(NamedTuple):
         return slice(found[0], found[-1] + 1)
 
 
-def names_of(record: Any, prefix: str, kinds: dict[str, Any] | None = None) -> list[str]:
-    """Inputs of a record, in the order of its fields. ``kinds``: records in fields whose hint says Any."""
-    hints = typing.get_type_hints(record)
-    found: list[str] = []
-    for name in record._fields:
-        inner = (kinds or {}).get(name, hints[name])
-        path = f"{prefix}.{name}"
-        found += names_of(inner, path) if hasattr(inner, "_fields") else [path]
-    return found
-
-
-def kind_of(study: Study, *, step: bool, ramped: bool, bridge: str) -> LaneKind:
+def kind_of(study: Study, *, step: bool, ramped: bool, bridge: str, listening: bool = False) -> LaneKind:
     """The kind of a study's lanes. ``bridge``: averaged or pwm."""
     c, f = study.converter, study.filter
     return LaneKind(
@@ -95,6 +91,7 @@ def kind_of(study: Study, *, step: bool, ramped: bool, bridge: str) -> LaneKind:
         zero_sequence=c.zero_sequence,
         samples_per_carrier=c.samples_per_carrier if bridge == "pwm" else 1,
         second_inductor=f.L_2 + f.R_2 > 0.0,
+        listening=listening,
     )
 
 
@@ -107,7 +104,7 @@ def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> L
     slopes = (True, False) if kind.switched and not kind.broken else (kind.rising,)
     bodies = tuple(_body(kind, limiter, memory, constants, rising) for rising in slopes)
     inputs = set().union(*(body.inputs for body in bodies))
-    watch, demand = (StepWatch, StepDemand) if kind.step else (DisturbanceWatch, DisturbanceDemand)
+    watch, demand = _watched(kind)
     moving = [
         *zip(names_of(ControllerState, "state", {"limiter": memory}),
              names_of(ControllerState, "following", {"limiter": memory}), strict=True),
@@ -117,6 +114,12 @@ def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> L
         *(zip(names_of(Ramp, "ramp"), names_of(Ramp, "ramp_after"), strict=True) if kind.ramped else ()),
         *zip(names_of(watch, "watch"), names_of(watch, "watched"), strict=True),
     ]  # fmt: skip
+    rings = (("power_ago", "power"),) if kind.step else (("P_ago", "P"), ("Q_ago", "Q"))
+    rings = () if kind.broken or (kind.step and not kind.listening) else rings
+    if kind.listening:
+        bodies = tuple(listening_body(body, tuple(moving), rings) for body in bodies)
+        moving += LISTENING
+        inputs |= set(bodies[0].inputs)
     shared_demand = {"of.band", "of.per_S", "of.per_cycle", "load_of.limit_sq"}
     lane = [
         *names_of(PlantRow, "row"),
@@ -142,6 +145,7 @@ def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> L
         *sorted(shared_demand),
         *([f"circuit.{name}" for name in FilterGrid._fields if name not in ("R_g", "L_g")] if kind.step else ["R_c"]),
         *(["V_dc"] if kind.switched else []),
+        *(SHARED_BY_LISTENERS if kind.listening else []),
     ]
     lanes = best_lanes(target)
     spec = LoopSpec(
@@ -150,8 +154,8 @@ def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> L
         constant=tuple(name for name in lane if name in inputs),
         uniform=tuple(name for name in uniform if name in inputs),
         cyclic=tuple(names_of(CarrierPart, "part")) if kind.switched and not kind.broken else (),
-        rings=() if kind.step or kind.broken else (("P_ago", "P"), ("Q_ago", "Q")),
-        index="k",
+        rings=rings,
+        index="" if kind.listening else "k",
         lanes=lanes,
         vectors=max(16 // lanes, 1),
         strict=strict,
@@ -160,8 +164,16 @@ def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> L
     return LaneLoop(compiled_loop(spec, target), spec, place)
 
 
+def _watched(kind: LaneKind) -> tuple[type[Any], type[Any]]:
+    """What is watched of a lane, and what is demanded of it: records."""
+    if not kind.step:
+        return DisturbanceWatch, DisturbanceDemand
+    return (MeanStepWatch, MeanStepDemand) if kind.listening else (StepWatch, StepDemand)
+
+
 def _body(kind: LaneKind, limiter: Limiter, memory: Any, constants: Any, rising: bool) -> Block:
-    function = lane_of_step if kind.step else (lane_with_ramp if kind.ramped else lane_of_disturbance)
+    of_step = lane_of_mean_step if kind.listening else lane_of_step
+    function = of_step if kind.step else (lane_with_ramp if kind.ramped else lane_of_disturbance)
     fixed: dict[str, Any] = {
         "limiter": limiter.law,
         "delayed": kind.delayed,

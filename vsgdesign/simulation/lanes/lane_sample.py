@@ -29,9 +29,13 @@ from vsgdesign.simulation.lanes.watched_sample import (
     DisturbanceDemand,
     DisturbanceWatch,
     LoadDemand,
+    MeanStepDemand,
+    MeanStepWatch,
     StepDemand,
     StepWatch,
+    power_at_pcc,
     watched_disturbance,
+    watched_mean_step,
     watched_step,
 )
 
@@ -250,6 +254,67 @@ def lane_of_step(
     watched = watched_step(watch, of, load_of, x, source, output, circuit, k, second_inductor)
     following = drawn_back(after)
     return following, moved, waiting, turned, watched
+
+
+def lane_of_mean_step(
+    state: ControllerState,
+    x: PlantState,
+    pending: BridgeVoltage,
+    source: SourcePhasor,
+    grid: GridEstimate,
+    refs: References,
+    power_gains: PowerLoopGains,
+    inner_gains: InnerLoopGains,
+    settings: ControllerSettings,
+    row: PlantRow,
+    V_dc: Any,
+    part: CarrierPart,
+    edge: EdgeRow,
+    second: SecondPiece,
+    watch: MeanStepWatch,
+    of: MeanStepDemand,
+    load_of: LoadDemand,
+    circuit: FilterGrid,
+    power_ago: Any,
+    k: Any,
+    limiter: LimiterLaw,
+    delayed: bool,
+    switched: bool,
+    broken: bool,
+    zero_sequence: bool,
+    rising: bool,
+    second_inductor: bool,
+) -> Any:
+    """A lane in which a reference is stepped and a probe ripples the powers. Returns (following, moved, waiting,
+    turned, watched, power)."""
+    after, output, moved, waiting, turned = bridge_sample(
+        state,
+        x,
+        pending,
+        source,
+        grid,
+        refs,
+        power_gains,
+        inner_gains,
+        settings,
+        circuit.R_c,
+        row,
+        V_dc,
+        part,
+        edge,
+        second,
+        limiter,
+        delayed,
+        switched,
+        broken,
+        zero_sequence,
+        rising,
+    )
+    P, Q = power_at_pcc(x, source, output, circuit, of.V_g_pk, second_inductor)
+    power = of.of_P * P + of.of_Q * Q
+    watched = watched_mean_step(watch, of, load_of, power, power_ago, x, output.limited, k)
+    following = drawn_back(after)
+    return following, moved, waiting, turned, watched, power
 
 
 def lane_of_disturbance(

@@ -19,6 +19,7 @@ from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.lanes.body import LaneKind, LaneLoop, carrier_values, kind_of, lane_loop, uniform_values
 from vsgdesign.simulation.lanes.cases import ACTIVE, LaneCases
 from vsgdesign.simulation.lanes.circuit_program import SAME_INSTANT, BrokenSample, CircuitProgram
+from vsgdesign.simulation.lanes.listening import listener_values
 from vsgdesign.simulation.lanes.program import ProgramWriter
 from vsgdesign.simulation.lanes.rests import Rests
 from vsgdesign.simulation.lanes.segments import START_PHASE, segments_of
@@ -144,7 +145,7 @@ def at_or_after(t_s: Array, T_s: float, slack: float) -> Samples:
     return np.ceil(np.minimum(t_s / T_s, 2.0**40) - slack).astype(np.int64)
 
 
-def make_part(
+def make_part(  # noqa: PLR0913 - everything that a part is made of
     study: Study,
     cases: LaneCases,
     index: NDArray[np.intp],
@@ -156,14 +157,16 @@ def make_part(
     ramped: bool,
     bridge: str,
     strict: bool,
+    listening: bool = False,
 ) -> Part:
     """A part of the cases of one kind, which are ``cases`` with their ``rests`` and ends, and ``index`` in the batch.
 
-    ``demand``: what is asked of a disturbance, with the cycle of these cases.
+    ``demand``: what is asked of a disturbance, with the cycle of these cases, or that over which the power of a step is
+    judged where a field estimator is ``listening``.
     """
     order = np.argsort(-ends, kind="stable")
     cases, index, rests, ends = cases.take(order), index[order], rests.take(order), ends[order]
-    kind = kind_of(study, step=step, ramped=ramped, bridge=bridge)
+    kind = kind_of(study, step=step, ramped=ramped, bridge=bridge, listening=listening)
     made = lane_loop(kind, strict)
     c, T_s, width, n = study.converter, study.converter.T_s, made.spec.width, len(cases)
     groups = -(-n // width)
@@ -180,6 +183,7 @@ def make_part(
         "of__per_S": 1.0 / c.S_rated,
         "of__per_cycle": 1.0 / cycle,
         "load_of__limit_sq": limit * limit,
+        **(listener_values(study) if listening else {}),
     }
     uniform = uniform_values(made.spec, study, **demanded)
     part = Part(
@@ -204,16 +208,27 @@ def make_part(
     (_watch_step if step else _watch_disturbance)(part, writer, cases, rests)
     lanes = np.arange(n)
     writer.copy(lanes, ends, kept["watch"], watch.stop - watch.start, watch.start)
-    if not step:
-        part.rings = np.empty((groups, cycle, 2, width))
-        part.rings[:] = np.stack([padded(rests.P_start, groups, width), padded(rests.Q_start, groups, width)], axis=1)[
-            :, None
-        ]
-        part.ring_length = np.full(groups, cycle, dtype=np.int64)
-        part.put("watch.sum_P", cycle * rests.P_start)
-        part.put("watch.sum_Q", cycle * rests.Q_start)
+    _means(part, cases, rests, cycle)
     part.program = writer.program(groups, width)
     return part
+
+
+def _means(part: Part, cases: LaneCases, rests: Rests, cycle: int) -> None:
+    """What is judged by its mean over a cycle has been at rest for one."""
+    ringed = [name for name, _ in part.made.spec.rings]
+    if not ringed:
+        return
+    P_or_Q = np.where(cases.signal == ACTIVE, rests.P_start, rests.Q_start)
+    present = {"P_ago": rests.P_start, "Q_ago": rests.Q_start, "power_ago": P_or_Q}
+    sums = {"P_ago": "watch.sum_P", "Q_ago": "watch.sum_Q", "power_ago": "watch.sum"}
+    groups, _, width = part.rows.shape
+    part.rings = np.empty((groups, cycle, len(ringed), width))
+    part.ring_length = np.full(groups, cycle, dtype=np.int64)
+    for k, name in enumerate(ringed):
+        part.rings[:, :, k] = padded(present[name], groups, width)[:, None]
+        part.put(sums[name], cycle * present[name])
+    if "watch.mean" in part.made.place:
+        part.put("watch.mean", P_or_Q)
 
 
 def _rest(part: Part, cases: LaneCases, rests: Rests) -> None:
@@ -268,7 +283,11 @@ def _watch_step(part: Part, writer: ProgramWriter, cases: LaneCases, rests: Rest
     active = cases.signal == ACTIVE
     initial = np.where(active, rests.P_start, rests.Q_start)
     part.put("of.initial", initial)
-    part.put("of.per_step", 1.0 / (np.where(active, rests.P_end, rests.Q_end) - initial))
+    final = np.where(active, rests.P_end, rests.Q_end)
+    if "of.final" in place:
+        part.put("of.final", final)
+    else:
+        part.put("of.per_step", 1.0 / (final - initial))
     part.put("of.of_P", active.astype(float))
     part.put("of.of_Q", (~active).astype(float))
     if "of.V_g_pk" in place:
@@ -277,6 +296,8 @@ def _watch_step(part: Part, writer: ProgramWriter, cases: LaneCases, rests: Rest
     at = at_or_after(t_s, T_s, 0.5)
     _entry_anew(part, writer, lanes, at)
     writer.put(lanes, at, place["watch.most"], np.zeros(len(lanes)))
+    if "watch.mean" in place:
+        writer.copy(lanes, at, place["of.initial"], 1, place["watch.mean"])
     _load(part, writer, lanes, t_s, at, first=True)
 
 

@@ -19,8 +19,10 @@ from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, LATCHED_SHARE, SurvivalDemand
 from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.lanes.alone import run_alone
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases
+from vsgdesign.simulation.lanes.learning import Listeners, before_learning, samples_of_mean
 from vsgdesign.simulation.lanes.part import Part, make_part
 from vsgdesign.simulation.lanes.rests import Rests, demand_of, ends_of, rests_of
 from vsgdesign.simulation.lanes.results import (
@@ -35,7 +37,7 @@ from vsgdesign.simulation.lanes.results import (
     swings_of,
 )
 from vsgdesign.simulation.lanes.segments import Segments, segments_of
-from vsgdesign.simulation.lanes.telling import Telling, alone_because, telling
+from vsgdesign.simulation.lanes.telling import OfTrueGrid, Telling, alone_because, learns, telling
 from vsgdesign.simulation.outcome import BOUND_PU
 from vsgdesign.simulation.survival.running import SETTLING_TIMES, SETTLING_TIMES_FOR_EVER, settling_time_of
 
@@ -61,21 +63,32 @@ def run_lanes(
     """
     own = study.with_limit_of(spec)
     _refuse(own, cases, bridge)
-    if alone_because(spec):
+    if alone_because(spec, bridge):
         return run_alone(study, spec, ready, cases, bridge=bridge)
     results = LaneResults.of_none(len(cases))
     if len(cases) == 0:
         return results
-    told = telling(own, spec, ready, cases)
     segments = segments_of(cases)
     demand = demand_of(own, settling_time_of(spec, ready))
-    rests, gains = rests_of(own, cases, segments, told, demand, results)
-    good = np.flatnonzero(results.status == JUDGED)
-    if good.size == 0:
-        return results
-    parts = parts_of(own, cases, segments, rests, demand, good, bridge, strict)
-    drive(own, parts, told, gains)
-    for part in parts:
+
+    def parts(rests: Rests, *, strict: bool, samples_of_mean: int = 0) -> list[Part]:
+        good = np.flatnonzero(results.status == JUDGED)
+        return parts_of(own, cases, segments, rests, demand, good, bridge, strict, samples_of_mean=samples_of_mean)
+
+    if learns(spec):
+        rests, _ = rests_of(own, cases, segments, OfTrueGrid(gain_law(own, spec, ready), cases), demand, results)
+        rests, learning = before_learning(own, spec, ready, cases, rests, results)
+        # A last bit may decide what an estimator decides: it runs as alone.
+        run = parts(rests, strict=True, samples_of_mean=samples_of_mean(own))
+        for part in run:
+            Listeners(own, part, learning.take(part.index)).run()
+    else:
+        told = telling(own, spec, ready, cases)
+        rests, gains = rests_of(own, cases, segments, told, demand, results)
+        run = parts(rests, strict=strict)
+        if run:
+            drive(own, run, told, gains)
+    for part in run:
         _judge(part, cases.take(part.index), rests, demand, results)
     return results
 
@@ -107,15 +120,19 @@ def parts_of(
     good: NDArray[np.intp],
     bridge: str,
     strict: bool,
+    *,
+    samples_of_mean: int = 0,
 ) -> list[Part]:
-    """The cases in parts of one kind, of one cycle and with or without ramps."""
+    """The cases in parts of one kind, of one cycle and with or without ramps.
+
+    ``samples_of_mean``: a field estimator listens, and a step is judged by the mean over so many samples.
+    """
     T_s = study.converter.T_s
     ends, cycle = ends_of(study, cases, segments, demand)
     parts = []
     ramped = cases.ramped
-    keys = np.stack([cases.kind == DISTURBANCE, ramped, np.where(cases.kind == STEP, 0, cycle)], axis=1).astype(
-        np.int64
-    )
+    judged_over = np.where(cases.kind == STEP, samples_of_mean, cycle)
+    keys = np.stack([cases.kind == DISTURBANCE, ramped, judged_over], axis=1).astype(np.int64)
     for key in np.unique(keys[good], axis=0):
         index = good[(keys[good] == key).all(axis=1)]
         own = replace(demand, cycle_s=max(int(key[2]), 1) * T_s)
@@ -130,6 +147,7 @@ def parts_of(
             ramped=bool(key[1]),
             bridge=bridge,
             strict=strict,
+            listening=samples_of_mean > 0,
         )
         parts.append(part)
     return parts

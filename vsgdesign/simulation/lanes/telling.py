@@ -93,10 +93,19 @@ class Telling(GainsAtRest, Protocol):
         ...
 
 
-def alone_because(spec: ControllerSpec) -> str:
+def learns(spec: ControllerSpec) -> bool:
+    """Whether a controller estimates its grid by itself, in every sample."""
+    return spec.kind == "scheduled" and spec.estimate != "truth" and estimator_kind(spec.estimate).by_sample
+
+
+def alone_because(spec: ControllerSpec, bridge: str = "averaged") -> str:
     """The reason why runs of a controller cannot share a loop with others; empty where they can."""
-    if spec.kind == "scheduled" and spec.estimate != "truth" and estimator_kind(spec.estimate).by_sample:
-        return f'estimate = "{spec.estimate}": these cases run one by one, because its estimator acts in every sample.'
+    if not learns(spec):
+        return ""
+    if estimator_kind(spec.estimate).field_network:
+        return f'estimate = "{spec.estimate}": these cases run one by one, because a network follows every estimate.'
+    if bridge == "pwm":
+        return f'estimate = "{spec.estimate}": these cases run one by one with bridge = "pwm".'
     return ""
 
 
@@ -104,11 +113,11 @@ def telling(study: Study, spec: ControllerSpec, ready: Ready, cases: LaneCases) 
     """The gains of a controller of the study in each of the cases.
 
     An estimator of windows is not run: its controller is told what the cases say. Raises InfeasibleStudyError if the
-    update period is no whole number of samples, or a table is missing, and ValueError for a controller that cannot run
-    in lanes (:func:`alone_because`).
+    update period is no whole number of samples, or a table is missing, and ValueError for a controller that learns its
+    grid (:func:`learns`), which is told nothing.
     """
-    if reason := alone_because(spec):
-        raise ValueError(reason)
+    if learns(spec):
+        raise ValueError(f'estimate = "{spec.estimate}": this controller learns its grid and is told nothing.')
     law = gain_law(study, spec, ready)
     if spec.kind == "fixed":
         return _Fixed(study, spec, law, cases)
@@ -151,6 +160,24 @@ class Updates(NamedTuple):
         for a controller that knows the grid."""
         reach = np.where(np.isfinite(start_s), start_s, 0.0)
         return (np.floor(reach / (self.every * self.T_s) + 1e-9).astype(np.int64) + 1) * self.every
+
+
+class OfTrueGrid:
+    """Gains of a controller that knows its grid, once it has learnt it."""
+
+    def __init__(self, law: ControllerGains, cases: LaneCases) -> None:
+        self._law, self._start = law, (cases.R_g, cases.L_g)
+        R_g, L_g = cases.R_g.copy(), cases.L_g.copy()
+        for k in range(cases.events.count):
+            moved = np.isfinite(cases.events.R_g[:, k]) & np.isfinite(cases.events.t_s[:, k])
+            R_g[moved], L_g[moved] = cases.events.R_g[moved, k], cases.events.L_g[moved, k]
+        self._end = R_g, L_g
+
+    def first(self, P: Array, Q: Array, V_rms: Array) -> PowerLoopGains:
+        return self._law(*self._start, P, Q, V_rms)
+
+    def known_at_end(self) -> ManyGainsOf:
+        return lambda P, Q, V_rms: self._law(*self._end, P, Q, V_rms)
 
 
 class _NeverAsked:

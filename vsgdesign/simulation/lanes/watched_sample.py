@@ -73,6 +73,33 @@ class StepDemand(NamedTuple):
     """Amplitude of the source, V peak."""
 
 
+class MeanStepWatch(NamedTuple):
+    """Of a step of a reference whose power is judged by its mean, because a probe ripples it."""
+
+    most: Any
+    """Largest share of the step that the mean reached."""
+    entry: Entry
+    load: Load
+    sum: Any
+    """Sum of the power over the samples of the mean, W or var."""
+    mean: Any
+    """W or var."""
+
+
+class MeanStepDemand(NamedTuple):
+    """What is watched of it: the mean before the step and the power after it, the band as a share of the step, one over
+    the samples of the mean, and the rest as in :class:`StepDemand`."""
+
+    initial: Any
+    final: Any
+    band: Any
+    per_cycle: Any
+    of_P: Any
+    of_Q: Any
+    V_g_pk: Any
+    """Amplitude of the source, V peak."""
+
+
 class DisturbanceWatch(NamedTuple):
     """Of any other disturbance."""
 
@@ -160,6 +187,30 @@ def watched_step(
         most=np.maximum(watch.most, progress),
         entry=entered(watch.entry, np.abs(progress - 1.0), of.band, k),
         load=loaded(watch.load, load_of, x, output.limited),
+    )
+
+
+def watched_mean_step(
+    watch: MeanStepWatch,
+    of: MeanStepDemand,
+    load_of: LoadDemand,
+    power: Any,
+    power_ago: Any,
+    x: PlantState,
+    limited: Any,
+    k: Any,
+) -> MeanStepWatch:
+    """What is known of a step by its mean: ``power`` is the one that is stepped, W or var, ``power_ago`` that of the
+    sample that leaves the mean."""
+    total = watch.sum + (power - power_ago)
+    mean = total * of.per_cycle
+    progress = (mean - of.initial) / (of.final - of.initial)
+    return MeanStepWatch(
+        most=np.maximum(watch.most, progress),
+        entry=entered(watch.entry, np.abs(progress - 1.0), of.band, k),
+        load=loaded(watch.load, load_of, x, limited),
+        sum=total,
+        mean=mean,
     )
 
 

@@ -1,0 +1,111 @@
+"""Controllers that learn their grids, many at once: against one run after the other."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.gain_tables import table
+from tests.simulation.survival.subjects import TEXT
+from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.equations.field import FieldAnswer
+from vsgdesign.parameters import study_from_text
+from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.simulation.field_feed import FieldScheduler
+from vsgdesign.simulation.lanes.alone import run_alone
+from vsgdesign.simulation.lanes.cases import DISTURBANCE, REACTIVE, STEP, LaneCases, no_events
+from vsgdesign.simulation.lanes.learning import Learning
+from vsgdesign.simulation.lanes.run import run_lanes
+
+FIELD = TEXT.replace('kind = "scheduled"', 'kind = "scheduled"\nestimate = "field"\nsettling_time = 0.3', 1)
+TABLE = Ready(tables={"scheduled": table(time_scale=0.3, specification={"settling_time": 0.3})})
+
+
+def field_study(schedule: str) -> tuple[Study, ControllerSpec]:
+    study = study_from_text(FIELD)
+    spec = replace(study.controllers[0], schedule=schedule)
+    return replace(study, controllers=(spec,)), spec
+
+
+def cases() -> LaneCases:
+    """Steps, a jump of the grid, a sag in which the limiter acts, and a ramp; each on a frequency of its own, so that
+    the cycles of the estimators end at different samples."""
+    count = 5
+    events, zeros = no_events(count, 2), np.zeros(count)
+    c = study_from_text(FIELD).converter
+    events.t_s[:, 0] = 0.5 + 0.0037 * np.arange(count)
+    events.P_ref[0, 0], events.Q_ref[1, 0] = 3e3, 800.0
+    events.R_g[2, 0], events.L_g[2, 0], events.phase_jump[2, 0] = 0.6, 1.2e-3, 0.2
+    events.t_s[3, 1], events.V_g_rms[3] = 0.62123, [0.35 * c.V_rated_rms, c.V_rated_rms]
+    events.omega_g[4, 0], events.over[4, 0] = 1.004 * c.omega_n, 0.2
+    return LaneCases(
+        R_g=np.array([0.3, 0.5, 0.3, 0.4, 0.8]),
+        L_g=np.array([1.8e-3, 3e-3, 2.5e-3, 2e-3, 1e-3]),
+        V_g_rms=zeros + c.V_rated_rms,
+        omega_g=c.omega_n * np.array([1.0, 1.002, 0.997, 1.001, 0.999]),
+        P_ref=zeros + 1e3,
+        Q_ref=zeros,
+        events=events,
+        error_R=zeros,
+        error_X=zeros,
+        silent_s=zeros,
+        cleared_s=np.nanmax(np.where(np.isfinite(events.t_s), events.t_s + events.over, np.nan), axis=1),
+        kind=np.array([STEP, STEP, DISTURBANCE, DISTURBANCE, DISTURBANCE], dtype=np.int8),
+        signal=np.array([0, REACTIVE, 0, 0, 0], dtype=np.int8),
+    )
+
+
+@pytest.mark.parametrize(("schedule", "ready"), [("closed_form", NOTHING), ("table", TABLE)])
+def test_lanes_are_single_runs(schedule: str, ready: Ready) -> None:
+    study, spec = field_study(schedule)
+    drawn = cases()
+    alone, lanes = run_alone(study, spec, ready, drawn), run_lanes(study, spec, ready, drawn)
+    np.testing.assert_array_equal(lanes.status, alone.status)
+    for f in fields(alone):
+        # The scenario takes an event's angle a millionth of a sample later; a settling time may move by far less.
+        room = 1e-7 if f.name == "swing_rad" else 1e-9
+        one, other = getattr(alone, f.name), getattr(lanes, f.name)
+        np.testing.assert_allclose(other, one, rtol=0.0, atol=room, err_msg=f.name)
+    assert lanes.limited_s[3] > 0.01
+    assert np.isfinite(lanes.overshoot[:2]).all()
+    assert np.isfinite(lanes.swing_rad[2:]).all()
+
+
+def random_answers(rng: np.random.Generator, count: int) -> FieldAnswer:
+    """Answers of every kind: good, in doubt, spoilt, impossible, and far outside the box."""
+    R_g, L_g = rng.uniform(-0.3, 2.0, count), rng.uniform(-1e-3, 12e-3, count)
+    shares = {"valid": 0.8, "changed": 0.1, "event": 0.1, "doubt": 0.2, "spoilt": 0.1, "limited": 0.1}
+    flags = {name: (rng.random(count) < share).astype(float) for name, share in shares.items()}
+    sigma_R, sigma_L = np.abs(rng.normal(0.0, 0.1, count)), np.abs(rng.normal(0.0, 4e-4, count))
+    return FieldAnswer(
+        R_g=R_g, L_g=L_g, var_R=sigma_R**2, cov_RL=0.3 * sigma_R * sigma_L, var_L=sigma_L**2, sigma=sigma_R,
+        mode=np.ones(count), amplitude=np.zeros(count), **flags,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("schedule", "ready"), [("closed_form", NOTHING), ("table", TABLE)])
+def test_answers_are_followed_as_in_a_single_run(schedule: str, ready: Ready, monkeypatch: Any) -> None:
+    """Gains and grids cycle by cycle, for the same answers, to the bit."""
+    study, spec = field_study(schedule)
+    rng, count = np.random.default_rng(4), 12
+    learning = Learning(study, spec, ready, count)
+    singles = [FieldScheduler(study, spec, ready) for _ in range(count)]
+    start = np.full(count, study.simulation.P_ref), np.zeros(count), np.full(count, study.converter.V_rated_rms)
+    learning.first(*start)
+    learning.start_with(type(singles[0].first())(*(np.full(count, value) for value in singles[0].first())))
+    samples, present = np.zeros(count, dtype=np.int64), [one.first() for one in singles]
+    for _ in range(120):
+        samples = samples + rng.integers(395, 405, count)
+        said = random_answers(rng, count)
+        P, Q, V_rms = rng.uniform(-4e3, 4e3, count), rng.uniform(-1e3, 1e3, count), rng.uniform(100.0, 120.0, count)
+        gains, grid = learning.update(said, samples, P, Q, V_rms), learning.estimate()
+        for lane, one in enumerate(singles):
+            own = FieldAnswer(*(float(values[lane]) for values in said))
+            monkeypatch.setattr(one, "_concluded", lambda own=own: own)
+            state: Any = type("State", (), {"P_f": float(P[lane]), "Q_f": float(Q[lane]), "V": float(V_rms[lane])})
+            present[lane] = one.conclude(int(samples[lane]), present[lane], state)
+            assert tuple(gain[lane] for gain in gains) == tuple(present[lane])
+            assert (grid[0][lane], grid[1][lane]) == (one.grid(0).R_g, one.grid(0).L_g)

@@ -1,0 +1,263 @@
+"""Many runs whose controllers learn their grids with a field estimator, cycle by cycle."""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.codegen.llvm import Program, best_lanes, compiled_loop, empty_rows
+from vsgdesign.equations.field import FieldAnswer, first_lock_in, first_track
+from vsgdesign.equations.integration import TURN
+from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
+from vsgdesign.execution.interrupts import interrupts_deferred
+from vsgdesign.identification.field import FieldEstimator
+from vsgdesign.operating_point.many import many_rests_with_measured_gains
+from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.runtime.many import ManyCovariances, ManySchedulers
+from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.runtime.scheduler import scheduler_of
+from vsgdesign.simulation.field_feed import LEAST_RESISTANCE, box_of, settings_of_study
+from vsgdesign.simulation.field_observer import conclusion_spec
+from vsgdesign.simulation.lanes.cases import LaneCases
+from vsgdesign.simulation.lanes.part import Part
+from vsgdesign.simulation.lanes.rests import Rests
+from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, LaneResults
+from vsgdesign.simulation.lanes.segments import START_PHASE
+from vsgdesign.simulation.records import numbers_of
+from vsgdesign.simulation.scenario import mean_cycles
+
+Array = NDArray[np.float64]
+Samples = NDArray[np.int64]
+
+
+class Learning:
+    """The gains of N controllers that begin with no knowledge of their grids: what ``FieldScheduler`` does for one."""
+
+    def __init__(self, study: Study, spec: ControllerSpec, ready: Ready, count: int) -> None:
+        self._converter, self._box = study.converter, box_of(study)
+        self._law, table = gain_law(study, spec, ready), ready.table(spec)
+        self._schedulers = None
+        if table is not None:
+            one = scheduler_of(table, FieldEstimator(settings_of_study(study)))
+            self._schedulers, self._tick = ManySchedulers(one.lookup, one.settings, count), one.settings.tick
+        middle = self._box.middle.grid(study.converter)
+        self._held = self._grid = np.full(count, middle.R_g), np.full(count, middle.L_g)
+        self._gains = self.first(np.zeros(count), np.zeros(count), np.full(count, study.converter.V_rated_rms))
+
+    def first(self, P: Array, Q: Array, V_rms: Array) -> PowerLoopGains:
+        """Gains from the start on (``gains_of`` of a rest); NaN: there are none."""
+        if self._schedulers is not None:
+            nothing = np.full(len(P), np.nan)
+            self._gains = self._schedulers.update(nothing, nothing, P, Q, V_rms, 0)
+        else:
+            self._gains = self._law(*self._held, P, Q, V_rms)
+        return self._gains
+
+    def start_with(self, gains: PowerLoopGains) -> None:
+        """The gains of the rest at the start."""
+        self._gains = gains
+
+    @property
+    def gains(self) -> PowerLoopGains:
+        """The present gains; those of :meth:`first` at first."""
+        return self._gains
+
+    def update(self, said: FieldAnswer, samples: Samples, P: Array, Q: Array, V_rms: Array) -> PowerLoopGains:
+        """Gains after the cycles that end before these samples (N,), from the answers (N,) to them."""
+        followed = (said.valid > 0.5) & (said.spoilt < 0.5) & np.isfinite(said.R_g) & np.isfinite(said.L_g)
+        if self._schedulers is not None:
+            self._gains = self._schedulers.update(
+                np.where(followed, said.R_g, np.nan),
+                np.where(followed, said.L_g, np.nan),
+                P,
+                Q,
+                V_rms,
+                np.rint(samples * self._converter.T_s / self._tick).astype(np.int64),
+                limited=said.limited > 0.0,
+                surprised=said.event > 0.5,
+                changed=said.changed > 0.5,
+                covariance=ManyCovariances(said.var_R, said.cov_RL, said.var_L),
+            )
+            return self._gains
+        size = np.hypot(said.R_g, self._converter.omega_n * said.L_g)
+        possible = (said.L_g > 0.0) & (said.R_g > LEAST_RESISTANCE * size)
+        at = np.flatnonzero(followed & possible)
+        held = self._held[0].copy(), self._held[1].copy()
+        for values, clipped in zip(
+            held, self._box.all_clipped(said.R_g[at], said.L_g[at], self._converter), strict=True
+        ):
+            values[at] = clipped
+        self._held = held
+        found = self._law(*held, P, Q, V_rms)
+        good = np.isfinite(np.stack(found)).all(axis=0) & (possible | ~followed)
+        self._gains = PowerLoopGains(*(np.where(good, new, old) for new, old in zip(found, self._gains, strict=True)))
+        self._grid = np.where(good, held[0], self._grid[0]), np.where(good, held[1], self._grid[1])
+        return self._gains
+
+    def estimate(self) -> tuple[Array, Array]:
+        """R_g (Ω) and L_g (H) of the grids that the present gains are for."""
+        return self._grid if self._schedulers is None else self._schedulers.grid
+
+    def take(self, chosen: NDArray[Any]) -> Learning:
+        """The same of some lanes."""
+        some = copy(self)
+        some._held = self._held[0][chosen], self._held[1][chosen]
+        some._grid = self._grid[0][chosen], self._grid[1][chosen]
+        if self._schedulers is not None:
+            some._schedulers = self._schedulers.take(chosen)
+        some._gains = PowerLoopGains(*(values[chosen] for values in self._gains))
+        return some
+
+
+def before_learning(
+    study: Study, spec: ControllerSpec, ready: Ready, cases: LaneCases, rests: Rests, results: LaneResults
+) -> tuple[Rests, Learning]:
+    """Where the cases rest at the start, with the gains of a controller that knows nothing. Cases without such a rest
+    are marked."""
+    learning = Learning(study, spec, ready, len(cases))
+    start, gains = many_rests_with_measured_gains(
+        study, cases.R_g, cases.L_g, cases.V_g_rms, cases.omega_g, cases.P_ref, cases.Q_ref, learning.first,
+        phase=START_PHASE,
+    )  # fmt: skip
+    learning.start_with(gains)
+    without = (results.status == JUDGED) & (start.fault > 0)
+    results.status[without], results.fault[without] = NO_REST, start.fault[without]
+    return replace(rests, start=start, delta_start=start.controller.theta - START_PHASE), learning
+
+
+def samples_of_mean(study: Study) -> int:
+    """The samples over which a scenario takes the mean of P and Q (:func:`mean_cycles`)."""
+    c = study.converter
+    return max(round(mean_cycles(study) * 2.0 * math.pi / c.omega_n / c.T_s), 1)
+
+
+class Listeners:
+    """The estimators of a part's lanes, and the lanes that they move: each lane goes from the end of one of its own
+    cycles to the end of the next, and all cycles are concluded at once."""
+
+    def __init__(self, study: Study, part: Part, learning: Learning) -> None:
+        self._study, self._part, self._learning = study, part, learning
+        self._settings = settings_of_study(study)
+        groups, _, width = part.rows.shape
+        lanes = best_lanes()
+        spec = conclusion_spec(lanes, width // lanes)
+        self._conclusion, self._rows = compiled_loop(spec), empty_rows(spec, groups)
+        self._constants = np.array(numbers_of(self._settings))
+        self._log = np.empty((groups, 1, len(spec.logged), width))
+        self._lock = part.made.rows("lock")
+        lock = numbers_of(first_lock_in(self._settings, study.converter.omega_n))
+        part.rows[:, self._lock, :] = np.array(lock)[:, None]
+        self._rows[:, len(lock) :, :] = np.array(numbers_of(first_track(self._settings)))[:, None]
+        self._samples = np.zeros(groups * width, dtype=np.int64)
+        """The sample at which each lane is."""
+        self._begun = 0
+        """Samples of the loop so far."""
+        program = part.program
+        count = np.diff(program.first)
+        self._lane = np.repeat(np.arange(groups), count) * width + program.lane
+        """Of each record of the program."""
+        self._put(learning.gains)
+
+    def run(self) -> None:
+        """Runs every lane to its end."""
+        ends = self._part.ends + 1
+        width = self._part.rows.shape[2]
+        while True:
+            left = np.flatnonzero(self._samples[: len(ends)] < ends)
+            if len(left) == 0:
+                return
+            self._cycle(-(-(int(left[-1]) + 1) // width))
+
+    def _cycle(self, groups: int) -> None:
+        """One cycle of every lane of the first groups."""
+        part, width = self._part, self._part.rows.shape[2]
+        lanes = slice(0, groups * width)
+        rows, lock = part.rows[:groups], self._rows[:groups, : self._lock.stop - self._lock.start]
+        counts = self._samples_to_the_end(rows)
+        longest, begun = int(counts.max()), self._begun
+        rings = {}
+        if part.rings is not None and part.ring_length is not None:
+            rings = {"rings": part.rings[:groups], "ring_length": part.ring_length[:groups]}
+        with interrupts_deferred():
+            program = self._program(groups, counts)
+            part.made.loop(begun, begun + longest, rows, part.uniform, program=program, **rings)
+        self._begun = begun + longest
+        self._samples[lanes] += counts
+        self._follow_rings(groups, longest - counts)
+        lock[:] = rows[:, self._lock]
+        self._conclusion(0, 1, self._rows[:groups], self._constants, log=self._log[:groups], every=1)
+        rows[:, self._lock] = lock
+        said = self._log[:groups, 0, : len(FieldAnswer._fields)].swapaxes(0, 1).reshape(len(FieldAnswer._fields), -1)
+        self._answer(FieldAnswer(*said))
+
+    def _samples_to_the_end(self, rows: Array) -> Samples:
+        """In how many samples the cycle of each lane ends: the same sums as in the loop, so that none is missed."""
+        place = self._part.made.place
+        phi, omega = rows[:, place["lock.phi"]].reshape(-1), rows[:, place["lock.omega"]].reshape(-1)
+        turned = omega * self._settings.T_s
+        most = math.ceil(TURN / (0.95 * self._settings.omega_n * self._settings.T_s)) + 2
+        angles = np.empty((most, len(phi)))
+        angles[0], angles[1:] = phi, turned
+        np.add.accumulate(angles, axis=0, out=angles)
+        over = angles + 0.5 * turned >= TURN
+        # A lane without a number never ends: it is judged as diverged.
+        return np.where(over.any(axis=0), over.argmax(axis=0) + 1, 1)
+
+    def _program(self, groups: int, counts: Samples) -> Program:
+        """The records of this cycle, at the samples of the loop."""
+        program, width = self._part.program, self._part.rows.shape[2]
+        until = int(program.first[groups])
+        lane, at = self._lane[:until], program.at[:until]
+        since = at - self._samples[lane]
+        chosen = np.flatnonzero((since >= 0) & (since < counts[lane]))
+        at = self._begun + since[chosen]
+        group = lane[chosen] // width
+        order = np.lexsort((at, group))
+        chosen, at, group = chosen[order], at[order], group[order]
+        first = np.searchsorted(group, np.arange(groups + 1)).astype(np.int64)
+        return replace(
+            program,
+            first=first,
+            at=at,
+            lane=program.lane[chosen],
+            row=program.row[chosen],
+            count=program.count[chosen],
+            source=program.source[chosen],
+            done=first[:-1].copy(),
+        )
+
+    def _follow_rings(self, groups: int, idle: Samples) -> None:
+        """A lane that stood still for some samples finds its past so many slots later."""
+        part = self._part
+        if part.rings is None or part.ring_length is None or not idle.any():
+            return
+        rings, length = part.rings[:groups], int(part.ring_length[0])
+        slots = (np.arange(length)[:, None] - idle[None, :]) % length
+        slots = slots.reshape(length, groups, -1).swapaxes(0, 1)[:, :, None, :]
+        rings[:] = np.take_along_axis(rings, np.broadcast_to(slots, rings.shape), axis=1)
+
+    def _answer(self, said: FieldAnswer) -> None:
+        part, learning = self._part, self._learning
+        count = min(len(part), len(said.R_g))
+        P, Q, V_rms = (part.get(f"state.{name}") for name in ("P_f", "Q_f", "V"))
+        whole = FieldAnswer(*(np.concatenate([values[:count], np.full(len(part) - count, np.nan)]) for values in said))
+        self._put(learning.update(whole, self._samples[: len(part)], P, Q, V_rms))
+
+    def _put(self, gains: PowerLoopGains) -> None:
+        """Puts gains into force; the frequency at which the integrator would rest stays (:eq:`gain-transfer`)."""
+        part, c = self._part, self._study.converter
+        if self._begun:
+            before = PowerLoopGains(*(part.get(f"power_gains.{name}") for name in PowerLoopGains._fields))
+            refs = References(part.get("refs.P_ref"), part.get("refs.Q_ref"), c.omega_n, c.V_rated_rms)
+            part.put("state.omega_i", gain_transfer(part.get("state.omega_i"), refs, before, gains))
+        for name, values in gains._asdict().items():
+            part.put(f"power_gains.{name}", values)
+        for name, values in zip(("grid.R_g", "grid.L_g"), self._learning.estimate(), strict=True):
+            if name in part.made.place:
+                part.put(name, values)
