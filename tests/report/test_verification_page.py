@@ -186,3 +186,26 @@ def test_the_source_is_shown_where_it_is_not_the_same_in_all_cases() -> None:
     assert table.rows[2][-1] == "53.00"
     assert table.rows[0][0] == "1"
     assert table.links[0] == cases[0]["study"]
+
+
+def test_a_single_x_over_r_is_one_row_of_bins() -> None:
+    narrow = document(runs=600, broken=False)
+    narrow["map"]["x_over_r_edges"] = [3.0] * 11
+    figure = next(one for one in verification_figures(narrow) if one.name == "verification_map_step").figure
+    step = narrow["map"]["families"]["step"]
+    last = figure.axes[-2]
+    assert last.get_title(loc="left").startswith("Judged steps")
+    shown = np.ma.getdata(last.collections[0].get_array()).reshape(-1)
+    sums = np.array(step["judged"]).sum(axis=1)
+    assert np.allclose(shown, sums / sums.max())
+    assert [label.get_text() for label in last.get_yticklabels()] == ["3"]
+
+
+def test_promises_that_every_case_breaks_are_drawn() -> None:
+    lost = document(runs=300)
+    for family in lost["families"].values():
+        for promise in family["promises"].values():
+            promise["worst"] = 7.0 * promise["limit"]
+            promise["quantiles"] = dict.fromkeys(promise["quantiles"], 5.0 * promise["limit"])
+    first = next(verification_figures(lost))
+    assert [text.get_text() for text in first.figure.axes[0].texts].count("700 %") == 5

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -100,34 +101,59 @@ def map_figures(document: Mapping[str, Any]) -> Iterator[NamedFigure]:
     found = document.get("map") or {"families": {}}
     for name, family in families_of(document):
         one = found["families"].get(name, {"judged": [0]})
-        judged = np.asarray(one["judged"], dtype=float)
-        if not judged.any():
+        if not np.any(one["judged"]):
             continue
         basis = found.get("scr_basis")
+        axes = [np.asarray(found[f"{axis}_edges"], dtype=float) for axis in ("scr", "x_over_r")]
+        judged, broken = (_joined(np.asarray(one[key], dtype=float), axes, np.sum) for key in ("judged", "broken"))
+        worst = {
+            key: _joined(_with_infinity(rows, one["judged"]), axes, _largest) for key, rows in one["worst_of"].items()
+        }
         bins = _Bins(
-            np.asarray(found["scr_edges"], dtype=float),
-            np.asarray(found["x_over_r_edges"], dtype=float),
+            *(_widened(edges) for edges in axes),
             f"SCR, {basis} basis [1]" if basis else "SCR [1]",
             judged,
-            np.asarray(one["broken"], dtype=float),
+            broken,
             [case for case in document["worst"] if case["family"] == name],
             [case for case in document["search"]["found"] if case["family"] == name],
         )
-        panels = [*_worst_panels(family, one["worst_of"], judged), *_count_panels(name, family, bins)]
+        panels = [*_worst_panels(family, worst), *_count_panels(name, family, bins)]
         with look():
             yield _draw(name, family, panels, bins)
 
 
-def _worst_panels(family: Mapping[str, Any], worst_of: Mapping[str, Any], judged: Array) -> Iterator[_Panel]:
+def _with_infinity(rows: Any, judged: Any) -> Array:
+    """Worst values of every bin: infinite where a judged case has none, because it never settled; NaN without cases."""
+    values = np.array([[np.inf if value is None else value for value in row] for row in rows], dtype=float)
+    return np.where(np.asarray(judged) > 0, values, np.nan)
+
+
+def _joined(values: Array, axes: Sequence[Array], join: Callable[..., Array]) -> Array:
+    """Bins along an axis of which only one value is drawn are one bin."""
+    for k, edges in enumerate(axes):
+        if edges[0] == edges[-1]:
+            values = join(values, axis=k, keepdims=True)
+    return values
+
+
+def _largest(values: Array, axis: int, keepdims: bool) -> Array:
+    # fmax leaves NaN out, and does not warn where there is nothing else.
+    return np.fmax.reduce(values, axis=axis, keepdims=keepdims)
+
+
+def _widened(edges: Array) -> Array:
+    """Edges that can be drawn: a single value becomes a bin around it."""
+    return edges if edges[0] < edges[-1] else np.array([edges[0] / 1.25, 1.25 * edges[0]])
+
+
+def _worst_panels(family: Mapping[str, Any], worst: Mapping[str, Array]) -> Iterator[_Panel]:
     """The figures that a promise limits; where nothing is limited, the first two."""
-    limited = [key for key in worst_of if promise_about(family, key) is not None]
-    for key in limited or list(worst_of)[:2]:
+    limited = [key for key in worst if promise_about(family, key) is not None]
+    for key in limited or list(worst)[:2]:
         found = promise_about(family, key)
         name = key if found is None else figure_of(*found)
         words = figure_words(name)
-        # The worst case of a judged bin may have no value, because it never settled: that is beyond every scale.
-        values = np.array([[np.inf if v is None else words.factor * v for v in row] for row in worst_of[key]])
-        values = np.where(judged > 0.0, values, np.nan)
+        values = words.factor * worst[key]
         known = values[np.isfinite(values)]
         if not len(known):
             continue
@@ -254,6 +280,11 @@ def _log_ticks(axis: Any, low: float, high: float) -> None:
     """Ticks at 1, 2 and 5 of every decade, and at both ends where they are apart from those."""
     from matplotlib.ticker import FixedLocator, NullLocator
 
+    if high / low < 1.6:  # one value alone
+        axis.set_major_locator(FixedLocator([math.sqrt(low * high)]))
+        axis.set_major_formatter(lambda value, _position: plain(value, 3))
+        axis.set_minor_locator(NullLocator())
+        return
     inside = [m * 10.0**d for d in range(-3, 5) for m in (1.0, 2.0, 5.0) if low < m * 10.0**d < high]
     apart = [tick for tick in inside if min(tick / low, high / tick) > 1.25]
     axis.set_major_locator(FixedLocator([low, *apart, high]))

@@ -62,7 +62,7 @@ def _draw(families: list[tuple[str, Mapping[str, Any], list[tuple[str, Mapping[s
     figure = new_figure(PAGE_IN, total)
     axes = add_axes(figure, _LEFT, _BOTTOM, width, height)
     shares = [_share_of_limit(p, p["worst"]) for _, _, promises in families for _, p in promises]
-    right = max(1.12, *(1.06 * share for share in shares if share <= _FARTHEST))
+    right = max([1.12, *(1.06 * share for share in shares if share <= _FARTHEST)])
     if max(shares) > right:
         right = max(right, 1.3)
     axes.set_xlim(0.0, 100.0 * right)
