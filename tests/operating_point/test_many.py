@@ -26,6 +26,7 @@ from vsgdesign.operating_point.many import (
     NO_GAINS,
     NO_POINT,
     NOT_CONVERGED,
+    Lanes,
     ManyStates,
     many_rests_with_measured_gains,
     many_steady_states,
@@ -45,18 +46,19 @@ STUDIES = {"LC": lc_study("1 s"), "LCL with delay": lcl_study("1 s")}
 PHASE = -0.5 * np.pi
 
 
-def draw(study: Study, count: int, seed: int) -> tuple[Array, ...]:
+def draw(study: Study, count: int, seed: int) -> Lanes:
     """R_g, L_g, V_g, ω_g, P_ref and Q_ref: weak and strong, resistive and inductive grids, some beyond all limits."""
     rng, c = np.random.default_rng(seed), study.converter
     Z, x_over_r = c.Z_base / 10.0 ** rng.uniform(0.0, 1.3, count), 10.0 ** rng.uniform(-1.0, 1.2, count)
     R_g = Z / np.hypot(1.0, x_over_r)
     L_g = R_g * x_over_r / c.omega_n
     V_g, omega_g = c.V_rated_rms * rng.uniform(0.8, 1.15, count), c.omega_n * rng.uniform(0.99, 1.01, count)
-    return R_g, L_g, V_g, omega_g, c.S_rated * rng.uniform(-1.2, 1.2, count), c.S_rated * rng.uniform(-0.6, 0.6, count)
+    P_ref, Q_ref = c.S_rated * rng.uniform(-1.2, 1.2, count), c.S_rated * rng.uniform(-0.6, 0.6, count)
+    return Lanes(R_g, L_g, V_g, omega_g, P_ref, Q_ref)
 
 
 def after_one_period(
-    study: Study, states: ManyStates, lanes: tuple[Array, ...], gains: PowerLoopGains
+    study: Study, states: ManyStates, lanes: Lanes, gains: PowerLoopGains
 ) -> tuple[Array, ControllerState, Array]:
     """Plant, controller and waiting voltage of every lane one period later, by the equations of the simulation."""
     R_g, L_g, V_g, omega_g, P_ref, Q_ref = lanes
@@ -95,23 +97,24 @@ def test_nothing_but_the_angle_moves_in_one_period(name: str, limiter: str) -> N
         good = states.fault == 0
         assert good.sum() > 200
         x, after, new = after_one_period(study, states, lanes, gains)
-        turned = np.exp(1j * lanes[3] * c.T_s)
+        turned = np.exp(1j * lanes.omega_g * c.T_s)
         before = states.plant[0::2] + 1j * states.plant[1::2]
         waiting = states.pending[0] + 1j * states.pending[1]
-        V_pk = rms_to_peak(c.V_rated_rms)
+        V_pk = float(rms_to_peak(c.V_rated_rms))
         # Rounding of 1e-16 through grids of 1/50 per unit: measured 3e-14.
         for i, scale in enumerate((c.I_rated_pk, V_pk, c.I_rated_pk)):
             np.testing.assert_allclose(x[i][good], (turned * before[i])[good], rtol=0.0, atol=1e-12 * scale)
         np.testing.assert_allclose(new[good], (waiting * turned**c.delay_samples)[good], rtol=0.0, atol=1e-12 * V_pk)
         expected = states.controller._replace(
-            theta=states.controller.theta + lanes[3] * c.T_s, u_alpha=new.real, u_beta=new.imag
+            theta=states.controller.theta + lanes.omega_g * c.T_s, u_alpha=new.real, u_beta=new.imag
         )
-        scales = dict.fromkeys(ControllerState._fields, V_pk) | dict.fromkeys(("P_f", "Q_f"), c.S_rated)
+        scales: dict[str, float] = dict.fromkeys(ControllerState._fields, V_pk)
         scales |= {"theta": 1.0, "omega_i": c.omega_n}
+        scales |= dict.fromkeys(("P_f", "Q_f", "ripple_P", "ripple_Q", "mean_P", "mean_Q"), c.S_rated)
         for field in ControllerState._fields[:-1]:
             moved = getattr(after, field) - getattr(expected, field)
-            scale = scales[field] if not field.startswith(("ripple", "mean")) else c.S_rated
-            assert np.max(np.abs(np.broadcast_to(moved, good.shape)[good])) < 1e-11 * scale, field
+            largest = np.max(np.abs(np.broadcast_to(moved, good.shape)[good]))
+            assert largest < 1e-11 * scales[field], field
         for now, then in zip(after.limiter, states.controller.limiter, strict=True):
             np.testing.assert_allclose(now[good], then[good], rtol=1e-11, atol=1e-11 * V_pk)
 
@@ -161,8 +164,8 @@ def test_a_limiter_that_moves_the_voltage_at_rest_is_a_fault() -> None:
 def test_a_lane_without_sense_disturbs_no_other() -> None:
     study = STUDIES["LCL with delay"]
     lanes = draw(study, 8, seed=9)
-    lanes = tuple(value[:1].repeat(8) for value in lanes)
-    alone = many_steady_states(study, *(value[:1] for value in lanes), GAINS)
+    lanes = Lanes._make(value[:1].repeat(8) for value in lanes)
+    alone = many_steady_states(study, *Lanes._make(value[:1] for value in lanes), GAINS)
     assert alone.fault[0] == 0
     for k, bad in enumerate((np.nan, -1.0, 0.0, np.nan, np.inf, np.nan)):
         lanes[k][k] = bad
@@ -176,10 +179,11 @@ def test_a_lane_without_sense_disturbs_no_other() -> None:
 
 def test_free_of_limits_leaves_the_current_to_the_caller() -> None:
     study = STUDIES["LC"]
-    study = replace(study, converter=replace(study.converter, current_limit_pu=0.8))
+    limit_pu = 0.8
+    study = replace(study, converter=replace(study.converter, current_limit_pu=limit_pu))
     lanes = draw(study, 50, seed=10)
     strict, free = (many_steady_states(study, *lanes, GAINS, free_of_limits=one) for one in (False, True))
-    above = free.i_s_pk > 0.8 * study.converter.I_rated_pk
+    above = free.i_s_pk > limit_pu * study.converter.I_rated_pk
     assert above.sum() > 5
     np.testing.assert_array_equal(strict.fault[above & (free.fault == 0)], CURRENT)
     np.testing.assert_array_equal(strict.fault[~above], free.fault[~above])
@@ -192,13 +196,13 @@ def test_measured_gains_belong_to_their_steady_states() -> None:
     gain_table = table("published", "inertia")
     law = ControllerGains(table_schedule(gain_table), None, True, settings_of(gain_table))
     lanes = draw(study, 40, seed=11)
-    lanes = (*lanes[:4], 0.7 * lanes[4], 0.5 * lanes[5])
+    lanes = lanes._replace(P_ref=0.7 * lanes.P_ref, Q_ref=0.5 * lanes.Q_ref)
     states, gains = many_rests_with_measured_gains(
-        study, *lanes, lambda P, Q, V: law(lanes[0], lanes[1], P, Q, V), PHASE
+        study, *lanes, lambda P, Q, V: law(lanes.R_g, lanes.L_g, P, Q, V), PHASE
     )
     good = states.fault == 0
     assert good.sum() > 20
-    again = law(lanes[0], lanes[1], states.P, states.Q, states.V)
+    again = law(lanes.R_g, lanes.L_g, states.P, states.Q, states.V)
     assert np.ptp(gains.D_p[good]) > 0.01 * np.mean(gains.D_p[good])
     for found, expected in zip(gains, again, strict=True):
         np.testing.assert_allclose(found[good], expected[good], rtol=3e-10)
@@ -207,7 +211,7 @@ def test_measured_gains_belong_to_their_steady_states() -> None:
     for k in np.flatnonzero(good)[:10]:
 
         def gains_of(P: float, Q: float, V: float, k: int = int(k)) -> PowerLoopGains:
-            return PowerLoopGains(*(float(value) for value in law(lanes[0][k], lanes[1][k], P, Q, V)))
+            return PowerLoopGains(*(float(value) for value in law(lanes.R_g[k], lanes.L_g[k], P, Q, V)))
 
         R_g, L_g, V_g, omega_g, P_ref, Q_ref = (float(value[k]) for value in lanes)
         alone, own = rest_with_measured_gains(
@@ -223,25 +227,25 @@ def test_gains_that_overshoot_from_round_to_round_come_to_rest() -> None:
     target = replace(study.target, follow_references=True)
     law = ControllerGains(closed_form_schedule(study, target), None, True, None)
     lanes = draw(study, 300, seed=3)
-    lanes = (*lanes[:4], 0.7 * lanes[4], 0.5 * lanes[5])
+    lanes = lanes._replace(P_ref=0.7 * lanes.P_ref, Q_ref=0.5 * lanes.Q_ref)
     rounds = []
 
     def gains_of(P: Array, Q: Array, V: Array) -> PowerLoopGains:
         rounds.append(1)
-        return law(lanes[0], lanes[1], P, Q, V)
+        return law(lanes.R_g, lanes.L_g, P, Q, V)
 
     states, gains = many_rests_with_measured_gains(study, *lanes, gains_of, PHASE, free_of_limits=True)
     good = states.fault == 0
     assert good.sum() > 150
     assert not (states.fault == NOT_CONVERGED).any()
     assert len(rounds) < 30
-    for found, own in zip(gains, law(lanes[0], lanes[1], states.P, states.Q, states.V), strict=True):
+    for found, own in zip(gains, law(lanes.R_g, lanes.L_g, states.P, states.Q, states.V), strict=True):
         np.testing.assert_allclose(found[good], own[good], rtol=1e-9)
 
 
 def test_lanes_without_gains_and_gains_that_find_no_rest() -> None:
     study = STUDIES["LC"]
-    lanes = tuple(value[:1].repeat(3) for value in draw(study, 1, seed=9))
+    lanes = Lanes._make(value[:1].repeat(3) for value in draw(study, 1, seed=9))
     restless = iter(range(1000))
 
     def gains_of(*_: Array) -> PowerLoopGains:
@@ -271,5 +275,5 @@ def test_the_slowest_mode_is_that_of_each_cell(name: str) -> None:
         slowest = modes(model.states, model.A[0], model.T_s)[0]
         # An eigenvalue z near 1 is known to some 1e-14, and its logarithm is divided by T_s.
         assert decay[k] == pytest.approx(-slowest.s.real, abs=1e-12 / study.converter.T_s)
-    dead = (*lanes[:2], 0.0 * lanes[2], *lanes[3:])
+    dead = lanes._replace(V_g_rms=0.0 * lanes.V_g_rms)
     assert np.isnan(slowest_decay(study, many_steady_states(study, *dead, gains), *dead, gains)).all()

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from vsgdesign.equations.controller_data import flat_settings
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.model.full_order import PARAMETERS, FullOrderMap, LimiterInModel, full_order_map, limiter_states
-from vsgdesign.operating_point.many import ManyStates, many_steady_states
+from vsgdesign.operating_point.many import Lanes, ManyStates, lanes_of, many_steady_states
 from vsgdesign.operating_point.plants import state_matrices
 from vsgdesign.operating_point.sampled import SampledState, cold_start, fault_of_rest
 from vsgdesign.parameters.study import Grid, GridSource, Study
@@ -64,14 +64,11 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
     A cell without one is recorded in ``faults`` and raises no error.
     """
     sources = [cell.source or study.grid_source for cell in cells]
-    at = np.array(
-        [
-            (cell.grid.R_g, cell.grid.L_g, source.V_g_rms, source.omega_g, cell.P_ref, cell.Q_ref)
-            for cell, source in zip(cells, sources, strict=True)
-        ],
-        dtype=float,
-    )
-    lanes = tuple(at.reshape(len(cells), 6).T)
+    at = [
+        (cell.grid.R_g, cell.grid.L_g, source.V_g_rms, source.omega_g, cell.P_ref, cell.Q_ref)
+        for cell, source in zip(cells, sources, strict=True)
+    ]
+    lanes = Lanes(*np.array(at, dtype=float).reshape(len(cells), len(Lanes._fields)).T)
     gains = PowerLoopGains(
         *np.array([cell.gains for cell in cells], dtype=float).reshape(len(cells), len(PowerLoopGains._fields)).T
     )
@@ -82,10 +79,10 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
     if cells:
         states = many_steady_states(study, *lanes, gains)
         good = np.flatnonzero(states.fault == 0)
-        for k in np.flatnonzero(states.fault):
+        for k in np.flatnonzero(states.fault).tolist():
             cell = cells[k]
             asked = (study, cell.grid, sources[k], cell.P_ref, cell.Q_ref, cell.gains)
-            faults[k] = str(fault_of_rest(*asked, states, lane=int(k)))
+            faults[k] = str(fault_of_rest(*asked, states, lane=k))
         z, p = pack(functions.states, states)[good], _parameters(study, lanes, gains)[good]
     A, B, C, D = _matrices(functions.linear, z, p)
     return FullOrderModel(
@@ -118,13 +115,13 @@ def slowest_decay(
 
     The arguments are those with which ``states`` were found. NaN for a lane with a fault.
     """
-    lanes = tuple(np.full(len(states), value, dtype=float) for value in (R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref))
-    gains = PowerLoopGains(*(np.full(len(states), value, dtype=float) for value in gains))
-    decay, good = np.full(len(states), np.nan), np.flatnonzero(states.fault == 0)
-    some = tuple(value[good] for value in lanes)
-    functions = _functions(study, some)
-    z = pack(functions.states, states)[good]
-    p = _parameters(study, some, PowerLoopGains(*(value[good] for value in gains)))
+    at = (R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref)
+    count, good = len(states), np.flatnonzero(states.fault == 0)
+    lanes = Lanes._make(np.full(count, value, dtype=float)[good] for value in at)
+    laws = PowerLoopGains._make(np.full(count, value, dtype=float)[good] for value in gains)
+    functions = _functions(study, lanes)
+    z, p = pack(functions.states, states)[good], _parameters(study, lanes, laws)
+    decay = np.full(count, np.nan)
     for k in range(0, len(good), _AT_ONCE):
         part = slice(k, k + _AT_ONCE)
         (A,) = _matrices(functions.state_matrix, z[part], p[part])
@@ -136,12 +133,12 @@ def slowest_decay(
 def parameter_values(study: Study, cell: Cell) -> list[float]:
     """The map's PARAMETERS for a cell, in order."""
     source = cell.source or study.grid_source
-    lane = (cell.grid.R_g, cell.grid.L_g, source.V_g_rms, source.omega_g, cell.P_ref, cell.Q_ref)
-    row = _parameters(study, tuple(np.array([value], dtype=float) for value in lane), cell.gains)[0]
+    at = (cell.grid.R_g, cell.grid.L_g, source.V_g_rms, source.omega_g, cell.P_ref, cell.Q_ref)
+    row = _parameters(study, *lanes_of(at, cell.gains))[0]
     return row[: len(PARAMETERS)].tolist()
 
 
-def _parameters(study: Study, lanes: tuple[Array, ...], gains: PowerLoopGains) -> Array:
+def _parameters(study: Study, lanes: Lanes, gains: PowerLoopGains) -> Array:
     """The map's p of every lane (N, len(p)): PARAMETERS, then the controller's constants."""
     R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref = lanes
     c = study.converter
@@ -177,14 +174,14 @@ def pack(states: Sequence[str], start: SampledState | ManyStates) -> Array:
     return np.array([values[name] for name in states], dtype=float).T.copy()
 
 
-def _functions(study: Study, lanes: tuple[Array, ...]) -> FullOrderMap:
+def _functions(study: Study, lanes: Lanes) -> FullOrderMap:
     """The map of a study, with an exponential that is good on all of these grids."""
     return full_order_map(
         study.converter.delay_samples,
         study.tau_P > 0.0,
         study.tau_Q > 0.0,
         study.inner_gains.R_t != 0.0 or study.inner_gains.X_t != 0.0,
-        _squarings(study, *lanes[:2]),
+        _squarings(study, lanes.R_g, lanes.L_g),
         LimiterInModel(
             law=study.limiter.law,
             memory=type(cold_start(study).controller.limiter),

@@ -77,6 +77,17 @@ class ManyStates:
         return len(self.fault)
 
 
+class Lanes(NamedTuple):
+    """What many steady states are asked for: the first arguments of :func:`many_steady_states`, (N,) each."""
+
+    R_g: Array
+    L_g: Array
+    V_g_rms: Array
+    omega_g: Array
+    P_ref: Array
+    Q_ref: Array
+
+
 class _Paths(NamedTuple):
     """What lies between bridge and source in a sampled steady state, for N lanes, with the source at angle zero."""
 
@@ -117,10 +128,10 @@ def many_steady_states(
     steady state has its reason in ``fault`` and disturbs no other. With ``free_of_limits``, current above the limit is
     no fault: the caller judges it. The limit of the bridge voltage always counts.
     """
-    grid, gains = _lanes((R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref), gains)
-    paths = _paths(study, *grid[:4])
-    V, delta = _points(study, paths, grid, gains)
-    return _states(study, paths, grid, gains, V, delta, phase, free_of_limits)
+    lanes, gains = lanes_of((R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref), gains)
+    paths = _paths(study, lanes)
+    V, delta = _points(study, paths, lanes, gains)
+    return _states(study, paths, lanes, gains, V, delta, phase, free_of_limits)
 
 
 def many_rests_with_measured_gains(
@@ -142,9 +153,9 @@ def many_rests_with_measured_gains(
     the droops do not depend on the measured values, the first state is the final one. The other arguments are those of
     :func:`many_steady_states`.
     """
-    grid, _ = _lanes((R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref), PowerLoopGains(0.0, 0.0, 0.0, 0.0))
-    c, paths, count = study.converter, _paths(study, *grid[:4]), len(grid[0])
-    measured = np.array([grid[4], grid[5], np.full(count, c.V_rated_rms)])
+    lanes, _ = lanes_of((R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref), PowerLoopGains(0.0, 0.0, 0.0, 0.0))
+    c, paths, count = study.converter, _paths(study, lanes), len(lanes.R_g)
+    measured = np.array([lanes.P_ref, lanes.Q_ref, np.full(count, c.V_rated_rms)])
     scale = np.array([[c.S_rated], [c.S_rated], [c.V_rated_rms]])
     V, delta, fault = np.full(count, np.nan), np.full(count, np.nan), np.zeros(count, dtype=int)
     reached_before, change_before = np.zeros_like(measured), np.zeros_like(measured)
@@ -159,9 +170,9 @@ def many_rests_with_measured_gains(
         active = active[~missing]
         if not active.size:
             break
-        some, laws = tuple(value[active] for value in grid), PowerLoopGains(*gains[:, active])
-        V[active], delta[active] = _points(study, _Paths(*(value[active] for value in paths)), some, laws)
-        reached = np.array([_power(study, some, laws), some[5] + laws.D_q * (c.V_rated_rms - V[active]), V[active]])
+        some, laws = Lanes._make(value[active] for value in lanes), PowerLoopGains(*gains[:, active])
+        V[active], delta[active] = _points(study, _Paths._make(value[active] for value in paths), some, laws)
+        reached = np.array([_power(study, some, laws), some.Q_ref + laws.D_q * (c.V_rated_rms - V[active]), V[active]])
         there = np.isfinite(V[active])
         fault[active[~there]] = NO_POINT
         active, reached = active[there], reached[:, there]
@@ -180,7 +191,7 @@ def many_rests_with_measured_gains(
     fault[active] = NOT_CONVERGED
     V[fault > 0] = np.nan
     found = PowerLoopGains(*gains)
-    return _states(study, paths, grid, found, V, delta, phase, free_of_limits, fault), found
+    return _states(study, paths, lanes, found, V, delta, phase, free_of_limits, fault), found
 
 
 def _share(change: Array, change_before: Array) -> Array:
@@ -191,16 +202,17 @@ def _share(change: Array, change_before: Array) -> Array:
     return np.clip(share, -_LONGEST, _LONGEST)
 
 
-def _lanes(values: Sequence[ArrayLike], gains: PowerLoopGains) -> tuple[tuple[Array, ...], PowerLoopGains]:
-    """Numbers and gains as arrays of one length."""
+def lanes_of(values: Sequence[ArrayLike], gains: PowerLoopGains) -> tuple[Lanes, PowerLoopGains]:
+    """Numbers and arrays in the order of :class:`Lanes`, and gains, as arrays of one length."""
     given = [np.asarray(value, dtype=float) for value in (*values, *gains)]
     count = max(value.size for value in given)
     arrays = [np.full(count, value) for value in given]
-    return tuple(arrays[: len(values)]), PowerLoopGains(*arrays[len(values) :])
+    return Lanes(*arrays[: len(values)]), PowerLoopGains(*arrays[len(values) :])
 
 
-def _paths(study: Study, R_g: Array, L_g: Array, V_g_rms: Array, omega_g: Array) -> _Paths:
+def _paths(study: Study, lanes: Lanes) -> _Paths:
     """x(k+1) = Φ x + Γ v_b + u v_g and x(k+1) = e^{jω_g T} x: x is affine in v_b, and so is v at the control point."""
+    R_g, L_g, V_g_rms, omega_g = lanes[:4]
     known = np.isfinite(R_g) & np.isfinite(L_g) & np.isfinite(V_g_rms) & np.isfinite(omega_g)
     known &= (V_g_rms > 0.0) & (omega_g > 0.0) & (R_g >= 0.0) & (L_g >= 0.0) & (L_g + study.filter.L_2 > 0.0)
     R_g, L_g = np.where(known, R_g, study.grid.R_g), np.where(known, L_g, study.grid.L_g)
@@ -208,11 +220,11 @@ def _paths(study: Study, R_g: Array, L_g: Array, V_g_rms: Array, omega_g: Array)
     omega_g = np.where(known, omega_g, study.converter.omega_n)
     steps = plant_steps(study, R_g, L_g, study.converter.T_s, omega_g)
     turn = np.exp(1j * omega_g * study.converter.T_s)
-    inverse = np.linalg.inv(turn[:, None, None] * np.eye(3) - steps.transition)
+    inverse: Complex = np.asarray(np.linalg.inv(turn[:, None, None] * np.eye(3) - steps.transition), dtype=complex)
     per_bridge = (inverse @ steps.bridge[..., None])[..., 0]
     from_source = (inverse @ steps.source[:, 0, :, None])[..., 0] * rms_to_peak(V_g_rms)[:, None]
     node_per_bridge, node_from_source = (
-        capacitor_node_voltage(*state.T, study.circuit()) for state in (per_bridge, from_source)
+        capacitor_node_voltage(x[:, 0], x[:, 1], x[:, 2], study.circuit()) for x in (per_bridge, from_source)
     )
     # i_g = (v - v_source)/Z, with the two numbers that make it so for every v.
     Z = node_per_bridge / per_bridge[:, 2]
@@ -231,22 +243,22 @@ def _paths(study: Study, R_g: Array, L_g: Array, V_g_rms: Array, omega_g: Array)
     )
 
 
-def _points(study: Study, paths: _Paths, grid: tuple[Array, ...], gains: PowerLoopGains) -> tuple[Array, Array]:
+def _points(study: Study, paths: _Paths, lanes: Lanes, gains: PowerLoopGains) -> tuple[Array, Array]:
     """V and δ of steady states: both errors of the power loops are zero, and the frequency is the source's."""
-    P, Q_ref, V_n = _power(study, grid, gains), grid[5], study.converter.V_rated_rms
-    V, delta = points_with_droop(P, Q_ref, gains.D_q, V_n, paths.V_rms, paths.R, paths.X)
+    P, V_n = _power(study, lanes, gains), study.converter.V_rated_rms
+    V, delta = points_with_droop(P, lanes.Q_ref, gains.D_q, V_n, paths.V_rms, paths.R, paths.X)
     return np.where(paths.known & np.isfinite(gains).all(axis=0), V, np.nan), delta + paths.angle
 
 
-def _power(study: Study, grid: tuple[Array, ...], gains: PowerLoopGains) -> Array:
+def _power(study: Study, lanes: Lanes, gains: PowerLoopGains) -> Array:
     """P of a steady state under its P–f droop, W."""
-    return grid[4] + gains.D_p * (study.converter.omega_n - grid[3])
+    return lanes.P_ref + gains.D_p * (study.converter.omega_n - lanes.omega_g)
 
 
 def _states(
     study: Study,
     paths: _Paths,
-    grid: tuple[Array, ...],
+    lanes: Lanes,
     gains: PowerLoopGains,
     V: Array,
     delta: Array,
@@ -256,13 +268,13 @@ def _states(
 ) -> ManyStates:
     """Everything that follows from V and δ. NaN in V marks lanes without a steady state."""
     with np.errstate(invalid="ignore"):
-        return _states_of(study, paths, grid, gains, V, delta, phase, free_of_limits, fault)
+        return _states_of(study, paths, lanes, gains, V, delta, phase, free_of_limits, fault)
 
 
 def _states_of(
     study: Study,
     paths: _Paths,
-    grid: tuple[Array, ...],
+    lanes: Lanes,
     gains: PowerLoopGains,
     V: Array,
     delta: Array,
@@ -271,7 +283,7 @@ def _states_of(
     fault: NDArray[np.int64] | None,
 ) -> ManyStates:
     settings, inner, c = study.controller_settings(), study.inner_gains, study.converter
-    refs = References(grid[4], grid[5], c.omega_n, c.V_rated_rms)
+    refs = References(lanes.P_ref, lanes.Q_ref, c.omega_n, c.V_rated_rms)
     theta = delta + phase
     turn = np.exp(-1j * theta)
     # Everything in the converter's own frame, whose d axis is the voltage at the control point.
@@ -336,7 +348,7 @@ def _states_of(
     _mark(found, np.abs(v_b) > settings.v_max_pk, BRIDGE_VOLTAGE)
     if not free_of_limits:
         _mark(found, np.abs(i_s) > settings.i_max_pk, CURRENT)
-        law, estimate = study.limiter.law, GridEstimate(R_g=grid[0], L_g=grid[1])
+        law, estimate = study.limiter.law, GridEstimate(R_g=lanes.R_g, L_g=lanes.L_g)
         sample = law.limit(memory, view, estimate, refs, gains, settings)
         _mark(found, np.asarray(sample.limited) > 0.0, LIMITER_ACTS)
         # One that limits the voltage or the frequency of the power loops moves an integrator that should rest.
