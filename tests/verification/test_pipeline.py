@@ -85,6 +85,14 @@ def test_an_interruption_loses_nothing(whole: Path, tmp_path: Path, monkeypatch:
     assert counts(out) == counts(whole)
 
 
+def test_a_table_that_was_designed_for_it_goes_with_the_blocks(tmp_path: Path) -> None:
+    beside = journal_folder(tmp_path / "out")
+    beside.mkdir()
+    (beside / "study.one.table.json").write_text("{}")
+    verify_study(STUDY, tmp_path / "out", ASKED, workers=1)
+    assert not beside.exists()
+
+
 def test_a_fresh_start_forgets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out, run, made = tmp_path / "out", blocks.run_block, []
 

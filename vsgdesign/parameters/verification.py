@@ -64,7 +64,7 @@ class VerificationSpec:
     """Probability with which the stated bound on the share of broken promises holds."""
     seed: int
     with_run: int
-    """How many runs `vsgdesign run` adds to its own; 0: none."""
+    """With how many cases `vsgdesign run` verifies each gain table; 0: it does not."""
     box: CaseBox
     silent_s: Range
     """For how long a schedule is told nothing after each change of the grid or its source, s."""

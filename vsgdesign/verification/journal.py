@@ -118,6 +118,8 @@ def journals(out: str | Path) -> Iterator[Path]:
             raise cannot_write(folder, error) from error
         try:
             yield folder
+            for path in list(folder.glob("*.table.json")):  # gain tables that were designed for this output
+                path.unlink(missing_ok=True)
         finally:
             # The lock goes with its folder, and while it is held: whoever comes next sees that it was another's.
             if next(folder.glob("*.jsonl"), None) is None:
