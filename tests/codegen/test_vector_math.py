@@ -17,7 +17,7 @@ from vsgdesign.codegen.vector_math import PLAIN
 from vsgdesign.equations.inner_loops import limit_length
 
 RNG = np.random.default_rng(5)
-COUNT = 4000
+COUNT = 480
 TURNS = RNG.uniform(-40.0, 40.0, COUNT)
 SIZES = np.exp(RNG.uniform(-700.0, 700.0, COUNT)) * RNG.choice([-1.0, 1.0], COUNT)
 NEAR_QUARTERS = np.round(TURNS) * (0.5 * np.pi) + RNG.normal(0.0, 1e-9, COUNT)
