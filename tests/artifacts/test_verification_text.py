@@ -14,6 +14,7 @@ from vsgdesign.artifacts.verification_text import (
     kept,
     promise_sentence,
     promise_sentences,
+    share_text,
     worst_text,
 )
 from vsgdesign.verification.bounds import one_in as one_in_of
@@ -90,3 +91,9 @@ def test_the_headline_counts_promises() -> None:
     empty = document(runs=800) | {"judged": 0}
     assert headline(empty) == "Nothing is known: none of 800 drawn cases could be judged."
     assert not kept(empty)
+
+
+def test_shares_as_percentages() -> None:
+    for share, text in ((0.0, "0 %"), (4.2e-4, "0.042 %"), (0.333, "33.3 %"), (0.9999, "99.99 %"), (1.0, "100 %")):
+        assert share_text({"share": share}) == text
+    assert share_text({"share": None}) == "–"

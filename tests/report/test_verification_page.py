@@ -154,6 +154,7 @@ def test_the_tables_have_the_numbers_of_the_document() -> None:
 
 def test_all_bounds_together_hold_with_less() -> None:
     assert promises_table(made(True)).notes == (
+        "∞: not settled or not at rest within the simulated time.",
         f"Lost jumps of the grid: {made(True)['families']['grid']['lost']['diverged']} diverged.",
         "Each bound holds with 99 % confidence by itself; all 5 together hold with at least 95 %.",
     )

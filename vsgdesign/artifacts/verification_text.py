@@ -143,7 +143,13 @@ def share_text(promise: Document) -> str:
     share = promise["share"]
     if share is None:
         return "–"
-    return "0 %" if share == 0.0 else f"{100.0 * share:.2g} %"
+    if share in (0.0, 1.0):
+        return f"{100.0 * share:.0f} %"
+    digits = 2 if share < 0.1 else 3
+    # A share that is not all must not read 100 %.
+    while digits < 15 and float(f"{100.0 * share:.{digits}g}") >= 100.0:
+        digits += 1
+    return f"{100.0 * share:.{digits}g} %"
 
 
 def bound_text(promise: Document) -> str:

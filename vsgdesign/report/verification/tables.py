@@ -52,6 +52,8 @@ def promises_table(document: Mapping[str, Any]) -> Table:
     groups = (("", 2), ("measured", 3), (f"with {confidence_text(document['confidence'])} confidence", 1))
     groups += (("quantiles of the judged cases", 4), ("", 1))
     notes = [] if "quantile_error" not in document else [_quantile_note(document["quantile_error"])]
+    if any("∞" in row for row in rows):
+        notes.append("∞: not settled or not at rest within the simulated time.")
     notes += [lost_text(name, family) for name, family in families_of(document)]
     notes = [note for note in notes if note]
     notes += [_joint_note(document["confidence"], count)] if count > 1 else []
