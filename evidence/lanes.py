@@ -1,4 +1,4 @@
-"""Many runs side by side against one run after the other: every state after 1.5 s, in units of the ratings."""
+"""Many runs side by side against one run after the other: every state after 1.5 s, over the rating or its own value."""
 
 from __future__ import annotations
 
@@ -107,7 +107,8 @@ def compared(name: str) -> list[Row]:
         cases = cases_of(study, spec, uniforms_of(SEED, 0, CASES), number)[0]
         results, states = states_of_lanes(study, cases, samples)
         for k in np.flatnonzero(results.status == JUDGED).tolist():
-            away = np.abs(states[k] - state_of_one(study, cases, k, samples))
+            one = state_of_one(study, cases, k, samples)
+            away = np.abs(states[k] - one) / np.maximum(np.abs(one), 1.0)
             away[6] = abs((away[6] + np.pi) % (2.0 * np.pi) - np.pi)  # θ is kept within a turn
             limited = bool(results.limited_s[k] > 0.0)
             rows.append({"study": name, "family": family, "limited": limited, "difference": float(away.max())})

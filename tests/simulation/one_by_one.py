@@ -11,7 +11,7 @@ import numpy as np
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.metrics.step_response import step_response
 from vsgdesign.metrics.survival import GRACE_S, ExpectedRest, Survival, SurvivalDemand, SurvivalRecord, judge_survival
-from vsgdesign.parameters.study import ControllerSpec, Event, Grid, GridSource, Study
+from vsgdesign.parameters.study import ControllerSpec, Event, Grid, Study
 from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
 from vsgdesign.simulation.lanes.rests import STEP_WINDOW
@@ -29,7 +29,8 @@ def study_of(study: Study, cases: LaneCases, k: int, T: float) -> Study:
     def given(value: float) -> float | None:
         return float(value) if np.isfinite(value) else None
 
-    events = []
+    # The controller is designed for the study's source; an event at t = 0 says what the source is.
+    events = [Event(0.0, "start", V_g_rms=float(cases.V_g_rms[k]), omega_g=float(cases.omega_g[k]))]
     for j in np.flatnonzero(np.isfinite(e.t_s[k])):
         grid = Grid(float(e.R_g[k, j]), float(e.L_g[k, j])) if np.isfinite(e.R_g[k, j]) else None
         events.append(
@@ -51,7 +52,6 @@ def study_of(study: Study, cases: LaneCases, k: int, T: float) -> Study:
     return replace(
         study,
         grid=Grid(float(cases.R_g[k]), float(cases.L_g[k])),
-        grid_source=GridSource(float(cases.V_g_rms[k]), float(cases.omega_g[k])),
         events=tuple(events),
         simulation=replace(
             study.simulation,
