@@ -118,20 +118,10 @@ def test_a_root_that_divides_is_right_to_the_last_digits() -> None:
 def compiled_values(function: Any, given: tuple[np.ndarray, ...], strict: bool) -> np.ndarray:
     """The function in a loop of eight lanes."""
     block = flat_block(function)
-    spec = LoopSpec((block,), ((block.inputs[0], function.__name__),), fed=block.inputs[1:], lanes=8, strict=strict)
-    count = len(given[0])
-    found = np.empty(count)
-    if len(given) == 1:
-        groups = -(-count // 8)
-        rows = empty_rows(spec, groups)
-        rows.reshape(-1)[:count] = given[0]
-        compiled_loop(spec)(0, 1, rows, np.zeros(0))
-        return rows.reshape(-1)[:count].copy()
-    loop, rows = compiled_loop(spec), empty_rows(spec, 1)
-    for start in range(0, count, 8):
-        part = slice(start, min(start + 8, count))
-        other = np.zeros((1, 1, 1, 8))
-        rows[0, 0, : part.stop - start], other[0, 0, 0, : part.stop - start] = given[0][part], given[1][part]
-        loop(0, 1, rows, np.zeros(0), fed=other)
-        found[part] = rows[0, 0, : part.stop - start]
-    return found
+    spec = LoopSpec((block,), ((block.inputs[0], function.__name__),), block.inputs[1:], lanes=8, strict=strict)
+    rows = empty_rows(spec, -(-len(given[0]) // 8))
+    flat = np.zeros((len(given), rows.shape[0] * 8))
+    flat[:, : len(given[0])] = given
+    rows[:] = np.swapaxes(flat.reshape(len(given), -1, 8), 0, 1)
+    compiled_loop(spec)(0, 1, rows, np.zeros(0))
+    return rows[:, 0].reshape(-1)[: len(given[0])].copy()
