@@ -87,7 +87,8 @@ def verify(
     """
     from pathlib import Path
 
-    from vsgdesign.pipeline.verify import Asked, merge_shards, verify_study, with_table
+    from vsgdesign.pipeline.verify import Asked, check_verifiable, merge_shards, verify_study, with_table
+    from vsgdesign.simulation.lanes.telling import alone_because
     from vsgdesign.verification.journal import kept_runs
 
     _check_options(file, study_file, cluster, workers, shard is not None, merge, (controller, runs, seed))
@@ -99,6 +100,8 @@ def verify(
     asked = Asked(
         controller=controller, runs=runs, seed=seed, confidence=confidence, bridge=bridge, strict=strict, search=search
     )
+    if not merge and (reason := alone_because(check_verifiable(study, asked), bridge)):
+        click.echo(reason, err=True)
     try:
         with progress(quiet=as_json) as tell:
             if merge:

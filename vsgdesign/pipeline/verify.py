@@ -206,7 +206,7 @@ def job_of(study: Study, spec: ControllerSpec, ready: Ready, asked: Asked) -> tu
     from vsgdesign.verification.emt import EMT
     from vsgdesign.verification.promises import verified_promises
 
-    spec = _told(study, spec)
+    spec = _told(spec)
     changed = {name: value for name in ("runs", "seed", "confidence") if (value := getattr(asked, name)) is not None}
     drawn = replace(verification_of(study, spec, ready), **changed)
     study = replace(study, verification=drawn)
@@ -227,18 +227,12 @@ def job_of(study: Study, spec: ControllerSpec, ready: Ready, asked: Asked) -> tu
     return job, drawn.confidence
 
 
-def _told(study: Study, spec: ControllerSpec) -> ControllerSpec:
-    """The controller with the errors of each case in place of an estimator of windows, which is not run.
+def _told(spec: ControllerSpec) -> ControllerSpec:
+    """The controller with the errors of each case in place of an estimator of windows, which is not run. One that
+    estimates in every sample runs as it is."""
+    from vsgdesign.simulation.lanes.telling import learns
 
-    Raises StudyError for an estimator that acts in every sample: it cannot share a loop with others.
-    """
-    from vsgdesign.simulation.lanes.telling import alone_because
-
-    if reason := alone_because(spec):
-        advice = f'Verify it with estimate = "truth"; vsgdesign survive runs it as it is. ({reason})'
-        field = f"controllers.{spec.name}.estimate"
-        raise StudyError(study.name, [Fault(field, f'"{spec.estimate}"', "cannot be verified in many runs", advice)])
-    if spec.kind == "fixed" or spec.estimate == "truth":
+    if spec.kind == "fixed" or spec.estimate == "truth" or learns(spec):
         return spec
     return replace(spec, estimate="truth", update_period=spec.update_period or UPDATE_PERIOD)
 

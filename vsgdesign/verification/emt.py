@@ -7,6 +7,7 @@ from pathlib import Path
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.execution.machine_code import instruction_set
+from vsgdesign.identification.registry import samples_itself
 from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.study import ControllerSpec, Study
@@ -67,10 +68,13 @@ def _figures(controller: ControllerResult) -> dict[str, float]:
         }
         return {name: value for name, value in found.items() if value is not None}
     step = next((event for event in controller.events if event.kind == "step"), None)
-    if step is None or step.status not in (MEASURED, NOT_SETTLED) or step.raw.overshoot_pct is None:
+    if step is None or step.status not in (MEASURED, NOT_SETTLED):
         return {}
-    settled = math.inf if step.raw.settling_time_s is None else step.raw.settling_time_s
-    return {"overshoot": step.raw.overshoot_pct / 100.0, "settling_s": settled}
+    figures = step.cycle_mean if samples_itself(controller.spec.estimate) else step.raw  # a probe ripples the powers
+    if figures.overshoot_pct is None:
+        return {}
+    settled = math.inf if figures.settling_time_s is None else figures.settling_time_s
+    return {"overshoot": figures.overshoot_pct / 100.0, "settling_s": settled}
 
 
 EMT = Batch(draw_cases, cases_of, run_lanes, instruction_set, written, simulated)
