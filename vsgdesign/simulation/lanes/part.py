@@ -127,14 +127,24 @@ class Part:
         return self.rows[:, place, :].reshape(-1)[: len(self)].copy()
 
     def put(self, row: int | str, values: Array) -> None:
-        """Sets a row of every lane."""
-        place = self.made.place[row] if isinstance(row, str) else row
-        self.rows[:, place, :] = padded(values, self.rows.shape[0], self.rows.shape[2])
+        """Sets a row of every lane, (n,), or m rows that are beside each other, (m, n).
+
+        Places that are left in the last group take what the last lane has.
+        """
+        values = np.asarray(values, dtype=float)
+        values = values[None] if values.ndim == 1 else values
+        groups, _, width = self.rows.shape
+        first = self.made.place[row] if isinstance(row, str) else row
+        to = self.rows[:, first : first + len(values)]
+        whole = len(self) // width
+        to[:whole] = values[:, : whole * width].reshape(len(values), whole, width).swapaxes(0, 1)
+        if whole < groups:
+            rest = values[:, whole * width :]
+            to[whole, :, : rest.shape[1]], to[whole, :, rest.shape[1] :] = rest, rest[:, -1:]
 
 
 def padded(values: Array, groups: int, width: int) -> Array:
     """(n,) values of lanes as (G, L), the last lane again in the places that are left."""
-    values = np.broadcast_to(np.asarray(values, dtype=float), np.shape(values) or (groups * width,))
     full = np.empty(groups * width)
     full[: len(values)], full[len(values) :] = values, values[-1]
     return full.reshape(groups, width)

@@ -197,29 +197,32 @@ def _measured(parts: list[Part], count: int) -> tuple[tuple[Array, Array, Array]
 
 def _transferred(study: Study, parts: list[Part], old: PowerLoopGains, new: PowerLoopGains) -> PowerLoopGains:
     """Puts new gains into force; the frequency at which the integrator would rest stays (:eq:`gain-transfer`)."""
-    c = study.converter
+    c, before, after = study.converter, _stacked(old), _stacked(new)
     for part in parts:
-        before, after = (PowerLoopGains(*(np.asarray(value)[part.index] for value in one)) for one in (old, new))
-        if all(np.array_equal(one, other) for one, other in zip(before, after, strict=True)):
+        one, other = before[:, part.index], after[:, part.index]
+        if np.array_equal(one, other):
             continue
         refs = References(part.get("refs.P_ref"), part.get("refs.Q_ref"), c.omega_n, c.V_rated_rms)
-        part.put("state.omega_i", gain_transfer(part.get("state.omega_i"), refs, before, after))
-        for name, values in after._asdict().items():
-            part.put(f"power_gains.{name}", values)
+        moved = gain_transfer(part.get("state.omega_i"), refs, PowerLoopGains(*one), PowerLoopGains(*other))
+        part.put("state.omega_i", moved)
+        part.put(part.made.rows("power_gains").start, other)
     return new
+
+
+def _stacked(gains: PowerLoopGains) -> Array:
+    """Every gain of every case, (8, N)."""
+    return np.stack(np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in gains)))
 
 
 def _put_gains(parts: list[Part], gains: PowerLoopGains) -> None:
     for part in parts:
-        for name, values in gains._asdict().items():
-            part.put(f"power_gains.{name}", np.asarray(values)[part.index])
+        part.put(part.made.rows("power_gains").start, _stacked(gains)[:, part.index])
 
 
 def _put_estimate(parts: list[Part], R_g: Array, L_g: Array) -> None:
     for part in parts:
-        for name, values in (("grid.R_g", R_g), ("grid.L_g", L_g)):
-            if name in part.made.place:
-                part.put(name, values[part.index])
+        if "grid.R_g" in part.made.place:
+            part.put("grid.R_g", np.stack([R_g[part.index], L_g[part.index]]))
 
 
 def _judge(part: Part, cases: LaneCases, rests: Rests, demand: SurvivalDemand, results: LaneResults) -> None:
