@@ -72,3 +72,10 @@ def test_cases_that_are_not_asked_for_are_no_finding() -> None:
 @pytest.mark.parametrize(("asked", "made"), [(31, 0), (32, 32), (100, 96), (128 * 5 + 1, 128 * 5)])
 def test_it_makes_at_most_what_it_is_asked_for(asked: int, made: int) -> None:
     assert search(JOB, asked, {"step": EIGHT}).evaluations == made
+
+
+def test_it_also_begins_at_corners() -> None:
+    """Of 32 cases of the first generation, 21 are at one of four corners."""
+    plain, cornered = (search(JOB, 32, {"step": EIGHT}, edges=edges).broken for edges in ((), (0, 3)))
+    assert plain <= 1
+    assert cornered >= 4

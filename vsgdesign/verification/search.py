@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from dataclasses import dataclass, field
@@ -115,21 +116,23 @@ def search(
     evaluations: int,
     starts: Mapping[str, Array],
     *,
+    edges: Sequence[int] = (),
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Searched:
     """Looks for the worst case of every family by differential evolution over the coordinates of its cases.
 
     ``evaluations``: most runs in all, shared equally among the families; none where they are too few for two small
-    generations of each. ``starts``: rows of coordinates to begin from, by family; the rest of the first generation
-    covers the cube evenly. The same seed finds the same. Raises WorkerError where a worker is lost.
+    generations of each. ``starts``: rows of coordinates to begin from, by family. The rest of the first generation
+    covers the cube evenly; two of three of its cases are at a corner in the coordinates ``edges``, where a linear
+    design is at its worst. The same seed finds the same. Raises WorkerError where a worker is lost.
     """
     tell, verification = progress or silent, job.study.verification
     seed = 0 if verification is None else verification.seed
     each = evaluations // max(len(starts), 1)
     if each < 2 * LEAST:
         return Searched(evaluations=0, broken=0, found=())
-    tasks = [(job.sent, job.families.index(name), each, rows, seed) for name, rows in starts.items()]
+    tasks = [(job.sent, job.families.index(name), each, rows, tuple(edges), seed) for name, rows in starts.items()]
     parts: list[Searched] = []
     futures = None if executor is None else [executor.submit(_search_family, *task) for task in tasks]
     try:
@@ -149,7 +152,9 @@ def search(
     )
 
 
-def _search_family(job: Job, family: int, evaluations: int, starts: Array, seed: int) -> Searched:
+def _search_family(
+    job: Job, family: int, evaluations: int, starts: Array, edges: tuple[int, ...], seed: int
+) -> Searched:
     from scipy.optimize import differential_evolution
     from scipy.stats import qmc
 
@@ -159,7 +164,11 @@ def _search_family(job: Job, family: int, evaluations: int, starts: Array, seed:
     generator = np.random.default_rng([seed, family])
     size = min(POPULATION, evaluations // (2 * LEAST) * LEAST)
     begin = qmc.LatinHypercube(dimensions, rng=generator).random(size)
-    begin[: len(starts)] = starts[:size]
+    corners = np.array(list(itertools.product((0.0, 1.0), repeat=len(edges))))
+    cornered = np.flatnonzero(np.arange(size) % 3 > 0)
+    begin[np.ix_(cornered, edges)] = np.resize(corners, (len(cornered), len(edges)))
+    # Half of the generation at most: from the same places alone it would not get away.
+    begin[: size // 2][: len(starts)] = starts[: size // 2]
     with one_thread():
         differential_evolution(
             lambda x: -watch.severities(np.ascontiguousarray(x.T)),

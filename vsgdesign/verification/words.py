@@ -21,6 +21,14 @@ _NOTICED_S = 1e-3
 _SLOW = 0.7
 """A slowest mode is named where it alone takes this share of the limit."""
 
+_LOST = {
+    "diverged": "The run diverges.",
+    "slipped": "The angle slips by a turn.",
+    "latched": "The controller stays in its current limit.",
+    "not at rest": "It is not at rest in time.",
+}
+"""What became of a case that was not survived, by its status."""
+
 SETTLED = math.log(1.0 / 0.02)
 """Time constants until an exponential is within 2 %."""
 
@@ -101,18 +109,25 @@ def why_of(
     promise: str,
     coordinates: dict[str, float],
     *,
+    status: str = "",
+    limited: bool = True,
     relaxed: bool = False,
     decay: float = math.nan,
     limit: float = math.nan,
 ) -> str | None:
     """Why a case is bad, in a sentence for each reason that is known; None where none is.
 
+    ``status``: of the case, where it was not survived; ``limited``: whether the controller limits its current.
     ``coordinates``: those of the case that are drawn, 0 to 1, by name. ``relaxed``: whether the gain table gives up a
     requirement there (:func:`beside_relaxed`). ``decay``: rate of the slowest mode of the linear full-order model at
     the last rest, 1/s. ``limit``: that of the promise.
     """
     by_name = dict(zip(FIGURES, figures, strict=True))
     said = []
+    if status in _LOST:
+        said.append(_LOST[status])
+        if not limited:
+            said.append(f"The controller has no current limit, and the current reaches {by_name['peak_pu']:.3g} pu.")
     if relaxed:
         said.append("A node of the table beside the estimated grid is relaxed: it gives up a requirement.")
     if by_name["limited_s"] > _NOTICED_S:

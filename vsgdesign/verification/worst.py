@@ -25,6 +25,10 @@ AGREEMENT = 1e-6
 or to one unit of it, whichever is larger."""
 
 
+_EDGES = tuple(COORDINATES.index(name) for name in ("scr", "x_over_r", "error_R", "error_X"))
+"""Coordinates at whose corners the search also begins."""
+
+
 class CaseFolder(NamedTuple):
     """A folder of studies: where it is written, and where it will be in the end."""
 
@@ -78,7 +82,7 @@ def write_found(
         indices = {case.index for one in summary.families[name].promises.values() for case in one.worst[:8]}
         rows = [uniforms_of(_seed(job), index, 1)[0].tolist() for index in sorted(indices)]
         starts[name] = starts_of(rows, UNIFORMS)
-    searched = search(job, evaluations, starts, executor=executor, progress=progress)
+    searched = search(job, evaluations, starts, edges=_EDGES, executor=executor, progress=progress)
     found = []
     if searched.found:
         folder.written.mkdir()
@@ -159,6 +163,8 @@ def _why(
         case.figures,
         promise,
         _drawn_over_a_range(job, coordinates),
+        status=case.status,
+        limited=job.study.with_limit_of(job.spec).converter.current_limit_pu is not None,
         relaxed=promise in ("overshoot", "settling") and beside_relaxed(table, job.study, R_g, L_g),
         decay=decay,
         limit=held.limit,
