@@ -222,7 +222,8 @@ def test_measured_gains_belong_to_their_steady_states() -> None:
 
 
 def test_gains_that_overshoot_from_round_to_round_come_to_rest() -> None:
-    """The droop follows the measured P and turns it back by 90 %: 100 plain rounds were once called no rest."""
+    """The droop follows the measured P and turns it back by 90 %: 100 plain rounds were once called no rest. So were
+    first gains whose droop asks for more than the grid carries: of the 196 rests here, 156 were found then."""
     study = STUDIES["LC"]
     target = replace(study.target, follow_references=True)
     law = ControllerGains(closed_form_schedule(study, target), None, True, None)
@@ -236,9 +237,9 @@ def test_gains_that_overshoot_from_round_to_round_come_to_rest() -> None:
 
     states, gains = many_rests_with_measured_gains(study, *lanes, gains_of, PHASE, free_of_limits=True)
     good = states.fault == 0
-    assert good.sum() > 150
+    assert good.sum() == 196
     assert not (states.fault == NOT_CONVERGED).any()
-    assert len(rounds) < 30
+    assert len(rounds) < 90
     for found, own in zip(gains, law(lanes.R_g, lanes.L_g, states.P, states.Q, states.V), strict=True):
         np.testing.assert_allclose(found[good], own[good], rtol=1e-9)
 

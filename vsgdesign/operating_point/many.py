@@ -45,6 +45,11 @@ FAULTS = (
 _ROUNDS = 100
 _PLAIN_ROUNDS = 8
 """Rounds before the secant is taken: most lanes need fewer."""
+_STARTS = np.array([(1.0, 1.0, 1.0), (1.0, 1.0, 0.85), (1.0, 1.0, 0.7), (0.0, 0.0, 1.0), (1.0, 1.0, 1.25)])
+"""Measured P, Q and V with which the first gains are made, as shares of the references and the rated voltage, until
+there is a steady state for them."""
+_MOST_LOSSES = 10
+"""Rounds without a point, as when a step goes too far, after which there is none."""
 _LONGEST = 30.0
 """Most of the last step that a secant may add or take back."""
 _TOLERANCE = 1e-10
@@ -155,10 +160,11 @@ def many_rests_with_measured_gains(
     """
     lanes, _ = lanes_of((R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref), PowerLoopGains(0.0, 0.0, 0.0, 0.0))
     c, paths, count = study.converter, _paths(study, lanes), len(lanes.R_g)
-    measured = np.array([lanes.P_ref, lanes.Q_ref, np.full(count, c.V_rated_rms)])
     scale = np.array([[c.S_rated], [c.S_rated], [c.V_rated_rms]])
+    first = np.array([lanes.P_ref, lanes.Q_ref, np.full(count, c.V_rated_rms)])
+    measured, losses, step = first.copy(), np.zeros(count, dtype=int), np.ones(count)
+    at_last, change_last = (np.full(first.shape, np.nan) for _ in range(2))  # the last ones with a point
     V, delta, fault = np.full(count, np.nan), np.full(count, np.nan), np.zeros(count, dtype=int)
-    reached_before, change_before = np.zeros_like(measured), np.zeros_like(measured)
 
     def gains_now() -> Array:
         return np.array([np.full(count, value, dtype=float) for value in gains_of(*measured)])
@@ -174,32 +180,41 @@ def many_rests_with_measured_gains(
         V[active], delta[active] = _points(study, _Paths._make(value[active] for value in paths), some, laws)
         reached = np.array([_power(study, some, laws), some.Q_ref + laws.D_q * (c.V_rated_rms - V[active]), V[active]])
         there = np.isfinite(V[active])
-        fault[active[~there]] = NO_POINT
-        active, reached = active[there], reached[:, there]
-        change = (reached - measured[:, active]) / scale
-        measured[:, active] = reached
+        lost, active, reached = active[~there], active[there], reached[:, there]
+        # No point with these gains: a shorter step from the last ones that had one, or another start.
+        losses[lost] += 1
+        begun = np.isfinite(at_last[0, lost])
+        hopeless = losses[lost] >= np.where(begun, _MOST_LOSSES, len(_STARTS))
+        fault[lost[hopeless]] = NO_POINT
+        lost, begun = lost[~hopeless], begun[~hopeless]
+        step[lost[begun]] *= 0.5
+        shorter = at_last[:, lost] + step[lost] * change_last[:, lost]
+        measured[:, lost] = np.where(begun, shorter, first[:, lost] * _STARTS[losses[lost] % len(_STARTS)].T)
+
+        at, change = measured[:, active], reached - measured[:, active]
+        measured[:, active] = at + step[active] * change
         if k >= _PLAIN_ROUNDS:
-            measured[:, active] -= _share(change, change_before[:, active]) * (reached - reached_before[:, active])
-        reached_before[:, active], change_before[:, active] = reached, change
-        following, before = gains_now()[:, active], gains[:, active]
-        if k < _PLAIN_ROUNDS:
-            settled = (np.abs(following - before) <= _TOLERANCE * (np.abs(before) + np.abs(following))).all(axis=0)
-        else:
-            settled = np.abs(change).max(axis=0) <= 0.1 * _TOLERANCE
-        active = active[~settled]
-        gains[:, active] = following[:, ~settled]
+            measured[:, active] = _secant(at, change, at_last[:, active], change_last[:, active], scale)
+        at_last[:, active], change_last[:, active] = at, change
+        following, before = gains_now(), gains[:, active]
+        near = np.abs(following[:, active] - before) <= _TOLERANCE * (np.abs(before) + np.abs(following[:, active]))
+        still = (np.abs(change) <= 0.1 * _TOLERANCE * scale).all(axis=0)
+        settled = np.where((k < _PLAIN_ROUNDS) & (step[active] == 1.0), near.all(axis=0), still)
+        active = np.concatenate([active[~settled], lost])
+        gains[:, active] = following[:, active]
     fault[active] = NOT_CONVERGED
     V[fault > 0] = np.nan
     found = PowerLoopGains(*gains)
     return _states(study, paths, lanes, found, V, delta, phase, free_of_limits, fault), found
 
 
-def _share(change: Array, change_before: Array) -> Array:
-    """How much of the last step to take back so that the change of the measured values vanishes, if it goes on as in
-    the last two rounds (the secant through them)."""
-    difference = change - change_before
-    share = np.sum(change * difference, axis=0) / np.maximum(np.sum(difference * difference, axis=0), 1e-300)
-    return np.clip(share, -_LONGEST, _LONGEST)
+def _secant(at: Array, change: Array, at_last: Array, change_last: Array, scale: Array) -> Array:
+    """Where the change of the measured values vanishes if it goes on as between two rounds; (3, N) all."""
+    difference = (change - change_last) / scale
+    along = np.sum(change / scale * difference, axis=0) / np.maximum(np.sum(difference * difference, axis=0), 1e-300)
+    along = np.clip(along, -_LONGEST, _LONGEST)
+    found = at + change - along * (at + change - at_last - change_last)
+    return np.where(np.isfinite(found), found, at + change)
 
 
 def lanes_of(values: Sequence[ArrayLike], gains: PowerLoopGains) -> tuple[Lanes, PowerLoopGains]:
