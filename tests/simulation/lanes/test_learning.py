@@ -24,9 +24,9 @@ FIELD = TEXT.replace('kind = "scheduled"', 'kind = "scheduled"\nestimate = "fiel
 TABLE = Ready(tables={"scheduled": table(time_scale=0.3, specification={"settling_time": 0.3})})
 
 
-def field_study(schedule: str) -> tuple[Study, ControllerSpec]:
+def field_study(schedule: str, estimate: str = "field") -> tuple[Study, ControllerSpec]:
     study = study_from_text(FIELD)
-    spec = replace(study.controllers[0], schedule=schedule)
+    spec = replace(study.controllers[0], schedule=schedule, estimate=estimate)
     return replace(study, controllers=(spec,)), spec
 
 
@@ -58,9 +58,12 @@ def cases() -> LaneCases:
     )
 
 
-@pytest.mark.parametrize(("schedule", "ready"), [("closed_form", NOTHING), ("table", TABLE)])
-def test_lanes_are_single_runs(schedule: str, ready: Ready) -> None:
-    study, spec = field_study(schedule)
+@pytest.mark.parametrize(
+    ("schedule", "estimate", "ready"),
+    [("closed_form", "field", NOTHING), ("table", "field_network", TABLE)],
+)
+def test_lanes_are_single_runs(schedule: str, estimate: str, ready: Ready) -> None:
+    study, spec = field_study(schedule, estimate)
     drawn = cases()
     alone, lanes = run_alone(study, spec, ready, drawn), run_lanes(study, spec, ready, drawn)
     np.testing.assert_array_equal(lanes.status, alone.status)

@@ -267,7 +267,6 @@ def test_some_lanes_go_on_alone(ready: Ready) -> None:
 def test_what_cannot_run_in_lanes_says_so() -> None:
     study, spec = study_of(SPECIFIED, estimate="field")
     assert "one by one" in alone_because(spec, "pwm")
-    assert "one by one" in alone_because(replace(spec, estimate="field_network"))
     assert not alone_because(spec)
     assert not alone_because(replace(spec, estimate="truth"), "pwm")
     with pytest.raises(ValueError, match="learns its grid"):

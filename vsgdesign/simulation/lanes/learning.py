@@ -22,13 +22,14 @@ from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.many import ManyCovariances, ManySchedulers
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
-from vsgdesign.simulation.field_feed import LEAST_RESISTANCE, box_of, settings_of_study
+from vsgdesign.simulation.field_feed import LEAST_RESISTANCE, box_of, network_of, settings_of_study
 from vsgdesign.simulation.field_observer import conclusion_spec
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.part import Part
 from vsgdesign.simulation.lanes.rests import Rests
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, LaneResults
 from vsgdesign.simulation.lanes.segments import START_PHASE
+from vsgdesign.simulation.lanes.speaking import ManyNetworks
 from vsgdesign.simulation.records import numbers_of
 from vsgdesign.simulation.scenario import mean_cycles
 
@@ -141,15 +142,16 @@ class Listeners:
     """The estimators of a part's lanes, and the lanes that they move: each lane goes from the end of one of its own
     cycles to the end of the next, and all cycles are concluded at once."""
 
-    def __init__(self, study: Study, part: Part, learning: Learning) -> None:
+    def __init__(self, study: Study, spec: ControllerSpec, part: Part, learning: Learning) -> None:
         self._study, self._part, self._learning = study, part, learning
         self._settings = settings_of_study(study)
         groups, _, width = part.rows.shape
-        lanes = best_lanes()
-        spec = conclusion_spec(lanes, width // lanes)
-        self._conclusion, self._rows = compiled_loop(spec), empty_rows(spec, groups)
+        network, lanes = network_of(study, spec), best_lanes()
+        self._networks = None if network is None else ManyNetworks(network, self._settings, groups, width)
+        conclusion = conclusion_spec(lanes, width // lanes)
+        self._conclusion, self._rows = compiled_loop(conclusion), empty_rows(conclusion, groups)
         self._constants = np.array(numbers_of(self._settings))
-        self._log = np.empty((groups, 1, len(spec.logged), width))
+        self._log = np.empty((groups, 1, len(conclusion.logged), width))
         self._lock = part.made.rows("lock")
         lock = numbers_of(first_lock_in(self._settings, study.converter.omega_n))
         part.rows[:, self._lock, :] = np.array(lock)[:, None]
@@ -193,8 +195,10 @@ class Listeners:
         lock[:] = rows[:, self._lock]
         self._conclusion(0, 1, self._rows[:groups], self._constants, log=self._log[:groups], every=1)
         rows[:, self._lock] = lock
-        said = self._log[:groups, 0, : len(FieldAnswer._fields)].swapaxes(0, 1).reshape(len(FieldAnswer._fields), -1)
-        self._answer(FieldAnswer(*said))
+        said = self._log[:groups, 0]
+        if self._networks is not None:
+            said = self._networks.behind(said)
+        self._answer(FieldAnswer(*(said[:, k].reshape(-1) for k in range(len(FieldAnswer._fields)))))
 
     def _samples_to_the_end(self, rows: Array) -> Samples:
         """In how many samples the cycle of each lane ends: the same sums as in the loop, so that none is missed."""
@@ -206,8 +210,8 @@ class Listeners:
         angles[0], angles[1:] = phi, turned
         np.add.accumulate(angles, axis=0, out=angles)
         over = angles + 0.5 * turned >= TURN
-        # A lane without a number never ends: it is judged as diverged.
-        return np.where(over.any(axis=0), over.argmax(axis=0) + 1, 1)
+        # A lane whose angle is no number has diverged: it goes along with the others to its end.
+        return np.where(over.any(axis=0), over.argmax(axis=0) + 1, most)
 
     def _program(self, groups: int, counts: Samples) -> Program:
         """The records of this cycle, at the samples of the loop."""

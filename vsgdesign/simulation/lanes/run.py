@@ -81,7 +81,7 @@ def run_lanes(
         # A last bit may decide what an estimator decides: it runs as alone.
         run = parts(rests, strict=True, samples_of_mean=samples_of_mean(own))
         for part in run:
-            Listeners(own, part, learning.take(part.index)).run()
+            Listeners(own, spec, part, learning.take(part.index)).run()
     else:
         told = telling(own, spec, ready, cases)
         rests, gains = rests_of(own, cases, segments, told, demand, results)

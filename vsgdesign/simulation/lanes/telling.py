@@ -100,12 +100,8 @@ def learns(spec: ControllerSpec) -> bool:
 
 def alone_because(spec: ControllerSpec, bridge: str = "averaged") -> str:
     """The reason why runs of a controller cannot share a loop with others; empty where they can."""
-    if not learns(spec):
-        return ""
-    if estimator_kind(spec.estimate).field_network:
-        return f'estimate = "{spec.estimate}": these cases run one by one, because a network follows every estimate.'
-    if bridge == "pwm":
-        return f'estimate = "{spec.estimate}": these cases run one by one with bridge = "pwm".'
+    if learns(spec) and bridge == "pwm":
+        return f'estimate = "{spec.estimate}": with a switched bridge these cases run one by one.'
     return ""
 
 
