@@ -56,7 +56,7 @@ def test_every_number_is_that_of_a_plain_count(whole: Summary) -> None:
     c = STUDY.converter
     expected: dict[tuple[str, str], int] = {}
     kept: dict[tuple[str, str], list[tuple[float, int]]] = {}
-    judged = dict.fromkeys(stand_in.FAMILIES, 0)
+    judged: dict[str, int] = dict.fromkeys(stand_in.FAMILIES, 0)
     grid_map = np.zeros(MAP, int)
     for k, found in results:
         name = stand_in.FAMILIES[family[k]]
@@ -88,7 +88,7 @@ def test_every_number_is_that_of_a_plain_count(whole: Summary) -> None:
         assert one.drawn == int((family == stand_in.FAMILIES.index(name)).sum())
         for key, promise in one.promises.items():
             assert promise.broken == expected[name, key]
-            assert [case.index for case in promise.worst] == [k for _, k in sorted(kept[name, key])[:WORST]]
+            assert [case.number for case in promise.worst] == [k for _, k in sorted(kept[name, key])[:WORST]]
             assert sum(promise.bins.values()) == judged[name]
     assert (whole.families["jump"].judged_map == grid_map).all()
     assert whole.families["step"].broken == sum(case.family == "step" for case in whole.broken)

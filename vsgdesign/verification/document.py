@@ -49,7 +49,7 @@ def counts_document(job: Job, summary: Summary, confidence: float) -> dict[str, 
         "quantile_error": QUANTILE_ERROR,
         "broken_cases": [
             {
-                "case": case.index,
+                "case": case.number,
                 "family": case.family,
                 "promises": case.promises,
                 "status": case.status,

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,7 @@ class FoundCase:
     coordinates: tuple[float, ...]
     """What the case is made of (:func:`vsgdesign.verification.draws.cases_of`)."""
     case: CaseFigures
-    """Its ``index`` is the number of the evaluation."""
+    """Its ``number`` is that of the evaluation."""
 
 
 @dataclass
@@ -166,14 +167,16 @@ def _search_family(
     begin = qmc.LatinHypercube(dimensions, rng=generator).random(size)
     corners = np.array(list(itertools.product((0.0, 1.0), repeat=len(edges))))
     cornered = np.flatnonzero(np.arange(size) % 3 > 0)
-    begin[np.ix_(cornered, edges)] = np.resize(corners, (len(cornered), len(edges)))
+    for column, edge in enumerate(edges):
+        begin[cornered, edge] = np.resize(corners[:, column], len(cornered))
     # Half of the generation at most: from the same places alone it would not get away.
     begin[: size // 2][: len(starts)] = starts[: size // 2]
+    first: Any = begin  # the type that SciPy states is that of its names alone
     with one_thread():
         differential_evolution(
             lambda x: -watch.severities(np.ascontiguousarray(x.T)),
             [(-_BEYOND, 1.0 + _BEYOND)] * dimensions,
-            init=begin,
+            init=first,
             maxiter=evaluations // size - 1,
             tol=0.0,
             mutation=(0.4, 0.9),
@@ -186,7 +189,7 @@ def _search_family(
 
 
 def _order(found: FoundCase) -> tuple[float, str, int]:
-    return -found.case.severity, found.family, found.case.index
+    return -found.case.severity, found.family, found.case.number
 
 
 def starts_of(coordinates: Sequence[Sequence[float]], dimensions: int) -> Array:

@@ -25,7 +25,7 @@ MAP = (12, 8)
 class CaseFigures(NamedTuple):
     """One case of those that are kept."""
 
-    index: int
+    number: int
     """Its number: with the seed it is everything that the case depends on."""
     severity: float
     """The figure over its limit; infinite where the figure is."""
@@ -38,7 +38,7 @@ class CaseFigures(NamedTuple):
 class BrokenCase(NamedTuple):
     """A case that breaks promises."""
 
-    index: int
+    number: int
     family: str
     promises: tuple[str, ...]
     status: str
@@ -142,7 +142,7 @@ class Summary:
 
 def worst_of(cases: Iterable[CaseFigures], count: int = WORST) -> tuple[CaseFigures, ...]:
     """The worst first; of equal ones the lowest number first."""
-    return tuple(sorted(cases, key=lambda case: (-case.severity, case.index))[:count])
+    return tuple(sorted(cases, key=lambda case: (-case.severity, case.number))[:count])
 
 
 def _sums(one: Mapping[str, int], other: Mapping[str, int]) -> dict[str, int]:
@@ -167,7 +167,7 @@ def summary_document(summary: Summary) -> dict[str, Any]:
                     key: {
                         "broken": one.broken,
                         "worst": [
-                            [case.index, _said(case.severity), case.status, [_said(x) for x in case.figures]]
+                            [case.number, _said(case.severity), case.status, [_said(x) for x in case.figures]]
                             for case in one.worst
                         ],
                         "bins": [[k, count] for k, count in one.bins.items()],
@@ -179,7 +179,7 @@ def summary_document(summary: Summary) -> dict[str, Any]:
             for name, family in summary.families.items()
         },
         "broken": [
-            [case.index, case.family, list(case.promises), case.status, [_said(x) for x in case.figures]]
+            [case.number, case.family, list(case.promises), case.status, [_said(x) for x in case.figures]]
             for case in summary.broken
         ],
     }

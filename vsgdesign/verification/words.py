@@ -70,7 +70,7 @@ def what_of(study: Study, cases: LaneCases, k: int) -> str:
     parts = []
     P_ref, Q_ref = float(cases.P_ref[k]), float(cases.Q_ref[k])
     R_g, L_g = float(cases.R_g[k]), float(cases.L_g[k])
-    for j in np.flatnonzero(np.isfinite(events.t_s[k])):
+    for j in np.flatnonzero(np.isfinite(events.t_s[k])).tolist():
         changes = []
         if np.isfinite(events.P_ref[k, j]):
             changes.append(f"P_ref changes by {(events.P_ref[k, j] - P_ref) / c.S_rated:+.3g} pu")

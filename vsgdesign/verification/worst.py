@@ -42,10 +42,10 @@ def worst_cases(summary: Summary, count: int = WORST) -> list[tuple[str, str, Ca
     for family, counts in summary.families.items():
         for promise, one in counts.promises.items():
             for case in one.worst:
-                kept = found.get(case.index)
+                kept = found.get(case.number)
                 if kept is None or case.severity > kept[2].severity:
-                    found[case.index] = family, promise, case
-    return sorted(found.values(), key=lambda row: (-row[2].severity, row[2].index))[:count]
+                    found[case.number] = family, promise, case
+    return sorted(found.values(), key=lambda row: (-row[2].severity, row[2].number))[:count]
 
 
 def write_worst(
@@ -57,10 +57,10 @@ def write_worst(
     folder.written.mkdir()
     for k, (family, promise, case) in enumerate(worst):
         tell("worst cases", k / len(worst))
-        cases, _ = job.batch.draw(job.study, job.spec, case.index, 1, job.ready)
-        coordinates = uniforms_of(_seed(job), case.index, 1)[0]
-        name = f"{k + 1:02d}-case-{case.index}"
-        row = {"rank": k + 1, "case": case.index} | _row(folder, name, job, cases, family, promise, case, coordinates)
+        cases, _ = job.batch.draw(job.study, job.spec, case.number, 1, job.ready)
+        coordinates = uniforms_of(_seed(job), case.number, 1)[0]
+        name = f"{k + 1:02d}-case-{case.number}"
+        row = {"rank": k + 1, "case": case.number} | _row(folder, name, job, cases, family, promise, case, coordinates)
         rows.append(row)
     tell("worst cases", 1.0)
     return rows
@@ -79,7 +79,7 @@ def write_found(
     a new ``folder``. Returns the numbers of evaluations and the rows. None of it enters a share."""
     starts = {name: starts_of([], UNIFORMS) for name, family in summary.families.items() if family.judged}
     for name in starts:
-        indices = {case.index for one in summary.families[name].promises.values() for case in one.worst[:8]}
+        indices = {case.number for one in summary.families[name].promises.values() for case in one.worst[:8]}
         rows = [uniforms_of(_seed(job), index, 1)[0].tolist() for index in sorted(indices)]
         starts[name] = starts_of(rows, UNIFORMS)
     searched = search(job, evaluations, starts, edges=_EDGES, executor=executor, progress=progress)
