@@ -19,8 +19,6 @@ from vsgdesign.equations.limiters import Limiter, limiter_named
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.lanes.lane_sample import (
-    Ramp,
-    RampRow,
     SecondPiece,
     lane_of_disturbance,
     lane_of_mean_step,
@@ -29,6 +27,7 @@ from vsgdesign.simulation.lanes.lane_sample import (
 )
 from vsgdesign.simulation.lanes.listening import LISTENING, SHARED_BY_LISTENERS, listening_body
 from vsgdesign.simulation.lanes.names import names_of
+from vsgdesign.simulation.lanes.ramp_sample import Ramp, RampRow
 from vsgdesign.simulation.lanes.sample import BridgeVoltage, CarrierPart, EdgeRow, PlantRow, PlantState, SourcePhasor
 from vsgdesign.simulation.lanes.watched_sample import (
     DisturbanceDemand,

@@ -1,0 +1,81 @@
+"""One interval of a lane whose source is on a ramp of its voltage or its frequency."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vsgdesign.frames import rotate
+from vsgdesign.simulation.lanes.sample import PlantRow
+
+
+class Ramp(NamedTuple):
+    """Where a ramp of the source is: its amplitude (V peak), and by how much its frequency has left the one for which
+    the responses are made, rad/s."""
+
+    V_pk: Any
+    drift: Any
+
+
+class RampRow(NamedTuple):
+    """The source over one interval of a ramp: what c·s^m·e^{jωs} adds to each state, m = 0, 1, 2, and both slopes in
+    V/s and rad/s²."""
+
+    re01: Any
+    re02: Any
+    re03: Any
+    im01: Any
+    im02: Any
+    im03: Any
+    re11: Any
+    re12: Any
+    re13: Any
+    im11: Any
+    im12: Any
+    im13: Any
+    re21: Any
+    re22: Any
+    re23: Any
+    im21: Any
+    im22: Any
+    im23: Any
+    V_slope: Any
+    omega_slope: Any
+
+
+def with_ramp(row: PlantRow, ramp: Ramp, of: RampRow, T_s: Any) -> Any:
+    """The interval of a sample on a ramp (:eq:`source-ramp`): to second order in drift and slope. Returns (moved_row,
+    ramp_after, extra): the row, the ramp at the next sample, and by how much more the source turns, rad."""
+    V = ramp.V_pk
+    d = ramp.drift
+    a = of.V_slope
+    r = of.omega_slope
+    one_im = d * V
+    two_re = -0.5 * V * d * d
+    two_im = 0.5 * V * r + d * a
+    extra = d * T_s + 0.5 * r * T_s * T_s
+    turn_cos, turn_sin = rotate(row.turn_cos, row.turn_sin, np.cos(extra), np.sin(extra))
+    moved_row = PlantRow(
+        p11=row.p11,
+        p12=row.p12,
+        p13=row.p13,
+        p21=row.p21,
+        p22=row.p22,
+        p23=row.p23,
+        p31=row.p31,
+        p32=row.p32,
+        p33=row.p33,
+        b1=row.b1,
+        b2=row.b2,
+        b3=row.b3,
+        re1=of.re01 * V + (of.re11 * a - of.im11 * one_im) + (of.re21 * two_re - of.im21 * two_im),
+        re2=of.re02 * V + (of.re12 * a - of.im12 * one_im) + (of.re22 * two_re - of.im22 * two_im),
+        re3=of.re03 * V + (of.re13 * a - of.im13 * one_im) + (of.re23 * two_re - of.im23 * two_im),
+        im1=of.im01 * V + (of.im11 * a + of.re11 * one_im) + (of.im21 * two_re + of.re21 * two_im),
+        im2=of.im02 * V + (of.im12 * a + of.re12 * one_im) + (of.im22 * two_re + of.re22 * two_im),
+        im3=of.im03 * V + (of.im13 * a + of.re13 * one_im) + (of.im23 * two_re + of.re23 * two_im),
+        turn_cos=turn_cos,
+        turn_sin=turn_sin,
+    )
+    return moved_row, Ramp(V_pk=V + a * T_s, drift=d + r * T_s), extra
