@@ -37,6 +37,10 @@ Array = NDArray[np.float64]
 Samples = NDArray[np.int64]
 
 
+_TIE = 1e-6
+"""Share of a sample by which the end of a cycle lies beside it at least, where rounding cannot decide."""
+
+
 class Learning:
     """The gains of N controllers that begin with no knowledge of their grids: what ``FieldScheduler`` does for one."""
 
@@ -201,17 +205,22 @@ class Listeners:
         self._answer(FieldAnswer(*(said[:, k].reshape(-1) for k in range(len(FieldAnswer._fields)))))
 
     def _samples_to_the_end(self, rows: Array) -> Samples:
-        """In how many samples the cycle of each lane ends: the same sums as in the loop, so that none is missed."""
-        place = self._part.made.place
+        """In how many samples the cycle of each lane ends."""
+        place, settings = self._part.made.place, self._settings
         phi, omega = rows[:, place["lock.phi"]].reshape(-1), rows[:, place["lock.omega"]].reshape(-1)
-        turned = omega * self._settings.T_s
-        most = math.ceil(TURN / (0.95 * self._settings.omega_n * self._settings.T_s)) + 2
-        angles = np.empty((most, len(phi)))
-        angles[0], angles[1:] = phi, turned
-        np.add.accumulate(angles, axis=0, out=angles)
-        over = angles + 0.5 * turned >= TURN
+        turned = omega * settings.T_s
+        with np.errstate(invalid="ignore"):
+            steps = (TURN - 0.5 * turned - phi) / turned
+            counts = np.ceil(steps)
+            # So near to a sample, the rounding of the loop's own sums decides.
+            near = np.flatnonzero(~(np.abs(steps - np.round(steps)) > _TIE))
+        most = math.ceil(TURN / (0.95 * settings.omega_n * settings.T_s)) + 2
+        angles = np.empty((most, len(near)))
+        angles[0], angles[1:] = phi[near], turned[near]
+        over = np.add.accumulate(angles, axis=0) + 0.5 * turned[near] >= TURN
         # A lane whose angle is no number has diverged: it goes along with the others to its end.
-        return np.where(over.any(axis=0), over.argmax(axis=0) + 1, most)
+        counts[near] = np.where(over.any(axis=0), over.argmax(axis=0), most - 1)
+        return counts.astype(np.int64) + 1
 
     def _program(self, groups: int, counts: Samples) -> Program:
         """The records of this cycle, at the samples of the loop."""
