@@ -36,7 +36,7 @@ def _shard(_context: click.Context, _parameter: click.Parameter, text: str | Non
     help="Probability with which each bound holds.  [default: the study's]",
 )
 @click.option("--bridge", type=click.Choice(["averaged", "pwm"]), default="averaged", show_default=True)
-@click.option("--strict", is_flag=True, help="Compute the same bits on every machine; takes longer.")
+@click.option("--strict", is_flag=True, help="Round as Python does, on any instruction set; slower.")
 @click.option(
     "--search",
     type=click.IntRange(0),

@@ -51,7 +51,7 @@ class Asked:
     confidence: float | None = None
     bridge: str = "averaged"
     strict: bool = False
-    """Whether every machine computes the same bits."""
+    """Whether the loop rounds as Python does, on any instruction set."""
     search: int | None = None
     """Evaluations of the search for the worst; None: 5 % of the runs."""
 

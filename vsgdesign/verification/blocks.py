@@ -69,7 +69,7 @@ class Job:
     runs: int
     bridge: str = "averaged"
     strict: bool = False
-    """Whether every machine computes the same bits; a third slower."""
+    """Whether the loop rounds as Python does, on any instruction set; a third slower."""
     block: int = BLOCK
     batch: Batch
     structures: tuple[Structure, ...] = field(default_factory=lambda: tuple(STRUCTURES.added))

@@ -42,8 +42,11 @@ def _cost(document: dict[str, Any]) -> str:
     """Runs, machine and seconds in one line."""
     count = document["workers"]
     seconds = ", ".join(f"{name.replace('_', ' ')} {value:.3g} s" for name, value in document["timing_s"].items())
-    said = [f"{counted_of(document['runs'])} runs", f"seed {document['seed']}", document["instruction_set"]]
-    said += ["strict"] if document["strict"] else []
+    said = [
+        f"{counted_of(document['runs'])} runs",
+        f"seed {document['seed']}",
+        document["instruction_set"] or "no runs",
+    ]
     return f"{', '.join(said)}, {count} {'worker' if count == 1 else 'workers'}: {seconds}"
 
 
