@@ -6,6 +6,7 @@ method and offers the same step for one circuit; it computes it with these funct
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,8 @@ Complex = NDArray[np.complex128]
 
 _UNIT = np.eye(5).tolist()
 _MAX_DEGREE = 64
+_LEAST_TERM = 1e-17
+"""A term of an edge polynomial below this share of the largest changes no sum."""
 _TAYLOR_ORDER = 14
 """Truncates e^{0.5} below 1e-16."""
 
@@ -122,8 +125,8 @@ def _squared_series(M: Array, squarings: int) -> Array:
 
 
 def edge_polynomials(A: Array, inputs: Array, h: ArrayLike) -> Array:
-    """Taylor series (N, degree + 1, n, m) of ∫₀^τ Φ(s) B ds about τ = h/2, in x = 2τ/h − 1, to the last bit that
-    matters over 0 ≤ τ ≤ h.
+    """Polynomials (N, degree + 1, n, m) in x = 2τ/h − 1 for ∫₀^τ Φ(s) B ds, to the last bit that matters over
+    0 ≤ τ ≤ h: the Taylor series about τ = h/2, economised.
 
     NaN where it does not converge: the fastest mode of that lane dies out many times within h.
     """
@@ -137,15 +140,48 @@ def edge_polynomials(A: Array, inputs: Array, h: ArrayLike) -> Array:
         coefficients.append(np.where(active[:, None, None], term, 0.0))
         largest = np.maximum(largest, np.abs(term))
         if k > 2:
-            small = active & (np.abs(term) <= 1e-17 * largest).all(axis=(-2, -1))
+            small = active & (np.abs(term) <= _LEAST_TERM * largest).all(axis=(-2, -1))
             if small.any():
                 active, degree = active & ~small, k
             if not active.any():
                 break
         term = A @ term * (half / (k + 1))
-    result = np.stack(coefficients[: degree + 1], axis=1)
+    series = np.stack(coefficients[: degree + 1], axis=1)
+    series[active] = 0.0
+    result = _economised(series)
     result[active] = np.nan
     return result
+
+
+def _economised(series: Array) -> Array:
+    """The series (N, degree + 1, n, m) as a polynomial of the lowest degree that is as good for −1 ≤ x ≤ 1
+    (:eq:`economised`): its Chebyshev series without the terms that no longer change the sum."""
+    to_chebyshev, back = _bases(series.shape[1])
+    found = _changed(to_chebyshev, series)
+    matters = (np.abs(found) > _LEAST_TERM * np.abs(series).max(axis=1, keepdims=True)).any(axis=(2, 3))
+    # A lane keeps the terms up to its own last one, whatever the others keep.
+    kept = np.logical_or.accumulate(matters[:, ::-1], axis=1)[:, ::-1]
+    degree = int(np.max(np.flatnonzero(kept.any(axis=0)), initial=0))
+    return _changed(back, np.where(kept[:, :, None, None], found, 0.0))[:, : degree + 1]
+
+
+def _changed(matrix: Array, coefficients: Array) -> Array:
+    """Coefficients (N, degree + 1, n, m) in another basis, term by term: lanes do not change each other's bits."""
+    found = np.zeros_like(coefficients)
+    for k in range(coefficients.shape[1]):
+        found += matrix[:, k, None, None] * coefficients[:, k : k + 1]
+    return found
+
+
+@functools.cache
+def _bases(count: int) -> tuple[Array, Array]:
+    """The first powers of x in Chebyshev polynomials, and these in powers of x: each (count, count)."""
+    unit = np.eye(count)
+    to_chebyshev, back = np.zeros((count, count)), np.zeros((count, count))
+    for k in range(count):
+        to_chebyshev[: k + 1, k] = np.polynomial.chebyshev.poly2cheb(unit[k, : k + 1])
+        back[: k + 1, k] = np.polynomial.chebyshev.cheb2poly(unit[k, : k + 1])
+    return to_chebyshev, back
 
 
 def source_responses(A: Array, e: Array, transition: Array, h: ArrayLike, omega: ArrayLike) -> Complex:

@@ -221,7 +221,7 @@ def _row(interval: _Interval) -> Array:
 
 
 def _edges(steps: PlantSteps) -> Array:
-    """Values of :class:`vsgdesign.simulation.lanes.sample.EdgeRow`, (n, 48): for each state its coefficients, from the
+    """Values of :class:`vsgdesign.simulation.lanes.sample.EdgeRow`, (n, 45): for each state its coefficients, from the
     constant one on."""
     count, degree = steps.edge.shape[:2]
     if degree > TERMS or not np.isfinite(steps.edge).all():

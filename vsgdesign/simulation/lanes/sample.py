@@ -80,7 +80,7 @@ class CarrierPart(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """A polynomial of degree 15, c0 + c1 x + …"""
+    """A polynomial of degree 14, c0 + c1 x + …"""
 
     c0: Any
     c1: Any
@@ -97,7 +97,6 @@ class Coefficients(NamedTuple):
     c12: Any
     c13: Any
     c14: Any
-    c15: Any
 
 
 class EdgeRow(NamedTuple):
@@ -168,7 +167,7 @@ def edge_of_leg(m: Any, part: CarrierPart, rising: bool) -> Any:
 
 def polynomial(c: Coefficients, x: Any) -> Any:
     """The value of a polynomial (Horner)."""
-    high = ((((((c.c15 * x + c.c14) * x + c.c13) * x + c.c12) * x + c.c11) * x + c.c10) * x + c.c9) * x + c.c8
+    high = (((((c.c14 * x + c.c13) * x + c.c12) * x + c.c11) * x + c.c10) * x + c.c9) * x + c.c8
     low = (((((((high * x + c.c7) * x + c.c6) * x + c.c5) * x + c.c4) * x + c.c3) * x + c.c2) * x + c.c1) * x + c.c0
     return low
 
