@@ -367,7 +367,7 @@ def _concluded(
     from vsgdesign.report import write_verification_report
     from vsgdesign.verification.document import counts_document
     from vsgdesign.verification.emt import TABLE
-    from vsgdesign.verification.worst import CaseFolder, write_found, write_worst
+    from vsgdesign.verification.worst import CaseFolder, search_from_worst, write_found, write_worst
 
     begin = time.perf_counter()
     if evaluations is None:
@@ -375,11 +375,11 @@ def _concluded(
     for table in job.tables.values():
         write_table_file(table, folder / TABLE)
     place = Path(os.path.realpath(out))
+    searching = search_from_worst(job, summary, evaluations, executor)  # other processes search in the meantime
     worst = write_worst(CaseFolder(folder / "worst", place / "worst"), job, summary, progress=progress)
     timing["worst"], begin = time.perf_counter() - begin, time.perf_counter()
-    found = CaseFolder(folder / "search", place / "search")
-    searched = write_found(found, job, summary, evaluations, executor=executor, progress=progress)
-    timing["search"], begin = time.perf_counter() - begin, time.perf_counter()
+    searched = write_found(CaseFolder(folder / "search", place / "search"), job, searching(progress or silent))
+    timing["search"] = time.perf_counter() - begin
     document = {
         **about,
         **counts_document(job, summary, confidence),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from dataclasses import dataclass, field
 from typing import Any
@@ -128,29 +128,47 @@ def search(
     covers the cube evenly; two of three of its cases are at a corner in the coordinates ``edges``, where a linear
     design is at its worst. The same seed finds the same. Raises WorkerError where a worker is lost.
     """
-    tell, verification = progress or silent, job.study.verification
+    return begun_search(job, evaluations, starts, edges=edges, executor=executor)(progress or silent)
+
+
+def begun_search(
+    job: Job,
+    evaluations: int,
+    starts: Mapping[str, Array],
+    *,
+    edges: Sequence[int] = (),
+    executor: Executor | None = None,
+) -> Callable[[Progress], Searched]:
+    """Hands a search to the executor's workers. What is returned waits for it; without an executor it does the work.
+
+    See :func:`search` for the arguments.
+    """
+    verification = job.study.verification
     seed = 0 if verification is None else verification.seed
     each = evaluations // max(len(starts), 1)
-    if each < 2 * LEAST:
-        return Searched(evaluations=0, broken=0, found=())
-    tasks = [(job.sent, job.families.index(name), each, rows, tuple(edges), seed) for name, rows in starts.items()]
-    parts: list[Searched] = []
+    chosen = starts if each >= 2 * LEAST else {}
+    tasks = [(job.sent, job.families.index(name), each, rows, tuple(edges), seed) for name, rows in chosen.items()]
     futures = None if executor is None else [executor.submit(_search_family, *task) for task in tasks]
-    try:
-        for k, task in enumerate(tasks):
-            tell("search for the worst", k / len(tasks))
-            parts.append(_search_family(*task) if futures is None else futures[k].result())
-    except (BrokenExecutor, CancelledError) as error:
-        raise WorkerError(f"workers: {LOST}") from error
-    finally:
-        for future in futures or ():
-            future.cancel()
-    tell("search for the worst", 1.0)
-    return Searched(
-        evaluations=sum(part.evaluations for part in parts),
-        broken=sum(part.broken for part in parts),
-        found=tuple(sorted((one for part in parts for one in part.found), key=_order)),
-    )
+
+    def finish(tell: Progress) -> Searched:
+        parts: list[Searched] = []
+        try:
+            for k, task in enumerate(tasks):
+                tell("search for the worst", k / len(tasks))
+                parts.append(_search_family(*task) if futures is None else futures[k].result())
+        except (BrokenExecutor, CancelledError) as error:
+            raise WorkerError(f"workers: {LOST}") from error
+        finally:
+            for future in futures or ():
+                future.cancel()
+        tell("search for the worst", 1.0)
+        return Searched(
+            evaluations=sum(part.evaluations for part in parts),
+            broken=sum(part.broken for part in parts),
+            found=tuple(sorted((one for part in parts for one in part.found), key=_order)),
+        )
+
+    return finish
 
 
 def _search_family(

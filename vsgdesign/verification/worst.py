@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from vsgdesign.verification.blocks import Job
 from vsgdesign.verification.document import figures_document
 from vsgdesign.verification.draws import COORDINATES, UNIFORMS, uniforms_of
 from vsgdesign.verification.promises import FIGURES
-from vsgdesign.verification.search import FoundCase, search, starts_of
+from vsgdesign.verification.search import FoundCase, Searched, begun_search, starts_of
 from vsgdesign.verification.summary import WORST, CaseFigures, Summary
 from vsgdesign.verification.words import beside_relaxed, end_of, start_of, what_of, why_of
 
@@ -66,23 +66,23 @@ def write_worst(
     return rows
 
 
-def write_found(
-    folder: CaseFolder,
-    job: Job,
-    summary: Summary,
-    evaluations: int,
-    *,
-    executor: Executor | None = None,
-    progress: Progress | None = None,
-) -> dict[str, Any]:
-    """Searches for worse cases, beginning from the worst that were drawn, and writes those that it finds as studies to
-    a new ``folder``. Returns the numbers of evaluations and the rows. None of it enters a share."""
-    starts = {name: starts_of([], UNIFORMS) for name, family in summary.families.items() if family.judged}
-    for name in starts:
-        indices = {case.number for one in summary.families[name].promises.values() for case in one.worst[:8]}
-        rows = [uniforms_of(_seed(job), index, 1)[0].tolist() for index in sorted(indices)]
-        starts[name] = starts_of(rows, UNIFORMS)
-    searched = search(job, evaluations, starts, edges=_EDGES, executor=executor, progress=progress)
+def search_from_worst(
+    job: Job, summary: Summary, evaluations: int, executor: Executor | None = None
+) -> Callable[[Progress], Searched]:
+    """Begins to search for cases that are worse than the worst that were drawn
+    (:func:`vsgdesign.verification.search.begun_search`)."""
+    starts = {}
+    for name, family in summary.families.items():
+        if family.judged:
+            numbers = {case.number for one in family.promises.values() for case in one.worst[:8]}
+            rows = [uniforms_of(_seed(job), number, 1)[0].tolist() for number in sorted(numbers)]
+            starts[name] = starts_of(rows, UNIFORMS)
+    return begun_search(job, evaluations, starts, edges=_EDGES, executor=executor)
+
+
+def write_found(folder: CaseFolder, job: Job, searched: Searched) -> dict[str, Any]:
+    """Writes the cases that a search has found as studies to a new ``folder`` and simulates each again. Returns the
+    numbers of evaluations and the rows. None of it enters a share."""
     found = []
     if searched.found:
         folder.written.mkdir()
