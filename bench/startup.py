@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -28,6 +29,23 @@ for bridge in ("averaged", "pwm"):
 print(total)
 """
 
+DESIGNS = """
+import time
+from vsgdesign.design import kernels
+begin = time.process_time()
+for sample in (kernels._taylor_sample, kernels._doubling_sample, kernels._step_sample, kernels._disk_sample):
+    kernels._loop(sample, 5)
+print(time.process_time() - begin)
+"""
+
+BOXES = """
+import time
+from vsgdesign.certificate.box_check import compile_ahead
+begin = time.process_time()
+compile_ahead()
+print(time.process_time() - begin)
+"""
+
 
 def start() -> list[Row]:
     """CPU time of the smallest uses."""
@@ -48,13 +66,24 @@ def start() -> list[Row]:
 
 
 def compilation() -> list[Row]:
-    """The EMT loops of both bridges, which every process compiles anew."""
+    """The EMT loops of both bridges and the figures of designs, which every process compiles anew; and what Numba keeps
+    on disk."""
     code = COMPILE.format(path=PUBLISHED)
     seconds = [float(run_python(["-c", code]).output) for _ in range(5)]
+    designs = [float(run_python(["-c", DESIGNS]).output) for _ in range(5)]
+    empty, cached = [], []
+    for _ in range(3):
+        with tempfile.TemporaryDirectory() as folder:
+            for found in (empty, cached):
+                found.append(float(run_python(["-c", BOXES], {"NUMBA_CACHE_DIR": folder}).output))
+    limit = "LLVM, which optimises each function again in each that calls it"
     return [
         Row(
             "compilation", "EMT loops of both bridges", figure(seconds), "s", target=0.5, limit="LLVM; Python's reading"
-        )
+        ),
+        Row("compilation", "figures of designs, five states", figure(designs), "s", limit="LLVM; tracing"),
+        Row("compilation", "a certificate's boxes, empty cache", figure(empty), "s", limit=limit),
+        Row("compilation", "a certificate's boxes from the disk cache", figure(cached), "s", limit="Numba's index"),
     ]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -21,6 +22,7 @@ from vsgdesign.certificate.results import GAP_FREE, GRIDDED, Certificate, Counte
 from vsgdesign.certificate.search import worst_points
 from vsgdesign.certificate.step_proof import prove_steps
 from vsgdesign.certificate.step_terms import ActingLimits, LevelShape, acting_limits, rest_current_pu, step_sizes
+from vsgdesign.execution.executors import Each
 from vsgdesign.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
@@ -62,6 +64,7 @@ def certified_steps(
     schedule: MeasuredSchedule | None = None,
     budget: int = _BUDGET,
     progress: Callable[[str, float], None] | None = None,
+    each: Each = map,
     seed: int = 0,
 ) -> StepStatement:
     """The largest step of P_ref, Q_ref, phase, voltage and frequency of the grid, each alone, for which no limit acts
@@ -69,7 +72,8 @@ def certified_steps(
 
     The grid's impedance does not change after the step; the estimate may, within its error. The steps depend on the
     loading and on the strength of the grid: there is one row for each part of the region. ``ready``, ``schedule``: as
-    for :func:`~vsgdesign.certificate.certify`. ``budget``: boxes for one row; 0 leaves all rows at points.
+    for :func:`~vsgdesign.certificate.certify`. ``budget``: boxes for one row; 0 leaves all rows at points. ``each``:
+    what applies a function to the parts, here or in other processes.
     """
     region = replace(certificate.region, rate=np.inf)
     system, motion = prepared(study, spec, region, ready, schedule, None)
@@ -91,10 +95,10 @@ def certified_steps(
         reason = "no common quadratic function was found that decays on every grid of the region"
         return replace(statement, reason=reason)
     rows, parts = [], _parts(region)
-    for done, part in enumerate(parts):
+    for row in each(partial(_row, system, shape, limits, boxes, seed), parts):
         if progress is not None:
-            progress("steps", done / len(parts))
-        rows.append(_row(system, part, shape, limits, boxes, seed))
+            progress("steps", len(rows) / len(parts))
+        rows.append(row)
     if progress is not None:
         progress("steps", 1.0)
     matrix = tuple(tuple(float(value) for value in row) for row in shape.P)
@@ -186,7 +190,7 @@ def _best_shape(
     return best, chosen
 
 
-def _row(system: System, part: Region, shape: LevelShape, limits: ActingLimits, budget: int, seed: int) -> StepRow:
+def _row(system: System, shape: LevelShape, limits: ActingLimits, budget: int, seed: int, part: Region) -> StepRow:
     rng = np.random.default_rng(seed)
     found = system.cells(np.concatenate([nodes(part, 5), random_points(part, _POINTS // 3, rng)]))
     typical = rest_current_pu(system, found)

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.design.box import joined, scenarios_of_truths
-from vsgdesign.design.evaluation import Each, Evaluation, LawOfStudy, evaluate_pairs
+from vsgdesign.design.evaluation import Evaluation, LawOfStudy, evaluate_pairs
 from vsgdesign.design.figures import Figures, shortfalls, worst
+from vsgdesign.execution.executors import Each
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.table import TableSchedule, table_schedule

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.design.box import Scenarios, joined
-from vsgdesign.design.evaluation import Each, Evaluation, LawOfStudy
+from vsgdesign.design.evaluation import Evaluation, LawOfStudy
 from vsgdesign.design.figures import Figures, shortfalls, worst
 from vsgdesign.design.nlp import KINDS, SLOTS, RobustProgram, robust_program
 from vsgdesign.design.search import Ground, candidates, evolved, hardest, log_stiffness
@@ -19,6 +19,7 @@ from vsgdesign.design.variables import variables
 from vsgdesign.equations.closed_form import LEAST_BANDWIDTH
 from vsgdesign.equations.power_loops import MOST_FED_BACK
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
+from vsgdesign.execution.executors import Each
 from vsgdesign.parameters.specification import Specification
 
 Array = NDArray[np.float64]

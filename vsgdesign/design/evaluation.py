@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -20,9 +20,6 @@ from vsgdesign.model.coupled import coupled_model
 from vsgdesign.parameters.study import ClosedFormTarget, Study
 
 Array = NDArray[np.float64]
-
-Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-"""What ``map`` is: results of a function of one argument, in order, here or elsewhere."""
 
 _FREQUENCIES = np.geomspace(0.5, 400.0, 28)
 """Where the disk margin is looked at while searching, over the settling time's inverse."""

@@ -8,11 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vsgdesign.design.evaluation import Each
 from vsgdesign.design.record import CellRecord, CellTask, one_thread, read_record, run_task, write_record
 from vsgdesign.equations.structures import STRUCTURES, Structure
 from vsgdesign.errors import WorkerError
-from vsgdesign.execution.executors import LOST
+from vsgdesign.execution.executors import LOST, Each
 from vsgdesign.execution.progress import Progress, silent
 
 

@@ -30,6 +30,7 @@ from vsgdesign.design.table_nodes import (
     smooth_nodes,
 )
 from vsgdesign.errors import InfeasibleStudyError, StudyError
+from vsgdesign.execution.executors import Each
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.table import table_schedule
@@ -110,7 +111,7 @@ def build_table(
         if not certificate:
             return built
         job.tell("certify", 0.0)
-        table = replace(built.table, certificate=table_certificate(study, controller, built.table))
+        table = replace(built.table, certificate=table_certificate(study, controller, built.table, job.each))
         job.tell("certify", 1.0)
         return replace(built, table=table)
 
@@ -167,11 +168,13 @@ def _causes(job: TableJob, nodes: TableNodes, withdrawn: Withdrawn) -> tuple[Cau
     return tuple(found[k] for k in sorted(found) if withdrawn.table.status.flat[k] == "relaxed")
 
 
-def table_certificate(study: Study, controller: ControllerSpec, table: GainTable) -> CertificateRecord | None:
+def table_certificate(
+    study: Study, controller: ControllerSpec, table: GainTable, each: Each = map
+) -> CertificateRecord | None:
     """What a common Lyapunov function proves over the table's whole box with its interpolated gains, or why not.
 
     Any speed of change; where no common function exists, a slow grid (_CERTIFICATES). Without gaps where the
-    boxes suffice.
+    boxes suffice. ``each``: what applies a function to the parts of the region for which certified steps are proved.
     """
     spec = study.specification
     box = table.validity
@@ -181,7 +184,7 @@ def table_certificate(study: Study, controller: ControllerSpec, table: GainTable
         region = Region(box.scr, box.x_over_r, box.P, box.Q, box.error, rate, box.error_Z)
         try:
             found = certify(study, controller, region, schedule=table_schedule(table), budget=boxes)
-            found = with_steps(study, controller, found, schedule=table_schedule(table), budget=_STEP_BOXES)
+            found = with_steps(study, controller, found, schedule=table_schedule(table), budget=_STEP_BOXES, each=each)
         except (InfeasibleStudyError, StudyError) as fault:  # no such function, or a box that is not asked for
             slowest = fault.slowest if isinstance(fault, NoFunctionError) else None
             refused = refusal_record(str(fault), region, slowest)

@@ -5,13 +5,16 @@ from __future__ import annotations
 import importlib
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from vsgdesign.errors import WorkerError
 from vsgdesign.execution.processes import worker_processes
+
+Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+"""What ``map`` is: results of a function of one argument, in order, here or elsewhere."""
 
 _CONNECT_S = 10.0
 """How long a scheduler may take to answer."""
