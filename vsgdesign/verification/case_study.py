@@ -101,12 +101,14 @@ def _inner_loops(study: Study) -> dict[str, Any]:
 
 
 def _grid(study: Study, drawn: LaneCases, k: int) -> dict[str, Any]:
+    """The grid of the case with the source of the study, for which closed forms are designed: a controller does not
+    know the source of the case, which an event at t = 0 gives."""
     return {
         "scr_basis": study.scr_basis,
         "R_g": float(drawn.R_g[k]),
         "L_g": float(drawn.L_g[k]),
-        "V_g_pu": float(drawn.V_g_rms[k]) / study.converter.V_rated_rms,
-        "f_g": float(drawn.omega_g[k]) / (2.0 * math.pi),
+        "V_g_pu": study.grid_source.V_g_rms / study.converter.V_rated_rms,
+        "f_g": study.grid_source.omega_g / (2.0 * math.pi),
     }
 
 
@@ -143,8 +145,11 @@ def _controller(
 
 
 def _events(study: Study, drawn: LaneCases, k: int) -> list[dict[str, Any]]:
-    V_rated, events = study.converter.V_rated_rms, drawn.events
-    found = []
+    V_rated, events, source = study.converter.V_rated_rms, drawn.events, study.grid_source
+    found: list[dict[str, Any]] = []
+    begun = float(drawn.V_g_rms[k]), float(drawn.omega_g[k])
+    if begun != (source.V_g_rms, source.omega_g):
+        found.append({"time": 0.0, "V_g_pu": begun[0] / V_rated, "f_g": begun[1] / (2.0 * math.pi)})
     for j in range(events.count):
         if not np.isfinite(events.t_s[k, j]):
             continue
