@@ -8,17 +8,14 @@ together, bit by bit and with every guard.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.following import part_of_the_way, share_that_fits
-from vsgdesign.equations.grid import SCR_BASES, error_half_widths
-from vsgdesign.equations.power_flow import scheduled_jacobian
+from vsgdesign.equations.grid import error_half_widths
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.runtime.guards import (
     ARRIVED,
     CLAMPED,
@@ -47,8 +44,8 @@ from vsgdesign.runtime.guards import (
     near,
     within,
 )
-from vsgdesign.runtime.interpolation import blend, corner_weights, locate
 from vsgdesign.runtime.lookup import GainLookup
+from vsgdesign.runtime.many_lookups import ManyLookups, ManyPlaces, everywhere, taken, with_lanes
 from vsgdesign.runtime.state import SchedulerState
 from vsgdesign.runtime.updating import (
     COUNTER_HALF,
@@ -61,8 +58,6 @@ from vsgdesign.runtime.updating import (
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 Lanes = NDArray[np.int64] | None
-
-_ZERO_CORNER = (0.0,) * len(NormalisedGains._fields)
 
 
 class ManyCovariances(NamedTuple):
@@ -86,84 +81,6 @@ class ManyAnswers(NamedTuple):
     r_over_x: Array
 
 
-class _Places(NamedTuple):
-    """Places with what follows from them alone: it is computed again where a place has moved."""
-
-    scr: Array
-    r_over_x: Array
-    R: Array
-    """Resistance (Ω) and reactance (Ω) from the control point to the grid's source."""
-    X: Array
-    normalised: Array
-    """(6, N): the fields of NormalisedGains."""
-    designed: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class ManyLookups:
-    """A lookup for arrays of places (:class:`vsgdesign.runtime.lookup.GainLookup`)."""
-
-    lookup: GainLookup
-    _scr: Array = field(init=False)
-    _r_over_x: Array = field(init=False)
-    _columns: tuple[Array, ...] = field(init=False)
-    """Six flat arrays over the nodes; 0 where a node has no design."""
-    _designed: NDArray[np.bool_] = field(init=False)
-
-    def __post_init__(self) -> None:
-        nodes = [node for row in self.lookup.nodes for node in row]
-        values = np.array([node or _ZERO_CORNER for node in nodes])
-        object.__setattr__(self, "_scr", np.array(self.lookup.scr))
-        object.__setattr__(self, "_r_over_x", np.array(self.lookup.r_over_x))
-        object.__setattr__(self, "_columns", tuple(np.ascontiguousarray(column) for column in values.T))
-        object.__setattr__(self, "_designed", np.array([node is not None for node in nodes]))
-
-    def coordinates(self, R_g: Any, L_g: Any) -> tuple[Array, Array]:
-        """SCR and R/X of grids (:eq:`scr`)."""
-        lookup = self.lookup
-        scr = SCR_BASES[lookup.scr_basis].scr(R_g, L_g, lookup.Z_base, lookup.omega)
-        return scr, R_g / (lookup.omega * L_g)
-
-    def grid(self, scr: Any, r_over_x: Any) -> tuple[Array, Array]:
-        """R_g (Ω) and L_g (H) of places (:eq:`scr`)."""
-        return SCR_BASES[self.lookup.scr_basis].grid(scr, 1.0 / r_over_x, self.lookup.Z_base, self.lookup.omega)
-
-    def places(self, scr: Array, r_over_x: Array) -> _Places:
-        """Everything that follows from places alone (:eq:`bilinear`)."""
-        lookup, columns = self.lookup, len(self._r_over_x)
-        row, column = locate(self._scr, scr), locate(self._r_over_x, r_over_x)
-        weights = corner_weights(row.fraction, column.fraction)
-        low, high = row.low * columns, row.high * columns
-        corners = low + column.low, low + column.high, high + column.low, high + column.high
-        designed = np.ones(len(scr), dtype=bool)
-        if not self._designed.all():
-            for at, weight in zip(corners, weights, strict=True):
-                designed &= self._designed[at] | (weight == 0.0)
-        normalised = np.stack([blend(weights, *(values.take(at) for at in corners)) for values in self._columns])
-        R_g, L_g = self.grid(scr, r_over_x)
-        return _Places(scr, r_over_x, R_g + lookup.R_2, lookup.omega * (L_g + lookup.L_2), normalised, designed)
-
-    def moved(self, before: _Places, scr: Array, r_over_x: Array) -> _Places:
-        """The places that follow on others: those that have moved are computed, the others are kept."""
-        at = np.flatnonzero((scr != before.scr) | (r_over_x != before.r_over_x))
-        if len(at) == 0:
-            return before
-        if 2 * len(at) > len(scr):
-            return self.places(scr, r_over_x)
-        return _with_lanes(before, self.places(scr[at], r_over_x[at]), at)
-
-    def gains(self, places: _Places, P: Array, Q: Array, V_rms: Array) -> PowerLoopGains:
-        """Gains at measured powers and voltage, (N,) each (:eq:`structure-gains`). Where nothing is designed they mean
-        nothing."""
-        lookup = self.lookup
-        A, B, C, D = scheduled_jacobian(P, Q, V_rms, places.R, places.X)
-        normalised = NormalisedGains(*places.normalised)
-        found = STRUCTURES[lookup.structure].gains(
-            A, B, C, D, normalised, lookup.D_p, lookup.D_q, lookup.S_rated, lookup.omega, lookup.law == "inertia"
-        )
-        return PowerLoopGains(*(_filled(value, len(P)) for value in found))
-
-
 class ManySchedulers:
     """``count`` schedulers with one lookup and one set of settings, as arrays of ``count`` lanes.
 
@@ -176,7 +93,7 @@ class ManySchedulers:
         self.answers: ManyAnswers | None = None
         """The last answers; None before the first update."""
         first = first_state(lookup, settings)
-        self._state: Any = _everywhere(first, count)
+        self._state: Any = everywhere(first, count)
         self._places = self._many.places(self._state.scr, self._state.r_over_x)
 
     def __len__(self) -> int:
@@ -210,7 +127,7 @@ class ManySchedulers:
             inside = usable & (c.scr[0] <= scr) & (scr <= c.scr[1])
             inside &= (c.r_over_x[0] <= r_over_x) & (r_over_x <= c.r_over_x[1])
             inside &= many.places(scr, r_over_x).designed
-        blank: Any = _everywhere(first, self._count)
+        blank: Any = everywhere(first, self._count)
         scr, r_over_x = np.where(inside, scr, first.scr), np.where(inside, r_over_x, first.r_over_x)
         places = many.places(scr, r_over_x)
         self._places = places
@@ -227,7 +144,7 @@ class ManySchedulers:
     def take(self, chosen: NDArray[Any]) -> ManySchedulers:
         """Schedulers of their own with the state of some of these, by index or by mask."""
         some = copy(self)
-        some._state, some._places, some.answers = _taken(self._state, chosen), _taken(self._places, chosen), None
+        some._state, some._places, some.answers = taken(self._state, chosen), taken(self._places, chosen), None
         some._count = len(some._state.scr)
         return some
 
@@ -241,7 +158,7 @@ class ManySchedulers:
         )
         if not bits.any():
             return
-        state = self._state if lanes is None else _taken(self._state, lanes)
+        state = self._state if lanes is None else taken(self._state, lanes)
         self._put(lanes, _told(state, bits), None)
 
     def update(  # noqa: PLR0913 - those of a scheduler
@@ -270,8 +187,8 @@ class ManySchedulers:
         self.tell(limited=limited, surprised=surprised, changed=changed, lanes=lanes)
         if said is None:
             said = np.where(np.isnan(R_g) | np.isnan(L_g), NO_ESTIMATE, NO_REASON)
-        state = self._state if lanes is None else _taken(self._state, lanes)
-        places = self._places if lanes is None else _taken(self._places, lanes)
+        state = self._state if lanes is None else taken(self._state, lanes)
+        places = self._places if lanes is None else taken(self._places, lanes)
         inputs = _Inputs(said, R_g, L_g, P, Q, V_rms, np.asarray(ticks), covariance)
         with np.errstate(all="ignore"):
             state, places, answers = _advance(self._many, self._settings, state, places, inputs)
@@ -279,13 +196,13 @@ class ManySchedulers:
         self.answers = answers
         return answers.gains
 
-    def _put(self, lanes: Lanes, state: SchedulerState, places: _Places | None) -> None:
+    def _put(self, lanes: Lanes, state: SchedulerState, places: ManyPlaces | None) -> None:
         if lanes is None:
             self._state, self._places = state, self._places if places is None else places
             return
-        self._state = _with_lanes(self._state, state, lanes)
+        self._state = with_lanes(self._state, state, lanes)
         if places is not None:
-            self._places = _with_lanes(self._places, places, lanes)
+            self._places = with_lanes(self._places, places, lanes)
 
 
 class _Inputs(NamedTuple):
@@ -314,8 +231,8 @@ class _Followed(NamedTuple):
 
 
 def _advance(
-    many: ManyLookups, c: SchedulerSettings, s: Any, before: _Places, given: _Inputs
-) -> tuple[SchedulerState, _Places, ManyAnswers]:
+    many: ManyLookups, c: SchedulerSettings, s: Any, before: ManyPlaces, given: _Inputs
+) -> tuple[SchedulerState, ManyPlaces, ManyAnswers]:
     """One update, in the order of :func:`vsgdesign.runtime.updating.advance`."""
     elapsed = np.where(s.started > 0, (given.ticks - s.ticks) & COUNTER_MASK, 0)
     step = np.minimum(elapsed, c.longest_ticks)
@@ -493,36 +410,5 @@ def _told(s: Any, bits: Whole) -> SchedulerState:
     return s._replace(told=s.told | bits)
 
 
-def _everywhere(state: Any, count: int) -> Any:
-    """A state, or gains, with the same value in every lane."""
-    return type(state)(
-        *(_everywhere(value, count) if isinstance(value, tuple) else np.full(count, value) for value in state)
-    )
-
-
-def _taken(state: Any, lanes: NDArray[Any]) -> Any:
-    """The same of some lanes."""
-    return type(state)(
-        *(_taken(values, lanes) if isinstance(values, tuple) else values[..., lanes] for values in state)
-    )
-
-
-def _with_lanes(state: Any, new: Any, lanes: Whole) -> Any:
-    """The same with some lanes replaced."""
-    after = []
-    for values, of_lanes in zip(state, new, strict=True):
-        if isinstance(values, tuple):
-            after.append(_with_lanes(values, of_lanes, lanes))
-            continue
-        values = values.copy()
-        values[..., lanes] = of_lanes
-        after.append(values)
-    return type(state)(*after)
-
-
 def _flags(values: Any, count: int) -> Whole:
     return np.broadcast_to(np.asarray(values, dtype=bool), (count,)).astype(np.int64)
-
-
-def _filled(value: Any, count: int) -> Array:
-    return value if isinstance(value, np.ndarray) and value.shape == (count,) else np.full(count, value, dtype=float)
