@@ -24,7 +24,7 @@ from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
 
 STUDIES = Path(__file__).resolve().parents[1] / "studies"
 MOTULATOR = "motulator 0.18 native C, LCL + grid, 125 us, one run"
-ROOTS = "two roots and two divisions a lane, of which one core makes 8 in about 24 cycles"
+ROOTS = "arithmetic: 374 to 594 operations a lane and sample (bench/README.md)"
 SAMPLES = 20_000
 CASES = 256
 
