@@ -69,3 +69,15 @@ def test_a_standing_loop_does_what_a_call_does() -> None:
         standing(0, 1)
     with pytest.raises(ValueError, match=r"begin"):
         standing(3, 2, fed[:, :1].copy())
+
+
+def test_a_limit_without_end_is_a_number() -> None:
+    """A sensor that never saturates has an infinite limit; only what is no number is refused."""
+    line = Writer()
+    line.output("next", line.does("min", line.input("x"), line.input("limit")))
+    loop = compiled_loop(LoopSpec((line.block(),), (("x", "next"),), uniform=("limit",), strict=True))
+    rows = np.ones((1, 1, 1))
+    assert loop(0, 3, rows, np.array([np.inf])) == 3
+    assert rows[0, 0, 0] == 1.0
+    with pytest.raises(ValueError, match="uniform has NaN"):
+        loop(0, 3, rows, np.array([np.nan]))
