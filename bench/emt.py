@@ -146,7 +146,7 @@ def field() -> list[Row]:
             f"{what}: a cycle of it, all included",
             figure(longer),
             "us",
-            limit="gains in Python; 28 ns a sample",
+            limit="gains in Python; 65 ns a sample",
         ),
     ]
 

@@ -1,8 +1,8 @@
 """The compiled loop of a run with its numbers: from the state before a sample to the state after it, many times.
 
 The body of the loop is one straight line (:mod:`vsgdesign.simulation.bodies`). It is compiled without contraction and
-without approximation, so every processor computes the same bits, and so does plain Python: an interval that an event
-cuts into pieces is run by Python, operation by operation.
+without approximation, so that it gives the same bits on every processor, and so does plain Python: an interval that an
+event cuts into pieces is run by Python, operation by operation.
 """
 
 from __future__ import annotations
