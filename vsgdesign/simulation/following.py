@@ -82,14 +82,13 @@ class ScheduledAnswers:
         """The grid for which the present gains are made. For a table it is the place of its scheduler."""
         return self._grid if self._runtime is None else Grid(*self._runtime.grid)
 
-    def first(self, told: Grid | None = None, *, known: bool = True, nearest: bool = False) -> PowerLoopGains:
+    def first(self, told: Grid | None = None, *, known: bool = True) -> PowerLoopGains:
         """Gains at the start: of the known grid, in the steady state that they are part of; without load for a cold
-        start. A table's safe place where the grid is not in its box.
+        start. A table's safe place where the true grid is not in its box.
 
-        ``told`` is the grid that the controller takes the true one for; None: it knows the true one. With ``known``
-        false a table starts at its safe place, whatever the grid is; with ``nearest`` at the nearest place of its box.
-        Raises InfeasibleStudyError where there is no
-        steady state, or a closed form has no gains.
+        ``told`` is the grid that the controller takes the true one for; None: it knows the true one. A grid that was
+        told leads a table to the nearest place of its box. With ``known`` false a table starts at its safe place,
+        whatever the grid is. Raises InfeasibleStudyError where there is no steady state, or a closed form has no gains.
         """
         study, spec = self._study, self._spec
         timeline = build_timeline(study)
@@ -100,7 +99,7 @@ class ScheduledAnswers:
             self._runtime = Scheduler(self._runtime.lookup, self._runtime.settings)
         elif self._runtime is not None:
             try:
-                nearest = nearest or (told is None and _on_the_edge(self._runtime, grid))
+                nearest = told is not None or _on_the_edge(self._runtime, grid)
                 self._runtime.start(grid.R_g, grid.L_g, nearest=nearest)
             except ArtifactError:  # not in the table's box: from the safe place, as in the field
                 known = False

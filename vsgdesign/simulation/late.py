@@ -77,8 +77,7 @@ class LateSchedule:
 
     The first grid of ``told`` is that for which the run starts. Without an answer a table's scheduler holds its place
     and its age grows, as in the field. A closed form goes on with the grid that it was told last, and after ``stale_s``
-    with the grid ``safe``, if there is one. Where the first grid is outside a table's box, the table has ``settled`` at
-    the nearest place of it, or begins at its safe place. The object has a state, so it serves one run at a time.
+    with the grid ``safe``, if there is one. The object has a state, so it serves one run at a time.
     """
 
     def __init__(
@@ -90,14 +89,13 @@ class LateSchedule:
         *,
         safe: Grid | None = None,
         stale_s: float = STALE_S,
-        settled: bool = True,
     ) -> None:
         if not told or told[0][0] > 0.0 or told[0][1] is None:
             raise ValueError("told: the first entry must be a grid, at or before t = 0.")
         self._answers = ScheduledAnswers(study, spec, ready)
         self._starts, self._grids = [t_s for t_s, _ in told], [grid for _, grid in told]
         self._first: Grid = told[0][1]
-        self._safe, self._stale_s, self._settled = safe, stale_s, settled
+        self._safe, self._stale_s = safe, stale_s
         self._holds = spec.schedule == "table"
         self._follows = follows_measured(spec)
         self._period = ready.update_period(spec) or UPDATE_PERIOD
@@ -121,7 +119,7 @@ class LateSchedule:
     def first_gains(self) -> PowerLoopGains:
         """Gains of the first grid that is told, in the steady state on the true one."""
         self._last = self._first
-        return self._answers.first(self._first, nearest=self._settled)
+        return self._answers.first(self._first)
 
     def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
         """Gains for what is told; an answer that coincides with the update is seen by the next one."""

@@ -301,7 +301,7 @@ def _feed(
     if subject.learns:
         return FieldScheduler(study, subject.spec, subject.ready)
     if subject.spec.kind == "scheduled":
-        return LateSchedule(study, subject.spec, told, subject.ready, safe=subject.safe, settled=False)
+        return LateSchedule(study, subject.spec, told, subject.ready, safe=subject.safe)
     return gain_changes(study, subject.spec, timeline)
 
 
