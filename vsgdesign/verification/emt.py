@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
+
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.execution.machine_code import instruction_set
 from vsgdesign.identification.registry import samples_itself
-from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
+from vsgdesign.metrics.events import MEASURED, NOT_SETTLED, TOO_SHORT
+from vsgdesign.metrics.step_response import step_response
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes.cases import LaneCases
@@ -68,9 +71,15 @@ def _figures(controller: ControllerResult) -> dict[str, float]:
         }
         return {name: value for name, value in found.items() if value is not None}
     step = next((event for event in controller.events if event.kind == "step"), None)
-    if step is None or step.status not in (MEASURED, NOT_SETTLED):
+    if step is None or step.status not in (MEASURED, NOT_SETTLED, TOO_SHORT):
         return {}
-    figures = step.cycle_mean if samples_itself(controller.spec.estimate) else step.raw  # a probe ripples the powers
+    probed = samples_itself(controller.spec.estimate)  # a probe ripples the powers
+    figures = step.cycle_mean if probed else step.raw
+    if step.status == TOO_SHORT and not probed and figures.final is not None:
+        # Too short for the slowest mode to die away: a run has no figures then, but the batch has those of this time.
+        t, y = controller.series["t_s"], controller.series[step.signal]
+        begin = int(np.searchsorted(t, step.t_s - 0.5 * (t[1] - t[0])))
+        figures = step_response(t[begin:] - step.t_s, y[begin:], figures.initial, figures.final)
     if figures.overshoot_pct is None:
         return {}
     settled = math.inf if figures.settling_time_s is None else figures.settling_time_s
