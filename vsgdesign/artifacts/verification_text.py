@@ -35,8 +35,8 @@ FIGURES = {
 }
 """Figures of a case by their names in the document."""
 
-_NOTHING = 1e-6
-"""Values up to this are shown as zero: below it, no quantile is resolved."""
+_NOTHING = 1e-5
+"""Values up to this are shown as zero: 0.001 % or 10 µs are nothing beside any limit."""
 
 PROMISES = {
     "overshoot": "Overshoot",

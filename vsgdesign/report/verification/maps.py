@@ -110,7 +110,8 @@ def map_figures(document: Mapping[str, Any]) -> Iterator[NamedFigure]:
             key: _joined(_with_infinity(rows, one["judged"]), axes, _largest) for key, rows in one["worst_of"].items()
         }
         bins = _Bins(
-            *(_widened(edges) for edges in axes),
+            _widened(axes[0]),
+            _widened(axes[1]),
             f"SCR, {basis} basis [1]" if basis else "SCR [1]",
             judged,
             broken,
