@@ -150,6 +150,17 @@ def test_a_long_journal_is_written_anew(blocks: list[Summary], monkeypatch: pyte
     assert text(Journal(journal.path).summary) == text(journal.summary)
 
 
+def test_a_job_is_found_again_by_another_process() -> None:
+    """The order of a set, and an address, are others in each process."""
+    given = STUDY.with_changes(verification={"scr": [2, 10], "x_over_r": [0.8, 1.2], "runs": 10, "seed": 3})
+    description = stand_in.job(given, RUNS).description
+    assert given.verification is not None
+    assert given.verification.given
+    assert "set({" not in description
+    assert " at 0x" not in description
+    assert stand_in.job(given, RUNS).key != stand_in.job(STUDY, RUNS).key
+
+
 def test_one_process_at_a_time(tmp_path: Path) -> None:
     out = tmp_path / "out"
     with journal_of(out, JOB.key), pytest.raises(ArtifactError, match="another process"), journal_of(out, JOB.key):

@@ -12,6 +12,7 @@ from typing import Any
 
 from vsgdesign.errors import WorkerError
 from vsgdesign.execution.processes import worker_processes
+from vsgdesign.execution.reproducible import environment, reproducible_environment
 
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 """What ``map`` is: results of a function of one argument, in order, here or elsewhere."""
@@ -27,22 +28,27 @@ LOST = (
 
 
 @contextmanager
-def executor_of(workers: int | None = None, cluster: str | None = None) -> Iterator[Executor | None]:
+def executor_of(
+    workers: int | None = None, cluster: str | None = None, *, reproducible: bool = False
+) -> Iterator[Executor | None]:
     """Local processes (None: one per core; 1: no other process), or a Dask cluster.
 
     ``cluster``: ``local`` starts one here, anything else is the address of a scheduler. It needs the extra
-    ``cluster``. Raises WorkerError where that is not installed or cannot be reached.
+    ``cluster``. ``reproducible``: the processes that start here compute the same bits on every x86 processor
+    (:mod:`vsgdesign.execution.reproducible`), and even a single one is another process. Raises WorkerError where the
+    package for a cluster is missing, or the scheduler cannot be reached.
     """
-    if cluster is not None:
-        with _dask(cluster, workers) as executor:
-            yield executor
-        return
-    count = worker_count(workers)
-    if count == 1:
-        yield None
-        return
-    with worker_processes(count) as pool:
-        yield pool
+    with environment(reproducible_environment() if reproducible else {}):
+        if cluster is not None:
+            with _dask(cluster, workers) as executor:
+                yield executor
+            return
+        count = worker_count(workers)
+        if count == 1 and not reproducible:
+            yield None
+            return
+        with worker_processes(count) as pool:
+            yield pool
 
 
 def worker_count(workers: int | None) -> int:

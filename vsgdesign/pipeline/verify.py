@@ -87,7 +87,7 @@ def verify_study(
         ready_s = time.perf_counter() - begin
         numbers = (shard or Shard()).blocks(job)
         journal = held.enter_context(journal_of(out, _key(job, shard), fresh))
-        with executor_of(workers if len(numbers) > 1 else 1, cluster) as executor:
+        with executor_of(workers if len(numbers) > 1 else 1, cluster, reproducible=job.strict) as executor:
             summary = _counted(job, numbers, journal, executor, blocks_ahead(workers, cluster), progress)
             timing = {"prepare": ready_s, "runs": time.perf_counter() - begin - ready_s}
             write_counts(folder / "counts.json", job, summary)
@@ -135,7 +135,7 @@ def merge_shards(
         write_counts(folder / "counts.json", job, summary)
         about = _about(job, confidence, summary, worker_count(workers)) | {"shards": len(files)}
         timing = {"prepare": time.perf_counter() - begin, "runs": 0.0}
-        with executor_of(workers) as executor:
+        with executor_of(workers, reproducible=job.strict) as executor:
             return _concluded(folder, out, job, summary, about, confidence, asked.search, executor, timing, progress)
 
 
@@ -313,7 +313,7 @@ def _counted(
     tell, kept = progress or silent, set(journal.summary.blocks)
     missing = [number for number in numbers if number not in kept]
     tell(RUNS, 1.0 - len(missing) / max(len(numbers), 1))
-    for summary in run_blocks(job, missing, executor if len(missing) > 1 else None, ahead):
+    for summary in run_blocks(job, missing, executor if len(missing) > 1 or job.strict else None, ahead):
         journal.add(summary)
         tell(RUNS, len(journal.summary.blocks) / len(numbers))
     return journal.summary

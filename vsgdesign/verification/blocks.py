@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from dataclasses import dataclass, field, replace
@@ -23,6 +24,9 @@ from vsgdesign.verification.summary import Summary
 
 BLOCK = 2048
 """Runs of a block: some tenths of a second of work, and a whole number of lanes on any machine."""
+
+
+_NUMBER = re.compile(r"\d+\.\d*(?:e[+-]?\d+)?|\d+e[+-]?\d+\b")
 
 
 class SingleRun(NamedTuple):
@@ -111,11 +115,19 @@ class Job:
         The instruction set is not part of it: it may differ from one shard to the next, and a job that is not strict
         may then differ in the last digits of a figure. The summary says which there were.
         """
+        return hashlib.sha256(self.description.encode()).hexdigest()
+
+    @property
+    def description(self) -> str:
+        """Everything that a summary depends on, as a text that is the same in every process."""
         study = replace(self.study, files=(), name="", title="", source="", hash="", origin=None)
+        if study.verification is not None:  # a set, whose order is another in each process, and which was made use of
+            study = replace(study, verification=replace(study.verification, given=frozenset()))
         tables = {name: table.sha256 for name, table in sorted(self.tables.items())}
         parts = (package_hash(), study, self.spec, tables, self.promises, self.runs, self.bridge, self.block)
         parts += (self.strict,)
-        return hashlib.sha256(repr(parts).encode()).hexdigest()
+        # Twelve digits of every number: what is computed from a study may differ in the last one between machines.
+        return _NUMBER.sub(lambda found: f"{float(found[0]):.12g}", repr(parts))
 
 
 def run_block(job: Job, number: int) -> Summary:

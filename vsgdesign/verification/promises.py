@@ -63,7 +63,8 @@ def verified_promises(
     asked, found = promises_of(study, spec, ready), []
     overshoots = [pct for pct in (asked.overshoot_pct, asked.overshoot_Q_pct) if pct is not None]
     if steps and overshoots:
-        limit = max(max(overshoots) / 100.0, SETTLING_BAND)
+        # Twelve digits: the exponential in it may differ in the last one from one machine to the next.
+        limit = float(f"{max(max(overshoots) / 100.0, SETTLING_BAND):.12g}")
         found.append(Promise(name="overshoot", figure="overshoot", limit=limit, families=steps))
     if steps and asked.settling_time is not None:
         found.append(Promise(name="settling", figure="settling_s", limit=asked.settling_time, families=steps))
