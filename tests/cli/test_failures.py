@@ -52,7 +52,7 @@ def test_not_a_study(content: bytes, problem: str, tmp_path: Path) -> None:
         ("duration", "nan", "simulation.duration = nan: must be a finite number"),
         ("duration", "inf", "must be a finite number"),
         ("duration", "true", "expected a number in s"),
-        ("P_ref", '"2 MW"', 'P_ref = "2 MW": outside -50 kW to 50 kW (read as 2 MW). Check the unit'),
+        ("P_ref", '"2 MW"', 'P_ref = "2 MW": outside -10 kW to 10 kW (read as 2 MW). Check the unit'),
         ("P_ref", '"2 kvar"', 'P_ref = "2 kvar": expected a number in W'),
         ("time", '"7 s"', "Events must lie within simulation.duration."),
         ("kind", '"adaptive"', 'kind = "adaptive": must be one of "fixed", "scheduled"'),

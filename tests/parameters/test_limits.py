@@ -70,11 +70,12 @@ LIMITS: list[tuple[str, dict[str, Any], str, float, float]] = [
     *(("power loops", PLAIN, f"power_loops.{field}", low, high)
       for field, low, high in [*TARGET, *POWERS, ("tau_P", 0.0, 1.0), ("tau_Q", 0.0, 1.0)]),
     *(("simulation", PLAIN, f"simulation.{field}", low, high) for field, low, high in [
-        ("duration", 1e-3, 36000.0), ("csv_interval", 0.0, 10.0), ("P_ref", -5e4, 5e4), ("Q_ref", -5e4, 5e4),
+        ("duration", 1e-3, 36000.0), ("csv_interval", 0.0, 10.0), ("P_ref", -1e4, 1e4), ("Q_ref", -1e4, 1e4),
+        ("reference_limit_pu", 0.1, 100.0),
     ]),
     *(("event", EVENT, f"events.0.{field}", low, high) for field, low, high in [
         ("time", 0.0, 60.0), ("V_g_pu", 0.0, 2.0), ("f_g", 40.0, 60.0), ("over", 0.0, 60.0),
-        ("phase_jump", -math.pi, math.pi), ("P_ref", -5e4, 5e4), ("Q_ref", -5e4, 5e4),
+        ("phase_jump", -math.pi, math.pi), ("P_ref", -1e4, 1e4), ("Q_ref", -1e4, 1e4),
     ]),
     ("event grid", EVENT_GRID, "events.0.grid.scr", 0.05, 1e4),
     ("event grid", EVENT_GRID, "events.0.grid.x_over_r", 1e-3, 1e4),

@@ -15,8 +15,8 @@ _X_OVER_R = (1e-3, 1e4)
 _SAME_INSTANT = 1e-9
 """Events that are less than this apart, s, are at the same instant."""
 _HIGHEST_ORDER = 100.0
-_MOST_REFERENCE = 10.0
-"""Largest reference over S_rated: a droop adds to it where the source's voltage or frequency is not nominal."""
+_MOST_REFERENCE = 2.0
+"""Largest reference over S_rated where a study says nothing: more is rather a wrong unit."""
 _MOST_ROWS = 5e6
 """Largest log: about 2 GB for a controller."""
 
@@ -69,7 +69,9 @@ def read_components(tables: list[TableReader]) -> tuple[SourceComponent, ...]:
 def read_simulation(table: TableReader, converter: Converter) -> SimulationSpec:
     """The [simulation] section."""
     T_s = converter.T_s
-    limit = _MOST_REFERENCE * converter.S_rated
+    # A droop adds to a reference where the source's voltage or frequency is not nominal.
+    most_pu = table.quantity("reference_limit_pu", "1", 0.1, 100.0, default=_MOST_REFERENCE)
+    limit = most_pu * converter.S_rated
     default = math.nan if math.isnan(T_s) else max(round(200e-6 / T_s), 1) * T_s
     log_interval = table.quantity("log_interval", "s", 0.0, 1.0, default=default)
     spec = SimulationSpec(
@@ -80,6 +82,7 @@ def read_simulation(table: TableReader, converter: Converter) -> SimulationSpec:
         csv_interval=table.quantity("csv_interval", "s", 0.0, 10.0, default=0.002),
         P_ref=table.quantity("P_ref", "W", -limit, limit),
         Q_ref=table.quantity("Q_ref", "var", -limit, limit),
+        reference_limit_pu=most_pu,
         survival=table.flag("survival", default=False),
     )
     _check_multiple(table, "log_interval", log_interval, T_s)
@@ -112,7 +115,7 @@ def read_events(
     events: list[Event] = []
     said: list[tuple[float, TableReader, dict[str, float]]] = []
     present = grid  # an event that changes SCR alone keeps the X/R of the event before it
-    limit = _MOST_REFERENCE * converter.S_rated
+    limit = spec.reference_limit_pu * converter.S_rated
     f_n = converter.omega_n / (2.0 * math.pi)
     for table in sorted(tables, key=_time_or_last):
         t_s = table.quantity("time", "s", 0.0, spec.duration, hint="Events must lie within simulation.duration.")

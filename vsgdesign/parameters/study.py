@@ -258,6 +258,8 @@ class SimulationSpec:
     csv_interval: float
     P_ref: float
     Q_ref: float
+    reference_limit_pu: float = 2.0
+    """Largest reference that is taken for meant, over the rating."""
     survival: bool = False
     """Whether the events are also judged as one disturbance that a converter survives or not."""
 

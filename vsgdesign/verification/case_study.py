@@ -119,6 +119,7 @@ def _simulation(study: Study, drawn: LaneCases, k: int, settling_time: float, br
         "duration": end * T_s,
         "bridge": bridge,
         "log_interval": T_s,
+        "reference_limit_pu": 100.0,  # the droops take away what a reference is beyond the drawn power
         "P_ref": float(drawn.P_ref[k]),
         "Q_ref": float(drawn.Q_ref[k]),
     }
