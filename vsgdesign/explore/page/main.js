@@ -1,0 +1,474 @@
+// The explorer's page. It computes nothing of the physics: every number is an answer of the package's own functions.
+// Order: svg draw state transport map modes bode response fields table save main
+import { onThemeChange } from "./draw.js";
+import { Store, linkOf, stateOfLink } from "./state.js";
+import { Transport, loadInfo, serverAsk, snapToLattice, staticAsk } from "./transport.js";
+import { GridMap, figureText, paintScale } from "./map.js";
+import { ModesPlot } from "./modes.js";
+import { BodePlot } from "./bode.js";
+import { ResponsePlot, SHOWN } from "./response.js";
+import { Field, FieldList, faultText } from "./fields.js";
+import { ControllerTable } from "./table.js";
+import { dataCsv, download, figuresSvg, fileName, pngOf } from "./save.js";
+
+const byId = (id) => document.getElementById(id);
+
+const option = (value, text) => Object.assign(document.createElement("option"), { value, textContent: text });
+
+/** Words at the top of the page; without words they go away. */
+function notice(text, bad = false) {
+  const place = byId("notice");
+  place.hidden = !text;
+  place.textContent = text;
+  place.classList.toggle("bad", bad);
+}
+
+const say = (text) => (byId("said").textContent = text);
+
+class Page {
+  constructor(info) {
+    this.info = info;
+    this.answers = { linear: null, emt: null, map: null };
+    this.store = new Store(info.defaults, this.startState());
+    const calls = {
+      onAnswer: (kind, answer, wish) => this.answered(kind, answer, wish),
+      onFaults: (kind, faults) => this.refused(faults),
+      onLost: () => this.lost(),
+    };
+    this.tab = Array.from(crypto.getRandomValues(new Uint32Array(2)), (n) => n.toString(36)).join("");
+    this.ask = info.static ? staticAsk(window.STATIC) : serverAsk(this.tab);
+    this.transport = new Transport(this.ask, calls);
+    this.makeFigures();
+    this.makeGridPanel();
+    this.makeEvent();
+    this.makeSwitches();
+    this.fields = new FieldList(byId("fields"), info, this.store, ["scr", "x_over_r", ...this.eventPaths]);
+    for (const field of [...this.gridFields, ...this.eventFields]) this.fields.add(field.spec.path, field);
+    this.makeActions();
+    this.store.listen(() => this.changed());
+    onThemeChange(() => this.repaint(true));
+    new ResizeObserver(() => this.repaint(false)).observe(document.querySelector("main"));
+    window.addEventListener("hashchange", () => this.openLink());
+    document.documentElement.dataset.state = "ready";
+    this.changed();
+  }
+
+  startState() {
+    const { defaults } = this.info;
+    try {
+      return stateOfLink(window.location.hash, defaults);
+    } catch (error) {
+      notice(error.message, true);
+      return stateOfLink("", defaults);
+    }
+  }
+
+  openLink() {
+    if (window.location.hash === linkOf(this.store.state, this.info.defaults)) return;
+    try {
+      this.store.replace(stateOfLink(window.location.hash, this.info.defaults));
+      notice("");
+    } catch (error) {
+      notice(error.message, true);
+    }
+  }
+
+  makeFigures() {
+    const { info, store } = this;
+    this.map = new GridMap(byId("map"), info, store);
+    this.modes = new ModesPlot(byId("modes"), byId("mode"), info, store);
+    this.bode = new BodePlot(byId("magnitude"), byId("phase"), store);
+    this.response = new ResponsePlot(byId("response"), byId("readout"), store);
+    this.table = new ControllerTable(byId("table"), info, store, { onEmphasis: (name) => this.emphasise(name) });
+  }
+
+  makeGridPanel() {
+    const { info, store } = this;
+    byId("title").textContent = info.study.title || info.study.name;
+    document.title = `${info.study.title || info.study.name} – vsgdesign explore`;
+    byId("title").title = byId("title").textContent;
+    byId("figure").replaceChildren(...info.figures.map((f) => option(f.name, f.label)));
+    byId("figure").addEventListener("change", (event) => {
+      store.set({ figure: event.target.value });
+      store.commit();
+    });
+    if ("map_of" in info.defaults && info.controllers.length > 1) {
+      byId("map-of-box").hidden = false;
+      byId("map-of").replaceChildren(...info.controllers.map((c) => option(c.name, c.name)));
+      byId("map-of").addEventListener("change", (event) => {
+        store.set({ map_of: event.target.value });
+        store.commit();
+      });
+    }
+    const known = (path) => (info.fields || []).find((f) => f.path === path);
+    const grid = [["scr", "SCR", info.map.scr], ["x_over_r", "X/R", info.map.x_over_r]];
+    this.gridFields = grid.map(([path, label, [low, high]]) => {
+      const spec = { label, unit: "", low, high, step: 0.01, value: info.defaults[path], ...known(path), path };
+      return new Field({ ...spec, step: Math.min(spec.step, 0.01) }, store, { slider: false, compact: true });
+    });
+    if (info.static) this.makeStatic();
+    byId("grid-fields").append(...this.gridFields.map((field) => field.row));
+    byId("hold").addEventListener("change", (event) => this.hold(event.target.checked));
+    const signs = [["nodes", "dots: the table's nodes (hollow: requirement not kept)"], ["certificate", "dotted: region with a proof"], ["static_limit", "thick: static limit"]];
+    const holds = (key) => info[key] && info[key].scr.length;
+    byId("map-key").textContent = signs.filter(([key]) => holds(key)).map(([, words]) => words).join(" · ");
+  }
+
+  // A file without server has answers on a lattice of grids only: the ring snaps to it, and nothing else can be changed.
+  makeStatic() {
+    const { lattice } = this.info;
+    this.map.snap = (grid) => snapToLattice(lattice, grid);
+    const held = Object.keys(window.STATIC.answers).some((key) => key.endsWith(",h"));
+    byId("hold-box").hidden = !held;
+    for (const id of ["fields", "save", "event"]) byId(id).hidden = true;
+    for (const field of this.gridFields) field.input.readOnly = true;
+  }
+
+  hold(on) {
+    const { store, info } = this;
+    const { scr, x_over_r: ratio } = store.state;
+    const middle = (values) => values[Math.floor(values.length / 2)];
+    const fixed = info.static && (info.lattice.hold || { scr: middle(info.lattice.scr), x_over_r: middle(info.lattice.x_over_r) });
+    store.set({ hold: on ? fixed || { scr, x_over_r: ratio } : null });
+    store.commit();
+    say(on ? `The gains of SCR ${scr}, X/R ${ratio} are held.` : "The gains follow the grid again.");
+  }
+
+  // The event's own fields: its size, and what this kind of event needs beside it.
+  makeEvent() {
+    const { info, store } = this;
+    const events = info.events || [];
+    byId("event").replaceChildren(...events.map((e) => option(e.kind, e.label)));
+    byId("event").addEventListener("change", (event) => {
+      const chosen = events.find((e) => e.kind === event.target.value);
+      store.set({ event: { ...store.state.event, kind: chosen.kind, ...(Number.isFinite(chosen.value) ? { size: chosen.value } : {}) } });
+      store.commit();
+    });
+    const specs = [
+      { path: "event.length_s", label: "for", unit: "s", step: 0.01 },
+      { path: "event.to_scr", label: "to SCR", unit: "", step: 0.01 },
+      { path: "event.to_x_over_r", label: "X/R", unit: "", step: 0.01 },
+    ];
+    this.eventFields = specs.map((spec) => {
+      const given = (info.fields || []).find((f) => f.path === spec.path);
+      return new Field({ low: given && given.low, high: given && given.high, scale: given && given.scale, ...spec, value: NaN }, store, { slider: false, compact: true });
+    });
+    this.sizeFields = events.map((e) => new Field({ ...e, path: "event.size", label: { step: "by", sag: "by", ramp: "by", phase: "by" }[e.kind] || "size" }, store, { slider: false, compact: true }));
+    this.eventPaths = ["event.size", ...specs.map((spec) => spec.path)];
+    this.signal = document.createElement("select");
+    this.signal.append(option("P", "of P"), option("Q", "of Q"));
+    this.signal.setAttribute("aria-label", "Reference that steps");
+    this.signal.addEventListener("change", () => {
+      store.set({ event: { ...store.state.event, signal: this.signal.value } });
+      store.commit();
+      this.chooseShown(this.signal.value);
+    });
+    byId("event-fields").append(this.signal, ...this.sizeFields.map((f) => f.row), ...this.eventFields.map((f) => f.row));
+    for (const field of this.sizeFields) field.row.classList.add("size");
+    if (info.static) byId("event-fields").hidden = true;
+  }
+
+  updateEvent() {
+    const { event } = this.store.state;
+    byId("event").value = event.kind;
+    this.signal.value = event.signal;
+    this.signal.hidden = event.kind !== "step";
+    const chosen = (this.info.events || []).findIndex((e) => e.kind === event.kind);
+    this.sizeFields.forEach((field, k) => {
+      field.row.hidden = k !== chosen || event.kind === "grid";
+      if (k === chosen) {
+        this.fields.fields.set("event.size", field);
+        field.update();
+      }
+    });
+    const [length, scr, ratio] = this.eventFields;
+    length.row.hidden = !["sag", "ramp"].includes(event.kind);
+    scr.row.hidden = ratio.row.hidden = event.kind !== "grid";
+  }
+
+  makeSwitches() {
+    const segment = (root, name, choices, choose) => {
+      for (const [value, text] of choices) {
+        const radio = Object.assign(document.createElement("input"), { type: "radio", name, value });
+        radio.addEventListener("change", () => choose(value));
+        const label = document.createElement("label");
+        label.append(radio, text);
+        root.append(label);
+      }
+      root.querySelector("input").checked = true;
+    };
+    segment(byId("shown"), "shown", [["P", "P"], ["Q", "Q"], ["i_s_pu", "current"], ["omega_hz", "frequency"]], (value) => this.response.choose(value));
+    segment(byId("loop"), "loop", [["P", "P"], ["Q", "Q"]], (value) => {
+      this.bode.loop = value;
+      this.showLinear();
+    });
+  }
+
+  chooseShown(name) {
+    byId("shown").querySelector(`input[value="${name}"]`).checked = true;
+    this.response.choose(name);
+  }
+
+  makeActions() {
+    const { store } = this;
+    byId("undo").addEventListener("click", () => this.travel(-1));
+    byId("redo").addEventListener("click", () => this.travel(1));
+    document.addEventListener("keydown", (event) => {
+      if (!(event.ctrlKey || event.metaKey) || event.target.matches('input[type="text"]')) return;
+      const key = event.key.toLowerCase();
+      if (key !== "z" && key !== "y") return;
+      event.preventDefault();
+      this.travel(key === "y" || event.shiftKey ? 1 : -1);
+    });
+    byId("link").addEventListener("click", () => this.copyLink());
+    byId("save").addEventListener("click", () => this.saveStudy());
+    const menu = byId("downloads");
+    menu.addEventListener("keydown", (event) => {
+      if (event.key !== "Escape") return;
+      menu.open = false;
+      menu.querySelector("summary").focus();
+    });
+    document.addEventListener("click", (event) => {
+      if (!menu.contains(event.target)) menu.open = false;
+    });
+    const name = (ending) => fileName(this.info.study.name, ending);
+    byId("svg").addEventListener("click", () => this.take(() => download(name("svg"), this.svg(), "image/svg+xml")));
+    byId("png").addEventListener("click", () => this.take(async () => download(name("png"), await pngOf(this.svg()), "image/png")));
+    byId("csv").addEventListener("click", () => this.take(() => download(name("csv"), dataCsv(this.answers, store.state), "text/csv")));
+  }
+
+  async take(make) {
+    byId("downloads").open = false;
+    try {
+      await make();
+    } catch (error) {
+      notice(error.message, true);
+    }
+  }
+
+  travel(by) {
+    for (const field of this.fields.fields.values()) field.clearFault();
+    notice("");
+    if (this.store.step(by)) say(by < 0 ? "Undone." : "Done again.");
+    this.fields.update();
+  }
+
+  async copyLink() {
+    this.store.writeLink();
+    const link = window.location.href;
+    try {
+      await navigator.clipboard.writeText(link);
+      notice("The link is copied. While this explorer runs it opens this state; its part after # opens it in another run with --state.");
+    } catch {
+      notice("The browser does not let the page copy. The address above is the link.");
+    }
+  }
+
+  async saveStudy() {
+    try {
+      const reply = await this.ask("save", this.transport.seq + 1, this.store.state);
+      if (reply.status === 422) return this.refused(reply.faults);
+      download(reply.answer.name, reply.answer.toml, "application/toml");
+      notice(`${reply.answer.name} is saved. Run it with: vsgdesign run ${reply.answer.name}`);
+    } catch (error) {
+      this.lost(error);
+    }
+    return undefined;
+  }
+
+  // The map depends on everything but the place of the ring and the event.
+  mapKey() {
+    const rest = { ...this.store.state };
+    for (const key of ["scr", "x_over_r", "event", "silent_s"]) delete rest[key];
+    return JSON.stringify(rest);
+  }
+
+  // Linear and EMT do not depend on the map's figure.
+  pointKey() {
+    const { figure, map_of: of, ...rest } = this.store.state;
+    return JSON.stringify(rest);
+  }
+
+  changed() {
+    const { store } = this;
+    const since = performance.now();
+    this.map.paint();
+    const point = this.pointKey();
+    if (point !== this.askedPoint) {
+      this.askedPoint = point;
+      this.transport.wish("linear", store.state, since);
+      this.emtSince = since;
+      if (!this.emtUnderWay()) this.wishEmt(since);
+    }
+    const map = this.mapKey();
+    if (map !== this.askedMap) {
+      this.askedMap = map;
+      this.transport.wish("map", store.state, since);
+    }
+    this.updateControls();
+    if (!store.dragging && this.answers.linear) this.showLinear();
+    if (!store.dragging && this.answers.emt) this.showEmt();
+  }
+
+  // The EMT is asked for when the linear answer is here, so that they do not compete for the processor; the server
+  // computes it while the page draws. The very first time both are asked for at once.
+  emtUnderWay() {
+    return Boolean(this.answers.linear);
+  }
+
+  wishEmt(since) {
+    this.transport.wish("emt", this.store.state, since);
+    this.emtSince = null;
+  }
+
+  updateControls() {
+    const { store, info } = this;
+    const { scr, x_over_r: ratio, hold, figure } = store.state;
+    byId("where").textContent = `SCR ${scr.toFixed(2)}   X/R ${ratio.toFixed(2)}`;
+    byId("map").setAttribute("aria-label", `Grid on the map: SCR ${scr.toFixed(2)}, X/R ${ratio.toFixed(2)}.${hold ? ` Gains held at SCR ${hold.scr}, X/R ${hold.x_over_r}.` : ""}`);
+    byId("undo").disabled = !store.canUndo;
+    byId("redo").disabled = !store.canRedo;
+    byId("hold").checked = Boolean(hold);
+    byId("figure").value = figure;
+    byId("map-of").value = store.state.map_of || (this.answers.map && this.answers.map.header.controller) || info.controllers[info.controllers.length - 1].name;
+    this.fields.update();
+    this.updateEvent();
+  }
+
+  answered(kind, answer, wish) {
+    this.answers[kind] = answer;
+    this.store.good = wish.state;
+    if (document.documentElement.dataset.state === "lost") notice("");
+    document.documentElement.dataset.state = "ready";
+    if (kind === "linear" && this.emtSince !== null) this.wishEmt(this.emtSince);
+    if (kind === "linear") this.showLinear();
+    else if (kind === "emt") this.showEmt();
+    else this.showMap();
+    // The time until the frame with this answer is on the screen, for whoever measures.
+    requestAnimationFrame(() => {
+      const channel = new MessageChannel();
+      channel.port1.onmessage = () => {
+        const detail = { kind, seq: wish.seq, ms: performance.now() - wish.since };
+        document.dispatchEvent(new CustomEvent("drawn", { detail }));
+      };
+      channel.port2.postMessage(0);
+    });
+  }
+
+  // Controllers of an answer that are still shown, with their place in the study (for the marker's shape).
+  shownOf(answer) {
+    const place = new Map(this.info.controllers.map((c, k) => [c.name, k]));
+    return answer.header.controllers
+      .map((c, index) => ({ ...c, index, place: place.has(c.name) ? place.get(c.name) : place.size }))
+      .filter((c) => this.store.state.controllers.includes(c.name));
+  }
+
+  showLinear() {
+    const { header, arrays } = this.answers.linear;
+    const shown = this.shownOf(this.answers.linear);
+    const without = shown.filter((c) => c.why && !(c.modes || []).length);
+    const words = header.words || (without.length && without.length === shown.length ? without[0].why : "");
+    const q = this.bode.loop === "Q" ? "_Q" : "";
+    const curves = shown.map((c) => {
+      const get = (name) => arrays[`${c.index}/${name}`];
+      const w = get("bode_w");
+      const mag = get(`bode${q}_mag_db`);
+      const margins = q ? c.Q_loop || {} : c;
+      return {
+        name: c.name, colour: c.colour, stable: c.stable, t: get("step_t"), full: get("step_full"), w: mag && w, mag, phase: get(`bode${q}_phase_deg`),
+        crossover: margins.crossover_rad_s, phaseCrossover: margins.phase_crossover_rad_s,
+      };
+    });
+    byId("loop").hidden = !Object.keys(arrays).some((name) => name.endsWith("bode_Q_mag_db"));
+    this.modes.show(shown, words);
+    this.bode.show(curves, words);
+    const { event } = this.store.state;
+    this.response.showLinear(event.kind === "step" ? curves : [], event.kind === "step" ? event.signal : null, words);
+    this.showTable();
+    const last = shown[shown.length - 1];
+    this.fields.offerGains(last && last.gains && Object.keys(last.gains).length ? last.gains : null);
+  }
+
+  showEmt() {
+    const { header, arrays } = this.answers.emt;
+    const curves = this.shownOf(this.answers.emt).map((c) => {
+      const curve = { name: c.name, colour: c.colour, t: arrays[`${c.index}/t`] };
+      for (const name of Object.keys(SHOWN)) curve[name] = curve.t && arrays[`${c.index}/${name}`];
+      return curve;
+    });
+    this.response.showEmt(curves, header.bands);
+    this.showTable();
+  }
+
+  showTable() {
+    const { linear, emt } = this.answers;
+    this.table.show(linear ? linear.header.controllers : [], emt ? emt.header.controllers : []);
+  }
+
+  showMap() {
+    const { answers, info } = this;
+    const known = info.figures.find((f) => f.name === answers.map.header.figure) || {};
+    Object.assign(answers.map.header, { ...known, ...answers.map.header });
+    this.map.show(answers.map);
+    paintScale(byId("scale"), answers.map.header);
+    const { promise, unit, label, controller } = answers.map.header;
+    const promised = promise === null || promise === undefined ? "" : ` The line is at the promised ${figureText(promise, unit)}.`;
+    byId("map").title = `${label || ""}${controller ? ` of ${controller}` : ""}.${promised} Dark: unstable. Grey: no operating point.`;
+  }
+
+  emphasise(name) {
+    this.bode.emphasis = this.response.emphasis = name;
+    this.bode.paint();
+    this.response.paint();
+  }
+
+  repaint(anew) {
+    this.map.refresh();
+    if (this.answers.map) paintScale(byId("scale"), this.answers.map.header);
+    this.modes.paint();
+    this.bode.paint();
+    this.response.paint();
+    if (anew) {
+      this.table.layout = null;
+      this.table.paint();
+    }
+  }
+
+  /** Faults are marked at their fields, and the fields' last good values stay in force. */
+  refused(faults) {
+    const homeless = this.fields.mark(faults);
+    let changed = false;
+    for (const fault of faults) if (fault.field) changed = this.store.takeBack(String(fault.field)) || changed;
+    notice(homeless.map(faultText).join(" "), true);
+    if (!changed) return;
+    this.store.history[this.store.at] = JSON.parse(JSON.stringify(this.store.state));
+    this.store.writeLink();
+    this.store.tell();
+  }
+
+  lost() {
+    document.documentElement.dataset.state = "lost";
+    notice("The server does not answer. Is `vsgdesign explore` still running? What is drawn is the last answer.", true);
+  }
+
+  svg() {
+    const { map, modes, bode, response, info, store, answers } = this;
+    const { scr, x_over_r: ratio, hold, event } = store.state;
+    const held = hold ? `, gains held at SCR ${hold.scr.toFixed(2)}, X/R ${hold.x_over_r.toFixed(2)}` : "";
+    const figure = answers.map ? answers.map.header.label : "";
+    const kind = ((info.events || []).find((e) => e.kind === event.kind) || {}).label || event.kind;
+    const titles = { map: `Map of ${figure}`, response: `Response to: ${kind} (solid EMT, dotted linear)`, modes: "Modes", bode: `Open loop ${bode.loop}` };
+    const headline = [info.study.title || info.study.name, `SCR ${scr.toFixed(2)}, X/R ${ratio.toFixed(2)}${held}`];
+    const controllers = answers.linear ? this.shownOf(answers.linear) : [];
+    return figuresSvg({ map, modes, bode, response, titles, headline, controllers });
+  }
+}
+
+async function start() {
+  const kept = window.STATIC;
+  const info = kept ? { ...kept.info, static: true } : await loadInfo((words) => notice(words));
+  notice("");
+  window.page = new Page(info);
+}
+
+start().catch((error) => notice(`The page could not start: ${error.message}`, true));

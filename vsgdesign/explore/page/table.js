@@ -1,0 +1,181 @@
+// The controllers side by side: margins, response, what the grid code would measure, gains in force, and words where
+// there is no number.
+import { SHAPES, lineColour, shapePath } from "./draw.js";
+
+const minus = (text) => text.replace("-", "−");
+const isNone = (v) => v === null || v === undefined || Number.isNaN(v);
+const inDigits = (digits, factor = 1) => (v) => (isNone(v) ? "–" : minus((v * factor).toFixed(digits)));
+const orNone = (digits) => (v) => (isNone(v) || !Number.isFinite(v) ? "none" : minus(v.toFixed(digits)));
+const significant = (v) => (isNone(v) ? "–" : minus(Math.abs(v) >= 1e5 || (v !== 0 && Math.abs(v) < 1e-3) ? v.toExponential(2) : String(Number(v.toPrecision(3)))));
+
+// Columns: a title, a unit, the value of a row, its text, and the gate with its sense (1: at least, -1: at most).
+const COLUMNS = [
+  { group: "Margins", title: "disk P", unit: "", value: (c) => (c.disk_margin || {}).P, text: inDigits(2), gate: ["disk_margin", 1], tip: "Disk margin of the active power's loop" },
+  { group: "Margins", title: "disk Q", unit: "", value: (c) => (c.disk_margin || {}).Q, text: inDigits(2), gate: ["disk_margin", 1], tip: "Disk margin of the reactive power's loop" },
+  { group: "Margins", title: "gain", unit: "dB", value: (c) => c.gain_margin_db, text: orNone(1), tip: "Gain margin" },
+  { group: "Margins", title: "phase", unit: "°", value: (c) => c.phase_margin_deg, text: orNone(0), tip: "Phase margin" },
+  { group: "Margins", title: "Mₛ", unit: "", value: (c) => c.M_s, text: inDigits(2), tip: "Peak of the sensitivity" },
+  { group: "Response", title: "ζ", unit: "", value: (c) => c.damping, text: inDigits(2), gate: ["damping", 1], tip: "Least damping ratio of the modes" },
+  { group: "Response", title: "settles", unit: "s", value: (c) => c.settling_s, text: inDigits(2), gate: ["settling_s", -1], tip: "Settling time of the linear step" },
+  { group: "Response", title: "over", unit: "%", value: (c) => c.overshoot, text: inDigits(1, 100), gate: ["overshoot", -1], tip: "Overshoot of the linear step" },
+  { group: "EMT", title: "peak i", unit: "pu", value: (c, e) => e.peak_pu, text: inDigits(2), gate: ["current_limit_pu", -1], tip: "Peak of the converter's current in the EMT" },
+  { group: "Measured", title: "droop P", unit: "%", value: (c) => c.droop_P, text: inDigits(1, 100), tip: "Droop of the frequency, as the grid code measures it" },
+  { group: "Measured", title: "droop Q", unit: "%", value: (c) => c.droop_Q, text: inDigits(1, 100), tip: "Droop of the voltage, as the grid code measures it" },
+  { group: "Measured", title: "H", unit: "s", value: (c) => c.H_s, text: inDigits(2), tip: "Inertia constant" },
+];
+
+function tag(name, attributes = {}, ...children) {
+  const e = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key in e) e[key] = value;
+    else e.setAttribute(key, value);
+  }
+  e.append(...children);
+  return e;
+}
+
+/** The sign of a controller: its line and its marker, as in the figures. */
+export function signOf(colour, place) {
+  const canvas = tag("canvas", { width: 44, height: 24, className: "sign" });
+  canvas.setAttribute("aria-hidden", "true");
+  const ctx = canvas.getContext("2d");
+  ctx.scale(2, 2);
+  ctx.strokeStyle = lineColour(colour);
+  ctx.lineWidth = 2;
+  ctx.beginPath();
+  ctx.moveTo(0, 6);
+  ctx.lineTo(22, 6);
+  ctx.stroke();
+  ctx.fillStyle = getComputedStyle(document.body).backgroundColor;
+  shapePath(ctx, SHAPES[place % SHAPES.length], 11, 6, 4);
+  if (place > 1) ctx.fill();
+  ctx.stroke();
+  return canvas;
+}
+
+export class ControllerTable {
+  constructor(root, info, store, { onEmphasis }) {
+    Object.assign(this, { root, info, store, onEmphasis, linear: [], emt: [] });
+  }
+
+  show(linear, emt) {
+    this.linear = linear;
+    this.emt = emt;
+    this.paint();
+  }
+
+  gainNames() {
+    const names = [];
+    for (const c of this.linear) for (const name of Object.keys(c.gains || {})) if (!names.includes(name)) names.push(name);
+    return names;
+  }
+
+  paint() {
+    const gains = this.gainNames();
+    const layout = `${gains.join()}|${this.rows().map((r) => r.name).join()}`;
+    if (layout !== this.layout) this.build(gains);
+    this.layout = layout;
+    for (const row of this.rows()) this.fill(row, gains);
+  }
+
+  rows() {
+    const all = this.info.controllers.filter((c) => c.name !== "own");
+    const own = this.info.controllers.find((c) => c.name === "own") || { name: "own", colour: "#777777" };
+    return this.store.state.own ? [...all, own] : all;
+  }
+
+  build(gains) {
+    const groups = [];
+    for (const { group } of COLUMNS) {
+      if (groups.length && groups[groups.length - 1][0] === group) groups[groups.length - 1][1] += 1;
+      else groups.push([group, 1]);
+    }
+    if (gains.length) groups.push(["Gains in force", gains.length]);
+    const first = tag("tr", {}, tag("th", { rowSpan: 2, scope: "col", className: "name" }, "Controller"));
+    for (const [group, span] of groups) first.append(tag("th", { colSpan: span, scope: "colgroup", className: "group" }, group));
+    first.append(tag("th", { rowSpan: 2, scope: "col", className: "words" }, "Status"));
+    const second = tag("tr");
+    COLUMNS.forEach((column, k) => {
+      const start = k === 0 || COLUMNS[k - 1].group !== column.group;
+      second.append(headCell(column.title, column.unit, column.tip, start));
+    });
+    gains.forEach((name, k) => {
+      const known = (this.info.gains || []).find((gain) => gain.name === name) || {};
+      second.append(headCell(known.label || name, known.unit || "", name, k === 0));
+    });
+    this.cells = new Map();
+    const body = tag("tbody");
+    this.rows().forEach((row) => body.append(this.buildRow(row)));
+    this.root.replaceChildren(tag("thead", {}, first, second), body);
+  }
+
+  buildRow({ name, colour }) {
+    const place = this.info.controllers.findIndex((c) => c.name === name);
+    const box = tag("input", { type: "checkbox", checked: this.store.state.controllers.includes(name) });
+    box.addEventListener("change", () => this.choose(name, box));
+    const label = tag("label", {}, box, signOf(colour, place < 0 ? this.info.controllers.length : place), tag("span", {}, name === "own" ? "my own gains" : name));
+    const tr = tag("tr", {}, tag("th", { scope: "row", className: "name" }, label));
+    tr.addEventListener("pointerenter", () => this.onEmphasis(name));
+    tr.addEventListener("pointerleave", () => this.onEmphasis(null));
+    box.addEventListener("focus", () => box.matches(":focus-visible") && this.onEmphasis(name));
+    box.addEventListener("blur", () => this.onEmphasis(null));
+    this.cells.set(name, { tr, box });
+    return tr;
+  }
+
+  // At least one controller stays shown; the order is the study's.
+  choose(name, box) {
+    const now = new Set(this.store.state.controllers);
+    if (box.checked) now.add(name);
+    else now.delete(name);
+    if (!now.size) {
+      box.checked = true;
+      return;
+    }
+    this.store.set({ controllers: this.rows().map((row) => row.name).filter((one) => now.has(one)) });
+    this.store.commit();
+  }
+
+  fill({ name }, gains) {
+    const { tr, box } = this.cells.get(name);
+    const shown = this.store.state.controllers.includes(name);
+    box.checked = shown;
+    const c = this.linear.find((one) => one.name === name);
+    const e = this.emt.find((one) => one.name === name) || {};
+    while (tr.children.length > 1) tr.lastChild.remove();
+    const all = COLUMNS.length + gains.length;
+    if (!shown || !c) {
+      tr.append(tag("td", { colSpan: all + 1, className: "words quiet" }, shown ? "" : "not shown"));
+      return;
+    }
+    const fault = !c.stable && c.why ? c.why : null;
+    if (fault && !(c.modes || []).length) {
+      tr.append(tag("td", { colSpan: all + 1, className: "words bad" }, fault));
+      return;
+    }
+    COLUMNS.forEach((column, k) => tr.append(this.cell(column, c, e, k === 0 || COLUMNS[k - 1].group !== column.group)));
+    gains.forEach((gain, k) => tr.append(tag("td", { className: k ? "" : "start" }, significant((c.gains || {})[gain]))));
+    const words = [...new Set([c.stable ? "" : c.why || "unstable", c.note, c.status, e.status && e.status !== "ok" ? e.status : "", e.why])];
+    const bad = !c.stable || Boolean(e.why);
+    const text = words.filter(Boolean).join("; ") || "stable";
+    tr.append(tag("td", { className: bad ? "words bad" : "words", title: text }, text));
+  }
+
+  cell(column, c, e, start) {
+    const value = column.value(c, e);
+    const cell = tag("td", { className: start ? "start" : "" }, column.text(value));
+    const [gate, sense] = column.gate || [];
+    const limit = gate && this.info.gates ? this.info.gates[gate] : null;
+    if (!isNone(limit) && !isNone(value) && sense * (value - limit) < 0) {
+      cell.classList.add("miss");
+      cell.title = `The study asks for ${sense > 0 ? "at least" : "at most"} ${column.text(limit)}${column.unit ? " " + column.unit : ""}.`;
+    }
+    return cell;
+  }
+}
+
+function headCell(title, unit, tip, start) {
+  const cell = tag("th", { scope: "col", title: tip, className: start ? "start" : "" }, title);
+  if (unit) cell.append(tag("small", {}, ` ${unit}`));
+  return cell;
+}

@@ -1,0 +1,129 @@
+// Questions to the server and its binary answers. Of each kind one question is under way at a time; a newer wish replaces
+// the one that waits, and an answer that a newer one has overtaken is dropped. Nothing piles up during a drag.
+
+/** One answer: the length of the header (uint32, little endian), the header as JSON, then float32 arrays. */
+export function readAnswer(buffer) {
+  const length = new DataView(buffer).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  const start = 4 + length;
+  const arrays = {};
+  for (const { name, shape, offset } of header.arrays) {
+    const count = shape.reduce((a, b) => a * b, 1);
+    const at = start + offset;
+    // A view needs an offset that is a multiple of four; a header of another length is copied instead.
+    arrays[name] = at % 4 ? new Float32Array(buffer.slice(at, at + 4 * count)) : new Float32Array(buffer, at, count);
+    arrays[name].shape = shape;
+  }
+  return { header, arrays };
+}
+
+export class Transport {
+  /** ask(kind, seq, state) -> Promise of {status, answer, faults}; the callbacks get what comes back. */
+  constructor(ask, { onAnswer, onFaults, onLost }) {
+    this.ask = ask;
+    this.calls = { onAnswer, onFaults, onLost };
+    this.kinds = {};
+    this.seq = 0;
+  }
+
+  kind(name) {
+    this.kinds[name] ||= { busy: false, wish: null, newest: 0, shown: 0, replaced: 0 };
+    return this.kinds[name];
+  }
+
+  /** Ask for an answer to this state; `since` is when the user moved something (performance.now()). */
+  wish(name, state, since = performance.now()) {
+    const kind = this.kind(name);
+    kind.newest = ++this.seq;
+    const wish = { seq: kind.newest, state: JSON.parse(JSON.stringify(state)), since };
+    if (kind.busy) {
+      if (kind.wish) kind.replaced += 1;
+      kind.wish = wish;
+    } else {
+      this.send(name, wish);
+    }
+  }
+
+  async send(name, wish) {
+    const kind = this.kind(name);
+    kind.busy = true;
+    let reply = null;
+    try {
+      reply = await this.ask(name, wish.seq, wish.state);
+    } catch (error) {
+      this.calls.onLost(name, error);
+    }
+    kind.busy = false;
+    const next = kind.wish;
+    kind.wish = null;
+    if (next) this.send(name, next);
+    if (!reply) return;
+    if (reply.status === 422) {
+      if (wish.seq === kind.newest) this.calls.onFaults(name, reply.faults, wish);
+    } else if (reply.answer && wish.seq > kind.shown) {
+      kind.shown = wish.seq;
+      this.calls.onAnswer(name, reply.answer, wish);
+    }
+  }
+}
+
+/** Questions to the server beside this page. */
+export function serverAsk(tab) {
+  return async (kind, seq, state) => {
+    const body = JSON.stringify({ tab, seq, state });
+    const reply = await fetch(kind, { method: "POST", headers: { "Content-Type": "application/json" }, body });
+    if (reply.status === 204) return { status: 204 };
+    if (reply.status === 422) return { status: 422, faults: (await reply.json()).faults };
+    if (!reply.ok) throw new Error(`The server answered with status ${reply.status}.`);
+    if (kind === "save") return { status: 200, answer: await reply.json() };
+    return { status: 200, answer: readAnswer(await reply.arrayBuffer()) };
+  };
+}
+
+const nearestIndex = (values, value) => {
+  let best = 0;
+  values.forEach((v, i) => {
+    if (Math.abs(Math.log(v / value)) < Math.abs(Math.log(values[best] / value))) best = i;
+  });
+  return best;
+};
+
+/** The nearest grid of the lattice of a file without server. */
+export function snapToLattice(lattice, grid) {
+  const [i, j] = [nearestIndex(lattice.scr, grid.scr), nearestIndex(lattice.x_over_r, grid.x_over_r)];
+  return { scr: lattice.scr[i], x_over_r: lattice.x_over_r[j], key: `${i},${j}` };
+}
+
+/** Answers that are kept in the page itself (a file without server). */
+export function staticAsk(kept) {
+  return async (kind, seq, state) => {
+    const { lattice } = kept.info;
+    const held = state.hold ? ",h" : "";
+    const key = kind === "map" ? state.figure + held : snapToLattice(lattice, state).key + held;
+    const text = kept.answers[`${kind}:${key}`];
+    if (!text) return { status: 422, faults: [{ field: null, text: "This file holds no answer for this choice; `vsgdesign explore` computes it." }] };
+    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    const answer = readAnswer(bytes.buffer);
+    answer.header.seq = seq;
+    return { status: 200, answer };
+  };
+}
+
+/** The study's description; calls onWait(words) while the server still imports or compiles. */
+export async function loadInfo(onWait) {
+  for (;;) {
+    let info = null;
+    let words = "The server does not answer. Is `vsgdesign explore` still running?";
+    try {
+      const reply = await fetch("study");
+      const json = await reply.json();
+      if (reply.ok && json.ready !== false) info = json;
+      else words = json.words || (json.faults || []).map((fault) => fault.text).join(" ") || words;
+    } catch {
+      info = null;
+    }
+    if (info) return info;
+    onWait(words);
+    await new Promise((resolve) => setTimeout(resolve, 400));
+  }
+}
