@@ -22,7 +22,7 @@ from vsgdesign.parameters.background import read_background
 from vsgdesign.parameters.controllers import read_controllers, read_limit, read_limiter, read_target
 from vsgdesign.parameters.estimator import read_estimator
 from vsgdesign.parameters.inner_loops import InnerLoopSource, read_inner_loops, request_of
-from vsgdesign.parameters.reader import TableReader
+from vsgdesign.parameters.reader import Asked, TableReader
 from vsgdesign.parameters.replay import read_replay
 from vsgdesign.parameters.scenario import read_components, read_events, read_grid, read_simulation
 from vsgdesign.parameters.sensors import read_sensors
@@ -52,12 +52,14 @@ def build_study(
     content_hash: str,
     faults: list[Fault],
     inner_loops: InnerLoopSource | None = None,
+    asked: dict[str, Asked] | None = None,
 ) -> Study:
     """A Study from a merged document. Faults are appended; the result is meaningless if there are any.
 
     ``inner_loops`` is asked for gains where the study leaves them to be designed; without it that is a fault.
+    ``asked`` collects every quantity that is read, by its full name.
     """
-    root = TableReader(document, "", faults)
+    root = TableReader(document, "", faults, asked)
     root.integer("schema", SCHEMA, SCHEMA, default=SCHEMA)
     name, title, source = _read_identity(root.child("study"), default_name)
     converter_table = root.section("converter")

@@ -13,6 +13,7 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.parameters.inner_loops import InnerLoopSource
 from vsgdesign.parameters.loading import FILES, merge, study_from_document
+from vsgdesign.parameters.reader import Asked
 from vsgdesign.parameters.study import InnerLoopRequest, Study, StudyOrigin
 from vsgdesign.parameters.units import UnitError, parse_quantity
 
@@ -55,23 +56,45 @@ def plain_document(value: Any) -> Any:
 
 
 def built(
-    document: Mapping[str, Any], origin: StudyOrigin, changes: Mapping[str, Any], inner_loops: InnerLoopSource | None
+    document: Mapping[str, Any],
+    origin: StudyOrigin,
+    changes: Mapping[str, Any],
+    inner_loops: InnerLoopSource | None,
+    asked: dict[str, Asked] | None = None,
 ) -> Study:
     """The study of a merged document with changes; the origin that it keeps says what was written, not what was
-    filled in. Raises StudyError with every fault."""
+    filled in. ``asked`` collects every quantity that is read, by its full name. Raises StudyError with every fault."""
     written = merge(document, _absolute(plain_document(changes)))
-    study = study_from_document(complete(written), origin, inner_loops)
+    study = study_from_document(complete(written), origin, inner_loops, asked)
     return replace(study, origin=replace(origin, document=written))
 
 
-def changed(study: Study, changes: Mapping[str, Any]) -> Study:
-    """:meth:`vsgdesign.parameters.study.Study.with_changes`."""
-    origin = study.origin
-    if origin is None:
+def changed_with_same_inner_loops(
+    study: Study, changes: Mapping[str, Any], asked: dict[str, Asked] | None = None
+) -> Study:
+    """The study with changes, as :meth:`vsgdesign.parameters.study.Study.with_changes`, but with the inner-loop gains
+    that it has, also where they were designed for data that the changes alter.
+
+    ``asked`` collects every quantity that is read, by its full name. Raises StudyError with every fault.
+    """
+    origin = _origin_of(study)
+    gains = study.inner_gains, study.omega_t
+    after = built(origin.document, origin, changes, lambda _: gains, asked)
+    return replace(after, files=study.files)
+
+
+def _origin_of(study: Study) -> StudyOrigin:
+    if study.origin is None:
         raise StudyError(
             study.name,
             [Fault("study", "", "was built from its parts and not read from a document", "Use vd.load.")],
         )
+    return study.origin
+
+
+def changed(study: Study, changes: Mapping[str, Any]) -> Study:
+    """:meth:`vsgdesign.parameters.study.Study.with_changes`."""
+    origin = _origin_of(study)
 
     def same_gains(request: InnerLoopRequest) -> tuple[InnerLoopGains, float]:
         if request == study.inner_request:

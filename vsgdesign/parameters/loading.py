@@ -14,6 +14,7 @@ from typing import Any
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.parameters.building import build_study
 from vsgdesign.parameters.inner_loops import GIVEN, InnerLoopSource
+from vsgdesign.parameters.reader import Asked
 from vsgdesign.parameters.study import Study, StudyOrigin
 from vsgdesign.parameters.toml_file import parse_toml, read_toml
 
@@ -85,15 +86,18 @@ def merged_document(document: Mapping[str, Any], folder: str | Path = ".", sourc
 
 
 def study_from_document(
-    document: Mapping[str, Any], origin: StudyOrigin, inner_loops: InnerLoopSource | None = None
+    document: Mapping[str, Any],
+    origin: StudyOrigin,
+    inner_loops: InnerLoopSource | None = None,
+    asked: dict[str, Asked] | None = None,
 ) -> Study:
     """The Study of a merged document, which may say more than the one that it came from (``origin``).
 
-    Raises StudyError with every fault.
+    ``asked`` collects every quantity that is read, by its full name. Raises StudyError with every fault.
     """
     faults: list[Fault] = []
     placed = _files_in(dict(document), Path(origin.folder))
-    study = build_study(placed, origin.default_name, _hash(document), faults, inner_loops)
+    study = build_study(placed, origin.default_name, _hash(document), faults, inner_loops, asked)
     if faults:
         raise StudyError(origin.source, faults)
     return replace(study, origin=origin)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from vsgdesign.errors import Fault
 from vsgdesign.parameters.units import UnitError, format_quantity, parse_quantity
@@ -17,16 +17,28 @@ LONGEST_NAME = 100
 """Bytes of a name that becomes a part of file names, which may have 255."""
 
 
+class Asked(NamedTuple):
+    """A quantity that a reader asked for: its value and limits in SI, and whether the document gives it."""
+
+    unit: str
+    low: float
+    high: float
+    value: Any
+    given: bool
+
+
 class TableReader:
     """A view on one TOML table. Each ``take`` checks one field; ``finish`` reports the unknown ones.
 
     A faulty field yields its default, or NaN or an empty value, so that reading goes on and the remaining
-    faults are found too; the caller raises once at the end if ``faults`` is not empty.
+    faults are found too; the caller raises once at the end if ``faults`` is not empty. ``asked`` collects by its
+    full name every quantity that is read, with its limits.
     """
 
-    def __init__(self, table: Any, path: str, faults: list[Fault]) -> None:
+    def __init__(self, table: Any, path: str, faults: list[Fault], asked: dict[str, Asked] | None = None) -> None:
         self.path = path
         self.faults = faults
+        self._asked: dict[str, Asked] = {} if asked is None else asked
         self._known: list[str] = []
         if isinstance(table, dict):
             self.table: dict[str, Any] = table
@@ -58,6 +70,11 @@ class TableReader:
         hint: str = "",
     ) -> Any:
         """A quantity in SI within [low, high]."""
+        value = self._quantity(field, dimension, low, high, default, hint)
+        self._asked[self.name(field)] = Asked(dimension, low, high, value, self.has(field))
+        return value
+
+    def _quantity(self, field: str, dimension: str, low: float, high: float, default: Any, hint: str) -> Any:
         raw = self._raw(field, default, f'a quantity in {dimension}; for example {field} = "…{_suffix(dimension)}"')
         if raw is _MISSING:
             return math.nan if default is REQUIRED else default
@@ -114,6 +131,11 @@ class TableReader:
 
     def integer(self, field: str, low: int, high: int, default: Any = REQUIRED) -> Any:
         """A whole number within [low, high]."""
+        value = self._integer(field, low, high, default)
+        self._asked[self.name(field)] = Asked("1", low, high, value, self.has(field))
+        return value
+
+    def _integer(self, field: str, low: int, high: int, default: Any) -> Any:
         raw = self._raw(field, default, f"a whole number from {low} to {high}")
         if raw is _MISSING:
             return low if default is REQUIRED else default
@@ -177,7 +199,9 @@ class TableReader:
     def child(self, field: str) -> TableReader | None:
         """A nested table, or None where it is absent."""
         self._known.append(field)
-        return TableReader(self.table[field], self.name(field), self.faults) if self.has(field) else None
+        if not self.has(field):
+            return None
+        return TableReader(self.table[field], self.name(field), self.faults, self._asked)
 
     def children(self, field: str) -> list[TableReader]:
         """A list of tables ([[field]] in TOML); empty where absent."""
@@ -186,7 +210,8 @@ class TableReader:
         if not isinstance(raw, list):
             self.fault(field, raw, "expected a list of tables", f"Write each as [[{self.name(field)}]].")
             return []
-        return [TableReader(item, f"{self.name(field)}[{k}]", self.faults) for k, item in enumerate(raw)]
+        name = self.name(field)
+        return [TableReader(item, f"{name}[{k}]", self.faults, self._asked) for k, item in enumerate(raw)]
 
     def one_of(self, *groups: tuple[str, ...]) -> tuple[str, ...] | None:
         """Exactly one group of fields that belong together must be given whole; which one, or None."""

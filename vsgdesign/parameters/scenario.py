@@ -10,8 +10,9 @@ from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.study import Converter, Event, Grid, Place, SimulationSpec, SourceComponent
 from vsgdesign.parameters.units import UnitError, parse_quantity
 
-_SCR = (0.05, 1e4)
-_X_OVER_R = (1e-3, 1e4)
+SCR_LIMITS = (0.05, 1e4)
+X_OVER_R_LIMITS = (1e-3, 1e4)
+"""Limits of SCR and X/R in a study."""
 _SAME_INSTANT = 1e-9
 """Events that are less than this apart, s, are at the same instant."""
 _HIGHEST_ORDER = 100.0
@@ -30,8 +31,8 @@ def read_grid(table: TableReader, converter: Converter, basis: str, previous: Gr
         # To twelve digits: what is kept is then the number that was given, and equal grids are equal.
         kept = previous.place(converter, basis)
         keep_scr, keep_ratio = (float(f"{x:.12g}") for x in (kept.scr, kept.x_over_r))
-        scr = table.quantity("scr", "1", *_SCR, default=keep_scr)
-        ratio = table.quantity("x_over_r", "1", *_X_OVER_R, default=keep_ratio)
+        scr = table.quantity("scr", "1", *SCR_LIMITS, default=keep_scr)
+        ratio = table.quantity("x_over_r", "1", *X_OVER_R_LIMITS, default=keep_ratio)
         return Place(scr, ratio, basis).grid(converter)
     if table.one_of(("scr", "x_over_r"), ("R_g", "L_g")) == ("R_g", "L_g"):
         # Plausible: between 1/10000 and 20 times the base impedance.
@@ -41,8 +42,8 @@ def read_grid(table: TableReader, converter: Converter, basis: str, previous: Gr
         return Grid(R_g, L_g)
     if not (table.has("scr") or table.has("x_over_r")):
         return Grid(math.nan, math.nan)
-    scr = table.quantity("scr", "1", *_SCR)
-    ratio = table.quantity("x_over_r", "1", *_X_OVER_R)
+    scr = table.quantity("scr", "1", *SCR_LIMITS)
+    ratio = table.quantity("x_over_r", "1", *X_OVER_R_LIMITS)
     return Place(scr, ratio, basis).grid(converter)
 
 
