@@ -20,8 +20,11 @@ Complex = NDArray[np.complexfloating[Any, Any]]
 SensitivityAt = Callable[[NDArray[np.intp], Array], Complex]
 """(cells (k,), ω (k,)) → S (k, 2, 2)."""
 
-_BISECTIONS = 60
-_GOLDEN_SECTIONS = 40
+_MOST_ROUNDS = 120
+"""Rounds of a search that converges nowhere; eight to fifteen are the rule."""
+_NEAR = 1.5e-8
+"""Distance from a maximum within which the values differ by rounding alone, relative to 1 + |ln ω|."""
+_ROUNDING = 4.4e-16
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 _PEAKS = 3
 """Number of the highest local maxima of a cell that are refined, because the second may be the highest between the
@@ -136,17 +139,12 @@ def _crossings(values: NDArray[Any], omega: Array, function: Callable) -> tuple[
     turned, k = np.nonzero(turns)
     sign = np.where(negative[turned, k + 1], -1.0, 1.0)
     left, right = log_omega[turned, k], log_omega[turned, k + 2]
-    nearest, x = _golden(left, right, lambda w: -sign * function(turned, w))
+    nearest, x = _maxima(left, right, lambda k, x: -sign[k] * function(turned[k], np.exp(x)))
     beyond = nearest > 0.0
     cells = np.concatenate([cells, turned[beyond], turned[beyond]])
     low, high = np.concatenate([low, left[beyond], x[beyond]]), np.concatenate([high, x[beyond], right[beyond]])
 
-    sign_low = np.signbit(function(cells, np.exp(low)))
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        same = np.signbit(function(cells, np.exp(middle))) == sign_low
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return cells, np.exp(0.5 * (low + high))
+    return cells, np.exp(_roots(low, high, lambda k, x: function(cells[k], np.exp(x))))
 
 
 def _least_per_cell(value: Array, omega: Array, cells: NDArray[np.intp], count: int) -> tuple[Array, Array]:
@@ -173,7 +171,7 @@ def _highest(values: Array, omega: Array, function: Callable) -> tuple[Array, Ar
     log_omega = np.log(omega)
     low = log_omega[cells, np.maximum(chosen - 1, 0)]
     high = log_omega[cells, np.minimum(chosen + 1, points - 1)]
-    best, at = _golden(low, high, lambda w: function(cells, w))
+    best, at = _maxima(low, high, lambda k, x: function(cells[k], np.exp(x)))
     # The grid's own point may be the highest: at its edge, or exactly on the peak.
     own = values[cells, chosen]
     at = np.where(own > best, omega[cells, chosen], np.exp(at))
@@ -181,14 +179,78 @@ def _highest(values: Array, omega: Array, function: Callable) -> tuple[Array, Ar
     return -least, where
 
 
-def _golden(low: Array, high: Array, function: Callable) -> tuple[Array, Array]:
-    """Maxima of function(e^x), one in each interval low ≤ x ≤ high, by golden-section search: values and x."""
-    a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    f_a, f_b = function(np.exp(a)), function(np.exp(b))
-    for _ in range(_GOLDEN_SECTIONS):
-        left = f_a > f_b
-        low, high = np.where(left, low, a), np.where(left, b, high)
-        a, b = np.where(left, high - _GOLDEN * (high - low), b), np.where(left, a, low + _GOLDEN * (high - low))
-        new = function(np.exp(np.where(left, a, b)))
-        f_a, f_b = np.where(left, new, f_b), np.where(left, f_a, new)
-    return np.maximum(f_a, f_b), np.where(f_a > f_b, a, b)
+def _maxima(low: Array, high: Array, function: Callable) -> tuple[Array, Array]:
+    """Maxima of ``function(k, x)``, one in each interval k with low ≤ x ≤ high: values and x.
+
+    Brent's method: a parabola through the three best points where it converges, else a golden section. All intervals
+    advance together, and those that are done are not evaluated any more.
+    """
+    every = np.arange(len(low))
+    low, high = low.copy(), high.copy()
+    x = low + (1.0 - _GOLDEN) * (high - low)
+    f = -function(every, x)
+    second, third, f_second, f_third = x.copy(), x.copy(), f.copy(), f.copy()
+    step, last = np.zeros_like(x), np.zeros_like(x)
+    for _ in range(_MOST_ROUNDS):
+        middle, least = 0.5 * (low + high), _NEAR * (1.0 + np.abs(x))
+        k = np.flatnonzero(np.abs(x - middle) > 2.0 * least - 0.5 * (high - low))
+        if k.size == 0:
+            break
+        a, b, at, f_at, tol = low[k], high[k], x[k], f[k], least[k]
+        r, q = (at - second[k]) * (f_at - f_third[k]), (at - third[k]) * (f_at - f_second[k])
+        p, q = (at - third[k]) * q - (at - second[k]) * r, 2.0 * (q - r)
+        p, q = np.where(q > 0.0, -p, p), np.abs(q)
+        fits = (np.abs(last[k]) > tol) & (np.abs(p) < np.abs(0.5 * q * last[k]))
+        fits &= (p > q * (a - at)) & (p < q * (b - at))
+        parabola = p / np.where(fits, q, 1.0)
+        near_edge = (at + parabola - a < 2.0 * tol) | (b - at - parabola < 2.0 * tol)
+        parabola = np.where(near_edge, np.where(at < middle[k], tol, -tol), parabola)
+        larger_part = np.where(at < middle[k], b - at, a - at)
+        last[k] = np.where(fits, step[k], larger_part)
+        move = np.where(fits, parabola, (1.0 - _GOLDEN) * larger_part)
+        step[k] = move
+        tried = at + np.where(np.abs(move) >= tol, move, np.copysign(tol, move))
+        f_tried = -function(k, tried)
+        better, right = f_tried <= f_at, tried >= at
+        low[k] = np.where(better & right, at, np.where(~better & ~right, tried, a))
+        high[k] = np.where(better & ~right, at, np.where(~better & right, tried, b))
+        as_second = ~better & ((f_tried <= f_second[k]) | (second[k] == at))
+        as_third = ~better & ~as_second & ((f_tried <= f_third[k]) | (third[k] == at) | (third[k] == second[k]))
+        third[k] = np.where(better | as_second, second[k], np.where(as_third, tried, third[k]))
+        f_third[k] = np.where(better | as_second, f_second[k], np.where(as_third, f_tried, f_third[k]))
+        second[k] = np.where(better, at, np.where(as_second, tried, second[k]))
+        f_second[k] = np.where(better, f_at, np.where(as_second, f_tried, f_second[k]))
+        x[k], f[k] = np.where(better, tried, at), np.where(better, f_tried, f_at)
+    return -f, x
+
+
+def _roots(low: Array, high: Array, function: Callable) -> Array:
+    """Changes of the sign of ``function(k, x)``, one in each interval k with low ≤ x ≤ high, to machine precision.
+
+    Chandrupatla's method: inverse quadratic interpolation where it is safe, else bisection. All intervals advance
+    together, and those that are done are not evaluated any more.
+    """
+    every = np.arange(len(low))
+    b, a = low.copy(), high.copy()
+    f_b, f_a = function(every, b), function(every, a)
+    share = np.full(len(low), 0.5)
+    for _ in range(_MOST_ROUNDS):
+        width, nearest = np.abs(b - a), np.where(np.abs(f_a) < np.abs(f_b), f_a, f_b)
+        least = _ROUNDING * (1.0 + np.maximum(np.abs(a), np.abs(b)))
+        k = np.flatnonzero((width > 2.0 * least) & (nearest != 0.0))
+        if k.size == 0:
+            break
+        limit = least[k] / width[k]
+        tried = a[k] + np.clip(share[k], limit, 1.0 - limit) * (b[k] - a[k])
+        f_tried = function(k, tried)
+        same = np.signbit(f_tried) == np.signbit(f_a[k])
+        c, f_c = np.where(same, a[k], b[k]), np.where(same, f_a[k], f_b[k])
+        b[k], f_b[k] = np.where(same, b[k], a[k]), np.where(same, f_b[k], f_a[k])
+        a[k], f_a[k] = tried, f_tried
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            xi, phi = (a[k] - b[k]) / (c - b[k]), (f_a[k] - f_b[k]) / (f_c - f_b[k])
+            safe = (phi * phi < xi) & ((1.0 - phi) ** 2 < 1.0 - xi)
+            inverse = f_a[k] / (f_b[k] - f_a[k]) * f_c / (f_b[k] - f_c)
+            inverse += (c - a[k]) / (b[k] - a[k]) * f_a[k] / (f_c - f_a[k]) * f_b[k] / (f_c - f_b[k])
+        share[k] = np.where(safe & np.isfinite(inverse), inverse, 0.5)
+    return np.where(np.abs(f_a) < np.abs(f_b), a, b)

@@ -2,22 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.metrics.margins import LoopMarginTable, PeakTable, disk_margin, loop_margins, peak_sensitivity
+from vsgdesign.metrics.margins import (
+    LoopMarginTable,
+    PeakTable,
+    SensitivityAt,
+    disk_margin,
+    loop_margins,
+    peak_sensitivity,
+)
 from vsgdesign.metrics.modes import damping_ratio, to_continuous
 from vsgdesign.model.coupled import CoupledModel
 from vsgdesign.operating_point.full_order import FullOrderModel
-from vsgdesign.stability.loops import FullOrderLoop, ReducedLoop, SensitivityLoop
+from vsgdesign.stability.loops import BREAKS, FullOrderLoop, ReducedLoop, SensitivityLoop
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 DEFAULT_POINTS = 500
+MARGINS: dict[str, Callable[[Complex, Array, SensitivityAt], Any]] = {
+    "disk_output": disk_margin,
+    "disk_input": disk_margin,
+    "M_s": peak_sensitivity,
+    "loop_P": partial(loop_margins, loop=0),
+    "loop_Q": partial(loop_margins, loop=1),
+}
+"""Functions for the margins by the name of their column in :class:`MarginTable`. All but ``disk_input`` are those of
+the loop that is broken at the plant's output."""
+
 _WIDTHS = (-4.0, -1.0, 0.0, 1.0, 4.0)
 """Frequencies at which a resonance is evaluated, in half-widths (−Re s) from its own frequency."""
 
@@ -55,42 +74,60 @@ def frequency_grid(T_s: float | None = None, points: int = DEFAULT_POINTS) -> Ar
 
 def reduced_margins(model: CoupledModel, omega: Array | None = None) -> MarginTable:
     """Modes and margins of the coupled reduced model."""
-    eigenvalues = np.linalg.eigvals(model.A).astype(complex)
-    grid = frequency_grid() if omega is None else omega
-    return _table(eigenvalues, ReducedLoop(model), ReducedLoop(model, "input"), grid)
+    return _table(eigenvalues_of(model), margins_named(model, MARGINS, omega))
 
 
 def full_order_margins(model: FullOrderModel, omega: Array | None = None) -> MarginTable:
     """Modes and margins of the full-order sampled-data model."""
-    eigenvalues = to_continuous(np.linalg.eigvals(model.A), model.T_s)
-    grid = frequency_grid(model.T_s) if omega is None else omega
-    return _table(eigenvalues, FullOrderLoop(model), FullOrderLoop(model, "input"), grid)
+    return _table(eigenvalues_of(model), margins_named(model, MARGINS, omega))
 
 
-def _table(eigenvalues: Complex, output: SensitivityLoop, input_: SensitivityLoop, omega: Array) -> MarginTable:
+def eigenvalues_of(model: CoupledModel | FullOrderModel) -> Complex:
+    """Continuous-time eigenvalues (N, n) of either model."""
+    if isinstance(model, FullOrderModel):
+        return to_continuous(np.linalg.eigvals(model.A), model.T_s)
+    return np.linalg.eigvals(model.A).astype(complex)
+
+
+def margins_named(
+    model: CoupledModel | FullOrderModel, names: Collection[str], omega: Array | None = None
+) -> dict[str, Any]:
+    """Some of the MARGINS of either model by name, each with rows for the cells (N,), NaN in unstable ones.
+
+    They are PeakTables and LoopMarginTables, as in :class:`MarginTable`, and equal to those of the whole table.
+    """
+    unknown = [name for name in names if name not in MARGINS]
+    if unknown:
+        raise ValueError(f"names = {unknown}: must be of {', '.join(MARGINS)}")
+    sampled = isinstance(model, FullOrderModel)
+    eigenvalues = eigenvalues_of(model)
+    stable = eigenvalues.real.max(axis=1) < 0.0
+    grid = omega if omega is not None else frequency_grid(model.T_s if sampled else None)
+    extra = _around_modes(eigenvalues, grid)
+    found: dict[str, Any] = {}
+    for broken_at in BREAKS:
+        wanted = [name for name in names if (name == "disk_input") == (broken_at == "input")]
+        if not wanted:
+            continue
+        loop = FullOrderLoop(model, broken_at) if sampled else ReducedLoop(model, broken_at)
+        S, merged = _on_both(loop, grid, extra)
+        for name in wanted:
+            found[name] = _only(MARGINS[name](S, merged, loop.at), stable)
+    return found
+
+
+def _table(eigenvalues: Complex, margins: dict[str, Any]) -> MarginTable:
     abscissa = eigenvalues.real.max(axis=1)
     damping = damping_ratio(eigenvalues)
     least = np.argmin(damping, axis=1)
     cells = np.arange(len(eigenvalues))
-    stable = abscissa < 0.0
-    extra = _around_modes(eigenvalues, omega)
-    S_out, grid = _on_both(output, omega, extra)
-    disk_output = disk_margin(S_out, grid, output.at)
-    M_s = peak_sensitivity(S_out, grid, output.at)
-    loop_P, loop_Q = (loop_margins(S_out, grid, output.at, k) for k in (0, 1))
-    del S_out
-    disk_input = disk_margin(*_on_both(input_, omega, extra), input_.at)
     return MarginTable(
         eigenvalues=eigenvalues,
-        stable=stable,
+        stable=abscissa < 0.0,
         spectral_abscissa=abscissa,
         least_damping=damping[cells, least],
         least_damped_rad_s=np.abs(eigenvalues[cells, least]),
-        disk_output=_only(disk_output, stable),
-        disk_input=_only(disk_input, stable),
-        M_s=_only(M_s, stable),
-        loop_P=_only(loop_P, stable),
-        loop_Q=_only(loop_Q, stable),
+        **margins,
     )
 
 
