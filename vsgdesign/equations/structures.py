@@ -90,6 +90,20 @@ def effective_inertia(gains: PowerLoopGains, S_rated: Any, omega_0: Any) -> Any:
     return omega_0 / (2.0 * S_rated * (gains.K_ip - gains.K_pq * gains.K_qp / gains.K_iq))
 
 
+def steady_droops(gains: PowerLoopGains, S_rated: Any, omega_0: Any, V_n: Any) -> tuple[Any, Any]:
+    """P–f and Q–V droop in per unit, as they are measured in the steady state, for any structure.
+
+    At rest both errors of the loops are zero, so a deviation of the frequency by Δω changes P by −D_p Δω, and one of
+    the voltage by ΔV changes Q by −D_q ΔV. The droop is the deviation that changes the power by S_rated (VA), over
+    omega_0 (rad/s) or V_n (phase rms, V); it is infinite without droop gain.
+    """
+    with np.errstate(divide="ignore"):
+        return (
+            np.divide(S_rated, np.multiply(gains.D_p, omega_0)),
+            np.divide(S_rated, np.multiply(gains.D_q, V_n)),
+        )
+
+
 def decoupled_gains(
     A: Any,
     B: Any,

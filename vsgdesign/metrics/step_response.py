@@ -112,6 +112,19 @@ def settling_time(t: Array, error: Array, band: float) -> float | None:
     return float(t[k] + fraction * (t[k + 1] - t[k]))
 
 
+def settling_times(dt: Array, error: Array, band: float) -> Array:
+    """:func:`settling_time` of N responses: errors (N, K) at 0, dt, 2·dt … with own dt (N,); inf where it ends
+    outside."""
+    count = error.shape[1]
+    outside = error > band
+    ever = outside.any(axis=1)
+    last = np.where(ever, count - 1 - np.argmax(outside[:, ::-1], axis=1), 0)
+    rows, after = np.arange(len(error)), np.minimum(last + 1, count - 1)
+    out, into = error[rows, last], error[rows, after]
+    fraction = (out - band) / np.where(out > into, out - into, 1.0)
+    return np.where(~ever, 0.0, np.where(last == count - 1, np.inf, dt * (last + fraction)))
+
+
 def _first_crossing(t: Array, y: Array, level: float) -> float | None:
     above = np.flatnonzero(y >= level)
     if above.size == 0:

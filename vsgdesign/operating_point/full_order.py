@@ -228,11 +228,25 @@ def parameter_sensitivity(model: FullOrderModel, cell: int, parameter: str) -> A
     return np.array(model.map.directional(z, p, dz, dp))
 
 
+def parameter_sensitivities(model: FullOrderModel, cell: int, parameters: Sequence[str]) -> Array:
+    """dA/dp (parameters, n, n) of one good cell for several PARAMETERS at once, as :func:`parameter_sensitivity`."""
+    columns = [PARAMETERS.index(name) for name in parameters]
+    z, p, A = model.z[cell], model.p[cell], model.A[cell]
+    of_p = np.array(model.map.of_parameters(z, p))[:, columns]
+    dz = np.linalg.solve(np.eye(len(z)) - A, of_p)
+    dp = np.zeros((len(p), len(columns)))
+    dp[columns, range(len(columns))] = 1.0
+    count, n = len(columns), len(z)
+    every = model.map.directional.map(count)(np.tile(z[:, None], count), np.tile(p[:, None], count), dz, dp)
+    return np.array(every).reshape(n, count, n).transpose(1, 0, 2)
+
+
 __all__ = [
     "Cell",
     "FullOrderModel",
     "linearise_full_order",
     "pack",
+    "parameter_sensitivities",
     "parameter_sensitivity",
     "parameter_values",
     "slowest_decay",

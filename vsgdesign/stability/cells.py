@@ -126,6 +126,29 @@ def cells_under(
     return cell_set(study, R_g, L_g, P, Q, gains, getattr(law, "why_none", NO_GAINS))
 
 
+def gains_in_force(
+    study: Study,
+    law: GainLaw,
+    R_g: Any,
+    L_g: Any,
+    P: Any,
+    Q: Any,
+    *,
+    error: tuple[float, float] = (0.0, 0.0),
+    held: Grid | None = None,
+) -> PowerLoopGains:
+    """The gains that a controller has in the steady state of grids (broadcast arrays), wrongly estimated or held.
+
+    ``error``: relative errors of R_g and L_g in the estimate that the law receives. ``held``: the grid whose gains are
+    held. They are those of its own steady state at the same P and Q, with the same errors of its estimate, and remain
+    in force on all of the grids.
+    """
+    R_g, L_g, P, Q = np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in (R_g, L_g, P, Q)))
+    R_made, L_made = (R_g, L_g) if held is None else (np.full(R_g.shape, held.R_g), np.full(R_g.shape, held.L_g))
+    V_rms, _ = _operating_point(study, R_made, L_made, P, Q)
+    return law(R_made * (1.0 + error[0]), L_made * (1.0 + error[1]), P, Q, V_rms)
+
+
 def _operating_point(study: Study, R_g: Array, L_g: Array, P: Array, Q: Array) -> tuple[Array, Array]:
     """V and δ of every cell; NaN if the grid cannot carry P and Q."""
     R, X = study.filter.R_2 + R_g, study.grid_source.omega_g * (study.filter.L_2 + L_g)

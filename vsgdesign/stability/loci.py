@@ -13,7 +13,7 @@ from scipy.optimize import brentq, linear_sum_assignment
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.metrics.modes import eigenvalue_sensitivity, participation_factors, to_continuous
 from vsgdesign.model.full_order import PARAMETERS
-from vsgdesign.operating_point.full_order import FullOrderModel, parameter_sensitivity
+from vsgdesign.operating_point.full_order import FullOrderModel, parameter_sensitivities, parameter_sensitivity
 from vsgdesign.parameters.study import Study
 from vsgdesign.stability.cells import GainLaw, cells_under, grid_arrays, reduced_cells
 
@@ -87,6 +87,36 @@ def mode_sensitivities(
         ds = complex(dz[k] / (eigenvalues[k] * model.T_s))
         found.append(ModeSensitivity(name, value, ds, value * ds))
     return tuple(sorted(found, key=lambda item: -abs(item.relative)))
+
+
+@dataclass(frozen=True)
+class ModeMovements:
+    """How every parameter moves every mode of one cell, relative to the parameter: p·ds/dp in 1/s."""
+
+    s: Complex
+    """(n,) modes in 1/s."""
+    parameters: tuple[str, ...]
+    relative: Complex
+    """(parameters, n)."""
+
+    def strongest(self, s: complex, count: int = 1) -> list[tuple[str, complex]]:
+        """The parameters that move the mode nearest to ``s`` most, the strongest first, and p·ds/dp in 1/s."""
+        mode = int(np.argmin(np.abs(self.s - s)))
+        order = np.argsort(-np.abs(self.relative[:, mode]), kind="stable")[:count].tolist()
+        return [(self.parameters[k], complex(self.relative[k, mode])) for k in order]
+
+
+def mode_movements(model: FullOrderModel, cell: int, parameters: Sequence[str] = RANKED) -> ModeMovements:
+    """The sensitivities of :func:`mode_sensitivities` for all modes of a cell at once."""
+    A, p = model.A[cell], model.p[cell]
+    z, right = np.linalg.eig(A)
+    left = np.linalg.inv(right)
+    dA = parameter_sensitivities(model, cell, parameters)
+    dz = np.einsum("ij,pjk,ki->pi", left, dA, right, optimize=True)
+    values = np.array([p[PARAMETERS.index(name)] for name in parameters])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = values[:, None] * dz / (z * model.T_s)
+    return ModeMovements(to_continuous(z, model.T_s), tuple(parameters), np.where(np.isfinite(relative), relative, 0.0))
 
 
 def parameter_locus(model: FullOrderModel, cell: int, parameter: str, values: Sequence[float] | Array) -> Complex:

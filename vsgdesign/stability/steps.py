@@ -7,13 +7,16 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from vsgdesign.metrics.modes import partial_fractions
-from vsgdesign.metrics.step_response import ResponseMetrics, step_response
+from vsgdesign.metrics.step_response import SETTLING_BAND, ResponseMetrics, settling_times, step_response
 from vsgdesign.model.coupled import INPUTS, OUTPUTS, CoupledModel
 from vsgdesign.model.full_order import INPUTS as FULL_INPUTS
 from vsgdesign.model.full_order import OUTPUTS as FULL_OUTPUTS
 from vsgdesign.operating_point.full_order import FullOrderModel
 
 Array = NDArray[np.float64]
+
+_CELLS = 64
+"""Cells whose powers are kept at once."""
 
 _BLOCK = 256
 """Steps whose states are kept, so that outputs are made of many at once."""
@@ -22,12 +25,33 @@ _BLOCK = 256
 def reduced_step(model: CoupledModel, input_: str, output: str, t_end: float, dt: float) -> tuple[Array, Array]:
     """Unit step responses (N, K) of the reduced model at times (K,): exact at the samples."""
     column, row = INPUTS.index(input_), OUTPUTS.index(output)
+    A, b = _over(model, column, dt)
+    return _recurse(A, b, model.C[:, row], model.D[:, row, column], round(t_end / dt), dt)
+
+
+def reduced_step_by_modes(
+    model: CoupledModel, input_: str, output: str, t_end: float, dt: float
+) -> tuple[Array, Array]:
+    """Unit step responses (N, K) of the reduced model at times (K,), as a sum over the modes.
+
+    They equal those of :func:`reduced_step` up to rounding, and the time does not grow with the number of steps that
+    lie between two samples. The model is sampled exactly, by its matrix exponential over ``dt``.
+    """
+    column, row = INPUTS.index(input_), OUTPUTS.index(output)
+    A, b = _over(model, column, dt)
+    parts = b[:, :, None], model.C[:, [row]], model.D[:, [row]][:, :, [column]]
+    count = round(t_end / dt) + 1
+    return np.arange(count, dtype=np.float64) * dt, sampled_steps(A, *parts, 1, count)[..., 0, 0]
+
+
+def _over(model: CoupledModel, column: int, dt: float) -> tuple[Array, Array]:
+    """The transition (N, n, n) over dt, and what a unit step of an input adds in it (N, n)."""
     count, n, _ = model.A.shape
     augmented = np.zeros((count, n + 1, n + 1))
     augmented[:, :n, :n] = model.A * dt
     augmented[:, :n, n] = model.B[:, :, column] * dt
     step = np.array(expm(augmented), dtype=np.float64)
-    return _recurse(step[:, :n, :n], step[:, :n, n], model.C[:, row], model.D[:, row, column], round(t_end / dt), dt)
+    return step[:, :n, :n], step[:, :n, n]
 
 
 def full_order_step(
@@ -41,21 +65,33 @@ def full_order_step(
     return k * model.T_s, sampled_steps(model.A, *parts, every, count)[..., 0, 0]
 
 
-def sampled_steps(A: Array, B: Array, C: Array, D: Array, every: int, count: int) -> Array:
+def sampled_steps(A: Array, B: Array, C: Array, D: Array, every: int | Array, count: int) -> Array:
     """Unit step responses (N, count, outputs, inputs) of N sampled models at 0, ``every``, 2·``every`` … samples, as
     a sum over the modes.
 
-    A mode z adds R (zᵏ − 1)/(z − 1) to sample k. A cell with (nearly) defective modes is stepped instead.
+    A mode z adds R (zᵏ − 1)/(z − 1) to sample k. A cell with (nearly) defective modes is stepped instead. ``every`` may
+    be (N,), one for each model.
     """
-    modes = partial_fractions(A, B, C)
-    k = every * np.arange(count, dtype=np.float64)
-    y = np.empty((len(A), count, *D.shape[1:]))
-    for cell, z in enumerate(modes.poles):
-        if not modes.usable[cell]:
-            y[cell] = _stepped(A[cell], B[cell], C[cell], every, count)
-            continue
-        powers = np.exp(np.outer(k, np.log(np.where(z == 0.0, 1e-300, z)))) - 1.0
-        y[cell] = np.tensordot(powers, modes.residues[cell] / (z - 1.0)[:, None, None], 1).real
+    modes, steps = partial_fractions(A, B, C), np.broadcast_to(np.asarray(every, dtype=float), len(A))
+    outputs, inputs = D.shape[1:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weights = modes.residues / (modes.poles - 1.0)[:, :, None, None]
+    # Powers are products of coarse and fine ones, which are few: k = coarse·fine_count + fine.
+    fine = max(int(np.sqrt(count)), 1)
+    coarse = -(-count // fine)
+    log_z = np.log(np.where(modes.poles == 0.0, 1e-300, modes.poles)) * steps[:, None]
+    y = np.empty((len(A), count, outputs, inputs))
+    for start in range(0, len(A), _CELLS):
+        part = slice(start, start + _CELLS)
+        with np.errstate(over="ignore", invalid="ignore"):
+            small = np.exp(log_z[part, :, None] * np.arange(fine))
+            large = np.exp(fine * np.arange(coarse)[:, None] * log_z[part, None, :])
+            for i, j in np.ndindex(outputs, inputs):
+                weight = weights[part, :, i, j]
+                sums = ((large * weight[:, None]) @ small).real.reshape(len(small), -1)[:, :count]
+                y[part, :, i, j] = sums - weight.sum(axis=1).real[:, None]
+    for cell in np.flatnonzero(~modes.usable):
+        y[cell] = _stepped(A[cell], B[cell], C[cell], int(steps[cell]), count)
     return y + D[:, None]
 
 
@@ -99,3 +135,32 @@ def reduced_step_metrics(
         final = float(model.D[k, row, column] - model.C[k, row] @ np.linalg.solve(A, model.B[k, :, column]))
         found.append(step_response(t, y[k], 0.0, final))
     return found
+
+
+_TIME_CONSTANTS = 10.0
+"""Time constants of the slowest mode over which a step is observed."""
+_OBSERVED_S = (1.0, 120.0)
+
+
+def full_order_settling(model: FullOrderModel, input_: str, output: str, points: int = 4000) -> tuple[Array, Array]:
+    """2 % settling time in s and overshoot as a share of the step, (N,) each, of the sampled model's unit steps.
+
+    Both are relative to the cell's own final value. A step is observed over 10 time constants of the cell's slowest
+    mode, from 1 s to 120 s, at about so many ``points``. NaN for an unstable cell; the settling time is infinite where
+    the response is still outside the band at the end.
+    """
+    column, row = FULL_INPUTS.index(input_), FULL_OUTPUTS.index(output)
+    settling, overshoot = np.full(len(model.A), np.nan), np.full(len(model.A), np.nan)
+    if len(model.A) == 0:
+        return settling, overshoot
+    decay = -np.log(np.abs(np.linalg.eigvals(model.A)).max(axis=1)) / model.T_s
+    k = np.flatnonzero(decay > 0.0)
+    A, b, c, d = model.A[k], model.B[k][:, :, [column]], model.C[k][:, [row]], model.D[k][:, [row]][:, :, [column]]
+    final = (d + c @ np.linalg.solve(np.eye(A.shape[-1]) - A, b))[:, 0, 0]
+    every = np.maximum(np.round(np.clip(_TIME_CONSTANTS / decay[k], *_OBSERVED_S) / points / model.T_s), 1.0)
+    y = sampled_steps(A, b, c, d, every, points)[..., 0, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        progress = y / final[:, None]
+    overshoot[k] = np.maximum(progress.max(axis=1) - 1.0, 0.0)
+    settling[k] = settling_times(every * model.T_s, np.abs(progress - 1.0), SETTLING_BAND)
+    return settling, overshoot
