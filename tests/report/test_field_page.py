@@ -71,5 +71,7 @@ def test_figures_and_page(tmp_path: Path) -> None:
     figures = [write_figure(figure, tmp_path) for figure in field_figures(result())]
     assert [figure.name for figure in figures] == ["field_impedance", "field_error", "field_probe"]
     text = write_page(result(), figures, tmp_path / "report.html").read_text(encoding="utf-8")
-    assert text.index("lent nothing by the simulator") < text.index("<table")
+    assert (
+        text.index("<h2>In words</h2>") < text.index("lent nothing by the simulator") < text.index("<h2>Figures</h2>")
+    )
     assert "two-cycle mean" in text

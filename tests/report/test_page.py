@@ -88,7 +88,7 @@ def test_the_page_is_well_formed_and_refers_to_itself_only(made):
 
 def test_every_figure_is_on_the_page(made):
     text = made.page.read_text(encoding="utf-8")
-    assert text.count("<svg") == len(made.figures)
+    assert text.count('<figure class="drawing"') == len(made.figures)
     for index, figure in enumerate(made.figures):
         assert f'id="figure-{figure.name}"' in text
         assert f"Figure {index + 1}. {figure.title}." in text

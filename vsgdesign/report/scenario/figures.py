@@ -135,7 +135,7 @@ def choose_zooms(result: ScenarioResult, signal: Signal) -> tuple[Zoom, ...]:
     chosen = sorted(ranked[:_MOST_ZOOMS], key=lambda item: item[2].t_s)
     zooms = []
     for letter, (is_step, _, event) in zip("abcdefgh", chosen, strict=False):
-        end_s = min(event.t_s + _interesting_time(result, event, ends[event.t_s]), ends[event.t_s])
+        end_s = min(event.t_s + interesting_time(result, event, ends[event.t_s]), ends[event.t_s])
         begin_s = max(event.t_s - 0.08 * (end_s - event.t_s), 0.0)
         zooms.append(Zoom(event, letter, begin_s, end_s, is_step))
     return tuple(zooms)
@@ -147,7 +147,7 @@ def _moved(trace: Trace, begin_s: float, end_s: float) -> float:
     return float(np.ptp(part.mean)) if len(part.t) > 4 else 0.0
 
 
-def _interesting_time(result: ScenarioResult, event: Event, end_s: float) -> float:
+def interesting_time(result: ScenarioResult, event: Event, end_s: float) -> float:
     """The time until every controller has settled, and half as long again, but at least five cycles."""
     longest = 0.0
     for controller in result.controllers:

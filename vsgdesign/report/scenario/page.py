@@ -18,10 +18,11 @@ from vsgdesign.report.page.converter import converter_table, filter_table, known
 from vsgdesign.report.page.html import write_html
 from vsgdesign.report.quantities import plain, plain_quantity
 from vsgdesign.report.scenario import estimate_tables, promise_tables, tables
+from vsgdesign.report.scenario.answer import scenario_answer, steps_answer
 from vsgdesign.report.scenario.field_rests import answers_table, answers_text, field_controllers
 from vsgdesign.report.scenario.verdict import explanation, step_outcomes, verdict
 from vsgdesign.simulation import ScenarioResult
-from vsgdesign.simulation.judging import judge_estimates
+from vsgdesign.simulation.judging import Judgement, judge_estimates
 from vsgdesign.simulation.promises import promises_kept
 from vsgdesign.simulation.rest import WHERE_TO_LOOK
 from vsgdesign.simulation.scenario import mean_cycles
@@ -38,7 +39,7 @@ def write_page(
     inner: dict[str, Any] | None = None,
 ) -> Path:
     """Write the page of a scenario, with the figures' SVG text as it lies on disk."""
-    outcomes, kept = step_outcomes(result), promises_kept(result)
+    outcomes, kept, judged = step_outcomes(result), promises_kept(result), judge_estimates(result)
     study = result.study
     return write_html(
         out_path,
@@ -47,8 +48,10 @@ def write_page(
         study=study,
         scenario=_scenario(result),
         warnings=[*(one.message for one in result.instabilities), *([WHERE_TO_LOOK] if result.instabilities else [])],
+        summary=scenario_answer(result, outcomes, kept, judged),
+        steps=steps_answer(result, outcomes),
+        answers=[answers_text(result, controller) for _, controller in field_controllers(result)],
         verdict=[
-            *(answers_text(result, controller) for _, controller in field_controllers(result)),
             *verdict(result, outcomes),
             *promise_tables.promise_sentences(kept),
             *_designed(result, inner),
@@ -62,7 +65,7 @@ def write_page(
         tables=[line for name, table in _tables(result) for line in table_lines(name, table_summary(study, table))],
         inner=None if inner is None else inner_part(inner),
         operating_points=tables.operating_points_table(result),
-        estimate=_estimate(result, trained),
+        estimate=_estimate(result, judged, trained),
         gains=[tables.gains_table(result, controller) for controller in result.controllers],
         margins=tables.margins_table(result),
         metrics=[tables.metrics_table(result, controller) for controller in result.controllers if controller.events],
@@ -83,9 +86,10 @@ def _designed(result: ScenarioResult, inner: dict[str, Any] | None) -> list[str]
     return said if inner is None else [*said, headline(inner)]
 
 
-def _estimate(result: ScenarioResult, trained: TrainedEstimator | None) -> dict[str, Any] | None:
+def _estimate(
+    result: ScenarioResult, judgements: Sequence[Judgement], trained: TrainedEstimator | None
+) -> dict[str, Any] | None:
     """What the page says about estimates; None if there are none."""
-    judgements = judge_estimates(result)
     if not judgements:
         return None
     about = [] if result.ready.network is None else [estimate_tables.network_table(result, trained)]

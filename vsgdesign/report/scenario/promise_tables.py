@@ -34,9 +34,9 @@ def promises_table(kept: Sequence[Kept]) -> Table | None:
                 one.source,
                 one.excuse,
                 f"{sign} {plain(one.limit)}",
-                _reached(one.ideal),
+                reached(one.ideal),
                 results[0],
-                _reached(one.full_order),
+                reached(one.full_order),
                 results[1],
             )
         )
@@ -71,25 +71,28 @@ def promise_sentences(kept: Sequence[Kept]) -> list[str]:
         missed = [one for one in judged if not one.kept]
         if not missed:
             continue
-        worst = max(missed, key=_distance)
+        worst = min(missed, key=slack)
         sign = "at least" if worst.at_least else "at most"
         sentences.append(
             f"With the real inner loops {name} misses {len(missed)} of the {len(judged)} margins that it was asked "
             f"for, with ideal ones {sum(not one.kept_ideal for one in judged)}; worst from {plain(worst.t_s)} s on: "
-            f"{PROMISES[worst.name].partition(' [')[0]} {_reached(worst.full_order)} (ideal "
-            f"{_reached(worst.ideal)}) where {worst.source} ask{'' if worst.source.endswith('gates') else 's'} for "
+            f"{PROMISES[worst.name].partition(' [')[0]} {reached(worst.full_order)} (ideal "
+            f"{reached(worst.ideal)}) where {worst.source} ask{'' if worst.source.endswith('gates') else 's'} for "
             f"{sign} {plain(worst.limit)}."
         )
     return sentences
 
 
-def _distance(one: Kept) -> float:
-    """The violation of a requirement relative to its limit; an unstable loop is the worst."""
+def slack(one: Kept) -> float:
+    """How far a margin is within its limit, relative to it; negative beyond it. An unstable loop is the worst."""
     value = one.full_order
-    return math.inf if math.isnan(value) else abs(value - one.limit) / abs(one.limit)
+    if math.isnan(value):
+        return -math.inf
+    return (value - one.limit if one.at_least else one.limit - value) / abs(one.limit)
 
 
-def _reached(value: float) -> str:
+def reached(value: float) -> str:
+    """A margin as a text: an unstable loop has none."""
     if math.isnan(value):
         return "unstable"
     return "∞" if math.isinf(value) else number(value)

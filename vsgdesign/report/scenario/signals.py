@@ -45,10 +45,15 @@ class Signal:
 
 def signals(result: ScenarioResult) -> Iterator[Signal]:
     """Active power, reactive power, voltage and frequency, one after the other."""
-    yield _power(result, "P_pcc", "active_power", "Active power", "W")
-    yield _power(result, "Q_pcc", "reactive_power", "Reactive power", "var")
+    yield from power_signals(result)
     yield _voltage(result)
     yield _frequency(result)
+
+
+def power_signals(result: ScenarioResult) -> Iterator[Signal]:
+    """Active power and reactive power."""
+    yield _power(result, "P_pcc", "active_power", "Active power", "W")
+    yield _power(result, "Q_pcc", "reactive_power", "Reactive power", "var")
 
 
 def events_of(controller: ControllerResult, signal: str) -> dict[float, EventMetrics]:

@@ -1,0 +1,231 @@
+"""The answer on top of a page: the verdicts of the tables below it, with words, and small pictures that are true."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from vsgdesign.metrics.events import UNSTABLE
+from vsgdesign.metrics.step_response import no_figures
+from vsgdesign.report.drawing import spark
+from vsgdesign.report.page.answer import FACT, MET, MISSED, OPEN, Answer, Cell, Row, counted, without_empty
+from vsgdesign.report.page.html import environment
+from vsgdesign.report.quantities import number, percent
+from vsgdesign.report.scenario import tables
+from vsgdesign.report.scenario.answer import MOST_STEPS, scenario_answer, steps_answer
+from vsgdesign.report.scenario.verdict import step_outcomes
+from vsgdesign.simulation.judging import judge_estimates
+from vsgdesign.simulation.promises import promises_kept
+
+
+def answered(result):
+    return scenario_answer(result, step_outcomes(result), promises_kept(result), judge_estimates(result))
+
+
+def cell(answer: Answer, name: str, head: str) -> Cell:
+    return next(row for row in answer.rows if row.name == name).cells[answer.head.index(head)]
+
+
+class Cells(HTMLParser):
+    """Text of each cell of the tables of class ``answer``, row by row."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.inside = self.in_cell = False
+        self.rows: list[list[str]] = []
+
+    def handle_starttag(self, tag, attrs):
+        if tag == "figure":
+            self.inside = "answer" in (dict(attrs).get("class") or "")
+        if self.inside and tag == "tr":
+            self.rows.append([])
+        if self.inside and tag in ("td", "th"):
+            self.rows[-1].append("")
+            self.in_cell = True
+
+    def handle_endtag(self, tag):
+        self.in_cell &= tag not in ("td", "th")
+
+    def handle_data(self, data):
+        if self.inside and self.in_cell:
+            self.rows[-1][-1] += data
+
+
+def rows_on(page) -> list[list[str]]:
+    parser = Cells()
+    parser.feed(page.read_text(encoding="utf-8"))
+    return [[" ".join(text.split()) for text in row] for row in parser.rows]
+
+
+def test_the_answer_stands_before_every_other_table_and_figure(made):
+    text = made.page.read_text(encoding="utf-8")
+    first = text.index('class="table answer')
+    assert first < text.index('class="drawing"') < text.index("<h2>In words</h2>")
+    assert text.index('id="figure-active_power"') == text.index('id="figure-')
+
+
+def test_counts_are_those_of_the_tables(short):
+    """Counted again from the texts of the tables below, which do not know the answer."""
+    answer = answered(short.result)
+    table = tables.targets_table(step_outcomes(short.result))
+    for controller in short.result.controllers:
+        name = controller.spec.name
+        for head, column in (("Settling time", 4), ("Overshoot", 7)):
+            verdicts = [row[column] for row in table.rows if row[0] == name]
+            missed = verdicts.count("missed")
+            shown = cell(answer, name, head)
+            expected = f"missed {missed} of {len(verdicts)}" if missed else f"met {len(verdicts)} of {len(verdicts)}"
+            assert (shown.words, shown.mark) == (expected, MISSED if missed else MET)
+        kept = [one for one in promises_kept(short.result) if one.controller == name and not one.excuse]
+        missed = sum(not one.kept for one in kept)
+        assert cell(answer, name, "Margins").words == (
+            f"missed {missed} of {len(kept)}" if missed else f"met {len(kept)} of {len(kept)}"
+        )
+
+
+def test_the_page_shows_the_worst_figures(short):
+    on_page = {row[0]: row for row in rows_on(short.page) if "pu" in row[-1]}
+    assert set(on_page) == {"CVSG", "AVSG"}
+    for controller in short.result.controllers:
+        row = on_page[controller.spec.name]
+        steps = [event.raw for event in controller.events if event.kind == "step"]
+        assert f"{number(max(step.settling_time_s for step in steps))} s, asked ≤" in row[1]
+        assert f"{percent(max(step.overshoot_pct for step in steps))} %, asked ≤" in row[2]
+        peak = max(event.peak_current_pu for event in controller.events)
+        assert row[-1] == f"{number(peak)} pu no limit is set"
+
+
+def test_each_step_has_its_picture_its_figures_and_its_verdict(short):
+    outcomes = step_outcomes(short.result)
+    answer = steps_answer(short.result, outcomes)
+    assert answer is not None
+    assert answer.head == ("P_ref 2.5 kW at 1 s", "Q_ref 1.5 kvar at 6 s")
+    for outcome in outcomes:
+        column = [1.0, 6.0].index(outcome.metrics.t_s)
+        shown = next(row for row in answer.rows if row.name == outcome.controller.spec.name).cells[column]
+        assert shown.words == ("missed" if outcome.misses else "met")
+        assert shown.detail == f"{number(outcome.settling_time_s)} s, {percent(outcome.overshoot_pct)} %"
+        assert shown.detail in str(shown.picture)
+
+
+def test_without_steps_there_is_no_picture_and_no_column(megawatt):
+    assert steps_answer(megawatt.result, step_outcomes(megawatt.result)) is None
+    assert not {"Settling time", "Overshoot", "Survival", "Estimate"} & set(answered(megawatt.result).head)
+
+
+def test_an_unstable_controller_misses_everything(short):
+    controller = short.result.controllers[1]
+    grown = tuple(
+        replace(e, status=UNSTABLE, reason="unstable: a mode", raw=no_figures(0.0), cycle_mean=no_figures(0.0))
+        for e in controller.events
+    )
+    result = replace(short.result, controllers=(replace(controller, events=grown),))
+    answer = answered(result)
+    assert cell(answer, "AVSG", "Settling time").words == "missed 2 of 2"
+    assert cell(answer, "AVSG", "Overshoot").detail.startswith("unstable, asked")
+    steps = steps_answer(result, step_outcomes(result))
+    assert steps is not None
+    assert {(one.words, one.detail) for one in steps.rows[0].cells} == {("missed", "unstable")}
+
+
+@pytest.mark.parametrize(("limit", "mark", "words"), [(9.0, MET, "within the limit"), (0.7, MISSED, "above the limit")])
+def test_the_current_is_held_against_the_limit(short, limit, mark, words):
+    study = replace(short.study, converter=replace(short.study.converter, current_limit_pu=limit))
+    result = replace(short.result, study=study)
+    rows = scenario_answer(result, step_outcomes(result), (), ()).rows
+    for row, controller in zip(rows, result.controllers, strict=True):
+        shown = row.cells[-1]
+        assert (shown.mark, shown.words) == (mark, words)
+        # The converter's own current, read again from the log: later than 5 ms after every event.
+        t_s, log = controller.simulation.t_s, controller.simulation.log
+        late = (t_s >= 1.0) & np.logical_and.reduce([(t_s < t) | (t_s > t + 4.9e-3) for t in (1.0, 4.0, 6.0)])
+        peak = np.hypot(log[late, 0], log[late, 1]).max() / study.converter.I_rated_pk
+        first = max(event.peak_current_pu for event in controller.events)
+        assert shown.detail == f"{number(first)} pu; {number(peak)} pu after 5 ms; limit {limit:g} pu"
+        assert ("#7A2E00" in str(shown.picture)) == (first > limit), "the part beyond the limit is hatched"
+
+
+def test_no_more_steps_than_fit(short):
+    outcomes = [
+        replace(one, metrics=replace(one.metrics, t_s=one.metrics.t_s))
+        for one in step_outcomes(short.result)
+        if one.metrics.t_s == 1.0
+    ]
+    events = tuple(replace(short.study.events[0], t_s=1.0 + 0.1 * k) for k in range(9))
+    many = [replace(one, metrics=replace(one.metrics, t_s=event.t_s)) for event in events for one in outcomes]
+    result = replace(short.result, study=replace(short.study, events=events))
+    answer = steps_answer(result, many)
+    assert answer is not None
+    assert len(answer.head) == MOST_STEPS
+    assert "3 more steps are in the table below." in answer.notes[0]
+
+
+def test_counted_cells():
+    assert counted([], "x").mark == OPEN
+    assert counted([True], "x") == Cell(MET, "met", "x")
+    assert counted([False], "x") == Cell(MISSED, "missed", "x")
+    assert counted([True, False, True], "x").words == "missed 1 of 3"
+    some = Row("a", (Cell(OPEN, "–"), Cell(FACT, "1 pu")))
+    assert without_empty(Answer("t", ("A", "B"), (some, some))).head == ("B",)
+
+
+def test_words_and_signs_stand_beside_colours():
+    answer = Answer("t", ("A", "B"), (Row("n <&>", (Cell(MET, "met 2 of 2"), Cell(MISSED, "missed", "P_ref 1 s"))),))
+    text = str(environment().get_template("parts.html.j2").module.answer(answer))
+    assert "✓</span> met 2 of 2</span>" in text
+    assert "✗</span> missed</span>" in text
+    assert "n &lt;&amp;&gt;" in text
+    assert "<i>P</i><sub>ref</sub> 1 s" in text
+
+
+def points_of(svg: str) -> np.ndarray:
+    found = re.search(r'points="([^"]*)"', svg)
+    assert found is not None
+    return np.array([[float(x) for x in pair.split(",")] for pair in found.group(1).split()])
+
+
+def test_a_small_step_is_true_to_its_values():
+    t = np.linspace(0.0, 2.0, 5001)
+    y = 1.0 - np.exp(-3.0 * t)
+    svg = str(spark.step(t, y, (0.0, 2.0), (-0.1, 1.1), 1, 'a "b"', final=1.0, due=1.0, settled=0.5))
+    x, down = points_of(svg).T
+    back_t, back_y = 2.0 * x / spark.WIDTH, 1.1 - 1.2 * down / spark.HEIGHT
+    np.testing.assert_allclose(back_y, 1.0 - np.exp(-3.0 * back_t), atol=1.2 * 0.1 / spark.HEIGHT + 6.0 * 0.05 / 132)
+    circle = re.search(r'cx="([\d.]+)" cy="([\d.]+)"', svg)
+    assert circle is not None
+    assert float(circle.group(1)) == pytest.approx(0.25 * spark.WIDTH, abs=0.06)
+    assert float(circle.group(2)) == pytest.approx((1.1 - (1.0 - np.exp(-1.5))) / 1.2 * spark.HEIGHT, abs=0.06)
+    assert "&#34;b&#34;" in svg
+
+
+def test_a_curve_that_diverges_stays_small_and_finite():
+    t = np.linspace(0.0, 1.0, 1000)
+    y = np.exp(200.0 * t)
+    y[990:] = np.nan
+    svg = str(spark.step(t, y, (0.0, 1.0), (0.0, 2.0), 0, "diverged"))
+    assert "nan" not in svg
+    assert "inf" not in svg
+    assert np.abs(points_of(svg)).max() <= 2.0 * spark.WIDTH
+    nothing = str(spark.step(t[:0], y[:0], (0.0, 1.0), (0.0, 2.0), 0, "nothing was kept"))
+    assert "polyline" not in nothing
+
+
+def test_a_bar_is_as_long_as_its_value():
+    def widths(value: float, limit: float | None) -> list[float]:
+        return [
+            float(w) for w in re.findall(r'width="([\d.]+)" height="10" fill', str(spark.bar(value, limit, 2.0, "")))
+        ]
+
+    assert widths(1.0, None) == [55.0]
+    assert widths(1.0, 1.5) == [55.0]
+    assert widths(1.5, 1.0) == [55.0, 27.5]
+
+
+def test_levels_are_never_a_range_of_zero():
+    low, high = spark.levels_of([np.full(5, 3.0)], [3.0])
+    assert low < 3.0 < high
+    assert spark.levels_of([], [])[0] < spark.levels_of([], [])[1]

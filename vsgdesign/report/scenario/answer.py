@@ -1,0 +1,303 @@
+"""The answer on top of a scenario's page: each controller against its targets, its steps, its largest current."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
+from vsgdesign.metrics.survival import Survival, loads_of
+from vsgdesign.report.drawing import spark
+from vsgdesign.report.page.answer import FACT, MET, MISSED, OPEN, Answer, Cell, Row, counted, without_empty
+from vsgdesign.report.quantities import number, percent, plain
+from vsgdesign.report.scenario.figures import interesting_time
+from vsgdesign.report.scenario.promise_tables import PROMISES, reached, slack
+from vsgdesign.report.scenario.signals import Signal, power_signals
+from vsgdesign.report.scenario.verdict import StepOutcome
+from vsgdesign.simulation import ControllerResult, ScenarioResult
+from vsgdesign.simulation.judging import Judgement
+from vsgdesign.simulation.promises import Kept
+from vsgdesign.simulation.survival.running import record_of
+from vsgdesign.verification.promises import LIMIT_ROOM
+
+MOST_STEPS = 6
+"""As many steps are drawn side by side: those that most controllers miss, in order of time."""
+
+_BEFORE, _AFTER_DUE = 0.06, 1.3
+"""What is drawn before a step, as a share of what is drawn after it; how much of the time asked for at least."""
+
+
+def scenario_answer(
+    result: ScenarioResult, outcomes: Sequence[StepOutcome], kept: Sequence[Kept], judged: Sequence[Judgement]
+) -> Answer:
+    """One row a controller, one column a target that any of them was asked for."""
+    peaks = {c.spec.name: peak_pu(c) for c in result.controllers}
+    limits = {c.spec.name: result.study.with_limit_of(c.spec).converter.current_limit_pu for c in result.controllers}
+    largest = max([1.0, *(v for v in (*peaks.values(), *limits.values()) if v is not None and math.isfinite(v))])
+    rows = []
+    for index, controller in enumerate(result.controllers):
+        name = controller.spec.name
+        own = [outcome for outcome in outcomes if outcome.controller is controller]
+        cells = (
+            _settling(own),
+            _overshoot(own),
+            _margins([one for one in kept if one.controller == name]),
+            _stability(result, controller),
+            _survival(controller.survival),
+            _estimate(next((one for one in judged if one.name == name), None)),
+            _current(name, peaks[name], late_peak_pu(result, controller), limits[name], largest),
+        )
+        rows.append(Row(name, cells, spark.key(index)))
+    head = ("Settling time", "Overshoot", "Margins", "Rest", "Survival", "Estimate", "Peak current")
+    return without_empty(Answer("Against what was asked for", head, tuple(rows), notes=_notes(result, kept)))
+
+
+def _notes(result: ScenarioResult, kept: Sequence[Kept]) -> tuple[str, ...]:
+    notes = ["Each cell counts the verdicts of the tables below, and shows the worst."]
+    if kept:
+        notes.append("Margins are those of the full-order model, with the real inner loops.")
+    if any(event.peak_current_pu is not None for c in result.controllers for event in c.events):
+        notes.append("Peak current: the largest length of the current vector after an event, over the rated peak.")
+    if any(result.study.with_limit_of(c.spec).converter.current_limit_pu for c in result.controllers):
+        notes.append(
+            "The black line is the limit. It is kept if the converter's own current, from 5 ms after each event on, is "
+            f"at most {plain(100.0 * LIMIT_ROOM - 100.0)} % above it."
+        )
+    return (" ".join(notes),)
+
+
+def _settling(own: Sequence[StepOutcome]) -> Cell:
+    asked = [one for one in own if one.judged and one.target_settling_time_s is not None]
+    if not asked:
+        return _none(own)
+    worst = max(asked, key=lambda one: _ratio(_time(one), one.target_settling_time_s or 0.0))
+    limit = f"≤ {plain(worst.target_settling_time_s or 0.0)} s"
+    return counted([one.settles for one in asked], f"{settling_words(worst)}, asked {limit}")
+
+
+def _overshoot(own: Sequence[StepOutcome]) -> Cell:
+    asked = [one for one in own if one.judged and one.target_overshoot_pct is not None]
+    if not asked:
+        return _none(own)
+    worst = max(
+        asked, key=lambda one: math.inf if one.unstable else one.overshoot_pct - (one.target_overshoot_pct or 0)
+    )
+    limit = f"≤ {percent(worst.target_overshoot_pct)} %"
+    return counted([one.stays_below for one in asked], f"{overshoot_words(worst)}, asked {limit}")
+
+
+def _none(own: Sequence[StepOutcome]) -> Cell:
+    """Nothing is judged: because nothing was asked for, promised or known."""
+    if not own or all(one.target_settling_time_s is None and one.target_overshoot_pct is None for one in own):
+        return Cell(OPEN, "not asked for" if own else "no step")
+    return Cell(OPEN, "not promised" if all(one.excuse for one in own) else "not known")
+
+
+def settling_words(outcome: StepOutcome) -> str:
+    """Its settling time, or why there is none."""
+    if outcome.metrics.status not in (MEASURED, NOT_SETTLED):
+        return str(outcome.metrics.status)
+    settled = outcome.settling_time_s
+    return f"> {plain(outcome.window_s)} s" if settled is None else f"{number(settled)} s"
+
+
+def overshoot_words(outcome: StepOutcome) -> str:
+    """Its overshoot, or why there is none."""
+    if outcome.unstable:
+        return str(outcome.metrics.status)
+    return f"{percent(outcome.measured_overshoot_pct)} %"
+
+
+def _time(outcome: StepOutcome) -> float:
+    return math.inf if outcome.settling_time_s is None else outcome.settling_time_s
+
+
+def _beyond(outcome: StepOutcome) -> float:
+    """Overshoot beyond what is allowed, percentage points."""
+    return math.inf if outcome.unstable else outcome.overshoot_pct - (outcome.target_overshoot_pct or 0.0)
+
+
+def _ratio(value: float, limit: float) -> float:
+    return value / limit if limit > 0.0 else math.inf
+
+
+def _margins(own: Sequence[Kept]) -> Cell:
+    judged = [one for one in own if not one.excuse]
+    if not judged:
+        return Cell(OPEN, "not judged" if own else "not asked for")
+    worst = min(judged, key=slack)
+    name, _, unit = PROMISES[worst.name].partition(" [")
+    unit = {"dB]": " dB", "°]": "°"}.get(unit, "")
+    limit = f"{'≥' if worst.at_least else '≤'} {plain(worst.limit)}{unit}"
+    value = reached(worst.full_order)
+    return counted([one.kept for one in judged], f"{name} {value}{unit if value[-1].isdigit() else ''}, asked {limit}")
+
+
+def _stability(result: ScenarioResult, controller: ControllerResult) -> Cell:
+    """Shown where any controller has no stable rest, or does not come to it."""
+    unstable = [one for one in result.instabilities if one.controller == controller.spec.name]
+    status = controller.outcome.status
+    if unstable:
+        first = unstable[0]
+        return Cell(MISSED, "unstable", f"from {plain(first.t_s)} s on ({first.event})")
+    if status in ("diverged", "not settled", "limited"):
+        at = "" if controller.outcome.t_s is None else f"at {plain(controller.outcome.t_s)} s"
+        return Cell(MISSED, {"limited": "at its current limit"}.get(status, status), at)
+    words = {"settled": "settled", "infeasible": "no steady state"}.get(status, "not known")
+    return Cell(OPEN, words)
+
+
+def _survival(verdict: Survival | None) -> Cell:
+    if verdict is None:
+        return Cell(OPEN, "not asked for")
+    if not verdict.judged:
+        return Cell(OPEN, "not judged", verdict.status)
+    if not verdict.survived:
+        return Cell(MISSED, "not survived", verdict.status)
+    return Cell(MET, "survived", "" if verdict.recovery_s is None else f"at rest after {plain(verdict.recovery_s)} s")
+
+
+def _estimate(judged: Judgement | None) -> Cell:
+    """Changes of the grid that an estimate found, and its error at rest. No target says how well it must do so."""
+    if judged is None:
+        return Cell(OPEN, "the true grid")
+    errors = [abs(e) for rest in judged.rest for e in (rest.R_mean_pct, rest.L_mean_pct) if math.isfinite(e)]
+    detail = f"error at rest up to {number(max(errors), 2)} %" if errors else "no error at rest is known"
+    if not judged.changes:
+        return Cell(FACT, detail)
+    found = sum(change.kept_windows is not None for change in judged.changes)
+    count = len(judged.changes)
+    words = f"{found} of {count} changes found" if count > 1 else "change found" if found else "change not found"
+    return Cell(MET if found == count else MISSED, words, detail)
+
+
+def peak_pu(controller: ControllerResult) -> float | None:
+    """The largest current after any event, over the rated peak; None where no event has one."""
+    found = [event.peak_current_pu for event in controller.events if event.peak_current_pu is not None]
+    return max(found, default=None)
+
+
+def late_peak_pu(result: ScenarioResult, controller: ControllerResult) -> float | None:
+    """The largest current of the converter itself later than 5 ms after each event, over the rated peak.
+
+    This is the current that a limit is held against, as ``vsgdesign verify`` does it: no sampled loop can act at once,
+    and the limiter does not see the current of the filter capacitor.
+    """
+    if controller.survival is not None and controller.survival.peak_pu is not None:
+        return controller.survival.peak_pu
+    instants = sorted({event.t_s for event in result.study.events if event.t_s > 0.0})
+    t_s = controller.simulation.t_s
+    instants = [t for t in instants if len(t_s) > 1 and t < t_s[-1]]
+    return loads_of(record_of(result.study, controller.simulation), instants, None).peak_pu if instants else None
+
+
+def _current(name: str, peak: float | None, late: float | None, limit: float | None, largest: float) -> Cell:
+    if peak is None:
+        return Cell(OPEN, "no event")
+    said = f"{number(peak)} pu"
+    if not math.isfinite(peak):
+        return Cell(FACT, said)
+    if limit is None:
+        return Cell(FACT, said, "no limit is set", spark.bar(peak, None, largest, f"{name}: {said}, no limit"))
+    label = f"{name}: {said}, limit {plain(limit)} pu"
+    picture = spark.bar(peak, limit, largest, label)
+    if late is None:
+        return Cell(OPEN, said, f"limit {plain(limit)} pu", picture)
+    kept = late <= LIMIT_ROOM * limit
+    return Cell(
+        MET if kept else MISSED,
+        "within the limit" if kept else "above the limit",
+        f"{said}; {number(late)} pu after 5 ms; limit {plain(limit)} pu",
+        picture,
+    )
+
+
+@dataclass(frozen=True)
+class _Step:
+    """One reference step of the scenario, with its outcome for each controller that has one."""
+
+    t_s: float
+    signal: str
+    outcomes: dict[str, StepOutcome]
+
+    @property
+    def title(self) -> str:
+        first = next(iter(self.outcomes.values()))
+        return f"{first.metrics.name} at {plain(first.metrics.t_s, 5)} s"
+
+
+def steps_answer(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> Answer | None:
+    """A small picture of each step of each controller, with its figures; None where there is no step."""
+    steps = [
+        _Step(t_s, signal, {o.controller.spec.name: o for o in outcomes if (o.metrics.t_s, o.metrics.signal) == at})
+        for at in dict.fromkeys((o.metrics.t_s, o.metrics.signal) for o in outcomes)
+        for t_s, signal in [at]
+    ]
+    if not steps:
+        return None
+    worst = sorted(steps, key=lambda step: -sum(one.misses for one in step.outcomes.values()))
+    shown = sorted(worst[:MOST_STEPS], key=lambda step: step.t_s)
+    signals = {signal.metrics_name: signal for signal in power_signals(result)}
+    pictures = [_pictures(result, step, signals[step.signal]) for step in shown]
+    rows = tuple(
+        Row(
+            controller.spec.name,
+            tuple(picture(index, controller.spec.name) for picture in pictures),
+            spark.key(index),
+        )
+        for index, controller in enumerate(result.controllers)
+    )
+    left = len(steps) - len(shown)
+    more = f" {left} more step{'s are' if left > 1 else ' is'} in the table below." if left else ""
+    ripples = any(controller.ripples for controller in result.controllers)
+    said = (
+        f"Power after each step of its reference{', the mean over whole cycles' if ripples else ''}; one scale in each "
+        "column. Dashed: the value at which the response ends. Dotted: the settling time that was asked for. Circle: "
+        "settled within 2 %."
+    )
+    return Answer("Each step", tuple(step.title for step in shown), rows, notes=(said + more,))
+
+
+def _pictures(result: ScenarioResult, step: _Step, signal: Signal) -> Callable[[int, str], Cell]:
+    """Draws the cell of one controller (its index and name) in the column of a step."""
+    factor, outcomes = signal.si_factor, step.outcomes.values()
+    available = next(iter(outcomes)).window_s
+    event = next(event for event in result.study.events if event.t_s == step.t_s)
+    needed = [_AFTER_DUE * (one.target_settling_time_s or 0.0) for one in outcomes]
+    span = min(max(interesting_time(result, event, step.t_s + available), *needed), available)
+    window = (step.t_s - _BEFORE * span, step.t_s + span)
+    traces = [trace.between(*window) for trace in signal.traces]
+    curves = [trace.mean if c.ripples else trace.y for trace, c in zip(traces, result.controllers, strict=True)]
+    # Controllers with droop end apart: each is drawn about its own end, or about its last value, all on one scale.
+    finals = {name: one.metrics.raw.final for name, one in step.outcomes.items()}
+    for index, controller in enumerate(result.controllers):
+        final, curve = finals.get(controller.spec.name), curves[index]
+        curves[index] = curve - (final / factor if final is not None else curve[-1:].sum())
+    whole = [curve for curve, trace in zip(curves, traces, strict=True) if not trace.broken]
+    levels = spark.levels_of(whole, [0.0])
+
+    def cell(index: int, name: str) -> Cell:
+        outcome = step.outcomes.get(name)
+        if outcome is None:
+            return Cell(OPEN, "no figures")
+        due, settled = outcome.target_settling_time_s, outcome.settling_time_s
+        words = f"{settling_words(outcome)}"
+        if not outcome.unstable and outcome.measured_overshoot_pct is not None:
+            words += f", {overshoot_words(outcome)}"
+        mark = OPEN if not outcome.judged else MISSED if outcome.misses else MET
+        verdict = {MET: "met", MISSED: "missed"}.get(mark, "not promised" if outcome.excuse else "not judged")
+        picture = spark.step(
+            traces[index].t,
+            curves[index],
+            window,
+            levels,
+            index,
+            f"{name}, {step.title}: {words}, {verdict}",
+            None if finals[name] is None else 0.0,
+            None if due is None else step.t_s + due,
+            None if settled is None else step.t_s + settled,
+        )
+        return Cell(mark, verdict, words, picture)
+
+    return cell
