@@ -168,9 +168,7 @@ class Chromium:
         self, context: str, width: int = 1280, height: int = 800, *, dark: bool = False, scale: float = 1.0
     ) -> Page:
         """A further page of a context: another tab."""
-        target = self.call(
-            "Target.createTarget", url="about:blank", browserContextId=context, width=width, height=height
-        )["targetId"]
+        target = self.call("Target.createTarget", url="about:blank", browserContextId=context)["targetId"]
         session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         page = Page(self, context, target, session)
         self._pages[session] = page
@@ -254,7 +252,7 @@ class Page:
             raise BrowserError(f"{expression}: {details.get('exception', {}).get('description', details['text'])}")
         return reply["result"].get("value")
 
-    def wait(self, expression: str, timeout_s: float = 10.0) -> Any:
+    def wait(self, expression: str, timeout_s: float = 6.0) -> Any:
         """Wait until an expression of the page is true. Looked at in each frame; its value."""
         watch = WATCH % (expression, 1e3 * timeout_s)
         found = self.evaluate(watch)
@@ -320,6 +318,15 @@ class Page:
         self.key("a", "Control")
         self.call("Input.insertText", text=text)
         self.key("Enter")
+
+    def choose(self, selector: str, value: str) -> None:
+        """Choose in a closed list with the keyboard."""
+        name = json.dumps(selector)
+        self.evaluate(f"document.querySelector({name}).focus()")
+        order = self.evaluate(f"[...document.querySelector({name}).options].map((option) => option.value)")
+        self.key("Home")
+        for _ in range(order.index(value)):
+            self.key("ArrowDown")
 
     def downloaded(self, name: str, timeout_s: float = 5.0) -> Path:
         """A file that the page has saved, when it is there."""

@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from tests.explore.browser.chromium import Chromium, Page, chromium, program
-from tests.explore.browser.explorer import Explorer, explorer_of
+from tests.explore.browser.explorer import Explorer, ExplorerPage, explorer_of
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -40,10 +40,31 @@ def new_page(browser: Chromium) -> Iterator[Callable[..., Page]]:
 
     yield make
     for page in made:
-        faults, urls = [*page.faults], page.urls
         page.close()
-        assert not faults, faults
-        assert not beyond_this_machine(urls)
+    for page in made:
+        content(page)
+
+
+@pytest.fixture(scope="session")
+def kept(browser: Chromium, explorer: Explorer) -> ExplorerPage:
+    return ExplorerPage(browser.page(), explorer.address)
+
+
+@pytest.fixture
+def opened(kept: ExplorerPage, explorer: Explorer) -> Iterator[ExplorerPage]:
+    """The page as it opens with the study's own state, in a tab that all tests share: a new one takes half a second."""
+    kept.open(explorer.address)
+    yield kept
+    content(kept.page)
+
+
+def content(page: Page) -> None:
+    """The page has not complained, and has asked nobody but this machine."""
+    faults, urls = [*page.faults], [*page.urls]
+    page.faults.clear()
+    page.urls.clear()
+    assert not faults, faults
+    assert not beyond_this_machine(urls)
 
 
 def beyond_this_machine(urls: list[str]) -> list[str]:

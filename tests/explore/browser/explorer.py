@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import quote, unquote
 
 from tests.explore.browser.chromium import Page
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.explore.server import ExplorerServer, Opening
 from vsgdesign.explore.session import Session
+from vsgdesign.parameters import load_study
 
 KINDS = ("linear", "emt", "map")
+COUNTER = """
+window.moved = 0;
+window.drawings = {linear: [], emt: [], map: [], last: 0};
+document.addEventListener("pointermove", (event) => { window.moved = event.timeStamp; }, true);
+document.addEventListener("drawn", ({detail}) => {
+  drawings.last = performance.now();
+  drawings[detail.kind].push({...detail, at: drawings.last, after: drawings.last - window.moved});
+});
+"""
+"""Before the page's own scripts: counts the drawings, and times them from the browser's own time of the last move."""
 
 
 @dataclass(frozen=True)
@@ -26,17 +39,25 @@ class Explorer:
     complaints: list[str]
     """Tracebacks of answers that failed."""
 
-    def link(self, changes: Mapping[str, Any]) -> str:
+    def link(self, **changes: Any) -> str:
         """The address of the page with a state: the keys that differ from those of the study."""
-        return self.address + ("#" + quote(json.dumps(dict(changes))) if changes else "")
+        return self.address + ("#" + quote(json.dumps(changes)) if changes else "")
+
+    def state(self, **changes: Any) -> dict[str, Any]:
+        """The whole state with some keys changed."""
+        return {**self.session.info()["defaults"], **changes}
+
+    def header(self, kind: str, state: Mapping[str, Any]) -> dict[str, Any]:
+        """The figures and words of an answer."""
+        answer = self.session.answer(kind, state, lambda: False)
+        if answer is None:
+            raise RuntimeError(f"no {kind} answer")
+        return dict(answer.header)
 
 
 @contextmanager
 def explorer_of(path: Path) -> Iterator[Explorer]:
     """An explorer of a study file whose controllers need no gain table."""
-    from vsgdesign.artifacts.ready import Ready
-    from vsgdesign.parameters import load_study
-
     opening, complaints = Opening(), []
     server = ExplorerServer(opening, complain=complaints.append)
     server.begin()
@@ -48,35 +69,77 @@ def explorer_of(path: Path) -> Iterator[Explorer]:
         server.end()
 
 
-class ExplorerPage:
-    """A page of the explorer, open."""
+class Place(NamedTuple):
+    """A point of the window and the grid that the map has there."""
 
-    def __init__(self, page: Page, address: str) -> None:
+    point: tuple[float, float]
+    scr: float
+    x_over_r: float
+
+
+class ExplorerPage:
+    """A page of the explorer, with everything drawn."""
+
+    MARGINS = (44.0, 10.0, 6.0, 36.0)
+    """Of the map's axes in its canvas: left, right, top, bottom (page/map.js)."""
+
+    def __init__(self, page: Page, address: str, timeout_s: float = 20.0) -> None:
         self.page = page
-        # Drawings are counted by the page's own event, from before its scripts begin.
         page.call("Page.addScriptToEvaluateOnNewDocument", source=COUNTER)
+        self.open(address, timeout_s)
+
+    def open(self, address: str, timeout_s: float = 20.0) -> None:
+        """Go to an address, and wait until everything is drawn."""
+        page = self.page
+        if page.evaluate("location.href").split("#")[0] == address.split("#")[0]:
+            page.goto("about:blank")  # or the page would stay, and take the address as a link that was pasted
         page.goto(address)
-        page.wait("document.documentElement.dataset.state === 'ready'", 20.0)
+        page.wait("document.documentElement.dataset.state === 'ready'", timeout_s)
+        page.wait(f"{json.dumps(KINDS)}.every((kind) => drawings[kind].length)", timeout_s)
+        self.settle()
+        self.axes = page.evaluate("fetch('study').then((reply) => reply.json()).then((info) => info.map)")
+
+    def settle(self, quiet_ms: float = 120.0) -> None:
+        """Wait until nothing has been drawn for some time."""
+        self.page.wait(f"performance.now() - drawings.last > {quiet_ms}")
+
+    def counts(self) -> dict[str, int]:
+        """How often each kind of answer has been drawn."""
+        return {kind: self.page.evaluate(f"drawings.{kind}.length") for kind in KINDS}
+
+    def redrawn(self, before: Mapping[str, int], *kinds: str) -> None:
+        """Wait until kinds of answers have been drawn once more."""
+        for kind in kinds:
+            self.page.wait(f"drawings.{kind}.length > {before[kind]}")
         self.settle()
 
-    def settle(self, timeout_s: float = 15.0) -> None:
-        """Wait until everything is drawn once and nothing is drawn any more."""
-        self.page.wait(f"window.drawings && {json.dumps(KINDS)}.every((kind) => drawings[kind].length)", timeout_s)
-        self.page.wait("performance.now() - drawings.last > 150", timeout_s)
-
-    def drawn(self, kind: str) -> int:
-        """How often a kind of answer has been drawn."""
-        return self.page.evaluate(f"drawings.{kind}.length")
-
     def changes(self) -> dict[str, Any]:
-        """The state in the link: what differs from the study."""
+        """The state in the address: what differs from the study."""
         return json.loads(unquote(self.page.evaluate("location.hash")[1:]) or "{}")
 
+    def text(self, selector: str) -> str:
+        """The text of an element, without the spaces around it."""
+        return self.page.evaluate(f"document.querySelector({json.dumps(selector)}).innerText.trim()")
 
-COUNTER = """
-window.drawings = {linear: [], emt: [], map: [], last: 0};
-document.addEventListener("drawn", ({detail}) => {
-  (drawings[detail.kind] ||= []).push({...detail, at: performance.now()});
-  drawings.last = performance.now();
-});
-"""
+    def place(self, across: float, up: float) -> Place:
+        """A point of the map, from 0 at its left or lower end to 1, and the grid that its logarithmic axes give it."""
+        left, right, top, bottom = self.MARGINS
+        box = self.page.box("#map")
+        width, height = box.width - left - right, box.height - top - bottom
+        scr, ratio = (
+            math.exp((1.0 - share) * math.log(self.axes[name][0]) + share * math.log(self.axes[name][1]))
+            for name, share in (("scr", across), ("x_over_r", up))
+        )
+        return Place((box.x + left + across * width, box.y + top + (1.0 - up) * height), scr, ratio)
+
+    def table(self) -> dict[str, list[str]]:
+        """The cells of the table of controllers, by name."""
+        rows = self.page.evaluate(
+            "[...document.querySelectorAll('#table tbody tr')].map((tr) =>"
+            "[...tr.children].map((cell) => cell.innerText.trim()))"
+        )
+        return {name: cells for name, *cells in rows}
+
+    def field(self, path: str) -> str:
+        """The selector of a field."""
+        return f"[data-path='{path}']"

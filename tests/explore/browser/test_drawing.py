@@ -1,0 +1,106 @@
+"""What one sees: everything is drawn, on both widths and in both schemes, legible, with nothing from elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from tests.explore.browser.chromium import Page
+from tests.explore.browser.explorer import Explorer, ExplorerPage
+
+INK = """((id) => {
+  const c = document.getElementById(id), d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+  const seen = new Set();
+  for (let k = 0; k < d.length; k += 4) if (d[k + 3]) seen.add((d[k] << 16) | (d[k + 1] << 8) | d[k + 2]);
+  return seen.size;
+})"""
+"""Different colours of a canvas; an empty one has none."""
+CONTRASTS = """(() => {
+  const colour = (text) => (text.match(/[\\d.]+/g) || []).map(Number);
+  const light = ([r, g, b]) => [r, g, b].map((v) => v / 255)
+    .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
+  const over = ([r, g, b, a = 1], under) => [r, g, b].map((v, k) => a * v + (1 - a) * under[k]);
+  const behind = (e) => {
+    if (!e) return document.documentElement.matches(':root') && matchMedia('(prefers-color-scheme: dark)').matches
+      ? [18, 18, 18] : [255, 255, 255];
+    const own = colour(getComputedStyle(e).backgroundColor);
+    return own.length === 3 || own[3] === 1 ? own.slice(0, 3) : over(own, behind(e.parentElement));
+  };
+  const found = [];
+  for (const e of document.body.querySelectorAll('*')) {
+    const style = getComputedStyle(e);
+    const words = e.matches('input, select') ? e.value
+      : [...e.childNodes].filter((n) => n.nodeType === 3).map((n) => n.textContent.trim()).join(' ');
+    const seen = e.checkVisibility({visibilityProperty: true}) && e.getBoundingClientRect().width > 1;
+    if (!words || !seen || e.matches(':disabled, option, [type=range], [type=checkbox], [type=radio]')) continue;
+    const back = behind(e);
+    const [a, b] = [light(over(colour(style.color), back)), light(back)].sort((x, y) => y - x);
+    const large = parseFloat(style.fontSize) >= 24 || (parseFloat(style.fontSize) >= 18.66 && style.fontWeight >= 700);
+    found.push([(a + 0.05) / (b + 0.05) / (large ? 3.0 : 4.5), words.slice(0, 40), style.color, String(back)]);
+  }
+  return found;
+})()"""
+"""The contrast of every text of the page (WCAG 2.2, 1.4.3), as a share of what level AA asks for."""
+CANVASES = ("map", "response", "modes", "magnitude", "phase")
+
+
+@pytest.mark.parametrize(("width", "height", "dark"), [(1280, 800, False), (1280, 800, True)])
+def test_everything_is_drawn_and_legible(
+    explorer: Explorer, new_page: Callable[..., Page], width: int, height: int, dark: bool
+) -> None:
+    page = new_page(width, height, dark=dark)
+    opened = ExplorerPage(page, explorer.address)
+    ink = {name: page.evaluate(f"{INK}('{name}')") for name in CANVASES}
+    assert min(ink.values()) > 10, ink
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    if width == 1280:  # one screen: nothing to scroll to
+        assert page.evaluate("document.documentElement.scrollHeight") <= height
+    names = [one["name"] for one in explorer.session.info()["controllers"]]
+    assert [name for name in opened.table() if name in names] == names
+    contrasts = page.evaluate(CONTRASTS)
+    assert len(contrasts) > 40
+    assert [one for one in contrasts if one[0] < 1.0] == []
+    back = page.evaluate("getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)")
+    assert (max(back) < 64) is dark
+    assert explorer.complaints == []
+
+
+def test_the_whole_page_is_small_and_asks_nobody_else(explorer: Explorer, new_page: Callable[..., Page]) -> None:
+    page = new_page()
+    ExplorerPage(page, explorer.address)
+    sizes = page.evaluate(
+        "[['', performance.getEntriesByType('navigation')[0].encodedBodySize],"
+        "...performance.getEntriesByType('resource').map((one) => [one.name, one.encodedBodySize])]"
+    )
+    answers = ("/study", "/linear", "/emt", "/map")
+    files = {name: size for name, size in sizes if not name.endswith(answers)}
+    assert len(files) > 3
+    assert sum(files.values()) <= 150_000, files
+    assert {url.split("#")[0] for url in page.urls if not url.startswith(("data:", "blob:"))} <= {
+        explorer.address + name.removeprefix(explorer.address) for name in [*files, *dict(sizes), ""]
+    }
+
+
+def test_a_grid_without_operating_point_says_why(explorer: Explorer, new_page: Callable[..., Page]) -> None:
+    state = {"scr": 1.25, "x_over_r": 8.0, "P_pu": 1.19}
+    why = [one["why"] for one in explorer.header("linear", explorer.state(**state))["controllers"]]
+    assert all(why)
+    opened = ExplorerPage(new_page(), explorer.link(**state))
+    for cells, words in zip(opened.table().values(), why, strict=True):
+        assert words in cells
+
+
+def test_an_explorer_that_has_ended_is_said_so(explorer: Explorer, new_page: Callable[..., Page]) -> None:
+    page = new_page()
+    opened = ExplorerPage(page, explorer.address)
+    page.call("Network.emulateNetworkConditions", offline=True, latency=0, downloadThroughput=-1, uploadThroughput=-1)
+    page.click(opened.place(0.7, 0.3).point)
+    page.wait("document.documentElement.dataset.state === 'lost'")
+    assert "vsgdesign explore" in opened.text("#notice")
+    page.call("Network.emulateNetworkConditions", offline=False, latency=0, downloadThroughput=-1, uploadThroughput=-1)
+    before = opened.counts()
+    page.click(opened.place(0.6, 0.3).point)
+    opened.redrawn(before, "linear", "emt")
+    page.faults.clear()  # the console has complained about the requests that were lost
