@@ -174,30 +174,60 @@ def _run_controllers(
         for text in (*(one.message for one in unstable), WHERE_TO_LOOK):
             warn(text)
     results = {}
-    for own_study, spec, feed, found in zip(own, specs, feeds, expected, strict=True):
+    for spec, feed, found in zip(specs, feeds, expected, strict=True):
         report = None if progress is None else _reporter(progress, spec.name)
-        run = simulate(own_study, feed, bridge=bridge, progress=report)
-        series = derive_series(study, run)
-        estimates = feed.log(timeline) if isinstance(feed, EstimatedScheduler | FieldScheduler) else None
-        used = bridge or study.simulation.bridge
-        if estimates is not None or not knows_its_rests(own_study, spec, timeline):  # the gains that it really had
-            found = rests(own_study, timeline, run.gain_changes)
-        events = measure_events(
-            study, series, found, ripples=used == "pwm" or study.has_components, divergence=run.divergence
-        )
-        results[spec.name] = ControllerResult(
-            spec=spec,
-            bridge=used,
-            gain_changes=run.gain_changes,
-            simulation=run,
-            series=series,
-            events=events,
-            outcome=outcome_of(run.divergence, found, events, _limited_rest(own_study, run, series)),
-            estimates=estimates,
-            distorted=study.has_components,
-            survival=judge_scenario(own_study, spec, ready, run, used) if study.simulation.survival else None,
-        )
+        results[spec.name] = _run(study, spec, ready, feed, found, timeline, bridge, report)
     return results, unstable
+
+
+def run_controller(
+    study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, bridge: str | None = None
+) -> ControllerResult:
+    """One controller of a study through its events, with the same figures as in :func:`run_scenario`.
+
+    Nothing is checked before: an event may lead to where there is no steady state, and the run shows what happens.
+    Raises InfeasibleStudyError where the start has no steady state or the controller has no gains on some grid of the
+    scenario; SimulationDivergedError where the run diverges at once.
+    """
+    timeline = build_timeline(study)
+    feed = _feed(study.with_limit_of(spec), spec, timeline, ready)
+    found = expected_rests(study, timeline, spec, ready)
+    return _run(study, spec, ready, feed, found, timeline, bridge, None)
+
+
+def _run(
+    study: Study,
+    spec: ControllerSpec,
+    ready: Ready,
+    feed: EstimatedScheduler | FieldScheduler | OnlineScheduler | tuple[GainChange, ...],
+    found: tuple[Rest, ...],
+    timeline: Timeline,
+    bridge: str | None,
+    progress: Callable[[float], None] | None,
+) -> ControllerResult:
+    """Simulate a controller and measure its run. ``found``: its expected rests."""
+    own = study.with_limit_of(spec)
+    run = simulate(own, feed, bridge=bridge, progress=progress)
+    series = derive_series(study, run)
+    estimates = feed.log(timeline) if isinstance(feed, EstimatedScheduler | FieldScheduler) else None
+    used = bridge or study.simulation.bridge
+    if estimates is not None or not knows_its_rests(own, spec, timeline):  # the gains that it really had
+        found = rests(own, timeline, run.gain_changes)
+    events = measure_events(
+        study, series, found, ripples=used == "pwm" or study.has_components, divergence=run.divergence
+    )
+    return ControllerResult(
+        spec=spec,
+        bridge=used,
+        gain_changes=run.gain_changes,
+        simulation=run,
+        series=series,
+        events=events,
+        outcome=outcome_of(run.divergence, found, events, _limited_rest(own, run, series)),
+        estimates=estimates,
+        distorted=study.has_components,
+        survival=judge_scenario(own, spec, ready, run, used) if study.simulation.survival else None,
+    )
 
 
 def _feed(
