@@ -288,6 +288,10 @@ def _read_power_gains(table: TableReader) -> PowerLoopGains:
         D_p=table.quantity("D_p", "W·s/rad", 0.0, 1e12),
         K_iq=table.quantity("K_iq", "V/(s·var)", 1e-15, 1e6),
         D_q=table.quantity("D_q", "var/V", 0.0, 1e12),
+        K_pq=table.quantity("K_pq", "rad/(s²·var)", -1e6, 1e6, default=0.0),
+        K_qp=table.quantity("K_qp", "V/(s·W)", -1e6, 1e6, default=0.0),
+        k_P=table.quantity("k_P", "rad/(s·W)", -1e6, 1e6, default=0.0),
+        k_Q=table.quantity("k_Q", "rad/(s·var)", -1e6, 1e6, default=0.0),
     )
     table.finish()
     return gains

@@ -1,0 +1,119 @@
+"""The page's EMT: every shown controller through the same event from the same operating point, with its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.equations.filters import capacitor_node_voltage
+from vsgdesign.errors import SimulationDivergedError, VsgDesignError
+from vsgdesign.explore.answer import Answer
+from vsgdesign.explore.colours import colour_of
+from vsgdesign.explore.events import LEAD_S, after_s, event_s, events_of, length_s, study_of
+from vsgdesign.explore.scene import Scene, scene_of
+from vsgdesign.explore.state import OWN, State
+from vsgdesign.explore.thinning import thinned
+from vsgdesign.explore.verdict import figures_of, no_run
+from vsgdesign.frames import rms_to_peak
+from vsgdesign.metrics.step_response import SETTLING_BAND
+from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.scenario import ControllerResult, run_controller
+
+__all__ = ["emt_answer", "events_of"]
+
+SIGNALS = ("P", "Q", "i_s_pu", "omega_hz", "v_pu")
+"""Curves of each controller: P and Q at the control point in per unit of S_rated, the converter's current and the
+voltage at the control point in per unit of the rated peak, and the converter's frequency in Hz."""
+
+
+def never() -> bool:
+    """Nothing overtakes this answer."""
+    return False
+
+
+def emt_answer(study: Study, ready: Ready, state: State, stale: Callable[[], bool] = never) -> Answer | None:
+    """EMT of every shown controller through the state's event, with the figures of ``vsgdesign run`` and its verdict.
+
+    ``study`` has the state's changes already. Times count from the event. None: a newer request made this one ``stale``
+    meanwhile. A controller that cannot be simulated has words in place of curves; nothing is raised for it.
+    """
+    scene = scene_of(study, ready, state)
+    names = [*(spec.name for spec in study.controllers), OWN]
+    rows: list[dict[str, Any]] = []
+    arrays: dict[str, NDArray[np.float32]] = {}
+    for k, shown in enumerate(scene.shown):
+        if stale():
+            return None
+        row, curves = _one(scene, state, ready, k)
+        rows.append({"name": shown.name, "colour": colour_of(names.index(shown.name)), **row})
+        arrays |= {f"{k}/{name}": values for name, values in curves.items()}
+    reasons = {row["why"] for row in rows}
+    words = reasons.pop() if not arrays and len(reasons) == 1 else ""
+    header = {"event_s": 0.0, "controllers": rows, "bands": bands(scene, state), "words": words}
+    return Answer(header, arrays)
+
+
+def _one(scene: Scene, state: State, ready: Ready, k: int) -> tuple[dict[str, Any], dict[str, NDArray[np.float32]]]:
+    """The row and the curves of the ``k``-th shown controller."""
+    fault = scene.cells.faults[k]
+    if fault is not None:
+        return no_run("no operating point", fault), {}
+    try:
+        study = study_of(scene, ready, state, k)
+        result = run_controller(study, study.controllers[0], ready)
+    except SimulationDivergedError as error:
+        return no_run("diverged", str(error)), {}
+    except VsgDesignError as error:
+        return no_run("not simulated", str(error)), {}
+    return figures_of(study, state, result), curves_of(study, result)
+
+
+def curves_of(study: Study, result: ControllerResult) -> dict[str, NDArray[np.float32]]:
+    """Time from the event (s) and :data:`SIGNALS` of a run: rows of its log, few enough to be drawn."""
+    run, c = result.simulation, study.converter
+    log = run.log
+    v = capacitor_node_voltage(log[:, 0:2], log[:, 2:4], log[:, 4:6], study.circuit())
+    values = (
+        run.column("P") / c.S_rated,
+        run.column("Q") / c.S_rated,
+        np.hypot(log[:, 0], log[:, 1]) / c.I_rated_pk,
+        run.column("omega") / (2.0 * np.pi),
+        np.hypot(v[:, 0], v[:, 1]) / rms_to_peak(c.V_rated_rms),
+    )
+    kept = thinned(values)
+    found = {"t": run.t_s - event_s(study)} | dict(zip(SIGNALS, values, strict=True))
+    return {name: series[kept].astype(np.float32) for name, series in found.items()}
+
+
+def bands(scene: Scene, state: State) -> list[dict[str, Any]]:
+    """Bands and limits of the curves: current limits, and what the specification asks of a step.
+
+    The band of a step lies around the value that its reference asks for. Where a droop moves the final value of Q,
+    there is none.
+    """
+    end_s = length_s(state.event) + after_s(scene, state)
+    given = [one.study.converter.current_limit_pu for one in scene.shown]
+    limits = sorted({limit for limit in given if limit is not None})
+    found = [_band("i_s_pu", (-LEAD_S, end_s), None, limit, f"current limit {limit:.3g} pu") for limit in limits]
+    asked, event = scene.study.specification, state.event
+    if asked is None or not asked.settles or event.kind != "step" or event.size == 0.0:
+        return found
+    if event.signal == "Q" and np.any(np.asarray(scene.cells.gains.D_q)):
+        return found
+    final = (state.P_pu if event.signal == "P" else state.Q_pu) + event.size
+    width, beyond = abs(event.size) * SETTLING_BAND, final + event.size * asked.overshoot
+    label = f"within 2 % from {asked.settling_time:.3g} s"
+    found.append(_band(event.signal, (asked.settling_time, end_s), final - width, final + width, label))
+    low, high = (None, beyond) if event.size > 0.0 else (beyond, None)
+    found.append(_band(event.signal, (0.0, end_s), low, high, f"overshoot of {100.0 * asked.overshoot:.3g} %"))
+    return found
+
+
+def _band(
+    signal: str, over_s: tuple[float, float], low: float | None, high: float | None, label: str
+) -> dict[str, Any]:
+    return {"signal": signal, "from_s": over_s[0], "to_s": over_s[1], "low": low, "high": high, "label": label}

@@ -1,0 +1,105 @@
+"""What became of one controller in the page's EMT: figures of the run, and a verdict in plain words."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from vsgdesign.explore.events import event_s
+from vsgdesign.explore.state import State
+from vsgdesign.metrics.events import DIVERGED, MEASURED, EventMetrics
+from vsgdesign.metrics.survival import LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, loads_of
+from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.scenario import ControllerResult
+from vsgdesign.simulation.survival.running import record_of
+
+SETTLED = "settled"
+
+NOTHING: dict[str, Any] = dict.fromkeys(
+    ("overshoot", "settling_s", "recovery_s", "peak_pu", "first_peak_pu", "limited_s", "swing_deg")
+)
+"""The figures of a controller that could not be simulated."""
+
+_VERDICTS = {
+    "window too short": "The response has not ended when the run ends.",
+    "not settled": "It does not come to rest.",
+    "unstable": "The operating point after the step is unstable.",
+    "no steady state": "There is no steady state after the step.",
+    "limited": "It rests at its current limit.",
+    DIVERGED: "It is lost: the run diverges.",
+    SLIPPED: "It is lost: the angle slips by a turn.",
+    LATCHED: "It is lost: it stays in its current limit.",
+    NOT_AT_REST: "It is not at rest in time.",
+    "no rest": "There is no steady state after the event.",
+    "rest over limit": "The steady state after the event needs more current than the limiter leaves.",
+}
+
+
+def no_run(status: str, why: str) -> dict[str, Any]:
+    """The row of a controller that could not be simulated."""
+    return {**NOTHING, "status": status, "why": why, "verdict": why}
+
+
+def figures_of(study: Study, state: State, result: ControllerResult) -> dict[str, Any]:
+    """The row of a controller that was simulated: figures in SI, status, the reason of a bad one, and the verdict.
+
+    A step of a reference is judged by settling time and overshoot, everything else as a disturbance that is survived or
+    not. ``study`` is that of its run.
+    """
+    found = dict(NOTHING)
+    run, survival = result.simulation, result.survival
+    loads = loads_of(record_of(study, run), (event_s(study),), None)
+    found |= {"peak_pu": loads.peak_pu, "first_peak_pu": loads.first_peak_pu, "limited_s": loads.limited_s}
+    if survival is not None and survival.swing_rad is not None:
+        found["swing_deg"] = math.degrees(survival.swing_rad)
+    if state.event.kind == "step":
+        found |= _of_step(state, result)
+    elif survival is not None:
+        good = survival.survived
+        found |= {"status": survival.status, "why": "" if good else survival.reason or "", "verdict": ""}
+        found["recovery_s"] = survival.recovery_s
+    return found | {"verdict": _verdict(found, state)}
+
+
+def _of_step(state: State, result: ControllerResult) -> dict[str, Any]:
+    event = stepped(state, result)
+    if result.outcome.status in ("limited", "diverged"):
+        return {"status": result.outcome.status, "why": result.outcome.reason or ""}
+    if event is None:
+        return {"status": "not known", "why": "the run is too short for any figure"}
+    if event.status != MEASURED:
+        return {"status": event.status, "why": event.reason or "", "overshoot": _share(event)}
+    return {"status": SETTLED, "why": "", "overshoot": _share(event), "settling_s": event.raw.settling_time_s}
+
+
+def stepped(state: State, result: ControllerResult) -> EventMetrics | None:
+    """What was measured of the signal whose reference is stepped."""
+    return next((event for event in result.events if event.signal == f"{state.event.signal}_pcc"), None)
+
+
+def _share(event: EventMetrics) -> float | None:
+    percent = event.raw.overshoot_pct
+    return None if percent is None else percent / 100.0
+
+
+def _verdict(found: dict[str, Any], state: State) -> str:
+    """One or two sentences on a run."""
+    status = found["status"]
+    if status == SETTLED and found["settling_s"] is not None:
+        over = found["overshoot"]
+        beyond = (
+            "" if over is None else " without overshoot" if over < 5e-4 else f" with {100.0 * over:.1f} % overshoot"
+        )
+        said = f"{state.event.signal} settles in {found['settling_s']:.2f} s{beyond}."
+    elif status == SURVIVED and found["recovery_s"] is not None:
+        since = {"sag": "the end of the sag", "ramp": "the end of the ramp"}.get(state.event.kind, "the event")
+        said = f"It survives and is back at rest {found['recovery_s']:.2f} s after {since}."
+    elif status in _VERDICTS:
+        said = _VERDICTS[status]
+    else:
+        return f"There is no verdict: {found['why'] or status}."
+    if found["peak_pu"] is not None and status != DIVERGED:
+        said += f" The current reaches {max(found['peak_pu'], found['first_peak_pu'] or 0.0):.2f} pu"
+        limited = found["limited_s"] or 0.0
+        said += "." if limited < 5e-4 else f", and its limiter acts for {limited:.3g} s."
+    return said
