@@ -42,9 +42,11 @@ export class BodePlot {
     let top = 40;
     for (const c of usable) {
       for (let i = 0; i < c.phase.length; i++) {
+        if (c.mag[i] > top) top = c.mag[i];
+        // The phase of a loop that is hardly there does not stretch the axis.
+        if (c.mag[i] < -60) continue;
         if (c.phase[i] < low) low = c.phase[i];
         if (c.phase[i] > high) high = c.phase[i];
-        if (c.mag[i] > top) top = c.mag[i];
       }
     }
     this.limits.phase = [Math.max(-540, Math.floor(low / 90) * 90), Math.min(180, Math.ceil(high / 90) * 90)];

@@ -5,10 +5,30 @@ const stepDigits = (step) => Math.max(0, Math.min(6, -Math.floor(Math.log10(step
 
 export const fieldText = (value, step) => (Number.isFinite(value) ? value.toFixed(stepDigits(step || 0.01)) : "");
 
-/** The number in a field's text; NaN when there is none. A comma as decimal sign and a true minus are understood. */
-export function readNumber(text) {
-  const plain = text.trim().replace("−", "-").replace(",", ".");
-  return plain === "" || !/^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(plain) ? NaN : Number(plain);
+const PREFIXES = { "": 0, k: 3, M: 6, m: -3, "µ": -6, u: -6 };
+const BASES = ["s", "W", "var", "VA", "V", "A", "Hz", "H", "Ω"];
+
+/** The power of ten from one unit to another of the same kind ("ms" to "s": -3); NaN where they differ in kind. */
+function powerBetween(from, to) {
+  if (from === to) return 0;
+  if (from === "%" && (to === "" || to === "pu")) return -2;
+  for (const base of BASES) {
+    const [a, b] = [from, to].map((unit) => (unit.endsWith(base) ? PREFIXES[unit.slice(0, unit.length - base.length)] : undefined));
+    if (a !== undefined && b !== undefined) return a - b;
+  }
+  return NaN;
+}
+
+/**
+ * What a text says in a field's unit: {value}, or {fault} in words. The unit may be typed too, with another prefix.
+ * A comma as decimal sign and a true minus are understood.
+ */
+export function readNumber(text, unit = "") {
+  const parts = text.trim().replace("−", "-").replace(",", ".").match(/^([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*(.*)$/i);
+  if (!parts) return { value: NaN, fault: `“${text}” is not a number.` };
+  const power = parts[2] === "" ? 0 : powerBetween(parts[2], unit);
+  if (Number.isNaN(power)) return { value: NaN, fault: `“${text}” is ${unit ? `not in ${unit}` : "not a plain number: this field has no unit"}.` };
+  return { value: Number((Number(parts[1]) * 10 ** power).toPrecision(12)) };
 }
 
 function made(tag, attributes = {}, ...children) {
@@ -38,7 +58,7 @@ export class Field {
     const unit = made("span", { className: "unit" }, spec.unit || "");
     const name = made("label", { htmlFor: id, title: spec.path.includes(".") ? spec.path : "" }, spec.label);
     const ends = Number.isFinite(spec.low) && Number.isFinite(spec.high);
-    this.log = ends && spec.low > 0 && spec.high / spec.low >= 30;
+    this.log = slider && ends && spec.low > 0 && spec.high / spec.low >= 30;
     this.reset = made("button", { type: "button", className: "reset", title: "Back to the study's value", hidden: true }, "↺");
     this.reset.setAttribute("aria-label", `${spec.label}: back to the study's value`);
     this.reset.addEventListener("click", () => this.back());
@@ -54,6 +74,7 @@ export class Field {
     this.row.append(this.input, unit);
     if (!compact) this.row.append(this.reset);
     this.row.append(this.fault);
+    this.input.addEventListener("input", () => (this.edited = true));
     this.input.addEventListener("change", () => this.enter());
     this.input.addEventListener("keydown", (event) => this.key(event));
     this.update();
@@ -123,7 +144,8 @@ export class Field {
     const next = this.log ? Number((now * 1.05 ** by).toPrecision(2 + (Math.abs(by) < 2))) : now + by * step;
     this.write(Math.min(high ?? Infinity, Math.max(low ?? -Infinity, Number(next.toPrecision(9)))));
     this.store.commit();
-    this.input.value = fieldText(this.value(), this.log ? this.value() / 100 : step);
+    this.edited = false;
+    this.update(true);
   }
 
   key(event) {
@@ -131,6 +153,7 @@ export class Field {
       event.preventDefault();
       this.stepBy((event.key === "ArrowUp" ? 1 : -1) * (event.shiftKey ? 10 : 1));
     } else if (event.key === "Escape") {
+      this.edited = false;
       this.clearFault();
       this.update(true);
     } else if (event.key === "Enter") {
@@ -139,13 +162,14 @@ export class Field {
   }
 
   enter() {
-    const value = readNumber(this.input.value);
-    if (Number.isNaN(value)) {
-      const { low, high, unit } = this.spec;
-      const limit = Number.isFinite(low) ? ` between ${low} and ${high}${unit ? " " + unit : ""}` : "";
-      this.showFault(`“${this.input.value}” is not a number. ${this.spec.label} needs a number${limit}.`);
+    const { low, high, unit } = this.spec;
+    const { value, fault } = readNumber(this.input.value, unit || "");
+    if (fault) {
+      const limit = Number.isFinite(low) ? ` from ${low} to ${high}${unit ? " " + unit : ""}` : unit ? ` in ${unit}` : "";
+      this.showFault(`${fault} This field takes a number${limit}.`);
       return;
     }
+    this.edited = false;
     this.write(value);
     this.store.commit();
   }
@@ -179,20 +203,22 @@ export class Field {
     const value = this.value();
     if (this.slider) {
       this.slider.value = this.place(value);
-      this.slider.setAttribute("aria-valuetext", `${fieldText(value, this.log ? value / 100 : this.spec.step)} ${this.spec.unit || ""}`);
+      this.slider.setAttribute("aria-valuetext", `${this.textOf(value)} ${this.spec.unit || ""}`);
     }
-    if (!this.faulty && (force || document.activeElement !== this.input || this.store.dragging || readNumber(this.input.value) !== value)) {
-      if (force || document.activeElement !== this.input || !this.typing()) {
-        this.input.value = fieldText(value, this.log ? Math.abs(value) / 100 : this.spec.step);
-      }
-    }
+    if (force || (!this.faulty && !this.typing())) this.input.value = this.textOf(value);
     const standard = this.standard;
     this.reset.hidden = !Number.isFinite(standard) || Math.abs(value - standard) <= 1e-9 * Math.max(1, Math.abs(standard));
   }
 
+  // The text never hides digits of the value in force.
+  textOf(value) {
+    const text = fieldText(value, this.log ? Math.abs(value) / 100 : this.spec.step);
+    return Math.abs(Number(text) - value) <= 1e-6 * Math.abs(value) ? text : String(Number(value.toPrecision(6)));
+  }
+
   // A text that the user is still typing is not replaced by an answer that comes in meanwhile.
   typing() {
-    return document.activeElement === this.input && Math.abs(readNumber(this.input.value) - this.value()) > 1e-9;
+    return document.activeElement === this.input && this.edited;
   }
 }
 

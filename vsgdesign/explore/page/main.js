@@ -47,7 +47,8 @@ class Page {
     this.makeActions();
     this.store.listen(() => this.changed());
     onThemeChange(() => this.repaint(true));
-    new ResizeObserver(() => this.repaint(false)).observe(document.querySelector("main"));
+    const observer = new ResizeObserver(() => this.repaint(false));
+    for (const box of document.querySelectorAll(".plot")) observer.observe(box);
     window.addEventListener("hashchange", () => this.openLink());
     document.documentElement.dataset.state = "ready";
     this.changed();
@@ -204,6 +205,7 @@ class Page {
     });
   }
 
+  // The quantity that the event is about is drawn, unless the user chooses another.
   chooseShown(name) {
     byId("shown").querySelector(`input[value="${name}"]`).checked = true;
     this.response.choose(name);
@@ -220,6 +222,8 @@ class Page {
       event.preventDefault();
       this.travel(key === "y" || event.shiftKey ? 1 : -1);
     });
+    byId("zoom-in").addEventListener("click", () => this.modes.zoomBy(2));
+    byId("zoom-out").addEventListener("click", () => this.modes.zoomBy(0.5));
     byId("link").addEventListener("click", () => this.copyLink());
     byId("save").addEventListener("click", () => this.saveStudy());
     const menu = byId("downloads");
@@ -471,4 +475,4 @@ async function start() {
   window.page = new Page(info);
 }
 
-start().catch((error) => notice(`The page could not start: ${error.message}`, true));
+start().catch((error) => notice(error.message, true));

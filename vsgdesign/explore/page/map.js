@@ -273,7 +273,7 @@ export function figureText(value, unit) {
 
 /** The colour scale under the map, as a small drawing with its ends, its promise and the other signs of the map. */
 export function paintScale(canvas, figure) {
-  const frame = new Figure(canvas, { left: 44, right: 10, top: 1, bottom: 13 });
+  const frame = new Figure(canvas, { left: 44, right: 10, top: 2, bottom: 13 });
   const { ctx, box } = frame.begin();
   const t = theme();
   const share = shareOf(figure);

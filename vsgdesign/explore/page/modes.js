@@ -11,7 +11,7 @@ const modeDigits = (value) => (Math.abs(value) < 10 ? 2 : 1);
 export class ModesPlot {
   constructor(canvas, panel, info, store) {
     this.figure = new Figure(canvas, { left: 44, right: 10, top: 6, bottom: 36 });
-    Object.assign(this, { canvas, panel, info, store, chosen: null, controllers: [], before: null, words: "" });
+    Object.assign(this, { canvas, panel, info, store, chosen: null, controllers: [], before: null, words: "", zoom: 1 });
     canvas.addEventListener("click", (event) => this.chooseNear(event));
     canvas.addEventListener("keydown", (event) => this.chooseByKey(event));
   }
@@ -26,8 +26,19 @@ export class ModesPlot {
   }
 
   scales(box) {
-    const { re, im } = this.info.modes;
+    const { re, im } = this.window();
     return [scaleOf(re, box.x, box.w), scaleOf(im, box.y + box.h, -box.h)];
+  }
+
+  // The window belongs to the study and stays during a drag; the user may zoom it around the origin.
+  window() {
+    const { re, im } = this.info.modes;
+    return { re: re.map((v) => v / this.zoom), im: im.map((v) => v / this.zoom) };
+  }
+
+  zoomBy(factor) {
+    this.zoom = Math.min(64, Math.max(1 / 64, this.zoom * factor));
+    this.paint();
   }
 
   paint(svg = null) {
@@ -114,7 +125,7 @@ export class ModesPlot {
   }
 
   visible() {
-    const { re, im } = this.info.modes;
+    const { re, im } = this.window();
     const all = [];
     for (const c of this.controllers) {
       (c.modes || []).forEach((mode, index) => {
@@ -164,6 +175,7 @@ export class ModesPlot {
   chooseByKey(event) {
     const all = this.visible();
     if (event.key === "Escape") return this.choose(null);
+    if (event.key === "+" || event.key === "-") return this.zoomBy(event.key === "+" ? 2 : 0.5);
     const by = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
     if (!by || !all.length) return undefined;
     event.preventDefault();

@@ -54,7 +54,7 @@ export class ResponsePlot {
       this.limits.y[this.shown] = room;
     }
     const first = this.emt.find((c) => c.t && c.t.length) || this.linear.find((c) => c.t && c.t.length);
-    if (first) this.limits.t = [Math.min(0, first.t[0]), first.t[first.t.length - 1]];
+    if (first) this.limits.t = [Math.min(0, first.t[0]), Math.ceil(first.t[first.t.length - 1] * 20 - 1e-3) / 20];
   }
 
   // A band with an open side reaches to the figure's rim; a mere limit (one side) is a line.

@@ -73,8 +73,11 @@ export function serverAsk(tab) {
     const body = JSON.stringify({ tab, seq, state });
     const reply = await fetch(kind, { method: "POST", headers: { "Content-Type": "application/json" }, body });
     if (reply.status === 204) return { status: 204 };
-    if (reply.status === 422) return { status: 422, faults: (await reply.json()).faults };
-    if (!reply.ok) throw new Error(`The server answered with status ${reply.status}.`);
+    if (!reply.ok) {
+      const json = await reply.json().catch(() => ({}));
+      const text = json.error || `The server answered with status ${reply.status}.`;
+      return { status: 422, faults: json.faults || [{ field: null, text }] };
+    }
     if (kind === "save") return { status: 200, answer: await reply.json() };
     return { status: 200, answer: readAnswer(await reply.arrayBuffer()) };
   };
@@ -109,20 +112,25 @@ export function staticAsk(kept) {
   };
 }
 
-/** The study's description; calls onWait(words) while the server still imports or compiles. */
+/**
+ * The study's description; calls onWait(words) while the server still imports or compiles. Throws when the server says
+ * that it will never be ready.
+ */
 export async function loadInfo(onWait) {
   for (;;) {
-    let info = null;
+    let [info, failed] = [null, false];
     let words = "The server does not answer. Is `vsgdesign explore` still running?";
     try {
       const reply = await fetch("study");
       const json = await reply.json();
       if (reply.ok && json.ready !== false) info = json;
-      else words = json.words || (json.faults || []).map((fault) => fault.text).join(" ") || words;
+      else words = json.words || json.error || words;
+      failed = Boolean(json.failed);
     } catch {
       info = null;
     }
     if (info) return info;
+    if (failed) throw new Error(words);
     onWait(words);
     await new Promise((resolve) => setTimeout(resolve, 400));
   }
