@@ -43,7 +43,7 @@ export class Figure {
   /** Sizes the canvas to its box and clears it; returns {ctx, width, height, box}. */
   begin(svg = null) {
     const parent = this.canvas.parentElement;
-    const [width, height] = [Math.max(120, parent.clientWidth), Math.max(80, parent.clientHeight)];
+    const [width, height] = [Math.max(120, parent.clientWidth), Math.max(20, parent.clientHeight)];
     const { left, right, top, bottom } = this.margins;
     const box = { x: left, y: top, w: width - left - right, h: height - top - bottom };
     if (svg) return { ctx: svg, width, height, box };

@@ -56,9 +56,11 @@ export class Field {
     this.fault.setAttribute("role", "alert");
     this.input.setAttribute("aria-describedby", this.fault.id);
     const unit = made("span", { className: "unit" }, spec.unit || "");
-    const name = made("label", { htmlFor: id, title: spec.path.includes(".") ? spec.path : "" }, spec.label);
-    const ends = Number.isFinite(spec.low) && Number.isFinite(spec.high);
-    this.log = slider && ends && spec.low > 0 && spec.high / spec.low >= 30;
+    const about = [spec.path.includes(".") ? spec.path : "", spec.controllers ? `acts on ${spec.controllers.join(", ")}` : ""];
+    const name = made("label", { htmlFor: id, title: about.filter(Boolean).join("; ") }, spec.label);
+    this.ends = spec.slider || [spec.low, spec.high];
+    const ends = this.ends.every(Number.isFinite) && this.ends[0] < this.ends[1];
+    this.log = slider && ends && this.ends[0] > 0 && this.ends[1] / this.ends[0] >= 30;
     this.reset = made("button", { type: "button", className: "reset", title: "Back to the study's value", hidden: true }, "↺");
     this.reset.setAttribute("aria-label", `${spec.label}: back to the study's value`);
     this.reset.addEventListener("click", () => this.back());
@@ -97,7 +99,7 @@ export class Field {
 
   value() {
     const kept = this.store.read(this.spec.path, null);
-    if (kept === null) return this.standard;
+    if (kept === null) return this.standard ?? NaN;
     if (!this.store.isOwnKey(this.spec.path)) return typeof kept === "number" ? kept : parseFloat(kept);
     return kept * this.scale;
   }
@@ -106,17 +108,18 @@ export class Field {
     this.clearFault();
     const tidy = Number(shown.toPrecision(9));
     if (this.store.isOwnKey(this.spec.path)) return this.store.write(this.spec.path, Number((tidy / this.scale).toPrecision(9)));
-    const same = Math.abs(tidy - this.spec.value) <= 1e-9 * Math.abs(this.spec.value);
+    const same = Number.isFinite(this.spec.value) && Math.abs(tidy - this.spec.value) <= 1e-9 * Math.abs(this.spec.value);
     return this.store.write(this.spec.path, same ? null : this.spec.unit ? `${tidy} ${this.spec.unit}` : tidy);
   }
 
   place(value) {
-    const { low, high } = this.spec;
+    const [low, high] = this.ends;
     return this.log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
   }
 
   slide() {
-    const { low, high, step } = this.spec;
+    const { step } = this.spec;
+    const [low, high] = this.ends;
     const u = Number(this.slider.value);
     const raw = this.log ? low * Math.exp(u * Math.log(high / low)) : low + u * (high - low);
     const value = this.log ? Number(raw.toPrecision(2)) : Math.round(raw / step) * step;
@@ -142,6 +145,7 @@ export class Field {
     const { low, high, step } = this.spec;
     const now = this.value();
     const next = this.log ? Number((now * 1.05 ** by).toPrecision(2 + (Math.abs(by) < 2))) : now + by * step;
+    if (!Number.isFinite(next)) return;
     this.write(Math.min(high ?? Infinity, Math.max(low ?? -Infinity, Number(next.toPrecision(9)))));
     this.store.commit();
     this.edited = false;
@@ -165,7 +169,8 @@ export class Field {
     const { low, high, unit } = this.spec;
     const { value, fault } = readNumber(this.input.value, unit || "");
     if (fault) {
-      const limit = Number.isFinite(low) ? ` from ${low} to ${high}${unit ? " " + unit : ""}` : unit ? ` in ${unit}` : "";
+      const [least, most] = [low, high].map((v) => Number(Number(v).toPrecision(4)));
+      const limit = Number.isFinite(low) && Number.isFinite(high) ? ` from ${least} to ${most}${unit ? " " + unit : ""}` : unit ? ` in ${unit}` : "";
       this.showFault(`${fault} This field takes a number${limit}.`);
       return;
     }
@@ -177,7 +182,7 @@ export class Field {
   back() {
     const standard = this.standard;
     this.clearFault();
-    if (this.store.isOwnKey(this.spec.path)) this.store.write(this.spec.path, standard / this.scale);
+    if (this.store.isOwnKey(this.spec.path)) this.store.write(this.spec.path, Number((standard / this.scale).toPrecision(9)));
     else this.store.write(this.spec.path, null);
     this.store.commit();
     this.input.focus();
@@ -202,16 +207,18 @@ export class Field {
   update(force = false) {
     const value = this.value();
     if (this.slider) {
-      this.slider.value = this.place(value);
+      this.slider.value = Number.isFinite(value) ? this.place(value) : 1;
       this.slider.setAttribute("aria-valuetext", `${this.textOf(value)} ${this.spec.unit || ""}`);
     }
     if (force || (!this.faulty && !this.typing())) this.input.value = this.textOf(value);
     const standard = this.standard;
-    this.reset.hidden = !Number.isFinite(standard) || Math.abs(value - standard) <= 1e-9 * Math.max(1, Math.abs(standard));
+    const same = !Number.isFinite(value) || Math.abs(value - standard) <= 1e-9 * Math.max(1, Math.abs(standard));
+    this.reset.hidden = Number.isFinite(standard) ? same : !Number.isFinite(value);
   }
 
   // The text never hides digits of the value in force.
   textOf(value) {
+    if (!Number.isFinite(value)) return "none";
     const text = fieldText(value, this.log ? Math.abs(value) / 100 : this.spec.step);
     return Math.abs(Number(text) - value) <= 1e-6 * Math.abs(value) ? text : String(Number(value.toPrecision(6)));
   }
@@ -227,13 +234,14 @@ class ChoiceField {
   constructor(spec, store) {
     Object.assign(this, { spec, store });
     const id = `field${++fieldCount}`;
-    this.input = made("select", { id }, ...spec.choices.map((choice) => made("option", { value: choice }, choice)));
+    this.input = made("select", { id }, ...spec.choices.map((choice) => made("option", { value: choice }, `${choice}${spec.unit ? " " + spec.unit : ""}`)));
     this.input.setAttribute("data-path", spec.path);
     this.fault = made("p", { className: "fault", hidden: true });
     this.row = made("div", { className: "field" }, made("label", { htmlFor: id }, spec.label), this.input, this.fault);
     this.input.addEventListener("change", () => {
       this.clearFault();
-      store.write(spec.path, this.input.value === spec.value ? null : this.input.value);
+      const value = spec.choices.find((choice) => String(choice) === this.input.value);
+      store.write(spec.path, value === spec.value ? null : value);
       store.commit();
     });
     this.update();

@@ -110,9 +110,10 @@ class Page {
     if (info.static) this.makeStatic();
     byId("grid-fields").append(...this.gridFields.map((field) => field.row));
     byId("hold").addEventListener("change", (event) => this.hold(event.target.checked));
-    const signs = [["nodes", "dots: the table's nodes (hollow: requirement not kept)"], ["certificate", "dotted: region with a proof"], ["static_limit", "thick: static limit"]];
-    const holds = (key) => info[key] && info[key].scr.length;
-    byId("map-key").textContent = signs.filter(([key]) => holds(key)).map(([, words]) => words).join(" · ");
+    const holds = (key) => Boolean(info[key] && info[key].scr.length);
+    const missed = holds("nodes") && info.nodes.kept && info.nodes.kept.some((kept) => !kept);
+    const signs = { node: holds("nodes"), missed, proof: holds("certificate"), limit: true, unstable: true, nothing: true };
+    for (const [sign, there] of Object.entries(signs)) byId("map-key").querySelector(`.${sign}`).hidden = !there;
   }
 
   // A file without server has answers on a lattice of grids only: the ring snaps to it, and nothing else can be changed.
@@ -198,7 +199,7 @@ class Page {
       }
       root.querySelector("input").checked = true;
     };
-    segment(byId("shown"), "shown", [["P", "P"], ["Q", "Q"], ["i_s_pu", "current"], ["omega_hz", "frequency"]], (value) => this.response.choose(value));
+    segment(byId("shown"), "shown", [["P", "P"], ["Q", "Q"], ["i_s_pu", "current"], ["v_pu", "voltage"], ["omega_hz", "frequency"]], (value) => this.response.choose(value));
     segment(byId("loop"), "loop", [["P", "P"], ["Q", "Q"]], (value) => {
       this.bode.loop = value;
       this.showLinear();
@@ -370,14 +371,15 @@ class Page {
   showLinear() {
     const { header, arrays } = this.answers.linear;
     const shown = this.shownOf(this.answers.linear);
-    const without = shown.filter((c) => c.why && !(c.modes || []).length);
+    const without = shown.filter((c) => !c.stable && c.why && !(c.modes || []).length);
     const words = header.words || (without.length && without.length === shown.length ? without[0].why : "");
     const q = this.bode.loop === "Q" ? "_Q" : "";
     const curves = shown.map((c) => {
       const get = (name) => arrays[`${c.index}/${name}`];
       const w = get("bode_w");
       const mag = get(`bode${q}_mag_db`);
-      const margins = q ? c.Q_loop || {} : c;
+      // The answer has the crossings of the loop of P.
+      const margins = q ? {} : c;
       return {
         name: c.name, colour: c.colour, stable: c.stable, t: get("step_t"), full: get("step_full"), w: mag && w, mag, phase: get(`bode${q}_phase_deg`),
         crossover: margins.crossover_rad_s, phaseCrossover: margins.phase_crossover_rad_s,

@@ -110,16 +110,22 @@ export class GridMap {
         ctx.fillRect(xs[i], ys[j + 1], xs[i + 1] - xs[i], ys[j] - ys[j + 1]);
       }
     }
-    if (header.promise !== null && header.promise !== undefined) this.paintLevel(ctx, box, sx, sy, header.promise);
+    if (header.promise !== null && header.promise !== undefined) {
+      const level = this.paintLevel(ctx, sx, sy, values, header.promise, { colour: t.black, width: 1.4 });
+      this.nameLevel(ctx, box, level, `promised ${figureText(header.promise, header.unit)}`);
+    }
+    // Where the operating point uses the whole of the converter's static limits.
+    if (arrays.limit_use) this.paintLevel(ctx, sx, sy, arrays.limit_use, 1, { colour: t.limit, width: 2.2 });
   }
 
-  // The line where the figure is just as promised (marching squares on the cells' centres, in the logarithmic plane).
-  paintLevel(ctx, box, sx, sy, level) {
-    const { scr, x_over_r: ratio, values, unstable } = this.answer.arrays;
-    const at = (i, j) => (unstable && unstable[j * scr.length + i] > 0 ? NaN : values[j * scr.length + i]);
-    let label = null;
-    ctx.strokeStyle = theme().black;
-    ctx.lineWidth = 1.4;
+  // The line where values are at a level (marching squares on the cells' centres, in the logarithmic plane); returns
+  // its pieces.
+  paintLevel(ctx, sx, sy, values, level, { colour, width }) {
+    const { scr, x_over_r: ratio } = this.answer.arrays;
+    const at = (i, j) => values[j * scr.length + i];
+    const pieces = [];
+    ctx.strokeStyle = colour;
+    ctx.lineWidth = width;
     ctx.setLineDash([]);
     ctx.beginPath();
     for (let j = 0; j < ratio.length - 1; j++) {
@@ -137,12 +143,17 @@ export class GridMap {
         if (cuts.length < 2) continue;
         ctx.moveTo(...cuts[0]);
         ctx.lineTo(...cuts[1]);
-        if (!label && cuts[0][0] > box.x + 30 && cuts[0][0] < box.x + box.w - 60 && cuts[0][1] > box.y + 24) label = cuts[0];
+        pieces.push(cuts[0]);
       }
     }
     ctx.stroke();
-    const figure = this.info.figures.find((f) => f.name === this.answer.header.figure) || {};
-    if (label) plateText(ctx, figure.promise_text || `promised: ${figureText(level, this.answer.header.unit)}`, label[0], label[1] - 3, { size: 10 });
+    return pieces;
+  }
+
+  nameLevel(ctx, box, pieces, text) {
+    const inside = ([x, y]) => x > box.x + 20 && x < box.x + box.w - 90 && y > box.y + 24 && y < box.y + box.h - 20;
+    const roomy = pieces.filter(inside);
+    if (roomy.length) plateText(ctx, text, ...roomy[Math.floor(roomy.length / 2)], { size: 10 });
   }
 
   paintKnown(ctx, box, sx, sy) {

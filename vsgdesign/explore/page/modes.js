@@ -93,8 +93,11 @@ export class ModesPlot {
       ctx.strokeStyle = lineColour(c.colour);
       ctx.lineWidth = alpha < 1 ? 1 : 2;
       for (const mode of c.modes || []) {
-        shapePath(ctx, SHAPES[c.place % SHAPES.length], sx(mode.re), sy(mode.im), alpha < 1 ? 3 : 4.5);
-        ctx.stroke();
+        // Of a pair the answer lists the mode with the positive imaginary part.
+        for (const im of mode.im > 0 ? [mode.im, -mode.im] : [mode.im]) {
+          shapePath(ctx, SHAPES[c.place % SHAPES.length], sx(mode.re), sy(im), alpha < 1 ? 3 : 4.5);
+          ctx.stroke();
+        }
       }
     }
     ctx.globalAlpha = 1;
@@ -165,7 +168,7 @@ export class ModesPlot {
     let best = null;
     for (const c of this.controllers) {
       (c.modes || []).forEach((mode, index) => {
-        const distance = Math.hypot(sx(mode.re) - px, sy(mode.im) - py);
+        const distance = Math.min(...[mode.im, -mode.im].map((im) => Math.hypot(sx(mode.re) - px, sy(im) - py)));
         if (distance < 16 && (!best || distance < best.distance)) best = { distance, name: c.name, index, mode };
       });
     }

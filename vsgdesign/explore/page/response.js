@@ -7,6 +7,7 @@ export const SHOWN = {
   P: { label: "P in pu", name: "active power P", least: 0.02 },
   Q: { label: "Q in pu", name: "reactive power Q", least: 0.02 },
   i_s_pu: { label: "current in pu", name: "converter current", least: 0.1 },
+  v_pu: { label: "voltage in pu", name: "voltage at the control point", least: 0.05 },
   omega_hz: { label: "frequency in Hz", name: "frequency", least: 0.1 },
 };
 

@@ -103,6 +103,7 @@ export function dataCsv(answers, state) {
   const { linear, emt, map } = answers;
   const series = [
     ["bode_mag_db", "bode_w", "w in rad/s", "dB", "bode"], ["bode_phase_deg", "bode_w", "w in rad/s", "deg", "bode"],
+    ["bode_Q_mag_db", "bode_w", "w in rad/s", "dB", "bode"], ["bode_Q_phase_deg", "bode_w", "w in rad/s", "deg", "bode"],
     ["step_reduced", "step_t", "t in s", "pu", "linear step"], ["step_full", "step_t", "t in s", "pu", "linear step"],
   ];
   if (linear) {
@@ -115,7 +116,7 @@ export function dataCsv(answers, state) {
     });
   }
   if (emt) {
-    const units = { P: "pu", Q: "pu", i_s_pu: "pu", omega_hz: "Hz" };
+    const units = { P: "pu", Q: "pu", i_s_pu: "pu", v_pu: "pu", omega_hz: "Hz" };
     emt.header.controllers.forEach((c, i) => {
       const t = emt.arrays[`${i}/t`];
       for (const [name, unit] of Object.entries(units)) {

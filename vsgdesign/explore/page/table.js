@@ -6,23 +6,29 @@ const minus = (text) => text.replace("-", "−");
 const isNone = (v) => v === null || v === undefined || Number.isNaN(v);
 const inDigits = (digits, factor = 1) => (v) => (isNone(v) ? "–" : minus((v * factor).toFixed(digits)));
 const orNone = (digits) => (v) => (isNone(v) || !Number.isFinite(v) ? "none" : minus(v.toFixed(digits)));
-const significant = (v) => (isNone(v) ? "–" : minus(Math.abs(v) >= 1e5 || (v !== 0 && Math.abs(v) < 1e-3) ? v.toExponential(2) : String(Number(v.toPrecision(3)))));
+const significant = (v) => (isNone(v) ? "–" : minus(Math.abs(v) >= 1e5 || (v !== 0 && Math.abs(v) < 1e-3) ? v.toExponential(1).replace("+", "") : String(Number(v.toPrecision(3)))));
 
 // Columns: a title, a unit, the value of a row, its text, and the gate with its sense (1: at least, -1: at most).
 const COLUMNS = [
-  { group: "Margins", title: "disk P", unit: "", value: (c) => (c.disk_margin || {}).P, text: inDigits(2), gate: ["disk_margin", 1], tip: "Disk margin of the active power's loop" },
-  { group: "Margins", title: "disk Q", unit: "", value: (c) => (c.disk_margin || {}).Q, text: inDigits(2), gate: ["disk_margin", 1], tip: "Disk margin of the reactive power's loop" },
-  { group: "Margins", title: "gain", unit: "dB", value: (c) => c.gain_margin_db, text: orNone(1), tip: "Gain margin" },
-  { group: "Margins", title: "phase", unit: "°", value: (c) => c.phase_margin_deg, text: orNone(0), tip: "Phase margin" },
+  { group: "Margins", title: "disk", unit: "out", value: (c) => (c.disk_margin || {}).output, text: inDigits(2), gate: ["disk_margin", 1], tip: "Disk margin of both loops together, at the powers" },
+  { group: "Margins", title: "disk", unit: "in", value: (c) => (c.disk_margin || {}).input, text: inDigits(2), gate: ["disk_margin", 1], tip: "Disk margin of both loops together, at the voltage's angle and amplitude" },
+  { group: "Margins", title: "gain P", unit: "dB", value: (c) => c.gain_margin_db, text: orNone(1), tip: "Gain margin of the loop of P" },
+  { group: "Margins", title: "phase P", unit: "°", value: (c) => c.phase_margin_deg, text: orNone(0), tip: "Phase margin of the loop of P" },
+  { group: "Margins", title: "gain Q", unit: "dB", value: (c) => c.gain_margin_Q_db, text: orNone(1), tip: "Gain margin of the loop of Q" },
+  { group: "Margins", title: "phase Q", unit: "°", value: (c) => c.phase_margin_Q_deg, text: orNone(0), tip: "Phase margin of the loop of Q" },
   { group: "Margins", title: "Mₛ", unit: "", value: (c) => c.M_s, text: inDigits(2), tip: "Peak of the sensitivity" },
-  { group: "Response", title: "ζ", unit: "", value: (c) => c.damping, text: inDigits(2), gate: ["damping", 1], tip: "Least damping ratio of the modes" },
-  { group: "Response", title: "settles", unit: "s", value: (c) => c.settling_s, text: inDigits(2), gate: ["settling_s", -1], tip: "Settling time of the linear step" },
-  { group: "Response", title: "over", unit: "%", value: (c) => c.overshoot, text: inDigits(1, 100), gate: ["overshoot", -1], tip: "Overshoot of the linear step" },
+  { group: "Linear", title: "ζ", unit: "", value: (c) => c.damping, text: inDigits(2), gate: ["damping", 1], tip: "Least damping ratio of the modes" },
+  { group: "Linear", title: "settles", unit: "s", value: (c) => c.settling_s, text: inDigits(2), gate: ["settling_s", -1], tip: "Settling time of the linear step" },
+  { group: "Linear", title: "over", unit: "%", value: (c) => c.overshoot, text: inDigits(1, 100), gate: ["overshoot", -1], tip: "Overshoot of the linear step" },
+  { group: "EMT", title: "settles", unit: "s", value: (c, e) => e.settling_s ?? e.recovery_s, text: inDigits(2), tip: "Settling time of the step, or time to recover from the event, in the EMT" },
+  { group: "EMT", title: "over", unit: "%", value: (c, e) => e.overshoot, text: inDigits(1, 100), tip: "Overshoot of the step in the EMT" },
   { group: "EMT", title: "peak i", unit: "pu", value: (c, e) => e.peak_pu, text: inDigits(2), gate: ["current_limit_pu", -1], tip: "Peak of the converter's current in the EMT" },
-  { group: "Measured", title: "droop P", unit: "%", value: (c) => c.droop_P, text: inDigits(1, 100), tip: "Droop of the frequency, as the grid code measures it" },
-  { group: "Measured", title: "droop Q", unit: "%", value: (c) => c.droop_Q, text: inDigits(1, 100), tip: "Droop of the voltage, as the grid code measures it" },
-  { group: "Measured", title: "H", unit: "s", value: (c) => c.H_s, text: inDigits(2), tip: "Inertia constant" },
+  { group: "Droop, inertia", title: "P–f", unit: "%", value: (c) => c.droop_P, text: inDigits(1, 100), tip: "Droop of the frequency, as the grid code measures it" },
+  { group: "Droop, inertia", title: "Q–V", unit: "%", value: (c) => c.droop_Q, text: inDigits(1, 100), tip: "Droop of the voltage, as the grid code measures it" },
+  { group: "Droop, inertia", title: "H", unit: "s", value: (c) => c.H_s, text: inDigits(2), tip: "Inertia constant" },
 ];
+
+const sentence = (words) => words.charAt(0).toUpperCase() + words.slice(1) + (/[.!?]$/.test(words) ? "" : ".");
 
 function tag(name, attributes = {}, ...children) {
   const e = document.createElement(name);
@@ -148,17 +154,20 @@ export class ControllerTable {
       tr.append(tag("td", { colSpan: all + 1, className: "words quiet" }, shown ? "" : "not shown"));
       return;
     }
-    const fault = !c.stable && c.why ? c.why : null;
+    const fault = !c.stable && c.why ? sentence(c.why) : null;
     if (fault && !(c.modes || []).length) {
       tr.append(tag("td", { colSpan: all + 1, className: "words bad" }, fault));
       return;
     }
     COLUMNS.forEach((column, k) => tr.append(this.cell(column, c, e, k === 0 || COLUMNS[k - 1].group !== column.group)));
     gains.forEach((gain, k) => tr.append(tag("td", { className: k ? "" : "start" }, significant((c.gains || {})[gain]))));
-    const words = [...new Set([c.stable ? "" : c.why || "unstable", c.note, c.status, e.status && e.status !== "ok" ? e.status : "", e.why])];
-    const bad = !c.stable || Boolean(e.why);
-    const text = words.filter(Boolean).join("; ") || "stable";
-    tr.append(tag("td", { className: bad ? "words bad" : "words", title: text }, text));
+    const cell = tag("td", { className: "words" });
+    const bad = [c.stable ? "" : c.why || "unstable", c.outside, e.why].filter(Boolean);
+    const good = [bad.length ? "" : e.status || "stable", c.note].filter(Boolean);
+    if (bad.length) cell.append(tag("span", { className: "bad" }, bad.map(sentence).join(" ")), " ");
+    cell.append(good.map(sentence).join(" "));
+    cell.title = [e.verdict, ...bad, c.note].filter(Boolean).join(" ");
+    tr.append(cell);
   }
 
   cell(column, c, e, start) {
@@ -176,6 +185,6 @@ export class ControllerTable {
 
 function headCell(title, unit, tip, start) {
   const cell = tag("th", { scope: "col", title: tip, className: start ? "start" : "" }, title);
-  if (unit) cell.append(tag("small", {}, ` ${unit}`));
+  cell.append(tag("small", {}, unit || "\u00a0"));
   return cell;
 }
