@@ -8,6 +8,8 @@ const inDigits = (digits, factor = 1) => (v) => (isNone(v) ? "–" : minus((v * 
 const orNone = (digits) => (v) => (isNone(v) || !Number.isFinite(v) ? "none" : minus(v.toFixed(digits)));
 const significant = (v) => (isNone(v) ? "–" : minus(Math.abs(v) >= 1e5 || (v !== 0 && Math.abs(v) < 1e-3) ? v.toExponential(1).replace("+", "") : String(Number(v.toPrecision(3)))));
 
+const perCent = (v) => (isNone(v) ? "–" : inDigits(Math.abs(v) < 0.995 ? 1 : 0, 100)(v));
+
 // Columns: a title, a unit, the value of a row, its text, and the gate with its sense (1: at least, -1: at most).
 const COLUMNS = [
   { group: "Margins", title: "disk", unit: "out", value: (c) => (c.disk_margin || {}).output, text: inDigits(2), gate: ["disk_margin", 1], tip: "Disk margin of both loops together, at the powers" },
@@ -23,8 +25,8 @@ const COLUMNS = [
   { group: "EMT", title: "settles", unit: "s", value: (c, e) => e.settling_s ?? e.recovery_s, text: inDigits(2), tip: "Settling time of the step, or time to recover from the event, in the EMT" },
   { group: "EMT", title: "over", unit: "%", value: (c, e) => e.overshoot, text: inDigits(1, 100), tip: "Overshoot of the step in the EMT" },
   { group: "EMT", title: "peak i", unit: "pu", value: (c, e) => e.peak_pu, text: inDigits(2), gate: ["current_limit_pu", -1], tip: "Peak of the converter's current in the EMT" },
-  { group: "Droop, inertia", title: "P–f", unit: "%", value: (c) => c.droop_P, text: inDigits(1, 100), tip: "Droop of the frequency, as the grid code measures it" },
-  { group: "Droop, inertia", title: "Q–V", unit: "%", value: (c) => c.droop_Q, text: inDigits(1, 100), tip: "Droop of the voltage, as the grid code measures it" },
+  { group: "Droop, inertia", title: "P–f", unit: "%", value: (c) => c.droop_P, text: perCent, tip: "Droop of the frequency, as the grid code measures it" },
+  { group: "Droop, inertia", title: "Q–V", unit: "%", value: (c) => c.droop_Q, text: perCent, tip: "Droop of the voltage, as the grid code measures it" },
   { group: "Droop, inertia", title: "H", unit: "s", value: (c) => c.H_s, text: inDigits(2), tip: "Inertia constant" },
 ];
 
@@ -72,8 +74,10 @@ export class ControllerTable {
 
   gainNames() {
     const names = [];
-    for (const c of this.linear) for (const name of Object.keys(c.gains || {})) if (!names.includes(name)) names.push(name);
-    return names;
+    const every = this.linear.map((c) => c.gains || {});
+    for (const gains of every) for (const name of Object.keys(gains)) if (!names.includes(name)) names.push(name);
+    // A gain that no controller uses has no column.
+    return names.filter((name) => every.some((gains) => gains[name]));
   }
 
   paint() {
@@ -98,8 +102,8 @@ export class ControllerTable {
     }
     if (gains.length) groups.push(["Gains in force", gains.length]);
     const first = tag("tr", {}, tag("th", { rowSpan: 2, scope: "col", className: "name" }, "Controller"));
-    for (const [group, span] of groups) first.append(tag("th", { colSpan: span, scope: "colgroup", className: "group" }, group));
     first.append(tag("th", { rowSpan: 2, scope: "col", className: "words" }, "Status"));
+    for (const [group, span] of groups) first.append(tag("th", { colSpan: span, scope: "colgroup", className: "group" }, group));
     const second = tag("tr");
     COLUMNS.forEach((column, k) => {
       const start = k === 0 || COLUMNS[k - 1].group !== column.group;
@@ -159,8 +163,6 @@ export class ControllerTable {
       tr.append(tag("td", { colSpan: all + 1, className: "words bad" }, fault));
       return;
     }
-    COLUMNS.forEach((column, k) => tr.append(this.cell(column, c, e, k === 0 || COLUMNS[k - 1].group !== column.group)));
-    gains.forEach((gain, k) => tr.append(tag("td", { className: k ? "" : "start" }, significant((c.gains || {})[gain]))));
     const cell = tag("td", { className: "words" });
     const bad = [c.stable ? "" : c.why || "unstable", c.outside, e.why].filter(Boolean);
     const good = [bad.length ? "" : e.status || "stable", c.note].filter(Boolean);
@@ -168,6 +170,8 @@ export class ControllerTable {
     cell.append(good.map(sentence).join(" "));
     cell.title = [e.verdict, ...bad, c.note].filter(Boolean).join(" ");
     tr.append(cell);
+    COLUMNS.forEach((column, k) => tr.append(this.cell(column, c, e, k === 0 || COLUMNS[k - 1].group !== column.group)));
+    gains.forEach((gain, k) => tr.append(tag("td", { className: k ? "" : "start" }, significant((c.gains || {})[gain]))));
   }
 
   cell(column, c, e, start) {
