@@ -24,6 +24,12 @@ _MOST_ROUNDS = 120
 """Rounds of a search that converges nowhere; eight to fifteen are the rule."""
 _NEAR = 1.5e-8
 """Distance from a maximum within which the values differ by rounding alone, relative to 1 + |ln ω|."""
+_REACH = 1e5
+"""A value between two points of the grid is expected beyond the highest (lowest) of three neighbours by at most so many
+times their spread. What cannot become an extreme or a crossing by this is not refined. Every mode has points of its own
+within its width, so a resonance shows in the spread."""
+_EQUAL = 1e-12
+"""Relative difference of values that rounding alone may make."""
 _ROUNDING = 4.4e-16
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 _PEAKS = 3
@@ -136,10 +142,13 @@ def _crossings(values: NDArray[Any], omega: Array, function: Callable) -> tuple[
     size = np.abs(values)
     turns = (size[:, 1:-1] < size[:, :-2]) & (size[:, 1:-1] <= size[:, 2:]) & fine[:, 2:]
     turns &= (negative[:, 1:-1] == negative[:, :-2]) & (negative[:, 1:-1] == negative[:, 2:])
+    turns &= _REACH * (np.maximum(size[:, :-2], size[:, 2:]) - size[:, 1:-1]) >= size[:, 1:-1]
     turned, k = np.nonzero(turns)
     sign = np.where(negative[turned, k + 1], -1.0, 1.0)
     left, right = log_omega[turned, k], log_omega[turned, k + 2]
-    nearest, x = _maxima(left, right, lambda k, x: -sign[k] * function(turned[k], np.exp(x)))
+    k += 1
+    known = left, log_omega[turned, k], right, *(-sign * values[turned, k + side] for side in (-1, 0, 1))
+    nearest, x = _maxima(*known, lambda k, x: -sign[k] * function(turned[k], np.exp(x)))
     beyond = nearest > 0.0
     cells = np.concatenate([cells, turned[beyond], turned[beyond]])
     low, high = np.concatenate([low, left[beyond], x[beyond]]), np.concatenate([high, x[beyond], right[beyond]])
@@ -166,34 +175,41 @@ def _highest(values: Array, omega: Array, function: Callable) -> tuple[Array, Ar
     kept = min(_PEAKS, points)
     k = np.argpartition(local, points - kept, axis=1)[:, points - kept :]
     cells, chosen = np.repeat(np.arange(count), kept), k.ravel()
-    is_peak = local[cells, chosen] > -np.inf
-    cells, chosen = cells[is_peak], chosen[is_peak]
+    left, right = np.maximum(chosen - 1, 0), np.minimum(chosen + 1, points - 1)
+    own, lower = values[cells, chosen], np.minimum(values[cells, left], values[cells, right])
+    may_be_highest = own + _REACH * (own - lower) >= values.max(axis=1)[cells]
+    kept_peaks = np.flatnonzero((local[cells, chosen] > -np.inf) & may_be_highest)
+    cells, chosen, left, right, own = (array[kept_peaks] for array in (cells, chosen, left, right, own))
     log_omega = np.log(omega)
-    low = log_omega[cells, np.maximum(chosen - 1, 0)]
-    high = log_omega[cells, np.minimum(chosen + 1, points - 1)]
-    best, at = _maxima(low, high, lambda k, x: function(cells[k], np.exp(x)))
+    three = [log_omega[cells, at] for at in (left, chosen, right)]
+    best, at = _maxima(
+        *three, values[cells, left], own, values[cells, right], lambda k, x: function(cells[k], np.exp(x))
+    )
     # The grid's own point may be the highest: at its edge, or exactly on the peak.
-    own = values[cells, chosen]
     at = np.where(own > best, omega[cells, chosen], np.exp(at))
     least, where = _least_per_cell(-np.maximum(best, own), at, cells, count)
     return -least, where
 
 
-def _maxima(low: Array, high: Array, function: Callable) -> tuple[Array, Array]:
+def _maxima(
+    low: Array, inside: Array, high: Array, f_low: Array, f_inside: Array, f_high: Array, function: Callable
+) -> tuple[Array, Array]:
     """Maxima of ``function(k, x)``, one in each interval k with low ≤ x ≤ high: values and x.
 
-    Brent's method: a parabola through the three best points where it converges, else a golden section. All intervals
-    advance together, and those that are done are not evaluated any more.
+    Brent's method: a parabola through the three best points where it converges, else a golden section. It begins with
+    the values that are known at the ends and at a point inside. All intervals advance together, and those that are done
+    are not evaluated any more.
     """
-    every = np.arange(len(low))
-    low, high = low.copy(), high.copy()
-    x = low + (1.0 - _GOLDEN) * (high - low)
-    f = -function(every, x)
-    second, third, f_second, f_third = x.copy(), x.copy(), f.copy(), f.copy()
-    step, last = np.zeros_like(x), np.zeros_like(x)
+    low, high, x, f = low.copy(), high.copy(), inside.copy(), -f_inside
+    nearer = f_low > f_high
+    second, third = np.where(nearer, low, high), np.where(nearer, high, low)
+    f_second, f_third = np.where(nearer, -f_low, -f_high), np.where(nearer, -f_high, -f_low)
+    step = high - low
+    last = step.copy()
     for _ in range(_MOST_ROUNDS):
         middle, least = 0.5 * (low + high), _NEAR * (1.0 + np.abs(x))
-        k = np.flatnonzero(np.abs(x - middle) > 2.0 * least - 0.5 * (high - low))
+        wide = np.abs(x - middle) > 2.0 * least - 0.5 * (high - low)
+        k = np.flatnonzero(wide & (np.maximum(f_second, f_third) - f > _EQUAL * np.abs(f)))
         if k.size == 0:
             break
         a, b, at, f_at, tol = low[k], high[k], x[k], f[k], least[k]

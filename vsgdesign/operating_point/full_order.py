@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vsgdesign.equations.controller_data import flat_settings
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.metrics.modes import Eigen, eigen
 from vsgdesign.model.full_order import PARAMETERS, FullOrderMap, LimiterInModel, full_order_map, limiter_states
 from vsgdesign.operating_point.many import Lanes, ManyStates, lanes_of, many_steady_states
 from vsgdesign.operating_point.plants import state_matrices
@@ -56,6 +58,11 @@ class FullOrderModel:
     index: NDArray[np.intp]
     faults: tuple[str | None, ...]
     map: FullOrderMap
+
+    @functools.cached_property
+    def eigen(self) -> Eigen:
+        """Eigenvalues (of z) and eigenvectors of A, computed once."""
+        return eigen(self.A)
 
 
 def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
@@ -199,15 +206,21 @@ def _squarings(study: Study, R_g: Array, L_g: Array) -> int:
     return max(0, math.ceil(math.log2(2.0 * fastest * study.converter.T_s)))
 
 
+@functools.lru_cache(maxsize=32)
+def _over(function: ca.Function, count: int) -> ca.Function:
+    """A function of ``count`` lanes side by side; making it takes as long as a call."""
+    return function.map(count)
+
+
 def _matrices(function: ca.Function, z: Array, p: Array) -> tuple[Array, ...]:
     """The outputs of a function of z (N, …) and p (N, …): arrays (N, rows, columns)."""
     count = len(z)
     shapes = [function.size_out(k) for k in range(function.n_out())]
     if count == 0:
         return tuple(np.empty((0, *shape)) for shape in shapes)
-    outputs = function.map(count).call([z.T, p.T])
+    outputs = _over(function, count).call([z.T, p.T])
     return tuple(
-        np.array(out).reshape(shape[0], count, shape[1]).transpose(1, 0, 2)
+        out.full().reshape(shape[0], count, shape[1]).transpose(1, 0, 2)
         for out, shape in zip(outputs, shapes, strict=True)
     )
 
@@ -232,13 +245,13 @@ def parameter_sensitivities(model: FullOrderModel, cell: int, parameters: Sequen
     """dA/dp (parameters, n, n) of one good cell for several PARAMETERS at once, as :func:`parameter_sensitivity`."""
     columns = [PARAMETERS.index(name) for name in parameters]
     z, p, A = model.z[cell], model.p[cell], model.A[cell]
-    of_p = np.array(model.map.of_parameters(z, p))[:, columns]
+    of_p = model.map.of_parameters(z, p).full()[:, columns]
     dz = np.linalg.solve(np.eye(len(z)) - A, of_p)
     dp = np.zeros((len(p), len(columns)))
     dp[columns, range(len(columns))] = 1.0
     count, n = len(columns), len(z)
-    every = model.map.directional.map(count)(np.tile(z[:, None], count), np.tile(p[:, None], count), dz, dp)
-    return np.array(every).reshape(n, count, n).transpose(1, 0, 2)
+    every = _over(model.map.directional, count)(np.tile(z[:, None], count), np.tile(p[:, None], count), dz, dp)
+    return every.full().reshape(n, count, n).transpose(1, 0, 2)
 
 
 __all__ = [

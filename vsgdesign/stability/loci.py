@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq, linear_sum_assignment
 
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.metrics.modes import eigenvalue_sensitivity, participation_factors, to_continuous
+from vsgdesign.metrics.modes import Eigen, eigenvalue_sensitivity, participation_factors, to_continuous
 from vsgdesign.model.full_order import PARAMETERS
 from vsgdesign.operating_point.full_order import FullOrderModel, parameter_sensitivities, parameter_sensitivity
 from vsgdesign.parameters.study import Study
@@ -40,9 +40,14 @@ class ModeSensitivity:
     relative: complex
 
 
-def modes(states: Sequence[str], A: Array, T_s: float | None = None, count: int = 4) -> tuple[Mode, ...]:
-    """Modes of one matrix, the least stable first; ``T_s`` of a sampled model, None for a continuous one."""
-    eigenvalues, shares = participation_factors(A)
+def modes(
+    states: Sequence[str], A: Array, T_s: float | None = None, count: int = 4, known: Eigen | None = None
+) -> tuple[Mode, ...]:
+    """Modes of one matrix, the least stable first; ``T_s`` of a sampled model, None for a continuous one.
+
+    ``known``: the eigenvectors of A, if they were computed before.
+    """
+    eigenvalues, shares = participation_factors(A, known)
     s: Complex = eigenvalues.astype(complex) if T_s is None else to_continuous(eigenvalues, T_s)
     found = []
     for k in np.argsort(-s.real, kind="stable").tolist():
@@ -108,11 +113,10 @@ class ModeMovements:
 
 def mode_movements(model: FullOrderModel, cell: int, parameters: Sequence[str] = RANKED) -> ModeMovements:
     """The sensitivities of :func:`mode_sensitivities` for all modes of a cell at once."""
-    A, p = model.A[cell], model.p[cell]
-    z, right = np.linalg.eig(A)
-    left = np.linalg.inv(right)
+    p = model.p[cell]
+    z, right, left = model.eigen.values[cell], model.eigen.right[cell], model.eigen.left[cell]
     dA = parameter_sensitivities(model, cell, parameters)
-    dz = np.einsum("ij,pjk,ki->pi", left, dA, right, optimize=True)
+    dz = ((left @ dA) * right.T).sum(axis=-1)
     values = np.array([p[PARAMETERS.index(name)] for name in parameters])
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = values[:, None] * dz / (z * model.T_s)

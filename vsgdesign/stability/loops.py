@@ -88,12 +88,13 @@ class FullOrderLoop:
         rows = [OUTPUTS.index(name) for name in ports[2:]]
         self._T_s = model.T_s
         self._direct = TransferMatrix(model.A, model.B[:, :, columns], model.C[:, rows])
-        self._sum = partial_fractions(self._direct.A, self._direct.B, self._direct.C)
+        self._sum = partial_fractions(self._direct.A, self._direct.B, self._direct.C, model.eigen)
+        self._flat = self._sum.residues.reshape(*self._sum.poles.shape, 4)
 
     def on(self, omega: Array) -> Complex:
         """S (N, F, 2, 2) on a frequency grid in rad/s, below the Nyquist frequency."""
         z = np.exp(1j * omega * self._T_s)
-        poles, residues = self._sum.poles, self._sum.residues.reshape(*self._sum.poles.shape, 4)
+        poles, residues = self._sum.poles, self._flat
         S = np.empty((len(poles), len(omega), 2, 2), dtype=complex)
         for start in range(0, len(S), _CHUNK):
             part = slice(start, start + _CHUNK)
@@ -107,7 +108,8 @@ class FullOrderLoop:
     def at(self, cells: NDArray[np.intp], omega: Array) -> Complex:
         """S (k, 2, 2) of cells at frequencies, both (k,)."""
         z = np.exp(1j * omega * self._T_s)
-        S = np.einsum("kn,knij->kij", 1.0 / (z[:, None] - self._sum.poles[cells]), self._sum.residues[cells])
+        factors = 1.0 / (z[:, None] - self._sum.poles[cells])
+        S = (factors[:, None] @ self._flat[cells]).reshape(-1, 2, 2)
         solved = ~self._sum.usable[cells]
         if solved.any():
             S[solved] = self._direct.at(cells[solved], z[solved])

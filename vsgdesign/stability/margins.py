@@ -85,7 +85,7 @@ def full_order_margins(model: FullOrderModel, omega: Array | None = None) -> Mar
 def eigenvalues_of(model: CoupledModel | FullOrderModel) -> Complex:
     """Continuous-time eigenvalues (N, n) of either model."""
     if isinstance(model, FullOrderModel):
-        return to_continuous(np.linalg.eigvals(model.A), model.T_s)
+        return to_continuous(model.eigen.values, model.T_s)
     return np.linalg.eigvals(model.A).astype(complex)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from vsgdesign.metrics.modes import partial_fractions
+from vsgdesign.metrics.modes import Eigen, partial_fractions, taken
 from vsgdesign.metrics.step_response import SETTLING_BAND, ResponseMetrics, settling_times, step_response
 from vsgdesign.model.coupled import INPUTS, OUTPUTS, CoupledModel
 from vsgdesign.model.full_order import INPUTS as FULL_INPUTS
@@ -62,17 +62,19 @@ def full_order_step(
     count = round(t_end / model.T_s) // every + 1
     parts = model.B[:, :, [column]], model.C[:, [row]], model.D[:, [row]][:, :, [column]]
     k = every * np.arange(count, dtype=np.float64)
-    return k * model.T_s, sampled_steps(model.A, *parts, every, count)[..., 0, 0]
+    return k * model.T_s, sampled_steps(model.A, *parts, every, count, model.eigen)[..., 0, 0]
 
 
-def sampled_steps(A: Array, B: Array, C: Array, D: Array, every: int | Array, count: int) -> Array:
+def sampled_steps(
+    A: Array, B: Array, C: Array, D: Array, every: int | Array, count: int, known: Eigen | None = None
+) -> Array:
     """Unit step responses (N, count, outputs, inputs) of N sampled models at 0, ``every``, 2·``every`` … samples, as
     a sum over the modes.
 
     A mode z adds R (zᵏ − 1)/(z − 1) to sample k. A cell with (nearly) defective modes is stepped instead. ``every`` may
-    be (N,), one for each model.
+    be (N,), one for each model. ``known``: the eigenvectors of A, if they were computed before.
     """
-    modes, steps = partial_fractions(A, B, C), np.broadcast_to(np.asarray(every, dtype=float), len(A))
+    modes, steps = partial_fractions(A, B, C, known), np.broadcast_to(np.asarray(every, dtype=float), len(A))
     outputs, inputs = D.shape[1:]
     with np.errstate(divide="ignore", invalid="ignore"):
         weights = modes.residues / (modes.poles - 1.0)[:, :, None, None]
@@ -153,12 +155,12 @@ def full_order_settling(model: FullOrderModel, input_: str, output: str, points:
     settling, overshoot = np.full(len(model.A), np.nan), np.full(len(model.A), np.nan)
     if len(model.A) == 0:
         return settling, overshoot
-    decay = -np.log(np.abs(np.linalg.eigvals(model.A)).max(axis=1)) / model.T_s
+    decay = -np.log(np.abs(model.eigen.values).max(axis=1)) / model.T_s
     k = np.flatnonzero(decay > 0.0)
     A, b, c, d = model.A[k], model.B[k][:, :, [column]], model.C[k][:, [row]], model.D[k][:, [row]][:, :, [column]]
     final = (d + c @ np.linalg.solve(np.eye(A.shape[-1]) - A, b))[:, 0, 0]
     every = np.maximum(np.round(np.clip(_TIME_CONSTANTS / decay[k], *_OBSERVED_S) / points / model.T_s), 1.0)
-    y = sampled_steps(A, b, c, d, every, points)[..., 0, 0]
+    y = sampled_steps(A, b, c, d, every, points, taken(model.eigen, k))[..., 0, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         progress = y / final[:, None]
     overshoot[k] = np.maximum(progress.max(axis=1) - 1.0, 0.0)
