@@ -16,7 +16,7 @@ from vsgdesign.explore.answer import Answer
 from vsgdesign.explore.scene import Scene, scene_of
 from vsgdesign.explore.state import State
 from vsgdesign.frames import rated_current_rms
-from vsgdesign.metrics.modes import damping_ratio
+from vsgdesign.metrics.modes import damping_ratio, taken
 from vsgdesign.model.coupled import CoupledModel
 from vsgdesign.operating_point.full_order import FullOrderModel
 from vsgdesign.operating_point.static_limits import converter_current_rms
@@ -165,7 +165,7 @@ def _modes(model: FullOrderModel, cell: int) -> list[dict[str, Any]]:
     """
     found = []
     moved = mode_movements(model, cell)
-    for mode in modes(model.states, model.A[cell], model.T_s):
+    for mode in modes(model.states, model.A[cell], model.T_s, known=taken(model.eigen, cell)):
         if not np.isfinite(mode.s) or mode.s.imag < 0.0:
             continue
         found.append(

@@ -1,0 +1,184 @@
+"""The linear answer against the package's own functions, to the last printed digit, in random states."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.explore.answer import Answer, as_bytes
+from vsgdesign.explore.fields import changed_study
+from vsgdesign.explore.linear import linear_answer
+from vsgdesign.explore.state import OWN, State, state_of
+from vsgdesign.metrics.step_response import step_response
+from vsgdesign.parameters import load_study
+from vsgdesign.parameters.study import Place, Study
+from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.stability.cells import cells_under, full_order_cells
+from vsgdesign.stability.loci import mode_sensitivities, modes
+from vsgdesign.stability.margins import full_order_margins
+from vsgdesign.stability.steps import full_order_step
+
+STATES = 25
+"""Of each of two studies."""
+DIGITS = 6
+
+
+def printed(value: float | None) -> str:
+    """A value as the page prints it, or with more digits."""
+    return "none" if value is None or not math.isfinite(value) else f"{value:.{DIGITS}g}"
+
+
+def drawn(rng: np.random.Generator) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        "scr": math.exp(rng.uniform(math.log(1.3), math.log(20.0))),
+        "x_over_r": math.exp(rng.uniform(math.log(0.4), math.log(12.0))),
+        "P_pu": rng.uniform(-0.9, 0.9),
+        "Q_pu": rng.uniform(-0.3, 0.3),
+        "error_R": rng.uniform(-0.2, 0.2),
+        "error_X": rng.uniform(-0.2, 0.2),
+        "V_g_pu": rng.uniform(0.95, 1.05),
+        "event": {"kind": "step", "size": 0.1, "signal": rng.choice(["P", "Q"]).item()},
+    }
+    if rng.random() < 0.5:
+        document["hold"] = {"scr": rng.uniform(2.0, 20.0), "x_over_r": rng.uniform(0.5, 8.0)}
+    if rng.random() < 0.3:
+        document["changes"] = {"power_loops.tau_P": f"{rng.uniform(1.0, 20.0)} ms"}
+    return document
+
+
+def answered(study: Study, document: dict[str, Any]) -> tuple[Study, State, Answer]:
+    state = state_of(document, study)
+    study = changed_study(study, state.changes)
+    return study, state, linear_answer(study, NOTHING, state)
+
+
+@pytest.mark.parametrize("name", ["structures", "utility"])
+def test_values_are_those_of_the_functions(name: str) -> None:
+    """Every figure of the page equals that of the public functions for one controller at a time."""
+    base, rng = load_study(f"studies/{name}/study.toml"), np.random.default_rng(16)
+    seen = 0
+    for _ in range(STATES):
+        study, state, answer = answered(base, drawn(rng))
+        c = study.converter
+        study = replace(study, grid_source=replace(study.grid_source, V_g_rms=state.V_g_pu * c.V_rated_rms))
+        k = int(rng.integers(len(study.controllers)))
+        row, spec = answer.header["controllers"][k], study.controllers[k]
+        grid = Place(state.scr, state.x_over_r, study.scr_basis).grid(c)
+        P, Q = state.P_pu * c.S_rated, state.Q_pu * c.S_rated
+        law = gain_law(study, spec)
+        if state.hold is None:
+            R_hat, L_hat = grid.R_g * (1.0 + state.error_R), grid.L_g * (1.0 + state.error_X)
+            cells = cells_under(study, law, grid.R_g, grid.L_g, P, Q, R_hat, L_hat)
+        else:
+            held = Place(state.hold.scr, state.hold.x_over_r, study.scr_basis).grid(c)
+            R_hat, L_hat = held.R_g * (1.0 + state.error_R), held.L_g * (1.0 + state.error_X)
+            made = cells_under(study, law, held.R_g, held.L_g, P, Q, R_hat, L_hat).gains
+            cells = cells_under(study, lambda *_, made=made: made, grid.R_g, grid.L_g, P, Q)
+        model = full_order_cells(study.with_limit_of(spec), cells)
+        fault = cells.faults[0] or model.faults[0]
+        assert row["why"] == fault
+        if fault is not None:
+            assert f"{k}/step_full" not in answer.arrays
+            continue
+        seen += 1
+        table = full_order_margins(model)
+        expected = {
+            "damping": table.least_damping[0],
+            "decay": -table.spectral_abscissa[0],
+            "M_s": table.M_s.value[0],
+            "gain_margin_db": table.loop_P.gain_margin_db[0],
+            "phase_margin_deg": table.loop_P.phase_margin_deg[0],
+            "crossover_rad_s": table.loop_P.phase_crossing_rad_s[0],
+            "phase_margin_Q_deg": table.loop_Q.phase_margin_deg[0],
+        }
+        assert {key: printed(row[key]) for key in expected} == {key: printed(v) for key, v in expected.items()}
+        assert printed(row["disk_margin"]["output"]) == printed(table.disk_output.value[0])
+        assert printed(row["disk_margin"]["input"]) == printed(table.disk_input.value[0])
+        assert row["stable"] == bool(table.stable[0])
+        gains = PowerLoopGains(*(float(value[0]) for value in cells.gains))
+        assert {key: printed(v) for key, v in row["gains"].items()} == {
+            key: printed(v) for key, v in gains._asdict().items()
+        }
+        slowest = modes(model.states, model.A[0], model.T_s)[0]
+        listed = row["modes"][0]
+        assert printed(listed["re"]) == printed(slowest.s.real)
+        strongest = mode_sensitivities(model, 0, slowest.s)[0]
+        assert listed["moved_by"][0][0] == strongest.parameter
+        assert listed["moved_by"][0][1] == pytest.approx(0.01 * strongest.relative.real, rel=1e-5, abs=1e-9)
+        if row["stable"] and row["settling_s"] is not None and row["settling_s"] < 10.0:
+            signal = state.event.signal
+            t, y = full_order_step(model, f"{signal}_ref", signal, 20.0)
+            response = step_response(t, y[0], 0.0, float(y[0, -1]))
+            # One value at every sample instead of 4000 over ten time constants.
+            assert row["settling_s"] == pytest.approx(response.settling_time_s, rel=2e-3, abs=1e-3)
+            assert row["overshoot"] == pytest.approx(0.01 * (response.overshoot_pct or 0.0), abs=2e-4)
+    assert seen > STATES // 2
+
+
+def test_steps_begin_at_the_operating_point_and_end_there_plus_the_step() -> None:
+    study = load_study("studies/structures/study.toml")
+    document = {"scr": 5.0, "x_over_r": 2.0, "P_pu": 0.3, "event": {"kind": "step", "size": 0.2, "signal": "P"}}
+    _, _, answer = answered(study, document)
+    for k in range(3):
+        for model in ("step_full", "step_reduced"):
+            line = answer.arrays[f"{k}/{model}"]
+            assert line[0] == pytest.approx(0.3, abs=1e-3)
+            assert line[-1] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_point_that_does_not_exist_says_why() -> None:
+    study = load_study("studies/structures/study.toml")
+    _, _, answer = answered(study, {"scr": 0.5, "P_pu": 1.0, "x_over_r": 5.0})
+    for row in answer.header["controllers"]:
+        assert row["why"].startswith("no operating point: the grid cannot carry P = 5 kW")
+        assert row["disk_margin"] is None
+        assert row["modes"] == []
+    assert answer.arrays == {}
+    assert as_bytes(answer)
+
+
+def test_a_table_that_is_missing_is_no_fault_of_the_others() -> None:
+    study = load_study("studies/table/study.toml")
+    _, _, answer = answered(study, {"scr": 5.0})
+    closed_form, table = answer.header["controllers"]
+    assert closed_form["why"] is None
+    assert closed_form["stable"]
+    assert "its gain table is missing" in table["why"]
+
+
+def test_own_gains_are_those_of_a_controller_with_them() -> None:
+    study = load_study("studies/structures/study.toml")
+    _, _, first = answered(study, {"scr": 4.0})
+    gains = first.header["controllers"][2]["gains"]
+    _, _, answer = answered(study, {"scr": 4.0, "own": gains, "controllers": ["angle_damped", OWN]})
+    angle_damped, own = answer.header["controllers"]
+    assert own["name"] == OWN
+    same = ("gains", "disk_margin", "M_s", "settling_s", "droop_P", "droop_Q", "H_s", "modes")
+    assert {key: own[key] for key in same} == {key: angle_damped[key] for key in same}
+
+
+def test_droops_are_those_of_a_steady_state() -> None:
+    """The frequency of the grid changes by 0.1 Hz, and its voltage until V has changed by 1 %: P and Q answer so."""
+    from vsgdesign.model.coupled import INPUTS, OUTPUTS
+    from vsgdesign.stability.cells import reduced_cells
+
+    study = load_study("studies/structures/study.toml")
+    _, state, answer = answered(study, {"scr": 4.0})
+    row, spec, c = answer.header["controllers"][2], study.controllers[2], study.converter
+    grid = Place(state.scr, state.x_over_r, study.scr_basis).grid(c)
+    cells = cells_under(
+        study, gain_law(study, spec), grid.R_g, grid.L_g, state.P_pu * c.S_rated, state.Q_pu * c.S_rated
+    )
+    m = reduced_cells(study, cells)
+    gain = m.D[0] - m.C[0] @ np.linalg.solve(m.A[0], m.B[0])
+    P_of_omega = gain[OUTPUTS.index("P"), INPUTS.index("omega_g")]
+    assert row["droop_P"] == pytest.approx(-c.S_rated / (P_of_omega * c.omega_n), rel=1e-9)
+    column = INPUTS.index("V_g")
+    Q_of_V = gain[OUTPUTS.index("Q"), column] / gain[OUTPUTS.index("V"), column]
+    assert row["droop_Q"] == pytest.approx(-c.S_rated / (Q_of_V * c.V_rated_rms), rel=1e-9)
