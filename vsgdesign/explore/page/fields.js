@@ -31,6 +31,8 @@ export function readNumber(text, unit = "") {
   return { value: Number((Number(parts[1]) * 10 ** power).toPrecision(12)) };
 }
 
+const plainNumber = (value) => String(Number(value.toPrecision(5))).replace("-", "−");
+
 function made(tag, attributes = {}, ...children) {
   const e = document.createElement(tag);
   for (const [key, value] of Object.entries(attributes)) {
@@ -169,14 +171,26 @@ export class Field {
     const { low, high, unit } = this.spec;
     const { value, fault } = readNumber(this.input.value, unit || "");
     if (fault) {
-      const [least, most] = [low, high].map((v) => Number(Number(v).toPrecision(4)));
-      const limit = Number.isFinite(low) && Number.isFinite(high) ? ` from ${least} to ${most}${unit ? " " + unit : ""}` : unit ? ` in ${unit}` : "";
-      this.showFault(`${fault} This field takes a number${limit}.`);
+      const limit = this.limited ? ` from ${this.range()}` : unit ? ` in ${unit}` : "";
+      this.showFault(`${fault} ${this.spec.label} takes a number${limit}.`);
+      return;
+    }
+    if (this.limited && (value < low - 1e-9 * Math.abs(low) || value > high + 1e-9 * Math.abs(high))) {
+      this.showFault(`${this.spec.label} must be from ${this.range()}, not ${plainNumber(value)}${unit ? " " + unit : ""}.`);
       return;
     }
     this.edited = false;
     this.write(value);
     this.store.commit();
+  }
+
+  get limited() {
+    return Number.isFinite(this.spec.low) && Number.isFinite(this.spec.high) && this.spec.low < this.spec.high;
+  }
+
+  range() {
+    const { low, high, unit } = this.spec;
+    return `${plainNumber(low)} to ${plainNumber(high)}${unit ? " " + unit : ""}`;
   }
 
   back() {
@@ -345,5 +359,5 @@ export function faultText(fault) {
   const limit = fault.limit === null || fault.limit === undefined ? "" : String(fault.limit);
   const text = fault.text || `${fault.field}: ${fault.value} is not possible.`;
   if (!limit || text.includes(limit)) return text;
-  return `${text} The limit is ${limit}${fault.unit ? " " + fault.unit : ""}.`;
+  return `${text} The limit is ${limit}${fault.unit && !limit.endsWith(fault.unit) ? " " + fault.unit : ""}.`;
 }

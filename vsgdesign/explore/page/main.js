@@ -424,6 +424,8 @@ class Page {
 
   emphasise(name) {
     this.bode.emphasis = this.response.emphasis = name;
+    const told = name && this.answers.emt && this.answers.emt.header.controllers.find((c) => c.name === name);
+    byId("readout").textContent = told && told.verdict ? `${name}: ${told.verdict}` : "";
     this.bode.paint();
     this.response.paint();
   }
@@ -446,10 +448,7 @@ class Page {
     let changed = false;
     for (const fault of faults) if (fault.field) changed = this.store.takeBack(String(fault.field)) || changed;
     notice(homeless.map(faultText).join(" "), true);
-    if (!changed) return;
-    this.store.history[this.store.at] = JSON.parse(JSON.stringify(this.store.state));
-    this.store.writeLink();
-    this.store.tell();
+    if (changed) this.store.forget();
   }
 
   lost() {

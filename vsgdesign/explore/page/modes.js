@@ -219,9 +219,9 @@ function modePanel(name, mode, close) {
     const list = element("ul", "", "shares");
     for (const [state, share] of shares) {
       const item = element("li", "");
-      const bar = element("meter", "");
-      Object.assign(bar, { min: 0, max: 1, value: Math.min(1, share) });
-      bar.setAttribute("aria-hidden", "true");
+      const [bar, filled] = [element("div", "", "bar"), element("span", "")];
+      filled.style.width = `${100 * Math.min(1, share)}%`;
+      bar.append(filled);
       item.append(element("span", state), bar, element("span", `${(100 * share).toFixed(0)} %`, "number"));
       list.append(item);
     }

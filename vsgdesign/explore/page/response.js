@@ -81,10 +81,11 @@ export class ResponsePlot {
       if (this.linearSignal === this.shown) {
         for (const c of this.linear) {
           if (!c.full) continue;
-          // A dark dotted line stays visible on its own colour, where linear and EMT are the same to the line's width.
+          // Dark dots stay visible on the EMT's line where both are the same; where they part, a thin line of the
+          // controller's colour under the dots says whose they are.
           const { colour, alpha } = this.style(c, 1);
-          drawLine(ctx, box, sx, sy, c.t, c.full, { colour: t.black, width: 1.2, dash: [1.5, 3.5], alpha });
-          if (!this.emt.length) drawLine(ctx, box, sx, sy, c.t, c.full, { colour, width: 1.5, alpha });
+          drawLine(ctx, box, sx, sy, c.t, c.full, { colour, width: 0.9, alpha });
+          drawLine(ctx, box, sx, sy, c.t, c.full, { colour: t.black, width: 1.3, dash: [1.5, 3.5], alpha });
         }
       }
       if (this.cursor !== null && !svg) drawLevel(ctx, box, sx(this.cursor), { colour: t.soft, dash: [2, 2], upright: true });

@@ -119,6 +119,14 @@ export class Store {
     return this.set({ [head]: rest.length ? { ...this.state[head], [rest.join(".")]: value } : value });
   }
 
+  /** After a refusal: the present state takes the place of the refused one in the history. */
+  forget() {
+    this.history[this.at] = copyOf(this.state);
+    if (this.at > 0 && sameJson(this.state, this.history[this.at - 1])) this.history.splice(this.at--, 1);
+    this.writeLink();
+    this.tell();
+  }
+
   /** Put one field back to its value in the last state that was answered. True if that changed anything. */
   takeBack(path) {
     const head = path in this.state ? path : this.isOwnKey(path) ? path.split(".")[0] : "changes";
