@@ -17,6 +17,10 @@ class Latest:
         self._newest: OrderedDict[tuple[str, str], int] = OrderedDict()
         self._lock = threading.Lock()
 
+    def __len__(self) -> int:
+        """Number of pairs of tab and kind."""
+        return len(self._newest)
+
     def arrived(self, tab: str, kind: str, seq: int) -> Callable[[], bool]:
         """Notes a request, and returns a function that says whether a newer one has arrived since."""
         key = tab, kind
