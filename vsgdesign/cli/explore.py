@@ -1,49 +1,151 @@
-"""The verb that opens the explorer in the browser."""
+"""The verb that opens the explorer in the browser, or writes it to a file."""
 
 from __future__ import annotations
+
+import os
+import threading
+from typing import TYPE_CHECKING
 
 import click
 
 from vsgdesign.cli.common import load, progress, verb
 
+if TYPE_CHECKING:
+    from vsgdesign.explore.server import ExplorerServer, Opening
+    from vsgdesign.explore.session import Session
+
+_LAST_WORDS_S = 1.0
+"""How long a page that waits has time to hear that the study is wrong."""
+
 
 @click.command()
 @click.argument("file", metavar="STUDY.toml|TABLE.json", type=click.Path())
 @click.option("--study", "study_file", default=None, metavar="STUDY.toml", help="The study of a TABLE.json.")
-@click.option("--port", type=click.IntRange(1, 65535), default=None, metavar="N", help="[default: a free one]")
+@click.option("--controller", default=None, metavar="NAME", help="The controller of a TABLE.json.  [default: the last]")
 @click.option("--browser/--no-browser", default=True, help="Open the page in the browser.  [default: yes]")
+@click.option("--port", type=click.IntRange(1, 65535), default=None, metavar="N", help="[default: any free one]")
+@click.option("--state", "link", default=None, metavar="TEXT", help="Begin with the state of a link of the page.")
+@click.option("--static", default=None, metavar="FILE.html", help="Write a page without server, and open nothing.")
 @verb
-def explore(file: str, study_file: str | None, port: int | None, browser: bool) -> None:
+def explore(
+    file: str,
+    study_file: str | None,
+    controller: str | None,
+    browser: bool,
+    port: int | None,
+    link: str | None,
+    static: str | None,
+) -> None:
     """Drag the grid in the browser, and watch modes, margins and EMT.
 
-    The page is served on this machine alone, under an address with a random token. Ctrl-C ends it.
+    The page is served on this machine alone, at an address with a random token. It needs no internet. Ctrl-C ends it.
+    Gain tables that the study asks for are read where earlier commands have left them, or designed first.
     """
-    import threading
-
-    from vsgdesign.explore.server import ExplorerServer, Opening
+    _check_options(file, study_file, controller)
+    # The matrices are small. On several threads, BLAS takes twice the time, and no library reads this later.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("MKL_NUM_THREADS", "1")
+    if static is not None:
+        _write(file, study_file, controller, link, static)
+        return
+    from vsgdesign.explore.server import Opening
 
     opening = Opening()
-    server = ExplorerServer(opening, port or 0, complain=lambda text: click.echo(text, err=True))
+    server = _served(opening, port)
+    try:
+        click.echo(f"explorer: {server.gate.address}{_fragment(link)}")
+        if browser:
+            _open_browser(server.gate.address + _fragment(link))
+        session = _session(file, study_file, controller, link, opening)
+        opening.open(session)
+        threading.Thread(target=session.warm_up, name="warm-up", daemon=True).start()
+        click.echo("Ctrl-C ends the explorer.", err=True)
+        _until_interrupted()
+        click.echo("The explorer has ended.", err=True)
+    except Exception as error:
+        opening.fail(str(error))
+        opening.told.wait(_LAST_WORDS_S if browser else 0.0)
+        raise
+    finally:
+        server.end()
+
+
+def _check_options(file: str, study_file: str | None, controller: str | None) -> None:
+    if study_file is None and file.lower().endswith(".json"):
+        raise click.UsageError(f"{file} is a gain table; --study names the study with whose converter it is shown")
+    if study_file is None and controller is not None:
+        raise click.UsageError("--controller says whose gain table TABLE.json is; a study has its own")
+    # A file that is missing is said before a browser opens.
+    from vsgdesign.errors import Fault, StudyError
+
+    path = file if study_file is None else study_file
+    if not os.path.isfile(path):
+        raise StudyError(path, [Fault("study file", "", "there is no such file", "Give the path of a study.")])
+
+
+def _served(opening: Opening, port: int | None) -> ExplorerServer:
+    from vsgdesign.explore.server import ExplorerServer
+
+    try:
+        server = ExplorerServer(opening, port or 0, complain=lambda text: click.echo(text, err=True))
+    except OSError as error:
+        advice = "Give another one, or leave --port out for any free port."
+        raise click.UsageError(f"--port {port} cannot be used: {error.strerror}. {advice}") from None
     server.begin()
-    click.echo(server.gate.address)
-    if browser:
-        import webbrowser
+    return server
 
-        threading.Thread(target=webbrowser.open, args=(server.gate.address,), daemon=True).start()
 
-    def say(words: str) -> None:
-        opening.say(words)
-        click.echo(words, err=True)
+def _fragment(link: str | None) -> str:
+    """The part of a link from # on, for the address that the browser opens."""
+    return "" if link is None else "#" + (link.partition("#")[2] or link)
 
-    opening.say("Reading the study.")
+
+def _open_browser(address: str) -> None:
+    import webbrowser
+
+    # A text browser would wait until it is closed.
+    threading.Thread(target=webbrowser.open, args=(address,), name="browser", daemon=True).start()
+
+
+def _session(
+    file: str, study_file: str | None, controller: str | None, link: str | None, opening: Opening | None
+) -> Session:
+    def say(sentence: str) -> None:
+        if opening is not None:
+            opening.say(sentence)
+        click.echo(sentence, err=True)
+
+    if opening is not None:
+        opening.say("Reading the study.")
     study = load(file if study_file is None else study_file)
     from vsgdesign.pipeline.kept_tables import kept_tables
 
-    with progress(quiet=False) as tell:
-        tables = kept_tables(study, progress=tell, say=say)
-    opening.say("Loading the models.")
-    from vsgdesign.artifacts.ready import Ready
-    from vsgdesign.explore.session import Session
+    if study_file is not None:
+        from vsgdesign.pipeline.verify import with_table
 
-    opening.open(Session(study, Ready(tables=tables)))
-    threading.Event().wait()
+        study, _ = with_table(study, file, controller)
+    with progress(quiet=False) as tell:
+        kept = kept_tables(study, progress=tell, say=say)
+    if opening is not None:
+        opening.say("Loading the models.")
+    from vsgdesign.artifacts.ready import Ready
+    from vsgdesign.explore.session import Session, start_of
+
+    start = None if link is None else start_of(link, study)
+    return Session(study, Ready(tables=kept.tables), files=kept.files, words=" ".join(kept.words), start=start)
+
+
+def _write(file: str, study_file: str | None, controller: str | None, link: str | None, static: str) -> None:
+    from vsgdesign.explore.static import write_static
+
+    session = _session(file, study_file, controller, link, None)
+    with progress(quiet=False) as tell:
+        size = write_static(session, static, progress=tell)
+    click.echo(f"page: {static} ({size / 1e6:.1f} MB)")
+
+
+def _until_interrupted() -> None:
+    try:
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        return

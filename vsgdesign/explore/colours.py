@@ -11,3 +11,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7
 def colour_of(index: int) -> str:
     """The colour of a controller by its place in the study."""
     return COLOURS[index % len(COLOURS)]
+
+
+OWN_COLOUR = "#000000"
+"""Of gains that the user gives by hand."""

@@ -1,63 +1,96 @@
-"""What the page learns once of the study: its names, axes, limits and curves that do not depend on the state."""
+"""What the page learns once of the study: its names, fields, axes and curves that do not depend on the state."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.explore import standin
-from vsgdesign.explore.colours import colour_of
+from vsgdesign.explore.fields import fields_of
+from vsgdesign.explore.maps import figures_of, map_axes, map_cells, map_figures
+from vsgdesign.explore.scene import shown_of
+from vsgdesign.explore.state import defaults, state_of
 from vsgdesign.parameters.study import Study
+from vsgdesign.stability.cells import reduced_cells
 
-SCR = (1.2, 25.0)
-X_OVER_R = (0.25, 25.0)
-"""Ends of the map where the study's own axes do not reach further."""
+NEAR_RAD_S = 100.0
+"""Modes up to this distance from the origin decide the window of the s-plane: slower than the inner loops."""
+ROOM = 1.4
+"""The window is wider than the modes need by this factor: they move where a target changes or gains are held."""
+SETTLING_BAND = 0.02
+"""Half width of the band of the settling time, as a share of the step."""
 
 
-def study_info(study: Study, ready: Ready) -> dict[str, Any]:
+def study_info(study: Study, ready: Ready, colours: Mapping[str, str]) -> dict[str, Any]:
     """The document of ``GET study``."""
+    from vsgdesign.explore.events import events_of
+
     scr, x_over_r = map_axes(study)
+    promises = {figure.name: (figure.promise, figure.scale) for figure in map_figures(study)}
+    gates = {name: None if value is None else value / scale for name, (value, scale) in promises.items()}
     return {
         "study": {"name": study.name, "title": study.title, "file": Path(study.files[0]).name if study.files else ""},
         "controllers": [
-            {"name": spec.name, "colour": colour_of(k), "structure": spec.target.structure, "own": False}
-            for k, spec in enumerate(study.controllers)
+            {"name": spec.name, "colour": colours[spec.name], "structure": spec.target.structure, "own": False}
+            for spec in study.controllers
         ],
-        "fields": standin.fields_of(study, ready),
-        "figures": standin.figures_of(study, ready),
-        "events": standin.events_of(study),
-        "defaults": standin.defaults(study, ready),
+        "fields": fields_of(study, ready),
+        "figures": figures_of(study, ready),
+        "events": events_of(study),
+        "defaults": defaults(study),
         "map": {"scr": list(scr), "x_over_r": list(x_over_r)},
         "nodes": _nodes(study, ready),
-        "static_limit": None,
+        "static_limit": None,  # it moves with the powers: an array of the map's answer has it
         "certificate": _certificate(ready),
-        "gates": _gates(study),
-        "modes": {"re": [-80.0, 10.0], "im": [-80.0, 80.0]},
+        "gates": gates | {"band": SETTLING_BAND, "current_limit_pu": study.converter.current_limit_pu},
+        "modes": modes_window(study, ready),
         "S_rated": study.converter.S_rated,
     }
 
 
-def map_axes(study: Study) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ends of SCR and of X/R on the map: those of the specification with a margin, or the usual ones."""
-    if study.specification is None:
-        return SCR, X_OVER_R
-    scr, ratio = study.specification.scr, study.specification.x_over_r
-    return (min(scr) / 1.2, max(scr) * 1.2), (min(ratio) / 1.2, max(ratio) * 1.2)
+def modes_window(study: Study, ready: Ready) -> dict[str, list[float]]:
+    """Ends of Re s and of Im s, 1/s, that show the slow modes of all controllers on a few grids of the map.
+
+    They are the modes of the reduced model. The window belongs to the study, so that modes move in it and not with it.
+    """
+    state = state_of(defaults(study), study)
+    scr, x_over_r = (np.geomspace(*ends, 4) for ends in map_axes(study))
+    found = [np.empty(0, dtype=complex)]
+    for one in shown_of(study, ready, state):
+        if one.law is not None:
+            cells = map_cells(one, state, scr, x_over_r)
+            if cells.good.any():
+                found.append(np.linalg.eigvals(reduced_cells(one.study, cells).A).ravel())
+    s = np.concatenate(found)
+    s = s[np.abs(s) < NEAR_RAD_S]
+    if len(s) == 0:
+        return {"re": [-NEAR_RAD_S, 0.1 * NEAR_RAD_S], "im": [-NEAR_RAD_S, NEAR_RAD_S]}
+    left, top = (_rounded_up(ROOM * float(np.quantile(v, 0.95))) for v in (np.maximum(-s.real, 0.0), np.abs(s.imag)))
+    top = max(top, 0.75 * left)
+    return {"re": [-left, 0.2 * left], "im": [-top, top]}
+
+
+def _rounded_up(value: float) -> float:
+    """The next of 1, 1.5, 2, 3, 5, 7 or 10 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(max(value, 1.0)))
+    return float(next(m * power for m in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0) if m * power >= value * (1.0 - 1e-9)))
 
 
 def _nodes(study: Study, ready: Ready) -> dict[str, Any] | None:
+    """Nodes of the last table inside the static limits, and whether each keeps the specification."""
     tables = [ready.tables[spec.name] for spec in study.controllers if spec.name in ready.tables]
     if not tables:
         return None
-    table, scr, ratio, kept = tables[-1], [], [], []
-    for i, s in enumerate(table.scr):
-        for j, x in enumerate(table.x_over_r):
-            if table.status[i][j] != "outside":
-                scr.append(float(s))
-                ratio.append(float(x))
-                kept.append(int(table.status[i][j] == "met"))
-    return {"scr": scr, "x_over_r": ratio, "kept": kept}
+    table, status = tables[-1], np.asarray(tables[-1].status)
+    rows, columns = np.nonzero(status != "outside")
+    return {
+        "scr": table.scr[rows].tolist(),
+        "x_over_r": table.x_over_r[columns].tolist(),
+        "kept": (status[rows, columns] == "met").astype(int).tolist(),
+    }
 
 
 def _certificate(ready: Ready) -> dict[str, Any] | None:
@@ -68,15 +101,3 @@ def _certificate(ready: Ready) -> dict[str, Any] | None:
         return None
     (low, high), (left, right) = regions[-1].scr, regions[-1].x_over_r
     return {"scr": [low, high, high, low, low], "x_over_r": [left, left, right, right, left]}
-
-
-def _gates(study: Study) -> dict[str, float | None]:
-    s = study.specification
-    return {
-        "damping": None if s is None else s.damping_ratio,
-        "disk_margin": None if s is None else s.disk_margin,
-        "settling_s": None if s is None else s.settling_time,
-        "overshoot": None if s is None else s.overshoot,
-        "band": 0.02,
-        "current_limit_pu": study.converter.current_limit_pu,
-    }

@@ -21,7 +21,9 @@ Array = NDArray[np.float64]
 
 SCR = (1.2, 25.0)
 X_OVER_R = (0.25, 25.0)
-"""Ends of the map where the study has no specification."""
+"""Ends of the map, where the study's own grids do not lie further out."""
+MARGIN = 1.2
+"""From a grid of the study to the end of the map, as a ratio."""
 COUNTS = (30, 20)
 """Nodes along SCR and along X/R."""
 
@@ -70,11 +72,20 @@ def figures_of(study: Study, ready: Ready) -> list[dict[str, Any]]:  # noqa: ARG
 
 
 def map_axes(study: Study) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ends of SCR and of X/R on the map: those of the specification with a margin, or the usual ones."""
-    if study.specification is None:
-        return SCR, X_OVER_R
-    scr, ratio = study.specification.scr, study.specification.x_over_r
-    return (min(scr) / 1.2, max(scr) * 1.2), (min(ratio) / 1.2, max(ratio) * 1.2)
+    """Ends of SCR and of X/R on the map: the usual ones, moved apart so that the study's grids lie well inside.
+
+    These are the grids of its specification, the grid with which it begins, and those of its events.
+    """
+    grids = [study.grid, *(event.grid for event in study.events if event.grid is not None)]
+    places = [grid.place(study.converter, study.scr_basis) for grid in grids]
+    scr, ratio = [place.scr for place in places], [place.x_over_r for place in places if np.isfinite(place.x_over_r)]
+    if study.specification is not None:
+        scr, ratio = [*scr, *study.specification.scr], [*ratio, *study.specification.x_over_r]
+    return _around(SCR, scr), _around(X_OVER_R, ratio)
+
+
+def _around(ends: tuple[float, float], values: list[float]) -> tuple[float, float]:
+    return min([ends[0], *(value / MARGIN for value in values)]), max([ends[1], *(MARGIN * value for value in values)])
 
 
 def map_answer(study: Study, ready: Ready, state: State) -> Answer:

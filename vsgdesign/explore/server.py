@@ -70,6 +70,8 @@ class Opening:
         self._session: Session | None = None
         self._words = "Loading."
         self._failure = ""
+        self.told = threading.Event()
+        """Set once a page was told that there will be no answers."""
 
     def say(self, words: str) -> None:
         """What is being done, for the page that waits."""
@@ -103,6 +105,8 @@ class Opening:
             before = self._words
             self._changed.wait_for(lambda: self._session is not None or self._failure or self._words != before, WAIT_S)
             if self._session is None:
+                if self._failure:
+                    self.told.set()
                 return {"ready": False, "words": self._failure or self._words, "failed": bool(self._failure)}
             session = self._session
         return {"ready": True, "words": session.words, **session.info()}

@@ -2,50 +2,200 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.explore import standin
+from vsgdesign.errors import StudyError
 from vsgdesign.explore.answer import Answer
-from vsgdesign.explore.info import study_info
+from vsgdesign.explore.colours import OWN_COLOUR, colour_of
+from vsgdesign.explore.state import State, StateError, defaults, faults_of, state_of
 from vsgdesign.parameters.study import Study
 
 KEPT = 16
 """Changed studies that are kept: one drags the grid much more often than one changes the study."""
+COMPILING = "Compiling once. The next start does not have to."
+PATIENCE_S = 0.5
+"""How long a request for EMT waits for the compiler before it says so."""
+
+
+def never() -> bool:
+    """No newer request comes."""
+    return False
 
 
 class Session:
-    """A study with its gain tables. Every method may be called from several threads at once."""
+    """A study with its gain tables. Every method may be called from several threads at once.
 
-    def __init__(self, study: Study, ready: Ready, words: str = "") -> None:
-        """``words`` says where the gain tables come from."""
+    Its matrices are small: let BLAS work on one thread (``OPENBLAS_NUM_THREADS=1``), or answers take twice the time.
+    Modules are loaded when their answer is asked for first: the linear answer is there before EMT is loaded.
+    """
+
+    def __init__(
+        self,
+        study: Study,
+        ready: Ready,
+        *,
+        files: Mapping[str, Path] | None = None,
+        words: str = "",
+        start: Mapping[str, Any] | None = None,
+    ) -> None:
+        """``files`` says from which file a controller's table was read, ``words`` where the tables come from, and
+        ``start`` with which state the page begins, if not with the study's own. Raises StateError for a wrong start.
+        """
         self.study, self.ready = study, ready
+        self.files = dict(files or {})
         self.words = words
         self._changed: OrderedDict[str, Study] = OrderedDict()
         self._lock = threading.Lock()
-        self._info = study_info(study, ready)
+        self._warm = threading.Event()
+        self._warm.set()
+        self._colours = {spec.name: colour_of(k) for k, spec in enumerate(study.controllers)}
+        self._info: dict[str, Any] | None = None
+        self.start = self.state(start or {})
 
     def info(self) -> dict[str, Any]:
         """Everything that the page needs to know of the study, in JSON's types."""
-        return self._info
+        from vsgdesign.explore.info import study_info
 
-    def answer(self, kind: str, document: Mapping[str, Any], stale: Callable[[], bool]) -> Answer | None:
+        with self._lock:
+            if self._info is None:
+                self._info = study_info(self.study, self.ready, self._colours)
+            return self._info
+
+    def check(self, document: Any) -> list[dict[str, Any]]:
+        """The faults of a state, each with field, value, limit, unit and text; none for one that has answers."""
+        try:
+            self.study_of(self.state(document))
+        except StateError as error:
+            return error.faults
+        return []
+
+    def state(self, document: Any) -> State:
+        """A state that the page sends. Raises StateError with every fault, those of changed fields of the study too."""
+        faults: list[dict[str, Any]] = []
+        try:
+            state = state_of(document, self.study)
+        except StateError as error:
+            faults, state = error.faults, None
+        changes = document.get("changes") if isinstance(document, Mapping) else None
+        if isinstance(changes, dict) and all(isinstance(value, str | int | float) for value in changes.values()):
+            try:
+                self._with_changes(changes)
+            except StateError as error:
+                known = [one["field"] for one in faults]
+                faults = faults + [one for one in error.faults if one["field"] not in known]
+        if faults or state is None:
+            raise StateError(faults)
+        return state
+
+    def study_of(self, state: State) -> Study:
+        """The study with the changes of a state. Raises StateError."""
+        return self._with_changes(dict(state.changes))
+
+    def answer(self, kind: str, document: Any, stale: Callable[[], bool] = never) -> Answer | None:
         """The answer of a kind, ``linear``, ``emt`` or ``map``, to a state of the page as the page sends it.
 
         None: a newer request made this one ``stale`` meanwhile. Raises StateError with every fault of the state.
         """
-        state = standin.state_of(document, self.study)
-        study = self.study
+        state = self.state(document)
+        study = self.study_of(state)
         if kind == "linear":
-            return standin.linear_answer(study, self.ready, state)
-        if kind == "map":
-            return standin.map_answer(study, self.ready, state)
-        return standin.emt_answer(study, self.ready, state, stale)
+            return self.linear(study, state)
+        return self.map(study, state) if kind == "map" else self.emt(study, state, stale)
 
-    def save(self, document: Mapping[str, Any]) -> dict[str, str]:
+    def linear(self, study: Study, state: State) -> Answer:
+        """Modes, margins, Bode and linear steps (:func:`vsgdesign.explore.linear.linear_answer`)."""
+        from vsgdesign.explore.linear import linear_answer
+
+        return self._coloured(linear_answer(study, self.ready, state))
+
+    def map(self, study: Study, state: State) -> Answer:
+        """One figure over the grids (:func:`vsgdesign.explore.maps.map_answer`)."""
+        from vsgdesign.explore.maps import map_answer
+
+        return map_answer(study, self.ready, state)
+
+    def emt(self, study: Study, state: State, stale: Callable[[], bool] = never) -> Answer | None:
+        """The simulated event (:func:`vsgdesign.explore.live.emt_answer`).
+
+        While the simulation is being compiled, an answer without controllers says so; its ``again`` asks the page to
+        ask again.
+        """
+        if not self._warm.wait(PATIENCE_S):
+            return Answer({"controllers": [], "words": COMPILING, "again": True})
+        from vsgdesign.explore.live import emt_answer
+
+        found = emt_answer(study, self.ready, state, stale)
+        return None if found is None else self._coloured(found)
+
+    def warm_up(self) -> None:
+        """Load and compile what EMT and maps need, with the state with which the page begins."""
+        from vsgdesign.explore.live import emt_answer
+        from vsgdesign.explore.maps import map_answer
+
+        self._warm.clear()
+        try:
+            emt_answer(self.study_of(self.start), self.ready, self.start)
+        finally:
+            self._warm.set()
+        map_answer(self.study_of(self.start), self.ready, self.start)
+
+    def save(self, document: Any) -> dict[str, str]:
         """A name and the text of a study file for a state of the page. Raises StateError."""
-        standin.state_of(document, self.study)
-        return {"name": f"{self.study.name}-explored.toml", "toml": ""}
+        from vsgdesign.explore.saving import saved_study
+
+        state = self.state(document)
+        try:
+            text = saved_study(self.study_of(state), self.ready, state, self.files)
+        except StudyError as error:
+            raise StateError(faults_of(error)) from error
+        return {"name": f"{self.study.name}-explored.toml", "toml": text}
+
+    def _with_changes(self, changes: dict[str, Any]) -> Study:
+        from vsgdesign.explore.fields import changed_study
+
+        if not changes:
+            return self.study
+        key = json.dumps(changes, sort_keys=True)
+        with self._lock:
+            if key in self._changed:
+                self._changed.move_to_end(key)
+                return self._changed[key]
+        found = changed_study(self.study, changes)
+        with self._lock:
+            self._changed[key] = found
+            while len(self._changed) > KEPT:
+                self._changed.popitem(last=False)
+        return found
+
+    def _coloured(self, answer: Answer) -> Answer:
+        rows = [row | {"colour": self._colours.get(row["name"], OWN_COLOUR)} for row in answer.header["controllers"]]
+        return Answer({**answer.header, "controllers": rows}, answer.arrays)
+
+
+def start_of(text: str, study: Study) -> dict[str, Any]:
+    """The state in a link of the page, or in the part of it after #: what differs from the study's own state.
+
+    Raises StateError.
+    """
+    from urllib.parse import unquote
+
+    part = unquote(text.partition("#")[2] or text)
+    try:
+        found = json.loads(part)
+    except (ValueError, RecursionError) as error:
+        raise _no_state(text, str(error)) from None
+    if not isinstance(found, dict):
+        raise _no_state(text, "it is no object")
+    return defaults(study) | found
+
+
+def _no_state(text: str, why: str) -> StateError:
+    shown = text if len(text) <= 60 else text[:57] + "..."
+    words = f"--state = {shown}: is not the state of a link ({why}). Copy the link of the page, or its part after #."
+    return StateError([{"field": "--state", "value": shown, "limit": "", "unit": "", "text": words}])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vsgdesign.artifacts import write_table_file
@@ -18,6 +18,17 @@ from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.pipeline.table import make_tables
 
 
+@dataclass(frozen=True)
+class KeptTables:
+    """Gain tables by the name of their controller."""
+
+    tables: dict[str, GainTable] = field(default_factory=dict)
+    files: dict[str, Path] = field(default_factory=dict)
+    """The file of each table, absolute; none for one that could not be kept."""
+    words: list[str] = field(default_factory=list)
+    """One sentence on each table that the study does not name."""
+
+
 def kept_tables(
     study: Study,
     out: str | Path = "out",
@@ -25,42 +36,60 @@ def kept_tables(
     workers: int | None = None,
     progress: Progress | None = None,
     say: Callable[[str], None] | None = None,
-) -> dict[str, GainTable]:
-    """The gain table of every controller that asks for one, by the controller's name.
+) -> KeptTables:
+    """The gain table of every controller that asks for one.
 
     A table is read from the file that the study names. If it names none, it is read from what ``vsgdesign run``,
     ``vsgdesign table build`` or an earlier call has left below ``out``, if it was designed from the same inputs.
     Otherwise it is designed with its certificate, and kept in ``out/STUDY-explore``. ``say`` takes one sentence for
     each table that the study does not name. Raises the errors of :func:`vsgdesign.pipeline.table.make_tables`.
     """
-    out, tell = Path(out), say or (lambda _sentence: None)
+    out, found = Path(out), KeptTables()
     own = out / f"{study.name}-explore"
-    tables: dict[str, GainTable] = {}
     missing: list[ControllerSpec] = []
+
+    def tell(sentence: str) -> None:
+        found.words.append(sentence)
+        if say is not None:
+            say(sentence)
+
     for spec in study.controllers:
         if spec.schedule != "table":
             continue
-        named = read_named_table(study, spec)
-        if named is not None:
-            tables[spec.name] = named
-            continue
-        places = (out / study.name / f"{spec.name}.table.json", out / f"{study.name}-{spec.name}.json")
-        for path in (*places, own / f"{spec.name}.table.json"):
-            table = _same_design(study, spec, path)
-            if table is not None:
-                tables[spec.name] = table
-                tell(f"The gain table of {spec.name} is that of {path}.")
-                break
-        else:
-            missing.append(spec)
+        table, path = read_named_table(study, spec), Path(spec.table_file or "")
+        if table is None:
+            table, path = _left(study, spec, out, own)
+            if table is None:
+                missing.append(spec)
+                continue
+            tell(f"The gain table of {spec.name} is that of {path}.")
+        found.tables[spec.name], found.files[spec.name] = table, path.absolute()
     if missing:
         names = ", ".join(spec.name for spec in missing)
-        tell(f"Designing the gain table of {names}: the study names no file, and there is none of the same design.")
+        why = "The study names no file, and there is none of the same design"
+        if say is not None:
+            say(f"{why}: designing the gain table of {names}.")
         made = make_tables(replace(study, controllers=tuple(missing)), own, workers=workers, progress=progress)
         for name, table in made.items():
-            tell(_keep(table, own / f"{name}.table.json", name))
-        tables |= made
-    return tables
+            path = own / f"{name}.table.json"
+            found.tables[name] = table
+            try:
+                _keep(table, path)
+                found.files[name] = path.absolute()
+                tell(f"The gain table of {name} was designed and is kept in {path}.")
+            except (ArtifactError, OSError) as error:
+                tell(f"The gain table of {name} could not be kept and will be designed again next time: {error}")
+    return found
+
+
+def _left(study: Study, spec: ControllerSpec, out: Path, own: Path) -> tuple[GainTable | None, Path]:
+    """The table of the same design that an earlier command has left, and where."""
+    places = (out / study.name / f"{spec.name}.table.json", out / f"{study.name}-{spec.name}.json")
+    for path in (*places, own / f"{spec.name}.table.json"):
+        table = _same_design(study, spec, path)
+        if table is not None:
+            return table, path
+    return None, Path()
 
 
 def _same_design(study: Study, spec: ControllerSpec, path: Path) -> GainTable | None:
@@ -77,10 +106,6 @@ def _same_design(study: Study, spec: ControllerSpec, path: Path) -> GainTable | 
     return None if input_differences(table.design_inputs, design_inputs(own, spec.target)) else table
 
 
-def _keep(table: GainTable, path: Path, name: str) -> str:
-    try:
-        with parents_made(path.parent):
-            write_table_file(table, path)
-    except (ArtifactError, OSError) as error:
-        return f"The gain table of {name} could not be kept and will be designed again next time: {error}"
-    return f"The gain table of {name} is kept in {path}."
+def _keep(table: GainTable, path: Path) -> None:
+    with parents_made(path.parent):
+        write_table_file(table, path)

@@ -49,12 +49,12 @@ def case_study(
         raise StudyError(study.name, [fault])
     source, place = dict(origin.document), os.path.abspath(folder)
     document: dict[str, Any] = {key: value for key, value in source.items() if key not in _LEFT_OUT}
-    document = _at(place, document, os.path.abspath(origin.folder))
+    document = placed_document(place, document, os.path.abspath(origin.folder))
     document["study"] = {"name": name or f"{study.name}_case", "title": title or f"A case of {study.title}"}
     if study.source:
         document["study"]["source"] = study.source
     if study.inner_request is not None:
-        document["inner_loops"] = _inner_loops(study)
+        document["inner_loops"] = inner_loops_document(study)
     if spec.estimate == "truth":
         document.pop("estimator", None)
     document["grid"] = _grid(study, drawn, index)
@@ -66,7 +66,7 @@ def case_study(
     return study_from_document(document, read), text
 
 
-def _at(place: str, document: dict[str, Any], folder: str) -> dict[str, Any]:
+def placed_document(place: str, document: dict[str, Any], folder: str) -> dict[str, Any]:
     """The document with the files that it names relative to another folder."""
     if place == folder:
         return document
@@ -86,7 +86,7 @@ def _at(place: str, document: dict[str, Any], folder: str) -> dict[str, Any]:
     return document
 
 
-def _inner_loops(study: Study) -> dict[str, Any]:
+def inner_loops_document(study: Study) -> dict[str, Any]:
     """The gains that were designed for the study, in place of the wish to design them."""
     gains, c = study.inner_gains, study.converter
     found: dict[str, Any] = {name: float(getattr(gains, name)) for name in ("K_pv", "K_iv", "K_pc", "K_ic")}
