@@ -30,6 +30,26 @@ document.addEventListener("drawn", ({detail}) => {
 """Before the page's own scripts: counts the drawings, and times them from the browser's own time of the last move."""
 
 
+TABLE = """(() => {
+  const words = (cell) => cell.textContent.trim().replace(/\\s+/g, " ");
+  const [first, second] = document.querySelectorAll("#table thead tr");
+  const [names, rest] = [[], [...second.children]];
+  for (const head of [...first.children].slice(1)) {
+    if (head.rowSpan === 2) names.push(words(head));
+    else for (let k = 0; k < head.colSpan; k++) names.push(`${words(head)}: ${words(rest.shift())}`);
+  }
+  return Object.fromEntries([...document.querySelectorAll("#table tbody tr")].map((tr) => {
+    const [name, ...cells] = tr.children;
+    return [words(name), Object.fromEntries(cells.map((cell, k) => [names[k], words(cell)]))];
+  }));
+})()"""
+
+
+def columns_of(row: Mapping[str, str], group: str) -> dict[str, str]:
+    """The columns of one group of the table."""
+    return {name: text for name, text in row.items() if name.startswith(f"{group}: ")}
+
+
 @dataclass(frozen=True)
 class Explorer:
     """A running explorer of one study, in this process."""
@@ -132,13 +152,13 @@ class ExplorerPage:
         )
         return Place((box.x + left + across * width, box.y + top + (1.0 - up) * height), scr, ratio)
 
-    def table(self) -> dict[str, list[str]]:
-        """The cells of the table of controllers, by name."""
-        rows = self.page.evaluate(
-            "[...document.querySelectorAll('#table tbody tr')].map((tr) =>"
-            "[...tr.children].map((cell) => cell.innerText.trim()))"
-        )
-        return {name: cells for name, *cells in rows}
+    def table(self) -> dict[str, dict[str, str]]:
+        """The table of controllers: by name the text of every column, which is named by its group, title and unit."""
+        return self.page.evaluate(TABLE)
+
+    def gains(self) -> dict[str, dict[str, str]]:
+        """The gains in force as the table shows them, by controller."""
+        return {name: columns_of(row, "Gains in force") for name, row in self.table().items()}
 
     def field(self, path: str) -> str:
         """The selector of a field."""

@@ -44,7 +44,7 @@ def test_a_click_and_the_arrow_keys_move_the_grid(opened: ExplorerPage) -> None:
     assert opened.changes()["x_over_r"] == clicked["x_over_r"]
 
 
-@pytest.mark.parametrize(("typed", "value"), [("3", 0.6), ("2,5", 0.5)])
+@pytest.mark.parametrize(("typed", "value"), [("3", 0.6), ("3 kW", 0.6), ("2,5", 0.5), ("-1.5e0 kW", -0.3)])
 def test_a_typed_value_counts(opened: ExplorerPage, typed: str, value: float) -> None:
     before = opened.counts()
     opened.page.type(opened.field("P_pu"), typed)
@@ -52,7 +52,9 @@ def test_a_typed_value_counts(opened: ExplorerPage, typed: str, value: float) ->
     assert {"P_pu": 0.5, **opened.changes()}["P_pu"] == pytest.approx(value)
 
 
-@pytest.mark.parametrize(("path", "typed", "named"), [("P_pu", "fast", "kW"), ("P_pu", "3 V", "kW")])
+@pytest.mark.parametrize(
+    ("path", "typed", "named"), [("P_pu", "fast", "kW"), ("P_pu", "3 V", "kW"), ("scr", "0", "SCR")]
+)
 def test_a_bad_value_is_marked_and_breaks_nothing(opened: ExplorerPage, path: str, typed: str, named: str) -> None:
     field, page = opened.field(path), opened.page
     table = opened.table()
