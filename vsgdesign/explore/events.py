@@ -8,7 +8,7 @@ from typing import Any
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.explore.scene import Scene
+from vsgdesign.explore.scene import Scene, Shown
 from vsgdesign.explore.state import EVENTS, EventOfState, State
 from vsgdesign.metrics.survival import GRACE_S, SETTLING_TIMES, WATCHED
 from vsgdesign.parameters.knowledge import GridEstimate
@@ -62,13 +62,18 @@ def study_of(scene: Scene, ready: Ready, state: State, k: int) -> Study:
 
 
 def run_spec(scene: Scene, ready: Ready, state: State, k: int) -> ControllerSpec:
-    """The ``k``-th shown controller as it runs: with what it knows of the grid, or with its held gains.
+    """The ``k``-th shown controller as it runs: with what it knows of the grid, or with its held gains."""
+    gains = PowerLoopGains(*(float(values[k]) for values in scene.cells.gains))
+    return told_spec(scene.shown[k], ready, state, gains)
+
+
+def told_spec(one: Shown, ready: Ready, state: State, gains: PowerLoopGains) -> ControllerSpec:
+    """A shown controller with what it knows of the grid, or with ``gains`` where they are fixed or held.
 
     A controller that has an estimator of its own is told the grid instead, with the state's errors and silence.
     """
-    spec = scene.shown[k].spec
-    if scene.held is not None or spec.kind == "fixed":
-        gains = PowerLoopGains(*(float(values[k]) for values in scene.cells.gains))
+    spec = one.spec
+    if state.hold is not None or spec.kind == "fixed":
         return replace(
             spec, kind="fixed", gains=gains, schedule="closed_form", table_file=None, estimate="truth", knowledge=None
         )

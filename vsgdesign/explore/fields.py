@@ -10,7 +10,7 @@ from typing import Any
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import StudyError
-from vsgdesign.explore.state import StateError, defaults, fault, faults_of, limits_of
+from vsgdesign.explore.state import LABELS, StateError, defaults, fault, faults_of, limits_of
 from vsgdesign.parameters.changing import changed_with_same_inner_loops
 from vsgdesign.parameters.reader import Asked
 from vsgdesign.parameters.study import ControllerSpec, Study
@@ -113,20 +113,20 @@ def _state_fields(study: Study) -> list[dict[str, Any]]:
     kilo = c.S_rated / 1e3
     f_n = at["f_hz"]
     rows = (
-        ("scr", "SCR", "", 1.0, (1.0, 25.0), 0.01, POINT),
-        ("x_over_r", "X/R", "", 1.0, (0.2, 25.0), 0.01, POINT),
-        ("P_pu", "P", "kW", kilo, (-1.1 * kilo, 1.1 * kilo), _round(kilo / 100.0), POINT),
-        ("Q_pu", "Q", "kvar", kilo, (-0.6 * kilo, 0.6 * kilo), _round(kilo / 100.0), POINT),
-        ("V_g_pu", "Grid voltage", "pu", 1.0, (0.8, 1.2), 0.005, POINT),
-        ("f_hz", "Grid frequency", "Hz", 1.0, (round(f_n, 3) - 2.0, round(f_n, 3) + 2.0), 0.01, POINT),
-        ("error_R", "Error of R", "%", 100.0, (-50.0, 50.0), 1.0, ESTIMATE),
-        ("error_X", "Error of L", "%", 100.0, (-50.0, 50.0), 1.0, ESTIMATE),
-        ("silent_s", "Silent after the event", "ms", 1e3, (0.0, 2000.0), 10.0, ESTIMATE),
+        ("scr", "", 1.0, (1.0, 25.0), 0.01, POINT),
+        ("x_over_r", "", 1.0, (0.2, 25.0), 0.01, POINT),
+        ("P_pu", "kW", kilo, (-1.1 * kilo, 1.1 * kilo), _round(kilo / 100.0), POINT),
+        ("Q_pu", "kvar", kilo, (-0.6 * kilo, 0.6 * kilo), _round(kilo / 100.0), POINT),
+        ("V_g_pu", "pu", 1.0, (0.8, 1.2), 0.005, POINT),
+        ("f_hz", "Hz", 1.0, (round(f_n, 3) - 2.0, round(f_n, 3) + 2.0), 0.01, POINT),
+        ("error_R", "%", 100.0, (-50.0, 50.0), 1.0, ESTIMATE),
+        ("error_X", "%", 100.0, (-50.0, 50.0), 1.0, ESTIMATE),
+        ("silent_s", "ms", 1e3, (0.0, 2000.0), 10.0, ESTIMATE),
     )
     return [
         {
             "path": path,
-            "label": label,
+            "label": LABELS[path],
             "unit": unit,
             "low": limits[path][0] * scale,
             "high": limits[path][1] * scale,
@@ -136,7 +136,7 @@ def _state_fields(study: Study) -> list[dict[str, Any]]:
             "scale": scale,
             "group": group,
         }
-        for path, label, unit, scale, slider, step, group in rows
+        for path, unit, scale, slider, step, group in rows
     ]
 
 
@@ -236,7 +236,7 @@ def _with_limit(one: dict[str, Any], asked: Mapping[str, Asked], known: Mapping[
         low, high = (format_quantity(value, quantity.unit) for value in (quantity.low, quantity.high))
         return one | {"limit": f"{low} to {high}", "unit": quantity.unit}
     shown = known[one["field"]]
-    return one | {
-        "limit": f"{shown.scale * quantity.low:g} to {shown.scale * quantity.high:g} {shown.unit}".strip(),
-        "unit": shown.unit,
-    }
+    low, high = (f"{shown.scale * value:g}" for value in (quantity.low, quantity.high))
+    unit = f" {shown.unit}".rstrip()
+    text = f"{shown.label} must be a number between {low} and {high}{unit}, not {str(one['value']).strip(chr(34))}."
+    return one | {"limit": f"{low} to {high}{unit}", "unit": shown.unit, "text": text}

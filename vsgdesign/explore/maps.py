@@ -12,6 +12,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.explore.answer import Answer
 from vsgdesign.explore.scene import Shown, at_source, held_grid, shown_of
 from vsgdesign.explore.state import State
+from vsgdesign.explore.survived import survived_cells
 from vsgdesign.operating_point.static_limits import static_limit_uses
 from vsgdesign.parameters.study import Study
 from vsgdesign.stability.cells import CellSet, cell_set, gains_in_force, grid_arrays
@@ -92,9 +93,12 @@ def map_answer(study: Study, ready: Ready, state: State) -> Answer:
     """One figure over SCR × X/R for the controller ``state.map_of``, or for the last one that is shown.
 
     ``study`` has the state's changes already. The operating point, the errors of the estimate and the held gains are
-    those of the state. Values are NaN where there is no operating point or there are no gains, and −inf where the
-    converter is unstable (``unstable``). ``limit_use`` is the share of the static limits that the operating point
-    uses: 1 on the limit (:func:`vsgdesign.operating_point.static_limits.static_limit_uses`).
+    those of the state.
+
+    Values are NaN where there is no operating point or there are no gains, and −inf where the converter is unstable
+    (``unstable``). "survived" is 1 or 0, and NaN where the event leaves no steady state within the current limit.
+    ``limit_use`` is the share of the static limits that the operating point uses: 1 on the limit
+    (:func:`vsgdesign.operating_point.static_limits.static_limit_uses`).
     """
     study = at_source(study, state)
     figure = next(one for one in map_figures(study) if one.name == state.figure)
@@ -109,15 +113,16 @@ def map_answer(study: Study, ready: Ready, state: State) -> Answer:
     one = shown[-1]
     cells = map_cells(one, state, scr, ratio)
     if figure.name == "survived":
-        return Answer(
-            header | {"controller": one.name, "why": "not computed"}, axes | {"values": np.full(shape, np.nan)}
-        )
-    found = quick_figures(one.study, cells, figure.name)
-    values = np.where(found.stable, figure.scale * found.values, np.where(found.known, -np.inf, np.nan))
-    header |= {"controller": one.name, "why": None, "counts": _counts(cells, found.known, found.stable, values, figure)}
+        known, good = survived_cells(one, ready, state, cells)
+        values, stable = np.where(known, good.astype(float), np.nan), known
+    else:
+        found = quick_figures(one.study, cells, figure.name)
+        known, stable = found.known, found.stable
+        values = np.where(stable, figure.scale * found.values, np.where(known, -np.inf, np.nan))
+    header |= {"controller": one.name, "why": None, "counts": _counts(cells, known, stable, values, figure)}
     arrays = {
         "values": values.reshape(shape),
-        "unstable": (found.known & ~found.stable).astype(float).reshape(shape),
+        "unstable": (known & ~stable).astype(float).reshape(shape),
         "limit_use": _limit_use(one.study, cells).reshape(shape),
     }
     return Answer(header, axes | arrays)

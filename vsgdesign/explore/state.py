@@ -137,6 +137,26 @@ def defaults(study: Study, ready: Ready = NOTHING) -> dict[str, Any]:  # noqa: A
     return state.document()
 
 
+LABELS = {
+    "scr": "SCR",
+    "x_over_r": "X/R",
+    "P_pu": "P",
+    "Q_pu": "Q",
+    "V_g_pu": "Grid voltage",
+    "f_hz": "Grid frequency",
+    "error_R": "Error of R",
+    "error_X": "Error of L",
+    "silent_s": "Silent after the event",
+    "event.size": "Size of the event",
+    "event.length_s": "Duration of the event",
+    "event.to_scr": "SCR after the jump",
+    "event.to_x_over_r": "X/R after the jump",
+    "hold.scr": "SCR of the held gains",
+    "hold.x_over_r": "X/R of the held gains",
+}
+"""What the page calls the numbers of a state."""
+
+
 def limits_of(study: Study) -> dict[str, tuple[float, float, str]]:
     """Least value, largest value and unit of every number of a state, by its name."""
     f_n = study.converter.omega_n / (2.0 * math.pi)
@@ -257,14 +277,15 @@ class _Reader:
     def number(
         self, table: dict[str, Any], name: str, low: float, high: float, unit: str = "", prefix: str = ""
     ) -> float:
-        raw, limit = table.get(name), f"{low:.6g} to {high:.6g}"
+        raw, path = table.get(name), prefix + name
         try:
             value = parse_quantity(raw, "1")
-        except UnitError as error:
-            self.say(prefix + name, raw, str(error), limit, unit)
-            return math.nan
+        except UnitError:
+            value = math.nan
         if not low <= value <= high:
-            self.say(prefix + name, raw, f"outside {limit}" + (f" {unit}" if unit else ""), limit, unit)
+            shown = "empty" if raw is None or raw == "" else str(raw)[:40]
+            text = f"{LABELS.get(path, path)} must be a number between {low:.6g} and {high:.6g}{' ' * bool(unit)}{unit}"
+            self.faults.append(fault(path, raw, f"{text}, not {shown}.", f"{low:.6g} to {high:.6g}", unit))
             return math.nan
         return value
 
