@@ -13,7 +13,9 @@ const DARK = {
   none: "#20252b", unstable: "#08060a", unstableLine: "#55465f", black: "#f4f6f8",
 };
 
-// The controllers' colours (Okabe and Ito) as they are seen on a dark page.
+// The controllers' colours (Okabe and Ito): the light ones are darker on a white page, and all are lighter on a dark one,
+// so that a line has a contrast of at least 3 to its ground.
+const ON_LIGHT = { "#CC79A7": "#b8588f", "#E69F00": "#b37a00", "#56B4E9": "#2f8fc6" };
 const ON_DARK = {
   "#0072B2": "#4aa8ec", "#D55E00": "#f5853a", "#009E73": "#22c799", "#CC79A7": "#e6a3c9",
   "#E69F00": "#f4b93f", "#56B4E9": "#9fd8fb", "#000000": "#f2f2f2", "#777777": "#adb3ba",
@@ -24,9 +26,9 @@ const darkQuery = window.matchMedia("(prefers-color-scheme: dark)");
 export const isDark = () => darkQuery.matches;
 export const theme = () => (darkQuery.matches ? DARK : LIGHT);
 export const onThemeChange = (listener) => darkQuery.addEventListener("change", listener);
-export const lineColour = (colour) => (isDark() && ON_DARK[colour.toUpperCase()]) || colour;
+export const lineColour = (colour) => (isDark() ? ON_DARK : ON_LIGHT)[colour.toUpperCase()] || colour;
 
-// Light on dark or dark on light: a marker's shape tells the controllers apart without colour.
+// A marker's shape tells the controllers apart without colour.
 export const SHAPES = ["cross", "plus", "triangle", "square", "diamond", "circle"];
 
 const FACE = "'Helvetica Neue', Arial, 'Liberation Sans', sans-serif";

@@ -1,5 +1,5 @@
 // The explorer's page. It computes nothing of the physics: every number is an answer of the package's own functions.
-// Order: svg draw state transport map modes bode response fields table save main
+// Order: svg draw notice state transport map modes bode response fields event table save actions main
 import { onThemeChange } from "./draw.js";
 import { Store, linkOf, stateOfLink } from "./state.js";
 import { Transport, loadInfo, serverAsk, snapToLattice, staticAsk } from "./transport.js";
@@ -9,21 +9,13 @@ import { BodePlot } from "./bode.js";
 import { ResponsePlot, SHOWN } from "./response.js";
 import { Field, FieldList, faultText } from "./fields.js";
 import { ControllerTable } from "./table.js";
-import { dataCsv, download, figuresSvg, fileName, pngOf } from "./save.js";
+import { notice, say } from "./notice.js";
+import { EventPanel } from "./event.js";
+import { Actions } from "./actions.js";
 
 const byId = (id) => document.getElementById(id);
 
 const option = (value, text) => Object.assign(document.createElement("option"), { value, textContent: text });
-
-/** Words at the top of the page; without words they go away. */
-function notice(text, bad = false) {
-  const place = byId("notice");
-  place.hidden = !text;
-  place.textContent = text;
-  place.classList.toggle("bad", bad);
-}
-
-const say = (text) => (byId("said").textContent = text);
 
 class Page {
   constructor(info) {
@@ -40,11 +32,11 @@ class Page {
     this.transport = new Transport(this.ask, calls);
     this.makeFigures();
     this.makeGridPanel();
-    this.makeEvent();
+    this.event = new EventPanel(info, this.store, (signal) => this.chooseShown(signal));
     this.makeSwitches();
-    this.fields = new FieldList(byId("fields"), info, this.store, ["scr", "x_over_r", ...this.eventPaths]);
-    for (const field of [...this.gridFields, ...this.eventFields]) this.fields.add(field.spec.path, field);
-    this.makeActions();
+    this.fields = new FieldList(byId("fields"), info, this.store, ["scr", "x_over_r", ...this.event.paths]);
+    for (const field of [...this.gridFields, ...this.event.fields]) this.fields.add(field.spec.path, field);
+    this.actions = new Actions(this);
     this.store.listen(() => this.changed());
     onThemeChange(() => this.repaint(true));
     const observer = new ResizeObserver(() => this.repaint(false));
@@ -136,58 +128,6 @@ class Page {
     say(on ? `The gains of SCR ${scr}, X/R ${ratio} are held.` : "The gains follow the grid again.");
   }
 
-  // The event's own fields: its size, and what this kind of event needs beside it.
-  makeEvent() {
-    const { info, store } = this;
-    const events = info.events || [];
-    byId("event").replaceChildren(...events.map((e) => option(e.kind, e.label)));
-    byId("event").addEventListener("change", (event) => {
-      const chosen = events.find((e) => e.kind === event.target.value);
-      store.set({ event: { ...store.state.event, kind: chosen.kind, ...(Number.isFinite(chosen.value) ? { size: chosen.value } : {}) } });
-      store.commit();
-    });
-    const specs = [
-      { path: "event.length_s", label: "for", unit: "s", step: 0.01 },
-      { path: "event.to_scr", label: "to SCR", unit: "", step: 0.01 },
-      { path: "event.to_x_over_r", label: "X/R", unit: "", step: 0.01 },
-    ];
-    this.eventFields = specs.map((spec) => {
-      const given = (info.fields || []).find((f) => f.path === spec.path);
-      return new Field({ low: given && given.low, high: given && given.high, scale: given && given.scale, ...spec, value: NaN }, store, { slider: false, compact: true });
-    });
-    this.sizeFields = events.map((e) => new Field({ ...e, path: "event.size", label: { step: "by", sag: "by", ramp: "by", phase: "by" }[e.kind] || "size" }, store, { slider: false, compact: true }));
-    this.eventPaths = ["event.size", ...specs.map((spec) => spec.path)];
-    this.signal = document.createElement("select");
-    this.signal.append(option("P", "of P"), option("Q", "of Q"));
-    this.signal.setAttribute("aria-label", "Reference that steps");
-    this.signal.addEventListener("change", () => {
-      store.set({ event: { ...store.state.event, signal: this.signal.value } });
-      store.commit();
-      this.chooseShown(this.signal.value);
-    });
-    byId("event-fields").append(this.signal, ...this.sizeFields.map((f) => f.row), ...this.eventFields.map((f) => f.row));
-    for (const field of this.sizeFields) field.row.classList.add("size");
-    if (info.static) byId("event-fields").hidden = true;
-  }
-
-  updateEvent() {
-    const { event } = this.store.state;
-    byId("event").value = event.kind;
-    this.signal.value = event.signal;
-    this.signal.hidden = event.kind !== "step";
-    const chosen = (this.info.events || []).findIndex((e) => e.kind === event.kind);
-    this.sizeFields.forEach((field, k) => {
-      field.row.hidden = k !== chosen || event.kind === "grid";
-      if (k === chosen) {
-        this.fields.fields.set("event.size", field);
-        field.update();
-      }
-    });
-    const [length, scr, ratio] = this.eventFields;
-    length.row.hidden = !["sag", "ramp"].includes(event.kind);
-    scr.row.hidden = ratio.row.hidden = event.kind !== "grid";
-  }
-
   makeSwitches() {
     const segment = (root, name, choices, choose) => {
       for (const [value, text] of choices) {
@@ -210,75 +150,6 @@ class Page {
   chooseShown(name) {
     byId("shown").querySelector(`input[value="${name}"]`).checked = true;
     this.response.choose(name);
-  }
-
-  makeActions() {
-    const { store } = this;
-    byId("undo").addEventListener("click", () => this.travel(-1));
-    byId("redo").addEventListener("click", () => this.travel(1));
-    document.addEventListener("keydown", (event) => {
-      if (!(event.ctrlKey || event.metaKey) || event.target.matches('input[type="text"]')) return;
-      const key = event.key.toLowerCase();
-      if (key !== "z" && key !== "y") return;
-      event.preventDefault();
-      this.travel(key === "y" || event.shiftKey ? 1 : -1);
-    });
-    byId("zoom-in").addEventListener("click", () => this.modes.zoomBy(2));
-    byId("zoom-out").addEventListener("click", () => this.modes.zoomBy(0.5));
-    byId("link").addEventListener("click", () => this.copyLink());
-    byId("save").addEventListener("click", () => this.saveStudy());
-    const menu = byId("downloads");
-    menu.addEventListener("keydown", (event) => {
-      if (event.key !== "Escape") return;
-      menu.open = false;
-      menu.querySelector("summary").focus();
-    });
-    document.addEventListener("click", (event) => {
-      if (!menu.contains(event.target)) menu.open = false;
-    });
-    const name = (ending) => fileName(this.info.study.name, ending);
-    byId("svg").addEventListener("click", () => this.take(() => download(name("svg"), this.svg(), "image/svg+xml")));
-    byId("png").addEventListener("click", () => this.take(async () => download(name("png"), await pngOf(this.svg()), "image/png")));
-    byId("csv").addEventListener("click", () => this.take(() => download(name("csv"), dataCsv(this.answers, store.state), "text/csv")));
-  }
-
-  async take(make) {
-    byId("downloads").open = false;
-    try {
-      await make();
-    } catch (error) {
-      notice(error.message, true);
-    }
-  }
-
-  travel(by) {
-    for (const field of this.fields.fields.values()) field.clearFault();
-    notice("");
-    if (this.store.step(by)) say(by < 0 ? "Undone." : "Done again.");
-    this.fields.update();
-  }
-
-  async copyLink() {
-    this.store.writeLink();
-    const link = window.location.href;
-    try {
-      await navigator.clipboard.writeText(link);
-      notice("The link is copied. While this explorer runs it opens this state; its part after # opens it in another run with --state.");
-    } catch {
-      notice("The browser does not let the page copy. The address above is the link.");
-    }
-  }
-
-  async saveStudy() {
-    try {
-      const reply = await this.ask("save", this.transport.seq + 1, this.store.state);
-      if (reply.status === 422) return this.refused(reply.faults);
-      download(reply.answer.name, reply.answer.toml, "application/toml");
-      notice(`${reply.answer.name} is saved. Run it with: vsgdesign run ${reply.answer.name}`);
-    } catch (error) {
-      this.lost(error);
-    }
-    return undefined;
   }
 
   // The map depends on everything but the place of the ring and the event.
@@ -337,7 +208,7 @@ class Page {
     byId("figure").value = figure;
     byId("map-of").value = store.state.map_of || (this.answers.map && this.answers.map.header.controller) || info.controllers[info.controllers.length - 1].name;
     this.fields.update();
-    this.updateEvent();
+    this.event.update(this.fields);
   }
 
   answered(kind, answer, wish) {
@@ -403,6 +274,7 @@ class Page {
       return curve;
     });
     this.response.showEmt(curves, header.bands);
+    if (this.response.emphasis) this.tellVerdict();
     this.showTable();
   }
 
@@ -422,10 +294,16 @@ class Page {
     byId("map").title = `${label || ""}${controller ? ` of ${controller}` : ""}.${promised} Dark: unstable. Grey: no operating point.`;
   }
 
-  emphasise(name) {
-    this.bode.emphasis = this.response.emphasis = name;
+  // The verdict of the EMT in words, for the controller whose row has the pointer or the focus.
+  tellVerdict() {
+    const name = this.response.emphasis;
     const told = name && this.answers.emt && this.answers.emt.header.controllers.find((c) => c.name === name);
     byId("readout").textContent = told && told.verdict ? `${name}: ${told.verdict}` : "";
+  }
+
+  emphasise(name) {
+    this.bode.emphasis = this.response.emphasis = name;
+    this.tellVerdict();
     this.bode.paint();
     this.response.paint();
   }
@@ -456,17 +334,6 @@ class Page {
     notice("The server does not answer. Is `vsgdesign explore` still running? What is drawn is the last answer.", true);
   }
 
-  svg() {
-    const { map, modes, bode, response, info, store, answers } = this;
-    const { scr, x_over_r: ratio, hold, event } = store.state;
-    const held = hold ? `, gains held at SCR ${hold.scr.toFixed(2)}, X/R ${hold.x_over_r.toFixed(2)}` : "";
-    const figure = answers.map ? answers.map.header.label : "";
-    const kind = ((info.events || []).find((e) => e.kind === event.kind) || {}).label || event.kind;
-    const titles = { map: `Map of ${figure}`, response: `Response to: ${kind} (solid EMT, dotted linear)`, modes: "Modes", bode: `Open loop ${bode.loop}` };
-    const headline = [info.study.title || info.study.name, `SCR ${scr.toFixed(2)}, X/R ${ratio.toFixed(2)}${held}`];
-    const controllers = answers.linear ? this.shownOf(answers.linear) : [];
-    return figuresSvg({ map, modes, bode, response, titles, headline, controllers });
-  }
 }
 
 async function start() {
