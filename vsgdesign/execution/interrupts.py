@@ -20,9 +20,12 @@ def interrupts_deferred() -> Iterator[None]:
     expect it: the process can die of a segmentation fault instead of a KeyboardInterrupt. Off the main thread,
     where Python delivers no signals, nothing is changed; nor is a signal that ends the process or is ignored.
     """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     handlers: dict[int, Any] = {number: signal.getsignal(number) for number in STOPPING}
     handlers = {number: handler for number, handler in handlers.items() if callable(handler)}
-    if threading.current_thread() is not threading.main_thread() or not handlers:
+    if not handlers:
         yield
         return
     waiting: list[tuple[int, FrameType | None]] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,10 @@ class ClosedFormSchedule(Schedule):
 
     def normalised(self, R_g: Any, L_g: Any) -> NormalisedGains:  # noqa: ARG002 - the same on every grid
         """The normalised parameters, which are the same for every grid."""
+        return self._everywhere
+
+    @functools.cached_property
+    def _everywhere(self) -> NormalisedGains:
         aim = ClosedFormAim(**{name: getattr(self, name) for name in ClosedFormAim._fields})
         normalised = STRUCTURES[self.structure].closed_form(aim)
         if self.law == "inertia":

@@ -16,7 +16,7 @@ from vsgdesign.runtime.of_study import follows_measured, gain_law
 from vsgdesign.runtime.scheduler import Scheduler, scheduler_of
 from vsgdesign.runtime.updating import Covariance
 from vsgdesign.simulation.gains import GainChange, gain_changes
-from vsgdesign.simulation.online import MeasuredWindow, OnlineScheduler
+from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 _ROUNDING = 2.0**-22
@@ -162,6 +162,8 @@ class ScheduledAnswers:
 class KnownGridScheduler:
     """An online scheduler that is told the true grid at every update, as it was up to that instant."""
 
+    powers_alone = True
+
     def __init__(self, study: Study, spec: ControllerSpec, timeline: Timeline, ready: Ready = NOTHING) -> None:
         self._answers, self._timeline = ScheduledAnswers(study, spec, ready), timeline
         self._period, self._T_s = ready.update_period(spec) or study.converter.T_s, study.converter.T_s
@@ -185,7 +187,7 @@ class KnownGridScheduler:
         """The grid that the present gains are for."""
         return self._answers.grid
 
-    def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
+    def update(self, window: MeasuredPowers) -> PowerLoopGains | None:
         """Gains for the true grid: a change that coincides with the update is seen by the next one."""
         grid = self._timeline.grid_at(window.t_s - 0.5 * self._T_s)
         return self._answers.to(window, grid.R_g, grid.L_g)[0]

@@ -13,8 +13,7 @@ from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Grid, Place, Study
 from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.runtime.of_study import follows_measured
-from vsgdesign.simulation.following import ScheduledAnswers
-from vsgdesign.simulation.online import MeasuredWindow
+from vsgdesign.simulation.following import MeasuredPowers, ScheduledAnswers
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.stability.cells import GainLaw
 
@@ -80,6 +79,8 @@ class LateSchedule:
     with the grid ``safe``, if there is one. The object has a state, so it serves one run at a time.
     """
 
+    powers_alone = True
+
     def __init__(
         self,
         study: Study,
@@ -121,7 +122,7 @@ class LateSchedule:
         self._last = self._first
         return self._answers.first(self._first)
 
-    def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
+    def update(self, window: MeasuredPowers) -> PowerLoopGains | None:
         """Gains for what is told; an answer that coincides with the update is seen by the next one."""
         now = window.t_s - 0.5 * self._T_s
         k = max(bisect_right(self._starts, now) - 1, 0)

@@ -11,7 +11,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,6 +107,20 @@ class ProbingScheduler(Protocol):
     def wanted(self) -> Probe | None:
         """The probe from now on."""
         ...
+
+
+class WindowPowers(NamedTuple):
+    """What a scheduler that says ``powers_alone`` gets in place of a :class:`MeasuredWindow`."""
+
+    t_s: float
+    """End of the window: the sample at which an answer acts."""
+    P: float
+    Q: float
+    """Powers at the control point as the power loops see them (filtered), W and var."""
+    V_rms: float
+    """The Q loop's voltage, phase rms V."""
+    limited: int
+    """In how many of the controller's samples within the window it limited its current."""
 
 
 class KnowsItsGrid(Protocol):
@@ -349,6 +363,7 @@ class OnlineGains:
         are ideal. The run sets it."""
         self._limited_before = 0
         self._wanted = _wanted(scheduler)
+        self._powers_alone: bool = getattr(scheduler, "powers_alone", False)
 
     def wanted(self) -> Probe | None:
         """The probe that the scheduler wants since its last update."""
@@ -372,7 +387,10 @@ class OnlineGains:
         """Ask the scheduler if a window ends at this sample; ``log`` has a row every ``log_every`` samples."""
         if sample == 0 or sample % self._period:
             return present
-        answer = self._scheduler.update(self._window(sample, present, state, refs, log, log_every))
+        if self._powers_alone:
+            answer = self._scheduler.update(self._powers(sample, state))  # type: ignore[arg-type]
+        else:
+            answer = self._scheduler.update(self._window(sample, present, state, refs, log, log_every))
         if self.held is not None:
             self._wanted = _wanted(self._scheduler)
         if answer is None or answer == present:
@@ -388,8 +406,12 @@ class OnlineGains:
         self, sample: int, present: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int
     ) -> None:
         """Hand over the window that ends with the run, if one does; there is nothing left for its answer to act on."""
-        if sample % self._period == 0:
+        if sample % self._period == 0 and not self._powers_alone:
             self._scheduler.update(self._window(sample, present, state, refs, log, log_every))
+
+    def _powers(self, sample: int, state: ControllerState) -> WindowPowers:
+        limited, self._limited_before = self.limited_samples - self._limited_before, self.limited_samples
+        return WindowPowers(sample * self._T_s, state.P_f, state.Q_f, state.V, limited)
 
     def _window(
         self, sample: int, gains: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int

@@ -99,6 +99,8 @@ class Timeline:
 
 
 def _last(items: Sequence[_T], t_s: float, key: Callable[[_T], float]) -> _T:
+    if len(items) == 1:
+        return items[0]
     return items[max(bisect_right(items, t_s, key=key) - 1, 0)]
 
 
