@@ -21,7 +21,9 @@ from vsgdesign.explore.verdict import figures_of, no_run
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation.scenario import ControllerResult, run_controller
+from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.simulation.scenario import feed_of
+from vsgdesign.simulation.timeline import build_timeline
 
 __all__ = ["emt_answer", "events_of"]
 
@@ -64,18 +66,27 @@ def _one(scene: Scene, state: State, ready: Ready, k: int) -> tuple[dict[str, An
         return no_run("no operating point", fault), {}
     try:
         study = study_of(scene, ready, state, k)
-        result = run_controller(study, study.controllers[0], ready)
+        run = simulated(study, ready)
+        return figures_of(study, ready, state, run), curves_of(study, run)
     except SimulationDivergedError as error:
         return no_run("diverged", str(error)), {}
     except VsgDesignError as error:
         return no_run("not simulated", str(error)), {}
-    return figures_of(study, state, result), curves_of(study, result)
 
 
-def curves_of(study: Study, result: ControllerResult) -> dict[str, NDArray[np.float32]]:
+def simulated(study: Study, ready: Ready) -> Simulation:
+    """The run of a study's only controller.
+
+    Nothing is checked before: an event may lead to where there is no steady state, and the run shows what happens.
+    """
+    spec = study.controllers[0]
+    own = study.with_limit_of(spec)
+    return simulate(own, feed_of(own, spec, build_timeline(own), ready))
+
+
+def curves_of(study: Study, run: Simulation) -> dict[str, NDArray[np.float32]]:
     """Time from the event (s) and :data:`SIGNALS` of a run: rows of its log, few enough to be drawn."""
-    run, c = result.simulation, study.converter
-    log = run.log
+    log, c = run.log, study.converter
     v = capacitor_node_voltage(log[:, 0:2], log[:, 2:4], log[:, 4:6], study.circuit())
     values = (
         run.column("P") / c.S_rated,

@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.explore.events import event_s
 from vsgdesign.explore.state import State
 from vsgdesign.metrics.events import DIVERGED, MEASURED, EventMetrics
 from vsgdesign.metrics.survival import LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, loads_of
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation.scenario import ControllerResult
-from vsgdesign.simulation.survival.running import record_of
+from vsgdesign.simulation.outcome import outcome_of
+from vsgdesign.simulation.rest import expected_rests
+from vsgdesign.simulation.run import Simulation
+from vsgdesign.simulation.scenario import measure_events, rest_at_limit, series_at_pcc
+from vsgdesign.simulation.survival.running import judge_scenario, record_of
 
 SETTLED = "settled"
 
@@ -40,41 +44,45 @@ def no_run(status: str, why: str) -> dict[str, Any]:
     return {**NOTHING, "status": status, "why": why, "verdict": why}
 
 
-def figures_of(study: Study, state: State, result: ControllerResult) -> dict[str, Any]:
+def figures_of(study: Study, ready: Ready, state: State, run: Simulation) -> dict[str, Any]:
     """The row of a controller that was simulated: figures in SI, status, the reason of a bad one, and the verdict.
 
-    A step of a reference is judged by settling time and overshoot, everything else as a disturbance that is survived or
-    not. ``study`` is that of its run.
+    ``study`` is that of the run, with this controller alone. A step of a reference is judged by settling time and
+    overshoot, everything else as a disturbance that is survived or not: as by ``vsgdesign run``.
     """
-    found = dict(NOTHING)
-    run, survival = result.simulation, result.survival
-    loads = loads_of(record_of(study, run), (event_s(study),), None)
-    found |= {"peak_pu": loads.peak_pu, "first_peak_pu": loads.first_peak_pu, "limited_s": loads.limited_s}
-    if survival is not None and survival.swing_rad is not None:
-        found["swing_deg"] = math.degrees(survival.swing_rad)
-    if state.event.kind == "step":
-        found |= _of_step(state, result)
-    elif survival is not None:
-        good = survival.survived
-        found |= {"status": survival.status, "why": "" if good else survival.reason or "", "verdict": ""}
-        found["recovery_s"] = survival.recovery_s
+    spec = study.controllers[0]
+    own = study.with_limit_of(spec)
+    found = NOTHING | (
+        _of_step(own, ready, state, run) if state.event.kind == "step" else _of_disturbance(own, ready, run)
+    )
+    if found["limited_s"] is None:
+        loads = loads_of(record_of(own, run), (event_s(study),), None)
+        found |= {"peak_pu": loads.peak_pu, "first_peak_pu": loads.first_peak_pu, "limited_s": loads.limited_s}
     return found | {"verdict": _verdict(found, state)}
 
 
-def _of_step(state: State, result: ControllerResult) -> dict[str, Any]:
-    event = stepped(state, result)
-    if result.outcome.status in ("limited", "diverged"):
-        return {"status": result.outcome.status, "why": result.outcome.reason or ""}
+def _of_disturbance(study: Study, ready: Ready, run: Simulation) -> dict[str, Any]:
+    survival = judge_scenario(study, study.controllers[0], ready, run)
+    found = {name: getattr(survival, name) for name in ("recovery_s", "peak_pu", "first_peak_pu", "limited_s")}
+    if survival.swing_rad is not None:
+        found["swing_deg"] = math.degrees(survival.swing_rad)
+    return found | {"status": survival.status, "why": "" if survival.survived else survival.reason or ""}
+
+
+def _of_step(study: Study, ready: Ready, state: State, run: Simulation) -> dict[str, Any]:
+    """Settling time and overshoot of the signal whose reference is stepped."""
+    rests = expected_rests(study, run.timeline, study.controllers[0], ready, event_s(study))
+    series = series_at_pcc(study, run)
+    events = measure_events(study, series, rests, ripples=False, divergence=run.divergence)
+    outcome = outcome_of(run.divergence, rests, events, rest_at_limit(study, run, series))
+    if outcome.status in ("limited", "diverged"):
+        return {"status": outcome.status, "why": outcome.reason or ""}
+    event = next((one for one in events if one.signal == f"{state.event.signal}_pcc"), None)
     if event is None:
         return {"status": "not known", "why": "the run is too short for any figure"}
     if event.status != MEASURED:
         return {"status": event.status, "why": event.reason or "", "overshoot": _share(event)}
     return {"status": SETTLED, "why": "", "overshoot": _share(event), "settling_s": event.raw.settling_time_s}
-
-
-def stepped(state: State, result: ControllerResult) -> EventMetrics | None:
-    """What was measured of the signal whose reference is stepped."""
-    return next((event for event in result.events if event.signal == f"{state.event.signal}_pcc"), None)
 
 
 def _share(event: EventMetrics) -> float | None:

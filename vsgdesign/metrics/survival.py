@@ -328,7 +328,10 @@ def either_way(first: Any, reached: Any, base: Any, rest: Any) -> Any:
 
 def _finite_rows(record: SurvivalRecord) -> int:
     """How many rows come before the first that holds anything but numbers."""
-    values = np.column_stack([record.P, record.Q, record.delta, record.i_s_pu, record.limited])
+    columns = (record.P, record.Q, record.delta, record.i_s_pu, record.limited)
+    if all(np.isfinite(column).all() for column in columns):
+        return len(record.t_s)
+    values = np.column_stack(columns)
     bad = ~np.isfinite(values).all(axis=1)
     return int(np.argmax(bad)) if bad.any() else len(record.t_s)
 

@@ -87,14 +87,17 @@ class Instability:
     message: str
 
 
-def rests(study: Study, timeline: Timeline, changes: Sequence[GainChange]) -> tuple[Rest, ...]:
-    """The steady states in order of time: one for the start, and one for the time after every instant with an event."""
+def rests(study: Study, timeline: Timeline, changes: Sequence[GainChange], since_s: float = 0.0) -> tuple[Rest, ...]:
+    """The steady states in order of time: one for the start, and one for the time after every instant with an event.
+
+    Those that begin before ``since_s`` are left out.
+    """
     names: dict[float, str] = {0.0: "the start"}
     for event in study.events:
         names[event.t_s] = (
             f"{names[event.t_s]}, {event.name}" if names.get(event.t_s, "the start") != "the start" else event.name
         )
-    instants = sorted(names)
+    instants = [t_s for t_s in sorted(names) if t_s >= since_s]
     ends = [*instants[1:], study.simulation.duration]
     cells: list[Cell] = []
     begun = []
@@ -134,19 +137,21 @@ def rests(study: Study, timeline: Timeline, changes: Sequence[GainChange]) -> tu
     return tuple(found)
 
 
-def expected_rests(study: Study, timeline: Timeline, spec: ControllerSpec, ready: Ready = NOTHING) -> tuple[Rest, ...]:
+def expected_rests(
+    study: Study, timeline: Timeline, spec: ControllerSpec, ready: Ready = NOTHING, since_s: float = 0.0
+) -> tuple[Rest, ...]:
     """:func:`rests` before a run: a controller that estimates the grid is given the gains of the true one, one that is
     told a wrong grid those of what it is told at the end of each part, one whose gains follow what it measures those of
     its own steady state.
 
-    Empty where it has none on some grid of the scenario.
+    Empty where it has none on some grid of the scenario. Rests that begin before ``since_s`` are left out.
     """
     study = study.with_limit_of(spec)
     try:
         known = replace(spec, estimate="truth", update_period=ready.update_period(spec))
         if follows_measured(known) or known.knowledge is not None:
-            return rests(study, timeline, _measured_changes(study, timeline, known, ready))
-        return rests(study, timeline, gain_changes(study, known, timeline))
+            return rests(study, timeline, _measured_changes(study, timeline, known, ready, since_s), since_s)
+        return rests(study, timeline, gain_changes(study, known, timeline), since_s)
     except InfeasibleStudyError:
         if spec.estimate == "truth":
             raise
@@ -163,12 +168,15 @@ def knows_its_rests(study: Study, spec: ControllerSpec, timeline: Timeline) -> b
     return all(told_at(told, end_s - 1e-9)[1] for end_s in ends)
 
 
-def _measured_changes(study: Study, timeline: Timeline, spec: ControllerSpec, ready: Ready) -> tuple[GainChange, ...]:
+def _measured_changes(
+    study: Study, timeline: Timeline, spec: ControllerSpec, ready: Ready, since_s: float
+) -> tuple[GainChange, ...]:
     """The gains of the steady state after every event, where they follow the measured P, Q and V; without a steady
     state those at the references, so that :func:`rests` says what is missing."""
     law, changes = gain_law(study, spec, ready), []
     told = None if spec.knowledge is None else told_of(study, spec.knowledge, timeline)
     instants = sorted({0.0, *(event.t_s for event in study.events)})
+    instants = [t_s for t_s in instants if t_s >= since_s]
     for t_s, end_s in zip(instants, [*instants[1:], study.simulation.duration], strict=True):
         grid, source = timeline.grid_at(t_s), timeline.source_at(end_s - 1e-9)
         known = grid if told is None else told_at(told, end_s - 1e-9)[0]

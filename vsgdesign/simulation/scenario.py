@@ -167,72 +167,44 @@ def _run_controllers(
 ) -> tuple[dict[str, ControllerResult], list[Instability]]:
     """Check controllers, then simulate them: their results by name, and where they are unstable."""
     own = [study.with_limit_of(spec) for spec in specs]
-    feeds = [_feed(*of, timeline, ready) for of in zip(own, specs, strict=True)]
+    feeds = [feed_of(*of, timeline, ready) for of in zip(own, specs, strict=True)]
     expected = [expected_rests(study, timeline, spec, ready) for spec in specs]
     unstable = [one for spec, found in zip(specs, expected, strict=True) for one in instabilities(study, spec, found)]
     if warn is not None and unstable:
         for text in (*(one.message for one in unstable), WHERE_TO_LOOK):
             warn(text)
     results = {}
-    for spec, feed, found in zip(specs, feeds, expected, strict=True):
+    for own_study, spec, feed, found in zip(own, specs, feeds, expected, strict=True):
         report = None if progress is None else _reporter(progress, spec.name)
-        results[spec.name] = _run(study, spec, ready, feed, found, timeline, bridge, report)
+        run = simulate(own_study, feed, bridge=bridge, progress=report)
+        series = derive_series(study, run)
+        estimates = feed.log(timeline) if isinstance(feed, EstimatedScheduler | FieldScheduler) else None
+        used = bridge or study.simulation.bridge
+        if estimates is not None or not knows_its_rests(own_study, spec, timeline):  # the gains that it really had
+            found = rests(own_study, timeline, run.gain_changes)
+        events = measure_events(
+            study, series, found, ripples=used == "pwm" or study.has_components, divergence=run.divergence
+        )
+        results[spec.name] = ControllerResult(
+            spec=spec,
+            bridge=used,
+            gain_changes=run.gain_changes,
+            simulation=run,
+            series=series,
+            events=events,
+            outcome=outcome_of(run.divergence, found, events, rest_at_limit(own_study, run, series)),
+            estimates=estimates,
+            distorted=study.has_components,
+            survival=judge_scenario(own_study, spec, ready, run, used) if study.simulation.survival else None,
+        )
     return results, unstable
 
 
-def run_controller(
-    study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, bridge: str | None = None
-) -> ControllerResult:
-    """One controller of a study through its events, with the same figures as in :func:`run_scenario`.
-
-    Nothing is checked before: an event may lead to where there is no steady state, and the run shows what happens.
-    Raises InfeasibleStudyError where the start has no steady state or the controller has no gains on some grid of the
-    scenario; SimulationDivergedError where the run diverges at once.
-    """
-    timeline = build_timeline(study)
-    feed = _feed(study.with_limit_of(spec), spec, timeline, ready)
-    found = expected_rests(study, timeline, spec, ready)
-    return _run(study, spec, ready, feed, found, timeline, bridge, None)
-
-
-def _run(
-    study: Study,
-    spec: ControllerSpec,
-    ready: Ready,
-    feed: EstimatedScheduler | FieldScheduler | OnlineScheduler | tuple[GainChange, ...],
-    found: tuple[Rest, ...],
-    timeline: Timeline,
-    bridge: str | None,
-    progress: Callable[[float], None] | None,
-) -> ControllerResult:
-    """Simulate a controller and measure its run. ``found``: its expected rests."""
-    own = study.with_limit_of(spec)
-    run = simulate(own, feed, bridge=bridge, progress=progress)
-    series = derive_series(study, run)
-    estimates = feed.log(timeline) if isinstance(feed, EstimatedScheduler | FieldScheduler) else None
-    used = bridge or study.simulation.bridge
-    if estimates is not None or not knows_its_rests(own, spec, timeline):  # the gains that it really had
-        found = rests(own, timeline, run.gain_changes)
-    events = measure_events(
-        study, series, found, ripples=used == "pwm" or study.has_components, divergence=run.divergence
-    )
-    return ControllerResult(
-        spec=spec,
-        bridge=used,
-        gain_changes=run.gain_changes,
-        simulation=run,
-        series=series,
-        events=events,
-        outcome=outcome_of(run.divergence, found, events, _limited_rest(own, run, series)),
-        estimates=estimates,
-        distorted=study.has_components,
-        survival=judge_scenario(own, spec, ready, run, used) if study.simulation.survival else None,
-    )
-
-
-def _feed(
+def feed_of(
     study: Study, spec: ControllerSpec, timeline: Timeline, ready: Ready
 ) -> EstimatedScheduler | FieldScheduler | OnlineScheduler | tuple[GainChange, ...]:
+    """The gains that a run of a controller is given, or the scheduler that is asked for them. ``study`` has the
+    controller's current limit. Raises InfeasibleStudyError where there are no gains on a grid of the scenario."""
     if spec.knowledge is not None:
         return LateSchedule(study, spec, told_of(study, spec.knowledge, timeline), ready, safe=safe_grid(study))
     if spec.estimate == "truth":
@@ -241,7 +213,8 @@ def _feed(
     return kind(study, spec, ready)
 
 
-def _limited_rest(study: Study, run: Simulation, series: dict[str, Array]) -> LimitedRest | None:
+def rest_at_limit(study: Study, run: Simulation, series: dict[str, Array]) -> LimitedRest | None:
+    """Where a run rests at its current limit; None where it does not."""
     last_s = max((event.t_s + event.over for event in study.events), default=0.0)
     limited = run.column("limited_samples")
     return limited_rest(study, run.t_s, series["P_pcc"], series["Q_pcc"], limited, last_s)
@@ -299,20 +272,10 @@ def operating_points(
 
 def derive_series(study: Study, run: Simulation) -> dict[str, Array]:
     """Named quantities of a run from its log: phases, powers at the PCC, frame angle, grid, gains."""
-    t_s = run.t_s
-    grid_index = _index(t_s, [t for t, _ in run.timeline.grids], study.converter.T_s)
-    R_g = np.array([grid.R_g for _, grid in run.timeline.grids])[grid_index]
-    L_g = np.array([grid.L_g for _, grid in run.timeline.grids])[grid_index]
-    circuit = study.circuit()._replace(R_g=R_g[:, None], L_g=L_g[:, None])
-    v_pcc, i_pcc = (vectors.T for vectors in pcc_vectors(run.log, circuit))
-    P_pcc, Q_pcc = instantaneous_power(*v_pcc, *i_pcc)
-    series = {"t_s": t_s}
-    for name, phases in (("v_pcc", clarke_inverse(*v_pcc)), ("i_pcc", clarke_inverse(*i_pcc))):
-        series |= {f"{name}_{phase}": values for phase, values in zip("abc", phases, strict=True)}
+    t_s, series = run.t_s, series_at_pcc(study, run)
+    R_g, L_g = _grid_over_time(study, run)
     angle = run.column("theta") - run.timeline.source_phase(t_s)
     series |= {
-        "P_pcc": P_pcc,
-        "Q_pcc": Q_pcc,
         "omega": run.column("omega"),
         "V_rms": run.column("V_rms"),
         "delta": np.mod(angle + math.pi, 2.0 * math.pi) - math.pi,
@@ -326,6 +289,26 @@ def derive_series(study: Study, run: Simulation) -> dict[str, Array]:
         if k < always or gains[:, k].any():  # the published structure has the first four only
             series[name] = gains[:, k]
     return series
+
+
+def series_at_pcc(study: Study, run: Simulation) -> dict[str, Array]:
+    """What :func:`measure_events` takes of a run: time, and phases and powers at the PCC."""
+    R_g, L_g = _grid_over_time(study, run)
+    circuit = study.circuit()._replace(R_g=R_g[:, None], L_g=L_g[:, None])
+    v_pcc, i_pcc = (vectors.T for vectors in pcc_vectors(run.log, circuit))
+    P_pcc, Q_pcc = instantaneous_power(*v_pcc, *i_pcc)
+    series = {"t_s": run.t_s}
+    for name, phases in (("v_pcc", clarke_inverse(*v_pcc)), ("i_pcc", clarke_inverse(*i_pcc))):
+        series |= {f"{name}_{phase}": values for phase, values in zip("abc", phases, strict=True)}
+    return series | {"P_pcc": P_pcc, "Q_pcc": Q_pcc}
+
+
+def _grid_over_time(study: Study, run: Simulation) -> tuple[Array, Array]:
+    """R_g and L_g in each row of a run's log."""
+    grids = run.timeline.grids
+    index = _index(run.t_s, [t for t, _ in grids], study.converter.T_s)
+    R_g, L_g = (np.array([getattr(grid, name) for _, grid in grids])[index] for name in ("R_g", "L_g"))
+    return R_g, L_g
 
 
 def _index(t_s: Array, starts: list[float], T_s: float) -> NDArray[np.intp]:
