@@ -120,12 +120,12 @@ def simulate(
     sources = Sources(circuits, Background(circuits.of, rms_to_peak(study.converter.V_rated_rms), timeline), timeline)
     loop_seconds, divergence = 0.0, None
     gains, refs_so_far = feed.first(), _references(study, timeline, 0)
+    state = loop.state(like)
     hold = feed.probe_hold if probe is None else probe.hold
     held = None if hold is None else HeldProbe(hold, study, samples)
     feed.held = held
     cuts = feed.cuts(samples) if held is None else feed.cuts(samples) | held.cuts(samples)
     for first, count in _stretches(study, timeline, cuts, samples):
-        state = loop.state(like)
         refs = _references(study, timeline, first)
         feed.limited_samples = int(loop.view("limited")[0])
         before, gains = gains, feed.update(first, gains, state, refs, log.rows, log_every)
@@ -157,7 +157,8 @@ def simulate(
                     loop.put("state", state)
         loop_seconds += time.perf_counter() - begin
         if added is not None:
-            loop.put("state", add_offset(state, -added[0], -added[1]))
+            state = add_offset(state, -added[0], -added[1])
+            loop.put("state", state)
         if why is not None:
             good = log.good(study, first, first + done)
             diverged_s = good * log_every * T_s

@@ -47,11 +47,19 @@ class Sources:
     def __init__(self, circuits: Circuits, background: Background, timeline: Timeline) -> None:
         self._circuits, self._background, self._timeline = circuits, background, timeline
         self._changes = timeline.plant_changes()
+        moving = timeline.wander is not None or timeline.replay is not None
+        self._distorted = moving or any(components for _, components in timeline.components)
 
     def stretch(self, first: int, count: int, T_s: float, noise: Array | None, per_carrier: int) -> Stretch:
         """The stretch; ``noise`` (count, 9) is that of the sensors, if they are not ideal."""
         start, end = first * T_s, (first + 1) * T_s
         inside = [t for t in self._changes if start < t < end and on_sample(t, T_s) is None]
+        if not inside and not self._distorted:
+            t_s = start + 1e-6 * T_s
+            source = self._timeline.source_at(t_s)
+            if source.steady:  # as most are: nothing is added to the source, and the interval is in one piece
+                pieces = [self._piece(Interval(T_s, self._timeline.grid_at(t_s), source.at(start), ()))]
+                return Stretch(first, count, pieces, None if noise is None else np.ascontiguousarray(noise))
         instants = [start, *inside]
         lengths = np.diff([*instants, end]).tolist() if inside else [T_s]
         found = []
@@ -69,15 +77,18 @@ class Sources:
         whole = None if not fed else np.ascontiguousarray(np.concatenate(fed, axis=1))
         return Stretch(first, count, self._intervals(found, added, first, T_s, per_carrier), whole)
 
+    def _piece(self, interval: Interval) -> PieceRows:
+        source = interval.source
+        omega = source.omega if source.steady else None
+        numbers = self._circuits.numbers(interval.grid, interval.h, rms_to_peak(source.V_g_rms), omega)
+        return PieceRows(numbers, (math.cos(source.phase), math.sin(source.phase)))
+
     def _intervals(self, found: list[Interval], added: Array | None, first: int, T_s: float, n: int) -> list[PieceRows]:
+        if len(found) == 1:
+            return [self._piece(found[0])]
         made, elapsed = [], 0.0
         for k, piece in enumerate(found):
-            source = piece.source
-            omega = source.omega if source.steady else None
-            numbers = self._circuits.numbers(piece.grid, piece.h, rms_to_peak(source.V_g_rms), omega)
-            phasor = math.cos(source.phase), math.sin(source.phase)
-            if len(found) == 1:
-                return [PieceRows(numbers, phasor)]
+            whole = self._piece(piece)
             slope, part = "", None
             if self._circuits.switched:
                 j = first % n
@@ -87,7 +98,7 @@ class Sources:
                 slope, part = slopes_of(n)[j], carrier_part(begin, end)
                 if slope == PEAK and (begin >= 0.5 or end <= 0.5):
                     slope = FALLING if begin >= 0.5 else RISING
-            made.append(PieceRows(numbers, phasor, slope, part, None if added is None else added[k]))
+            made.append(PieceRows(whole.circuit, whole.source, slope, part, None if added is None else added[k]))
             elapsed += piece.h
         return made
 
