@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -93,6 +95,32 @@ def test_numpy_mode_is_put_back(mode: int) -> None:
         assert ca.GlobalOptions.getNumpyMode() == mode
     finally:
         ca.GlobalOptions.setNumpyMode(before)
+
+
+def test_two_threads_do_not_put_back_each_others_mode() -> None:
+    """As when a server traces two models at once: the first that is ready must not end the other's block."""
+    entered, leave, inside, seen = threading.Event(), threading.Event(), threading.Event(), []
+
+    def first() -> None:
+        with numpy_on_symbols():
+            entered.set()
+            leave.wait(5.0)
+
+    def second() -> None:
+        with numpy_on_symbols():
+            inside.set()
+            threads[0].join(5.0)
+            seen.append(ca.GlobalOptions.getNumpyMode())
+
+    threads = [threading.Thread(target=target) for target in (first, second)]
+    threads[0].start()
+    assert entered.wait(5.0)
+    threads[1].start()
+    inside.wait(0.05)
+    leave.set()
+    for thread in threads:
+        thread.join(5.0)
+    assert seen == [1]
 
 
 def test_tracing_leaves_the_mode_of_a_fresh_interpreter() -> None:
