@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq, linear_sum_assignment
 
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.metrics.modes import Eigen, eigenvalue_sensitivity, participation_factors, to_continuous
@@ -60,6 +59,8 @@ def modes(
 
 def track(eigenvalues: Complex) -> Complex:
     """Eigenvalues (K, n) along a path, with the order of each step matched to the step before: n continuous loci."""
+    from scipy.optimize import linear_sum_assignment
+
     loci = np.array(eigenvalues, dtype=complex)
     for k in range(1, len(loci)):
         distance = np.abs(loci[k - 1][:, None] - loci[k][None, :])
@@ -171,6 +172,7 @@ def stability_limit(
     Below it the loop is unstable. Raises InfeasibleStudyError if the bracket contains no change of stability or no
     operating point.
     """
+    from scipy.optimize import brentq
 
     def abscissa(log_ratio: float) -> float:
         R_g, L_g = grid_arrays(study, np.array([scr]), np.array([np.exp(log_ratio)]))

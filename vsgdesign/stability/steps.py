@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from vsgdesign.metrics.modes import Eigen, partial_fractions, taken
 from vsgdesign.metrics.step_response import SETTLING_BAND, ResponseMetrics, settling_times, step_response
@@ -12,6 +11,7 @@ from vsgdesign.model.coupled import INPUTS, OUTPUTS, CoupledModel
 from vsgdesign.model.full_order import INPUTS as FULL_INPUTS
 from vsgdesign.model.full_order import OUTPUTS as FULL_OUTPUTS
 from vsgdesign.operating_point.full_order import FullOrderModel
+from vsgdesign.operating_point.plants import transitions
 
 Array = NDArray[np.float64]
 
@@ -25,8 +25,8 @@ _BLOCK = 256
 def reduced_step(model: CoupledModel, input_: str, output: str, t_end: float, dt: float) -> tuple[Array, Array]:
     """Unit step responses (N, K) of the reduced model at times (K,): exact at the samples."""
     column, row = INPUTS.index(input_), OUTPUTS.index(output)
-    A, b = _over(model, column, dt)
-    return _recurse(A, b, model.C[:, row], model.D[:, row, column], round(t_end / dt), dt)
+    A, b = transitions(model.A, model.B[:, :, [column]], dt)
+    return _recurse(A, b[:, :, 0], model.C[:, row], model.D[:, row, column], round(t_end / dt), dt)
 
 
 def reduced_step_by_modes(
@@ -38,20 +38,10 @@ def reduced_step_by_modes(
     lie between two samples. The model is sampled exactly, by its matrix exponential over ``dt``.
     """
     column, row = INPUTS.index(input_), OUTPUTS.index(output)
-    A, b = _over(model, column, dt)
-    parts = b[:, :, None], model.C[:, [row]], model.D[:, [row]][:, :, [column]]
+    A, b = transitions(model.A, model.B[:, :, [column]], dt)
+    parts = b, model.C[:, [row]], model.D[:, [row]][:, :, [column]]
     count = round(t_end / dt) + 1
     return np.arange(count, dtype=np.float64) * dt, sampled_steps(A, *parts, 1, count)[..., 0, 0]
-
-
-def _over(model: CoupledModel, column: int, dt: float) -> tuple[Array, Array]:
-    """The transition (N, n, n) over dt, and what a unit step of an input adds in it (N, n)."""
-    count, n, _ = model.A.shape
-    augmented = np.zeros((count, n + 1, n + 1))
-    augmented[:, :n, :n] = model.A * dt
-    augmented[:, :n, n] = model.B[:, :, column] * dt
-    step = np.array(expm(augmented), dtype=np.float64)
-    return step[:, :n, :n], step[:, :n, n]
 
 
 def full_order_step(
