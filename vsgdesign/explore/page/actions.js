@@ -81,9 +81,10 @@ export class Actions {
     const { map, modes, bode, response, info, store, answers } = this.page;
     const { scr, x_over_r: ratio, hold, event } = store.state;
     const held = hold ? `, gains held at SCR ${hold.scr.toFixed(2)}, X/R ${hold.x_over_r.toFixed(2)}` : "";
-    const figure = answers.map ? answers.map.header.label : "";
+    const header = answers.map ? answers.map.header : {};
+    const figure = `${header.label || ""}${header.controller ? ` of ${header.controller}` : ""}`;
     const kind = ((info.events || []).find((e) => e.kind === event.kind) || {}).label || event.kind;
-    const titles = { map: `Map of ${figure}`, response: `Response to: ${kind} (solid EMT, dotted linear)`, modes: "Modes", bode: `Open loop ${bode.loop}` };
+    const titles = { map: figure, response: `Response to: ${kind} (solid EMT, dotted linear)`, modes: "Modes", bode: `Open loop ${bode.loop}` };
     const headline = [info.study.title || info.study.name, `SCR ${scr.toFixed(2)}, X/R ${ratio.toFixed(2)}${held}`];
     const controllers = answers.linear ? this.page.shownOf(answers.linear) : [];
     return figuresSvg({ map, modes, bode, response, titles, headline, controllers });

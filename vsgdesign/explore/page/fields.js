@@ -233,6 +233,7 @@ export class Field {
   // The text never hides digits of the value in force.
   textOf(value) {
     if (!Number.isFinite(value)) return "none";
+    if (this.spec.digits) return String(Number(value.toPrecision(this.spec.digits)));
     const text = fieldText(value, this.log ? Math.abs(value) / 100 : this.spec.step);
     return Math.abs(Number(text) - value) <= 1e-6 * Math.abs(value) ? text : String(Number(value.toPrecision(6)));
   }
@@ -332,7 +333,7 @@ export class FieldList {
         const known = (this.info.gains || []).find((gain) => gain.name === name) || {};
         const start = Math.abs(own[name]) || 1;
         const step = known.step || 10 ** (Math.floor(Math.log10(start)) - 2);
-        const spec = { path: `own.${name}`, label: known.label || name, unit: known.unit || "", step, value: own[name] };
+        const spec = { path: `own.${name}`, label: known.label || name, unit: known.unit || "", step, value: own[name], digits: 4 };
         return this.add(spec.path, new Field(spec, this.store, { slider: false }));
       });
       this.ownBox.replaceChildren(...this.ownFields.map((field) => field.row));

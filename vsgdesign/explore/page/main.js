@@ -8,8 +8,8 @@ import { ModesPlot } from "./modes.js";
 import { BodePlot } from "./bode.js";
 import { ResponsePlot, SHOWN } from "./response.js";
 import { Field, FieldList, faultText } from "./fields.js";
-import { ControllerTable } from "./table.js";
-import { notice, say } from "./notice.js";
+import { ControllerTable, sentence } from "./table.js";
+import { forgetGoodNews, notice, say } from "./notice.js";
 import { EventPanel } from "./event.js";
 import { Actions } from "./actions.js";
 
@@ -38,6 +38,7 @@ class Page {
     for (const field of [...this.gridFields, ...this.event.fields]) this.fields.add(field.spec.path, field);
     this.actions = new Actions(this);
     this.store.listen(() => this.changed());
+    this.store.listen(forgetGoodNews);
     onThemeChange(() => this.repaint(true));
     const observer = new ResizeObserver(() => this.repaint(false));
     for (const box of document.querySelectorAll(".plot")) observer.observe(box);
@@ -212,10 +213,16 @@ class Page {
   }
 
   answered(kind, answer, wish) {
-    this.answers[kind] = answer;
-    this.store.good = wish.state;
     if (document.documentElement.dataset.state === "lost") notice("");
     document.documentElement.dataset.state = "ready";
+    // While the server still compiles, it says so and wants to be asked again.
+    if (answer.header.again) {
+      this.response.wait(answer.header.words);
+      this.transport.wish(kind, this.store.state, wish.since);
+      return;
+    }
+    this.answers[kind] = answer;
+    this.store.good = wish.state;
     if (kind === "linear" && this.emtSince !== null) this.wishEmt(this.emtSince);
     if (kind === "linear") this.showLinear();
     else if (kind === "emt") this.showEmt();
@@ -297,8 +304,10 @@ class Page {
   // The verdict of the EMT in words, for the controller whose row has the pointer or the focus.
   tellVerdict() {
     const name = this.response.emphasis;
-    const told = name && this.answers.emt && this.answers.emt.header.controllers.find((c) => c.name === name);
-    byId("readout").textContent = told && told.verdict ? `${name}: ${told.verdict}` : "";
+    const of = (kind) => (name && this.answers[kind] && this.answers[kind].header.controllers.find((c) => c.name === name)) || {};
+    const [linear, emt] = [of("linear"), of("emt")];
+    const words = [...new Set([emt.verdict, linear.stable ? "" : linear.why, linear.outside, emt.why, linear.note])].filter(Boolean);
+    byId("readout").textContent = words.length ? `${name}: ${words.map(sentence).join(" ")}` : "";
   }
 
   emphasise(name) {

@@ -111,11 +111,16 @@ export class GridMap {
       }
     }
     if (header.promise !== null && header.promise !== undefined) {
-      const level = this.paintLevel(ctx, sx, sy, values, header.promise, { colour: t.black, width: 1.4 });
+      const worst = header.better === "low" ? Infinity : -Infinity;
+      const judged = unstable ? values.map((v, k) => (unstable[k] > 0 ? worst : v)) : values;
+      const level = this.paintLevel(ctx, sx, sy, judged, header.promise, { colour: t.black, width: 1.4 });
       this.nameLevel(ctx, box, level, `promised ${figureText(header.promise, header.unit)}`);
     }
     // Where the operating point uses the whole of the converter's static limits.
-    if (arrays.limit_use) this.paintLevel(ctx, sx, sy, arrays.limit_use, 1, { colour: t.limit, width: 2.2 });
+    if (arrays.limit_use) {
+      const use = arrays.limit_use.map((v) => (Number.isNaN(v) ? Infinity : v));
+      this.paintLevel(ctx, sx, sy, use, 1, { colour: t.limit, width: 2.2 });
+    }
   }
 
   // The line where values are at a level (marching squares on the cells' centres, in the logarithmic plane); returns
@@ -135,8 +140,9 @@ export class GridMap {
         corners.forEach((a, k) => {
           const b = corners[(k + 1) % 4];
           const [va, vb] = [at(...a), at(...b)];
-          if (!Number.isFinite(va) || !Number.isFinite(vb) || va < level === vb < level) return;
-          const f = (level - va) / (vb - va);
+          if (Number.isNaN(va) || Number.isNaN(vb) || va < level === vb < level) return;
+          // Towards a cell without a finite value the line is drawn half-way.
+          const f = Number.isFinite(vb - va) ? (level - va) / (vb - va) : 0.5;
           const [x0, y0, x1, y1] = [sx(scr[a[0]]), sy(ratio[a[1]]), sx(scr[b[0]]), sy(ratio[b[1]])];
           cuts.push([x0 + f * (x1 - x0), y0 + f * (y1 - y0)]);
         });
@@ -283,9 +289,9 @@ export function figureText(value, unit) {
 }
 
 /** The colour scale under the map, as a small drawing with its ends, its promise and the other signs of the map. */
-export function paintScale(canvas, figure) {
+export function paintScale(canvas, figure, svg = null) {
   const frame = new Figure(canvas, { left: 44, right: 10, top: 2, bottom: 13 });
-  const { ctx, box } = frame.begin();
+  const { ctx, box } = frame.begin(svg);
   const t = theme();
   const share = shareOf(figure);
   const value = (k) => figure.low + ((figure.high - figure.low) * (k + 0.5)) / 60;

@@ -13,7 +13,7 @@ export const SHOWN = {
 
 export class ResponsePlot {
   constructor(canvas, readout, store) {
-    this.figure = new Figure(canvas, { left: 52, right: 10, top: 6, bottom: 36 });
+    this.figure = new Figure(canvas, { left: 57, right: 10, top: 6, bottom: 36 });
     Object.assign(this, { canvas, readout, store, shown: "P", linear: [], emt: [], bands: [], words: "", emphasis: null, cursor: null });
     this.limits = { t: [0, 2], y: {} };
     canvas.addEventListener("pointermove", (event) => this.readAt(event));
@@ -26,9 +26,15 @@ export class ResponsePlot {
     this.settleAndPaint();
   }
 
-  showEmt(curves, bands, span) {
-    Object.assign(this, { emt: curves, bands: bands || [], span: span || null });
+  showEmt(curves, bands) {
+    Object.assign(this, { emt: curves, bands: bands || [], waiting: "" });
     this.settleAndPaint();
+  }
+
+  /** Words at the foot of the plot while there is no EMT yet. */
+  wait(words) {
+    this.waiting = words || "";
+    this.paint();
   }
 
   choose(shown) {
@@ -90,6 +96,7 @@ export class ResponsePlot {
       }
       if (this.cursor !== null && !svg) drawLevel(ctx, box, sx(this.cursor), { colour: t.soft, dash: [2, 2], upright: true });
     });
+    if (this.waiting) plateText(ctx, this.waiting, box.x + 8, box.y + box.h - 8, { size: 12 });
     if (this.words) drawWords(ctx, box, this.words);
   }
 

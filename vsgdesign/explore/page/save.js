@@ -1,6 +1,7 @@
 // What the user takes away: the study as TOML, the figures as one SVG or PNG, and the data behind them as CSV.
 import { svgDocument } from "./svg.js";
 import { SHAPES, font, lineColour, shapePath, theme } from "./draw.js";
+import { paintScale } from "./map.js";
 
 export function download(name, content, type) {
   const link = document.createElement("a");
@@ -28,6 +29,12 @@ export function figuresSvg({ map, modes, bode, response, titles, headline, contr
   };
   let right = 0;
   const [mapRight, mapBottom] = place(map.figure, (svg) => map.paintTo(svg), titles.map, gap, head);
+  if (map.answer) {
+    const svg = map.figure.svg();
+    const scale = document.getElementById("scale");
+    paintScale(scale, map.answer.header, svg);
+    panels.push({ svg, title: "", x: gap, y: mapBottom - 18, width: scale.clientWidth, height: scale.clientHeight });
+  }
   const [, stepBottom] = place(response.figure, (svg) => response.paint(svg), titles.response, mapRight + gap, head);
   const [stepRight, modesBottom] = place(modes.figure, (svg) => modes.paint(svg), titles.modes, mapRight + gap, stepBottom + gap);
   const [magnitude, phase] = [bode.magnitude.svg(), bode.phase.svg()];

@@ -30,7 +30,7 @@ const COLUMNS = [
   { group: "Droop, inertia", title: "H", unit: "s", value: (c) => c.H_s, text: inDigits(2), tip: "Inertia constant" },
 ];
 
-const sentence = (words) => words.charAt(0).toUpperCase() + words.slice(1) + (/[.!?]$/.test(words) ? "" : ".");
+export const sentence = (words) => words.charAt(0).toUpperCase() + words.slice(1) + (/[.!?]$/.test(words) ? "" : ".");
 
 function tag(name, attributes = {}, ...children) {
   const e = document.createElement(name);
@@ -160,15 +160,16 @@ export class ControllerTable {
     }
     const fault = !c.stable && c.why ? sentence(c.why) : null;
     if (fault && !(c.modes || []).length) {
-      tr.append(tag("td", { colSpan: all + 1, className: "words bad" }, fault));
+      tr.append(tag("td", { colSpan: all + 1, className: "words bad long" }, fault));
       return;
     }
-    const cell = tag("td", { className: "words" });
+    const [cell, place] = [tag("td", { className: "words" }), tag("div")];
     const bad = [c.stable ? "" : c.why || "unstable", c.outside, e.why].filter(Boolean);
     const good = [bad.length ? "" : e.status || "stable", c.note].filter(Boolean);
-    if (bad.length) cell.append(tag("span", { className: "bad" }, bad.map(sentence).join(" ")), " ");
-    cell.append(good.map(sentence).join(" "));
-    cell.title = [e.verdict, ...bad, c.note].filter(Boolean).join(" ");
+    if (bad.length) place.append(tag("span", { className: "bad" }, bad.map(sentence).join(" ")), " ");
+    place.append(good.map(sentence).join(" "));
+    cell.title = [e.verdict, ...bad, c.note].filter(Boolean).map(sentence).join(" ");
+    cell.append(place);
     tr.append(cell);
     COLUMNS.forEach((column, k) => tr.append(this.cell(column, c, e, k === 0 || COLUMNS[k - 1].group !== column.group)));
     gains.forEach((gain, k) => tr.append(tag("td", { className: k ? "" : "start" }, significant((c.gains || {})[gain]))));
