@@ -74,6 +74,7 @@ export class BodePlot {
   }
 
   paintMagnitude({ ctx, box }) {
+    if (this.words) return drawWords(ctx, box, this.words);
     const x = this.axisX(box, true);
     const sy = scaleOf(this.limits.mag, box.y + box.h, -box.h);
     const ticks = [];
@@ -88,11 +89,11 @@ export class BodePlot {
         if (c.phaseCrossover) this.bar(ctx, x.scale(c.phaseCrossover), sy(0), sy(onCurve(c.w, c.mag, c.phaseCrossover)), c);
       }
     });
-    if (this.words) drawWords(ctx, box, this.words);
-    this.boxes = { magnitude: box };
+    return undefined;
   }
 
   paintPhase({ ctx, box }) {
+    if (this.words) return undefined;
     const x = this.axisX(box, false);
     const sy = scaleOf(this.limits.phase, box.y + box.h, -box.h);
     const ticks = [];
@@ -111,7 +112,7 @@ export class BodePlot {
         this.dot(ctx, x.scale(c.crossover), sy(at), c);
       }
     });
-    if (this.words) drawWords(ctx, box, "");
+    return undefined;
   }
 
   dot(ctx, x, y, c) {

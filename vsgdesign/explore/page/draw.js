@@ -272,6 +272,10 @@ export function drawWords(ctx, box, text) {
     if (ctx.measureText(longer).width > box.w - 32) lines.push(word);
     else lines[lines.length - 1] = longer;
   }
+  ctx.strokeStyle = theme().grid;
+  ctx.lineWidth = 1;
+  ctx.setLineDash([]);
+  ctx.strokeRect(box.x + 0.5, box.y + 0.5, box.w - 1, box.h - 1);
   const top = box.y + box.h / 2 - 9 * (lines.length - 1);
   lines.forEach((line, i) => plateText(ctx, line, box.x + box.w / 2, top + 18 * i, { align: "center", size: 13 }));
 }

@@ -250,7 +250,7 @@ class Page {
     const { header, arrays } = this.answers.linear;
     const shown = this.shownOf(this.answers.linear);
     const without = shown.filter((c) => !c.stable && c.why && !(c.modes || []).length);
-    const words = header.words || (without.length && without.length === shown.length ? without[0].why : "");
+    const words = header.words || (without.length && without.length === shown.length ? sentence(without[0].why) : "");
     const q = this.bode.loop === "Q" ? "_Q" : "";
     const curves = shown.map((c) => {
       const get = (name) => arrays[`${c.index}/${name}`];
@@ -275,8 +275,9 @@ class Page {
 
   showEmt() {
     const { header, arrays } = this.answers.emt;
+    const unstable = /unstable|diverged|slipped|latched|no rest/;
     const curves = this.shownOf(this.answers.emt).map((c) => {
-      const curve = { name: c.name, colour: c.colour, t: arrays[`${c.index}/t`] };
+      const curve = { name: c.name, colour: c.colour, t: arrays[`${c.index}/t`], wild: unstable.test(c.status) };
       for (const name of Object.keys(SHOWN)) curve[name] = curve.t && arrays[`${c.index}/${name}`];
       return curve;
     });

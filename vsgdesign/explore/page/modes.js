@@ -44,6 +44,7 @@ export class ModesPlot {
   paint(svg = null) {
     const { ctx, box } = this.figure.begin(svg);
     this.box = box;
+    if (this.words) return drawWords(ctx, box, this.words);
     const [sx, sy] = this.scales(box);
     const t = theme();
     if (sx.high > 0) {
@@ -60,7 +61,7 @@ export class ModesPlot {
       this.paintChosen(ctx, sx, sy);
     });
     this.sayOutside(ctx, box, sx, sy);
-    if (this.words) drawWords(ctx, box, this.words);
+    return undefined;
   }
 
   // A ray holds all modes of one damping ratio zeta: real part -zeta w, imaginary part +-sqrt(1 - zeta^2) w.

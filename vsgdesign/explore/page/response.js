@@ -2,13 +2,13 @@
 // specification's bands and limits as the answer brings them.
 import { Figure, clipped, drawAxes, drawLevel, drawLine, drawWords, lineColour, plateText, roomFor, scaleOf, theme, ticksOf } from "./draw.js";
 
-// What can be shown: the name of the EMT's array, and the linear step that belongs to it.
+// What can be shown: the EMT's array, and the least and the most that the axis spans (an unstable curve has no bounds).
 export const SHOWN = {
-  P: { label: "P in pu", name: "active power P", least: 0.02 },
-  Q: { label: "Q in pu", name: "reactive power Q", least: 0.02 },
-  i_s_pu: { label: "current in pu", name: "converter current", least: 0.1 },
-  v_pu: { label: "voltage in pu", name: "voltage at the control point", least: 0.05 },
-  omega_hz: { label: "frequency in Hz", name: "frequency", least: 0.1 },
+  P: { label: "P in pu", least: 0.02, most: 6 },
+  Q: { label: "Q in pu", least: 0.02, most: 6 },
+  i_s_pu: { label: "current in pu", least: 0.1, most: 4 },
+  v_pu: { label: "voltage in pu", least: 0.05, most: 3 },
+  omega_hz: { label: "frequency in Hz", least: 0.1, most: 20 },
 };
 
 export class ResponsePlot {
@@ -50,12 +50,20 @@ export class ResponsePlot {
   // Limits stay during a drag. After it they grow with the curves, and shrink only where little of them is used.
   settle(anew) {
     const values = [];
-    for (const c of this.emt) if (c[this.shown]) for (const v of c[this.shown]) if (Number.isFinite(v)) values.push(v);
+    // The axis follows the curves that come to rest, if there are any.
+    const tame = this.emt.filter((c) => c[this.shown] && !c.wild);
+    const followed = tame.length ? tame : this.emt.filter((c) => c[this.shown]);
+    for (const c of followed) for (const v of c[this.shown]) if (Number.isFinite(v)) values.push(v);
     if (this.linearSignal === this.shown) {
       for (const c of this.linear) if (c.full && c.stable !== false) for (const v of c.full) if (Number.isFinite(v)) values.push(v);
     }
     for (const band of this.bandsShown()) for (const v of [band.low, band.high]) if (Number.isFinite(v)) values.push(v);
-    const room = roomFor(values, SHOWN[this.shown].least);
+    const { least, most } = SHOWN[this.shown];
+    const room = roomFor(values, least);
+    if (room && room[1] - room[0] > most) {
+      const start = followed.length ? followed[0][this.shown][0] : (room[0] + room[1]) / 2;
+      [room[0], room[1]] = [Math.max(room[0], start - most / 2), Math.min(room[1], start + most / 2)];
+    }
     const old = this.limits.y[this.shown];
     if (room && (anew || !old || room[0] < old[0] || room[1] > old[1] || room[1] - room[0] < 0.6 * (old[1] - old[0]))) {
       this.limits.y[this.shown] = room;
@@ -74,6 +82,7 @@ export class ResponsePlot {
     this.box = box;
     const t = theme();
     const limits = this.limits.y[this.shown] || [0, 1];
+    if (this.words) return drawWords(ctx, box, this.words);
     const sx = scaleOf(this.limits.t, box.x, box.w);
     const sy = scaleOf(limits, box.y + box.h, -box.h);
     this.paintBands(ctx, box, sx, sy, true);
@@ -97,7 +106,7 @@ export class ResponsePlot {
       if (this.cursor !== null && !svg) drawLevel(ctx, box, sx(this.cursor), { colour: t.soft, dash: [2, 2], upright: true });
     });
     if (this.waiting) plateText(ctx, this.waiting, box.x + 8, box.y + box.h - 8, { size: 12 });
-    if (this.words) drawWords(ctx, box, this.words);
+    return undefined;
   }
 
   paintBands(ctx, box, sx, sy, ground) {

@@ -76,8 +76,11 @@ export class ControllerTable {
     const names = [];
     const every = this.linear.map((c) => c.gains || {});
     for (const gains of every) for (const name of Object.keys(gains)) if (!names.includes(name)) names.push(name);
-    // A gain that no controller uses has no column.
-    return names.filter((name) => every.some((gains) => gains[name]));
+    // A gain that no controller uses has no column. A grid without gains leaves the columns as they are.
+    const used = names.filter((name) => every.some((gains) => gains[name]));
+    const known = every.some((gains) => Object.values(gains).some((value) => !isNone(value)));
+    this.gains = known || !this.gains ? used : this.gains;
+    return this.gains;
   }
 
   paint() {
@@ -164,7 +167,8 @@ export class ControllerTable {
       return;
     }
     const [cell, place] = [tag("td", { className: "words" }), tag("div")];
-    const bad = [c.stable ? "" : c.why || "unstable", c.outside, e.why].filter(Boolean);
+    const unstable = c.stable || /^unstable/i.test(e.why || "") ? "" : c.why || "unstable";
+    const bad = [unstable, c.outside, e.why].filter(Boolean);
     const good = [bad.length ? "" : e.status || "stable", c.note].filter(Boolean);
     if (bad.length) place.append(tag("span", { className: "bad" }, bad.map(sentence).join(" ")), " ");
     place.append(good.map(sentence).join(" "));
@@ -177,7 +181,8 @@ export class ControllerTable {
 
   cell(column, c, e, start) {
     const value = column.value(c, e);
-    const cell = tag("td", { className: start ? "start" : "" }, column.text(value));
+    // An unstable loop has no margins; "none" says of a stable one that it has no crossing.
+    const cell = tag("td", { className: start ? "start" : "" }, c.stable || !isNone(value) ? column.text(value) : "–");
     const [gate, sense] = column.gate || [];
     const limit = gate && this.info.gates ? this.info.gates[gate] : null;
     if (!isNone(limit) && !isNone(value) && sense * (value - limit) < 0) {
