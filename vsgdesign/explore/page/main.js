@@ -86,7 +86,7 @@ class Page {
       store.set({ figure: event.target.value });
       store.commit();
     });
-    if ("map_of" in info.defaults && info.controllers.length > 1) {
+    if ("map_of" in info.defaults && info.controllers.length > 1 && !info.static) {
       byId("map-of-box").hidden = false;
       byId("map-of").replaceChildren(...info.controllers.map((c) => option(c.name, c.name)));
       byId("map-of").addEventListener("change", (event) => {
