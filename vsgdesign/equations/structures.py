@@ -95,13 +95,13 @@ def steady_droops(gains: PowerLoopGains, S_rated: Any, omega_0: Any, V_n: Any) -
 
     At rest both errors of the loops are zero, so a deviation of the frequency by Δω changes P by −D_p Δω, and one of
     the voltage by ΔV changes Q by −D_q ΔV. The droop is the deviation that changes the power by S_rated (VA), over
-    omega_0 (rad/s) or V_n (phase rms, V); it is infinite without droop gain.
+    omega_0 (rad/s) or V_n (phase rms, V). A value of 0 means no droop, as in :meth:`Structure.rated_droops`. Returns
+    (P_droop, Q_droop).
     """
-    with np.errstate(divide="ignore"):
-        return (
-            np.divide(S_rated, np.multiply(gains.D_p, omega_0)),
-            np.divide(S_rated, np.multiply(gains.D_q, V_n)),
-        )
+    has_P, has_Q = gains.D_p > 0.0, gains.D_q > 0.0
+    P_droop = np.where(has_P, S_rated / (np.where(has_P, gains.D_p, 1.0) * omega_0), 0.0)
+    Q_droop = np.where(has_Q, S_rated / (np.where(has_Q, gains.D_q, 1.0) * V_n), 0.0)
+    return P_droop, Q_droop
 
 
 def decoupled_gains(

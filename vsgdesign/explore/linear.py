@@ -105,8 +105,8 @@ def _row(scene: Scene, k: int) -> dict[str, Any]:
             "delta_deg": finite(math.degrees(float(cells.delta[k]))),
             "i_pu": finite(abs(current) / rated_current_rms(c.S_rated, c.V_rated_rms)),
         },
-        "droop_P": finite(droop_P),
-        "droop_Q": finite(droop_Q),
+        "droop_P": finite(droop_P) or None,
+        "droop_Q": finite(droop_Q) or None,
         "H_s": finite(float(effective_inertia(gains, c.S_rated, c.omega_n)) if known else math.nan),
         "modes": [],
     } | dict.fromkeys(_OF_MODEL)
