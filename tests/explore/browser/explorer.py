@@ -31,7 +31,7 @@ document.addEventListener("drawn", ({detail}) => {
 
 
 TABLE = """(() => {
-  const words = (cell) => cell.textContent.trim().replace(/\\s+/g, " ");
+  const words = (cell) => [...cell.childNodes].map((node) => node.textContent.trim()).filter(Boolean).join(" ");
   const [first, second] = document.querySelectorAll("#table thead tr");
   const [names, rest] = [[], [...second.children]];
   for (const head of [...first.children].slice(1)) {
@@ -43,6 +43,9 @@ TABLE = """(() => {
     return [words(name), Object.fromEntries(cells.map((cell, k) => [names[k], words(cell)]))];
   }));
 })()"""
+
+SAID = """Object.fromEntries([...document.querySelectorAll("#table tbody tr")].map(({children: [name, ...cells]}) =>
+  [name.textContent.trim(), cells.map((cell) => `${cell.textContent} ${cell.title}`).join(" ")]))"""
 
 
 def columns_of(row: Mapping[str, str], group: str) -> dict[str, str]:
@@ -155,6 +158,10 @@ class ExplorerPage:
     def table(self) -> dict[str, dict[str, str]]:
         """The table of controllers: by name the text of every column, which is named by its group, title and unit."""
         return self.page.evaluate(TABLE)
+
+    def said(self) -> dict[str, str]:
+        """What the table says in words of each controller, with what it says on hovering."""
+        return self.page.evaluate(SAID)
 
     def gains(self) -> dict[str, dict[str, str]]:
         """The gains in force as the table shows them, by controller."""

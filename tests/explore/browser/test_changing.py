@@ -69,7 +69,7 @@ def test_a_bad_value_is_marked_and_breaks_nothing(opened: ExplorerPage, path: st
     assert opened.table() == table
     assert path not in opened.changes()
     before = opened.counts()
-    page.type(field, "2")
+    page.type(field, "3.3")
     opened.redrawn(before, "linear", "emt")
     assert page.evaluate(f'document.querySelector("{field}").getAttribute("aria-invalid")') is None
     assert path in opened.changes()
@@ -119,6 +119,23 @@ def test_a_link_opens_the_same_state(explorer: Explorer, opened: ExplorerPage, n
     broken = ExplorerPage(new_page(), explorer.address + "#" + "not a state")
     assert "link" in broken.text("#notice")
     assert broken.table()
+
+
+def test_held_gains_stay_while_the_grid_moves(explorer: Explorer, opened: ExplorerPage) -> None:
+    page = opened.page
+    here = opened.gains()
+    assert all(here.values())
+    page.click("#hold")
+    before = opened.counts()
+    page.click(opened.place(0.85, 0.15).point)
+    opened.redrawn(before, "linear", "emt", "map")
+    start = explorer.session.info()["defaults"]
+    assert opened.changes()["hold"] == {"scr": start["scr"], "x_over_r": start["x_over_r"]}
+    assert opened.gains() == here
+    before = opened.counts()
+    page.click("#hold")
+    opened.redrawn(before, "linear", "emt", "map")
+    assert all(gains != here[name] for name, gains in opened.gains().items())
 
 
 def test_the_keyboard_alone_reaches_everything(opened: ExplorerPage) -> None:
