@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vsgdesign.artifacts.ready import NOTHING
+from tests.gain_tables import table
+from vsgdesign.artifacts.gain_table import base_of
+from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.explore.answer import Answer, as_bytes
 from vsgdesign.explore.fields import changed_study
@@ -146,10 +148,33 @@ def test_a_point_that_does_not_exist_says_why() -> None:
 def test_a_table_that_is_missing_is_no_fault_of_the_others() -> None:
     study = load_study("studies/table/study.toml")
     _, _, answer = answered(study, {"scr": 5.0})
-    closed_form, table = answer.header["controllers"]
+    closed_form, designed = answer.header["controllers"]
     assert closed_form["why"] is None
     assert closed_form["stable"]
-    assert "its gain table is missing" in table["why"]
+    assert closed_form["schedule"] == "fresh"
+    assert "its gain table is missing" in designed["why"]
+
+
+def test_a_table_says_when_it_is_clamped_and_when_its_data_differ() -> None:
+    study = load_study("studies/table/study.toml")
+    ready = Ready(tables={"table": table(base=base_of(study, "impedance"))})
+
+    def row(**document: Any) -> dict[str, Any]:
+        state = state_of({"controllers": ["table"], **document}, study)
+        return linear_answer(changed_study(study, state.changes), ready, state).header["controllers"][0]
+
+    inside = row(scr=5.0)
+    assert (inside["schedule"], inside["note"], inside["why"]) == ("fresh", None, None)
+    assert row(scr=50.0)["schedule"] == "clamped"
+    # SCR 26 on the study's basis of reactance is 18.4 on the table's; with L 30 % too small it is 21.3, beyond 20.
+    assert row(scr=26.0)["schedule"] == "fresh"
+    assert row(scr=26.0, error_X=-0.3)["schedule"] == "clamped"
+    assert row(scr=50.0, hold={"scr": 5.0, "x_over_r": 1.0})["schedule"] == "held"
+    changed = row(scr=5.0, changes={"power_loops.tau_P": "20 ms"})
+    assert changed["gains"] == inside["gains"]
+    assert changed["disk_margin"] != inside["disk_margin"]
+    assert changed["note"] is not None
+    assert "base.tau_P is 0.005, the study has 0.02" in changed["note"]
 
 
 def test_own_gains_are_those_of_a_controller_with_them() -> None:

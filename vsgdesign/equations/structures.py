@@ -91,7 +91,7 @@ def effective_inertia(gains: PowerLoopGains, S_rated: Any, omega_0: Any) -> Any:
 
 
 def steady_droops(gains: PowerLoopGains, S_rated: Any, omega_0: Any, V_n: Any) -> tuple[Any, Any]:
-    """P–f and Q–V droop in per unit, as they are measured in the steady state, for any structure.
+    """P–f and Q–V droop in per unit, as measured in the steady state, for any structure (:eq:`measured-droop`).
 
     At rest both errors of the loops are zero, so a deviation of the frequency by Δω changes P by −D_p Δω, and one of
     the voltage by ΔV changes Q by −D_q ΔV. The droop is the deviation that changes the power by S_rated (VA), over

@@ -93,6 +93,7 @@ def _row(scene: Scene, k: int) -> dict[str, Any]:
     return {
         "name": one.name,
         "structure": one.spec.target.structure,
+        "schedule": one.status(scene.grid, scene.held is not None, scene.error),
         "stable": None,
         "why": cells.faults[k],
         "outside": cells.outside[k],

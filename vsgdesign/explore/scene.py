@@ -13,7 +13,9 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.explore.state import OWN, State
 from vsgdesign.parameters.study import ControllerSpec, Grid, Place, Study
+from vsgdesign.runtime.guards import CLAMPED, FRESH, HELD, STATUSES
 from vsgdesign.runtime.of_study import ControllerGains, gain_law
+from vsgdesign.runtime.table import TableSchedule
 from vsgdesign.stability.cells import NO_GAINS, CellSet, cell_set, gains_in_force
 
 
@@ -31,6 +33,20 @@ class Shown:
     """Why there is no law."""
     note: str | None = None
     """What has to be known to read its figures."""
+
+    def status(self, grid: Grid, held: bool, error: tuple[float, float]) -> str:
+        """What its schedule does in the steady state on a grid: ``fixed``, ``held``, ``fresh``, or ``clamped`` where a
+        table is asked for a place outside its box (:data:`vsgdesign.runtime.guards.STATUSES`)."""
+        if self.spec.kind == "fixed":
+            return "fixed"
+        if held:
+            return STATUSES[HELD]
+        law = self.law
+        if law is None or law.settings is None or not isinstance(law.schedule, TableSchedule):
+            return STATUSES[FRESH]
+        told = grid.R_g * (1.0 + error[0]), grid.L_g * (1.0 + error[1])
+        drawn = law.schedule.drawn_to(*told, law.settings.scr, law.settings.r_over_x)[:2]
+        return STATUSES[FRESH if np.allclose(drawn, told, rtol=1e-6) else CLAMPED]
 
 
 @dataclass(frozen=True, kw_only=True)
