@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from tests.cli.small_studies import call, failure, study_file
+from tests.report.test_answer import rows_on
 from vsgdesign.design import single
 from vsgdesign.parameters import load_study
 from vsgdesign.pipeline import comparison as pipeline
@@ -80,6 +81,14 @@ def test_a_page_a_figure_rows_and_results(tmp_path: Path) -> None:
     assert len(rows) == 1 + 4 * 9
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "made for 4 does not meet the specification" in page
+    top = rows_on(out / "report.html")[1:]
+    assert [row[0] for row in top] == [name.replace("_", " ") for name in by_name]
+    for row, c in zip(top, by_name.values(), strict=True):
+        for shown, kept in zip(row[1:3], (c["kept_exact"], c["kept_wrong"]), strict=True):
+            assert shown == f"{'✓' if kept == 1.0 else '✗'} {100.0 * kept:.0f} %"
+        assert ("missed" in row[4]) == ("overshoot" in c["broken"])
+        assert row[-1].startswith(f"✓ {c['emt']['steps']} of {c['emt']['steps']} settled")
+    assert page.index('id="answer"') < page.index('id="figure-promises"') < page.index('id="part-1"')
     assert (out / "figures" / "promises.svg").is_file()
     assert "9 grids, worst over powers" in result.stdout
 

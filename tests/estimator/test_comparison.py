@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from click.testing import CliRunner
 
 from tests.artifacts.networks import random_weights
 from tests.cli.small_studies import SMALL
+from tests.report.test_answer import rows_on
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.cli.program import main
 from vsgdesign.errors import ArtifactError
@@ -44,6 +46,7 @@ from vsgdesign.report.estimator.page import (
     write_comparison_page,
     write_stress_page,
 )
+from vsgdesign.report.quantities import number
 
 SETTINGS = ComparisonSettings(scr=(8.0,), grid_steps=((2.0, 8.0),), draws=3)
 NETWORKS = {"Untrained": random_weights(synchronised=True)}
@@ -197,10 +200,22 @@ def test_pages_and_figures(tmp_path: Path) -> None:
     }
     for figure in figures:
         assert f'id="figure-{figure.name}"' in page
+    assert page.index('id="answer"') < page.index('id="figure-estimator_accuracy"') < page.index('id="part-1"')
+    for row, one in zip(rows_on(tmp_path / "a.html")[1:], compared().accuracy, strict=True):
+        assert row[0] == one.method
+        assert row[1].startswith("✓" if one.rms.max() <= 0.1 else "✗")
+        assert f"{number(100.0 * float(one.rms.max()), 2)} %" in row[1]
+        delays = [d for step in compared().grid_steps if step.method == one.method for d in step.delay]
+        assert row[3].startswith("✓" if max(delays) < math.inf else "✗")
     assert "> T" in {row[0]: row for row in delay_table(compared()).rows}["Constant guess"]
     figures = write_all(stress_figures(stressed()), tmp_path)
     page = write_stress_page("A study", stressed(), figures, tmp_path / "b.html").read_text()
     assert "Requirements for an estimator in the field" in page
+    for k, row in enumerate(rows_on(tmp_path / "b.html")[1:]):
+        worst = [float(result.rms[k].max()) for result in stressed().results]
+        assert row[0] == stressed().methods[k]
+        assert [cell[0] for cell in row[1:]] == ["✓" if value <= 0.1 else "✗" for value in worst]
+        assert all(f"{number(100.0 * v, 2)} %" in cell for v, cell in zip(worst, row[1:], strict=True))
     assert any(sentence.startswith("PRBS, least squares: within 10 %") for sentence in stress_conclusion(stressed()))
 
 

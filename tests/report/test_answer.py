@@ -179,7 +179,7 @@ def test_words_and_signs_stand_beside_colours():
     assert "✓</span> met 2 of 2</span>" in text
     assert "✗</span> missed</span>" in text
     assert "n &lt;&amp;&gt;" in text
-    assert "<i>P</i><sub>ref</sub> 1 s" in text
+    assert "<i>P</i><sub>ref</sub> 1\N{NO-BREAK SPACE}s" in text
 
 
 def points_of(svg: str) -> np.ndarray:
@@ -220,9 +220,10 @@ def test_a_bar_is_as_long_as_its_value():
             float(w) for w in re.findall(r'width="([\d.]+)" height="10" fill', str(spark.bar(value, limit, 2.0, "")))
         ]
 
-    assert widths(1.0, None) == [55.0]
-    assert widths(1.0, 1.5) == [55.0]
-    assert widths(1.5, 1.0) == [55.0, 27.5]
+    # The whole scale first, then what is within the limit, then what is beyond it.
+    assert widths(1.0, None) == [90.0, 45.0]
+    assert widths(1.0, 1.5) == [90.0, 45.0]
+    assert widths(1.5, 1.0) == [90.0, 45.0, 22.5]
 
 
 def test_levels_are_never_a_range_of_zero():

@@ -88,9 +88,11 @@ def test_every_verdict_is_a_row(made: Made) -> None:
 
 def test_every_figure_stands_in_its_part_with_a_way_to_read_it(made: Made) -> None:
     parts = re.split(r'<h2 id="part-(\d)">', made.text)
-    assert made.text.count("<svg") == len(made.figures)
+    assert made.text.count('<figure class="drawing"') == len(made.figures)
     for figure in made.figures:
-        assert f'id="figure-{figure.name}"' in parts[2 * figure.part]
+        # The first one belongs to the answer, which stands before all parts.
+        part = figure.part if figure is not made.figures[0] else 0
+        assert f'id="figure-{figure.name}"' in parts[2 * part]
         assert figure.caption.startswith("How to read: ")
 
 
@@ -105,6 +107,34 @@ def test_the_verdict_counts_gates_and_names_the_worst(plain: Made) -> None:
         assert f"{stable} of {counted} analysed cells" in verdict[1]
     assert "no grid code's" in html.unescape(verdict.group(1))
     assert " Hz (s = " in verdict.group(1)
+
+
+def test_the_answer_on_top_counts_the_rows_of_the_clause_matrix(made: Made) -> None:
+    """Counted again from the cells of the matrix on the page."""
+    rows = [[words(cell) for cell in row] for row in checked(made.page).rows]
+    for a in made.result.assessments:
+        name = words(a.spec.name)
+        matrix = [row for row in rows if len(row) == 8 and row[0] == name and row[2] == "ours"]
+        top = next(row for row in rows if row[0] == name and row not in matrix)
+        passed, failed = (sum(row[6] == verdict for row in matrix) for verdict in ("pass", "fail"))
+        if passed + failed == 0:
+            assert top[1].startswith("–notassessed")
+        elif failed:
+            assert top[1].startswith(f"✗missed{failed}of{passed + failed}")
+        else:
+            assert top[1].startswith(f"✓met{passed}of{passed}")
+        full_order = [row for row in matrix if row[3].endswith("(fullorder)") or row[3].startswith("2%settling")]
+        for shown, row in zip(top[2:], full_order, strict=True):
+            assert shown.startswith({"pass": "✓met", "fail": "✗missed"}.get(row[6], "–notassessed"))
+            assert row[4].partition("at")[0] in shown or row[6] == "notassessed"
+    good = [a.spec.name for a in made.result.assessments if gates_met(made, a.spec.name)]
+    headline = re.search(r'<p class="headline">(.*?)</p>', made.text)
+    assert headline is not None
+    assert ("No controller" in headline[1] or "does not meet" in headline[1]) == (not good)
+
+
+def gates_met(made: Made, name: str) -> bool:
+    return all(v.verdict == "pass" for v in made.result.verdicts if v.controller == name and v.source == OWN)
 
 
 def test_identity(plain: Made) -> None:

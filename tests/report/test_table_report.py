@@ -21,6 +21,7 @@ from vsgdesign.report import write_table_figures, write_table_report
 from vsgdesign.report.drawing.style import look
 from vsgdesign.report.drawing.surfaces import surface_scale
 from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.gain_table.answer import table_answer, table_headline
 from vsgdesign.report.gain_table.figures import table_figures
 from vsgdesign.report.gain_table.maps import limit_of, varies
 from vsgdesign.report.gain_table.page import margins_table, verdict_of
@@ -208,6 +209,46 @@ def test_the_verdict_counts() -> None:
     assert f"{int((rich().status == 'met').sum())} of 9 cells" in text
     assert "In 1 a promise is relaxed" in text
     assert "Certified, gap-free" in text
+
+
+def test_the_answer_on_top_says_what_the_tables_say() -> None:
+    verdicts, worst = table_answer(rich())
+    (row,) = verdicts.rows
+    assert [(cell.mark, cell.words) for cell in row.cells] == [
+        ("missed", "7 of 9 met"),
+        ("open", "not looked at"),
+        ("met", "certified, gap-free"),
+        ("open", "not verified"),
+    ]
+    # The worst values are those of the table of margins below: its least or its largest of the box.
+    below = {row[0].partition(" [")[0]: row for row in margins_table(rich()).rows}
+    for title, cell in zip(worst.head, worst.rows[0].cells, strict=True):
+        _, asked, *ranges = below[title]
+        nominal, box = ranges[:3], ranges[3:]
+        side = nominal if box[0] == "–" else box
+        assert cell.words.split()[0] == (side[2] if asked[0] == "≤" else side[0])
+        assert asked in cell.detail
+    assert table_headline(rich()) == "7 of 9 cells keep every promise of the specification, and the table is certified."
+    assert table_headline(bare()).startswith("All 4 cells keep every promise")
+
+
+def test_a_failed_proof_a_broken_grid_and_a_broken_promise_come_first() -> None:
+    failed = rich().certificate
+    assert failed is not None
+    family = {"promises": {"overshoot": {"broken": 3, "judged": 100}, "settling": {"broken": 0, "judged": 100}}}
+    made = replace(
+        rich(),
+        certificate=replace(failed, certified=False),
+        between={"points": 50, "outside": 5, "promised": 40, "broken": [{}, {}]},
+        verification={"families": {"step": family}},
+    )
+    assert table_headline(made).startswith("Not certified: a proof was tried and failed.")
+    cells = table_answer(made)[0].rows[0].cells
+    assert [(cell.mark, cell.words) for cell in cells[1:]] == [
+        ("missed", "2 of 40 broken"),
+        ("missed", "failed"),
+        ("missed", "1 of 2 promises broken"),
+    ]
 
 
 def test_names_are_escaped(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vsgdesign.design.comparison import Comparison
+from vsgdesign.report.comparison.answer import comparison_answer, comparison_headline
 from vsgdesign.report.comparison.tables import (
     promises_table,
     services_table,
@@ -24,6 +25,9 @@ def write_comparison_page(comparison: Comparison, figures: Sequence[WrittenFigur
         "comparison.html.j2",
         figures,
         study=comparison.study,
+        largest=figures[0].name if figures else "",
+        headline=comparison_headline(comparison),
+        summary=comparison_answer(comparison),
         verdicts=verdicts(comparison),
         specification=specification_table(comparison),
         promises=promises_table(comparison),

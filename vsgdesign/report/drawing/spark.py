@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 WIDTH, HEIGHT = 132, 40
 """Size of a step response, px."""
 
-_BAR_WIDTH, _BAR_HEIGHT = 110, 10
+_BAR_WIDTH, _BAR_HEIGHT = 90, 10
 _COLUMNS = 66
 
 
@@ -74,13 +74,14 @@ def step(
 
 
 def bar(value: float, limit: float | None, largest: float, label: str) -> Markup:
-    """A value as a bar, its limit as a black line across it. ``largest`` is the end of the scale.
+    """A value as a bar, its limit as a black line across it. ``largest`` is the end of the scale,
+    which is shaded.
 
     The part beyond the limit is hatched, so that it is seen without colours too.
     """
     end = _BAR_WIDTH * value / largest
     within = end if limit is None else min(end, _BAR_WIDTH * limit / largest)
-    parts = [_box(0.0, within, "#8FB8D0")]
+    parts = [_box(0.0, _BAR_WIDTH, "#EEE"), _box(0.0, within, "#8FB8D0")]
     if end > within:
         parts.append(_box(within, end - within, "#E8A077"))
         parts += [_line(x, _BAR_HEIGHT, x + 4.0, 0.0, "#7A2E00") for x in np.arange(within + 1.0, end - 4.0, 4.0)]

@@ -20,16 +20,12 @@ from vsgdesign.report.drawing.style import (
     look,
     new_figure,
 )
+from vsgdesign.report.estimator.answer import WAY_WORDS, training_answer, training_headline
 from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.page.html import write_html
 from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import DASH, number
 
-WAY_WORDS = {
-    "physics": "Recursions alone",
-    "gated": "Network behind its gate",
-    "ungated": "Network at all times",
-}
 _TITLES = {
     "jump": "Jump of Z",
     "jump_and_step": "Jump with a step",
@@ -136,6 +132,9 @@ def write_field_training_page(
         figures,
         title="The network of the field estimator",
         study=study,
+        largest="after_a_change",
+        headline=training_headline(trained),
+        summary=training_answer(trained),
         conclusion=verdict(trained.scores),
         parts=parts,
         weights={"This network": trained.weights.hash},

@@ -11,6 +11,12 @@ import numpy as np
 from vsgdesign.estimator.comparison import WITHIN, Comparison
 from vsgdesign.estimator.stress import Stress
 from vsgdesign.identification import SIGNAL_SETS
+from vsgdesign.report.estimator.answer import (
+    comparison_answer,
+    comparison_headline,
+    stress_answer,
+    stress_headline,
+)
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.page.html import write_html
 from vsgdesign.report.page.table import Table
@@ -30,6 +36,9 @@ def write_comparison_page(study: str, found: Comparison, figures: Sequence[Writt
         figures,
         title="Impedance estimators compared",
         study=study,
+        largest="estimator_accuracy",
+        headline=comparison_headline(found),
+        summary=comparison_answer(found),
         conclusion=comparison_conclusion(found),
         parts=parts,
         weights=found.weights,
@@ -49,6 +58,9 @@ def write_stress_page(study: str, found: Stress, figures: Sequence[WrittenFigure
         figures,
         title="Impedance estimators under stress",
         study=study,
+        largest="estimator_stress",
+        headline=stress_headline(found),
+        summary=stress_answer(found),
         conclusion=stress_conclusion(found),
         parts=parts,
         weights=found.weights,

@@ -24,6 +24,7 @@ from vsgdesign.artifacts.table_text import (
 from vsgdesign.artifacts.verification_text import table_verification
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.gain_table.answer import table_answer, table_headline
 from vsgdesign.report.gain_table.inside import inside_sentence
 from vsgdesign.report.gain_table.maps import in_order, limit_of, margin_keys
 from vsgdesign.report.page.html import write_html
@@ -62,6 +63,9 @@ def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_pat
         "gain_table.html.j2",
         figures,
         gain_table=table,
+        largest=figures[0].name if figures else "",
+        headline=table_headline(table),
+        summary=table_answer(table),
         verdict=verdict_of(table),
         identity=identity_table(table),
         margins=margins_table(table),

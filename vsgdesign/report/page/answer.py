@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -49,6 +49,8 @@ class Answer:
     rows: tuple[Row, ...]
     subject: str = "Controller"
     notes: tuple[str, ...] = ()
+    pictures: bool = False
+    """Whether each cell is a picture with its words below, in one line."""
 
 
 def counted(met: Sequence[bool], detail: str, otherwise: str = "not asked for") -> Cell:
@@ -65,5 +67,5 @@ def counted(met: Sequence[bool], detail: str, otherwise: str = "not asked for") 
 def without_empty(answer: Answer) -> Answer:
     """The same without the columns in which no row has an answer: what nobody asked for is not worth a column."""
     used = [k for k in range(len(answer.head)) if any(row.cells[k].mark != OPEN for row in answer.rows)]
-    rows = tuple(Row(row.name, tuple(row.cells[k] for k in used), row.key) for row in answer.rows)
-    return Answer(answer.title, tuple(answer.head[k] for k in used), rows, answer.subject, answer.notes)
+    rows = tuple(replace(row, cells=tuple(row.cells[k] for k in used)) for row in answer.rows)
+    return replace(answer, head=tuple(answer.head[k] for k in used), rows=rows)

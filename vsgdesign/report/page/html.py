@@ -16,16 +16,21 @@ if TYPE_CHECKING:
     import jinja2
 
 
-def write_html(out_path: Path, template: str, figures: Sequence[WrittenFigure], **values: Any) -> Path:
+def write_html(
+    out_path: Path, template: str, figures: Sequence[WrittenFigure], largest: str = "", **values: Any
+) -> Path:
     """Write a page: a template of this room with these values, and with the figures' SVG text as it lies on disk.
 
-    The template sees ``figures`` as (number, figure, svg), numbered from 1 in the order of their parts.
+    The template sees ``figures`` as (number, figure, svg), numbered from 1 in the order of their parts. The figure with
+    the name ``largest`` belongs to the answer: it is the first one, and in ``largest`` instead of ``figures``.
     """
     placed = [
         (k + 1, figure, inline_svg(figure.svg.read_text(encoding="utf-8"), figure.name, figure.title))
-        for k, figure in enumerate(sorted(figures, key=lambda figure: figure.part))
+        for k, figure in enumerate(sorted(figures, key=lambda figure: (figure.name != largest, figure.part)))
     ]
-    text = environment().get_template(template).render(figures=placed, version=__version__, **values)
+    first = [one for one in placed if one[1].name == largest]
+    rest = [one for one in placed if one[1].name != largest]
+    text = environment().get_template(template).render(figures=rest, largest=first, version=__version__, **values)
     out_path.write_text(text, encoding="utf-8", newline="\n")
     return out_path
 
@@ -46,12 +51,21 @@ def environment() -> jinja2.Environment:
         finalize=_finalize,
     )
     found.filters["sub"] = with_subscripts
+    found.filters["tight"] = tight
     return found
 
 
 def _finalize(value: Any) -> Any:
     """Plain texts that a template prints; Markup is finished."""
     return typeset(value) if type(value) is str else value
+
+
+_BREAKABLE = re.compile(r"(?<=[≤≥\d]) (?=[\d%°a-zA-Z])")
+
+
+def tight(text: str) -> str:
+    """The same text with no line break between a sign, its number and its unit."""
+    return _BREAKABLE.sub("\N{NO-BREAK SPACE}", text)
 
 
 _PHASOR = re.compile(r"(?<![A-Za-z_])(i|v)_(s|c|g|f)_(d|q)\b")

@@ -256,7 +256,7 @@ def steps_answer(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> Ans
         "column. Dashed: the value at which the response ends. Dotted: the settling time that was asked for. Circle: "
         "settled within 2 %."
     )
-    return Answer("Each step", tuple(step.title for step in shown), rows, notes=(said + more,))
+    return Answer("Each step", tuple(step.title for step in shown), rows, notes=(said + more,), pictures=True)
 
 
 def _pictures(result: ScenarioResult, step: _Step, signal: Signal) -> Callable[[int, str], Cell]:

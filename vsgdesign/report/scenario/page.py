@@ -48,8 +48,12 @@ def write_page(
         study=study,
         scenario=_scenario(result),
         warnings=[*(one.message for one in result.instabilities), *([WHERE_TO_LOOK] if result.instabilities else [])],
-        summary=scenario_answer(result, outcomes, kept, judged),
-        steps=steps_answer(result, outcomes),
+        largest=figures[0].name if figures else "",
+        opening_answers=[
+            one
+            for one in (scenario_answer(result, outcomes, kept, judged), steps_answer(result, outcomes))
+            if one is not None
+        ],
         answers=[answers_text(result, controller) for _, controller in field_controllers(result)],
         verdict=[
             *verdict(result, outcomes),

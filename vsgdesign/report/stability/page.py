@@ -12,6 +12,7 @@ from vsgdesign.report.page.converter import converter_table, filter_table, specs
 from vsgdesign.report.page.html import write_html
 from vsgdesign.report.quantities import plain_quantity
 from vsgdesign.report.stability import tables as made
+from vsgdesign.report.stability.answer import stability_answer, stability_headline
 from vsgdesign.report.stability.hover import hover_json
 from vsgdesign.report.stability.verdict import verdict_text
 from vsgdesign.simulation.stability_result import (
@@ -42,6 +43,9 @@ def write_stability_page(result: StabilityResult, figures: Sequence[WrittenFigur
         "stability.html.j2",
         figures,
         study=study,
+        largest=figures[0].name if figures else "",
+        headline=stability_headline(result),
+        summary=stability_answer(result),
         verdict=verdict_text(result),
         verdicts=[(row, _MINUS.sub("−", row.value), link_of(result, row.evidence)) for row in result.verdicts],
         identity=made.identity_table(result),
