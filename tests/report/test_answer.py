@@ -11,12 +11,13 @@ import pytest
 
 from vsgdesign.metrics.events import UNSTABLE
 from vsgdesign.metrics.step_response import no_figures
+from vsgdesign.metrics.survival import Survival
 from vsgdesign.report.drawing import spark
 from vsgdesign.report.page.answer import FACT, MET, MISSED, OPEN, Answer, Cell, Row, counted, without_empty
 from vsgdesign.report.page.html import environment
 from vsgdesign.report.quantities import number, percent
 from vsgdesign.report.scenario import tables
-from vsgdesign.report.scenario.answer import MOST_STEPS, scenario_answer, steps_answer
+from vsgdesign.report.scenario.answer import MOST_STEPS, scenario_answer, scenario_headline, steps_answer
 from vsgdesign.report.scenario.verdict import step_outcomes
 from vsgdesign.simulation.judging import judge_estimates
 from vsgdesign.simulation.promises import promises_kept
@@ -130,6 +131,33 @@ def test_an_unstable_controller_misses_everything(short):
     steps = steps_answer(result, step_outcomes(result))
     assert steps is not None
     assert {(one.words, one.detail) for one in steps.rows[0].cells} == {("missed", "unstable")}
+
+
+def test_survival_is_the_headline_where_no_step_is_judged(short):
+    assert scenario_headline(short.result, step_outcomes(short.result)).startswith("No controller meets")
+    verdicts = (
+        Survival(status="survived", recovery_s=0.4),
+        Survival(status="slipped", reason="by a turn"),
+        Survival(status="not known", reason="too short"),
+    )
+    first = short.result.controllers[0]
+    first = replace(first, events=())
+    for some, said in (
+        (verdicts[:1], "CVSG survives the events."),
+        (verdicts[:2], "CVSG alone survives the events."),
+        (verdicts[1:2], "CVSG does not survive the events."),
+        (verdicts[2:], "No event steps a reference, so there is"),
+    ):
+        controllers = tuple(
+            replace(first, spec=replace(first.spec, name=name), survival=one)
+            for name, one in zip(("CVSG", "AVSG"), some, strict=False)
+        )
+        result = replace(short.result, study=replace(short.study, events=()), controllers=controllers)
+        assert scenario_headline(result, []).startswith(said)
+        if len(some) == 2:
+            answer = scenario_answer(result, [], (), ())
+            assert cell(answer, "CVSG", "Survival") == Cell(MET, "survived", "at rest after 0.4 s")
+            assert cell(answer, "AVSG", "Survival") == Cell(MISSED, "not survived", "slipped")
 
 
 @pytest.mark.parametrize(("limit", "mark", "words"), [(9.0, MET, "within the limit"), (0.7, MISSED, "above the limit")])

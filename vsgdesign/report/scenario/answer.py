@@ -14,7 +14,7 @@ from vsgdesign.report.quantities import number, percent, plain
 from vsgdesign.report.scenario.figures import interesting_time
 from vsgdesign.report.scenario.promise_tables import PROMISES, reached, slack
 from vsgdesign.report.scenario.signals import Signal, power_signals
-from vsgdesign.report.scenario.verdict import StepOutcome
+from vsgdesign.report.scenario.verdict import StepOutcome, verdict
 from vsgdesign.simulation import ControllerResult, ScenarioResult
 from vsgdesign.simulation.judging import Judgement
 from vsgdesign.simulation.promises import Kept
@@ -26,6 +26,21 @@ MOST_STEPS = 6
 
 _BEFORE, _AFTER_DUE = 0.06, 1.3
 """What is drawn before a step, as a share of what is drawn after it; how much of the time asked for at least."""
+
+
+def scenario_headline(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> str:
+    """One sentence: which controllers survive the events, where no reference step is judged; else the main result."""
+    judged = [c for c in result.controllers if c.survival is not None and c.survival.judged]
+    if not judged or any(outcome.judged for outcome in outcomes):
+        return verdict(result, outcomes)[0]
+    good = [c.spec.name for c in judged if c.survival is not None and c.survival.survived]
+    if len(judged) == 1:
+        return f"{judged[0].spec.name} {'survives' if good else 'does not survive'} the events."
+    if not good:
+        return "No controller survives the events."
+    if len(good) == len(judged):
+        return "Every controller survives the events."
+    return f"{', '.join(good)} alone {'survives' if len(good) == 1 else 'survive'} the events."
 
 
 def scenario_answer(
@@ -46,7 +61,7 @@ def scenario_answer(
             _stability(result, controller),
             _survival(controller.survival),
             _estimate(next((one for one in judged if one.name == name), None)),
-            _current(name, peaks[name], late_peak_pu(result, controller), limits[name], largest),
+            _current(result, controller, limits[name], largest),
         )
         rows.append(Row(name, cells, spark.key(index)))
     head = ("Settling time", "Overshoot", "Margins", "Rest", "Survival", "Estimate", "Peak current")
@@ -192,7 +207,8 @@ def late_peak_pu(result: ScenarioResult, controller: ControllerResult) -> float 
     return loads_of(record_of(result.study, controller.simulation), instants, None).peak_pu if instants else None
 
 
-def _current(name: str, peak: float | None, late: float | None, limit: float | None, largest: float) -> Cell:
+def _current(result: ScenarioResult, controller: ControllerResult, limit: float | None, largest: float) -> Cell:
+    name, peak = controller.spec.name, peak_pu(controller)
     if peak is None:
         return Cell(OPEN, "no event")
     said = f"{number(peak)} pu"
@@ -200,8 +216,8 @@ def _current(name: str, peak: float | None, late: float | None, limit: float | N
         return Cell(FACT, said)
     if limit is None:
         return Cell(FACT, said, "no limit is set", spark.bar(peak, None, largest, f"{name}: {said}, no limit"))
-    label = f"{name}: {said}, limit {plain(limit)} pu"
-    picture = spark.bar(peak, limit, largest, label)
+    picture = spark.bar(peak, limit, largest, f"{name}: {said}, limit {plain(limit)} pu")
+    late = late_peak_pu(result, controller)
     if late is None:
         return Cell(OPEN, said, f"limit {plain(limit)} pu", picture)
     kept = late <= LIMIT_ROOM * limit

@@ -18,7 +18,7 @@ from vsgdesign.report.page.converter import converter_table, filter_table, known
 from vsgdesign.report.page.html import write_html
 from vsgdesign.report.quantities import plain, plain_quantity
 from vsgdesign.report.scenario import estimate_tables, promise_tables, tables
-from vsgdesign.report.scenario.answer import scenario_answer, steps_answer
+from vsgdesign.report.scenario.answer import scenario_answer, scenario_headline, steps_answer
 from vsgdesign.report.scenario.field_rests import answers_table, answers_text, field_controllers
 from vsgdesign.report.scenario.verdict import explanation, step_outcomes, verdict
 from vsgdesign.simulation import ScenarioResult
@@ -49,6 +49,7 @@ def write_page(
         scenario=_scenario(result),
         warnings=[*(one.message for one in result.instabilities), *([WHERE_TO_LOOK] if result.instabilities else [])],
         largest=figures[0].name if figures else "",
+        headline=scenario_headline(result, outcomes),
         opening_answers=[
             one
             for one in (scenario_answer(result, outcomes, kept, judged), steps_answer(result, outcomes))
