@@ -106,7 +106,8 @@ export function staticAsk(kept) {
     const text = kept.answers[`${kind}:${key}`];
     if (!text) return { status: 422, faults: [{ field: null, text: "This file holds no answer for this choice; `vsgdesign explore` computes it." }] };
     const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-    const answer = readAnswer(bytes.buffer);
+    const whole = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+    const answer = readAnswer(await new Response(whole).arrayBuffer());
     answer.header.seq = seq;
     return { status: 200, answer };
   };
