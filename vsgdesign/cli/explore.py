@@ -97,7 +97,9 @@ def _served(opening: Opening, port: int | None) -> ExplorerServer:
 
 def _fragment(link: str | None) -> str:
     """The part of a link from # on, for the address that the browser opens."""
-    return "" if link is None else "#" + (link.partition("#")[2] or link)
+    from urllib.parse import quote, unquote
+
+    return "" if link is None else "#" + quote(unquote(link.partition("#")[2] or link), safe="")
 
 
 def _open_browser(address: str) -> None:

@@ -18,8 +18,8 @@ from vsgdesign.parameters.study import Study
 
 KEPT = 16
 """Changed studies that are kept: one drags the grid much more often than one changes the study."""
-COMPILING = "Compiling once. The next start does not have to."
-PATIENCE_S = 0.5
+COMPILING = "Compiling once: the simulation follows in a moment."
+PATIENCE_S = 2.0
 """How long a request for EMT waits for the compiler before it says so."""
 
 

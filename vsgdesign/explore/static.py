@@ -68,8 +68,8 @@ def static_text(session: Session, tell: Progress = silent) -> str:
         [float(f"{value:.3g}") for value in np.geomspace(*info["map"][name], count)]
         for name, count in zip(("scr", "x_over_r"), counts, strict=True)
     )
-    at = _nearest(scr, session.start.scr), _nearest(x_over_r, session.start.x_over_r)
-    start = replace(session.start, scr=scr[at[0]], x_over_r=x_over_r[at[1]], hold=None)
+    start = replace(session.start, hold=None)
+    scr[_nearest(scr, start.scr)], x_over_r[_nearest(x_over_r, start.x_over_r)] = start.scr, start.x_over_r
     hold = PlaceOfState(start.scr, start.x_over_r)
     answers: dict[str, str] = {}
     questions = list(_questions(session, start, hold, scr, x_over_r))

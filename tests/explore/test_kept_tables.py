@@ -1,0 +1,97 @@
+"""Gain tables that earlier commands have left are taken if they are of the same design; missing ones are made once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.gain_tables import table
+from vsgdesign.artifacts import write_table_file
+from vsgdesign.artifacts.design_inputs import design_inputs
+from vsgdesign.artifacts.gain_table import GainTable, base_of
+from vsgdesign.parameters import load_study
+from vsgdesign.parameters.study import Study
+from vsgdesign.pipeline import kept_tables as module
+from vsgdesign.pipeline.kept_tables import kept_tables
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    return load_study("studies/table/study.toml")
+
+
+@pytest.fixture(scope="module")
+def made(study: Study) -> GainTable:
+    spec = study.controllers[-1]
+    inputs = design_inputs(study, spec.target)
+    bare = table(name=spec.name, base=base_of(study, "impedance"))
+    return replace(bare, study=study.name, design_inputs=inputs)
+
+
+@pytest.fixture
+def design(monkeypatch: pytest.MonkeyPatch, made: GainTable) -> list[str]:
+    """Names of controllers whose table is designed, which takes no time here."""
+    asked: list[str] = []
+
+    def make_tables(study: Study, _out: Path, **_: object) -> dict[str, GainTable]:
+        asked.extend(spec.name for spec in study.controllers)
+        return {spec.name: made for spec in study.controllers}
+
+    monkeypatch.setattr(module, "make_tables", make_tables)
+    return asked
+
+
+@pytest.mark.parametrize("place", ["table/table.table.json", "table-table.json", "table-explore/table.table.json"])
+def test_a_table_of_the_same_design_is_taken(
+    study: Study, made: GainTable, design: list[str], tmp_path: Path, place: str
+) -> None:
+    path = tmp_path / place
+    path.parent.mkdir(exist_ok=True)
+    write_table_file(made, path)
+    said: list[str] = []
+    found = kept_tables(study, tmp_path, say=said.append)
+    assert design == []
+    assert found.tables["table"].sha256 == made.sha256
+    assert found.files == {"table": path}
+    assert found.words == said == [f"The gain table of table is that of {path}."]
+
+
+def test_a_missing_table_is_designed_once_and_kept(study: Study, design: list[str], tmp_path: Path) -> None:
+    said: list[str] = []
+    first = kept_tables(study, tmp_path, say=said.append)
+    assert design == ["table"]
+    assert "designing the gain table of table" in said[0]
+    assert first.files["table"].is_file()
+    second = kept_tables(study, tmp_path)
+    assert design == ["table"]
+    assert second.files == first.files
+
+
+def test_a_table_of_another_design_is_not_taken(
+    study: Study, made: GainTable, design: list[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "table-table.json"
+    write_table_file(made, path)
+    before = path.read_bytes()
+    other = study.with_changes(specification={"settling_time": "2 s"})
+    kept_tables(other, tmp_path)
+    assert design == ["table"]
+    assert path.read_bytes() == before
+
+
+def test_a_damaged_table_is_neither_taken_nor_replaced(study: Study, design: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "table-explore" / "table.table.json"
+    path.parent.mkdir()
+    path.write_text("{", encoding="utf-8")
+    found = kept_tables(study, tmp_path)
+    assert design == ["table"]
+    assert path.read_text(encoding="utf-8") == "{"
+    assert "could not be kept" in found.words[-1]
+    assert (list(found.tables), found.files) == (["table"], {})
+
+
+def test_a_study_without_tables_needs_nothing(design: list[str], tmp_path: Path) -> None:
+    found = kept_tables(load_study("studies/structures/study.toml"), tmp_path)
+    assert (found.tables, found.words, design) == ({}, [], [])

@@ -1,0 +1,221 @@
+"""The session: answers of the package's own functions, faults, kept studies, and states of links."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import pytest
+
+from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.errors import StudyError
+from vsgdesign.explore import session as session_module
+from vsgdesign.explore.answer import Answer, as_bytes, json_value
+from vsgdesign.explore.fields import changed_study
+from vsgdesign.explore.linear import linear_answer
+from vsgdesign.explore.maps import map_axes
+from vsgdesign.explore.session import Session, start_of
+from vsgdesign.explore.state import StateError, state_of
+from vsgdesign.parameters import load_study
+from vsgdesign.parameters.study import Place
+from vsgdesign.simulation import run_scenario
+from vsgdesign.simulation.scenario import run_controller
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    return Session(load_study("studies/structures/study.toml"), NOTHING)
+
+
+def test_answers_are_those_of_the_models_with_the_colours_of_the_study(session: Session) -> None:
+    document = {"scr": 3.0, "changes": {"power_loops.tau_P": "8 ms"}, "controllers": ["decoupled"]}
+    answer = session.answer("linear", document)
+    assert answer is not None
+    study = changed_study(session.study, document["changes"])
+    direct = linear_answer(study, NOTHING, state_of(document, session.study))
+    (row,) = answer.header["controllers"]
+    names = [one["name"] for one in session.info()["controllers"]]
+    assert row.pop("colour") == session.info()["controllers"][names.index("decoupled")]["colour"]
+    assert json.dumps(row) == json.dumps(direct.header["controllers"][0])
+    for name, values in direct.arrays.items():
+        np.testing.assert_array_equal(answer.arrays[name], values)
+
+
+def test_a_changed_study_is_read_once(session: Session) -> None:
+    first, second = (
+        session.study_of(session.state({"scr": scr, "changes": {"power_loops.tau_P": "9 ms"}})) for scr in (2, 3)
+    )
+    assert first is second
+    assert first.tau_P == 9e-3
+    for k in range(2 * session_module.KEPT):
+        session.study_of(session.state({"changes": {"power_loops.tau_P": f"{k} ms"}}))
+    assert len(session._changed) == session_module.KEPT
+
+
+def test_faults_of_the_state_and_of_the_study_come_together(session: Session) -> None:
+    document = {"scr": -1, "changes": {"power_loops.tau_P": "3 V"}, "typo": 1}
+    faults = session.check(document)
+    assert {fault["field"] for fault in faults} == {"scr", "power_loops.tau_P", "typo"}
+    assert all(fault["text"] for fault in faults)
+    for kind in ("linear", "emt", "map"):
+        with pytest.raises(StateError) as caught:
+            session.answer(kind, document)
+        assert caught.value.faults == faults
+    assert session.check({}) == []
+    assert session.check([]) != []
+
+
+@pytest.mark.parametrize("changes", [[], "x", {"power_loops.tau_P": None}, {"power_loops.tau_P": [1]}, {"nothing": 1}])
+def test_changes_of_another_type_are_faults(session: Session, changes: Any) -> None:
+    assert session.check({"changes": changes})
+
+
+def test_an_overtaken_simulation_ends_early(session: Session) -> None:
+    assert session.answer("emt", {}, lambda: True) is None
+
+
+def test_the_page_learns_that_emt_is_compiled(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session_module, "PATIENCE_S", 0.01)
+    session._warm.clear()
+    try:
+        answer = session.answer("emt", {})
+        assert answer is not None
+        assert (answer.header["again"], answer.header["controllers"]) == (True, [])
+        assert "Compiling" in answer.header["words"]
+    finally:
+        session._warm.set()
+
+
+def test_answers_wait_for_a_warm_up_that_ends_soon(session: Session) -> None:
+    session._warm.clear()
+    threading.Timer(0.05, session._warm.set).start()
+    begin = time.monotonic()
+    answer = session.answer("emt", {"controllers": ["published"]})
+    assert answer is not None
+    assert len(answer.header["controllers"]) == 1
+    assert time.monotonic() - begin > 0.04
+
+
+def test_the_study_in_json(session: Session) -> None:
+    info = json.loads(json.dumps(json_value(session.info()), allow_nan=False))
+    study = session.study
+    (low, high), (left, right) = info["map"]["scr"], info["map"]["x_over_r"]
+    grids = [study.grid, *(event.grid for event in study.events if event.grid is not None)]
+    for place in (grid.place(study.converter, study.scr_basis) for grid in grids):
+        assert low < place.scr < high
+        assert left < place.x_over_r < right
+    assert low < info["defaults"]["scr"] < high
+    assert {one["kind"] for one in info["events"]} == {"step", "grid", "phase", "sag", "ramp"}
+    assert info["modes"]["re"][0] < 0.0 < info["modes"]["re"][1]
+    assert session.info() is session.info()
+
+
+def test_the_window_of_the_modes_holds_them(session: Session) -> None:
+    window = session.info()["modes"]
+    for scr, x_over_r in ((2.0, 1.0), (10.0, 5.0)):
+        answer = session.answer("linear", {"scr": scr, "x_over_r": x_over_r})
+        assert answer is not None
+        for row in answer.header["controllers"]:
+            slowest = row["modes"][0]
+            assert window["re"][0] < slowest["re"] < window["re"][1]
+            assert abs(slowest["im"]) < window["im"][1]
+
+
+def test_a_map_that_a_far_grid_widens() -> None:
+    study = load_study("studies/structures/study.toml")
+    far = study.with_events({"time": "1 s", "grid": {"scr": 60.0, "x_over_r": 0.1}})
+    (low, high), (left, right) = map_axes(far)
+    place = Place(60.0, 0.1, study.scr_basis)
+    assert low < place.scr < high
+    assert left < place.x_over_r < right
+
+
+def test_the_state_of_a_link(session: Session) -> None:
+    part = quote(json.dumps({"scr": 4.0, "figure": "damping"}))
+    for text in (f"http://127.0.0.1:1/token/#{part}", f"#{part}", part, '{"scr": 4.0, "figure": "damping"}'):
+        state = session.state(start_of(text, session.study))
+        assert (state.scr, state.figure) == (4.0, "damping")
+        assert state.x_over_r == session.start.x_over_r
+    for text in ("nonsense", "#[1]", "#" + "[" * 100_000):
+        with pytest.raises(StateError, match="--state"):
+            start_of(text, session.study)
+
+
+def test_a_wrong_start_is_refused(session: Session) -> None:
+    with pytest.raises(StateError, match="scr"):
+        Session(session.study, NOTHING, start={"scr": 0})
+
+
+def test_numbers_that_json_has_no_word_for() -> None:
+    header = {"a": float("inf"), "b": np.float64("nan"), "c": np.arange(2), "d": (np.int64(1), np.bool_(True))}
+    body = as_bytes(Answer(header, {}), seq=3)
+    length = int.from_bytes(body[:4], "little")
+    found = json.loads(body[4 : 4 + length])
+    assert found == {"a": None, "b": None, "c": [0, 1], "d": [1, True], "seq": 3, "arrays": []}
+    with pytest.raises(TypeError, match="object"):
+        as_bytes(Answer({"a": object()}))
+
+
+SAVED: tuple[dict[str, Any], ...] = (
+    {},
+    {"scr": 3.0, "x_over_r": 0.7, "P_pu": 0.3, "Q_pu": -0.1, "V_g_pu": 1.03, "f_hz": 49.8},
+    {"error_R": 0.1, "error_X": -0.05, "silent_s": 0.04, "event": {"kind": "grid", "to_scr": 4.0, "to_x_over_r": 2.0}},
+    {"hold": {"scr": 8.0, "x_over_r": 3.0}, "event": {"kind": "phase", "size": 15.0}},
+    {
+        "changes": {"power_loops.tau_P": "8 ms", "converter.current_limit_pu": 1.4},
+        "event": {"kind": "sag", "size": 0.3},
+    },
+    {
+        "own": {"K_ip": 0.003, "K_iq": 0.05, "D_p": 400.0},
+        "controllers": ["own"],
+        "event": {"kind": "ramp", "size": -0.4},
+    },
+)
+
+
+@pytest.mark.parametrize("document", SAVED)
+def test_a_saved_study_runs_as_the_page_shows(session: Session, document: dict[str, Any]) -> None:
+    from vsgdesign.explore.events import study_of
+    from vsgdesign.explore.scene import scene_of
+    from vsgdesign.parameters.loading import study_from_text
+
+    document = {"controllers": ["angle_damped"]} | document
+    state = session.state(document)
+    study = session.study_of(state)
+    saved = session.save(document)
+    assert saved["name"].endswith(".toml")
+    read = study_from_text(saved["toml"], folder="/nowhere")
+    expected = study_of(scene_of(study, NOTHING, state), NOTHING, state, 0)
+    runs = [run_controller(one, one.controllers[0], NOTHING) for one in (read, expected)]
+    logs = [run.simulation.log for run in runs]
+    assert logs[0].shape == logs[1].shape
+    # The file gives SCR and X/R, the page's study R_g and L_g: they differ in the last bits.
+    np.testing.assert_allclose(logs[0], logs[1], rtol=1e-6, atol=1e-6 * np.abs(logs[1]).max())
+
+
+def test_several_controllers_are_saved_together(session: Session) -> None:
+    from vsgdesign.parameters.loading import study_from_text
+
+    read = study_from_text(session.save({"map_of": "decoupled"})["toml"])
+    assert [spec.name for spec in read.controllers] == [spec.name for spec in session.study.controllers]
+    result = run_scenario(read, Ready())
+    assert [one.spec.name for one in result.controllers] == [spec.name for spec in read.controllers]
+
+
+def test_what_cannot_be_saved_says_why(session: Session) -> None:
+    with pytest.raises(StateError, match="nothing can be saved"):
+        session.save({"scr": 0.2, "P_pu": 1.5})
+    with pytest.raises(StateError, match="no controller"):
+        session.save({"controllers": []})
+
+
+def test_the_session_of_a_study_without_a_document_cannot_be_changed() -> None:
+    from dataclasses import replace
+
+    study = replace(load_study("studies/structures/study.toml"), origin=None)
+    with pytest.raises((StateError, StudyError), match="document"):
+        Session(study, NOTHING).save({})
