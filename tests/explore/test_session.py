@@ -5,22 +5,30 @@ from __future__ import annotations
 import json
 import threading
 import time
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 import pytest
 
-from vsgdesign.artifacts.ready import NOTHING, Ready
+from tests.gain_tables import table
+from vsgdesign.artifacts import write_table_file
+from vsgdesign.artifacts.gain_table import base_of
+from vsgdesign.artifacts.ready import NOTHING, Ready, read_tables
 from vsgdesign.errors import StudyError
 from vsgdesign.explore import session as session_module
 from vsgdesign.explore.answer import Answer, as_bytes, json_value
+from vsgdesign.explore.events import study_of
 from vsgdesign.explore.fields import changed_study
 from vsgdesign.explore.linear import linear_answer
 from vsgdesign.explore.maps import map_axes
+from vsgdesign.explore.scene import scene_of
 from vsgdesign.explore.session import Session, start_of
 from vsgdesign.explore.state import StateError, state_of
 from vsgdesign.parameters import load_study
+from vsgdesign.parameters.loading import study_from_text
 from vsgdesign.parameters.study import Place
 from vsgdesign.simulation import run_scenario
 from vsgdesign.simulation.scenario import run_controller
@@ -179,10 +187,6 @@ SAVED: tuple[dict[str, Any], ...] = (
 
 @pytest.mark.parametrize("document", SAVED)
 def test_a_saved_study_runs_as_the_page_shows(session: Session, document: dict[str, Any]) -> None:
-    from vsgdesign.explore.events import study_of
-    from vsgdesign.explore.scene import scene_of
-    from vsgdesign.parameters.loading import study_from_text
-
     document = {"controllers": ["angle_damped"]} | document
     state = session.state(document)
     study = session.study_of(state)
@@ -198,12 +202,27 @@ def test_a_saved_study_runs_as_the_page_shows(session: Session, document: dict[s
 
 
 def test_several_controllers_are_saved_together(session: Session) -> None:
-    from vsgdesign.parameters.loading import study_from_text
-
     read = study_from_text(session.save({"map_of": "decoupled"})["toml"])
     assert [spec.name for spec in read.controllers] == [spec.name for spec in session.study.controllers]
     result = run_scenario(read, Ready())
     assert [one.spec.name for one in result.controllers] == [spec.name for spec in read.controllers]
+
+
+def test_a_saved_table_is_named_by_its_file(tmp_path: Path) -> None:
+    study = load_study("studies/table/study.toml")
+    made, path = table(name="table", base=base_of(study, "impedance")), tmp_path / "table.json"
+    write_table_file(made, path)
+    session = Session(study, Ready(tables={"table": made}), files={"table": path})
+    read = study_from_text(session.save({})["toml"])
+    assert [spec.table_file for spec in read.controllers] == [None, str(path)]
+    assert read_tables(read)["table"].sha256 == made.sha256
+    # With another filter of P the same table would be refused: a run designs it for the changed study.
+    text = session.save({"changes": {"power_loops.tau_P": "8 ms"}})["toml"]
+    assert "designs it again" in text
+    assert study_from_text(text).controllers[1].table_file is None
+    # Held gains are numbers.
+    held = study_from_text(session.save({"hold": {"scr": 5.0, "x_over_r": 1.0}})["toml"])
+    assert [spec.kind for spec in held.controllers] == ["fixed", "fixed"]
 
 
 def test_what_cannot_be_saved_says_why(session: Session) -> None:
@@ -214,8 +233,6 @@ def test_what_cannot_be_saved_says_why(session: Session) -> None:
 
 
 def test_the_session_of_a_study_without_a_document_cannot_be_changed() -> None:
-    from dataclasses import replace
-
     study = replace(load_study("studies/structures/study.toml"), origin=None)
     with pytest.raises((StateError, StudyError), match="document"):
         Session(study, NOTHING).save({})

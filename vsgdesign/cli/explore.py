@@ -57,6 +57,7 @@ def explore(
         if browser:
             _open_browser(server.gate.address + _fragment(link))
         session = _session(file, study_file, controller, link, opening)
+        session.info()  # its models are loaded here, where Ctrl-C is heard
         opening.open(session)
         threading.Thread(target=session.warm_up, name="warm-up", daemon=True).start()
         click.echo("Ctrl-C ends the explorer.", err=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.explore.fields import fields_of
@@ -58,12 +59,12 @@ def modes_window(study: Study, ready: Ready) -> dict[str, list[float]]:
     """
     state = state_of(defaults(study), study)
     scr, x_over_r = (np.geomspace(*ends, 4) for ends in map_axes(study))
-    found = [np.empty(0, dtype=complex)]
+    found: list[NDArray[np.complex128]] = [np.empty(0, dtype=complex)]
     for one in shown_of(study, ready, state):
         if one.law is not None:
             cells = map_cells(one, state, scr, x_over_r)
             if cells.good.any():
-                found.append(np.linalg.eigvals(reduced_cells(one.study, cells).A).ravel())
+                found.append(np.linalg.eigvals(reduced_cells(one.study, cells).A).astype(complex).ravel())
     s = np.concatenate(found)
     s = s[np.abs(s) < NEAR_RAD_S]
     if len(s) == 0:

@@ -13,7 +13,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from vsgdesign.errors import VsgDesignError
 from vsgdesign.explore.answer import as_bytes, json_value
@@ -154,7 +154,11 @@ class _Handler(BaseHTTPRequestHandler):
     disable_nagle_algorithm = True
     wbufsize = 2**16
     timeout = IDLE_S
-    server: ExplorerServer
+
+    @property
+    def explorer(self) -> ExplorerServer:
+        """The server, which is one of this page."""
+        return cast(ExplorerServer, self.server)
 
     def do_GET(self) -> None:
         self._answer({"study": self._study}, self._page)
@@ -165,7 +169,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _answer(self, answers: Mapping[str, Callable[[str], None]], otherwise: Callable[[str], None]) -> None:
         self._read = self.command == "GET" and "Content-Length" not in self.headers
         try:
-            gate, headers = self.server.gate, self.headers
+            gate, headers = self.explorer.gate, self.headers
             name = gate.enter(self.path, headers.get_all("Host", []), headers.get_all("Origin", []))
             answers.get(name, otherwise)(name)
         except RefusedError as refused:
@@ -174,24 +178,24 @@ class _Handler(BaseHTTPRequestHandler):
             self.close_connection = True
 
     def _page(self, name: str) -> None:
-        path = self.server.pages.get(name)
+        path = self.explorer.pages.get(name)
         if path is None:
             raise RefusedError(405, "POST is needed.") if name in POSTED else NOTHING_HERE
         self._send(200, path.read_bytes(), TYPES[path.suffix])
 
     def _nothing(self, name: str) -> None:
-        raise RefusedError(405, "GET is needed.") if name == "study" or name in self.server.pages else NOTHING_HERE
+        raise RefusedError(405, "GET is needed.") if name == "study" or name in self.explorer.pages else NOTHING_HERE
 
     def _study(self, _name: str) -> None:
-        self._send_json(200, self.server.opening.study())
+        self._send_json(200, self.explorer.opening.study())
 
     def _numbers(self, kind: str) -> None:
         wish = wish_of(self._body())
-        stale = self.server.latest.arrived(wish.tab, kind, wish.seq)
-        session = self.server.opening.session(IDLE_S)
+        stale = self.explorer.latest.arrived(wish.tab, kind, wish.seq)
+        session = self.explorer.opening.session(IDLE_S)
 
         def found() -> tuple[bytes, str] | None:
-            with self.server.locks[kind]:
+            with self.explorer.locks[kind]:
                 if stale():
                     return None
                 begin = time.perf_counter()
@@ -205,7 +209,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _save(self, _name: str) -> None:
         wish = wish_of(self._body())
-        session = self.server.opening.session(IDLE_S)
+        session = self.explorer.opening.session(IDLE_S)
         self._send_found(lambda: (_json(session.save(wish.state)), JSON))
 
     def _send_found(self, find: Callable[[], tuple[bytes, str] | None]) -> None:
@@ -218,7 +222,7 @@ class _Handler(BaseHTTPRequestHandler):
                 raise RefusedError(422, str(error)) from error
             self._send_json(422, {"faults": faults})
         except Exception as error:
-            self.server.complain(traceback.format_exc())
+            self.explorer.complain(traceback.format_exc())
             raise RefusedError(500, f"{type(error).__name__}: {str(error)[:300]}") from error
         else:
             body, kind = (b"", BINARY) if found is None else found
