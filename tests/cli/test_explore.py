@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.small_studies import call, failure, study_file
+from tests.cli.small_studies import call, study_file
 
 COMMAND = [sys.executable, "-m", "vsgdesign.cli.program", "explore"]
 
@@ -49,6 +49,16 @@ def _get(address: str) -> bytes:
         return response.read()
 
 
+def _refused(*arguments: str | Path) -> str:
+    """What the verb says where its input is wrong. The address is printed before the input is read."""
+    shown = call("explore", *arguments, "--no-browser")
+    assert shown.exit_code == 2, shown.output
+    assert isinstance(shown.exception, SystemExit), shown.exception
+    assert shown.stdout.startswith("explorer: http://127.0.0.1:")
+    assert shown.stdout.count("\n") == 1
+    return shown.stderr
+
+
 def test_it_serves_a_study_until_ctrl_c(tmp_path: Path) -> None:
     study_file(tmp_path)
     with _explorer(tmp_path, "small.toml", "--state", '{"scr": 4}') as (process, link):
@@ -72,7 +82,7 @@ def test_it_serves_a_study_until_ctrl_c(tmp_path: Path) -> None:
 
 def test_a_study_with_faults_ends_it_and_says_them_all(tmp_path: Path) -> None:
     study_file(tmp_path, 'colour = "red"\n[power_loops]\ntau_P = "1 V"\n')
-    message = failure(2, "explore", tmp_path / "small.toml", "--no-browser")
+    message = _refused(tmp_path / "small.toml")
     assert "colour: unknown field" in message
     assert "power_loops.tau_P" in message
 
@@ -112,16 +122,20 @@ def test_a_port_that_is_taken_is_said(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("state", "words"),
-    [("nonsense", "--state = nonsense"), ('{"scr": -1, "x_over_r": "a"}', "scr = -1"), ('{"typo": 1}', "typo")],
+    [
+        ("nonsense", "nonsense is not the state of a link"),
+        ('{"scr": -1, "x_over_r": "a"}', "SCR must be"),
+        ('{"typo": 1}', "typo"),
+    ],
 )
 def test_a_wrong_state_is_said(tmp_path: Path, state: str, words: str) -> None:
     path = study_file(tmp_path)
-    message = failure(2, "explore", path, "--no-browser", "--state", state)
+    message = _refused(path, "--state", state)
     assert words in message
 
 
 def test_a_table_of_another_converter_is_refused(tmp_path: Path) -> None:
     path = study_file(tmp_path)
     (tmp_path / "table.json").write_text("{}", encoding="utf-8")
-    message = failure(2, "explore", tmp_path / "table.json", "--study", path, "--no-browser")
+    message = _refused(tmp_path / "table.json", "--study", path)
     assert "no controller of the study has a gain table" in message

@@ -23,6 +23,7 @@ from vsgdesign.explore.answer import Answer, as_bytes, json_value
 from vsgdesign.explore.events import study_of
 from vsgdesign.explore.fields import changed_study
 from vsgdesign.explore.linear import linear_answer
+from vsgdesign.explore.live import simulated
 from vsgdesign.explore.maps import map_axes
 from vsgdesign.explore.scene import scene_of
 from vsgdesign.explore.session import Session, start_of
@@ -31,7 +32,6 @@ from vsgdesign.parameters import load_study
 from vsgdesign.parameters.loading import study_from_text
 from vsgdesign.parameters.study import Place
 from vsgdesign.simulation import run_scenario
-from vsgdesign.simulation.scenario import run_controller
 
 
 @pytest.fixture(scope="module")
@@ -149,12 +149,12 @@ def test_the_state_of_a_link(session: Session) -> None:
         assert (state.scr, state.figure) == (4.0, "damping")
         assert state.x_over_r == session.start.x_over_r
     for text in ("nonsense", "#[1]", "#" + "[" * 100_000):
-        with pytest.raises(StateError, match="--state"):
+        with pytest.raises(StateError, match="not the state of a link"):
             start_of(text, session.study)
 
 
 def test_a_wrong_start_is_refused(session: Session) -> None:
-    with pytest.raises(StateError, match="scr"):
+    with pytest.raises(StateError, match="SCR"):
         Session(session.study, NOTHING, start={"scr": 0})
 
 
@@ -194,18 +194,34 @@ def test_a_saved_study_runs_as_the_page_shows(session: Session, document: dict[s
     assert saved["name"].endswith(".toml")
     read = study_from_text(saved["toml"], folder="/nowhere")
     expected = study_of(scene_of(study, NOTHING, state), NOTHING, state, 0)
-    runs = [run_controller(one, one.controllers[0], NOTHING) for one in (read, expected)]
-    logs = [run.simulation.log for run in runs]
+    logs = [simulated(one, NOTHING).log for one in (read, expected)]
     assert logs[0].shape == logs[1].shape
     # The file gives SCR and X/R, the page's study R_g and L_g: they differ in the last bits.
     np.testing.assert_allclose(logs[0], logs[1], rtol=1e-6, atol=1e-6 * np.abs(logs[1]).max())
 
 
-def test_several_controllers_are_saved_together(session: Session) -> None:
-    read = study_from_text(session.save({"map_of": "decoupled"})["toml"])
-    assert [spec.name for spec in read.controllers] == [spec.name for spec in session.study.controllers]
-    result = run_scenario(read, Ready())
-    assert [one.spec.name for one in result.controllers] == [spec.name for spec in read.controllers]
+def test_controllers_that_need_other_references_are_left_out(session: Session) -> None:
+    # At SCR 2 the voltage is 1.2 pu: another droop of V adds another Q, and one study has one Q_ref.
+    saved = session.save({"map_of": "decoupled"})
+    read = study_from_text(saved["toml"])
+    assert [spec.name for spec in read.controllers] == ["decoupled", "angle_damped"]
+    assert "published is left out: with its droops it needs other references" in saved["words"]
+    assert "# published is left out" in saved["toml"]
+    result = run_scenario(read, NOTHING).controllers[0]
+    answer = session.answer("emt", {"controllers": ["decoupled"]})
+    assert answer is not None
+    P = result.simulation.column("P") / read.converter.S_rated
+    np.testing.assert_allclose(answer.arrays["0/P"][[0, -1]], P[[0, -1]], rtol=1e-4)
+
+
+def test_controllers_with_the_same_references_are_saved_together(session: Session) -> None:
+    # Without droop of V, and at the nominal frequency, every controller takes the powers themselves.
+    document = {"changes": {"power_loops.Q_droop": 0, "power_loops.droop_ratio": 0}}
+    saved = session.save(document | {"controllers": ["decoupled", "angle_damped"]})
+    read = study_from_text(saved["toml"])
+    assert [spec.name for spec in read.controllers] == ["decoupled", "angle_damped"]
+    assert saved["words"] == ""
+    assert len(run_scenario(read, NOTHING).controllers) == 2
 
 
 def test_a_saved_table_is_named_by_its_file(tmp_path: Path) -> None:
@@ -213,16 +229,16 @@ def test_a_saved_table_is_named_by_its_file(tmp_path: Path) -> None:
     made, path = table(name="table", base=base_of(study, "impedance")), tmp_path / "table.json"
     write_table_file(made, path)
     session = Session(study, Ready(tables={"table": made}), files={"table": path})
-    read = study_from_text(session.save({})["toml"])
-    assert [spec.table_file for spec in read.controllers] == [None, str(path)]
+    read = study_from_text(session.save({"controllers": ["table"]})["toml"])
+    assert [spec.table_file for spec in read.controllers] == [str(path)]
     assert read_tables(read)["table"].sha256 == made.sha256
     # With another filter of P the same table would be refused: a run designs it for the changed study.
-    text = session.save({"changes": {"power_loops.tau_P": "8 ms"}})["toml"]
+    text = session.save({"changes": {"power_loops.tau_P": "8 ms"}, "controllers": ["table"]})["toml"]
     assert "designs it again" in text
-    assert study_from_text(text).controllers[1].table_file is None
+    assert study_from_text(text).controllers[0].table_file is None
     # Held gains are numbers.
-    held = study_from_text(session.save({"hold": {"scr": 5.0, "x_over_r": 1.0}})["toml"])
-    assert [spec.kind for spec in held.controllers] == ["fixed", "fixed"]
+    held = study_from_text(session.save({"hold": {"scr": 5.0, "x_over_r": 1.0}, "controllers": ["table"]})["toml"])
+    assert [spec.kind for spec in held.controllers] == ["fixed"]
 
 
 def test_what_cannot_be_saved_says_why(session: Session) -> None:

@@ -132,10 +132,16 @@ def _session(
     if opening is not None:
         opening.say("Loading the models.")
     from vsgdesign.artifacts.ready import Ready
+    from vsgdesign.errors import Fault, StudyError
     from vsgdesign.explore.session import Session, start_of
+    from vsgdesign.explore.state import StateError
 
-    start = None if link is None else start_of(link, study)
-    return Session(study, Ready(tables=kept.tables), files=kept.files, words=" ".join(kept.words), start=start)
+    try:
+        start = None if link is None else start_of(link, study)
+        return Session(study, Ready(tables=kept.tables), files=kept.files, words=" ".join(kept.words), start=start)
+    except StateError as error:
+        faults = [Fault(str(one["field"]), "", one["text"].rstrip(".")) for one in error.faults]
+        raise StudyError("--state", faults) from None
 
 
 def _write(file: str, study_file: str | None, controller: str | None, link: str | None, static: str) -> None:

@@ -14,6 +14,7 @@ from vsgdesign.explore.fields import fields_of
 from vsgdesign.explore.maps import figures_of, map_axes, map_cells, map_figures
 from vsgdesign.explore.scene import shown_of
 from vsgdesign.explore.state import defaults, state_of
+from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.parameters.study import Study
 from vsgdesign.stability.cells import reduced_cells
 
@@ -21,8 +22,6 @@ NEAR_RAD_S = 100.0
 """Modes up to this distance from the origin decide the window of the s-plane: slower than the inner loops."""
 ROOM = 1.4
 """The window is wider than the modes need by this factor: they move where a target changes or gains are held."""
-SETTLING_BAND = 0.02
-"""Half width of the band of the settling time, as a share of the step."""
 
 
 def study_info(study: Study, ready: Ready, colours: Mapping[str, str]) -> dict[str, Any]:

@@ -18,19 +18,26 @@ from vsgdesign.explore.state import OWN, State
 from vsgdesign.parameters.loading import study_from_document
 from vsgdesign.parameters.study import Event, Study, StudyOrigin
 from vsgdesign.parameters.toml_text import toml_text
+from vsgdesign.parameters.units import format_quantity
+from vsgdesign.simulation.steps import references_at
 from vsgdesign.verification.case_study import inner_loops_document, placed_document
 
 _LEFT_OUT = ("background", "sensors", "replay", "survival", "verification", "estimator", "grid", "simulation", "events")
 """Sections that the page does not show, or that the state says in other words."""
+SAME = 1e-6
+"""References that differ by less than this share of the rating are the same."""
 
 
-def saved_study(study: Study, ready: Ready, state: State, files: Mapping[str, Path]) -> str:
-    """The text of a study file for a state: its grid, source, powers, event, changed fields and shown controllers.
+def saved_study(study: Study, ready: Ready, state: State, files: Mapping[str, Path]) -> tuple[str, list[str]]:
+    """The text of a study file for a state, and sentences on what it does not say.
+
+    It contains the state's grid, source, powers, event, changed fields and shown controllers.
 
     ``study`` has the state's changes already; ``files`` has the file of each controller's gain table. Relative paths of
     the study become absolute, so the file may lie anywhere. Where gains are held, or are the user's own, the file gives
     them as numbers. The references are those that put the map's controller at the state's powers in spite of its
-    droops; the page takes references of its own for every controller. Raises StudyError where no study can say it.
+    droops. The page takes references of its own for every controller, and a study has one pair for all: a controller
+    that needs other references is left out, and a comment says so. Raises StudyError where no study can say it.
     """
     origin = study.origin
     if origin is None:
@@ -68,14 +75,16 @@ def saved_study(study: Study, ready: Ready, state: State, files: Mapping[str, Pa
     }
     notes: list[str] = []
     document["controllers"] = [
-        _controller(scene, ready, state, k, document, files, notes) for k in range(len(scene.shown))
+        _controller(scene, ready, state, k, document, files, notes)
+        for k in range(len(scene.shown))
+        if k == first or _fits(scene, k, run, notes)
     ]
     document["events"] = [_event(study, event) for event in run.events]
     text = toml_text(document, (*_head(study, scene, first), *notes))
     study_from_document(
         document, StudyOrigin(document, place, name, name), lambda _: (study.inner_gains, study.omega_t)
     )
-    return text
+    return text, notes
 
 
 def _head(study: Study, scene: Scene, first: int) -> tuple[str, ...]:
@@ -92,6 +101,22 @@ def _first(scene: Scene, state: State) -> int:
         reasons = "; ".join(dict.fromkeys(fault for fault in scene.cells.faults if fault)) or "no controller is shown"
         raise StudyError("state", [Fault("controllers", "", f"nothing can be saved: {reasons}", "Move the grid.")])
     return next((k for k in good if scene.shown[k].name == state.map_of), good[-1])
+
+
+def _fits(scene: Scene, k: int, run: Study, notes: list[str]) -> bool:
+    """Whether the references of the file put another controller at the same powers."""
+    name, fault = scene.shown[k].name, scene.cells.faults[k]
+    if fault is not None:
+        notes.append(f"{name} is left out: {fault}.")
+        return False
+    gains = PowerLoopGains(*(float(values[k]) for values in scene.cells.gains))
+    needed = references_at(scene.shown[k].study, scene.grid, gains, scene.P, scene.Q)
+    given = run.simulation.P_ref, run.simulation.Q_ref
+    if all(abs(a - b) < SAME * run.converter.S_rated for a, b in zip(needed, given, strict=True)):
+        return True
+    shown = ", ".join(format_quantity(float(f"{v:.4g}"), unit) for v, unit in zip(needed, ("W", "var"), strict=True))
+    notes.append(f"{name} is left out: with its droops it needs other references ({shown}). Save it alone.")
+    return False
 
 
 def _absolute(document: dict[str, Any], folder: str) -> dict[str, Any]:

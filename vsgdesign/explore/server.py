@@ -48,6 +48,8 @@ WAIT_S = 2.0
 """How long a request for the study waits before it says that the study is not ready."""
 IDLE_S = 300.0
 """A connection without requests is closed after this time."""
+POLL_S = 0.1
+"""How often the server looks whether it is to end."""
 DRAINED = 2**20
 """Bytes of a refused body that are read, so that the browser gets to read why."""
 
@@ -138,7 +140,7 @@ class ExplorerServer(ThreadingHTTPServer):
 
     def begin(self) -> None:
         """Serve in a thread of its own until :meth:`end`."""
-        threading.Thread(target=self.serve_forever, name="explorer", daemon=True).start()
+        threading.Thread(target=self.serve_forever, args=(POLL_S,), name="explorer", daemon=True).start()
 
     def end(self) -> None:
         """Stop serving, and free the port."""

@@ -146,15 +146,18 @@ class Session:
         map_answer(self.study_of(self.start), self.ready, self.start)
 
     def save(self, document: Any) -> dict[str, str]:
-        """A name and the text of a study file for a state of the page. Raises StateError."""
+        """A name and the text of a study file for a state of the page, and words on what the file does not say.
+
+        Raises StateError.
+        """
         from vsgdesign.explore.saving import saved_study
 
         state = self.state(document)
         try:
-            text = saved_study(self.study_of(state), self.ready, state, self.files)
+            text, notes = saved_study(self.study_of(state), self.ready, state, self.files)
         except StudyError as error:
             raise StateError(faults_of(error)) from error
-        return {"name": f"{self.study.name}-explored.toml", "toml": text}
+        return {"name": f"{self.study.name}-explored.toml", "toml": text, "words": " ".join(notes)}
 
     def _with_changes(self, changes: dict[str, Any]) -> Study:
         from vsgdesign.explore.fields import changed_study
@@ -197,5 +200,5 @@ def start_of(text: str, study: Study) -> dict[str, Any]:
 
 def _no_state(text: str, why: str) -> StateError:
     shown = text if len(text) <= 60 else text[:57] + "..."
-    words = f"--state = {shown}: is not the state of a link ({why}). Copy the link of the page, or its part after #."
+    words = f"{shown} is not the state of a link ({why}). Copy the link of the page, or its part after #."
     return StateError([{"field": "--state", "value": shown, "limit": "", "unit": "", "text": words}])
