@@ -65,7 +65,7 @@ def static_text(session: Session, tell: Progress = silent) -> str:
     info = session.info()
     counts = _counts(session)
     scr, x_over_r = (
-        [float(f"{value:.3g}") for value in np.geomspace(*info["map"][name], count)]
+        [float(f"{value:.3g}") for value in np.geomspace(info["map"][name][0], info["map"][name][1], count)]
         for name, count in zip(("scr", "x_over_r"), counts, strict=True)
     )
     start = replace(session.start, hold=None)
