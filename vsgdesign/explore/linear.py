@@ -25,7 +25,7 @@ from vsgdesign.stability.cells import CellSet, full_order_cells, reduced_cells
 from vsgdesign.stability.loci import mode_movements, modes
 from vsgdesign.stability.loops import FullOrderLoop
 from vsgdesign.stability.margins import MARGINS, eigenvalues_of, margins_named
-from vsgdesign.stability.steps import full_order_settling, full_order_step, reduced_step_by_modes
+from vsgdesign.stability.steps import full_order_settling, full_order_step, reduced_step
 
 Array = NDArray[np.float64]
 
@@ -187,7 +187,7 @@ def _drawn(model: FullOrderModel, reduced: CoupledModel, omega: Array, signal: s
     T_s = model.T_s
     every = max(round(STEP_S / STEP_POINTS / T_s), 1)
     t, full = full_order_step(model, f"{signal}_ref", signal, STEP_S, every)
-    _, ideal = reduced_step_by_modes(reduced, f"{signal}_ref", signal, float(t[-1]), every * T_s)
+    _, ideal = reduced_step(reduced, f"{signal}_ref", signal, float(t[-1]), every * T_s)
     count, S = len(full), FullOrderLoop(model).on(omega)
     lines = {
         "bode_w": np.tile(omega, (count, 1)),

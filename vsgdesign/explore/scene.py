@@ -110,7 +110,8 @@ def shown_of(study: Study, ready: Ready, state: State) -> tuple[Shown, ...]:
                     note=None if law is None else _note(study, spec, ready),
                 )
             )
-    if OWN in state.controllers and state.own is not None:
+    # A controller of the study that has this name itself is the one that is meant.
+    if OWN in state.controllers and state.own is not None and all(one.name != OWN for one in found):
         spec = ControllerSpec(name=OWN, kind="fixed", target=study.target, gains=state.own)
         found.append(Shown(name=OWN, spec=spec, study=study, law=gain_law(study, spec)))
     return tuple(found)

@@ -116,7 +116,7 @@ class State:
 
 def names_of(study: Study) -> tuple[str, ...]:
     """Names of the controllers that can be shown: those of the study, then the user's own gains."""
-    return (*(spec.name for spec in study.controllers), OWN)
+    return tuple(dict.fromkeys([*(spec.name for spec in study.controllers), OWN]))
 
 
 def defaults(study: Study, ready: Ready = NOTHING) -> dict[str, Any]:  # noqa: ARG001 - as the session calls it
@@ -218,7 +218,8 @@ def state_of(document: Any, study: Study) -> State:
     if reader.faults:
         raise StateError(reader.faults)
     # In the order of the study, so that colours and rows stay where they are.
-    order = tuple(name for name in known if name in shown and (name != OWN or values["own"] is not None))
+    of_study = [spec.name for spec in study.controllers]
+    order = tuple(name for name in known if name in shown and (name in of_study or values["own"] is not None))
     return State(**values, controllers=order, changes=tuple(sorted(changes.items())))
 
 

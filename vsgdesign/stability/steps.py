@@ -18,24 +18,11 @@ Array = NDArray[np.float64]
 _CELLS = 64
 """Cells whose powers are kept at once."""
 
-_BLOCK = 256
-"""Steps whose states are kept, so that outputs are made of many at once."""
-
 
 def reduced_step(model: CoupledModel, input_: str, output: str, t_end: float, dt: float) -> tuple[Array, Array]:
-    """Unit step responses (N, K) of the reduced model at times (K,): exact at the samples."""
-    column, row = INPUTS.index(input_), OUTPUTS.index(output)
-    A, b = transitions(model.A, model.B[:, :, [column]], dt)
-    return _recurse(A, b[:, :, 0], model.C[:, row], model.D[:, row, column], round(t_end / dt), dt)
+    """Unit step responses (N, K) of the reduced model at times (K,): exact at the samples.
 
-
-def reduced_step_by_modes(
-    model: CoupledModel, input_: str, output: str, t_end: float, dt: float
-) -> tuple[Array, Array]:
-    """Unit step responses (N, K) of the reduced model at times (K,), as a sum over the modes.
-
-    They equal those of :func:`reduced_step` up to rounding, and the time does not grow with the number of steps that
-    lie between two samples. The model is sampled exactly, by its matrix exponential over ``dt``.
+    The model is sampled by its matrix exponential over ``dt``, and its response is a sum over the modes.
     """
     column, row = INPUTS.index(input_), OUTPUTS.index(output)
     A, b = transitions(model.A, model.B[:, :, [column]], dt)
@@ -98,19 +85,6 @@ def _stepped(A: Array, B: Array, C: Array, every: int, count: int) -> Array:
         y[k] = C @ x[:n]
         x = several @ x
     return y
-
-
-def _recurse(A: Array, b: Array, c: Array, d: Array, steps: int, dt: float) -> tuple[Array, Array]:
-    y = np.empty((len(b), steps + 1))
-    states = np.zeros((_BLOCK + 1, *b.shape))
-    for first in range(0, steps + 1, _BLOCK):
-        count = min(_BLOCK, steps + 1 - first)
-        for k in range(count):
-            np.einsum("ijk,ik->ij", A, states[k], out=states[k + 1])
-            states[k + 1] += b
-        y[:, first : first + count] = np.einsum("ij,kij->ik", c, states[:count]) + d[:, None]
-        states[0] = states[count]
-    return np.arange(steps + 1, dtype=np.float64) * dt, y
 
 
 def reduced_step_metrics(
