@@ -31,9 +31,15 @@ export class Actions {
       if (!menu.contains(event.target)) menu.open = false;
     });
     const name = (ending) => fileName(page.info.study.name, ending);
-    actionPart("svg").addEventListener("click", () => this.take(() => download(name("svg"), this.svg(), "image/svg+xml")));
-    actionPart("png").addEventListener("click", () => this.take(async () => download(name("png"), await pngOf(this.svg()), "image/png")));
-    actionPart("csv").addEventListener("click", () => this.take(() => download(name("csv"), dataCsv(page.answers, store.state), "text/csv")));
+    actionPart("svg").addEventListener("click", () =>
+      this.take(() => download(name("svg"), this.svg(), "image/svg+xml")),
+    );
+    actionPart("png").addEventListener("click", () =>
+      this.take(async () => download(name("png"), await pngOf(this.svg()), "image/png")),
+    );
+    actionPart("csv").addEventListener("click", () =>
+      this.take(() => download(name("csv"), dataCsv(page.answers, store.state), "text/csv")),
+    );
   }
 
   async take(make) {
@@ -58,7 +64,9 @@ export class Actions {
     const link = window.location.href;
     try {
       await navigator.clipboard.writeText(link);
-      notice("The link is copied. While this explorer runs it opens this state; its part after # opens it in another run with --state.");
+      notice(
+        "The link is copied. While this explorer runs it opens this state; its part after # opens it in another run with --state.",
+      );
     } catch {
       notice("The browser does not let the page copy. The address above is the link.");
     }
@@ -84,7 +92,12 @@ export class Actions {
     const header = answers.map ? answers.map.header : {};
     const figure = `${header.label || ""}${header.controller ? ` of ${header.controller}` : ""}`;
     const kind = ((info.events || []).find((e) => e.kind === event.kind) || {}).label || event.kind;
-    const titles = { map: figure, response: `Response to: ${kind} (solid EMT, dotted linear)`, modes: "Modes", bode: `Open loop ${bode.loop}` };
+    const titles = {
+      map: figure,
+      response: `Response to: ${kind} (solid EMT, dotted linear)`,
+      modes: "Modes",
+      bode: `Open loop ${bode.loop}`,
+    };
     const headline = [info.study.title || info.study.name, `SCR ${scr.toFixed(2)}, X/R ${ratio.toFixed(2)}${held}`];
     const controllers = answers.linear ? this.page.shownOf(answers.linear) : [];
     return figuresSvg({ map, modes, bode, response, titles, headline, controllers });

@@ -1,6 +1,19 @@
 // The loop's frequency response: magnitude over phase with one frequency axis. The margins are marked where they are
 // read: the phase margin at the crossing of 0 dB, the gain margin at the crossing of -180 degrees.
-import { Figure, clipped, drawAxes, drawLevel, drawLine, drawWords, lineColour, logTicks, plateText, scaleOf, theme, tickText } from "./draw.js";
+import {
+  Figure,
+  clipped,
+  drawAxes,
+  drawLevel,
+  drawLine,
+  drawWords,
+  lineColour,
+  logTicks,
+  plateText,
+  scaleOf,
+  theme,
+  tickText,
+} from "./draw.js";
 
 const POWERS = { 0.1: "0.1", 1: "1", 10: "10", 100: "100", 1000: "1 000", 10000: "10⁴", 100000: "10⁵" };
 
@@ -70,7 +83,13 @@ export class BodePlot {
 
   axisX(box, bare) {
     const scale = scaleOf(this.limits.w, box.x, box.w, true);
-    return { scale, ticks: logTicks(scale.low, scale.high), text: powerText, label: bare ? "" : "frequency in rad/s", bare };
+    return {
+      scale,
+      ticks: logTicks(scale.low, scale.high),
+      text: powerText,
+      label: bare ? "" : "frequency in rad/s",
+      bare,
+    };
   }
 
   paintMagnitude({ ctx, box }) {
@@ -86,7 +105,8 @@ export class BodePlot {
         if (!c.w) continue;
         drawLine(ctx, box, x.scale, sy, c.w, c.mag, this.style(c));
         if (c.crossover) this.dot(ctx, x.scale(c.crossover), sy(0), c);
-        if (c.phaseCrossover) this.bar(ctx, x.scale(c.phaseCrossover), sy(0), sy(onCurve(c.w, c.mag, c.phaseCrossover)), c);
+        if (c.phaseCrossover)
+          this.bar(ctx, x.scale(c.phaseCrossover), sy(0), sy(onCurve(c.w, c.mag, c.phaseCrossover)), c);
       }
     });
     return undefined;

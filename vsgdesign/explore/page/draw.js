@@ -3,22 +3,56 @@
 import { SvgContext } from "./svg.js";
 
 const LIGHT = {
-  text: "#1f2328", soft: "#57606a", rule: "#8c959f", grid: "#e6e8eb", back: "#ffffff", unstableSide: "#fbeeee", band: "#d9ebe2",
-  limit: "#b3261e", middle: [247, 247, 247], bad: [178, 48, 28], good: [33, 102, 172], badHalf: [244, 178, 140], goodHalf: [146, 197, 222],
-  none: "#e4e4e4", unstable: "#4a3a57", unstableLine: "#8d7c9b", black: "#111111",
+  text: "#1f2328",
+  soft: "#57606a",
+  rule: "#8c959f",
+  grid: "#e6e8eb",
+  back: "#ffffff",
+  unstableSide: "#fbeeee",
+  band: "#d9ebe2",
+  limit: "#b3261e",
+  middle: [247, 247, 247],
+  bad: [178, 48, 28],
+  good: [33, 102, 172],
+  badHalf: [244, 178, 140],
+  goodHalf: [146, 197, 222],
+  none: "#e4e4e4",
+  unstable: "#4a3a57",
+  unstableLine: "#8d7c9b",
+  black: "#111111",
 };
 const DARK = {
-  text: "#e6e9ed", soft: "#a9b1bb", rule: "#6e7681", grid: "#2b3138", back: "#15191e", unstableSide: "#2b1c1f", band: "#1d3a30",
-  limit: "#ff8a80", middle: [50, 55, 62], bad: [236, 112, 70], good: [86, 160, 226], badHalf: [140, 80, 60], goodHalf: [62, 100, 138],
-  none: "#20252b", unstable: "#08060a", unstableLine: "#55465f", black: "#f4f6f8",
+  text: "#e6e9ed",
+  soft: "#a9b1bb",
+  rule: "#6e7681",
+  grid: "#2b3138",
+  back: "#15191e",
+  unstableSide: "#2b1c1f",
+  band: "#1d3a30",
+  limit: "#ff8a80",
+  middle: [50, 55, 62],
+  bad: [236, 112, 70],
+  good: [86, 160, 226],
+  badHalf: [140, 80, 60],
+  goodHalf: [62, 100, 138],
+  none: "#20252b",
+  unstable: "#08060a",
+  unstableLine: "#55465f",
+  black: "#f4f6f8",
 };
 
 // The controllers' colours (Okabe and Ito): the light ones are darker on a white page, and all are lighter on a dark one,
 // so that a line has a contrast of at least 3 to its ground.
 const ON_LIGHT = { "#CC79A7": "#b8588f", "#E69F00": "#b37a00", "#56B4E9": "#2f8fc6" };
 const ON_DARK = {
-  "#0072B2": "#4aa8ec", "#D55E00": "#f5853a", "#009E73": "#22c799", "#CC79A7": "#e6a3c9",
-  "#E69F00": "#f4b93f", "#56B4E9": "#9fd8fb", "#000000": "#f2f2f2", "#777777": "#adb3ba",
+  "#0072B2": "#4aa8ec",
+  "#D55E00": "#f5853a",
+  "#009E73": "#22c799",
+  "#CC79A7": "#e6a3c9",
+  "#E69F00": "#f4b93f",
+  "#56B4E9": "#9fd8fb",
+  "#000000": "#f2f2f2",
+  "#777777": "#adb3ba",
 };
 
 const darkQuery = window.matchMedia("(prefers-color-scheme: dark)");
@@ -97,7 +131,8 @@ export function logTicks(low, high, multiples = [1]) {
 }
 
 /** A tick's text, with a true minus sign. */
-export const tickText = (value) => (value === 0 ? "0" : String(Number(value.toPrecision(6)))).replace("-", "−").replace("e+", "e");
+export const tickText = (value) =>
+  (value === 0 ? "0" : String(Number(value.toPrecision(6)))).replace("-", "−").replace("e+", "e");
 
 /** Limits with some room around the values, on round numbers; null without values. */
 export function roomFor(values, least = 0) {

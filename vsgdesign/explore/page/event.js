@@ -13,7 +13,13 @@ export class EventPanel {
     eventPart("event").replaceChildren(...events.map((e) => eventOption(e.kind, e.label)));
     eventPart("event").addEventListener("change", (event) => {
       const chosen = events.find((e) => e.kind === event.target.value);
-      store.set({ event: { ...store.state.event, kind: chosen.kind, ...(Number.isFinite(chosen.value) ? { size: chosen.value } : {}) } });
+      store.set({
+        event: {
+          ...store.state.event,
+          kind: chosen.kind,
+          ...(Number.isFinite(chosen.value) ? { size: chosen.value } : {}),
+        },
+      });
       store.commit();
     });
     const specs = [
@@ -23,9 +29,30 @@ export class EventPanel {
     ];
     this.fields = specs.map((spec) => {
       const given = (info.fields || []).find((f) => f.path === spec.path);
-      return new Field({ low: given && given.low, high: given && given.high, scale: given && given.scale, ...spec, value: NaN }, store, { slider: false, compact: true });
+      return new Field(
+        {
+          low: given && given.low,
+          high: given && given.high,
+          scale: given && given.scale,
+          ...spec,
+          value: NaN,
+        },
+        store,
+        { slider: false, compact: true },
+      );
     });
-    this.sizeFields = events.map((e) => new Field({ ...e, path: "event.size", label: { step: "by", sag: "by", ramp: "by", phase: "by" }[e.kind] || "size" }, store, { slider: false, compact: true }));
+    this.sizeFields = events.map(
+      (e) =>
+        new Field(
+          {
+            ...e,
+            path: "event.size",
+            label: { step: "by", sag: "by", ramp: "by", phase: "by" }[e.kind] || "size",
+          },
+          store,
+          { slider: false, compact: true },
+        ),
+    );
     this.paths = ["event.size", ...specs.map((spec) => spec.path)];
     this.signal = document.createElement("select");
     this.signal.append(eventOption("P", "of P"), eventOption("Q", "of Q"));
@@ -35,7 +62,11 @@ export class EventPanel {
       store.commit();
       onSignal(this.signal.value);
     });
-    eventPart("event-fields").append(this.signal, ...this.sizeFields.map((f) => f.row), ...this.fields.map((f) => f.row));
+    eventPart("event-fields").append(
+      this.signal,
+      ...this.sizeFields.map((f) => f.row),
+      ...this.fields.map((f) => f.row),
+    );
     for (const field of this.sizeFields) field.row.classList.add("size");
     if (info.static) eventPart("event-fields").hidden = true;
   }

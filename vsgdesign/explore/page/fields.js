@@ -1,37 +1,6 @@
 // Sliders and number fields with units, made from the study's description of its fields. What cannot be used is marked
 // at its field with the limit and the unit; the last good value stays in force.
-
-const stepDigits = (step) => Math.max(0, Math.min(6, -Math.floor(Math.log10(step) + 1e-9)));
-
-export const fieldText = (value, step) => (Number.isFinite(value) ? value.toFixed(stepDigits(step || 0.01)) : "");
-
-const PREFIXES = { "": 0, k: 3, M: 6, m: -3, "µ": -6, u: -6 };
-const BASES = ["s", "W", "var", "VA", "V", "A", "Hz", "H", "Ω"];
-
-/** The power of ten from one unit to another of the same kind ("ms" to "s": -3); NaN where they differ in kind. */
-function powerBetween(from, to) {
-  if (from === to) return 0;
-  if (from === "%" && (to === "" || to === "pu")) return -2;
-  for (const base of BASES) {
-    const [a, b] = [from, to].map((unit) => (unit.endsWith(base) ? PREFIXES[unit.slice(0, unit.length - base.length)] : undefined));
-    if (a !== undefined && b !== undefined) return a - b;
-  }
-  return NaN;
-}
-
-/**
- * What a text says in a field's unit: {value}, or {fault} in words. The unit may be typed too, with another prefix.
- * A comma as decimal sign and a true minus are understood.
- */
-export function readNumber(text, unit = "") {
-  const parts = text.trim().replace("−", "-").replace(",", ".").match(/^([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*(.*)$/i);
-  if (!parts) return { value: NaN, fault: `“${text}” is not a number.` };
-  const power = parts[2] === "" ? 0 : powerBetween(parts[2], unit);
-  if (Number.isNaN(power)) return { value: NaN, fault: `“${text}” is ${unit ? `not in ${unit}` : "not a plain number: this field has no unit"}.` };
-  return { value: Number((Number(parts[1]) * 10 ** power).toPrecision(12)) };
-}
-
-const plainNumber = (value) => String(Number(value.toPrecision(5))).replace("-", "−");
+import { fieldText, plainNumber, readNumber } from "./units.js";
 
 function made(tag, attributes = {}, ...children) {
   const e = document.createElement(tag);
@@ -58,12 +27,19 @@ export class Field {
     this.fault.setAttribute("role", "alert");
     this.input.setAttribute("aria-describedby", this.fault.id);
     const unit = made("span", { className: "unit" }, spec.unit || "");
-    const about = [spec.path.includes(".") ? spec.path : "", spec.controllers ? `acts on ${spec.controllers.join(", ")}` : ""];
+    const about = [
+      spec.path.includes(".") ? spec.path : "",
+      spec.controllers ? `acts on ${spec.controllers.join(", ")}` : "",
+    ];
     const name = made("label", { htmlFor: id, title: about.filter(Boolean).join("; ") }, spec.label);
     this.ends = spec.slider || [spec.low, spec.high];
     const ends = this.ends.every(Number.isFinite) && this.ends[0] < this.ends[1];
     this.log = slider && ends && this.ends[0] > 0 && this.ends[1] / this.ends[0] >= 30;
-    this.reset = made("button", { type: "button", className: "reset", title: "Back to the study's value", hidden: true }, "↺");
+    this.reset = made(
+      "button",
+      { type: "button", className: "reset", title: "Back to the study's value", hidden: true },
+      "↺",
+    );
     this.reset.setAttribute("aria-label", `${spec.label}: back to the study's value`);
     this.reset.addEventListener("click", () => this.back());
     this.row = made("div", { className: compact ? "field compact" : "field" }, name);
@@ -109,8 +85,10 @@ export class Field {
   write(shown) {
     this.clearFault();
     const tidy = Number(shown.toPrecision(9));
-    if (this.store.isOwnKey(this.spec.path)) return this.store.write(this.spec.path, Number((tidy / this.scale).toPrecision(9)));
-    const same = Number.isFinite(this.spec.value) && Math.abs(tidy - this.spec.value) <= 1e-9 * Math.abs(this.spec.value);
+    if (this.store.isOwnKey(this.spec.path))
+      return this.store.write(this.spec.path, Number((tidy / this.scale).toPrecision(9)));
+    const same =
+      Number.isFinite(this.spec.value) && Math.abs(tidy - this.spec.value) <= 1e-9 * Math.abs(this.spec.value);
     return this.store.write(this.spec.path, same ? null : this.spec.unit ? `${tidy} ${this.spec.unit}` : tidy);
   }
 
@@ -176,7 +154,9 @@ export class Field {
       return;
     }
     if (this.limited && (value < low - 1e-9 * Math.abs(low) || value > high + 1e-9 * Math.abs(high))) {
-      this.showFault(`${this.spec.label} must be from ${this.range()}, not ${plainNumber(value)}${unit ? " " + unit : ""}.`);
+      this.showFault(
+        `${this.spec.label} must be from ${this.range()}, not ${plainNumber(value)}${unit ? " " + unit : ""}.`,
+      );
       return;
     }
     this.edited = false;
@@ -196,7 +176,8 @@ export class Field {
   back() {
     const standard = this.standard;
     this.clearFault();
-    if (this.store.isOwnKey(this.spec.path)) this.store.write(this.spec.path, Number((standard / this.scale).toPrecision(9)));
+    if (this.store.isOwnKey(this.spec.path))
+      this.store.write(this.spec.path, Number((standard / this.scale).toPrecision(9)));
     else this.store.write(this.spec.path, null);
     this.store.commit();
     this.input.focus();
@@ -249,7 +230,13 @@ class ChoiceField {
   constructor(spec, store) {
     Object.assign(this, { spec, store });
     const id = `field${++fieldCount}`;
-    this.input = made("select", { id }, ...spec.choices.map((choice) => made("option", { value: choice }, `${choice}${spec.unit ? " " + spec.unit : ""}`)));
+    this.input = made(
+      "select",
+      { id },
+      ...spec.choices.map((choice) =>
+        made("option", { value: choice }, `${choice}${spec.unit ? " " + spec.unit : ""}`),
+      ),
+    );
     this.input.setAttribute("data-path", spec.path);
     this.fault = made("p", { className: "fault", hidden: true });
     this.row = made("div", { className: "field" }, made("label", { htmlFor: id }, spec.label), this.input, this.fault);
@@ -290,7 +277,8 @@ export class FieldList {
       if (!groups.has(group)) groups.set(group, []);
       groups.get(group).push(field.row);
     }
-    for (const [group, rows] of groups) root.append(made("details", { open: true }, made("summary", {}, group), ...rows));
+    for (const [group, rows] of groups)
+      root.append(made("details", { open: true }, made("summary", {}, group), ...rows));
     if ("own" in store.defaults && !info.static) this.makeOwn();
   }
 
@@ -304,7 +292,16 @@ export class FieldList {
     this.ownBox = made("div", { className: "own" });
     this.ownButton.addEventListener("click", () => this.switchOwn());
     const note = made("p", { className: "note" }, "A further controller with gains that you set by hand.");
-    this.root.append(made("details", { open: Boolean(this.store.state.own) }, made("summary", {}, "My own gains"), note, this.ownButton, this.ownBox));
+    this.root.append(
+      made(
+        "details",
+        { open: Boolean(this.store.state.own) },
+        made("summary", {}, "My own gains"),
+        note,
+        this.ownButton,
+        this.ownBox,
+      ),
+    );
     this.updateOwn();
   }
 
@@ -333,7 +330,14 @@ export class FieldList {
         const known = (this.info.gains || []).find((gain) => gain.name === name) || {};
         const start = Math.abs(own[name]) || 1;
         const step = known.step || 10 ** (Math.floor(Math.log10(start)) - 2);
-        const spec = { path: `own.${name}`, label: known.label || name, unit: known.unit || "", step, value: own[name], digits: 4 };
+        const spec = {
+          path: `own.${name}`,
+          label: known.label || name,
+          unit: known.unit || "",
+          step,
+          value: own[name],
+          digits: 4,
+        };
         return this.add(spec.path, new Field(spec, this.store, { slider: false }));
       });
       this.ownBox.replaceChildren(...this.ownFields.map((field) => field.row));
@@ -348,7 +352,8 @@ export class FieldList {
   /** Marks the fields of the faults; returns the faults that have no field. */
   mark(faults) {
     return faults.filter((fault) => {
-      const field = this.fields.get(fault.field) || this.fields.get(String(fault.field || "").replace(/^changes\./, ""));
+      const field =
+        this.fields.get(fault.field) || this.fields.get(String(fault.field || "").replace(/^changes\./, ""));
       if (field) field.showFault(faultText(fault));
       return !field;
     });

@@ -1,5 +1,5 @@
 // The explorer's page. It computes nothing of the physics: every number is an answer of the package's own functions.
-// Order: svg draw notice state transport map modes bode response fields event table save actions main
+// Order: svg draw notice state transport map modes bode response units fields event table save actions main
 import { onThemeChange } from "./draw.js";
 import { Store, linkOf, stateOfLink } from "./state.js";
 import { Transport, loadInfo, serverAsk, snapToLattice, staticAsk } from "./transport.js";
@@ -44,6 +44,7 @@ class Page {
     for (const box of document.querySelectorAll(".plot")) observer.observe(box);
     window.addEventListener("hashchange", () => this.openLink());
     document.documentElement.dataset.state = "ready";
+    document.querySelector("main").inert = false;
     this.changed();
   }
 
@@ -95,7 +96,10 @@ class Page {
       });
     }
     const known = (path) => (info.fields || []).find((f) => f.path === path);
-    const grid = [["scr", "SCR", info.map.scr], ["x_over_r", "X/R", info.map.x_over_r]];
+    const grid = [
+      ["scr", "SCR", info.map.scr],
+      ["x_over_r", "X/R", info.map.x_over_r],
+    ];
     this.gridFields = grid.map(([path, label, [low, high]]) => {
       const spec = { label, unit: "", low, high, step: 0.01, value: info.defaults[path], ...known(path), path };
       return new Field({ ...spec, step: Math.min(spec.step, 0.01) }, store, { slider: false, compact: true });
@@ -105,7 +109,14 @@ class Page {
     byId("hold").addEventListener("change", (event) => this.hold(event.target.checked));
     const holds = (key) => Boolean(info[key] && info[key].scr.length);
     const missed = holds("nodes") && info.nodes.kept && info.nodes.kept.some((kept) => !kept);
-    const signs = { node: holds("nodes"), missed, proof: holds("certificate"), limit: true, unstable: true, nothing: true };
+    const signs = {
+      node: holds("nodes"),
+      missed,
+      proof: holds("certificate"),
+      limit: true,
+      unstable: true,
+      nothing: true,
+    };
     for (const [sign, there] of Object.entries(signs)) byId("map-key").querySelector(`.${sign}`).hidden = !there;
   }
 
@@ -123,7 +134,8 @@ class Page {
     const { store, info } = this;
     const { scr, x_over_r: ratio } = store.state;
     const middle = (values) => values[Math.floor(values.length / 2)];
-    const fixed = info.static && (info.lattice.hold || { scr: middle(info.lattice.scr), x_over_r: middle(info.lattice.x_over_r) });
+    const fixed =
+      info.static && (info.lattice.hold || { scr: middle(info.lattice.scr), x_over_r: middle(info.lattice.x_over_r) });
     store.set({ hold: on ? fixed || { scr, x_over_r: ratio } : null });
     store.commit();
     say(on ? `The gains of SCR ${scr}, X/R ${ratio} are held.` : "The gains follow the grid again.");
@@ -131,7 +143,7 @@ class Page {
 
   makeSwitches() {
     const segment = (root, name, choices, choose) => {
-      for (const [value, text] of choices) {
+      for (const [value, text] of Object.entries(choices)) {
         const radio = Object.assign(document.createElement("input"), { type: "radio", name, value });
         radio.addEventListener("change", () => choose(value));
         const label = document.createElement("label");
@@ -140,8 +152,9 @@ class Page {
       }
       root.querySelector("input").checked = true;
     };
-    segment(byId("shown"), "shown", [["P", "P"], ["Q", "Q"], ["i_s_pu", "current"], ["v_pu", "voltage"], ["omega_hz", "frequency"]], (value) => this.response.choose(value));
-    segment(byId("loop"), "loop", [["P", "P"], ["Q", "Q"]], (value) => {
+    const quantities = { P: "P", Q: "Q", i_s_pu: "current", v_pu: "voltage", omega_hz: "frequency" };
+    segment(byId("shown"), "shown", quantities, (value) => this.response.choose(value));
+    segment(byId("loop"), "loop", { P: "P", Q: "Q" }, (value) => {
       this.bode.loop = value;
       this.showLinear();
     });
@@ -202,12 +215,18 @@ class Page {
     const { store, info } = this;
     const { scr, x_over_r: ratio, hold, figure } = store.state;
     byId("where").textContent = `SCR ${scr.toFixed(2)}   X/R ${ratio.toFixed(2)}`;
-    byId("map").setAttribute("aria-label", `Grid on the map: SCR ${scr.toFixed(2)}, X/R ${ratio.toFixed(2)}.${hold ? ` Gains held at SCR ${hold.scr}, X/R ${hold.x_over_r}.` : ""}`);
+    byId("map").setAttribute(
+      "aria-label",
+      `Grid on the map: SCR ${scr.toFixed(2)}, X/R ${ratio.toFixed(2)}.${hold ? ` Gains held at SCR ${hold.scr}, X/R ${hold.x_over_r}.` : ""}`,
+    );
     byId("undo").disabled = !store.canUndo;
     byId("redo").disabled = !store.canRedo;
     byId("hold").checked = Boolean(hold);
     byId("figure").value = figure;
-    byId("map-of").value = store.state.map_of || (this.answers.map && this.answers.map.header.controller) || info.controllers[info.controllers.length - 1].name;
+    byId("map-of").value =
+      store.state.map_of ||
+      (this.answers.map && this.answers.map.header.controller) ||
+      info.controllers[info.controllers.length - 1].name;
     this.fields.update();
     this.event.update(this.fields);
   }
@@ -259,8 +278,16 @@ class Page {
       // The answer has the crossings of the loop of P.
       const margins = q ? {} : c;
       return {
-        name: c.name, colour: c.colour, stable: c.stable, t: get("step_t"), full: get("step_full"), w: mag && w, mag, phase: get(`bode${q}_phase_deg`),
-        crossover: margins.crossover_rad_s, phaseCrossover: margins.phase_crossover_rad_s,
+        name: c.name,
+        colour: c.colour,
+        stable: c.stable,
+        t: get("step_t"),
+        full: get("step_full"),
+        w: mag && w,
+        mag,
+        phase: get(`bode${q}_phase_deg`),
+        crossover: margins.crossover_rad_s,
+        phaseCrossover: margins.phase_crossover_rad_s,
       };
     });
     byId("loop").hidden = !Object.keys(arrays).some((name) => name.endsWith("bode_Q_mag_db"));
@@ -298,16 +325,21 @@ class Page {
     this.map.show(answers.map);
     paintScale(byId("scale"), answers.map.header);
     const { promise, unit, label, controller } = answers.map.header;
-    const promised = promise === null || promise === undefined ? "" : ` The line is at the promised ${figureText(promise, unit)}.`;
-    byId("map").title = `${label || ""}${controller ? ` of ${controller}` : ""}.${promised} Dark: unstable. Grey: no operating point.`;
+    const promised =
+      promise === null || promise === undefined ? "" : ` The line is at the promised ${figureText(promise, unit)}.`;
+    byId("map").title =
+      `${label || ""}${controller ? ` of ${controller}` : ""}.${promised} Dark: unstable. Grey: no operating point.`;
   }
 
   // The verdict of the EMT in words, for the controller whose row has the pointer or the focus.
   tellVerdict() {
     const name = this.response.emphasis;
-    const of = (kind) => (name && this.answers[kind] && this.answers[kind].header.controllers.find((c) => c.name === name)) || {};
+    const of = (kind) =>
+      (name && this.answers[kind] && this.answers[kind].header.controllers.find((c) => c.name === name)) || {};
     const [linear, emt] = [of("linear"), of("emt")];
-    const words = [...new Set([emt.verdict, linear.stable ? "" : linear.why, linear.outside, emt.why, linear.note])].filter(Boolean);
+    const words = [
+      ...new Set([emt.verdict, linear.stable ? "" : linear.why, linear.outside, emt.why, linear.note]),
+    ].filter(Boolean);
     byId("readout").textContent = words.length ? `${name}: ${words.map(sentence).join(" ")}` : "";
   }
 
@@ -343,7 +375,6 @@ class Page {
     document.documentElement.dataset.state = "lost";
     notice("The server does not answer. Is `vsgdesign explore` still running? What is drawn is the last answer.", true);
   }
-
 }
 
 async function start() {

@@ -18,9 +18,11 @@ export function shareColour(share) {
 
 /** From a value to its share of the colour scale, with the promise (or the middle) at 0. */
 export function shareOf(figure) {
-  const middle = figure.promise === null || figure.promise === undefined ? (figure.low + figure.high) / 2 : figure.promise;
+  const middle =
+    figure.promise === null || figure.promise === undefined ? (figure.low + figure.high) / 2 : figure.promise;
   const sign = figure.better === "low" ? -1 : 1;
-  return (value) => sign * (value < middle ? (value - middle) / (middle - figure.low) : (value - middle) / (figure.high - middle));
+  return (value) =>
+    sign * (value < middle ? (value - middle) / (middle - figure.low) : (value - middle) / (figure.high - middle));
 }
 
 export class GridMap {
@@ -135,7 +137,12 @@ export class GridMap {
     ctx.beginPath();
     for (let j = 0; j < ratio.length - 1; j++) {
       for (let i = 0; i < scr.length - 1; i++) {
-        const corners = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]];
+        const corners = [
+          [i, j],
+          [i + 1, j],
+          [i + 1, j + 1],
+          [i, j + 1],
+        ];
         const cuts = [];
         corners.forEach((a, k) => {
           const b = corners[(k + 1) % 4];
@@ -221,7 +228,11 @@ export class GridMap {
       ctx.stroke();
       ctx.setLineDash([]);
       ctx.font = font(11);
-      if (Math.hypot(hx - x, hy - y) > 40) plateText(ctx, "gains held here", hx > box.x + box.w - 110 ? hx - 12 : hx + 12, hy - 8, { align: hx > box.x + box.w - 110 ? "right" : "left", size: 11 });
+      if (Math.hypot(hx - x, hy - y) > 40)
+        plateText(ctx, "gains held here", hx > box.x + box.w - 110 ? hx - 12 : hx + 12, hy - 8, {
+          align: hx > box.x + box.w - 110 ? "right" : "left",
+          size: 11,
+        });
     }
     ctx.beginPath();
     ctx.arc(x, y, 8, 0, 7);
@@ -259,7 +270,10 @@ export class GridMap {
       store.dragging = true;
       move(event);
     });
-    canvas.addEventListener("pointermove", (event) => store.dragging && canvas.hasPointerCapture(event.pointerId) && move(event));
+    canvas.addEventListener(
+      "pointermove",
+      (event) => store.dragging && canvas.hasPointerCapture(event.pointerId) && move(event),
+    );
     canvas.addEventListener("pointerup", end);
     canvas.addEventListener("pointercancel", end);
   }
@@ -304,7 +318,11 @@ export function paintScale(canvas, figure, svg = null) {
   ctx.font = font(10);
   ctx.fillStyle = t.soft;
   const place = scaleOf([figure.low, figure.high], box.x, box.w);
-  const marks = [[figure.low, "left"], [figure.promise, "center"], [figure.high, "right"]];
+  const marks = [
+    [figure.low, "left"],
+    [figure.promise, "center"],
+    [figure.high, "right"],
+  ];
   for (const [v, align] of marks) {
     if (v === null || v === undefined) continue;
     ctx.textAlign = align;

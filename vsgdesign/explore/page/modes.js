@@ -1,6 +1,20 @@
 // The modes in the s-plane: a marker of its own shape for each controller, rays of equal damping, and a panel that says
 // what takes part in the chosen mode and what moves it.
-import { Figure, SHAPES, clipped, drawAxes, drawWords, font, lineColour, plateText, scaleOf, shapePath, theme, tickText, ticksOf } from "./draw.js";
+import {
+  Figure,
+  SHAPES,
+  clipped,
+  drawAxes,
+  drawWords,
+  font,
+  lineColour,
+  plateText,
+  scaleOf,
+  shapePath,
+  theme,
+  tickText,
+  ticksOf,
+} from "./draw.js";
 
 const RAYS = [0.1, 0.3, 0.5, 0.7];
 
@@ -11,7 +25,17 @@ const modeDigits = (value) => (Math.abs(value) < 10 ? 2 : 1);
 export class ModesPlot {
   constructor(canvas, panel, info, store) {
     this.figure = new Figure(canvas, { left: 44, right: 10, top: 6, bottom: 36 });
-    Object.assign(this, { canvas, panel, info, store, chosen: null, controllers: [], before: null, words: "", zoom: 1 });
+    Object.assign(this, {
+      canvas,
+      panel,
+      info,
+      store,
+      chosen: null,
+      controllers: [],
+      before: null,
+      words: "",
+      zoom: 1,
+    });
     canvas.addEventListener("click", (event) => this.chooseNear(event));
     canvas.addEventListener("keydown", (event) => this.chooseByKey(event));
   }
@@ -84,7 +108,10 @@ export class ModesPlot {
       ctx.setLineDash([]);
       const steep = length < -sx.low;
       const [at, up] = [sx(-length) + (steep ? 3 : 4), sy(length * slope) + (steep ? 11 : 4)];
-      plateText(ctx, zeta === gate ? `ζ ${tickText(zeta)} promised` : tickText(zeta), at, up, { size: 10, colour: t.soft });
+      plateText(ctx, zeta === gate ? `ζ ${tickText(zeta)} promised` : tickText(zeta), at, up, {
+        size: 10,
+        colour: t.soft,
+      });
     }
   }
 
@@ -124,7 +151,9 @@ export class ModesPlot {
     if (!hidden.length) return;
     const [c, m] = hidden[0];
     const place = `${signed(m.re, modeDigits(m.re))} ± j${Math.abs(m.im).toFixed(0)}`;
-    plateText(ctx, `outside: ${c.name} is unstable at ${place}`, box.x + 6, box.y + box.h - 8, { colour: theme().limit });
+    plateText(ctx, `outside: ${c.name} is unstable at ${place}`, box.x + 6, box.y + box.h - 8, {
+      colour: theme().limit,
+    });
     ctx.font = font(11);
   }
 
@@ -133,7 +162,8 @@ export class ModesPlot {
     const all = [];
     for (const c of this.controllers) {
       (c.modes || []).forEach((mode, index) => {
-        if (mode.im >= -1e-9 && mode.re >= re[0] && mode.re <= re[1] && mode.im <= im[1]) all.push({ name: c.name, index, mode });
+        if (mode.im >= -1e-9 && mode.re >= re[0] && mode.re <= re[1] && mode.im <= im[1])
+          all.push({ name: c.name, index, mode });
       });
     }
     return all;
@@ -191,10 +221,12 @@ export class ModesPlot {
     const mode = this.chosenMode();
     this.panel.hidden = !mode;
     if (!mode) return;
-    this.panel.replaceChildren(...modePanel(this.chosen.name, mode, () => {
-      this.choose(null);
-      this.canvas.focus();
-    }));
+    this.panel.replaceChildren(
+      ...modePanel(this.chosen.name, mode, () => {
+        this.choose(null);
+        this.canvas.focus();
+      }),
+    );
   }
 }
 
@@ -213,7 +245,11 @@ function modePanel(name, mode, close) {
   const facts = [];
   if (mode.damping !== null && mode.damping !== undefined) facts.push(`damping ${signed(mode.damping, 2)}`);
   if (im && mode.f_hz) facts.push(`${mode.f_hz.toFixed(2)} Hz`);
-  const parts = [button, element("strong", `${name}: ${signed(mode.re, modeDigits(mode.re))}${im} 1/s`), element("div", facts.join(", "))];
+  const parts = [
+    button,
+    element("strong", `${name}: ${signed(mode.re, modeDigits(mode.re))}${im} 1/s`),
+    element("div", facts.join(", ")),
+  ];
   const shares = (mode.participation || []).slice(0, 4);
   if (shares.length) {
     parts.push(element("h4", "What takes part"));
@@ -235,7 +271,10 @@ function modePanel(name, mode, close) {
     const list = element("ul", "", "moves");
     for (const [parameter, rate] of moved) {
       const item = element("li", "");
-      item.append(element("span", parameter), element("span", `${rate > 0 ? "+" : ""}${signed(rate, 3)} 1/s`, "number"));
+      item.append(
+        element("span", parameter),
+        element("span", `${rate > 0 ? "+" : ""}${signed(rate, 3)} 1/s`, "number"),
+      );
       list.append(item);
     }
     parts.push(list);

@@ -1,6 +1,19 @@
 // The response in time: the linear answer (dotted) and the EMT of the same event (solid) in the same axes, with the
 // specification's bands and limits as the answer brings them.
-import { Figure, clipped, drawAxes, drawLevel, drawLine, drawWords, lineColour, plateText, roomFor, scaleOf, theme, ticksOf } from "./draw.js";
+import {
+  Figure,
+  clipped,
+  drawAxes,
+  drawLevel,
+  drawLine,
+  drawWords,
+  lineColour,
+  plateText,
+  roomFor,
+  scaleOf,
+  theme,
+  ticksOf,
+} from "./draw.js";
 
 // What can be shown: the EMT's array, and the least and the most that the axis spans (an unstable curve has no bounds).
 export const SHOWN = {
@@ -14,7 +27,18 @@ export const SHOWN = {
 export class ResponsePlot {
   constructor(canvas, readout, store) {
     this.figure = new Figure(canvas, { left: 57, right: 10, top: 6, bottom: 36 });
-    Object.assign(this, { canvas, readout, store, shown: "P", linear: [], emt: [], bands: [], words: "", emphasis: null, cursor: null });
+    Object.assign(this, {
+      canvas,
+      readout,
+      store,
+      shown: "P",
+      linear: [],
+      emt: [],
+      bands: [],
+      words: "",
+      emphasis: null,
+      cursor: null,
+    });
     this.limits = { t: [0, 2], y: {} };
     canvas.addEventListener("pointermove", (event) => this.readAt(event));
     canvas.addEventListener("pointerleave", () => this.readAt(null));
@@ -55,7 +79,8 @@ export class ResponsePlot {
     const followed = tame.length ? tame : this.emt.filter((c) => c[this.shown]);
     for (const c of followed) for (const v of c[this.shown]) if (Number.isFinite(v)) values.push(v);
     if (this.linearSignal === this.shown) {
-      for (const c of this.linear) if (c.full && c.stable !== false) for (const v of c.full) if (Number.isFinite(v)) values.push(v);
+      for (const c of this.linear)
+        if (c.full && c.stable !== false) for (const v of c.full) if (Number.isFinite(v)) values.push(v);
     }
     for (const band of this.bandsShown()) for (const v of [band.low, band.high]) if (Number.isFinite(v)) values.push(v);
     const { least, most } = SHOWN[this.shown];
@@ -99,14 +124,28 @@ export class ResponsePlot {
           // Dark dots stay visible on the EMT's line where both are the same; where they part, a thin line of the
           // controller's colour under the dots says whose they are.
           const { colour, alpha } = this.style(c, 1);
-          drawLine(ctx, box, sx, sy, c.t, c.full, { colour, width: 0.9, alpha });
-          drawLine(ctx, box, sx, sy, c.t, c.full, { colour: t.black, width: 1.3, dash: [1.5, 3.5], alpha });
+          const shown = this.untilOutside(c, limits);
+          drawLine(ctx, box, sx, sy, shown.t, shown.full, { colour, width: 0.9, alpha });
+          drawLine(ctx, box, sx, sy, shown.t, shown.full, {
+            colour: t.black,
+            width: 1.3,
+            dash: [1.5, 3.5],
+            alpha,
+          });
         }
       }
-      if (this.cursor !== null && !svg) drawLevel(ctx, box, sx(this.cursor), { colour: t.soft, dash: [2, 2], upright: true });
+      if (this.cursor !== null && !svg)
+        drawLevel(ctx, box, sx(this.cursor), { colour: t.soft, dash: [2, 2], upright: true });
     });
     if (this.waiting) plateText(ctx, this.waiting, box.x + 8, box.y + box.h - 8, { size: 12 });
     return undefined;
+  }
+
+  // The linear answer of an unstable loop grows without bounds: it is drawn until it leaves the figure.
+  untilOutside(c, [low, high]) {
+    if (c.stable !== false) return c;
+    const end = c.full.findIndex((v) => v < low || v > high);
+    return end < 0 ? c : { t: c.t.subarray(0, end + 1), full: c.full.subarray(0, end + 1) };
   }
 
   paintBands(ctx, box, sx, sy, ground) {
@@ -130,7 +169,11 @@ export class ResponsePlot {
 
   style(c, width) {
     const faint = this.emphasis && this.emphasis !== c.name;
-    return { colour: lineColour(c.colour), width: this.emphasis === c.name ? width + 0.75 : width, alpha: faint ? 0.25 : 1 };
+    return {
+      colour: lineColour(c.colour),
+      width: this.emphasis === c.name ? width + 0.75 : width,
+      alpha: faint ? 0.25 : 1,
+    };
   }
 
   // The values under the pointer, as answered (the nearest sample that was sent).
@@ -143,7 +186,9 @@ export class ResponsePlot {
       const at = scaleOf(this.limits.t, this.box.x, this.box.w).back(event.clientX - frame.left);
       if (at >= this.limits.t[0] && at <= this.limits.t[1]) {
         this.cursor = at;
-        const each = this.emt.filter((c) => c[this.shown]).map((c) => `${c.name} ${c[this.shown][nearestSample(c.t, at)].toFixed(3)}`);
+        const each = this.emt
+          .filter((c) => c[this.shown])
+          .map((c) => `${c.name} ${c[this.shown][nearestSample(c.t, at)].toFixed(3)}`);
         text = `${at.toFixed(2)} s: ${each.join(", ")}`;
       }
     }

@@ -33,16 +33,43 @@ export function figuresSvg({ map, modes, bode, response, titles, headline, contr
     const svg = map.figure.svg();
     const scale = document.getElementById("scale");
     paintScale(scale, map.answer.header, svg);
-    panels.push({ svg, title: "", x: gap, y: mapBottom - 18, width: scale.clientWidth, height: scale.clientHeight });
+    panels.push({
+      svg,
+      title: "",
+      x: gap,
+      y: mapBottom - 18,
+      width: scale.clientWidth,
+      height: scale.clientHeight,
+    });
   }
   const [, stepBottom] = place(response.figure, (svg) => response.paint(svg), titles.response, mapRight + gap, head);
-  const [stepRight, modesBottom] = place(modes.figure, (svg) => modes.paint(svg), titles.modes, mapRight + gap, stepBottom + gap);
+  const [stepRight, modesBottom] = place(
+    modes.figure,
+    (svg) => modes.paint(svg),
+    titles.modes,
+    mapRight + gap,
+    stepBottom + gap,
+  );
   const [magnitude, phase] = [bode.magnitude.svg(), bode.phase.svg()];
   const sizes = [bode.magnitude.begin(magnitude), bode.phase.begin(phase)];
   bode.paintTo(magnitude, phase);
-  panels.push({ svg: magnitude, title: titles.bode, x: stepRight + gap, y: head, width: sizes[0].width, height: sizes[0].height });
+  panels.push({
+    svg: magnitude,
+    title: titles.bode,
+    x: stepRight + gap,
+    y: head,
+    width: sizes[0].width,
+    height: sizes[0].height,
+  });
   const phaseTop = head + sizes[0].height + gap;
-  panels.push({ svg: phase, title: "", x: stepRight + gap, y: phaseTop, width: sizes[1].width, height: sizes[1].height });
+  panels.push({
+    svg: phase,
+    title: "",
+    x: stepRight + gap,
+    y: phaseTop,
+    width: sizes[1].width,
+    height: sizes[1].height,
+  });
   right = stepRight + gap + sizes[0].width + gap;
   const bottom = Math.max(mapBottom, modesBottom, phaseTop + sizes[1].height + 20) + gap;
   const frame = map.figure.svg();
@@ -109,9 +136,12 @@ export function dataCsv(answers, state) {
   const put = (...cells) => rows.push(cells.map(csvCell).join(","));
   const { linear, emt, map } = answers;
   const series = [
-    ["bode_mag_db", "bode_w", "w in rad/s", "dB", "bode"], ["bode_phase_deg", "bode_w", "w in rad/s", "deg", "bode"],
-    ["bode_Q_mag_db", "bode_w", "w in rad/s", "dB", "bode"], ["bode_Q_phase_deg", "bode_w", "w in rad/s", "deg", "bode"],
-    ["step_reduced", "step_t", "t in s", "pu", "linear step"], ["step_full", "step_t", "t in s", "pu", "linear step"],
+    ["bode_mag_db", "bode_w", "w in rad/s", "dB", "bode"],
+    ["bode_phase_deg", "bode_w", "w in rad/s", "deg", "bode"],
+    ["bode_Q_mag_db", "bode_w", "w in rad/s", "dB", "bode"],
+    ["bode_Q_phase_deg", "bode_w", "w in rad/s", "deg", "bode"],
+    ["step_reduced", "step_t", "t in s", "pu", "linear step"],
+    ["step_full", "step_t", "t in s", "pu", "linear step"],
   ];
   if (linear) {
     linear.header.controllers.forEach((c, i) => {
@@ -136,7 +166,15 @@ export function dataCsv(answers, state) {
     const { scr, x_over_r: ratio, values } = map.arrays;
     values.forEach((v, k) => {
       const at = `SCR ${scr[k % scr.length].toFixed(4)}, X/R ${ratio[Math.floor(k / scr.length)].toFixed(4)}`;
-      put("map", map.header.controller || "", map.header.figure, "grid", at, Number.isFinite(v) ? v : "", map.header.unit || "");
+      put(
+        "map",
+        map.header.controller || "",
+        map.header.figure,
+        "grid",
+        at,
+        Number.isFinite(v) ? v : "",
+        map.header.unit || "",
+      );
     });
   }
   return rows.join("\n") + "\n";

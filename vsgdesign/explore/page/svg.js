@@ -5,7 +5,8 @@ const SVG_ANCHORS = { left: "start", right: "end", center: "middle" };
 
 const svgNumber = (value) => String(Math.round(value * 100) / 100);
 
-const svgText = (text) => String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
+const svgText = (text) =>
+  String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
 
 // Clip paths have names that no other drawing of the same document has.
 let clipCount = 0;
@@ -17,14 +18,29 @@ export class SvgContext {
     this.stack = [];
     this.open = 0;
     this.measure = measure;
-    Object.assign(this, { fillStyle: "#000", strokeStyle: "#000", lineWidth: 1, font: "11px sans-serif", textAlign: "left" });
-    Object.assign(this, { textBaseline: "alphabetic", globalAlpha: 1, lineCap: "butt", lineJoin: "round", dash: [] });
+    Object.assign(this, {
+      fillStyle: "#000",
+      strokeStyle: "#000",
+      lineWidth: 1,
+      font: "11px sans-serif",
+      textAlign: "left",
+    });
+    Object.assign(this, {
+      textBaseline: "alphabetic",
+      globalAlpha: 1,
+      lineCap: "butt",
+      lineJoin: "round",
+      dash: [],
+    });
   }
 
   // Groups: save and restore keep the style; clip and the transforms open a group that restore closes.
   save() {
     const { fillStyle, strokeStyle, lineWidth, font, textAlign, textBaseline, globalAlpha, dash } = this;
-    this.stack.push({ style: { fillStyle, strokeStyle, lineWidth, font, textAlign, textBaseline, globalAlpha, dash }, open: this.open });
+    this.stack.push({
+      style: { fillStyle, strokeStyle, lineWidth, font, textAlign, textBaseline, globalAlpha, dash },
+      open: this.open,
+    });
     this.open = 0;
   }
 
@@ -77,7 +93,9 @@ export class SvgContext {
   // The figures draw whole circles only.
   arc(x, y, radius) {
     const [r, left, y0] = [svgNumber(radius), svgNumber(x - radius), svgNumber(y)];
-    this.path.push(`M${left} ${y0}a${r} ${r} 0 1 0 ${svgNumber(2 * radius)} 0a${r} ${r} 0 1 0 ${svgNumber(-2 * radius)} 0Z`);
+    this.path.push(
+      `M${left} ${y0}a${r} ${r} 0 1 0 ${svgNumber(2 * radius)} 0a${r} ${r} 0 1 0 ${svgNumber(-2 * radius)} 0Z`,
+    );
   }
 
   setLineDash(dash) {
@@ -118,9 +136,12 @@ export class SvgContext {
 
   fillText(text, x, y) {
     const [, weight, size] = this.font.match(/^(\d+ )?(\d+)px/) || [null, null, "11"];
-    const shift = this.textBaseline === "middle" ? 0.35 * Number(size) : this.textBaseline === "top" ? 0.8 * Number(size) : 0;
+    const shift =
+      this.textBaseline === "middle" ? 0.35 * Number(size) : this.textBaseline === "top" ? 0.8 * Number(size) : 0;
     const style = `font-size="${size}"${weight ? ` font-weight="${weight.trim()}"` : ""} text-anchor="${SVG_ANCHORS[this.textAlign]}"`;
-    this.parts.push(`<text x="${svgNumber(x)}" y="${svgNumber(y + shift)}" ${style} fill="${this.fillStyle}"${this.alpha()}>${svgText(text)}</text>`);
+    this.parts.push(
+      `<text x="${svgNumber(x)}" y="${svgNumber(y + shift)}" ${style} fill="${this.fillStyle}"${this.alpha()}>${svgText(text)}</text>`,
+    );
   }
 
   body() {

@@ -4,29 +4,143 @@ import { SHAPES, lineColour, shapePath } from "./draw.js";
 
 const minus = (text) => text.replace("-", "−");
 const isNone = (v) => v === null || v === undefined || Number.isNaN(v);
-const inDigits = (digits, factor = 1) => (v) => (isNone(v) ? "–" : minus((v * factor).toFixed(digits)));
+const inDigits =
+  (digits, factor = 1) =>
+  (v) =>
+    isNone(v) ? "–" : minus((v * factor).toFixed(digits));
 const orNone = (digits) => (v) => (isNone(v) || !Number.isFinite(v) ? "none" : minus(v.toFixed(digits)));
-const significant = (v) => (isNone(v) ? "–" : minus(Math.abs(v) >= 1e5 || (v !== 0 && Math.abs(v) < 1e-3) ? v.toExponential(1).replace("+", "") : String(Number(v.toPrecision(3)))));
+const significant = (v) =>
+  isNone(v)
+    ? "–"
+    : minus(
+        Math.abs(v) >= 1e5 || (v !== 0 && Math.abs(v) < 1e-3)
+          ? v.toExponential(1).replace("+", "")
+          : String(Number(v.toPrecision(3))),
+      );
 
 const perCent = (v) => (isNone(v) ? "–" : inDigits(Math.abs(v) < 0.995 ? 1 : 0, 100)(v));
 
 // Columns: a title, a unit, the value of a row, its text, and the gate with its sense (1: at least, -1: at most).
 const COLUMNS = [
-  { group: "Margins", title: "disk", unit: "out", value: (c) => (c.disk_margin || {}).output, text: inDigits(2), gate: ["disk_margin", 1], tip: "Disk margin of both loops together, at the powers" },
-  { group: "Margins", title: "disk", unit: "in", value: (c) => (c.disk_margin || {}).input, text: inDigits(2), gate: ["disk_margin", 1], tip: "Disk margin of both loops together, at the voltage's angle and amplitude" },
-  { group: "Margins", title: "gain P", unit: "dB", value: (c) => c.gain_margin_db, text: orNone(1), tip: "Gain margin of the loop of P" },
-  { group: "Margins", title: "phase P", unit: "°", value: (c) => c.phase_margin_deg, text: orNone(0), tip: "Phase margin of the loop of P" },
-  { group: "Margins", title: "gain Q", unit: "dB", value: (c) => c.gain_margin_Q_db, text: orNone(1), tip: "Gain margin of the loop of Q" },
-  { group: "Margins", title: "phase Q", unit: "°", value: (c) => c.phase_margin_Q_deg, text: orNone(0), tip: "Phase margin of the loop of Q" },
+  {
+    group: "Margins",
+    title: "disk",
+    unit: "out",
+    value: (c) => (c.disk_margin || {}).output,
+    text: inDigits(2),
+    gate: ["disk_margin", 1],
+    tip: "Disk margin of both loops together, at the powers",
+  },
+  {
+    group: "Margins",
+    title: "disk",
+    unit: "in",
+    value: (c) => (c.disk_margin || {}).input,
+    text: inDigits(2),
+    gate: ["disk_margin", 1],
+    tip: "Disk margin of both loops together, at the voltage's angle and amplitude",
+  },
+  {
+    group: "Margins",
+    title: "gain",
+    unit: "P, dB",
+    value: (c) => c.gain_margin_db,
+    text: orNone(1),
+    tip: "Gain margin of the loop of P",
+  },
+  {
+    group: "Margins",
+    title: "phase",
+    unit: "P, °",
+    value: (c) => c.phase_margin_deg,
+    text: orNone(0),
+    tip: "Phase margin of the loop of P",
+  },
+  {
+    group: "Margins",
+    title: "gain",
+    unit: "Q, dB",
+    value: (c) => c.gain_margin_Q_db,
+    text: orNone(1),
+    tip: "Gain margin of the loop of Q",
+  },
+  {
+    group: "Margins",
+    title: "phase",
+    unit: "Q, °",
+    value: (c) => c.phase_margin_Q_deg,
+    text: orNone(0),
+    tip: "Phase margin of the loop of Q",
+  },
   { group: "Margins", title: "Mₛ", unit: "", value: (c) => c.M_s, text: inDigits(2), tip: "Peak of the sensitivity" },
-  { group: "Linear", title: "ζ", unit: "", value: (c) => c.damping, text: inDigits(2), gate: ["damping", 1], tip: "Least damping ratio of the modes" },
-  { group: "Linear", title: "settles", unit: "s", value: (c) => c.settling_s, text: inDigits(2), gate: ["settling_s", -1], tip: "Settling time of the linear step" },
-  { group: "Linear", title: "over", unit: "%", value: (c) => c.overshoot, text: inDigits(1, 100), gate: ["overshoot", -1], tip: "Overshoot of the linear step" },
-  { group: "EMT", title: "settles", unit: "s", value: (c, e) => e.settling_s ?? e.recovery_s, text: inDigits(2), tip: "Settling time of the step, or time to recover from the event, in the EMT" },
-  { group: "EMT", title: "over", unit: "%", value: (c, e) => e.overshoot, text: inDigits(1, 100), tip: "Overshoot of the step in the EMT" },
-  { group: "EMT", title: "peak i", unit: "pu", value: (c, e) => e.peak_pu, text: inDigits(2), gate: ["current_limit_pu", -1], tip: "Peak of the converter's current in the EMT" },
-  { group: "Droop, inertia", title: "P–f", unit: "%", value: (c) => c.droop_P, text: perCent, tip: "Droop of the frequency, as the grid code measures it" },
-  { group: "Droop, inertia", title: "Q–V", unit: "%", value: (c) => c.droop_Q, text: perCent, tip: "Droop of the voltage, as the grid code measures it" },
+  {
+    group: "Linear",
+    title: "ζ",
+    unit: "",
+    value: (c) => c.damping,
+    text: inDigits(2),
+    gate: ["damping", 1],
+    tip: "Least damping ratio of the modes",
+  },
+  {
+    group: "Linear",
+    title: "settles",
+    unit: "s",
+    value: (c) => c.settling_s,
+    text: inDigits(2),
+    gate: ["settling_s", -1],
+    tip: "Settling time of the linear step",
+  },
+  {
+    group: "Linear",
+    title: "over",
+    unit: "%",
+    value: (c) => c.overshoot,
+    text: inDigits(1, 100),
+    gate: ["overshoot", -1],
+    tip: "Overshoot of the linear step",
+  },
+  {
+    group: "EMT",
+    title: "settles",
+    unit: "s",
+    value: (c, e) => e.settling_s ?? e.recovery_s,
+    text: inDigits(2),
+    tip: "Settling time of the step, or time to recover from the event, in the EMT",
+  },
+  {
+    group: "EMT",
+    title: "over",
+    unit: "%",
+    value: (c, e) => e.overshoot,
+    text: inDigits(1, 100),
+    tip: "Overshoot of the step in the EMT",
+  },
+  {
+    group: "EMT",
+    title: "peak i",
+    unit: "pu",
+    value: (c, e) => e.peak_pu,
+    text: inDigits(2),
+    gate: ["current_limit_pu", -1],
+    tip: "Peak of the converter's current in the EMT",
+  },
+  {
+    group: "Droop, inertia",
+    title: "P–f",
+    unit: "%",
+    value: (c) => c.droop_P,
+    text: perCent,
+    tip: "Droop of the frequency, as the grid code measures it",
+  },
+  {
+    group: "Droop, inertia",
+    title: "Q–V",
+    unit: "%",
+    value: (c) => c.droop_Q,
+    text: perCent,
+    tip: "Droop of the voltage, as the grid code measures it",
+  },
   { group: "Droop, inertia", title: "H", unit: "s", value: (c) => c.H_s, text: inDigits(2), tip: "Inertia constant" },
 ];
 
@@ -78,14 +192,17 @@ export class ControllerTable {
     for (const gains of every) for (const name of Object.keys(gains)) if (!names.includes(name)) names.push(name);
     // A gain that no controller uses has no column. A grid without gains leaves the columns as they are.
     const used = names.filter((name) => every.some((gains) => gains[name]));
-    const known = every.some((gains) => Object.values(gains).some((value) => !isNone(value)));
+    const whole = (gains) => Object.keys(gains).length > 0 && !Object.values(gains).some(isNone);
+    const known = every.some(whole);
     this.gains = known || !this.gains ? used : this.gains;
     return this.gains;
   }
 
   paint() {
     const gains = this.gainNames();
-    const layout = `${gains.join()}|${this.rows().map((r) => r.name).join()}`;
+    const layout = `${gains.join()}|${this.rows()
+      .map((r) => r.name)
+      .join()}`;
     if (layout !== this.layout) this.build(gains);
     this.layout = layout;
     for (const row of this.rows()) this.fill(row, gains);
@@ -106,7 +223,8 @@ export class ControllerTable {
     if (gains.length) groups.push(["Gains in force", gains.length]);
     const first = tag("tr", {}, tag("th", { rowSpan: 2, scope: "col", className: "name" }, "Controller"));
     first.append(tag("th", { rowSpan: 2, scope: "col", className: "words" }, "Status"));
-    for (const [group, span] of groups) first.append(tag("th", { colSpan: span, scope: "colgroup", className: "group" }, group));
+    for (const [group, span] of groups)
+      first.append(tag("th", { colSpan: span, scope: "colgroup", className: "group" }, group));
     const second = tag("tr");
     COLUMNS.forEach((column, k) => {
       const start = k === 0 || COLUMNS[k - 1].group !== column.group;
@@ -126,7 +244,13 @@ export class ControllerTable {
     const place = this.info.controllers.findIndex((c) => c.name === name);
     const box = tag("input", { type: "checkbox", checked: this.store.state.controllers.includes(name) });
     box.addEventListener("change", () => this.choose(name, box));
-    const label = tag("label", {}, box, signOf(colour, place < 0 ? this.info.controllers.length : place), tag("span", {}, name === "own" ? "my own gains" : name));
+    const label = tag(
+      "label",
+      {},
+      box,
+      signOf(colour, place < 0 ? this.info.controllers.length : place),
+      tag("span", {}, name === "own" ? "my own gains" : name),
+    );
     const tr = tag("tr", {}, tag("th", { scope: "row", className: "name" }, label));
     tr.addEventListener("pointerenter", () => this.onEmphasis(name));
     tr.addEventListener("pointerleave", () => this.onEmphasis(null));
@@ -145,7 +269,11 @@ export class ControllerTable {
       box.checked = true;
       return;
     }
-    this.store.set({ controllers: this.rows().map((row) => row.name).filter((one) => now.has(one)) });
+    this.store.set({
+      controllers: this.rows()
+        .map((row) => row.name)
+        .filter((one) => now.has(one)),
+    });
     this.store.commit();
   }
 
@@ -175,8 +303,12 @@ export class ControllerTable {
     cell.title = [e.verdict, ...bad, c.note].filter(Boolean).map(sentence).join(" ");
     cell.append(place);
     tr.append(cell);
-    COLUMNS.forEach((column, k) => tr.append(this.cell(column, c, e, k === 0 || COLUMNS[k - 1].group !== column.group)));
-    gains.forEach((gain, k) => tr.append(tag("td", { className: k ? "" : "start" }, significant((c.gains || {})[gain]))));
+    COLUMNS.forEach((column, k) =>
+      tr.append(this.cell(column, c, e, k === 0 || COLUMNS[k - 1].group !== column.group)),
+    );
+    gains.forEach((gain, k) =>
+      tr.append(tag("td", { className: k ? "" : "start" }, significant((c.gains || {})[gain]))),
+    );
   }
 
   cell(column, c, e, start) {

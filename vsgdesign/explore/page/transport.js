@@ -104,7 +104,16 @@ export function staticAsk(kept) {
     const held = state.hold ? ",h" : "";
     const key = kind === "map" ? state.figure + held : snapToLattice(lattice, state).key + held;
     const text = kept.answers[`${kind}:${key}`];
-    if (!text) return { status: 422, faults: [{ field: null, text: "This file holds no answer for this choice; `vsgdesign explore` computes it." }] };
+    if (!text)
+      return {
+        status: 422,
+        faults: [
+          {
+            field: null,
+            text: "This file holds no answer for this choice; `vsgdesign explore` computes it.",
+          },
+        ],
+      };
     const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
     const whole = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
     const answer = readAnswer(await new Response(whole).arrayBuffer());
