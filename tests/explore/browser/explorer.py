@@ -38,14 +38,15 @@ TABLE = """(() => {
     if (head.rowSpan === 2) names.push(words(head));
     else for (let k = 0; k < head.colSpan; k++) names.push(`${words(head)}: ${words(rest.shift())}`);
   }
-  return Object.fromEntries([...document.querySelectorAll("#table tbody tr")].map((tr) => {
-    const [name, ...cells] = tr.children;
-    return [words(name), Object.fromEntries(cells.map((cell, k) => [names[k], words(cell)]))];
+  return Object.fromEntries([...document.querySelectorAll("#table tbody")].map(({rows: [numbers, said]}) => {
+    const [name, ...cells] = numbers.children;
+    const figures = Object.fromEntries(cells.map((cell, k) => [names[k], words(cell)]));
+    return [words(name), {Status: said.textContent.trim(), ...figures}];
   }));
 })()"""
 
-SAID = """Object.fromEntries([...document.querySelectorAll("#table tbody tr")].map(({children: [name, ...cells]}) =>
-  [name.textContent.trim(), cells.map((cell) => `${cell.textContent} ${cell.title}`).join(" ")]))"""
+SAID = """Object.fromEntries([...document.querySelectorAll("#table tbody")].map(({rows: [numbers, said]}) =>
+  [numbers.children[0].textContent.trim(), said.textContent.trim()]))"""
 
 
 def columns_of(row: Mapping[str, str], group: str) -> dict[str, str]:
@@ -160,7 +161,7 @@ class ExplorerPage:
         return self.page.evaluate(TABLE)
 
     def said(self) -> dict[str, str]:
-        """What the table says in words of each controller, with what it says on hovering."""
+        """What the table says in words of each controller."""
         return self.page.evaluate(SAID)
 
     def gains(self) -> dict[str, dict[str, str]]:

@@ -47,7 +47,8 @@ export class Field {
       this.slider = made("input", { type: "range", min: 0, max: 1, step: "any", tabIndex: 0 });
       this.slider.setAttribute("aria-label", label);
       this.slider.addEventListener("input", () => this.slide());
-      this.slider.addEventListener("change", () => this.endSlide());
+      // A slider that comes back to where it was tells no change; a drag ends all the same.
+      for (const end of ["change", "pointerup", "blur"]) this.slider.addEventListener(end, () => this.endSlide());
       this.slider.addEventListener("keydown", (event) => this.nudge(event));
       this.row.append(this.slider);
     }
@@ -108,6 +109,7 @@ export class Field {
   }
 
   endSlide() {
+    if (!this.store.dragging) return;
     this.store.dragging = false;
     this.store.commit();
     this.store.tell();

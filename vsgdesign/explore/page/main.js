@@ -8,7 +8,7 @@ import { ModesPlot } from "./modes.js";
 import { BodePlot } from "./bode.js";
 import { ResponsePlot, SHOWN } from "./response.js";
 import { Field, FieldList, faultText } from "./fields.js";
-import { ControllerTable, sentence } from "./table.js";
+import { ControllerTable, isWild, sentence } from "./table.js";
 import { forgetGoodNews, notice, say } from "./notice.js";
 import { EventPanel } from "./event.js";
 import { Actions } from "./actions.js";
@@ -302,14 +302,12 @@ class Page {
 
   showEmt() {
     const { header, arrays } = this.answers.emt;
-    const unstable = /unstable|diverged|slipped|latched|no rest/;
     const curves = this.shownOf(this.answers.emt).map((c) => {
-      const curve = { name: c.name, colour: c.colour, t: arrays[`${c.index}/t`], wild: unstable.test(c.status) };
+      const curve = { name: c.name, colour: c.colour, t: arrays[`${c.index}/t`], wild: isWild(c.status) };
       for (const name of Object.keys(SHOWN)) curve[name] = curve.t && arrays[`${c.index}/${name}`];
       return curve;
     });
-    this.response.showEmt(curves, header.bands);
-    if (this.response.emphasis) this.tellVerdict();
+    this.response.showEmt(curves, header.bands, header.words);
     this.showTable();
   }
 
@@ -331,21 +329,8 @@ class Page {
       `${label || ""}${controller ? ` of ${controller}` : ""}.${promised} Dark: unstable. Grey: no operating point.`;
   }
 
-  // The verdict of the EMT in words, for the controller whose row has the pointer or the focus.
-  tellVerdict() {
-    const name = this.response.emphasis;
-    const of = (kind) =>
-      (name && this.answers[kind] && this.answers[kind].header.controllers.find((c) => c.name === name)) || {};
-    const [linear, emt] = [of("linear"), of("emt")];
-    const words = [
-      ...new Set([emt.verdict, linear.stable ? "" : linear.why, linear.outside, emt.why, linear.note]),
-    ].filter(Boolean);
-    byId("readout").textContent = words.length ? `${name}: ${words.map(sentence).join(" ")}` : "";
-  }
-
   emphasise(name) {
     this.bode.emphasis = this.response.emphasis = name;
-    this.tellVerdict();
     this.bode.paint();
     this.response.paint();
   }

@@ -1,6 +1,6 @@
 // The map SCR x X/R: a figure's colours around its promise, the table's nodes, the static limit, the certificate's
 // region, and the ring that is dragged. The map is drawn into a layer of its own, so a drag repaints only the ring.
-import { Figure, clipped, drawFrame, drawLine, font, logTicks, plateText, scaleOf, theme } from "./draw.js";
+import { Figure, clipped, drawFrame, drawLine, drawWords, font, logTicks, plateText, scaleOf, theme } from "./draw.js";
 
 const mapRound = (value) => Number(value.toPrecision(3));
 
@@ -83,6 +83,7 @@ export class GridMap {
       ctx.fillStyle = t.none;
       ctx.fillRect(box.x, box.y, box.w, box.h);
       if (this.answer) this.paintCells(ctx, box, sx, sy);
+      if (this.answer && this.answer.header.why) drawWords(ctx, box, this.answer.header.why);
       this.paintKnown(ctx, box, sx, sy);
     });
     const label = { x: "SCR", y: "X/R" };

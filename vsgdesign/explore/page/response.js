@@ -50,8 +50,8 @@ export class ResponsePlot {
     this.settleAndPaint();
   }
 
-  showEmt(curves, bands) {
-    Object.assign(this, { emt: curves, bands: bands || [], waiting: "" });
+  showEmt(curves, bands, words) {
+    Object.assign(this, { emt: curves, bands: bands || [], waiting: words || "" });
     this.settleAndPaint();
   }
 
@@ -63,6 +63,7 @@ export class ResponsePlot {
 
   choose(shown) {
     this.shown = shown;
+    this.canvas.setAttribute("aria-label", `Response in time, ${SHOWN[shown].label}; the table says how it ends`);
     this.settleAndPaint(true);
   }
 
@@ -97,7 +98,7 @@ export class ResponsePlot {
     if (first) this.limits.t = [Math.min(0, first.t[0]), Math.ceil(first.t[first.t.length - 1] * 20 - 1e-3) / 20];
   }
 
-  // A band with an open side reaches to the figure's rim; a mere limit (one side) is a line.
+  // A band with both ends is an area, one with an open side is a line.
   bandsShown() {
     return this.bands.filter((band) => band.signal === this.shown);
   }
@@ -154,11 +155,16 @@ export class ResponsePlot {
       const [from, to] = [Math.max(sx(band.from_s), box.x), Math.min(sx(band.to_s), box.x + box.w)];
       if (to <= from) continue;
       const closed = Number.isFinite(band.low) && Number.isFinite(band.high);
-      if (closed !== ground) continue;
+      if (ground && !closed) continue;
       if (closed) {
         const [top, bottom] = [Math.max(sy(band.high), box.y), Math.min(sy(band.low), box.y + box.h)];
-        ctx.fillStyle = t.band;
-        if (bottom > top) ctx.fillRect(from, top, to - from, bottom - top);
+        if (bottom <= top) continue;
+        if (ground) {
+          ctx.fillStyle = t.band;
+          ctx.fillRect(from, top, to - from, bottom - top);
+        } else if (band.label && bottom + 14 < box.y + box.h) {
+          plateText(ctx, band.label, to - 4, bottom + 12, { align: "right", size: 10, colour: t.soft });
+        }
         continue;
       }
       const at = sy(Number.isFinite(band.high) ? band.high : band.low);

@@ -42,32 +42,32 @@ const COLUMNS = [
   },
   {
     group: "Margins",
-    title: "gain",
-    unit: "P, dB",
+    title: "gain P",
+    unit: "dB",
     value: (c) => c.gain_margin_db,
     text: orNone(1),
     tip: "Gain margin of the loop of P",
   },
   {
     group: "Margins",
-    title: "phase",
-    unit: "P, °",
+    title: "phase P",
+    unit: "°",
     value: (c) => c.phase_margin_deg,
     text: orNone(0),
     tip: "Phase margin of the loop of P",
   },
   {
     group: "Margins",
-    title: "gain",
-    unit: "Q, dB",
+    title: "gain Q",
+    unit: "dB",
     value: (c) => c.gain_margin_Q_db,
     text: orNone(1),
     tip: "Gain margin of the loop of Q",
   },
   {
     group: "Margins",
-    title: "phase",
-    unit: "Q, °",
+    title: "phase Q",
+    unit: "°",
     value: (c) => c.phase_margin_Q_deg,
     text: orNone(0),
     tip: "Phase margin of the loop of Q",
@@ -143,6 +143,9 @@ const COLUMNS = [
   },
   { group: "Droop, inertia", title: "H", unit: "s", value: (c) => c.H_s, text: inDigits(2), tip: "Inertia constant" },
 ];
+
+/** Whether an EMT of this status does not come to rest. */
+export const isWild = (status) => /unstable|diverged|slipped|latched|no rest/.test(status || "");
 
 export const sentence = (words) => words.charAt(0).toUpperCase() + words.slice(1) + (/[.!?]$/.test(words) ? "" : ".");
 
@@ -222,7 +225,6 @@ export class ControllerTable {
     }
     if (gains.length) groups.push(["Gains in force", gains.length]);
     const first = tag("tr", {}, tag("th", { rowSpan: 2, scope: "col", className: "name" }, "Controller"));
-    first.append(tag("th", { rowSpan: 2, scope: "col", className: "words" }, "Status"));
     for (const [group, span] of groups)
       first.append(tag("th", { colSpan: span, scope: "colgroup", className: "group" }, group));
     const second = tag("tr");
@@ -235,11 +237,10 @@ export class ControllerTable {
       second.append(headCell(known.label || name, known.unit || "", name, k === 0));
     });
     this.cells = new Map();
-    const body = tag("tbody");
-    this.rows().forEach((row) => body.append(this.buildRow(row)));
-    this.root.replaceChildren(tag("thead", {}, first, second), body);
+    this.root.replaceChildren(tag("thead", {}, first, second), ...this.rows().map((row) => this.buildRow(row)));
   }
 
+  // Each controller has a line of numbers and a line of words, so that words that come and go move nothing.
   buildRow({ name, colour }) {
     const place = this.info.controllers.findIndex((c) => c.name === name);
     const box = tag("input", { type: "checkbox", checked: this.store.state.controllers.includes(name) });
@@ -251,13 +252,15 @@ export class ControllerTable {
       signOf(colour, place < 0 ? this.info.controllers.length : place),
       tag("span", {}, name === "own" ? "my own gains" : name),
     );
-    const tr = tag("tr", {}, tag("th", { scope: "row", className: "name" }, label));
-    tr.addEventListener("pointerenter", () => this.onEmphasis(name));
-    tr.addEventListener("pointerleave", () => this.onEmphasis(null));
+    const tr = tag("tr", {}, tag("th", { rowSpan: 2, scope: "rowgroup", className: "name" }, label));
+    const words = tag("td", { className: "words" });
+    const body = tag("tbody", {}, tr, tag("tr", {}, words));
+    body.addEventListener("pointerenter", () => this.onEmphasis(name));
+    body.addEventListener("pointerleave", () => this.onEmphasis(null));
     box.addEventListener("focus", () => box.matches(":focus-visible") && this.onEmphasis(name));
     box.addEventListener("blur", () => this.onEmphasis(null));
-    this.cells.set(name, { tr, box });
-    return tr;
+    this.cells.set(name, { tr, box, words });
+    return body;
   }
 
   // At least one controller stays shown; the order is the study's.
@@ -278,37 +281,23 @@ export class ControllerTable {
   }
 
   fill({ name }, gains) {
-    const { tr, box } = this.cells.get(name);
+    const { tr, box, words } = this.cells.get(name);
     const shown = this.store.state.controllers.includes(name);
     box.checked = shown;
     const c = this.linear.find((one) => one.name === name);
     const e = this.emt.find((one) => one.name === name) || {};
     while (tr.children.length > 1) tr.lastChild.remove();
-    const all = COLUMNS.length + gains.length;
-    if (!shown || !c) {
-      tr.append(tag("td", { colSpan: all + 1, className: "words quiet" }, shown ? "" : "not shown"));
-      return;
-    }
-    const fault = !c.stable && c.why ? sentence(c.why) : null;
-    if (fault && !(c.modes || []).length) {
-      tr.append(tag("td", { colSpan: all + 1, className: "words bad long" }, fault));
-      return;
-    }
-    const [cell, place] = [tag("td", { className: "words" }), tag("div")];
-    const unstable = c.stable || /^unstable/i.test(e.why || "") ? "" : c.why || "unstable";
-    const bad = [unstable, c.outside, e.why].filter(Boolean);
-    const good = [bad.length ? "" : e.status || "stable", c.note].filter(Boolean);
-    if (bad.length) place.append(tag("span", { className: "bad" }, bad.map(sentence).join(" ")), " ");
-    place.append(good.map(sentence).join(" "));
-    cell.title = [e.verdict, ...bad, c.note].filter(Boolean).map(sentence).join(" ");
-    cell.append(place);
-    tr.append(cell);
-    COLUMNS.forEach((column, k) =>
-      tr.append(this.cell(column, c, e, k === 0 || COLUMNS[k - 1].group !== column.group)),
-    );
-    gains.forEach((gain, k) =>
-      tr.append(tag("td", { className: k ? "" : "start" }, significant((c.gains || {})[gain]))),
-    );
+    words.colSpan = COLUMNS.length + gains.length;
+    words.replaceChildren(tag("div", {}, ...(shown && c ? wordsOf(c, e) : [shown ? "" : "Not shown."])));
+    const without = !shown || !c || (!c.stable && !(c.modes || []).length);
+    COLUMNS.forEach((column, k) => {
+      const start = k === 0 || COLUMNS[k - 1].group !== column.group;
+      tr.append(without ? tag("td", { className: start ? "start" : "" }, "–") : this.cell(column, c, e, start));
+    });
+    gains.forEach((gain, k) => {
+      const value = without ? null : (c.gains || {})[gain];
+      tr.append(tag("td", { className: k ? "" : "start" }, significant(value)));
+    });
   }
 
   cell(column, c, e, start) {
@@ -323,6 +312,16 @@ export class ControllerTable {
     }
     return cell;
   }
+}
+
+/** What there is to say of a controller: first what is wrong, then the verdict of the EMT, then notes. */
+function wordsOf(c, e) {
+  const wild = isWild(e.status);
+  const wrong = [c.stable === false && !wild ? c.why || "unstable" : "", c.stable === null ? c.why : "", c.outside];
+  const bad = [...wrong, wild ? e.verdict || e.why : ""].filter(Boolean);
+  const plain = [wild || c.stable === null ? "" : e.verdict || e.why || e.status, c.note].filter(Boolean);
+  const text = [bad.map(sentence).join(" "), plain.map(sentence).join(" ")];
+  return [tag("span", { className: "bad" }, text[0]), text[0] && text[1] ? " " : "", text[1]];
 }
 
 function headCell(title, unit, tip, start) {

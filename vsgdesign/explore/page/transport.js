@@ -97,7 +97,13 @@ export function snapToLattice(lattice, grid) {
   return { scr: lattice.scr[i], x_over_r: lattice.x_over_r[j], key: `${i},${j}` };
 }
 
-/** Answers that are kept in the page itself (a file without server). */
+/** Deflated bytes (zlib) as they were. */
+function inflated(bytes) {
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Response(stream).arrayBuffer();
+}
+
+/** Answers that are kept in the page itself, deflated and in base 64 (a file without server). */
 export function staticAsk(kept) {
   return async (kind, seq, state) => {
     const { lattice } = kept.info;
@@ -115,8 +121,7 @@ export function staticAsk(kept) {
         ],
       };
     const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-    const whole = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-    const answer = readAnswer(await new Response(whole).arrayBuffer());
+    const answer = readAnswer(await inflated(bytes));
     answer.header.seq = seq;
     return { status: 200, answer };
   };
