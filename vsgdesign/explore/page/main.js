@@ -9,7 +9,7 @@ import { BodePlot } from "./bode.js";
 import { ResponsePlot, SHOWN } from "./response.js";
 import { Field, FieldList, faultText } from "./fields.js";
 import { ControllerTable, isWild, sentence } from "./table.js";
-import { forgetGoodNews, notice, say } from "./notice.js";
+import { forgetNotice, notice, say } from "./notice.js";
 import { EventPanel } from "./event.js";
 import { Actions } from "./actions.js";
 
@@ -38,7 +38,7 @@ class Page {
     for (const field of [...this.gridFields, ...this.event.fields]) this.fields.add(field.spec.path, field);
     this.actions = new Actions(this);
     this.store.listen(() => this.changed());
-    this.store.listen(forgetGoodNews);
+    this.store.listen(forgetNotice);
     onThemeChange(() => this.repaint(true));
     const observer = new ResizeObserver(() => this.repaint(false));
     for (const box of document.querySelectorAll(".plot")) observer.observe(box);
@@ -352,8 +352,8 @@ class Page {
     const homeless = this.fields.mark(faults);
     let changed = false;
     for (const fault of faults) if (fault.field) changed = this.store.takeBack(String(fault.field)) || changed;
-    notice(homeless.map(faultText).join(" "), true);
     if (changed) this.store.forget();
+    notice(homeless.map(faultText).join(" "), true);
   }
 
   lost() {

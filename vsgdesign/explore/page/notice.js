@@ -8,10 +8,9 @@ export function notice(text, bad = false) {
   place.classList.toggle("bad", bad);
 }
 
-/** Good news goes away with the next change; bad news stays until it is no longer true. */
-export function forgetGoodNews() {
-  const place = document.getElementById("notice");
-  if (!place.classList.contains("bad")) notice("");
+/** Words go away with the next change of the state, but not those of a server that is lost. */
+export function forgetNotice() {
+  if (document.documentElement.dataset.state !== "lost") notice("");
 }
 
 /** Words for a screen reader. */
