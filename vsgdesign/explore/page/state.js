@@ -36,7 +36,8 @@ export class Store {
   constructor(defaults, start) {
     this.defaults = copyOf(defaults);
     this.state = copyOf(start);
-    this.good = copyOf(start);
+    // The last state that was answered; what a link asks for is not known to be possible yet.
+    this.good = copyOf(defaults);
     this.history = [copyOf(start)];
     this.at = 0;
     this.dragging = false;

@@ -314,12 +314,21 @@ export class ControllerTable {
   }
 }
 
+// The scheduler's status. That gains follow the estimate needs no words.
+const SCHEDULES = {
+  held: "Its gains are held",
+  fixed: "Its gains are fixed",
+  clamped: "The estimate is outside the table, so the gains are those of its edge",
+};
+
 /** What there is to say of a controller: first what is wrong, then the verdict of the EMT, then notes. */
 function wordsOf(c, e) {
   const wild = isWild(e.status);
   const wrong = [c.stable === false && !wild ? c.why || "unstable" : "", c.stable === null ? c.why : "", c.outside];
   const bad = [...wrong, wild ? e.verdict || e.why : ""].filter(Boolean);
-  const plain = [wild || c.stable === null ? "" : e.verdict || e.why || e.status, c.note].filter(Boolean);
+  const plain = [wild || c.stable === null ? "" : e.verdict || e.why || e.status, SCHEDULES[c.schedule], c.note].filter(
+    Boolean,
+  );
   const text = [bad.map(sentence).join(" "), plain.map(sentence).join(" ")];
   return [tag("span", { className: "bad" }, text[0]), text[0] && text[1] ? " " : "", text[1]];
 }
