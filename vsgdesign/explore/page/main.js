@@ -188,7 +188,7 @@ class Page {
       this.askedPoint = point;
       this.transport.wish("linear", store.state, since);
       this.emtSince = since;
-      if (!this.emtUnderWay()) this.wishEmt(since);
+      if (!this.answers.linear) this.wishEmt(since);
     }
     const map = this.mapKey();
     if (map !== this.askedMap) {
@@ -202,10 +202,6 @@ class Page {
 
   // The EMT is asked for when the linear answer is here, so that they do not compete for the processor; the server
   // computes it while the page draws. The very first time both are asked for at once.
-  emtUnderWay() {
-    return Boolean(this.answers.linear);
-  }
-
   wishEmt(since) {
     this.transport.wish("emt", this.store.state, since);
     this.emtSince = null;
