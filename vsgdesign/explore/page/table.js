@@ -43,6 +43,7 @@ const COLUMNS = [
   {
     group: "Margins",
     title: "gain P",
+    wide: true,
     unit: "dB",
     value: (c) => c.gain_margin_db,
     text: orNone(1),
@@ -51,6 +52,7 @@ const COLUMNS = [
   {
     group: "Margins",
     title: "phase P",
+    wide: true,
     unit: "°",
     value: (c) => c.phase_margin_deg,
     text: orNone(0),
@@ -59,6 +61,7 @@ const COLUMNS = [
   {
     group: "Margins",
     title: "gain Q",
+    wide: true,
     unit: "dB",
     value: (c) => c.gain_margin_Q_db,
     text: orNone(1),
@@ -67,6 +70,7 @@ const COLUMNS = [
   {
     group: "Margins",
     title: "phase Q",
+    wide: true,
     unit: "°",
     value: (c) => c.phase_margin_Q_deg,
     text: orNone(0),
@@ -85,6 +89,7 @@ const COLUMNS = [
   {
     group: "Linear",
     title: "settles",
+    wide: true,
     unit: "s",
     value: (c) => c.settling_s,
     text: inDigits(2),
@@ -103,6 +108,7 @@ const COLUMNS = [
   {
     group: "EMT",
     title: "settles",
+    wide: true,
     unit: "s",
     value: (c, e) => e.settling_s ?? e.recovery_s,
     text: inDigits(2),
@@ -119,6 +125,7 @@ const COLUMNS = [
   {
     group: "EMT",
     title: "peak i",
+    wide: true,
     unit: "pu",
     value: (c, e) => e.peak_pu,
     text: inDigits(2),
@@ -136,6 +143,7 @@ const COLUMNS = [
   {
     group: "Droop, inertia",
     title: "Q–V",
+    wide: true,
     unit: "%",
     value: (c) => c.droop_Q,
     text: perCent,
@@ -236,12 +244,20 @@ export class ControllerTable {
       const known = (this.info.gains || []).find((gain) => gain.name === name) || {};
       second.append(headCell(known.label || name, known.unit || "", name, k === 0));
     });
+    // Widths are fixed, so that nothing moves when a number gets longer.
+    const widths = tag("colgroup", {}, tag("col", { className: "name" }));
+    for (const column of COLUMNS) widths.append(tag("col", { className: column.wide ? "wide" : "" }));
+    for (let k = 0; k < gains.length; k++) widths.append(tag("col", { className: "gain" }));
     this.cells = new Map();
-    this.root.replaceChildren(tag("thead", {}, first, second), ...this.rows().map((row) => this.buildRow(row)));
+    this.root.replaceChildren(
+      widths,
+      tag("thead", {}, first, second),
+      ...this.rows().map((row) => this.buildRow(row, gains)),
+    );
   }
 
   // Each controller has a line of numbers and a line of words, so that words that come and go move nothing.
-  buildRow({ name, colour }) {
+  buildRow({ name, colour }, gains) {
     const place = this.info.controllers.findIndex((c) => c.name === name);
     const box = tag("input", { type: "checkbox", checked: this.store.state.controllers.includes(name) });
     box.addEventListener("change", () => this.choose(name, box));
@@ -253,13 +269,17 @@ export class ControllerTable {
       tag("span", {}, name === "own" ? "my own gains" : name),
     );
     const tr = tag("tr", {}, tag("th", { rowSpan: 2, scope: "rowgroup", className: "name" }, label));
-    const words = tag("td", { className: "words" });
-    const body = tag("tbody", {}, tr, tag("tr", {}, words));
+    const titles = [...COLUMNS.map((column) => column.group), ...gains.map(() => "gains")];
+    const cells = titles.map((group, k) => tag("td", { className: k && titles[k - 1] === group ? "" : "start" }));
+    tr.append(...cells);
+    const words = tag("div", {}, tag("span", { className: "bad" }), tag("span"));
+    const said = tag("td", { className: "words", colSpan: cells.length }, words);
+    const body = tag("tbody", {}, tr, tag("tr", {}, said));
     body.addEventListener("pointerenter", () => this.onEmphasis(name));
     body.addEventListener("pointerleave", () => this.onEmphasis(null));
     box.addEventListener("focus", () => box.matches(":focus-visible") && this.onEmphasis(name));
     box.addEventListener("blur", () => this.onEmphasis(null));
-    this.cells.set(name, { tr, box, words });
+    this.cells.set(name, { cells, box, words });
     return body;
   }
 
@@ -280,38 +300,38 @@ export class ControllerTable {
     this.store.commit();
   }
 
+  // Cells are changed in place: during a drag the table is filled some fifty times a second.
   fill({ name }, gains) {
-    const { tr, box, words } = this.cells.get(name);
+    const { cells, box, words } = this.cells.get(name);
     const shown = this.store.state.controllers.includes(name);
     box.checked = shown;
     const c = this.linear.find((one) => one.name === name);
     const e = this.emt.find((one) => one.name === name) || {};
-    while (tr.children.length > 1) tr.lastChild.remove();
-    words.colSpan = COLUMNS.length + gains.length;
-    words.replaceChildren(tag("div", {}, ...(shown && c ? wordsOf(c, e) : [shown ? "" : "Not shown."])));
+    const [bad, plain] = shown && c ? wordsOf(c, e) : ["", shown ? "" : "Not shown."];
+    setText(words.firstChild, bad);
+    setText(words.lastChild, bad && plain ? ` ${plain}` : plain);
+    words.title = `${bad} ${plain}`.trim();
     const without = !shown || !c || (!c.stable && !(c.modes || []).length);
     COLUMNS.forEach((column, k) => {
-      const start = k === 0 || COLUMNS[k - 1].group !== column.group;
-      tr.append(without ? tag("td", { className: start ? "start" : "" }, "–") : this.cell(column, c, e, start));
+      const value = without ? null : column.value(c, e);
+      // An unstable loop has no margins; "none" says of a stable one that it has no crossing.
+      setText(cells[k], without || (!c.stable && isNone(value)) ? "–" : column.text(value));
+      this.judge(cells[k], column, value);
     });
-    gains.forEach((gain, k) => {
-      const value = without ? null : (c.gains || {})[gain];
-      tr.append(tag("td", { className: k ? "" : "start" }, significant(value)));
-    });
+    gains.forEach((gain, k) => setText(cells[COLUMNS.length + k], significant(without ? null : (c.gains || {})[gain])));
   }
 
-  cell(column, c, e, start) {
-    const value = column.value(c, e);
-    // An unstable loop has no margins; "none" says of a stable one that it has no crossing.
-    const cell = tag("td", { className: start ? "start" : "" }, c.stable || !isNone(value) ? column.text(value) : "–");
-    const [gate, sense] = column.gate || [];
+  judge(cell, { gate: [gate, sense] = [], text, unit }, value) {
     const limit = gate && this.info.gates ? this.info.gates[gate] : null;
-    if (!isNone(limit) && !isNone(value) && sense * (value - limit) < 0) {
-      cell.classList.add("miss");
-      cell.title = `The study asks for ${sense > 0 ? "at least" : "at most"} ${column.text(limit)}${column.unit ? " " + column.unit : ""}.`;
-    }
-    return cell;
+    const miss = !isNone(limit) && !isNone(value) && sense * (value - limit) < 0;
+    cell.classList.toggle("miss", miss);
+    const asked = `The study asks for ${sense > 0 ? "at least" : "at most"}`;
+    cell.title = miss ? `${asked} ${text(limit)}${unit ? " " + unit : ""}.` : "";
   }
+}
+
+function setText(node, text) {
+  if (node.textContent !== text) node.textContent = text;
 }
 
 // The scheduler's status. That gains follow the estimate needs no words.
@@ -329,8 +349,7 @@ function wordsOf(c, e) {
   const plain = [wild || c.stable === null ? "" : e.verdict || e.why || e.status, SCHEDULES[c.schedule], c.note].filter(
     Boolean,
   );
-  const text = [bad.map(sentence).join(" "), plain.map(sentence).join(" ")];
-  return [tag("span", { className: "bad" }, text[0]), text[0] && text[1] ? " " : "", text[1]];
+  return [bad.map(sentence).join(" "), plain.map(sentence).join(" ")];
 }
 
 function headCell(title, unit, tip, start) {
