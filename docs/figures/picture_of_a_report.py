@@ -13,7 +13,7 @@ from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]
-SIZE = (1120, 800)
+SIZE = (1120, 900)
 """Window in pixels: the answer, without the figure below it."""
 
 

@@ -13,7 +13,7 @@ from vsgdesign.metrics.events import UNSTABLE
 from vsgdesign.metrics.step_response import no_figures
 from vsgdesign.metrics.survival import Survival
 from vsgdesign.report.drawing import spark
-from vsgdesign.report.page.answer import FACT, MET, MISSED, OPEN, Answer, Cell, Row, counted, without_empty
+from vsgdesign.report.page.answer import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, counted, without_empty
 from vsgdesign.report.page.html import environment
 from vsgdesign.report.quantities import number, percent
 from vsgdesign.report.scenario import tables
@@ -194,6 +194,8 @@ def test_no_more_steps_than_fit(short):
 
 def test_counted_cells():
     assert counted([], "x").mark == OPEN
+    asked = Row("a", (Cell(UNKNOWN, "not known"), Cell(FACT, "1 pu")))
+    assert without_empty(Answer("t", ("A", "B"), (asked,))).head == ("A", "B"), "what was asked for is not hidden"
     assert counted([True], "x") == Cell(MET, "met", "x")
     assert counted([False], "x") == Cell(MISSED, "missed", "x")
     assert counted([True, False, True], "x").words == "missed 1 of 3"
@@ -203,7 +205,8 @@ def test_counted_cells():
 
 def test_words_and_signs_stand_beside_colours():
     answer = Answer("t", ("A", "B"), (Row("n <&>", (Cell(MET, "met 2 of 2"), Cell(MISSED, "missed", "P_ref 1 s"))),))
-    text = str(environment().get_template("parts.html.j2").module.answer(answer))
+    template = environment().from_string('{% from "parts.html.j2" import answer %}{{ answer(a) }}')
+    text = template.render(a=answer)
     assert "✓</span> met 2 of 2</span>" in text
     assert "✗</span> missed</span>" in text
     assert "n &lt;&amp;&gt;" in text

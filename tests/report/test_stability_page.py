@@ -118,14 +118,14 @@ def test_the_answer_on_top_counts_the_rows_of_the_clause_matrix(made: Made) -> N
         top = next(row for row in rows if row[0] == name and row not in matrix)
         passed, failed = (sum(row[6] == verdict for row in matrix) for verdict in ("pass", "fail"))
         if passed + failed == 0:
-            assert top[1].startswith("–notassessed")
+            assert top[1].startswith("?notassessed")
         elif failed:
             assert top[1].startswith(f"✗missed{failed}of{passed + failed}")
         else:
             assert top[1].startswith(f"✓met{passed}of{passed}")
         full_order = [row for row in matrix if row[3].endswith("(fullorder)") or row[3].startswith("2%settling")]
         for shown, row in zip(top[2:], full_order, strict=True):
-            assert shown.startswith({"pass": "✓met", "fail": "✗missed"}.get(row[6], "–notassessed"))
+            assert shown.startswith({"pass": "✓met", "fail": "✗missed"}.get(row[6], "?notassessed"))
             assert row[4].partition("at")[0] in shown or row[6] == "notassessed"
     good = [a.spec.name for a in made.result.assessments if gates_met(made, a.spec.name)]
     headline = re.search(r'<p class="headline">(.*?)</p>', made.text)

@@ -11,7 +11,7 @@ from vsgdesign.estimator.field.scores import AFTER, GROUPS, WAYS, GroupScore
 from vsgdesign.estimator.field.trained import GROUP_WORDS, TrainedFieldNetwork
 from vsgdesign.estimator.stress import Stress
 from vsgdesign.report.drawing import spark
-from vsgdesign.report.page.answer import FACT, MET, MISSED, OPEN, Answer, Cell, Row, without_empty
+from vsgdesign.report.page.answer import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, without_empty
 from vsgdesign.report.quantities import number, plain
 
 _LIMIT = f"{plain(100.0 * WITHIN)} %"
@@ -54,7 +54,7 @@ def comparison_answer(found: Comparison) -> Answer:
 
 def _error(one: Accuracy) -> Cell:
     if not np.isfinite(one.rms).all():
-        return Cell(OPEN, "not known")
+        return Cell(UNKNOWN, "not known")
     low, high = (_percent(value) for value in (one.rms.min(), one.rms.max()))
     detail = f"rms {low}" if low == high else f"rms {low.removesuffix(' %')} to {high}"
     if np.isfinite(one.bound).all():

@@ -7,7 +7,7 @@ import numpy as np
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.table_text import certificate_failed
 from vsgdesign.report.gain_table.maps import in_order, limit_of, margin_keys
-from vsgdesign.report.page.answer import FACT, MET, MISSED, OPEN, Answer, Cell, Row
+from vsgdesign.report.page.answer import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row
 from vsgdesign.report.quantities import number, plain
 from vsgdesign.stability.gain_table import figure_of
 
@@ -81,7 +81,7 @@ def _verified(table: GainTable) -> Cell:
     broken = [promise["broken"] for family in record["families"].values() for promise in family["promises"].values()]
     judged = [promise["judged"] for family in record["families"].values() for promise in family["promises"].values()]
     if not any(judged):
-        return Cell(OPEN, "no case was judged")
+        return Cell(UNKNOWN, "no case was judged")
     missed = sum(count > 0 for count in broken)
     words = f"{missed} of {len(broken)} promises broken" if missed else f"all {len(broken)} promises kept"
     return Cell(MISSED if missed else MET, words, "how often: in part 5")

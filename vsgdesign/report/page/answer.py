@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-MET, MISSED, OPEN, FACT = "met", "missed", "open", "fact"
-"""Marks of a cell: a target that is met, one that is missed, one that was not asked for or cannot be judged, and a
-figure that has no target. Each has its colour and, because colours alone are not enough, its sign and its words."""
+MET, MISSED, UNKNOWN, OPEN, FACT = "met", "missed", "unknown", "open", "fact"
+"""Marks of a cell: a target that is met, one that is missed, one that was asked for and cannot be judged, nothing that
+was asked for, and a figure that has no target. Each has its colour and, because colours alone are not enough, its sign
+and its words."""
 
-SIGNS = {MET: "✓", MISSED: "✗", OPEN: "–", FACT: ""}
+SIGNS = {MET: "✓", MISSED: "✗", UNKNOWN: "?", OPEN: "–", FACT: ""}
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ def _finalize(value: Any) -> Any:
     return typeset(value) if type(value) is str else value
 
 
-_BREAKABLE = re.compile(r"(?<=[≤≥\d]) (?=[\d%°a-zA-Z])")
+_BREAKABLE = re.compile(r"(?<=[≤≥\d]) (?=[\d%°a-zA-Z])|(?<=asked) (?=[≤≥])|(?<=limit) (?=\d)")
 
 
 def tight(text: str) -> str:

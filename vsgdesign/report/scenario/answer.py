@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
 from vsgdesign.metrics.survival import Survival, loads_of
 from vsgdesign.report.drawing import spark
-from vsgdesign.report.page.answer import FACT, MET, MISSED, OPEN, Answer, Cell, Row, counted, without_empty
+from vsgdesign.report.page.answer import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, counted, without_empty
 from vsgdesign.report.quantities import number, percent, plain
 from vsgdesign.report.scenario.figures import interesting_time
 from vsgdesign.report.scenario.promise_tables import PROMISES, reached, slack
@@ -106,7 +106,7 @@ def _none(own: Sequence[StepOutcome]) -> Cell:
     """Nothing is judged: because nothing was asked for, promised or known."""
     if not own or all(one.target_settling_time_s is None and one.target_overshoot_pct is None for one in own):
         return Cell(OPEN, "not asked for" if own else "no step")
-    return Cell(OPEN, "not promised" if all(one.excuse for one in own) else "not known")
+    return Cell(UNKNOWN, "not promised" if all(one.excuse for one in own) else "not known")
 
 
 def settling_words(outcome: StepOutcome) -> str:
@@ -140,7 +140,7 @@ def _ratio(value: float, limit: float) -> float:
 def _margins(own: Sequence[Kept]) -> Cell:
     judged = [one for one in own if not one.excuse]
     if not judged:
-        return Cell(OPEN, "not judged" if own else "not asked for")
+        return Cell(UNKNOWN, "not judged") if own else Cell(OPEN, "not asked for")
     worst = min(judged, key=slack)
     name, _, unit = PROMISES[worst.name].partition(" [")
     unit = {"dB]": " dB", "°]": "°"}.get(unit, "")
@@ -167,7 +167,7 @@ def _survival(verdict: Survival | None) -> Cell:
     if verdict is None:
         return Cell(OPEN, "not asked for")
     if not verdict.judged:
-        return Cell(OPEN, "not judged", verdict.status)
+        return Cell(UNKNOWN, "not judged", verdict.reason or verdict.status)
     if not verdict.survived:
         return Cell(MISSED, "not survived", verdict.status)
     return Cell(MET, "survived", "" if verdict.recovery_s is None else f"at rest after {plain(verdict.recovery_s)} s")
@@ -219,7 +219,7 @@ def _current(result: ScenarioResult, controller: ControllerResult, limit: float 
     picture = spark.bar(peak, limit, largest, f"{name}: {said}, limit {plain(limit)} pu")
     late = late_peak_pu(result, controller)
     if late is None:
-        return Cell(OPEN, said, f"limit {plain(limit)} pu", picture)
+        return Cell(UNKNOWN, said, f"limit {plain(limit)} pu", picture)
     kept = late <= LIMIT_ROOM * limit
     return Cell(
         MET if kept else MISSED,
@@ -301,7 +301,7 @@ def _pictures(result: ScenarioResult, step: _Step, signal: Signal) -> Callable[[
         words = f"{settling_words(outcome)}"
         if not outcome.unstable and outcome.measured_overshoot_pct is not None:
             words += f", {overshoot_words(outcome)}"
-        mark = OPEN if not outcome.judged else MISSED if outcome.misses else MET
+        mark = UNKNOWN if not outcome.judged else MISSED if outcome.misses else MET
         verdict = {MET: "met", MISSED: "missed"}.get(mark, "not promised" if outcome.excuse else "not judged")
         picture = spark.step(
             traces[index].t,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from vsgdesign.report.drawing import spark
-from vsgdesign.report.page.answer import MET, MISSED, OPEN, Answer, Cell, Row, counted
+from vsgdesign.report.page.answer import MET, MISSED, UNKNOWN, Answer, Cell, Row, counted
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.stability.verdict import FAIL, OWN, PASS, Verdict
 
@@ -66,13 +66,15 @@ def _title(test: str) -> str:
 def _all(own: Sequence[Verdict]) -> Cell:
     judged = [row.verdict == PASS for row in own if row.verdict in (PASS, FAIL)]
     left = len(own) - len(judged)
-    return counted(judged, f"{left} of {len(own)} not assessed" if left else "", "not assessed")
+    if not judged:
+        return Cell(UNKNOWN, "not assessed")
+    return counted(judged, f"{left} of {len(own)} not assessed" if left else "")
 
 
 def _gate(own: Sequence[Verdict], test: str) -> Cell:
     row = next((one for one in own if one.test == test), None)
     if row is None or row.verdict not in (PASS, FAIL):
-        return Cell(OPEN, "not assessed")
+        return Cell(UNKNOWN, "not assessed")
     value, _, where = row.value.partition(" at ")
     detail = f"{value}, asked {row.limit}{f'; at {where}' if where else ''}"
     return Cell(MET, "met", detail) if row.verdict == PASS else Cell(MISSED, "missed", detail)
