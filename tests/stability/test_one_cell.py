@@ -75,7 +75,7 @@ def test_all_movements_are_the_sensitivities_of_each_mode(model: FullOrderModel)
 
 def test_settling_times_are_those_of_each_response(model: FullOrderModel) -> None:
     rng = np.random.default_rng(0)
-    t = 0.1 * np.arange(60)
+    t = 0.1 * np.arange(60, dtype=np.float64)
     error = np.exp(-t * rng.uniform(0.05, 3.0, (12, 1))) * np.abs(np.cos(t * rng.uniform(0.0, 9.0, (12, 1))))
     error[3] = 0.0
     expected = [settling_time(t, row, SETTLING_BAND) for row in error]

@@ -147,7 +147,8 @@ def _cell(one: Shown, grid: Grid, held: Grid | None, P: float, Q: float, error: 
 def _together(study: Study, parts: list[CellSet]) -> CellSet:
     """Cells one after another."""
     if not parts:
-        return cell_set(study, *(np.empty(0),) * 4, PowerLoopGains(*(np.empty(0),) * len(PowerLoopGains._fields)))
+        none = np.empty(0)
+        return cell_set(study, none, none, none, none, PowerLoopGains(*[none] * len(PowerLoopGains._fields)))
 
     def joined(name: str) -> np.ndarray:
         return np.concatenate([getattr(part, name) for part in parts])

@@ -147,8 +147,10 @@ def _crossings(values: NDArray[Any], omega: Array, function: Callable) -> tuple[
     sign = np.where(negative[turned, k + 1], -1.0, 1.0)
     left, right = log_omega[turned, k], log_omega[turned, k + 2]
     k += 1
-    known = left, log_omega[turned, k], right, *(-sign * values[turned, k + side] for side in (-1, 0, 1))
-    nearest, x = _maxima(*known, lambda k, x: -sign[k] * function(turned[k], np.exp(x)))
+    known = -sign * values[turned, k - 1], -sign * values[turned, k], -sign * values[turned, k + 1]
+    nearest, x = _maxima(
+        left, log_omega[turned, k], right, known, lambda k, x: -sign[k] * function(turned[k], np.exp(x))
+    )
     beyond = nearest > 0.0
     cells = np.concatenate([cells, turned[beyond], turned[beyond]])
     low, high = np.concatenate([low, left[beyond], x[beyond]]), np.concatenate([high, x[beyond], right[beyond]])
@@ -178,12 +180,15 @@ def _highest(values: Array, omega: Array, function: Callable) -> tuple[Array, Ar
     left, right = np.maximum(chosen - 1, 0), np.minimum(chosen + 1, points - 1)
     own, lower = values[cells, chosen], np.minimum(values[cells, left], values[cells, right])
     may_be_highest = own + _REACH * (own - lower) >= values.max(axis=1)[cells]
-    kept_peaks = np.flatnonzero((local[cells, chosen] > -np.inf) & may_be_highest)
-    cells, chosen, left, right, own = (array[kept_peaks] for array in (cells, chosen, left, right, own))
-    log_omega = np.log(omega)
-    three = [log_omega[cells, at] for at in (left, chosen, right)]
+    at_peak = np.flatnonzero((local[cells, chosen] > -np.inf) & may_be_highest)
+    cells, chosen, own = cells[at_peak], chosen[at_peak], own[at_peak]
+    left, right, log_omega = left[at_peak], right[at_peak], np.log(omega)
     best, at = _maxima(
-        *three, values[cells, left], own, values[cells, right], lambda k, x: function(cells[k], np.exp(x))
+        log_omega[cells, left],
+        log_omega[cells, chosen],
+        log_omega[cells, right],
+        (values[cells, left], own, values[cells, right]),
+        lambda k, x: function(cells[k], np.exp(x)),
     )
     # The grid's own point may be the highest: at its edge, or exactly on the peak.
     at = np.where(own > best, omega[cells, chosen], np.exp(at))
@@ -192,14 +197,15 @@ def _highest(values: Array, omega: Array, function: Callable) -> tuple[Array, Ar
 
 
 def _maxima(
-    low: Array, inside: Array, high: Array, f_low: Array, f_inside: Array, f_high: Array, function: Callable
+    low: Array, inside: Array, high: Array, known: tuple[Array, Array, Array], function: Callable
 ) -> tuple[Array, Array]:
     """Maxima of ``function(k, x)``, one in each interval k with low ≤ x ≤ high: values and x.
 
     Brent's method: a parabola through the three best points where it converges, else a golden section. It begins with
-    the values that are known at the ends and at a point inside. All intervals advance together, and those that are done
+    the values that are ``known`` at low, inside and high. All intervals advance together, and those that are done
     are not evaluated any more.
     """
+    f_low, f_inside, f_high = known
     low, high, x, f = low.copy(), high.copy(), inside.copy(), -f_inside
     nearer = f_low > f_high
     second, third = np.where(nearer, low, high), np.where(nearer, high, low)

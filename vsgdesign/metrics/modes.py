@@ -66,11 +66,11 @@ def eigen(A: Array) -> Eigen:
     """Eigenvalues and both kinds of eigenvectors of matrices (N, n, n)."""
     values, right = (np.asarray(found, dtype=np.complex128) for found in np.linalg.eig(A))
     try:
-        left = np.linalg.inv(right)
+        left = np.asarray(np.linalg.inv(right), dtype=np.complex128)
     except np.linalg.LinAlgError:  # one of them is singular to the last bit
         regular = np.linalg.cond(right) < 1.0 / np.finfo(float).eps
         right = np.where(regular[:, None, None], right, np.eye(A.shape[-1], dtype=complex))
-        return Eigen(values, right, np.linalg.inv(right), regular)
+        return Eigen(values, right, np.asarray(np.linalg.inv(right), dtype=np.complex128), regular)
     norms = [np.abs(matrix).sum(axis=-2).max(axis=-1) for matrix in (right, left)]
     regular = norms[0] * norms[1] < 1.0 / np.finfo(float).eps
     if not regular.all():
