@@ -73,7 +73,8 @@ def test_bins_without_cases_are_left_grey() -> None:
     counts = np.array(few["map"]["families"]["step"]["judged"])
     assert (counts == 0).any()
     for axes in figure.figure.axes[::2]:
-        assert np.array_equal(np.ma.getmaskarray(axes.collections[0].get_array()).T.reshape(counts.shape), counts == 0)
+        values: Any = axes.collections[0].get_array()
+        assert np.array_equal(np.ma.getmaskarray(values).T.reshape(counts.shape), counts == 0)
     assert "no judged cases" in [text.get_text() for text in figure.figure.legends[0].get_texts()]
 
 
@@ -196,7 +197,8 @@ def test_a_single_x_over_r_is_one_row_of_bins() -> None:
     step = narrow["map"]["families"]["step"]
     last = figure.axes[-2]
     assert last.get_title(loc="left").startswith("Judged steps")
-    shown = np.ma.getdata(last.collections[0].get_array()).reshape(-1)
+    values: Any = last.collections[0].get_array()
+    shown = np.ma.getdata(values).reshape(-1)
     sums = np.array(step["judged"]).sum(axis=1)
     assert np.allclose(shown, sums / sums.max())
     assert [label.get_text() for label in last.get_yticklabels()] == ["3"]

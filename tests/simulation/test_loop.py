@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -119,7 +120,7 @@ def expected(slope: str, applied: BridgeVoltage, V_dc: float) -> np.ndarray:
     m = modulation(applied.alpha, applied.beta, V_dc, True)
     instants = sorted({begin, end, 0.5} | {p for one in m for p in ((one + 1.0) / 4.0, (3.0 - one) / 4.0)})
     instants = [p for p in instants if begin <= p <= end]
-    x = np.zeros(3, dtype=complex)
+    x: Any = np.zeros(3, dtype=complex)
     turn = np.exp(2j * np.pi * np.arange(3) / 3.0)
     for one, other in itertools.pairwise(instants):
         if other - one < 1e-12:
