@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vsgdesign.errors import VsgDesignError
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.explore.answer import Answer
 from vsgdesign.explore.security import BODY_LIMIT
 from vsgdesign.explore.server import ExplorerServer, Opening, page_files
+from vsgdesign.explore.state import StateError
 
-
-class _WrongError(VsgDesignError):
-    faults = ({"field": "scr", "value": 0, "limit": "0.1 to 1000", "unit": "", "text": "scr = 0: outside"},)
+_FAULTS = [{"field": "scr", "value": 0, "limit": "0.1 to 1000", "unit": "", "text": "scr = 0: outside"}]
 
 
 class _Session:
@@ -44,7 +43,9 @@ class _Session:
             self.go_on.wait(5.0)
             return None if stale() else Answer({"kind": kind})
         if what == "wrong":
-            raise _WrongError("scr = 0: outside")
+            raise StateError(_FAULTS)
+        if what == "cannot":
+            raise InfeasibleStudyError("there is no such rest")
         if what == "break":
             raise ZeroDivisionError("a defect")
         return Answer(
@@ -271,7 +272,13 @@ def test_an_answer_is_a_header_and_floats(served: ExplorerServer) -> None:
 def test_the_faults_of_a_state_are_sent(served: ExplorerServer) -> None:
     status, body, _ = _ask(served, "POST", "linear", _wish(101, do="wrong"))
     assert status == 422
-    assert json.loads(body) == {"faults": list(_WrongError.faults)}
+    assert json.loads(body) == {"faults": _FAULTS}
+
+
+def test_an_error_without_a_field_is_a_fault_too(served: ExplorerServer) -> None:
+    status, body, _ = _ask(served, "POST", "linear", _wish(102, do="cannot"))
+    (fault,) = json.loads(body)["faults"]
+    assert (status, fault["field"], fault["text"]) == (422, None, "there is no such rest")
 
 
 def test_a_defect_is_said_and_the_server_goes_on(served: ExplorerServer, complaints: list[str]) -> None:

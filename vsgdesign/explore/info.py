@@ -20,6 +20,8 @@ from vsgdesign.stability.cells import reduced_cells
 
 NEAR_RAD_S = 100.0
 """Modes up to this distance from the origin decide the window of the s-plane: slower than the inner loops."""
+MOST = 0.85
+"""Share of these modes that the window shows: the fastest of a grid may be far away from the others."""
 ROOM = 1.4
 """The window is wider than the modes need by this factor: they move where a target changes or gains are held."""
 
@@ -52,12 +54,14 @@ def study_info(study: Study, ready: Ready, colours: Mapping[str, str]) -> dict[s
 
 
 def modes_window(study: Study, ready: Ready) -> dict[str, list[float]]:
-    """Ends of Re s and of Im s, 1/s, that show the slow modes of all controllers on a few grids of the map.
+    """Ends of Re s and of Im s, 1/s, that show the slow modes of all controllers on a few of the study's grids.
 
     They are the modes of the reduced model. The window belongs to the study, so that modes move in it and not with it.
     """
     state = state_of(defaults(study), study)
-    scr, x_over_r = (np.geomspace(*ends, 4) for ends in map_axes(study))
+    spec = study.specification
+    ends = map_axes(study) if spec is None else [(min(values), max(values)) for values in (spec.scr, spec.x_over_r)]
+    scr, x_over_r = (np.geomspace(low, high, 4) for low, high in ends)
     found: list[NDArray[np.complex128]] = [np.empty(0, dtype=complex)]
     for one in shown_of(study, ready, state):
         if one.law is not None:
@@ -68,7 +72,7 @@ def modes_window(study: Study, ready: Ready) -> dict[str, list[float]]:
     s = s[np.abs(s) < NEAR_RAD_S]
     if len(s) == 0:
         return {"re": [-NEAR_RAD_S, 0.1 * NEAR_RAD_S], "im": [-NEAR_RAD_S, NEAR_RAD_S]}
-    left, top = (_rounded_up(ROOM * float(np.quantile(v, 0.95))) for v in (np.maximum(-s.real, 0.0), np.abs(s.imag)))
+    left, top = (_rounded_up(ROOM * float(np.quantile(v, MOST))) for v in (np.maximum(-s.real, 0.0), np.abs(s.imag)))
     top = max(top, 0.75 * left)
     return {"re": [-left, 0.2 * left], "im": [-top, top]}
 

@@ -219,9 +219,10 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             found = find()
         except VsgDesignError as error:
-            faults = getattr(error, "faults", None)
-            if faults is None:
-                raise RefusedError(422, str(error)) from error
+            from vsgdesign.explore.state import StateError  # loaded long ago: a state was read
+
+            words = {"field": None, "value": None, "limit": "", "unit": "", "text": str(error)}
+            faults = error.faults if isinstance(error, StateError) else [words]
             self._send_json(422, {"faults": faults})
         except Exception as error:
             self.explorer.complain(traceback.format_exc())

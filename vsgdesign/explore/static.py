@@ -30,6 +30,10 @@ BITS = 11
 """Bits of the mantissa that curves keep: 2e-4 of a value, less than the width of a line. Figures keep all of them."""
 POINTS = 160
 """Most points of a curve. Its least and its largest value stay."""
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'"
+)
+"""The content security policy of the page: it asks nobody for anything."""
 MARK = "written by vsgdesign explore --static"
 
 
@@ -151,8 +155,10 @@ def page_text(kept: Mapping[str, Any], folder: Path = PAGE) -> str:
     html = (folder / "index.html").read_text(encoding="utf-8")
     style = (folder / "style.css").read_text(encoding="utf-8")
     data = json.dumps(json_value(kept), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    policy = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
     parts = {
         r"<!doctype html>": f"<!doctype html>\n<!-- {MARK} -->",
+        r'<meta charset="utf-8">': f'<meta charset="utf-8">\n{policy}',
         r'<link rel="stylesheet" href="style\.css">': f"<style>\n{style}</style>",
         r'<script type="module" src="main\.js"></script>': (
             f"<script>window.STATIC = {_inside_script(data)};</script>\n"
