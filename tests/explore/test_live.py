@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.gain_tables import table
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.explore import live
@@ -209,3 +210,49 @@ def test_held_gains_stay_through_a_jump_of_the_grid() -> None:
     assert own is not None
     assert held is not None
     assert held.header["controllers"][0]["overshoot"] > own.header["controllers"][0]["overshoot"] + 0.1
+
+
+def test_a_table_is_held_and_told_as_in_a_run() -> None:
+    """A gain table follows the measured powers; late and wrong, held, and exact."""
+    study = structures().with_controllers({"name": "a", "kind": "scheduled", "schedule": "table"})
+    ready = NOTHING.with_table("a", table())
+    for more in ({}, {"error_X": 0.2, "silent_s": 0.3}, {"hold": {"scr": 3.0, "x_over_r": 1.0}}):
+        document = {"scr": 6.0, "x_over_r": 2.0, "event": EVENTS[2], "controllers": ["a"]} | more
+        state = state_of(document, study)
+        answer = emt_answer(study, ready, state)
+        assert answer is not None
+        (row,) = answer.header["controllers"]
+        run = run_scenario(study_of(scene_of(study, ready, state), ready, state, 0), ready).controllers[0]
+        assert run.survival is not None
+        assert row["status"] == run.survival.status == "survived"
+        assert row["recovery_s"] == pytest.approx(run.survival.recovery_s, rel=1e-9)
+        assert len({change.gains for change in run.gain_changes}) == (1 if "hold" in more else len(run.gain_changes))
+
+
+def test_a_sag_fills_the_current_limit() -> None:
+    study = load_study("studies/survival/study.toml")
+    event = {"kind": "sag", "size": 0.6, "length_s": 0.15}
+    state = state_of({"event": event, "controllers": ["angle_damped"]}, study)
+    answer = emt_answer(study, NOTHING, state)
+    assert answer is not None
+    (row,) = answer.header["controllers"]
+    assert row["status"] == "survived"
+    assert row["limited_s"] > 0.05
+    assert row["peak_pu"] < 1.3
+    assert "limiter acts" in row["verdict"]
+    assert [band["high"] for band in answer.header["bands"] if band["signal"] == "i_s_pu"] == [1.2]
+
+
+def test_an_estimator_of_its_own_does_not_run() -> None:
+    """A controller with the published network is told the grid; a rest that is not there is named."""
+    study = load_study("studies/published/study.toml")
+    event = {"kind": "grid", "to_scr": 0.5, "to_x_over_r": 1.0}
+    state = state_of({"scr": 6.0, "P_pu": 0.8, "event": event, "controllers": ["DAMPED-ANN"]}, study)
+    answer = emt_answer(study, NOTHING, state)
+    assert answer is not None
+    (row,) = answer.header["controllers"]
+    assert "estimator" in row["note"]
+    assert row["status"] == "no rest"
+    assert row["why"].startswith("after the events")
+    assert row["peak_pu"] < 1.4
+    assert "no steady state after the event" in row["verdict"]

@@ -14,6 +14,7 @@ from vsgdesign.metrics.survival import GRACE_S, SETTLING_TIMES, WATCHED
 from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Event, Place, Study
 from vsgdesign.simulation.steps import references_at
+from vsgdesign.simulation.survival.running import settling_time_of
 
 LEAD_S = 0.1
 """The run is at rest for about this long before its event, s."""
@@ -51,7 +52,7 @@ def study_of(scene: Scene, ready: Ready, state: State, k: int) -> Study:
     study = replace(own.undisturbed, grid=scene.grid, grid_source=source, controllers=(spec,))
     simulation = replace(
         own.simulation,
-        duration=_whole(lead_s + over_s + after_s(scene, state), own.simulation.log_interval),
+        duration=_whole(lead_s + over_s + after_s(scene, ready, state), own.simulation.log_interval),
         bridge="averaged",
         start="steady_state",
         P_ref=P_ref,
@@ -92,16 +93,12 @@ def length_s(event: EventOfState) -> float:
     return event.length_s if event.kind in ("sag", "ramp") else 0.0
 
 
-def after_s(scene: Scene, state: State) -> float:
+def after_s(scene: Scene, ready: Ready, state: State) -> float:
     """Time that is simulated after the event is over, s: for a verdict on survival what the slowest target needs."""
     if state.event.kind == "step":
         return SHOWN_S
-    T = max([one.spec.target.settling_time for one in scene.shown] + [_asked(scene.study)], default=0.0)
+    T = max(settling_time_of(one.spec, ready) for one in scene.shown if one.law is not None)
     return max(SHOWN_S, (SETTLING_TIMES + WATCHED) * T + GRACE_S + 2.0 / state.f_hz)
-
-
-def _asked(study: Study) -> float:
-    return 0.0 if study.specification is None else study.specification.settling_time
 
 
 def _whole(t_s: float, interval: float) -> float:

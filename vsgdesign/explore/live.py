@@ -12,10 +12,9 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.errors import SimulationDivergedError, VsgDesignError
 from vsgdesign.explore.answer import Answer
-from vsgdesign.explore.colours import colour_of
 from vsgdesign.explore.events import LEAD_S, after_s, event_s, events_of, length_s, study_of
 from vsgdesign.explore.scene import Scene, scene_of
-from vsgdesign.explore.state import OWN, State
+from vsgdesign.explore.state import State
 from vsgdesign.explore.thinning import thinned
 from vsgdesign.explore.verdict import figures_of, no_run
 from vsgdesign.frames import rms_to_peak
@@ -31,6 +30,8 @@ SIGNALS = ("P", "Q", "i_s_pu", "omega_hz", "v_pu")
 """Curves of each controller: P and Q at the control point in per unit of S_rated, the converter's current and the
 voltage at the control point in per unit of the rated peak, and the converter's frequency in Hz."""
 
+_TOLD = "Its own estimator does not run here: it is told the grid with the errors and the silence that are set."
+
 
 def never() -> bool:
     """Nothing overtakes this answer."""
@@ -44,18 +45,17 @@ def emt_answer(study: Study, ready: Ready, state: State, stale: Callable[[], boo
     meanwhile. A controller that cannot be simulated has words in place of curves; nothing is raised for it.
     """
     scene = scene_of(study, ready, state)
-    names = [*(spec.name for spec in study.controllers), OWN]
     rows: list[dict[str, Any]] = []
     arrays: dict[str, NDArray[np.float32]] = {}
     for k, shown in enumerate(scene.shown):
         if stale():
             return None
         row, curves = _one(scene, state, ready, k)
-        rows.append({"name": shown.name, "colour": colour_of(names.index(shown.name)), **row})
+        rows.append({"name": shown.name, **row, "note": _TOLD if shown.spec.estimate != "truth" else ""})
         arrays |= {f"{k}/{name}": values for name, values in curves.items()}
     reasons = {row["why"] for row in rows}
     words = reasons.pop() if not arrays and len(reasons) == 1 else ""
-    header = {"event_s": 0.0, "controllers": rows, "bands": bands(scene, state), "words": words}
+    header = {"event_s": 0.0, "controllers": rows, "bands": bands(scene, ready, state), "words": words}
     return Answer(header, arrays)
 
 
@@ -100,13 +100,13 @@ def curves_of(study: Study, run: Simulation) -> dict[str, NDArray[np.float32]]:
     return {name: series[kept].astype(np.float32) for name, series in found.items()}
 
 
-def bands(scene: Scene, state: State) -> list[dict[str, Any]]:
+def bands(scene: Scene, ready: Ready, state: State) -> list[dict[str, Any]]:
     """Bands and limits of the curves: current limits, and what the specification asks of a step.
 
     The band of a step lies around the value that its reference asks for. Where a droop moves the final value of Q,
     there is none.
     """
-    end_s = length_s(state.event) + after_s(scene, state)
+    end_s = length_s(state.event) + after_s(scene, ready, state)
     given = [one.study.converter.current_limit_pu for one in scene.shown]
     limits = sorted({limit for limit in given if limit is not None})
     found = [_band("i_s_pu", (-LEAD_S, end_s), None, limit, f"current limit {limit:.3g} pu") for limit in limits]

@@ -6,9 +6,9 @@ import math
 from typing import Any
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.explore.events import event_s
+from vsgdesign.explore.events import SHOWN_S, event_s
 from vsgdesign.explore.state import State
-from vsgdesign.metrics.events import DIVERGED, MEASURED, EventMetrics
+from vsgdesign.metrics.events import DIVERGED, MEASURED, TOO_SHORT, EventMetrics
 from vsgdesign.metrics.survival import LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, loads_of
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.outcome import outcome_of
@@ -20,12 +20,11 @@ from vsgdesign.simulation.survival.running import judge_scenario, record_of
 SETTLED = "settled"
 
 NOTHING: dict[str, Any] = dict.fromkeys(
-    ("overshoot", "settling_s", "recovery_s", "peak_pu", "first_peak_pu", "limited_s", "swing_deg")
+    ("overshoot", "settling_s", "needs_s", "recovery_s", "peak_pu", "first_peak_pu", "limited_s", "swing_deg")
 )
 """The figures of a controller that could not be simulated."""
 
 _VERDICTS = {
-    "window too short": "The response has not ended when the run ends.",
     "not settled": "It does not come to rest.",
     "unstable": "The operating point after the step is unstable.",
     "no steady state": "There is no steady state after the step.",
@@ -80,6 +79,8 @@ def _of_step(study: Study, ready: Ready, state: State, run: Simulation) -> dict[
     event = next((one for one in events if one.signal == f"{state.event.signal}_pcc"), None)
     if event is None:
         return {"status": "not known", "why": "the run is too short for any figure"}
+    if event.status == TOO_SHORT:  # no fault: a slow response
+        return {"status": TOO_SHORT, "why": "", "needs_s": event.needs_s}
     if event.status != MEASURED:
         return {"status": event.status, "why": event.reason or "", "overshoot": _share(event)}
     return {"status": SETTLED, "why": "", "overshoot": _share(event), "settling_s": event.raw.settling_time_s}
@@ -102,8 +103,13 @@ def _verdict(found: dict[str, Any], state: State) -> str:
     elif status == SURVIVED and found["recovery_s"] is not None:
         since = {"sag": "the end of the sag", "ramp": "the end of the ramp"}.get(state.event.kind, "the event")
         said = f"It survives and is back at rest {found['recovery_s']:.2f} s after {since}."
+    elif status == TOO_SHORT:
+        needs = math.ceil(100.0 * found["needs_s"]) / 100.0
+        said = f"{state.event.signal} is not judged in {SHOWN_S:g} s: the slowest mode needs {needs:.2f} s."
     elif status in _VERDICTS:
         said = _VERDICTS[status]
+        if found["why"].startswith("before"):
+            said = said.replace("after the event", "before the event")
     else:
         return f"There is no verdict: {found['why'] or status}."
     if found["peak_pu"] is not None and status != DIVERGED:
