@@ -57,8 +57,26 @@ def plant_steps(
     """
     given = [np.asarray(value, dtype=float) for value in (R_g, L_g, h, omega)]
     count = max(value.size for value in given)
+    if count == 1:
+        R, L, *of_interval = (value.item() for value in given)
+        return _steps_alone(study.circuit()._replace(R_g=R, L_g=L), *of_interval, edges)
     R_g, L_g, h, omega = (np.full(count, value) for value in given)
-    A, b, e = state_matrices(study.circuit()._replace(R_g=R_g, L_g=L_g))
+    return _steps(study.circuit()._replace(R_g=R_g, L_g=L_g), h, omega, edges)
+
+
+@functools.lru_cache(maxsize=64)
+def _steps_alone(circuit: FilterGrid, h: float, omega: float, edges: bool) -> PlantSteps:
+    """The step of one circuit, which the steady states of a run ask for several times. Nobody may write to it."""
+    one = np.ones(1)
+    found = _steps(circuit._replace(R_g=circuit.R_g * one, L_g=circuit.L_g * one), h * one, omega * one, edges)
+    for values in (found.h, found.transition, found.bridge, found.edge, found.source):
+        values.setflags(write=False)
+    return found
+
+
+def _steps(circuit: FilterGrid, h: Array, omega: Array, edges: bool) -> PlantSteps:
+    """:func:`plant_steps` of circuits whose R_g and L_g are (N,), as h and omega are."""
+    A, b, e = state_matrices(circuit)
     transition, bridge = transitions(A, b[..., None], h)
     edge = edge_polynomials(A, b[..., None], h)[..., 0] if edges else np.empty((len(A), 0, 3))
     source = source_responses(A, e, transition, h, omega)

@@ -118,7 +118,7 @@ def rests(study: Study, timeline: Timeline, changes: Sequence[GainChange], since
         P, Q, mode = math.nan, math.nan, None
         if obstacle is None:
             P, Q = _powers_at_pcc(study, model, place[k], cells[k])
-            mode = modes(model.states, model.A[place[k]], model.T_s, count=len(model.states))[0]
+            mode = modes(model.states, model.A[place[k]], model.T_s, count=len(model.states), most=1)[0]
         found.append(
             Rest(
                 t_s=t_s,

@@ -125,8 +125,9 @@ def simulate(
     held = None if hold is None else HeldProbe(hold, study, samples)
     feed.held = held
     cuts = feed.cuts(samples) if held is None else feed.cuts(samples) | held.cuts(samples)
+    put: dict[str, object] = {}  # what the loop was given last
     for first, count in _stretches(study, timeline, cuts, samples):
-        refs = _references(study, timeline, first)
+        read, refs = state, _references(study, timeline, first)
         feed.limited_samples = int(loop.view("limited")[0])
         before, gains = gains, feed.update(first, gains, state, refs, log.rows, log_every)
         # With the references of the samples before: a step of them at this sample belongs to the new gains.
@@ -138,16 +139,17 @@ def simulate(
             refs = held.references(first, refs)
             added = held.offset(first, state.V)
             state = add_offset(state, *added)
-        loop.put("state", state)
-        loop.put("refs", refs)
+        if state is not read or first == 0:
+            loop.put("state", state)
+        _put_changed(loop, put, "refs", refs)
         noise = None if sensors is None else sensors.noise(first, count)
         stretch = sources.stretch(first, count, T_s, noise, study.converter.samples_per_carrier)
         begin = time.perf_counter()
         done, why = 0, None
         with interrupts_deferred():
             while done < count and why is None:
-                loop.put("power_gains", gains)
-                loop.put("grid", _estimate(feed.grid(first) or study.grid))
+                _put_changed(loop, put, "power_gains", gains)
+                _put_changed(loop, put, "grid", feed.grid(first) or study.grid)
                 done += stretch.run(loop, log, done)
                 state = loop.state(like)
                 why = outside(study, loop.view("x"), state)
@@ -251,8 +253,11 @@ def _with_gains(
     return state._replace(omega_i=gain_transfer(state.omega_i, refs, before, after))
 
 
-def _estimate(grid: Grid) -> GridEstimate:
-    return GridEstimate(R_g=grid.R_g, L_g=grid.L_g)
+def _put_changed(loop: RunLoop, put: dict[str, object], head: str, record: PowerLoopGains | References | Grid) -> None:
+    """Gives the loop a record if it is another one than ``put`` has of it."""
+    if head not in put or put[head] != record:
+        put[head] = record
+        loop.put(head, GridEstimate(record.R_g, record.L_g) if isinstance(record, Grid) else record)
 
 
 def _references(study: Study, timeline: Timeline, sample: int) -> References:

@@ -40,16 +40,22 @@ class ModeSensitivity:
 
 
 def modes(
-    states: Sequence[str], A: Array, T_s: float | None = None, count: int = 4, known: Eigen | None = None
+    states: Sequence[str],
+    A: Array,
+    T_s: float | None = None,
+    count: int = 4,
+    known: Eigen | None = None,
+    most: int | None = None,
 ) -> tuple[Mode, ...]:
     """Modes of one matrix, the least stable first; ``T_s`` of a sampled model, None for a continuous one.
 
-    ``known``: the eigenvectors of A, if they were computed before.
+    ``count``: of the states that take part in each. ``known``: the eigenvectors of A, if they were computed before.
+    ``most``: how many modes are asked for, None for all.
     """
     eigenvalues, shares = participation_factors(A, known)
     s: Complex = eigenvalues.astype(complex) if T_s is None else to_continuous(eigenvalues, T_s)
     found = []
-    for k in np.argsort(-s.real, kind="stable").tolist():
+    for k in np.argsort(-s.real, kind="stable").tolist()[:most]:
         order = np.argsort(-shares[:, k], kind="stable")[:count].tolist()
         size = abs(s[k])
         damping = 1.0 if size == 0.0 or not np.isfinite(size) else float(-s[k].real / size)
