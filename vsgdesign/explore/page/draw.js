@@ -57,7 +57,7 @@ const ON_DARK = {
 
 const darkQuery = window.matchMedia("(prefers-color-scheme: dark)");
 
-export const isDark = () => darkQuery.matches;
+const isDark = () => darkQuery.matches;
 export const theme = () => (darkQuery.matches ? DARK : LIGHT);
 export const onThemeChange = (listener) => darkQuery.addEventListener("change", listener);
 export const lineColour = (colour) => (isDark() ? ON_DARK : ON_LIGHT)[colour.toUpperCase()] || colour;

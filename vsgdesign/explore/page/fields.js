@@ -284,6 +284,14 @@ export class FieldList {
     if ("own" in store.defaults && !info.static) this.makeOwn();
   }
 
+  /** The values of a file that cannot be changed, in words in place of the fields. */
+  describe(specs) {
+    const values = [...this.fields.values()].filter((field) => field.textOf && specs.includes(field.spec));
+    const words = values.map((field) => `${field.spec.label} ${field.textOf(field.value())} ${field.spec.unit}`.trim());
+    this.root.replaceChildren(made("p", { className: "note" }, `Computed for ${words.join(", ")}.`));
+    this.fields.clear();
+  }
+
   add(path, field) {
     this.fields.set(path, field);
     return field;

@@ -35,6 +35,7 @@ class Page {
     this.event = new EventPanel(info, this.store, (signal) => this.chooseShown(signal));
     this.makeSwitches();
     this.fields = new FieldList(byId("fields"), info, this.store, ["scr", "x_over_r", ...this.event.paths]);
+    if (info.static) this.fields.describe(info.fields);
     for (const field of [...this.gridFields, ...this.event.fields]) this.fields.add(field.spec.path, field);
     this.actions = new Actions(this);
     this.store.listen(() => this.changed());
@@ -126,7 +127,9 @@ class Page {
     this.map.snap = (grid) => snapToLattice(lattice, grid);
     const held = Object.keys(window.STATIC.answers).some((key) => key.endsWith(",h"));
     byId("hold-box").hidden = !held;
-    for (const id of ["fields", "save", "event"]) byId(id).hidden = true;
+    byId("save").hidden = true;
+    byId("event").disabled = true;
+    document.documentElement.classList.add("static");
     for (const field of this.gridFields) field.input.readOnly = true;
   }
 

@@ -8,7 +8,7 @@ const mix = (a, b, f) => a.map((v, i) => Math.round(v + (b[i] - v) * f));
 const rgb = ([r, g, b]) => `#${[r, g, b].map((v) => v.toString(16).padStart(2, "0")).join("")}`;
 
 /** The colour of a share from -1 (worst) over 0 (as promised) to 1 (best). */
-export function shareColour(share) {
+function shareColour(share) {
   const t = theme();
   const s = Math.max(-1, Math.min(1, share));
   const [half, full] = s < 0 ? [t.badHalf, t.bad] : [t.goodHalf, t.good];
@@ -17,7 +17,7 @@ export function shareColour(share) {
 }
 
 /** From a value to its share of the colour scale, with the promise (or the middle) at 0. */
-export function shareOf(figure) {
+function shareOf(figure) {
   const middle =
     figure.promise === null || figure.promise === undefined ? (figure.low + figure.high) / 2 : figure.promise;
   const sign = figure.better === "low" ? -1 : 1;

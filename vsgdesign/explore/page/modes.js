@@ -6,7 +6,6 @@ import {
   clipped,
   drawAxes,
   drawWords,
-  font,
   lineColour,
   plateText,
   scaleOf,
@@ -141,20 +140,18 @@ export class ModesPlot {
     ctx.stroke();
   }
 
+  // The least damped mode of all, if it is outside the window: nothing that limits may go unseen.
   sayOutside(ctx, box, sx, sy) {
-    const hidden = [];
+    let worst = null;
     for (const c of this.controllers) {
-      for (const m of c.modes || []) {
-        if (m.re > 0 && (m.re > sx.high || Math.abs(m.im) > sy.high)) hidden.push([c, m]);
-      }
+      for (const m of c.modes || []) if (!worst || m.damping < worst.m.damping) worst = { c, m };
     }
-    if (!hidden.length) return;
-    const [c, m] = hidden[0];
+    if (!worst || (Math.abs(worst.m.im) <= sy.high && worst.m.re >= sx.low && worst.m.re <= sx.high)) return;
+    const { c, m } = worst;
     const place = `${signed(m.re, modeDigits(m.re))} ± j${Math.abs(m.im).toFixed(0)}`;
-    plateText(ctx, `outside: ${c.name} is unstable at ${place}`, box.x + 6, box.y + box.h - 8, {
-      colour: theme().limit,
-    });
-    ctx.font = font(11);
+    const text = m.re > 0 ? `unstable, outside: ${c.name} ${place}` : `least damped, outside: ${c.name} ${place}`;
+    const colour = m.re > 0 ? theme().limit : theme().text;
+    plateText(ctx, text, box.x + 6, box.y + box.h - 8, { colour });
   }
 
   visible() {

@@ -1,6 +1,6 @@
 // The state that the page can change, its history (undo and redo), and the link's part after #.
 
-export const copyOf = (value) => JSON.parse(JSON.stringify(value));
+const copyOf = (value) => JSON.parse(JSON.stringify(value));
 
 const sameJson = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 

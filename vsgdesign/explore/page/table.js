@@ -168,7 +168,7 @@ function tag(name, attributes = {}, ...children) {
 }
 
 /** The sign of a controller: its line and its marker, as in the figures. */
-export function signOf(colour, place) {
+function signOf(colour, place) {
   const canvas = tag("canvas", { width: 44, height: 24, className: "sign" });
   canvas.setAttribute("aria-hidden", "true");
   const ctx = canvas.getContext("2d");

@@ -2,7 +2,7 @@
 // the one that waits, and an answer that a newer one has overtaken is dropped. Nothing piles up during a drag.
 
 /** One answer: the length of the header (uint32, little endian), the header as JSON, then float32 arrays. */
-export function readAnswer(buffer) {
+function readAnswer(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
   const start = 4 + length;
