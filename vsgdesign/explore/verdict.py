@@ -72,13 +72,14 @@ def _of_step(study: Study, ready: Ready, state: State, run: Simulation) -> dict[
     """Settling time and overshoot of the signal whose reference is stepped."""
     rests = expected_rests(study, run.timeline, study.controllers[0], ready, event_s(study))
     series = series_at_pcc(study, run)
-    events = measure_events(study, series, rests, ripples=False, divergence=run.divergence)
+    signal = f"{state.event.signal}_pcc"
+    events = measure_events(study, series, rests, ripples=False, divergence=run.divergence, signals=(signal,))
     outcome = outcome_of(run.divergence, rests, events, rest_at_limit(study, run, series))
     if outcome.status in ("limited", "diverged"):
         return {"status": outcome.status, "why": outcome.reason or ""}
-    event = next((one for one in events if one.signal == f"{state.event.signal}_pcc"), None)
-    if event is None:
+    if not events:
         return {"status": "not known", "why": "the run is too short for any figure"}
+    event = events[0]
     if event.status == TOO_SHORT:  # no fault: a slow response
         return {"status": TOO_SHORT, "why": "", "needs_s": event.needs_s}
     if event.status != MEASURED:

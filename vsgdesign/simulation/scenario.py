@@ -323,8 +323,9 @@ def measure_events(
     *,
     ripples: bool,
     divergence: Divergence | None = None,
+    signals: Sequence[str] = ("P_pcc", "Q_pcc"),
 ) -> tuple[EventMetrics, ...]:
-    """Figures of P_pcc and Q_pcc after every instant with an event, up to the next one.
+    """Figures of ``signals``, P_pcc and Q_pcc, after every instant with an event, up to the next one.
 
     ``found``: where each stretch comes to rest (:func:`vsgdesign.simulation.rest.rests`). An event at t = 0 is where a
     steady start begins, not a change that anything responds to. ``ripples``: whether P and Q ripple at rest.
@@ -341,7 +342,8 @@ def measure_events(
         events = [event for event in study.events if event.t_s == rest.t_s]
         if not events or (rest.t_s == 0.0 and study.simulation.start == "steady_state"):
             continue
-        for signal, field in (("P_pcc", "P_ref"), ("Q_pcc", "Q_ref")):
+        for signal in signals:
+            field = {"P_pcc": "P_ref", "Q_pcc": "Q_ref"}[signal]
             stepped = any(getattr(event, field) is not None for event in events)
             window = EventWindow(rest.name, rest.t_s, rest.end_s, stepped)
             if divergence is not None and rest.end_s > divergence.t_s:

@@ -214,12 +214,13 @@ def judge_scenario(
         cycle_s=2.0 * math.pi / timeline.source_at(end_s).omega,
         i_max_pu=limit_pu,
     )
-    rests = []
+    rests, before = [], None
     for t_s in (0.0, end_s):
         source, grid = timeline.source_at(t_s), timeline.grid_at(t_s)
         known = grid if told is None else told_at(told, t_s)[0]
-        at = GridSource(source.V_g_rms, source.omega)
-        rests.append(rest_on(subject, study, known, grid, at, timeline.references_at(t_s)))
+        asked = known, grid, GridSource(source.V_g_rms, source.omega), timeline.references_at(t_s)
+        rests.append(rests[0] if asked == before else rest_on(subject, study, *asked))
+        before = asked
     for rest, where in zip(rests, ("before the events", "after the events"), strict=True):
         refused = subject.refused(rest)
         if refused is not None:
