@@ -8,10 +8,12 @@ from typing import Any
 import pytest
 
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.explore.fields import STUDY_FIELDS, changed_study, fields_of, quantities_of
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.explore.fields import STUDY_FIELDS, changed_study, fields_of, gains_of, quantities_of
 from vsgdesign.explore.state import OWN, StateError, defaults, state_of
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.study import Study
+from vsgdesign.report.page.table import GAIN_UNITS
 
 STUDIES = ("structures", "utility", "table")
 
@@ -60,6 +62,18 @@ def test_all_faults_at_once(study: Study) -> None:
 def test_a_document_that_is_no_object(document: Any) -> None:
     study = load_study("studies/structures/study.toml")
     assert faults(state_of, document, study).keys() == {"state"}
+
+
+def test_own_gains_have_the_limits_of_a_study_file() -> None:
+    study = load_study("studies/structures/study.toml")
+    good = {"K_ip": 0.002, "K_iq": 0.06, "D_p": 300.0}
+    own = state_of({"own": good, "controllers": [OWN]}, study).own
+    assert own == PowerLoopGains(0.002, 300.0, 0.06, 0.0, 0.0, 0.0, 0.0, 0.0)
+    found = faults(state_of, {"own": good | {"K_ip": 1e9, "D_q": "", "k_P": math.nan}}, study)
+    assert found.keys() == {"own.K_ip", "own.D_q", "own.k_P"}
+    assert found["own.K_ip"]["text"] == "K_ip must be a number between 1e-15 and 1e+06 rad/(s²·W), not 1000000000.0."
+    assert found["own.D_q"]["text"].endswith("not empty.")
+    assert {row["name"]: row["unit"] for row in gains_of()} == GAIN_UNITS
 
 
 def test_controllers_are_in_the_order_of_the_study() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import StudyError
-from vsgdesign.explore.state import LABELS, StateError, defaults, fault, faults_of, limits_of
+from vsgdesign.explore.state import LABELS, StateError, defaults, fault, faults_of, gains_read, limits_of
 from vsgdesign.parameters.changing import changed_with_same_inner_loops
 from vsgdesign.parameters.reader import Asked
 from vsgdesign.parameters.study import ControllerSpec, Study
@@ -106,6 +106,16 @@ def fields_of(study: Study, ready: Ready) -> list[dict[str, Any]]:  # noqa: ARG0
     not.
     """
     return [*_state_fields(study), *_study_fields(study)]
+
+
+def gains_of() -> list[dict[str, Any]]:
+    """The gains that can be given by hand, for the page: name, label, unit, least and largest value, in SI."""
+    asked: dict[str, Asked] = {}
+    gains_read({}, [], asked)
+    return [
+        {"name": name, "label": name, "unit": one.unit, "low": one.low, "high": one.high}
+        for name, one in ((path.removeprefix("own."), one) for path, one in asked.items())
+    ]
 
 
 def _state_fields(study: Study) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.explore.fields import fields_of
+from vsgdesign.explore.fields import fields_of, gains_of
 from vsgdesign.explore.maps import figures_of, map_axes, map_cells, map_figures
 from vsgdesign.explore.scene import shown_of
 from vsgdesign.explore.state import defaults, state_of
@@ -40,6 +40,7 @@ def study_info(study: Study, ready: Ready, colours: Mapping[str, str]) -> dict[s
             for spec in study.controllers
         ],
         "fields": fields_of(study, ready),
+        "gains": gains_of(),
         "figures": figures_of(study, ready),
         "events": events_of(study),
         "defaults": defaults(study),

@@ -9,7 +9,9 @@ from typing import Any
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import StudyError, VsgDesignError
+from vsgdesign.errors import Fault, StudyError, VsgDesignError
+from vsgdesign.parameters.controllers import read_power_gains
+from vsgdesign.parameters.reader import Asked, TableReader
 from vsgdesign.parameters.scenario import SCR_LIMITS, X_OVER_R_LIMITS
 from vsgdesign.parameters.study import Study
 from vsgdesign.parameters.units import UnitError, parse_quantity
@@ -24,8 +26,6 @@ OWN = "own"
 
 FIGURES = ("disk_margin", "damping", "settling_s", "overshoot", "decay", "survived")
 """Names of the figures that a map can show."""
-
-_LARGEST_GAIN = 1e12
 
 
 class StateError(VsgDesignError):
@@ -236,18 +236,26 @@ def _event(reader: _Reader, given: Any, standard: dict[str, Any]) -> EventOfStat
     )
 
 
+def gains_read(given: dict[str, Any], faults: list[Fault], asked: dict[str, Asked]) -> PowerLoopGains:
+    """Gains given by hand, read as those of a study's fixed controller; gains that are left out are zero."""
+    return read_power_gains(TableReader({"D_p": 0.0, "D_q": 0.0} | given, "own", faults, asked))
+
+
 def _own(reader: _Reader, given: Any) -> PowerLoopGains | None:
     if given is None:
         return None
     table = reader.table(given, "own", PowerLoopGains._fields)
-    gains = {
-        name: reader.number(table, name, -_LARGEST_GAIN, _LARGEST_GAIN, "", "own.") if name in table else 0.0
-        for name in PowerLoopGains._fields
-    }
-    for name in ("K_ip", "K_iq"):
-        if not gains[name] > 0.0 and not math.isnan(gains[name]):
-            reader.say(f"own.{name}", gains[name], "must be above 0", "above 0")
-    return PowerLoopGains(**gains)
+    found: list[Fault] = []
+    asked: dict[str, Asked] = {}
+    gains = gains_read(table, found, asked)
+    for path in dict.fromkeys(one.field for one in found):
+        name, limit = path.removeprefix("own."), asked[path]
+        words = f"{limit.low:g} to {limit.high:g}"
+        text = f"{name} must be a number between {limit.low:g} and {limit.high:g} {limit.unit}"
+        raw = table.get(name)
+        shown = "empty" if raw is None or raw == "" else str(raw)[:40]
+        reader.faults.append(fault(path, raw, f"{text}, not {shown}.", words, limit.unit))
+    return gains
 
 
 class _Reader:

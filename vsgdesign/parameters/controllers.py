@@ -153,7 +153,7 @@ def _read_fixed(
     table: TableReader, spec: ControllerSpec, grid: Grid, basis: str, converter: Converter
 ) -> ControllerSpec:
     gains_table, grid_table = table.child("gains"), table.child("design_grid")
-    gains = None if gains_table is None else _read_power_gains(gains_table)
+    gains = None if gains_table is None else read_power_gains(gains_table)
     if grid_table is None:
         return replace(spec, gains=gains, design_grid=grid if gains is None else None)
     if gains is not None:
@@ -282,7 +282,8 @@ def _file_name(name: str) -> str:
     return unicodedata.normalize("NFC", name).casefold()
 
 
-def _read_power_gains(table: TableReader) -> PowerLoopGains:
+def read_power_gains(table: TableReader) -> PowerLoopGains:
+    """The gains of a controller that gives them all."""
     gains = PowerLoopGains(
         K_ip=table.quantity("K_ip", "rad/(s²·W)", 1e-15, 1e6, default=REQUIRED),
         D_p=table.quantity("D_p", "W·s/rad", 0.0, 1e12),
