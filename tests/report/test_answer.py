@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -113,6 +114,19 @@ def test_each_step_has_its_picture_its_figures_and_its_verdict(short):
         assert shown.detail in str(shown.picture)
 
 
+def test_a_step_of_which_nothing_is_promised_is_not_hidden(short):
+    outcomes = [
+        replace(one, excuse="above the box" if k == 0 else "") for k, one in enumerate(step_outcomes(short.result))
+    ]
+    answer = scenario_answer(short.result, outcomes, (), ())
+    assert cell(answer, "CVSG", "Settling time").words == "missed"
+    assert cell(answer, "CVSG", "Settling time").detail.endswith("; 1 more not judged")
+    assert "not judged" not in cell(answer, "AVSG", "Settling time").detail
+    steps = steps_answer(short.result, outcomes)
+    assert steps is not None
+    assert (steps.rows[0].cells[0].mark, steps.rows[0].cells[0].words) == (UNKNOWN, "not promised")
+
+
 def test_without_steps_there_is_no_picture_and_no_column(megawatt):
     assert steps_answer(megawatt.result, step_outcomes(megawatt.result)) is None
     assert not {"Settling time", "Overshoot", "Survival", "Estimate"} & set(answered(megawatt.result).head)
@@ -211,6 +225,22 @@ def test_words_and_signs_stand_beside_colours():
     assert "✗</span> missed</span>" in text
     assert "n &lt;&amp;&gt;" in text
     assert "<i>P</i><sub>ref</sub> 1\N{NO-BREAK SPACE}s" in text
+
+
+def test_the_colours_of_words_keep_their_contrast():
+    """At least 4.5 to 1 on white, as WCAG 2.1 AA asks for text."""
+
+    def luminance(colour: str) -> float:
+        digits = colour if len(colour) == 6 else "".join(2 * c for c in colour)
+        parts = [int(digits[k : k + 2], 16) / 255.0 for k in (0, 2, 4)]
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    style = (resources.files("vsgdesign.report") / "templates" / "style.css").read_text(encoding="utf-8")
+    for rule in (r"\.met", r"\.missed", r"\.unknown", r"\.open", r"\.answer small"):
+        found = re.search(rule + r" \{[^}]*?color: #([0-9A-F]+);", style, re.IGNORECASE)
+        assert found is not None, rule
+        assert 1.05 / (luminance(found[1]) + 0.05) >= 4.5, rule
 
 
 def points_of(svg: str) -> np.ndarray:

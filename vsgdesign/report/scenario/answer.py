@@ -88,7 +88,7 @@ def _settling(own: Sequence[StepOutcome]) -> Cell:
         return _none(own)
     worst = max(asked, key=lambda one: _ratio(_time(one), one.target_settling_time_s or 0.0))
     limit = f"≤ {plain(worst.target_settling_time_s or 0.0)} s"
-    return counted([one.settles for one in asked], f"{settling_words(worst)}, asked {limit}")
+    return counted([one.settles for one in asked], f"{settling_words(worst)}, asked {limit}{_left(own)}")
 
 
 def _overshoot(own: Sequence[StepOutcome]) -> Cell:
@@ -99,7 +99,13 @@ def _overshoot(own: Sequence[StepOutcome]) -> Cell:
         asked, key=lambda one: math.inf if one.unstable else one.overshoot_pct - (one.target_overshoot_pct or 0)
     )
     limit = f"≤ {percent(worst.target_overshoot_pct)} %"
-    return counted([one.stays_below for one in asked], f"{overshoot_words(worst)}, asked {limit}")
+    return counted([one.stays_below for one in asked], f"{overshoot_words(worst)}, asked {limit}{_left(own)}")
+
+
+def _left(own: Sequence[StepOutcome]) -> str:
+    """How many steps the count leaves out, if any."""
+    left = sum(not one.judged for one in own)
+    return f"; {left} more not judged" if left else ""
 
 
 def _none(own: Sequence[StepOutcome]) -> Cell:
