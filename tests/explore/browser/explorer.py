@@ -24,12 +24,17 @@ window.drawings = {linear: [], emt: [], map: [], last: 0};
 document.addEventListener("pointermove", (event) => { window.moved = event.timeStamp; }, true);
 document.addEventListener("drawn", ({detail}) => {
   drawings.last = performance.now();
-  drawings[detail.kind].push({...detail, at: drawings.last, after: drawings.last - window.moved});
+  drawings[detail.kind].push({...detail, at: drawings.last, after: Math.max(detail.ms, drawings.last - window.moved)});
 });
 """
-"""Before the page's own scripts: counts the drawings, and times them from the browser's own time of the last move."""
-
-
+"""Before the page's own scripts: counts the drawings, and times them from the browser's own time of the last move, or
+from the page's wish where that is earlier: an answer may be drawn after the next move."""
+SETTLED = """(() => {
+  const {transport, emtSince, answers} = window.page;
+  const last = (kind) => (drawings[kind].length ? drawings[kind].at(-1).seq : 0);
+  return !emtSince && !answers.emt?.header.again &&
+    Object.entries(transport.kinds).every(([kind, one]) => !one.busy && !one.wish && last(kind) >= one.shown);
+})()"""
 TABLE = """(() => {
   const words = (cell) => [...cell.childNodes].map((node) => node.textContent.trim()).filter(Boolean).join(" ");
   const [first, second] = document.querySelectorAll("#table thead tr");
@@ -123,9 +128,9 @@ class ExplorerPage:
         self.settle()
         self.axes = page.evaluate("fetch('study').then((reply) => reply.json()).then((info) => info.map)")
 
-    def settle(self, quiet_ms: float = 120.0) -> None:
-        """Wait until nothing has been drawn for some time."""
-        self.page.wait(f"performance.now() - drawings.last > {quiet_ms}")
+    def settle(self) -> None:
+        """Wait until no question is under way, and the last answer of every kind is on the screen."""
+        self.page.wait(SETTLED)
 
     def counts(self) -> dict[str, int]:
         """How often each kind of answer has been drawn."""

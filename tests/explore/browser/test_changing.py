@@ -138,6 +138,23 @@ def test_held_gains_stay_while_the_grid_moves(explorer: Explorer, opened: Explor
     assert all(gains != here[name] for name, gains in opened.gains().items())
 
 
+def test_every_kind_of_event_is_simulated(explorer: Explorer, opened: ExplorerPage) -> None:
+    page = opened.page
+    kinds = [event["kind"] for event in explorer.session.info()["events"]]
+    assert kinds == ["step", "grid", "phase", "sag", "ramp"]
+    pictures = set()
+    for kind in [*kinds[1:], "step"]:
+        before = opened.counts()
+        page.choose("#event", kind)
+        opened.redrawn(before, "emt")
+        assert {"kind": "step", **opened.changes().get("event", {})}["kind"] == kind
+        pictures.add(page.evaluate("document.getElementById('response').toDataURL()"))
+        header = explorer.header("emt", explorer.state(**opened.changes()))
+        for one in header["controllers"]:
+            assert one["verdict"] in opened.said()[one["name"]], kind
+    assert len(pictures) == len(kinds), "each event has its own response"
+
+
 def test_the_keyboard_alone_reaches_everything(opened: ExplorerPage) -> None:
     page = opened.page
     page.evaluate("document.body.focus()")
@@ -186,3 +203,32 @@ def test_a_mode_is_chosen_and_says_what_moves_it(opened: ExplorerPage) -> None:
     )
     page.key("Escape")
     page.wait("document.getElementById('mode').hidden")
+
+
+def test_own_gains_make_a_further_controller(opened: ExplorerPage) -> None:
+    page = opened.page
+    names = list(opened.table())
+    page.click("details:has(> .own) > summary")
+    before = opened.counts()
+    page.click("details:has(> .own) > button")
+    opened.redrawn(before, "linear", "emt")
+    table = opened.table()
+    assert list(table) == [*names, "my own gains"]
+    # They begin as those of the last controller, in another structure perhaps; the gains are the same numbers.
+    assert opened.gains()["my own gains"] == opened.gains()[names[-1]]
+    before = opened.counts()
+    page.type(opened.field("own.D_p"), "900")
+    opened.redrawn(before, "linear", "emt")
+    assert opened.gains()["my own gains"]["Gains in force: D_p"] == "900"
+    assert opened.changes()["own"]["D_p"] == 900.0
+    assert {name: opened.table()[name] for name in names} == {name: table[name] for name in names}
+
+
+def test_controllers_are_shown_and_hidden(opened: ExplorerPage) -> None:
+    page, before = opened.page, opened.counts()
+    page.click("#table tbody tr:first-child input")
+    opened.redrawn(before, "linear", "emt")
+    assert opened.changes()["controllers"] == ["decoupled", "angle_damped"]
+    first, *others = (row.get("EMT: peak i pu", "") for row in opened.table().values())
+    assert not first.strip("–")
+    assert all(float(text) > 0.1 for text in others)
