@@ -8,6 +8,7 @@ import socket
 import struct
 import threading
 import time
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ import pytest
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.explore.answer import Answer
 from vsgdesign.explore.security import BODY_LIMIT
-from vsgdesign.explore.server import ExplorerServer, Opening, page_files
+from vsgdesign.explore.server import PAGE, ExplorerServer, Opening, page_files
 from vsgdesign.explore.state import StateError
 
 _FAULTS = [{"field": "scr", "value": 0, "limit": "0.1 to 1000", "unit": "", "text": "scr = 0: outside"}]
@@ -121,6 +122,16 @@ def test_the_page_and_its_files_are_served(served: ExplorerServer) -> None:
     status, body, headers = _ask(served, "GET", "main.js?x=1")
     assert (status, body) == (200, b"1")
     assert headers["Content-Type"].startswith("text/javascript")
+
+
+def test_the_whole_page_is_packaged_and_small() -> None:
+    files = {path for name, path in page_files().items() if name}
+    assert files == {path for path in PAGE.rglob("*") if path.is_file()}
+    root = Path(__file__).resolve().parents[2]
+    data = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["package-data"]
+    packaged = {path for pattern in data["vsgdesign.explore"] for path in PAGE.parent.glob(pattern)}
+    assert files == packaged
+    assert sum(path.stat().st_size for path in files) <= 150_000
 
 
 def test_the_address_is_on_the_loopback_interface_and_its_token_is_random(served: ExplorerServer) -> None:
