@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from vsgdesign.cli.common import load, progress, verb
+from vsgdesign.cli.common import Interrupted, load, progress, verb
 
 if TYPE_CHECKING:
     from vsgdesign.explore.server import ExplorerServer, Opening
@@ -113,13 +113,18 @@ def _open_browser(address: str) -> None:
 def _session(
     file: str, study_file: str | None, controller: str | None, link: str | None, opening: Opening | None
 ) -> Session:
-    def say(sentence: str) -> None:
+    doing = ["Reading the study."]
+
+    def show(words: str) -> None:
         if opening is not None:
-            opening.say(sentence)
+            opening.say(words)
+
+    def say(sentence: str) -> None:
+        doing.append(sentence)
+        show(sentence)
         click.echo(sentence, err=True)
 
-    if opening is not None:
-        opening.say("Reading the study.")
+    show(doing[0])
     study = load(file if study_file is None else study_file)
     from vsgdesign.pipeline.kept_tables import kept_tables
 
@@ -127,10 +132,18 @@ def _session(
         from vsgdesign.pipeline.verify import with_table
 
         study, _ = with_table(study, file, controller)
-    with progress(quiet=False) as tell:
-        kept = kept_tables(study, progress=tell, say=say)
-    if opening is not None:
-        opening.say("Loading the models.")
+    with progress(quiet=False) as bar:
+
+        def tell(what: str, share: float) -> None:
+            show(f"{doing[-1]} {what[:1].upper()}{what[1:]}: {share:.0%}.")
+            if bar is not None:
+                bar(what, share)
+
+        try:
+            kept = kept_tables(study, progress=tell, say=say)
+        except KeyboardInterrupt:
+            raise Interrupted("finished cells of gain tables are kept, and the same command continues there") from None
+    show("Loading the models.")
     from vsgdesign.artifacts.ready import Ready
     from vsgdesign.errors import Fault, StudyError
     from vsgdesign.explore.session import Session, start_of

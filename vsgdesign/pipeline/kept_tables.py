@@ -66,9 +66,9 @@ def kept_tables(
         found.tables[spec.name], found.files[spec.name] = table, path.absolute()
     if missing:
         names = ", ".join(spec.name for spec in missing)
-        why = "The study names no file, and there is none of the same design"
+        why = "the study names no file, and no earlier command has left one of the same design"
         if say is not None:
-            say(f"{why}: designing the gain table of {names}.")
+            say(f"The gain table of {names} is designed now: {why}.")
         made = make_tables(replace(study, controllers=tuple(missing)), own, workers=workers, progress=progress)
         for name, table in made.items():
             path = own / f"{name}.table.json"
