@@ -279,7 +279,7 @@ export class ControllerTable {
     body.addEventListener("pointerleave", () => this.onEmphasis(null));
     box.addEventListener("focus", () => box.matches(":focus-visible") && this.onEmphasis(name));
     box.addEventListener("blur", () => this.onEmphasis(null));
-    this.cells.set(name, { cells, box, words });
+    this.cells.set(name, { body, cells, box, words });
     return body;
   }
 
@@ -302,9 +302,10 @@ export class ControllerTable {
 
   // Cells are changed in place: during a drag the table is filled some fifty times a second.
   fill({ name }, gains) {
-    const { cells, box, words } = this.cells.get(name);
+    const { body, cells, box, words } = this.cells.get(name);
     const shown = this.store.state.controllers.includes(name);
     box.checked = shown;
+    body.classList.toggle("away", !shown);
     const c = this.linear.find((one) => one.name === name);
     const e = this.emt.find((one) => one.name === name) || {};
     const [bad, plain] = shown && c ? wordsOf(c, e) : ["", shown ? "" : "Not shown."];
