@@ -97,6 +97,13 @@ def test_no_point_and_counts(study: Study) -> None:
     assert (np.isnan(use) | (use > 0.9))[np.isnan(values)].all()
 
 
+def test_an_empty_map_says_why(study: Study) -> None:
+    event = {"kind": "grid", "to_scr": 0.05, "to_x_over_r": 5.0}
+    answer = map_answer(study, NOTHING, state_of({"figure": "survived", "event": event, "P_pu": 0.9}, study))
+    assert np.isnan(answer.arrays["values"]).all()
+    assert answer.header["why"].startswith("No grid of the map has a steady state before and after the event")
+
+
 def test_a_map_without_a_table_says_why() -> None:
     study = load_study("studies/table/study.toml")
     answer = map_answer(study, NOTHING, state_of({"map_of": "table"}, study))

@@ -119,7 +119,11 @@ def map_answer(study: Study, ready: Ready, state: State) -> Answer:
         found = quick_figures(one.study, cells, figure.name)
         known, stable = found.known, found.stable
         values = np.where(stable, figure.scale * found.values, np.where(known, -np.inf, np.nan))
-    header |= {"controller": one.name, "why": None, "counts": _counts(cells, known, stable, values, figure)}
+    header |= {
+        "controller": one.name,
+        "why": _why_empty(cells, known),
+        "counts": _counts(cells, known, stable, values, figure),
+    }
     arrays = {
         "values": values.reshape(shape),
         "unstable": (known & ~stable).astype(float).reshape(shape),
@@ -145,6 +149,15 @@ def _limit_use(study: Study, cells: CellSet) -> Array:
     R, X = study.filter.R_2 + cells.R_g, omega * (study.filter.L_2 + cells.L_g)
     uses = static_limit_uses(study, R, X, omega, cells.P, cells.Q, cells.V_rms)
     return np.max(np.array(list(uses.values())), axis=0)
+
+
+def _why_empty(cells: CellSet, known: NDArray[np.bool_]) -> str | None:
+    """Why no cell has a value, or None."""
+    if known.any():
+        return None
+    if not cells.good.any():
+        return f"No grid of the map has a value. The last one: {cells.faults[-1]}."
+    return "No grid of the map has a steady state before and after the event within the limits of the converter."
 
 
 def _counts(
