@@ -78,7 +78,8 @@ export class Actions {
       const reply = await page.ask("save", page.transport.seq + 1, page.store.state);
       if (reply.status === 422) return page.refused(reply.faults);
       download(reply.answer.name, reply.answer.toml, "application/toml");
-      notice(`${reply.answer.name} is saved. Run it with: vsgdesign run ${reply.answer.name} ${reply.answer.words || ""}`.trim());
+      const { name, words } = reply.answer;
+      notice(`${name} is saved.${words ? ` ${words}` : ""} Run it with: vsgdesign run ${name}`);
     } catch (error) {
       page.lost();
     }
