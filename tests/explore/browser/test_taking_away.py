@@ -94,7 +94,7 @@ def figure_of(answers: Mapping[str, Mapping[str, Any]], kind: str, path: str) ->
 
 def test_the_printed_figures_are_those_of_the_answers(explorer: Explorer, opened: ExplorerPage) -> None:
     rng, compared = np.random.default_rng(16), 0
-    for _ in range(8):
+    for _ in range(5):
         changes = {
             "scr": round(float(np.exp(rng.uniform(np.log(2.0), np.log(18.0)))), 2),
             "x_over_r": round(float(np.exp(rng.uniform(np.log(0.4), np.log(8.0)))), 2),
@@ -126,4 +126,4 @@ def test_the_printed_figures_are_those_of_the_answers(explorer: Explorer, opened
                 )
                 assert len(row[column].partition(".")[2]) == digits
                 compared += 1
-    assert compared > 150
+    assert compared > 100
