@@ -21,6 +21,7 @@ from vsgdesign.report.scenario import tables
 from vsgdesign.report.scenario.answer import MOST_STEPS, scenario_answer, scenario_headline, steps_answer
 from vsgdesign.report.scenario.verdict import step_outcomes
 from vsgdesign.simulation.judging import judge_estimates
+from vsgdesign.simulation.outcome import Outcome
 from vsgdesign.simulation.promises import promises_kept
 
 
@@ -187,8 +188,17 @@ def test_the_current_is_held_against_the_limit(short, limit, mark, words):
         late = (t_s >= 1.0) & np.logical_and.reduce([(t_s < t) | (t_s > t + 4.9e-3) for t in (1.0, 4.0, 6.0)])
         peak = np.hypot(log[late, 0], log[late, 1]).max() / study.converter.I_rated_pk
         first = max(event.peak_current_pu for event in controller.events)
-        assert shown.detail == f"{number(first)} pu; {number(peak)} pu after 5 ms; limit {limit:g} pu"
+        assert shown.detail == f"{number(first)} pu; converter {number(peak)} pu after 5 ms; limit {limit:g} pu"
         assert ("#7A2E00" in str(shown.picture)) == (first > limit), "the part beyond the limit is hatched"
+
+
+def test_the_column_of_rests_is_there_where_one_has_none(short):
+    assert "Rest" not in answered(short.result).head
+    first, second = short.result.controllers
+    gone = replace(second, outcome=Outcome("diverged", "a current of 10 kA", 4.2))
+    answer = answered(replace(short.result, controllers=(first, gone)))
+    assert cell(answer, "CVSG", "Rest") == Cell(MET, "settled")
+    assert cell(answer, "AVSG", "Rest") == Cell(MISSED, "diverged", "at 4.2 s")
 
 
 def test_no_more_steps_than_fit(short):

@@ -50,6 +50,9 @@ def scenario_answer(
     peaks = {c.spec.name: peak_pu(c) for c in result.controllers}
     limits = {c.spec.name: result.study.with_limit_of(c.spec).converter.current_limit_pu for c in result.controllers}
     largest = max([1.0, *(v for v in (*peaks.values(), *limits.values()) if v is not None and math.isfinite(v))])
+    at_rest = [_stability(result, controller) for controller in result.controllers]
+    if not any(cell.mark == MISSED for cell in at_rest):  # that all come to rest is nothing to say
+        at_rest = [Cell(OPEN, "") for _ in at_rest]
     rows = []
     for index, controller in enumerate(result.controllers):
         name = controller.spec.name
@@ -58,7 +61,7 @@ def scenario_answer(
             _settling(own),
             _overshoot(own),
             _margins([one for one in kept if one.controller == name]),
-            _stability(result, controller),
+            at_rest[index],
             _survival(controller.survival),
             _estimate(next((one for one in judged if one.name == name), None)),
             _current(result, controller, limits[name], largest),
@@ -73,7 +76,10 @@ def _notes(result: ScenarioResult, kept: Sequence[Kept]) -> tuple[str, ...]:
     if kept:
         notes.append("Margins are those of the full-order model, with the real inner loops.")
     if any(event.peak_current_pu is not None for c in result.controllers for event in c.events):
-        notes.append("Peak current: the largest length of the current vector after an event, over the rated peak.")
+        notes.append(
+            "Peak current: the largest length of the current vector at the point of common coupling after an event, "
+            "over the rated peak."
+        )
     if any(result.study.with_limit_of(c.spec).converter.current_limit_pu for c in result.controllers):
         notes.append(
             "The black line is the limit. It is kept if the converter's own current, from 5 ms after each event on, is "
@@ -156,7 +162,7 @@ def _margins(own: Sequence[Kept]) -> Cell:
 
 
 def _stability(result: ScenarioResult, controller: ControllerResult) -> Cell:
-    """Shown where any controller has no stable rest, or does not come to it."""
+    """Whether a controller has stable rests, and comes to the last one."""
     unstable = [one for one in result.instabilities if one.controller == controller.spec.name]
     status = controller.outcome.status
     if unstable:
@@ -165,8 +171,9 @@ def _stability(result: ScenarioResult, controller: ControllerResult) -> Cell:
     if status in ("diverged", "not settled", "limited"):
         at = "" if controller.outcome.t_s is None else f"at {plain(controller.outcome.t_s)} s"
         return Cell(MISSED, {"limited": "at its current limit"}.get(status, status), at)
-    words = {"settled": "settled", "infeasible": "no steady state"}.get(status, "not known")
-    return Cell(OPEN, words)
+    if status == "settled":
+        return Cell(MET, "settled")
+    return Cell(UNKNOWN, "no steady state" if status == "infeasible" else "not known")
 
 
 def _survival(verdict: Survival | None) -> Cell:
@@ -230,7 +237,7 @@ def _current(result: ScenarioResult, controller: ControllerResult, limit: float 
     return Cell(
         MET if kept else MISSED,
         "within the limit" if kept else "above the limit",
-        f"{said}; {number(late)} pu after 5 ms; limit {plain(limit)} pu",
+        f"{said}; converter {number(late)} pu after 5 ms; limit {plain(limit)} pu",
         picture,
     )
 
