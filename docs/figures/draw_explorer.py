@@ -30,7 +30,7 @@ SAG = {
 }
 STRIP = (STIFF, HELD, SAG)
 """The gains follow the grid; they are held and the grid is dragged away; the same, and the voltage sags."""
-COLOURS = 128
+COLOURS = 256
 
 
 def main(folder: Path) -> None:
