@@ -53,7 +53,7 @@ export class Actions {
 
   travel(by) {
     const { store, fields } = this.page;
-    for (const field of fields.fields.values()) field.clearFault();
+    fields.clearFaults();
     notice("");
     if (store.step(by)) say(by < 0 ? "Undone." : "Done again.");
     fields.update();

@@ -359,6 +359,10 @@ export class FieldList {
     for (const field of this.fields.values()) field.update();
   }
 
+  clearFaults() {
+    for (const field of this.fields.values()) field.clearFault();
+  }
+
   /** Marks the fields of the faults; returns the faults that have no field. */
   mark(faults) {
     return faults.filter((fault) => {
@@ -374,6 +378,7 @@ export class FieldList {
 export function faultText(fault) {
   const limit = fault.limit === null || fault.limit === undefined ? "" : String(fault.limit);
   const text = fault.text || `${fault.field}: ${fault.value} is not possible.`;
-  if (!limit || text.includes(limit)) return text;
+  const numbers = limit.match(/[-+]?\d[\d.e+-]*/g) || [limit];
+  if (!limit || numbers.every((number) => text.includes(number))) return text;
   return `${text} The limit is ${limit}${fault.unit && !limit.endsWith(fault.unit) ? " " + fault.unit : ""}.`;
 }

@@ -62,7 +62,9 @@ class Page {
   openLink() {
     if (window.location.hash === linkOf(this.store.state, this.info.defaults)) return;
     try {
-      this.store.replace(stateOfLink(window.location.hash, this.info.defaults));
+      const state = stateOfLink(window.location.hash, this.info.defaults);
+      this.fields.clearFaults();
+      this.store.replace(state);
       notice("");
     } catch (error) {
       notice(error.message, true);

@@ -16,13 +16,11 @@ function shareColour(share) {
   return rgb(size < 0.5 ? mix(t.middle, half, 2 * size) : mix(half, full, 2 * size - 1));
 }
 
-/** From a value to its share of the colour scale, with the promise (or the middle) at 0. */
-function shareOf(figure) {
-  const middle =
-    figure.promise === null || figure.promise === undefined ? (figure.low + figure.high) / 2 : figure.promise;
-  const sign = figure.better === "low" ? -1 : 1;
-  return (value) =>
-    sign * (value < middle ? (value - middle) / (middle - figure.low) : (value - middle) / (figure.high - middle));
+/** From a value to its share of the colour scale: the promise is at 0. Without a promise the worst end is. */
+function shareOf({ low, high, promise, better }) {
+  const sign = better === "low" ? -1 : 1;
+  const middle = promise ?? (sign > 0 ? low : high);
+  return (value) => (sign * (value - middle)) / (value < middle ? middle - low : high - middle);
 }
 
 export class GridMap {
