@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from vsgdesign.errors import counted
 from vsgdesign.estimator.comparison import WITHIN, Accuracy, Comparison
 from vsgdesign.estimator.field.scores import AFTER, GROUPS, WAYS, GroupScore
 from vsgdesign.estimator.field.trained import GROUP_WORDS, TrainedFieldNetwork
@@ -108,10 +109,12 @@ def training_headline(trained: TrainedFieldNetwork) -> str:
     """In how many kinds of change the network behind its gate answers more often than the recursions alone."""
     groups = [group for group in GROUPS if trained.scores["physics"][group].changes]
     shares = [[trained.scores[way][group].valid_share[AFTER[0]] for way in ("physics", "gated")] for group in groups]
+    if not groups:
+        return "No test run has a change, so that the network cannot be judged."
     more = sum(gated > alone for alone, gated in shares)
     return (
         f"With the network behind its gate, more answers are valid {AFTER[0]} cycles after the change in {more} of "
-        f"{len(groups)} kinds of change."
+        f"{counted(len(groups), 'kind')} of change."
     )
 
 
