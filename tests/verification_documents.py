@@ -24,8 +24,8 @@ PROMISES = {
 def document(*, runs: int = 6000, seed: int = 1, broken: bool = True, confidence: float = 0.99) -> dict[str, Any]:
     """Steps and jumps of the grid. Without ``broken``, no promise is broken in any case."""
     draw = np.random.default_rng(seed)
-    scr = np.exp(draw.uniform(np.log(1.5), np.log(20.0), runs))
-    ratio = np.exp(draw.uniform(np.log(0.3), np.log(20.0), runs))
+    scr: Any = np.exp(draw.uniform(np.log(1.5), np.log(20.0), runs))
+    ratio: Any = np.exp(draw.uniform(np.log(0.3), np.log(20.0), runs))
     powers = draw.uniform(-0.9, 0.9, (2, runs)) * np.array([[1.0], [0.4]])
     errors = draw.uniform(-0.2, 0.2, (2, runs))
     is_step = draw.random(runs) < 0.6

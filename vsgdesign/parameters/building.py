@@ -90,8 +90,8 @@ def build_study(
         root, target, grid, basis, converter, filter_, (current_limiter, limiter_given), simulation
     )
     specification = read_specification(root.child("specification"), converter, source_, target, basis)
-    asked = target.settling_time if specification is None else specification.settling_time
-    stability = read_stability(root.child("stability"), converter, target, asked)
+    slowest = target.settling_time if specification is None else specification.settling_time
+    stability = read_stability(root.child("stability"), converter, target, slowest)
     estimator = read_estimator(root.child("estimator"))
     by_sample = [spec for spec in controllers if spec.estimate != "truth" and ESTIMATORS[spec.estimate].by_sample]
     if estimator is not None and estimator.probe is not None and not by_sample:
