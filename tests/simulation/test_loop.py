@@ -25,8 +25,8 @@ from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.bodies import FALLING, LARGEST_DEGREE, PEAK, RISING, Axes, Bridge, Run, plant, states_of
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.lanes.sample import BridgeVoltage, modulation
-from vsgdesign.simulation.loop import carrier, carrier_part, loop_of, slopes_of
+from vsgdesign.simulation.lanes.sample import BridgeVoltage, carrier, modulation
+from vsgdesign.simulation.loop import carrier_part, loop_of, slopes_of
 from vsgdesign.simulation.stretches import Stretch
 from vsgdesign.simulation.timeline import build_timeline
 

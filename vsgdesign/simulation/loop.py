@@ -24,7 +24,7 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.simulation.bodies import FALLING, PEAK, RISING, Run, bodies, control, plant, states_of
-from vsgdesign.simulation.lanes.sample import CarrierPart, EdgeRow, PlantRow
+from vsgdesign.simulation.lanes.sample import CarrierPart, EdgeRow, PlantRow, carrier
 from vsgdesign.simulation.records import numbers_of
 from vsgdesign.simulation.sample import Noise, Sensors
 
@@ -169,14 +169,9 @@ def _plain_plant(run: Run, slope: str) -> Plain:
     return Plain(plant(run, slope))
 
 
-def carrier(p: float) -> float:
-    """Symmetric triangle in [−1, 1] over its period p ∈ [0, 1], valley at zero."""
-    return 4.0 * p - 1.0 if p < 0.5 else 3.0 - 4.0 * p
-
-
 def carrier_part(begin: float, end: float) -> CarrierPart:
     """An interval on the carrier."""
-    return CarrierPart(begin, end, carrier(begin))
+    return CarrierPart(begin, end, float(carrier(begin)))
 
 
 def slopes_of(samples_per_carrier: int) -> tuple[str, ...]:

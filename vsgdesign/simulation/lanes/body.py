@@ -28,7 +28,15 @@ from vsgdesign.simulation.lanes.lane_sample import (
 from vsgdesign.simulation.lanes.listening import LISTENING, SHARED_BY_LISTENERS, listening_body
 from vsgdesign.simulation.lanes.names import names_of
 from vsgdesign.simulation.lanes.ramp_sample import Ramp, RampRow
-from vsgdesign.simulation.lanes.sample import BridgeVoltage, CarrierPart, EdgeRow, PlantRow, PlantState, SourcePhasor
+from vsgdesign.simulation.lanes.sample import (
+    BridgeVoltage,
+    CarrierPart,
+    EdgeRow,
+    PlantRow,
+    PlantState,
+    SourcePhasor,
+    carrier,
+)
 from vsgdesign.simulation.lanes.watched_sample import (
     DisturbanceDemand,
     DisturbanceWatch,
@@ -206,7 +214,7 @@ def uniform_values(spec: LoopSpec, study: Study, **others: float) -> Array:
 
 def carrier_part(begin: Array, end: Array) -> Array:
     """:class:`CarrierPart` of intervals, (n, 3)."""
-    return np.column_stack([begin, end, np.where(begin < 0.5, 4.0 * begin - 1.0, 3.0 - 4.0 * begin)])
+    return np.column_stack([begin, end, carrier(begin)])
 
 
 def carrier_values(samples_per_carrier: int) -> tuple[Array, NDArray[np.int64]]:

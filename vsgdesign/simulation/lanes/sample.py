@@ -134,6 +134,11 @@ def moved_by_source(x: PlantState, source: SourcePhasor, row: PlantRow) -> Plant
     )
 
 
+def carrier(p: Any) -> Any:
+    """Symmetric triangle in [−1, 1] over its period p ∈ [0, 1], valley at zero; a number or an array."""
+    return np.where(p < 0.5, 4.0 * p - 1.0, 3.0 - 4.0 * p)
+
+
 def modulation(v_alpha: Any, v_beta: Any, V_dc: Any, zero_sequence: bool) -> Any:
     """Phase modulation indices in [−1, 1] of a bridge voltage (:eq:`modulation`). Returns (m_a, m_b, m_c)."""
     a, b, c = clarke_inverse(v_alpha, v_beta)
