@@ -58,10 +58,7 @@ def explore(
             _open_browser(server.gate.address + _fragment(link))
         session = _session(file, study_file, controller, link, opening)
         session.info()  # its models are loaded here, where Ctrl-C is heard
-        opening.open(session)
-        threading.Thread(target=session.warm_up, name="warm-up", daemon=True).start()
-        click.echo("Ctrl-C ends the explorer.", err=True)
-        _until_interrupted()
+        _explored(opening, session)
         click.echo("The explorer has ended.", err=True)
     except Exception as error:
         opening.fail(str(error))
@@ -166,8 +163,12 @@ def _write(file: str, study_file: str | None, controller: str | None, link: str 
     click.echo(f"page: {static} ({size / 1e6:.1f} MB)")
 
 
-def _until_interrupted() -> None:
+def _explored(opening: Opening, session: Session) -> None:
+    """Serve the session until Ctrl-C, which is the way to end it from the moment in which it is open."""
     try:
+        opening.open(session)
+        threading.Thread(target=session.warm_up, name="warm-up", daemon=True).start()
+        click.echo("Ctrl-C ends the explorer.", err=True)
         threading.Event().wait()
     except KeyboardInterrupt:
         return
