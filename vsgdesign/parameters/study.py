@@ -18,6 +18,7 @@ from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants, notch_con
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.frames import base_impedance, linear_modulation_limit, rated_current_rms, rms_to_peak
+from vsgdesign.parameters.network import PLAIN, Network
 from vsgdesign.parameters.source import GridSource, SourceComponent
 from vsgdesign.parameters.survival import SurvivalSpec
 
@@ -237,11 +238,13 @@ class Event:
     Q_ref: float | None = None
     components: tuple[SourceComponent, ...] | None = None
     """The source's components from now on, in place of all earlier ones."""
+    network: Network | None = None
+    """Load, fault and breaker from now on, in place of all earlier ones."""
 
     @property
     def of_grid(self) -> bool:
         """Whether the grid or its source changes, and not only a reference."""
-        changed = (self.grid, self.V_g_rms, self.omega_g, self.components)
+        changed = (self.grid, self.V_g_rms, self.omega_g, self.components, self.network)
         return self.phase_jump != 0.0 or any(value is not None for value in changed)
 
 
@@ -293,6 +296,8 @@ class Study:
     grid: Grid
     grid_source: GridSource
     scr_basis: str
+    network: Network = PLAIN
+    """Load, fault and breaker at the start."""
     target: ClosedFormTarget
     tau_P: float
     tau_Q: float

@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.parameters.network import PLAIN, Network
 from vsgdesign.parameters.study import Event, Grid, GridSource, SourceComponent, Study
 from vsgdesign.simulation.replay import Replay
 from vsgdesign.simulation.wander import Wander
@@ -57,6 +58,8 @@ class Timeline:
     """(t_s, P_ref, Q_ref)."""
     components: tuple[tuple[float, tuple[SourceComponent, ...]], ...] = ((0.0, ()),)
     """What the source has besides its fundamental."""
+    networks: tuple[tuple[float, Network], ...] = ((0.0, PLAIN),)
+    """Load, fault and breaker."""
     wander: Wander | None = field(default=None, compare=False)
     """By how much the fundamental differs from ``sources``: the study's background, where it has one."""
     replay: Replay | None = field(default=None, compare=False)
@@ -79,9 +82,14 @@ class Timeline:
         """What the source has besides its fundamental, from t_s on."""
         return _last(self.components, t_s, lambda c: c[0])[1]
 
+    def network_at(self, t_s: float) -> Network:
+        """Load, fault and breaker from t_s on."""
+        return _last(self.networks, t_s, lambda n: n[0])[1]
+
     def plant_changes(self) -> tuple[float, ...]:
         """Instants at which the circuit or its source changes."""
-        times = {s.t_s for s in self.sources} | {t for t, _ in self.grids} | {t for t, _ in self.components}
+        listed = (self.grids, self.components, self.networks)
+        times = {s.t_s for s in self.sources} | {t for one in listed for t, _ in one}
         return tuple(sorted(times - {0.0}))
 
     def source_phase(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -115,6 +123,7 @@ def build_timeline(study: Study) -> Timeline:
     grids = [(0.0, study.grid)]
     references = [(0.0, study.simulation.P_ref, study.simulation.Q_ref)]
     components = [(0.0, study.grid_source.components)]
+    networks = [(0.0, study.network)]
     V_end, omega_end = (math.inf, 0.0), (math.inf, 0.0)  # (end of the running ramp, value held from there)
     pending = sorted(study.events, key=lambda event: event.t_s)
     while pending or V_end[0] < math.inf or omega_end[0] < math.inf:
@@ -137,6 +146,8 @@ def build_timeline(study: Study) -> Timeline:
                 grids.append((t_s, event.grid))
             if event.components is not None:
                 components.append((t_s, event.components))
+            if event.network is not None:
+                networks.append((t_s, event.network))
             if event.P_ref is not None or event.Q_ref is not None:
                 _, P_ref, Q_ref = references[-1]
                 P_ref = P_ref if event.P_ref is None else event.P_ref
@@ -145,7 +156,7 @@ def build_timeline(study: Study) -> Timeline:
         if changed != now:
             present = changed
             sources = [s for s in sources if s.t_s < t_s or s.t_s == 0.0 < t_s] + [changed]
-    return Timeline(tuple(sources), tuple(grids), tuple(references), tuple(components), wander, replay)
+    return Timeline(tuple(sources), tuple(grids), tuple(references), tuple(components), tuple(networks), wander, replay)
 
 
 def _at_start(study: Study) -> tuple[SourceSegment, float, float, Wander | None, Replay | None]:
