@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts.ready import Ready
+from vsgdesign.compliance.maps import Mapped, clearing_times_of
 from vsgdesign.parameters import load_study
 from vsgdesign.pipeline.survival import LIMITERS, subjects_of, variant_name
 from vsgdesign.simulation.survival import (
@@ -24,7 +25,6 @@ from vsgdesign.simulation.survival import (
     GridState,
     Subject,
     SurvivalCase,
-    critical_clearing_time,
     run_many,
     trace_case,
 )
@@ -86,12 +86,15 @@ def verdicts(results: Sequence[CaseResult]) -> dict[str, list[Any]]:
 
 
 def clearing_times(subject: Subject) -> list[dict[str, Any]]:
-    """Critical clearing times of a fault that takes the whole voltage."""
+    """Critical clearing times of a fault that takes the whole voltage, on grids with X/R 3."""
+    mapped = Mapped(study=subject.study, spec=subject.spec, ready=subject.ready)
+    scr = np.array(SCR)
     found = []
     for P in CLEARING_POWERS:
-        for scr in SCR:
-            time = critical_clearing_time(subject, lambda length, scr=scr, P=P: sag(scr, 0.0, length, P))
-            found.append({"P_pu": P, "scr": scr, "longest_s": time.longest_s, "bounded": time.bounded})
+        times, _ = clearing_times_of(mapped, scr, np.full(len(scr), 3.0), P)
+        for place, longest_s, bounded in zip(SCR, times.longest_s, times.bounded, strict=True):
+            known = float(longest_s) if np.isfinite(longest_s) else None
+            found.append({"P_pu": P, "scr": place, "longest_s": known, "bounded": bool(bounded)})
     return found
 
 

@@ -1,60 +1,64 @@
-"""The critical clearing time, on a converter whose limit is known."""
+"""The critical clearing time, of converters whose limit is known."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from tests.simulation.survival.subjects import subject
-from vsgdesign.metrics.survival import NO_REST, NOT_AT_REST, SURVIVED, Survival
-from vsgdesign.simulation.survival import CaseResult, Change, GridState, SurvivalCase, clearing
-from vsgdesign.simulation.survival.clearing import LENGTHS_S, ClearingTime, critical_clearing_time
+from vsgdesign.simulation.survival.clearing import LENGTHS_S, FaultsOf, Verdicts, critical_clearing_times
 
-
-def sag(length_s: float) -> SurvivalCase:
-    return SurvivalCase(
-        group="sag",
-        start=GridState(scr=5.0, x_over_r=3.0, P_pu=0.5, Q_pu=0.0),
-        changes=(Change(t_s=0.0, V_g_pu=0.0), Change(t_s=length_s, V_g_pu=1.0)),
-        cleared_s=length_s,
-    )
+Array = NDArray[np.float64]
 
 
-def made(
-    monkeypatch: pytest.MonkeyPatch, lost: tuple[tuple[float, float], ...], status: str = NOT_AT_REST
-) -> list[float]:
-    """A converter that loses the faults whose length lies in one of the ranges; the lengths that it is sent through."""
-    tried: list[float] = []
+def lost_within(*ranges: tuple[tuple[float, float], ...]) -> tuple[FaultsOf, list[tuple[int, float]]]:
+    """Cells that lose the faults whose length lies in one of their ranges; (cell, length) of every fault tried."""
+    tried: list[tuple[int, float]] = []
 
-    def run(_subject: object, case: SurvivalCase) -> CaseResult:
-        tried.append(case.cleared_s)
-        found = status if any(low < case.cleared_s <= high for low, high in lost) else SURVIVED
-        return CaseResult(case=case, verdict=Survival(status=found), seconds=0.0)
+    def faults_of(index: NDArray[np.intp], length_s: Array) -> Verdicts:
+        pairs = [(int(cell), float(length)) for cell, length in zip(index, length_s, strict=True)]
+        tried.extend(pairs)
+        held = [not any(low < length <= high for low, high in ranges[cell]) for cell, length in pairs]
+        return Verdicts(np.ones(len(pairs), dtype=bool), np.array(held, dtype=bool))
 
-    monkeypatch.setattr(clearing, "run_case", run)
-    return tried
+    return faults_of, tried
 
 
-@pytest.mark.parametrize("limit", [0.0123, 0.26, 1.234])
-def test_it_is_found_to_its_resolution(monkeypatch: pytest.MonkeyPatch, limit: float) -> None:
-    made(monkeypatch, ((limit, 9.0),))
-    found = critical_clearing_time(subject(), sag)
-    assert found.bounded
-    assert found.longest_s == pytest.approx(limit, abs=0.005)
-    assert found.longest_s is not None
-    assert found.longest_s <= limit
+def test_every_cell_has_its_own_to_the_resolution() -> None:
+    limits = (0.0123, 0.26, 1.234)
+    found = critical_clearing_times(lost_within(*(((limit, 9.0),) for limit in limits))[0], 3)
+    assert found.bounded.all()
+    assert found.longest_s == pytest.approx(limits, abs=0.005)
+    assert (found.longest_s <= limits).all()
 
 
-def test_the_first_loss_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    made(monkeypatch, ((0.16, 0.25), (2.5, 9.0)))
-    assert critical_clearing_time(subject(), sag).longest_s == pytest.approx(0.16, abs=0.005)
+def test_the_first_loss_counts() -> None:
+    faults_of, _ = lost_within(((0.16, 0.25), (2.5, 9.0)))
+    assert critical_clearing_times(faults_of, 1).longest_s == pytest.approx([0.16], abs=0.005)
 
 
-def test_nothing_lost_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    tried = made(monkeypatch, ())
-    assert critical_clearing_time(subject(), sag) == ClearingTime(LENGTHS_S[-1], False)
-    assert tried == list(LENGTHS_S)
+def test_nothing_lost_is_said_after_every_length_once() -> None:
+    faults_of, tried = lost_within(())
+    found = critical_clearing_times(faults_of, 1)
+    assert found.longest_s.tolist() == [LENGTHS_S[-1]]
+    assert not found.bounded.any()
+    assert [length for _, length in tried] == list(LENGTHS_S)
 
 
-def test_no_verdict_is_no_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    made(monkeypatch, ((0.0, 9.0),), NO_REST)
-    assert critical_clearing_time(subject(), sag) == ClearingTime(None, False)
+def test_nothing_survived_is_zero() -> None:
+    found = critical_clearing_times(lost_within(((0.0, 9.0),))[0], 1)
+    assert found.longest_s.tolist() == [0.0]
+    assert found.bounded.all()
+
+
+def test_a_cell_without_a_verdict_has_no_time_and_is_tried_once() -> None:
+    tried: list[int] = []
+
+    def faults_of(index: NDArray[np.intp], length_s: Array) -> Verdicts:
+        tried.extend(index.tolist())
+        return Verdicts(index != 0, np.zeros(len(index), dtype=bool) | (length_s < 0.1))
+
+    found = critical_clearing_times(faults_of, 2)
+    assert np.isnan(found.longest_s[0])
+    assert found.longest_s[1] == pytest.approx(0.1, abs=0.005)
+    assert tried.count(0) == 1

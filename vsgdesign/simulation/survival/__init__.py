@@ -8,7 +8,7 @@ from vsgdesign.simulation.survival.cases import (
     SurvivalCase,
     case_from_document,
 )
-from vsgdesign.simulation.survival.clearing import ClearingTime, critical_clearing_time
+from vsgdesign.simulation.survival.clearing import ClearingTimes, Verdicts, critical_clearing_times
 from vsgdesign.simulation.survival.field import field_cases
 from vsgdesign.simulation.survival.many import run_many
 from vsgdesign.simulation.survival.running import CaseResult, CaseRun, Subject, rest_of, run_case, trace_case
@@ -20,15 +20,16 @@ __all__ = [
     "CaseResult",
     "CaseRun",
     "Change",
-    "ClearingTime",
+    "ClearingTimes",
     "GridKnowledge",
     "GridState",
     "Subject",
     "SurvivalCase",
     "SurvivalFigures",
+    "Verdicts",
     "by_group",
     "case_from_document",
-    "critical_clearing_time",
+    "critical_clearing_times",
     "field_cases",
     "figures_of",
     "fixed_set",
