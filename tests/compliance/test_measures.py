@@ -1,0 +1,126 @@
+"""The registry, and the simple measures on signals whose figures are known in closed form."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.compliance.made_runs import STEP_S, made_run, made_trace, times
+from vsgdesign.compliance.measures import MEASURES
+from vsgdesign.compliance.suite import SuiteEvent
+from vsgdesign.metrics.survival import LATCHED, NO_REST, SURVIVED, Survival
+
+JUMP = SuiteEvent(t_s=0.1, phase_deg=10.0)
+
+
+def test_every_entry_says_what_it_is() -> None:
+    for name, entry in MEASURES.items():
+        assert entry.name == name
+        assert entry.label
+        assert entry.text.endswith(".")
+        assert all(math.isfinite(parameter.default) for parameter in entry.parameters)
+
+
+def test_wrong_parameters_are_named_together() -> None:
+    run = made_run(made_trace(times(0.5)), JUMP)
+    with pytest.raises(ValueError, match=r"there is no parameter 'x_s'.*after_s = nan must be a finite number"):
+        MEASURES["peak_after_5ms_pu"].of(run, (("x_s", 1.0), ("after_s", math.nan)))
+
+
+@pytest.mark.parametrize("name", list(MEASURES))
+def test_a_run_that_ends_at_once_has_no_figure_and_no_error(name: str) -> None:
+    for trace in (made_trace(times(0.1005)), made_trace(times(STEP_S)), made_trace(times(0.05))):
+        found = MEASURES[name].of(made_run(trace, JUMP))
+        assert found.value is not None or found.why
+
+
+@pytest.mark.parametrize("name", list(MEASURES))
+def test_no_figure_of_what_is_no_number(name: str) -> None:
+    t = times(0.6)
+    gone = np.where(t > 0.3, math.nan, 0.5)
+    trace = made_trace(t, **dict.fromkeys(("P_pu", "Q_pu", "f_hz", "i_phase_pu", "P_dc_pu", "limited"), gone))
+    found = MEASURES[name].of(made_run(trace, JUMP))
+    assert found.value is None or math.isfinite(found.value)
+    assert found.value is not None or found.why
+
+
+def test_the_judge_s_answers_are_passed_on() -> None:
+    trace = made_trace(times(0.5))
+    good = made_run(trace, JUMP, survival=Survival(status=SURVIVED, recovery_s=0.25))
+    bad = made_run(trace, JUMP, survival=Survival(status=LATCHED, reason="the limiter acts"))
+    nowhere = made_run(trace, JUMP, survival=Survival(status=NO_REST, reason="too much power"))
+    assert MEASURES["survived"].of(good).value == 1.0
+    assert MEASURES["recovery_s"].of(good).value == 0.25
+    assert MEASURES["survived"].of(bad).value == 0.0
+    assert MEASURES["recovery_s"].of(bad) == (None, "the limiter acts", 0.0)
+    assert MEASURES["survived"].of(nowhere) == (None, "too much power", 0.0)
+    assert MEASURES["survived"].of(made_run(trace, JUMP)).value is None
+
+
+def test_peaks_are_told_apart_by_time() -> None:
+    t = times(0.5)
+    i = np.full_like(t, 0.5)
+    i[(t > 0.1) & (t < 0.1049)] = 2.0  # nine rows of 0.5 ms
+    i[np.searchsorted(t, 0.2)] = 1.4
+    i[0] = 9.0  # before the event
+    run = made_run(made_trace(t, i_phase_pu=i), JUMP)
+    assert MEASURES["peak_pu"].of(run).value == 2.0
+    assert MEASURES["peak_after_5ms_pu"].of(run).value == 1.4
+    assert MEASURES["above_limit_s"].of(run).value == pytest.approx(10 * STEP_S)
+    assert MEASURES["above_limit_s"].of(run, {"share": 1.5}).value == pytest.approx(9 * STEP_S)
+    assert MEASURES["above_limit_s"].of(made_run(made_trace(t), JUMP, limit=None)).value is None
+
+
+def test_the_limiter_s_time_is_its_share_of_each_interval() -> None:
+    t = times(0.5)
+    limited = np.where((t > 0.2) & (t < 0.3), 0.25, 0.0)
+    rows = int(np.sum(limited > 0.0))
+    assert MEASURES["limited_s"].of(made_run(made_trace(t, limited=limited), JUMP)).value == pytest.approx(
+        0.25 * rows * STEP_S
+    )
+
+
+def test_energy_and_power_of_the_dc_link() -> None:
+    t = times(2.1)
+    tau, extra = 0.2, 0.3
+    since = t - 0.1
+    # The mean of extra·exp(−t/τ) over the interval that ends at each row.
+    edge = np.exp(-np.clip(np.stack([since - STEP_S, since]), 0.0, None) / tau)
+    mean = extra * tau * (edge[0] - edge[1]) / STEP_S
+    run = made_run(made_trace(t, P_dc_pu=0.5 + np.where(since > 1e-9, mean, 0.0)), JUMP)
+    total = extra * tau * (1.0 - math.exp(-(t[-1] - 0.1) / tau))
+    assert MEASURES["energy_pu_s"].of(run).value == pytest.approx(total, rel=1e-9)
+    assert MEASURES["P_dc_peak_pu"].of(run).value == pytest.approx(0.5 + mean[np.searchsorted(t, 0.1005 - 1e-9)])
+    taken = made_run(made_trace(t, P_dc_pu=0.5 - np.where(since > 1e-9, mean, 0.0)), JUMP)
+    assert MEASURES["energy_pu_s"].of(taken).value == pytest.approx(-total, rel=1e-9)
+
+
+def test_frequency_of_a_ramp() -> None:
+    t = times(3.1)
+    f = 50.0 + np.clip(t - 0.1, 0.0, 1.0) * -2.0
+    run = made_run(made_trace(t, f_hz=f), SuiteEvent(t_s=0.1, df_hz=-2.0, over_s=1.0))
+    assert MEASURES["f_min_hz"].of(run).value == pytest.approx(48.0)
+    assert MEASURES["f_max_hz"].of(run).value == pytest.approx(50.0)
+    assert MEASURES["rocof_hz_s"].of(run).value == pytest.approx(2.0, rel=1e-9)
+
+
+def test_settling_and_overshoot_of_a_damped_step() -> None:
+    """P = 0.5 + 0.3·(1 − e^(−αt)(cos ωt + α/ω sin ωt)), slow against a cycle, which is averaged in closed form."""
+    t = times(8.1)
+    s, cycle = complex(-1.5, 3.0), 0.02
+    since = np.clip(t - 0.1, 0.0, None)
+
+    def primitive(x: np.ndarray) -> np.ndarray:
+        """∫ of Re (1 − jα/ω) e^{st}, which is the deviation."""
+        return np.real((1.0 + 1j * s.real / s.imag) * (np.exp(s * x) - 1.0) / s)
+
+    y = 0.8 - 0.3 * np.real((1.0 + 1j * s.real / s.imag) * np.exp(s * since))
+    run = made_run(made_trace(t, P_pu=y), JUMP)
+    fine = np.arange(0.0, 4.0, 1e-5)
+    mean = -0.3 * (primitive(fine) - primitive(np.clip(fine - cycle, 0.0, None))) / cycle
+    mean = mean - 0.3 * np.clip(cycle - fine, 0.0, None) / cycle  # before the event: 0.5
+    settled = fine[np.flatnonzero(np.abs(mean) > 0.02)[-1]]
+    assert MEASURES["settling_s"].of(run).value == pytest.approx(settled, abs=STEP_S)
+    assert MEASURES["overshoot_pu"].of(run).value == pytest.approx(np.max(mean), abs=1e-3)

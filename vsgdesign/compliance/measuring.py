@@ -1,0 +1,209 @@
+"""What a measure is: a figure of one run with its name, unit, meaning and parameters, or why it is not known."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.compliance.suite import SuiteEvent, SuiteTest
+from vsgdesign.compliance.trace import Trace
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.metrics.survival import Survival
+from vsgdesign.parameters.study import ControllerSpec, Study
+
+Array = NDArray[np.float64]
+
+
+class Measured(NamedTuple):
+    """A figure, or why there is none."""
+
+    value: float | None
+    """In the measure's unit. None: it is not known."""
+    why: str = ""
+    """Why it is not known; empty if it is."""
+    plus_minus: float = 0.0
+    """How far the figure may be from the truth because the trace has a row only every so often, in its unit."""
+
+
+def not_known(why: str) -> Measured:
+    """There is no figure, with the reason in words."""
+    return Measured(None, why)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ratings:
+    """What a measure must know of the converter."""
+
+    S_rated: float
+    """VA."""
+    V_rated_rms: float
+    """Phase rms, V."""
+    f_n_hz: float
+    settling_time_s: float
+    """T of the specification."""
+    i_limit_pu: float | None
+    """Limit of the converter's current over the rated peak; None without one."""
+
+    @classmethod
+    def of(cls, study: Study, spec: ControllerSpec) -> Ratings:
+        """The ratings of a study's converter with one of its controllers, which may have a current limit of its own."""
+        c = study.converter
+        own = spec.current_limit_pu
+        return cls(
+            S_rated=c.S_rated,
+            V_rated_rms=c.V_rated_rms,
+            f_n_hz=c.omega_n / (2.0 * math.pi),
+            settling_time_s=spec.target.settling_time,
+            i_limit_pu=c.current_limit_pu if own is None else own,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasureInput:
+    """Everything that a measure may look at: one test, its trace and its verdict, and the converter with its gains."""
+
+    test: SuiteTest
+    trace: Trace
+    ratings: Ratings
+    survival: Survival | None = None
+    """The judge's verdict; None if the run was not judged."""
+    gains: PowerLoopGains | None = None
+    """In force before the first event, in SI; None if they are not known."""
+
+    @cached_property
+    def events_s(self) -> tuple[float, ...]:
+        """The instants of all events, s; one at 0 if the test has none."""
+        return tuple(event.t_s for event in self.test.events) or (0.0,)
+
+    @property
+    def first_s(self) -> float:
+        """The first event, s."""
+        return self.events_s[0]
+
+    @property
+    def cleared_s(self) -> float:
+        """When the last event, with its ramp, is over, s."""
+        return max((event.t_s + event.over_s for event in self.test.events), default=0.0)
+
+    @property
+    def step_s(self) -> float:
+        """Interval of the trace's rows, s."""
+        t = self.trace.t_s
+        return float(t[-1] - t[0]) / (len(t) - 1)
+
+    @property
+    def rows_per_cycle(self) -> int:
+        """Rows in a nominal cycle, rounded to a whole number of at least one."""
+        return max(round(1.0 / (self.ratings.f_n_hz * self.step_s)), 1)
+
+    def end(self, values: Array) -> float:
+        """Where ``values`` end: their mean over whole cycles, up to a tenth of what follows the last event."""
+        cycle = self.rows_per_cycle
+        after = len(values) - self.first_row(self.cleared_s)
+        return float(np.mean(values[-max(after // 10 // cycle, 1) * cycle :]))
+
+    def first_row(self, t_s: float) -> int:
+        """The first row at ``t_s`` or after it. Times are rounded, so a row may lie a little before."""
+        return int(np.searchsorted(self.trace.t_s, t_s - 1e-3 * self.step_s))
+
+    def rows(self, begin_s: float, end_s: float = math.inf) -> slice:
+        """The rows with begin_s <= t < end_s."""
+        return slice(self.first_row(begin_s), self.first_row(end_s) if math.isfinite(end_s) else len(self.trace.t_s))
+
+    def rest_before(self, values: Array, t_s: float) -> float:
+        """Mean of ``values`` over the cycle before ``t_s``; the row at ``t_s`` if the trace begins there."""
+        stop = self.first_row(t_s)
+        if stop == 0:
+            return float(values[0])
+        return float(np.mean(values[max(self.first_row(t_s - 1.0 / self.ratings.f_n_hz), 0) : stop]))
+
+    def event_with(self, has: Callable[[SuiteEvent], bool]) -> tuple[SuiteEvent, float] | None:
+        """The first event of a kind, and when the next one comes (infinity after the last). None: there is none."""
+        for event, after in zip(self.test.events, [*self.test.events[1:], None], strict=True):
+            if has(event):
+                return event, math.inf if after is None else after.t_s
+        return None
+
+
+class Parameter(NamedTuple):
+    """A number on which a measure depends."""
+
+    name: str
+    default: float
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measure:
+    """One entry of the registry."""
+
+    name: str
+    label: str
+    """What it is called in tables and on axes."""
+    unit: str
+    """Empty for a ratio and for yes (1) or no (0)."""
+    text: str
+    """One sentence: what is measured."""
+    parameters: tuple[Parameter, ...]
+    function: Callable[..., Measured]
+    """(run, **parameters), each parameter with its default."""
+    of_trace: bool = True
+    """Whether it is measured in the trace, so that there is none if the trace ends at the first event."""
+
+    def of(self, run: MeasureInput, given: tuple[tuple[str, float], ...] | Mapping[str, float] = ()) -> Measured:
+        """The figure with the given parameters, or why there is none. A run that is too short to hold a figure, or
+        that holds a value that is no number, has none.
+
+        Raises ValueError, with all faults, if a parameter is not one of this measure's or is no finite number.
+        """
+        chosen = dict(given)
+        faults = self.faults(chosen)
+        if faults:
+            raise ValueError(" ".join(faults))
+        if self.of_trace and (len(run.trace.t_s) < 2 or run.first_row(run.first_s) + 2 > len(run.trace.t_s)):
+            return not_known("the trace ends before the first event")
+        found = self.function(run, **chosen)
+        if found.value is not None and not math.isfinite(found.value):
+            return not_known("the run diverged, so this figure is no number")
+        return found
+
+    def faults(self, given: Mapping[str, float]) -> list[str]:
+        """What is wrong with given parameters, in words; empty if nothing is."""
+        known = {parameter.name for parameter in self.parameters}
+        faults = []
+        for name, value in given.items():
+            if name not in known:
+                there = ", ".join(sorted(known)) or "none"
+                faults.append(f"{self.name}: there is no parameter {name!r}. Its parameters: {there}.")
+            elif not math.isfinite(value):
+                faults.append(f"{self.name}: {name} = {value:g} must be a finite number.")
+        return faults
+
+
+_UNITS = {"s": "s", "ms": "ms", "hz": "Hz", "pu": "pu", "share": ""}
+"""Unit of a parameter, by the end of its name."""
+
+
+def measure(label: str, unit: str, text: str, *, of_trace: bool = True) -> Callable[[Callable[..., Measured]], Measure]:
+    """Makes a registry entry of a function; its name and the defaults of its parameters are those of the function."""
+
+    def made(function: Callable[..., Measured]) -> Measure:
+        parameters = list(inspect.signature(function).parameters.values())[1:]
+        return Measure(
+            name=function.__name__,
+            label=label,
+            unit=unit,
+            text=text,
+            parameters=tuple(Parameter(p.name, p.default, _UNITS[p.name.rpartition("_")[2]]) for p in parameters),
+            function=function,
+            of_trace=of_trace,
+        )
+
+    return made
