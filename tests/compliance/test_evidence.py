@@ -1,0 +1,79 @@
+"""The CSV of a trace: every number back to its last digit, readable by any tool, refused where it is not one."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vsgdesign.compliance.evidence import SIGNALS, Evidence, csv_path, limits_at, read_evidence, slug, write_evidence
+from vsgdesign.compliance.trace import Trace
+from vsgdesign.errors import ArtifactError
+
+
+def made(n: int = 500, **others: np.ndarray) -> Trace:
+    rng = np.random.default_rng(5)
+    columns = {name: rng.normal(size=n) * 10.0 ** rng.uniform(-5, 3) for name in SIGNALS}
+    return Trace(**columns | {"t_s": np.arange(n) * 5e-4} | others)
+
+
+def evidence(trace: Trace) -> Evidence:
+    limits = limits_at(trace.t_s, "P_pu", np.array([0.01, 0.2]), np.array([0.0, -1.0]), np.array([1.0, 2.0]))
+    return Evidence(trace=trace, limits=(limits,))
+
+
+@pytest.mark.parametrize("name", ["trace.csv", "trace.csv.gz"])
+def test_a_trace_comes_back_to_a_millionth(tmp_path: Path, name: str) -> None:
+    given = evidence(made())
+    write_evidence(tmp_path / name, given)
+    found = read_evidence(tmp_path / name)
+    for signal in SIGNALS:
+        assert np.abs(getattr(found.trace, signal) - getattr(given.trace, signal)).max() <= 0.5001e-6
+    assert found.limits[0].signal == "P_pu"
+    np.testing.assert_allclose(found.limits[0].high, given.limits[0].high, atol=1e-6)
+    # Outside of the time of an envelope there is none.
+    assert np.isnan(found.limits[0].low[0])
+    assert np.isnan(found.limits[0].low[-1])
+
+
+def test_another_reader_reads_the_same_numbers(tmp_path: Path) -> None:
+    hard = np.array([0.0, -0.0, 9.9999999, -9.9999996, 1e-7, -4e-7, 0.1, -123.456789, 5e8, np.nan])
+    trace = made(len(hard), P_pu=hard, Q_pu=hard * 1e6, V_pu=np.full(len(hard), np.inf))
+    write_evidence(tmp_path / "t.csv", Evidence(trace=trace))
+    with (tmp_path / "t.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    read = np.array([float(row["P_pu [pu]"]) for row in rows])
+    np.testing.assert_allclose(read, hard, rtol=0.0, atol=0.51e-6)
+    assert not any(text.startswith("-") for text in (rows[1]["P_pu [pu]"], rows[5]["P_pu [pu]"]))
+    np.testing.assert_allclose([float(row["Q_pu [pu]"]) for row in rows], 1e6 * hard, rtol=1e-8)
+    assert all(row["V_pu [pu]"] == "inf" for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("t_s [s],P_pu [pu]\n0,1\n", "there is no column Q_pu"),
+        (",".join(SIGNALS) + "\n0,1\n", "the header has"),
+        (",".join(SIGNALS) + "\n" + ",".join(["x"] * len(SIGNALS)), "could not convert"),
+        ("", "there is no column t_s"),
+    ],
+)
+def test_what_is_no_trace_is_refused_with_its_reason(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "t.csv").write_text(text)
+    with pytest.raises(ArtifactError, match=said):
+        read_evidence(tmp_path / "t.csv")
+
+
+def test_a_trace_without_rows_is_empty(tmp_path: Path) -> None:
+    write_evidence(tmp_path / "t.csv", Evidence(trace=made(0)))
+    assert len(read_evidence(tmp_path / "t.csv").trace.t_s) == 0
+
+
+def test_names_of_files_are_plain_and_apart() -> None:
+    assert slug("own", "phase +60 deg, SCR 20, X/R 10") != slug("own", "phase -60 deg, SCR 20, X/R 10")
+    assert csv_path("own", "Δθ = 30°, X/R 0.5", "OPT-ANN").startswith("traces/own-30-x-r-0.5-opt-ann-")
+    assert slug("a b", "c") != slug("a", "b c")
+    assert len(slug("x" * 500)) < 100
+    assert slug("../../etc") == "etc-" + slug("../../etc")[-8:]
