@@ -6,9 +6,13 @@ from dataclasses import dataclass
 
 from vsgdesign.parameters.network import Fault, Load
 
-READ, SECONDARY, OURS = "read", "secondary", "ours"
-CONFIDENCES = (READ, SECONDARY, OURS)
-"""How far a number is known: read in its source, told by another document, or chosen by this project or the user."""
+READ, SECONDARY, OURS, USER = "read", "secondary", "ours", "user"
+CONFIDENCES = (READ, SECONDARY, OURS, USER)
+"""How far a number is known: read in its source, told by another document, chosen by this project, or by the user who
+wrote the suite."""
+
+ENVELOPE = "envelope"
+"""``Criterion.measure`` of a criterion that is an envelope: the value is the largest excess over it, pu."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +44,7 @@ class SuiteEvent:
     scr: float | None = None
     x_over_r: float | None = None
     V_g_pu: float | None = None
+    """Ends a sag, too."""
     sag: Sag | None = None
     """An unbalanced or balanced dip from now on, in place of V_g_pu."""
     df_hz: float | None = None
@@ -64,13 +69,15 @@ class Criterion:
     """What is asked of a measured value. With neither limits nor envelope it is informational."""
 
     measure: str
-    """A name of the registry ``compliance.measures.MEASURES``."""
+    """A name of the registry ``compliance.measures.MEASURES``, or :data:`ENVELOPE`."""
     at_least: float | None = None
     at_most: float | None = None
     envelope: str | None = None
     """A name of the registry ``compliance.envelopes.ENVELOPES``: a signal between two curves over time."""
     given: tuple[tuple[str, float], ...] = ()
     """Parameters of the measure or the envelope, by name, in SI or pu as these say."""
+    ours: bool = False
+    """Whether the limits are chosen by this project and not given by the test's source."""
 
     @property
     def informational(self) -> bool:

@@ -1,0 +1,172 @@
+"""Suite files: what they become, and what a user is told of a wrong one."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from vsgdesign.compliance.reading import SUITES, suite_from_text, suite_named
+from vsgdesign.compliance.suite import Criterion, Sag, SuiteEvent
+from vsgdesign.errors import Fault, StudyError
+from vsgdesign.parameters.network import Fault as ShortCircuit
+from vsgdesign.parameters.network import Load
+
+ONE = """
+[[tests]]
+name = "one"
+scr = 3
+x_over_r = 5
+"""
+
+
+def one_event(text: str) -> tuple[SuiteEvent, ...]:
+    return suite_from_text(f"{ONE}\nevents = [{text}]").tests[0].events
+
+
+def faults_of(text: str) -> dict[str, Fault]:
+    with pytest.raises(StudyError) as caught:
+        suite_from_text(text)
+    return {fault.field: fault for fault in caught.value.faults}
+
+
+def test_a_list_makes_one_test_per_value_with_an_id_that_says_it() -> None:
+    suite = suite_from_text(
+        """
+        title = "Mine"
+        criteria = [{ measure = "survived", at_least = 1 }]
+        [[tests]]
+        name = "jump"
+        scr = [1.5, 10]
+        x_over_r = 5
+        P_pu = [0, 0.7]
+        events = [{ phase_jump = ["30 deg", "-30 deg"] }]
+        """
+    )
+    assert [test.id for test in suite.tests] == [
+        f"jump, {sign}30 deg, SCR {scr}, P {P} pu" for sign in "+-" for scr in ("1.5", "10") for P in ("0", "0.7")
+    ]
+    last = suite.tests[-1]
+    assert (last.scr, last.x_over_r, last.P_pu, last.Q_pu) == (10.0, 5.0, 0.7, 0.0)
+    assert last.events == (SuiteEvent(t_s=0.0, phase_deg=-30.0),)
+    assert last.criteria == (Criterion(measure="survived", at_least=1.0),)
+    assert (last.source.document, last.source.confidence) == ("Mine", "user")
+
+
+def test_what_lasts_is_undone_and_the_rest_stays() -> None:
+    assert one_event('{ time = "1 s", sag = { kind = "C", V_pu = 0.3 }, phase_jump = "5 deg", lasts = "150 ms" }') == (
+        SuiteEvent(t_s=1.0, sag=Sag(kind="C", V_pu=0.3), phase_deg=5.0),
+        SuiteEvent(t_s=1.15, V_g_pu=1.0),
+    )
+    assert one_event('{ fault = { kind = "phase_to_phase", R = 0.1, at = "50 %" }, lasts = "0.2 s" }') == (
+        SuiteEvent(t_s=0.0, fault=ShortCircuit(kind="phase_to_phase", R=0.1, at=0.5)),
+        SuiteEvent(t_s=0.2, fault_cleared=True),
+    )
+    assert one_event('{ connected = false, load = { P_pu = 0.5 }, lasts = "2 s" }') == (
+        SuiteEvent(t_s=0.0, connected=False, load=Load(R_parallel=2.0)),
+        SuiteEvent(t_s=2.0, connected=True, load_off=True),
+    )
+
+
+def test_a_voltage_that_lasts_returns_to_the_one_before() -> None:
+    events = one_event('{ V_g_pu = 0.9 }, { time = "1 s", V_g_pu = 0.5, lasts = "1 s" }')
+    assert [(event.t_s, event.V_g_pu) for event in events] == [(0.0, 0.9), (1.0, 0.5), (2.0, 0.9)]
+
+
+def test_a_rate_becomes_the_duration_of_a_ramp_from_the_frequency_before() -> None:
+    events = one_event('{ df = "1 Hz", df_per_s = 4 }, { time = "2 s", df = "-1 Hz", df_per_s = "0.5 Hz/s" }')
+    assert [(event.df_hz, event.over_s) for event in events] == [(1.0, 0.25), (-1.0, 4.0)]
+
+
+def test_a_load_in_power_draws_that_power_at_nominal_voltage() -> None:
+    load = one_event("{ load = { P_pu = 0.8, Q_pu = -0.25 } }")[0].load
+    assert load is not None
+    assert load.R_parallel is not None
+    assert load.C_parallel is not None
+    assert 1.0 / complex(load.R_parallel).conjugate() + 1.0 / complex(0.0, -load.C_parallel).conjugate() == 0.8 - 0.25j
+
+
+def test_an_event_that_says_only_the_scr_keeps_the_ratio_before_it() -> None:
+    events = one_event('{ scr = 2, x_over_r = 1 }, { time = "1 s", scr = 20 }')
+    assert [(event.scr, event.x_over_r) for event in events] == [(2.0, 1.0), (20.0, 1.0)]
+
+
+def test_every_fault_is_told_at_once() -> None:
+    found = faults_of(
+        """
+        title = ""
+        colour = "red"
+        [source]
+        confidence = "recalled"
+        [[tests]]
+        nam = "x"
+        scr = [1.5, nan, -3]
+        x_over_r = []
+        P_pu = "5 kW"
+        needs = 3
+        source = "aemo"
+        events = [
+            { phase_jump = "30 Hz", sag = { kind = "H" }, V_g_pu = 0.5, lasts = "-1 s" },
+            { time = "1 s" },
+            { df = "1 Hz", over = "1 s", df_per_s = 2 },
+            { fault = { phases = "bc", R = "2 ohm" }, load = {} },
+        ]
+        criteria = [{ measure = "survived", at_least = "a" }, {}, { measure = "survived", at_least = 2, at_most = 1 }]
+        """
+    )
+    event = "tests[0].events"
+    expected = {
+        "title", "colour", "source.confidence", "tests[0].nam", "tests[0].name", "tests[0].scr", "tests[0].x_over_r",
+        "tests[0].P_pu", "tests[0].needs", "tests[0].source", f"{event}[0].phase_jump", f"{event}[0].sag.kind",
+        f"{event}[0].sag.V_pu", f"{event}[0].V_g_pu", f"{event}[0].lasts", f"{event}[1]", f"{event}[2].df_per_s",
+        f"{event}[3].fault.phases", f"{event}[3].fault.R", f"{event}[3].load", "tests[0].criteria[0].at_least",
+        "tests[0].criteria[1]", "tests[0].criteria[2].at_least",
+    }  # fmt: skip
+    assert found.keys() == expected
+    assert (
+        str(found["tests[0].scr"]) == "tests[0].scr = -3: outside 0.05 to 10000. Check the unit: a bare number is SI."
+    )
+
+
+def test_a_fault_of_a_swept_test_is_told_once() -> None:
+    with pytest.raises(StudyError) as caught:
+        suite_from_text(ONE.replace("scr = 3", "scr = [1, 2, 3]") + 'events = [{ phase_jump = "400 deg" }]')
+    assert len(caught.value.faults) == 1
+
+
+def test_a_sweep_that_is_too_large_says_its_size() -> None:
+    numbers = ", ".join(map(str, range(1, 61)))
+    text = ONE.replace("= 3", f"= [{numbers}]").replace("= 5", f"= [{numbers}]") + "events = [{ P_pu = 0 }]"
+    assert "makes 3,600 tests (scr 60 × x_over_r 60)" in faults_of(text)["tests[0]"].problem
+
+
+def test_ids_are_unique() -> None:
+    found = faults_of(f"{ONE}events = [{{ P_pu = 0 }}]\n{ONE}events = [{{ P_pu = 1 }}]")
+    assert found["tests[1].name"].problem == "has the id of a test of tests[0]"
+    assert (
+        "gives 2 twice" in faults_of(ONE.replace("= 3", "= [2, 2]") + "events = [{ P_pu = 0 }]")["tests[0].scr"].problem
+    )
+
+
+def test_an_empty_file_says_what_a_suite_needs() -> None:
+    assert "there is no test" in faults_of("")["tests"].problem
+    assert "nothing happens" in faults_of(ONE)["tests[0].events"].problem
+
+
+def test_an_unknown_suite_suggests_the_near_one() -> None:
+    with pytest.raises(StudyError, match=r'Did you mean "ieee1547"\?'):
+        suite_named("ieee1574")
+    with pytest.raises(StudyError, match="there is no such file"):
+        suite_named("mine.toml")
+
+
+@pytest.mark.parametrize("name", SUITES)
+def test_a_packaged_suite_is_whole(name: str) -> None:
+    suite = suite_named(name)
+    assert suite.name == name
+    for test in suite.tests:
+        assert test.source.confidence in ("read", "secondary", "ours")
+        assert test.source.document
+        numbers = [test.scr, test.x_over_r, test.P_pu, test.Q_pu, *(event.t_s for event in test.events)]
+        assert all(map(math.isfinite, numbers))
+        assert [event.t_s for event in test.events] == sorted(event.t_s for event in test.events)

@@ -1,0 +1,187 @@
+"""Reads a suite of tests from a TOML file, packaged or a user's own, with every fault at once."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from vsgdesign.compliance.expanding import MOST_TESTS, axes_of, combinations, size_in_words, size_of
+from vsgdesign.compliance.reading_criteria import read_criteria
+from vsgdesign.compliance.reading_events import LONGEST_S, MOST_POWER_PU, read_events, read_load
+from vsgdesign.compliance.suite import CONFIDENCES, USER, Criterion, Source, Suite, SuiteTest
+from vsgdesign.errors import Fault, StudyError
+from vsgdesign.parameters.reader import TableReader
+from vsgdesign.parameters.scenario import SCR_LIMITS, X_OVER_R_LIMITS
+from vsgdesign.parameters.toml_file import parse_toml, read_toml
+
+_FOLDER = resources.files("vsgdesign.compliance") / "suites"
+
+SUITES: tuple[str, ...] = tuple(sorted(item.name[:-5] for item in _FOLDER.iterdir() if item.name.endswith(".toml")))
+"""Names of the suites that come with the package."""
+
+
+def suite_named(name_or_path: str | Path) -> Suite:
+    """A packaged suite by its name, or a user's own by the path of its file.
+
+    A text that ends in ``.toml``, or that names a folder and a file, is a path. Raises StudyError with every fault.
+    """
+    text = str(name_or_path)
+    if text in SUITES:
+        return suite_from_text((_FOLDER / f"{text}.toml").read_text(encoding="utf-8"), text, name=text)
+    if isinstance(name_or_path, Path) or text.endswith(".toml") or "/" in text or Path(text).is_file():
+        path = Path(name_or_path)
+        return suite_from_document(read_toml(path, "suite file"), str(path), path.stem)
+    near = difflib.get_close_matches(text, SUITES, n=1, cutoff=0.5)
+    advice = (f'Did you mean "{near[0]}"? ' if near else "") + "Or give the path of a .toml file."
+    problem = "there is no such suite; packaged are " + ", ".join(SUITES)
+    raise StudyError(text, [Fault("suite", f'"{text}"', problem, advice)])
+
+
+def suite_from_text(text: str, source: str = "suite text", name: str = "suite") -> Suite:
+    """The same from TOML text. ``source`` names it in errors. Raises StudyError with every fault."""
+    return suite_from_document(parse_toml(text, source), source, name)
+
+
+def suite_from_document(document: dict[str, Any], source: str, name: str) -> Suite:
+    """The suite of a document. Raises StudyError with every fault, each told once."""
+    faults: list[Fault] = []
+    table = TableReader(document, "", faults)
+    title = table.text("title", default=name)
+    about = table.text("about", default="")
+    own = _read_source(table.child("source"), Source(document=title, edition="", confidence=USER))
+    sources = _read_sources(table, own)
+    criteria = read_criteria(table.children("criteria"))
+    tests: list[tuple[TableReader, SuiteTest]] = []
+    rooms = table.children("tests")
+    if not document.get("tests"):
+        table.fault("tests", None, "there is no test", "Write each as [[tests]] with name, scr, x_over_r and events.")
+    for room in rooms:
+        found = _read_sweep(room, sources, own, criteria, MOST_TESTS - len(tests))
+        tests += [(room, test) for test in found]
+    table.finish()
+    _check_ids(tests, faults)
+    if faults:
+        raise StudyError(source, list(dict.fromkeys(faults)))
+    return Suite(name=name, title=title, source=own, tests=tuple(test for _, test in tests), about=about)
+
+
+def _read_source(table: TableReader | None, default: Source) -> Source:
+    if table is None:
+        return default
+    found = Source(
+        document=table.text("document", default=default.document),
+        edition=table.text("edition", default=default.edition),
+        confidence=table.choice("confidence", CONFIDENCES, default=default.confidence),
+        note=table.text("note", default=""),
+    )
+    table.finish()
+    return found
+
+
+def _read_sources(table: TableReader, own: Source) -> dict[str, Source]:
+    """Further sources, by the names under which tests speak of them."""
+    named = table.child("sources")
+    if named is None:
+        return {}
+    found = {name: _read_source(named.child(name), own) for name in list(named.table)}
+    named.finish()
+    return found
+
+
+def _read_sweep(
+    table: TableReader, sources: dict[str, Source], own: Source, criteria: tuple[Criterion, ...], room_left: int
+) -> list[SuiteTest]:
+    """The tests of one [[tests]] table: one for each combination of the values in its lists."""
+    axes = axes_of(table)
+    too_large = size_of(axes) > room_left
+    if too_large:
+        by = f" ({size_in_words(axes)})" if axes else ""
+        table.fault(
+            "",
+            None,
+            f"the sweep makes {size_of(axes):,} tests{by}, and a suite may have {MOST_TESTS:,}, of which "
+            f"{max(room_left, 0):,} are left",
+            "Give shorter lists, or make two suites of it.",
+        )
+        axes = [axis._replace(values=axis.values[:1]) for axis in axes]
+    found = []
+    for document, words in combinations(table.table, axes):
+        one = TableReader(document, table.path, table.faults)
+        found.append(_read_test(one, words, sources, own, criteria))
+    return [] if too_large else found
+
+
+def _read_test(
+    table: TableReader, words: str, sources: dict[str, Source], own: Source, criteria: tuple[Criterion, ...]
+) -> SuiteTest:
+    name = table.text("name")
+    scr = table.quantity("scr", "1", *SCR_LIMITS)
+    x_over_r = table.quantity("x_over_r", "1", *X_OVER_R_LIMITS)
+    V_g_pu = table.quantity("V_g_pu", "1", 0.0, 2.0, default=1.0)
+    load = read_load(table)
+    given = table.children("criteria")
+    test = SuiteTest(
+        id=f"{name}, {words}" if words else name,
+        group=table.text("group", default=name),
+        title=table.text("title", default=name),
+        source=_source_of(table, sources, own),
+        scr=scr,
+        x_over_r=x_over_r,
+        P_pu=table.quantity("P_pu", "1", -MOST_POWER_PU, MOST_POWER_PU, default=SuiteTest.P_pu),
+        Q_pu=table.quantity("Q_pu", "1", -MOST_POWER_PU, MOST_POWER_PU, default=SuiteTest.Q_pu),
+        V_g_pu=V_g_pu,
+        load=load,
+        events=read_events(table.children("events"), scr, x_over_r, V_g_pu, load),
+        duration_s=table.quantity("duration", "s", 1e-3, LONGEST_S, default=None),
+        silent_s=table.quantity("silent", "s", 0.0, LONGEST_S, default=SuiteTest.silent_s),
+        criteria=read_criteria(given) if table.has("criteria") else criteria,
+        needs=_needs(table),
+    )
+    if not table.table.get("events"):
+        table.fault("events", None, "nothing happens in this test", 'For example events = [{ phase_jump = "30 deg" }].')
+    table.finish()
+    return test
+
+
+def _source_of(table: TableReader, sources: dict[str, Source], own: Source) -> Source:
+    """The source of a test, with what in it is not from there."""
+    found = own
+    if isinstance(table.table.get("source"), dict):
+        part = table.child("source")
+        found = _read_source(part, own)
+    elif table.has("source"):
+        name = table.text("source")
+        if name in sources:
+            found = sources[name]
+        elif name:
+            near = difflib.get_close_matches(name, sources, n=1, cutoff=0.5)
+            known = ", ".join(sources) or "none"
+            advice = f"Did you mean {near[0]}?" if near else f"Sources here: {known}. Add [sources.{name}]."
+            table.fault("source", name, "there is no such source", advice)
+    table.skip("source")
+    ours = table.text("ours", default="")
+    if ours:
+        found = replace(found, note=" ".join(part for part in (found.note, f"Chosen by this project: {ours}.") if part))
+    return found
+
+
+def _needs(table: TableReader) -> tuple[str, ...]:
+    table.skip("needs")
+    raw = table.table.get("needs", [])
+    if not isinstance(raw, list) or not all(isinstance(item, str) and item for item in raw):
+        table.fault("needs", str(raw), "must be a list of texts", 'For example needs = ["storage"].')
+        return ()
+    return tuple(raw)
+
+
+def _check_ids(tests: list[tuple[TableReader, SuiteTest]], faults: list[Fault]) -> None:
+    """Every test has an id of its own: a result is found by it."""
+    first: dict[str, TableReader] = {}
+    for table, test in tests:
+        if test.id in first:
+            problem = f"has the id of a test of {first[test.id].path}"
+            faults.append(Fault(f"{table.path}.name", f'"{test.id}"', problem, "Give the two different names."))
+        first.setdefault(test.id, table)
