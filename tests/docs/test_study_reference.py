@@ -20,6 +20,7 @@ from vsgdesign.parameters import (
     estimator,
     inner_loops,
     knowledge,
+    network_fields,
     replay,
     scenario,
     sensors,
@@ -88,6 +89,12 @@ knowledge = { silent = "0.1 s" }
 time = 1
 grid = { scr = 8 }
 components = [{ order = 7, amplitude_pu = 0.01 }]
+sag = { type = "C", V_pu = 0.5 }
+load = { series = { R_pu = 0.5 } }
+fault = {}
+[network]
+load = { series = { R_pu = 1.0 } }
+fault = {}
 [stability]
 [stability.gates]
 [survival]
@@ -221,7 +228,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[tuple[str, st
     recorded = LC_WITH_TIMES.replace(
         "[background]", f'[replay]\nfile = "{tmp_path / "grid.npz"}"\nscale = "1 V"\nsampling_rate = 6400'
     )
-    recorded = re.sub("components = .*", "", recorded)
+    recorded = re.sub("(components|sag) = .*", "", recorded)
     others = [LC_WITH_TIMES.replace('"projection"', f'"{name}"') for name in LIMITERS if name != "projection"]
     for text in (LC_WITH_TIMES, LCL_WITH_GAINS, DESIGNED, recorded, *others):
         study_from_text(text, inner_loops=lambda _: (InnerLoopGains(1.0, 1.0, 1.0, 1.0), 100.0))
@@ -244,6 +251,7 @@ def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[As
         estimator,
         inner_loops,
         knowledge,
+        network_fields,
         replay,
         scenario,
         sensors,

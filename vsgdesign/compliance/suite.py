@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vsgdesign.parameters.network import Fault, Load
+from vsgdesign.parameters.source import Sag
 
 READ, SECONDARY, OURS, USER = "read", "secondary", "ours", "user"
 CONFIDENCES = (READ, SECONDARY, OURS, USER)
@@ -24,15 +25,6 @@ class Source:
     confidence: str
     """A name of :data:`CONFIDENCES`."""
     note: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Sag:
-    """A voltage dip by its type, A to G, with the voltage that remains (:eq:`sag-types`)."""
-
-    kind: str
-    V_pu: float
-    """Characteristic voltage over the voltage before, 0 to 1."""
 
 
 @dataclass(frozen=True, kw_only=True)

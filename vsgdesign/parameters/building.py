@@ -24,7 +24,7 @@ from vsgdesign.parameters.estimator import read_estimator
 from vsgdesign.parameters.inner_loops import InnerLoopSource, read_inner_loops, request_of
 from vsgdesign.parameters.reader import Asked, TableReader
 from vsgdesign.parameters.replay import read_replay
-from vsgdesign.parameters.scenario import read_components, read_events, read_grid, read_simulation
+from vsgdesign.parameters.scenario import read_components, read_events, read_grid, read_network, read_simulation
 from vsgdesign.parameters.sensors import read_sensors
 from vsgdesign.parameters.specification import read_specification
 from vsgdesign.parameters.stability import StabilitySpec, read_stability
@@ -84,7 +84,8 @@ def build_study(
     target = read_target(power, default_target, converter)
     power.finish()
     simulation = read_simulation(root.section("simulation"), converter)
-    events = read_events(root.children("events"), grid, basis, converter, simulation)
+    network = read_network(root.child("network"), converter)
+    events = read_events(root.children("events"), grid, basis, converter, simulation, source_, network)
     _check_resonance(filter_, converter, [grid, *(event.grid for event in events if event.grid)], faults)
     controllers = read_controllers(
         root, target, grid, basis, converter, filter_, (current_limiter, limiter_given), simulation
@@ -122,6 +123,7 @@ def build_study(
         grid=grid,
         grid_source=source_,
         scr_basis=basis,
+        network=network,
         target=target,
         tau_P=tau_P,
         tau_Q=tau_Q,
@@ -173,7 +175,7 @@ def _check_replay(root: TableReader, faults: list[Fault]) -> None:
     events = root.table.get("events", [])
     tables = [("grid", root.table.get("grid")), *((f"events[{k}]", one) for k, one in enumerate(events))]
     for path, table in tables:
-        for field in ("V_g_pu", "f_g", "phase_jump", "components", "over"):
+        for field in ("V_g_pu", "f_g", "phase_jump", "components", "sag", "over"):
             if isinstance(table, dict) and field in table:
                 faults.append(
                     Fault(f"{path}.{field}", str(table[field]), "there is a recorded source, [replay]", advice)

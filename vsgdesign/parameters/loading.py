@@ -170,7 +170,15 @@ _ALTERNATIVES = (
     ({"R_g", "L_g"}, {"scr", "x_over_r"}),
     ({"V_rated_rms"}, {"V_rated_ll_rms"}),
     ({"current_response_time", "voltage_response_time", "damping_ratio"}, {"K_pc", "K_ic", "K_pv", "K_iv"}),
+    ({"R"}, {"R_pu"}),
+    ({"L"}, {"X_L_pu"}),
+    ({"C"}, {"X_C_pu"}),
+    ({"P"}, {"P_pu"}),
+    ({"Q"}, {"Q_pu"}),
+    ({"P", "P_pu"}, {"R", "R_pu"}),
+    ({"Q", "Q_pu"}, {"L", "X_L_pu", "C", "X_C_pu"}),
 )
+"""Fields of one table that say the same thing; the last seven are of a load and of a fault."""
 _GIVEN = set(GIVEN)
 _DESIGNED = {"design", "scr", "x_over_r", "seed"}
 """Fields of [inner_loops] that give the gains, and those that leave them to be designed: either replaces all of the

@@ -39,6 +39,46 @@ class Load:
     L_series: float | None = None
     C_series: float | None = None
 
+    def admittance(self, omega: float) -> complex:
+        """Admittance of a phase in S at an angular frequency in rad/s."""
+        Y = 0.0 + 0.0j
+        if self.R_parallel is not None:
+            Y += 1.0 / self.R_parallel
+        if self.L_parallel is not None:
+            Y += 1.0 / (1j * omega * self.L_parallel)
+        if self.C_parallel is not None:
+            Y += 1j * omega * self.C_parallel
+        if (self.R_series, self.L_series, self.C_series) != (None, None, None):
+            Y += 1.0 / self.series_impedance(omega)
+        return Y
+
+    def series_impedance(self, omega: float) -> complex:
+        """Impedance of the series branch in Ω at an angular frequency in rad/s; zero without one."""
+        Z = complex(self.R_series or 0.0)
+        if self.L_series is not None:
+            Z += 1j * omega * self.L_series
+        if self.C_series is not None:
+            Z += 1.0 / (1j * omega * self.C_series)
+        return Z
+
+    def in_si(self, Z_base: float, omega_n: float) -> Load:
+        """A load whose elements are reactances in pu (R, ωL, 1/(ωC)) in SI. ``Z_base`` in Ω, ``omega_n`` in rad/s."""
+
+        def times(value: float | None, unit: float) -> float | None:
+            return None if value is None else value * unit
+
+        def capacitance(X_pu: float | None) -> float | None:
+            return None if X_pu is None else 1.0 / (omega_n * X_pu * Z_base)
+
+        return Load(
+            R_parallel=times(self.R_parallel, Z_base),
+            L_parallel=times(self.L_parallel, Z_base / omega_n),
+            C_parallel=capacitance(self.C_parallel),
+            R_series=times(self.R_series, Z_base),
+            L_series=times(self.L_series, Z_base / omega_n),
+            C_series=capacitance(self.C_series),
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class Network:

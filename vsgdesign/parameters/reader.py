@@ -203,6 +203,17 @@ class TableReader:
             return None
         return TableReader(self.table[field], self.name(field), self.faults, self._asked)
 
+    def child_or_word(self, field: str, word: str) -> TableReader | str | None:
+        """A nested table, or the one word that may stand in its place, or None where the field is absent or faulty."""
+        raw = self.table.get(field)
+        if not self.has(field) or isinstance(raw, dict):
+            return self.child(field)
+        self._known.append(field)
+        if raw == word:
+            return word
+        self.fault(field, raw, f'must be a table or the word "{word}"', f"For example {field} = {{ … }}")
+        return None
+
     def children(self, field: str) -> list[TableReader]:
         """A list of tables ([[field]] in TOML); empty where absent."""
         self._known.append(field)

@@ -3,10 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
+from vsgdesign.parameters.network import PLAIN, Network
+from vsgdesign.parameters.network_fields import (
+    CLEARED,
+    NONE,
+    Base,
+    Said,
+    check_said,
+    network_words,
+    read_sag,
+    read_said,
+    sag_words,
+)
 from vsgdesign.parameters.reader import TableReader
+from vsgdesign.parameters.source import GridSource, Sag, sagged
 from vsgdesign.parameters.study import Converter, Event, Grid, Place, SimulationSpec, SourceComponent
 from vsgdesign.parameters.units import UnitError, parse_quantity
 
@@ -109,23 +122,59 @@ def _check_multiple(table: TableReader, field: str, value: float, T_s: float) ->
         )
 
 
+def read_network(table: TableReader | None, converter: Converter) -> Network:
+    """The [network] section: load, fault and breaker at the start."""
+    if table is None:
+        return PLAIN
+    said = read_said(table, _base(converter))
+    for field, word in (("load", NONE), ("fault", CLEARED)):
+        if getattr(said, field) == word:
+            table.fault(field, word, "there is none before the start", "Leave it out.")
+    table.finish()
+    return said.on(PLAIN)
+
+
+@dataclass
+class _Present:
+    """What holds up to an event, since an event changes only what it names."""
+
+    grid: Grid
+    network: Network
+    source: GridSource
+    """Without the sag."""
+    sag: Sag | None = None
+    ramp_end_s: float = -math.inf
+    """When the last ramp of V_g_rms is over."""
+
+
 def read_events(
-    tables: list[TableReader], grid: Grid, basis: str, converter: Converter, spec: SimulationSpec
+    tables: list[TableReader],
+    grid: Grid,
+    basis: str,
+    converter: Converter,
+    spec: SimulationSpec,
+    source: GridSource,
+    network: Network = PLAIN,
 ) -> tuple[Event, ...]:
-    """The [[events]], sorted by time. An event may change several things at once."""
+    """The [[events]], sorted by time. An event may change several things at once. ``grid``, ``source`` and ``network``
+    are those at the start."""
     events: list[Event] = []
-    said: list[tuple[float, TableReader, dict[str, float]]] = []
-    present = grid  # an event that changes SCR alone keeps the X/R of the event before it
+    said: list[tuple[float, TableReader, dict[str, Any]]] = []
+    present = _Present(grid, network, source)
+    before, before_s = replace(present), -math.inf  # at the end of the instant before
+    base = _base(converter)
     limit = spec.reference_limit_pu * converter.S_rated
     f_n = converter.omega_n / (2.0 * math.pi)
     for table in sorted(tables, key=_time_or_last):
         t_s = table.quantity("time", "s", 0.0, spec.duration, hint="Events must lie within simulation.duration.")
+        if not abs(t_s - before_s) <= _SAME_INSTANT:
+            before, before_s = replace(present), t_s
         new_grid = None
         grid_table = table.child("grid")
         if grid_table is not None:
-            new_grid = read_grid(grid_table, converter, basis, present)
+            new_grid = read_grid(grid_table, converter, basis, present.grid)
             grid_table.finish()
-            present = new_grid
+            present.grid = new_grid
         V_g_pu = table.quantity("V_g_pu", "1", 0.0, 2.0, default=None)
         f_g = table.quantity("f_g", "Hz", 0.8 * f_n, 1.2 * f_n, default=None)
         over = table.quantity("over", "s", 0.0, spec.duration, default=0.0)
@@ -134,6 +183,10 @@ def read_events(
         Q_ref = table.quantity("Q_ref", "var", -limit, limit, default=None)
         components = read_components(table.children("components")) if table.has("components") else None
         table.skip("components")
+        of_network = read_said(table, base)
+        check_said(table, of_network, before.network)
+        sag_table = table.child_or_word("sag", NONE)
+        sag = read_sag(sag_table) if isinstance(sag_table, TableReader) else sag_table
         if over > 0.0 and V_g_pu is None and f_g is None:
             table.fault("over", f"{over:.6g} s", "there is nothing to ramp", "Use it with V_g_pu or f_g.")
         event = Event(
@@ -148,21 +201,84 @@ def read_events(
             Q_ref=Q_ref,
             components=components,
         )
-        given = _given(table, event, converter, basis)
+        described = _describe(event, of_network, sag, converter, basis)
+        if any(value is not None for value in of_network):
+            present.network = of_network.on(present.network)
+            event = replace(event, network=present.network)
+        if sag is not None:
+            _check_sag(table, event, sag, before)
+        given = _given(table, event, converter, basis) | _given_objects(table, of_network, sag)
         for earlier_t, earlier, values in said:
             if abs(t_s - earlier_t) <= _SAME_INSTANT:
                 _check_agreement(table, given, earlier, values, t_s)
         said.append((t_s, table, given))
-        described = _describe(event, converter, basis)
         if not described:
-            table.fault("", None, "changes nothing", "Give grid, V_g_pu, f_g, phase_jump, components, P_ref or Q_ref.")
+            what = "grid, V_g_pu, f_g, phase_jump, components, sag, load, fault, breaker, P_ref or Q_ref"
+            table.fault("", None, "changes nothing", f"Give {what}.")
+        event = _with_sag(event, sag, present, converter)
         name = table.text("name", default=described)
         events.append(replace(event, name=name))
         table.finish()
     return tuple(events)
 
 
-def _given(table: TableReader, event: Event, converter: Converter, basis: str) -> dict[str, float]:
+def _base(converter: Converter) -> Base:
+    return Base(converter.Z_base, converter.omega_n, converter.S_rated)
+
+
+def _check_sag(table: TableReader, event: Event, sag: Sag | str, before: _Present) -> None:
+    """A sag is a step from a voltage that holds."""
+    shown = sag_words(sag)
+    if sag == NONE and before.sag is None:
+        table.fault("sag", NONE, "there is no sag that it could end", "Leave it out, or begin one before.")
+    if event.V_g_rms is not None:
+        table.fault("sag", shown, "V_g_pu is given as well", "Give one of them: a sag is a share of V_g_pu before it.")
+    if event.over > 0.0:
+        table.fault("over", f"{event.over:.6g} s", "a sag begins and ends at once", "Ramp f_g in an event of its own.")
+    if event.t_s < before.ramp_end_s - _SAME_INSTANT:
+        problem = f"the ramp of V_g_pu goes on to {before.ramp_end_s:g} s"
+        table.fault("sag", shown, problem, "Begin it after the ramp, or give V_g_pu without over.")
+
+
+def _with_sag(event: Event, sag: Sag | str | None, present: _Present, converter: Converter) -> Event:
+    """The event with what a sag makes of the source: its positive sequence, the angle by which this is turned, and its
+    negative sequence. ``present`` goes on with what holds from here on."""
+    V_rated = converter.V_rated_rms
+    old = present.source
+    _, turned, before = sagged(old, present.sag, V_rated)
+    source = replace(
+        old,
+        V_g_rms=old.V_g_rms if event.V_g_rms is None else event.V_g_rms,
+        components=old.components if event.components is None else event.components,
+    )
+    # A voltage that is given says what holds from here on, so it ends the sag.
+    kept = present.sag if event.V_g_rms is None else None
+    now = kept if sag is None else (None if isinstance(sag, str) else sag)
+    if event.V_g_rms is not None:
+        present.ramp_end_s = event.t_s + event.over
+    was, present.source, present.sag = present.sag, source, now
+    if was is None and now is None:
+        return event
+    V_g_rms, angle, components = sagged(source, now, V_rated)
+    if was == now and event.components is not None:
+        return replace(event, components=components)
+    if was == now:
+        return event
+    return replace(
+        event,
+        V_g_rms=event.V_g_rms if event.V_g_rms is not None else V_g_rms,
+        phase_jump=event.phase_jump + angle - turned,
+        components=None if components == before else components,
+    )
+
+
+def _given_objects(table: TableReader, of_network: Said, sag: Sag | str | None) -> dict[str, Any]:
+    """What an event sets besides quantities. Components are compared as they are written."""
+    values = of_network._asdict() | {"sag": sag, "components": table.table.get("components")}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _given(table: TableReader, event: Event, converter: Converter, basis: str) -> dict[str, Any]:
     """The quantities that an event sets, SI."""
     values: dict[str, float | None] = {
         "P_ref": event.P_ref,
@@ -181,27 +297,30 @@ def _given(table: TableReader, event: Event, converter: Converter, basis: str) -
 
 
 def _check_agreement(
-    table: TableReader, given: dict[str, float], earlier: TableReader, before: dict[str, float], t_s: float
+    table: TableReader, given: dict[str, Any], earlier: TableReader, before: dict[str, Any], t_s: float
 ) -> None:
     """Two events of one instant may set different things, or the same thing twice, but not two values of one thing."""
     advice = "Give one value, or different times."
     for name in [name for name in given if name in before]:
-        if not math.isclose(given[name], before[name], rel_tol=1e-9) and not math.isnan(given[name] - before[name]):
+        if not isinstance(given[name], float):
+            if given[name] != before[name]:
+                value = given[name] if isinstance(given[name], str) else None
+                other = f"other {name}" if name == "components" else f"another {name}"
+                table.fault(name, value, f"{earlier.path} gives {other} at the same instant, {t_s:g} s", advice)
+        elif not math.isclose(given[name], before[name], rel_tol=1e-9) and not math.isnan(given[name] - before[name]):
             field = name.partition(" of ")[0]
             value, other = _at(table.table, field), _at(earlier.table, field)
             problem = f"{earlier.path} sets it to {other} at the same instant, {t_s:g} s"
             table.fault(field, value, problem, advice)
-    if "components" in table.table and table.table["components"] != earlier.table.get(
-        "components", table.table["components"]
-    ):
-        problem = f"{earlier.path} gives other components at the same instant, {t_s:g} s"
-        table.fault("components", None, problem, advice)
     impedance, ratios = {"grid.R_g", "grid.L_g"}, {"grid.scr", "grid.x_over_r"}
     for one, two in ((impedance, ratios), (ratios, impedance)):
         if one & given.keys() and two & before.keys():
             table.fault(
                 "grid", None, f"{earlier.path} gives the grid in other terms at the same instant, {t_s:g} s", advice
             )
+    for one, two in (("sag", "V_g_pu"), ("V_g_pu", "sag")):
+        if one in given and two in before and two not in given:
+            table.fault(one, None, f"{earlier.path} gives {two} at the same instant, {t_s:g} s", advice)
 
 
 def _at(table: dict[str, Any], field: str) -> object:
@@ -225,7 +344,8 @@ def _describe_components(components: tuple[SourceComponent, ...]) -> str:
     return "source " + " ".join(f"{c.order:+g}: {100.0 * c.amplitude_pu:.3g} %" for c in components)
 
 
-def _describe(event: Event, converter: Converter, basis: str) -> str:
+def _describe(event: Event, of_network: Said, sag: Sag | str | None, converter: Converter, basis: str) -> str:
+    """What an event says, in words; without what a sag makes of the source."""
     parts = []
     if event.grid is not None:
         parts.append(f"SCR {event.grid.scr(converter, basis):.3g}, X/R {event.grid.x_over_r(converter.omega_n):.3g}")
@@ -237,6 +357,9 @@ def _describe(event: Event, converter: Converter, basis: str) -> str:
         parts.append(f"phase {math.degrees(event.phase_jump):+.3g}°")
     if event.components is not None:
         parts.append(_describe_components(event.components))
+    if sag is not None:
+        parts.append(sag_words(sag))
+    parts += network_words(of_network, _base(converter))
     if event.P_ref is not None:
         parts.append(f"P_ref {event.P_ref / 1e3:.4g} kW")
     if event.Q_ref is not None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import cmath
 from dataclasses import dataclass
+
+from vsgdesign.equations.sags import sag_sequences
 
 
 @dataclass(frozen=True)
@@ -26,3 +29,44 @@ class GridSource:
     omega_g: float
     components: tuple[SourceComponent, ...] = ()
     """What its voltage contains besides the positive sequence of the fundamental."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sag:
+    """A voltage sag (dip) by its type, A to G, with the voltage that remains (:eq:`sag-types`)."""
+
+    kind: str
+    """A name of :data:`vsgdesign.equations.sags.SAG_TYPES`."""
+    V_pu: float
+    """Characteristic voltage over the voltage before, 0 to 1."""
+    angle: float = 0.0
+    """Phase-angle jump of the characteristic voltage, rad."""
+
+
+NEGATIVE_SEQUENCE = -1.0
+"""Order of the component that is the fundamental's negative sequence."""
+
+
+def sagged(source: GridSource, sag: Sag | None, V_rated_rms: float) -> tuple[float, float, tuple[SourceComponent, ...]]:
+    """A source during a sag: its V_g_rms, the angle by which its positive sequence is turned, and its components.
+
+    The components that are there without the sag keep their voltage and their angle. The negative sequence of the sag
+    is added to theirs, so that the order −1 stands in the result once.
+    """
+    if sag is None:
+        return source.V_g_rms, 0.0, source.components
+    positive, negative = sag_sequences(sag.kind, cmath.rect(sag.V_pu, sag.angle))
+    turned = cmath.phase(positive)
+    # The space vector of a negative sequence is the conjugate of its phasor, turning backwards. The angle of a
+    # component is counted from n times that of the fundamental, which the sag has turned.
+    phasor = negative.conjugate() * (source.V_g_rms / V_rated_rms)
+    kept = []
+    for component in source.components:
+        if component.order == NEGATIVE_SEQUENCE:
+            phasor += cmath.rect(component.amplitude_pu, component.phase)
+        else:
+            phase = component.phase - component.order * turned
+            kept.append(SourceComponent(component.order, component.amplitude_pu, phase))
+    if phasor != 0.0:
+        kept.insert(0, SourceComponent(NEGATIVE_SEQUENCE, abs(phasor), cmath.phase(phasor) + turned))
+    return abs(positive) * source.V_g_rms, turned, tuple(kept)
