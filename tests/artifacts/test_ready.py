@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import FrozenInstanceError, fields, replace
+from multiprocessing.reduction import ForkingPickler
 
+import numpy as np
 import pytest
 
 from tests.artifacts.networks import random_weights
@@ -45,6 +47,15 @@ def test_it_cannot_be_changed() -> None:
         ready.tables["other"] = table()  # type: ignore[index]
     with pytest.raises(FrozenInstanceError):
         ready.network = random_weights()  # type: ignore[misc]
+
+
+def test_it_goes_to_other_processes() -> None:
+    """Before: "cannot pickle 'mappingproxy' object"."""
+    ready = Ready(tables={"tabled": table()})
+    there = ForkingPickler.loads(ForkingPickler.dumps(ready))
+    np.testing.assert_array_equal(there.tables["tabled"].scr, ready.tables["tabled"].scr)
+    with pytest.raises(TypeError):
+        there.tables["other"] = table()
 
 
 @pytest.mark.parametrize(

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import importlib
+import json
 import logging
+import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
 
 from tests.cli.small_studies import SMALL, as_json, call, failure, study_file
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import ArtifactError
+from vsgdesign.execution.progress import silent
+from vsgdesign.explore import static
+from vsgdesign.explore.static import StaticPage
+from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.pipeline import assess_study, margins
 from vsgdesign.report import write_pdf
 
 AXES = "\n[stability]\nscr = [2, 8]\nx_over_r = [1]\nerrors = [-0.1, 0, 0.1]\n"
@@ -69,7 +78,21 @@ def test_margins_in_words_with_evidence(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["small.toml"]
 
 
-def test_report_writes_a_folder_whose_links_lead_somewhere(tmp_path: Path) -> None:
+def small_page(study: Study, ready: Ready) -> StaticPage:
+    return static.static_page_of(study, ready, ((2, 1),))
+
+
+def no_page(study: Study, _: Ready) -> StaticPage:
+    return StaticPage(None, f"{study.name} has no explorer in this test.")
+
+
+def end_process(*_: object) -> StaticPage:
+    os._exit(1)
+
+
+def test_report_writes_a_folder_whose_links_lead_somewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(margins, "worker_count", lambda _: 2)
+    monkeypatch.setattr(margins, "static_page_of", small_page)
     out = tmp_path / "out"
     result = call("report", study_file(tmp_path, ONE + AXES), "--out", out)
     assert result.exit_code == 0, result.output
@@ -78,13 +101,31 @@ def test_report_writes_a_folder_whose_links_lead_somewhere(tmp_path: Path) -> No
     assert result.stderr == ""
     text = (out / "report.html").read_text(encoding="utf-8")
     links = {unquote(link) for link in re.findall(r'<a href="([^#"]+)"', text)}
-    assert links == {path.name for path in out.glob("*.csv")}
+    assert links == {"explorer.html", *(path.name for path in out.glob("*.csv"))}
     assert {path.name for path in out.iterdir() if path.suffix != ".csv"} == {
+        "explorer.html",
         "figures",
         "report.html",
         "results.json",
     }
     assert {path.suffix for path in (out / "figures").iterdir()} == {".svg", ".png"}
+    assert static.is_static_page(out / "explorer.html")
+    assert '<iframe src="explorer.html"' in text
+    assert "explorer.html" in json.loads((out / "results.json").read_text(encoding="utf-8"))["files"]
+
+
+@pytest.mark.parametrize(("make", "said"), [(no_page, "small has no explorer in this test."), (end_process, "lost")])
+def test_a_report_without_explorer_says_why(
+    make: Callable[..., StaticPage], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(margins, "worker_count", lambda _: 2)
+    monkeypatch.setattr(margins, "static_page_of", make)
+    result = assess_study(study_from_text(ONE + AXES), evidence=False)
+    with margins._explorer_begun(result, None) as explored:
+        found = margins._write_explorer(explored, tmp_path, silent)
+    assert found.name == ""
+    assert said in found.why
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

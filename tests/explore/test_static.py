@@ -17,8 +17,17 @@ from vsgdesign.explore import static
 from vsgdesign.explore.answer import Answer
 from vsgdesign.explore.server import PAGE
 from vsgdesign.explore.session import Session
-from vsgdesign.explore.static import BITS, POINTS, is_static_page, joined_modules, packed, rounded, write_static
-from vsgdesign.parameters import load_study
+from vsgdesign.explore.static import (
+    BITS,
+    POINTS,
+    is_static_page,
+    joined_modules,
+    packed,
+    rounded,
+    static_page_of,
+    write_static,
+)
+from vsgdesign.parameters import load_study, study_from_text
 
 
 def _unpacked(data: bytes) -> tuple[dict, dict[str, np.ndarray]]:
@@ -45,9 +54,7 @@ def session() -> Session:
 @pytest.fixture(scope="module")
 def page(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("static") / "page.html"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(static, "LATTICES", ((2, 2),))
-        assert write_static(session, path) == path.stat().st_size
+    assert write_static(session, path, lattices=((2, 2),)) == path.stat().st_size
     return path
 
 
@@ -86,6 +93,36 @@ def test_its_answers_are_those_of_the_session(page: Path, session: Session) -> N
         np.testing.assert_allclose(
             [arrays["0/step_full"].min(), arrays["0/step_full"].max()], [whole.min(), whole.max()], rtol=3e-4
         )
+
+
+def test_fixed_gains_are_not_held() -> None:
+    """They are what they are on every grid: a second answer would be the first once more."""
+    study = study_from_text(FIXED)
+    text = static_page_of(study, NOTHING, ((2, 1),)).text
+    assert text is not None
+    kept = json.loads(re.search(r"window\.STATIC = (.*);</script>", text)[1])  # pyright: ignore[reportOptionalSubscript]
+    assert len(kept["answers"]) == 2 * 2 + 6
+    assert not any(key.endswith(",h") for key in kept["answers"])
+
+
+def test_a_study_beyond_the_fields_of_the_page_has_none_and_says_why() -> None:
+    page = static_page_of(
+        study_from_text(FIXED.replace('"2 kW"', '"12 kW", reference_limit_pu = 10')), NOTHING, ((2, 1),)
+    )
+    assert page.text is None
+    assert page.why == "P must be a number between -2 and 2 pu, not 2.4."
+
+
+FIXED = """
+base = "case:hoang2025_5kva"
+grid = { scr = 2, x_over_r = 1 }
+study = { name = "small" }
+simulation = { duration = "0.3 s", P_ref = "2 kW", Q_ref = "1 kvar" }
+[[controllers]]
+name = "fixed"
+kind = "fixed"
+design_grid = { scr = 5, x_over_r = 1 }
+"""
 
 
 def test_another_file_is_left_untouched(session: Session, tmp_path: Path) -> None:

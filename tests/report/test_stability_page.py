@@ -11,7 +11,7 @@ import pytest
 
 from tests.report.stability_cases import TEXTS, Made, assessed, make
 from tests.report.test_page import checked
-from vsgdesign.report import write_stability_report
+from vsgdesign.report import ExplorerFile, write_stability_report
 from vsgdesign.report.stability.page import csv_files
 from vsgdesign.stability.verdict import OWN, counted_rows
 
@@ -187,6 +187,29 @@ def test_the_readout_knows_every_cell(plain: Made) -> None:
     keys = re.findall(r'id="[^"]+-hover\.([^"]+)"', plain.text)
     assert keys
     assert all(key in data or key.rpartition(".")[0] in data for key in keys)
+
+
+def test_the_explorer_is_a_part_of_its_own(plain: Made, tmp_path) -> None:
+    text = write_stability_report(
+        plain.result, plain.figures, tmp_path / "page.html", ExplorerFile("explorer.html", 1_620_000)
+    ).read_text(encoding="utf-8")
+    parts = re.split(r'<h2 id="part-(\d)">', text)
+    assert parts[1::2] == list("123456789")
+    assert text.count("src=") == 1  # nothing else is fetched
+    assert '<iframe src="explorer.html" title="Explorer: Small, &lt;short&gt; &amp; sweet"' in parts[16]
+    assert "(1.6 MB)" in parts[16]
+    assert "Hold the gains" in parts[16]
+    assert set(re.findall(r'href="#(part-\d)"', text)) == {f"part-{k}" for k in range(1, 10)}
+
+
+def test_why_there_is_no_explorer_is_said(plain: Made, tmp_path) -> None:
+    why = "P must be a number between -2 and 2 pu, not 3."
+    text = write_stability_report(plain.result, plain.figures, tmp_path / "page.html", ExplorerFile(why=why)).read_text(
+        encoding="utf-8"
+    )
+    assert "<iframe" not in text
+    assert "There is no explorer. P must be a number between −2 and 2 pu, not 3." in text
+    assert 'href="#part-8">part 8' not in text
 
 
 def test_two_builds_are_identical(plain: Made, tmp_path) -> None:

@@ -3,10 +3,10 @@ inputs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.gain_table import GainTable, base_differences, base_of
 from vsgdesign.artifacts.gain_table_file import read_table_file
@@ -33,6 +33,10 @@ class Ready:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tables", MappingProxyType(dict(self.tables)))
+
+    def __reduce__(self) -> tuple[Callable[..., Ready], tuple[Any, ...]]:
+        """As it goes to other processes, which take no read-only mapping."""
+        return _ready, (dict(self.tables), self.network)
 
     def with_table(self, controller: str, table: GainTable) -> Ready:
         """The same with the gain table of one controller, by its name."""
@@ -69,6 +73,10 @@ class Ready:
         if spec.update_period is not None or self.network is None:
             return spec.update_period
         return self.network.window.period
+
+
+def _ready(tables: dict[str, GainTable], network: NetworkWeights | None) -> Ready:
+    return Ready(tables=tables, network=network)
 
 
 NOTHING = Ready()

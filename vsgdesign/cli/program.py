@@ -141,12 +141,14 @@ def margins(study_file: str, evidence: bool, as_json: bool) -> None:
 @_STUDY
 @click.option("--out", default=None, metavar="DIR", help="Folder for the report.  [default: out/NAME-stability]")
 @click.option("--pdf", is_flag=True, help='Also write report.pdf (needs the extra "pdf").')
+@click.option("--explorer/--no-explorer", default=True, help="Also write explorer.html.  [default: yes]")
 @_JSON
 @_verb
-def report(study_file: str, out: str | None, pdf: bool, as_json: bool) -> None:
+def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json: bool) -> None:
     """Write the modes and margins as one page.
 
-    The page contains maps, modes, margins, impedances and EMT results, with CSV files.
+    The page contains maps, modes, margins, impedances and EMT results, with CSV files. It shows explorer.html, on
+    which one drags the grid.
     """
     from pathlib import Path
 
@@ -155,7 +157,7 @@ def report(study_file: str, out: str | None, pdf: bool, as_json: bool) -> None:
     study = _load(study_file)
     folder = Path("out") / f"{study.name}-stability" if out is None else Path(out)
     with _progress(quiet=as_json) as progress:
-        document = report_stability(study, folder, pdf=pdf, progress=progress)
+        document = report_stability(study, folder, pdf=pdf, explorer=explorer, progress=progress)
     if as_json:
         _print_json(document)
         return

@@ -6,26 +6,32 @@ import base64
 import json
 import re
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vsgdesign.artifacts.files import staged_file
-from vsgdesign.errors import ArtifactError
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.errors import ArtifactError, VsgDesignError
 from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.threads import one_thread
 from vsgdesign.explore.answer import Answer, as_bytes, json_value
 from vsgdesign.explore.server import PAGE
 from vsgdesign.explore.session import Session
 from vsgdesign.explore.state import PlaceOfState, State
 from vsgdesign.explore.thinning import thinned
+from vsgdesign.parameters.study import Study
 
 LIMIT_BYTES = 5_000_000
 """Largest file: small enough to be attached to a mail."""
-LATTICES = ((14, 9), (12, 8), (10, 7), (8, 6), (7, 5), (6, 4), (5, 3))
-"""Numbers of SCR and of X/R, the finest first. The first one whose file is small enough is taken."""
+Lattices = Sequence[tuple[int, int]]
+LATTICES: Lattices = ((14, 9), (12, 8), (10, 7), (8, 6), (7, 5), (6, 4), (5, 3))
+"""Numbers of SCR and of X/R of a page that is sent, the finest first."""
+QUICK_LATTICES = LATTICES[3:]
+"""Of a page that is made beside something else: it takes half the time."""
 BITS = 11
 """Bits of the mantissa that curves keep: 2e-4 of a value, less than the width of a line. Figures keep all of them."""
 POINTS = 160
@@ -37,24 +43,30 @@ POLICY = (
 MARK = "written by vsgdesign explore --static"
 
 
-def write_static(session: Session, path: str | Path, *, progress: Progress | None = None) -> int:
+def write_static(
+    session: Session, path: str | Path, *, lattices: Lattices = LATTICES, progress: Progress | None = None
+) -> int:
     """Writes the page of a session with answers on a lattice of grids, and returns its size in bytes.
 
     Everything but the grid is that of the state with which the session begins; maps have every figure. For each grid
-    there is one answer with gains that follow the grid, and one with the gains of the session's first grid held. The
-    file is replaced only if it is a page of this kind. Raises ArtifactError.
+    there is one answer with gains that follow the grid and, unless all gains are fixed, one with the gains of the
+    session's first grid held. ``lattices`` are numbers of SCR and of X/R, the finest first; the first one whose file is
+    small enough is taken. The file is replaced only if it is a page of this kind. Raises ArtifactError.
     """
     path, tell = Path(path), progress or silent
     with staged_file(path, "a page of the explorer", is_static_page) as staged:
-        text = static_text(session, tell)
+        text = static_text(session, tell, lattices)
         size = len(text.encode("utf-8"))
         if size > LIMIT_BYTES:
             raise ArtifactError(
-                f"{path}: the page would have {size / 1e6:.1f} MB, and the limit is {LIMIT_BYTES / 1e6:g} MB. "
-                "Show fewer controllers: --state takes the state of a link."
+                f"{path}: {_too_large(size)} Show fewer controllers: --state takes the state of a link."
             )
         staged.write_text(text, encoding="utf-8")
     return size
+
+
+def _too_large(size: int) -> str:
+    return f"the page would have {size / 1e6:.1f} MB, and the limit is {LIMIT_BYTES / 1e6:g} MB."
 
 
 def is_static_page(path: str | Path) -> bool:
@@ -63,11 +75,38 @@ def is_static_page(path: str | Path) -> bool:
         return MARK in stream.read(400)
 
 
-def static_text(session: Session, tell: Progress = silent) -> str:
+class StaticPage(NamedTuple):
+    """A page as text, or why there is none."""
+
+    text: str | None
+    why: str = ""
+
+
+def static_page_of(
+    study: Study, ready: Ready, lattices: Lattices = QUICK_LATTICES, tell: Progress = silent
+) -> StaticPage:
+    """The page of a study from its own state, as one call that another process can make.
+
+    The page is an addition to what it is made beside. A study that the page cannot show, because its powers or its
+    grid are beyond the limits of the page's fields or because it has too many controllers, is therefore no error.
+    """
+    try:
+        text = static_text(Session(study, ready), tell, lattices)
+    except VsgDesignError as error:
+        return StaticPage(None, str(error))
+    size = len(text.encode("utf-8"))
+    return StaticPage(text) if size <= LIMIT_BYTES else StaticPage(None, _too_large(size))
+
+
+def static_text(session: Session, tell: Progress = silent, lattices: Lattices = LATTICES) -> str:
     """The text of :func:`write_static`."""
-    study = session.study_of(session.start)
-    info = session.info()
-    counts = _counts(session)
+    info, study = session.info(), session.study_of(session.start)
+    counts = _counts(session, lattices)
+    with one_thread():  # everything is loaded by now
+        return _static_text(session, study, info, counts, tell)
+
+
+def _static_text(session: Session, study: Study, info: dict[str, Any], counts: tuple[int, int], tell: Progress) -> str:
     scr, x_over_r = (
         [float(f"{value:.3g}") for value in np.geomspace(info["map"][name][0], info["map"][name][1], count)]
         for name, count in zip(("scr", "x_over_r"), counts, strict=True)
@@ -99,7 +138,7 @@ def _nearest(values: list[float], value: float) -> int:
     return int(np.argmin(np.abs(np.log(np.asarray(values) / value))))
 
 
-def _counts(session: Session) -> tuple[int, int]:
+def _counts(session: Session, lattices: Lattices) -> tuple[int, int]:
     """The finest lattice whose file stays below the limit, with a fifth in reserve, by the size of one grid."""
     study = session.study_of(session.start)
     one = sum(
@@ -109,7 +148,7 @@ def _counts(session: Session) -> tuple[int, int]:
     )
     maps = 2 * len(session.info()["figures"]) * len(packed(session.map(study, session.start)))
     room = 0.8 * 0.75 * LIMIT_BYTES - maps  # in base 64, three bytes become four
-    return next((counts for counts in LATTICES if 2 * counts[0] * counts[1] * one < room), LATTICES[-1])
+    return next((counts for counts in lattices if 2 * counts[0] * counts[1] * one < room), lattices[-1])
 
 
 _Ask = Callable[[Any, State], Answer | None]
@@ -118,7 +157,8 @@ _Ask = Callable[[Any, State], Answer | None]
 def _questions(
     session: Session, start: State, hold: PlaceOfState, scr: list[float], x_over_r: list[float]
 ) -> Iterator[tuple[str, State, _Ask]]:
-    for held, mark in ((None, ""), (hold, ",h")):
+    fixed = all(spec.kind == "fixed" for spec in session.study.controllers if spec.name in start.controllers)
+    for held, mark in ((None, ""),) if fixed else ((None, ""), (hold, ",h")):
         for figure in session.info()["figures"]:
             yield f"map:{figure['name']}{mark}", replace(start, figure=figure["name"], hold=held), session.map
         for i, s in enumerate(scr):

@@ -30,7 +30,7 @@ def thinned(signals: Sequence[Array], most: int = MOST) -> NDArray[np.intp]:
         return np.arange(n)
     values = np.stack([np.asarray(signal, dtype=float) for signal in signals])
     always = np.unique([0, n - 1, *np.argmin(values, axis=1), *np.argmax(values, axis=1)])
-    buckets = _BUCKETS
+    buckets = min(_BUCKETS, most // 2)
     while True:
         rows = np.union1d(always, _rows(values, max(-(-n // buckets), 2)))
         if len(rows) <= most or buckets <= 8:

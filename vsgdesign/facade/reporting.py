@@ -35,7 +35,8 @@ def write_report(
     if isinstance(what, Margins):
         from vsgdesign.pipeline.margins import write_stability
 
-        return write_stability(what.result, out, progress=progress)
+        # A process of its own would run the user's script again where its main part has no guard.
+        return write_stability(what.result, out, workers=1, progress=progress)
     from vsgdesign.pipeline.table import report_table
 
     return report_table(what.table, out, progress=progress)

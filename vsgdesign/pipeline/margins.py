@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -12,11 +14,17 @@ import numpy as np
 from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.tables import write_table
+from vsgdesign.design.sweep import begun
+from vsgdesign.errors import WorkerError
+from vsgdesign.execution.executors import worker_count
+from vsgdesign.execution.processes import worker_processes
 from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.explore.static import StaticPage, static_page_of
 from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.study import ControllerSpec
 from vsgdesign.pipeline.table import make_tables
+from vsgdesign.report.figure_types import ExplorerFile
 from vsgdesign.simulation.evidence import StepEvidence, step_evidence
 from vsgdesign.simulation.stability_result import StabilityResult, frequency_file, map_file, maps_of, step_file
 from vsgdesign.stability.assessment import ControllerAssessment, FocusCell, assess
@@ -24,6 +32,7 @@ from vsgdesign.stability.tables import VIEW_HEADER, map_header, map_rows, view_r
 from vsgdesign.stability.verdict import clause_matrix, left_out, worst_cases
 
 VERB = "vsgdesign report"
+EXPLORER_FILE = "explorer.html"
 
 
 def assess_study(
@@ -64,12 +73,21 @@ def _knows_the_truth(study: Study, ready: Ready, spec: ControllerSpec) -> bool:
 
 
 def report_stability(
-    study: Study, out: str | Path, *, pdf: bool = False, progress: Progress | None = None
+    study: Study,
+    out: str | Path,
+    *,
+    pdf: bool = False,
+    explorer: bool = True,
+    workers: int | None = None,
+    progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Assesses a study and writes figures, CSV files, results.json and report.html to ``out``.
 
-    With ``pdf`` it also writes report.pdf, which needs the extra of that name. Returns the content of results.json.
-    The folder appears when everything is done. Raises the errors of :func:`assess_study` and ArtifactError.
+    With ``pdf`` it also writes report.pdf, which needs the extra of that name. With ``explorer`` it also writes
+    explorer.html, the page of ``vsgdesign explore --static``, which the report shows in a frame. Another process makes
+    it while the figures are drawn, unless ``workers`` is 1 (None means one per core). Returns the content of
+    results.json. The folder appears when everything is done. Raises the errors of :func:`assess_study` and
+    ArtifactError.
     """
     from vsgdesign.report import require_pdf
 
@@ -77,11 +95,18 @@ def report_stability(
     if pdf:
         require_pdf()
     with staged_folder(out, VERB, inputs=study.input_files) as folder:
-        return _write(assess_study(study, progress=progress), folder, pdf, tell)
+        result = assess_study(study, progress=progress)
+        return _write(result, folder, pdf, explorer, workers, tell)
 
 
 def write_stability(
-    result: StabilityResult, out: str | Path, *, pdf: bool = False, progress: Progress | None = None
+    result: StabilityResult,
+    out: str | Path,
+    *,
+    pdf: bool = False,
+    explorer: bool = True,
+    workers: int | None = None,
+    progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Writes the folder of :func:`report_stability` for an existing result. Raises ArtifactError."""
     from vsgdesign.report import require_pdf
@@ -89,24 +114,51 @@ def write_stability(
     if pdf:
         require_pdf()
     with staged_folder(out, VERB, inputs=result.study.input_files) as folder:
-        return _write(result, folder, pdf, progress or silent)
+        return _write(result, folder, pdf, explorer, workers, progress or silent)
 
 
-def _write(result: StabilityResult, folder: Path, pdf: bool, tell: Progress) -> dict[str, Any]:
+def _write(
+    result: StabilityResult, folder: Path, pdf: bool, explorer: bool, workers: int | None, tell: Progress
+) -> dict[str, Any]:
     from vsgdesign.report import write_pdf, write_stability_figures, write_stability_report
 
     begin = time.perf_counter()
-    write_stability_tables(result, folder)
-    tell("draw figures", 0.0)
-    figures = write_stability_figures(result, folder / "figures")
-    write_stability_report(result, figures, folder / "report.html")
-    tell("draw figures", 1.0)
+    with _explorer_begun(result, workers) if explorer else nullcontext() as explored:
+        write_stability_tables(result, folder)
+        tell("draw figures", 0.0)
+        figures = write_stability_figures(result, folder / "figures")
+        tell("draw figures", 1.0)
+        page = None if explored is None else _write_explorer(explored, folder, tell)
+    write_stability_report(result, figures, folder / "report.html", page)
     if pdf:
         tell("print", 0.0)
         write_pdf(folder / "report.html", folder / "report.pdf")
         tell("print", 1.0)
     result.timing_s["report"] = time.perf_counter() - begin
     return write_record(folder, stability_document(result), VERB)
+
+
+@contextmanager
+def _explorer_begun(result: StabilityResult, workers: int | None) -> Iterator[Callable[[], StaticPage]]:
+    """Begins to make the explorer of a study in another process; what is yielded waits for it. With one worker it is
+    made in that call."""
+    with ExitStack() as held:
+        executor = None if worker_count(workers) == 1 else held.enter_context(worker_processes(1))
+        yield begun(executor, static_page_of, result.study, result.ready)
+
+
+def _write_explorer(explored: Callable[[], StaticPage], folder: Path, tell: Progress) -> ExplorerFile:
+    """Waits for the explorer and writes it. The report does without it where there is none."""
+    tell("make the explorer", 0.0)
+    try:
+        text, why = explored()
+    except WorkerError as error:
+        text, why = None, f"It was not made: {error}"
+    tell("make the explorer", 1.0)
+    if text is None:
+        return ExplorerFile(why=why)
+    size = (folder / EXPLORER_FILE).write_bytes(text.encode("utf-8"))
+    return ExplorerFile(EXPLORER_FILE, size)
 
 
 def write_stability_tables(result: StabilityResult, folder: Path) -> None:

@@ -9,7 +9,7 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.figure_types import ExplorerFile, WrittenFigure
 from vsgdesign.report.page.printing import require_pdf, write_pdf
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from vsgdesign.simulation.stability_result import StabilityResult
 
 __all__ = [
+    "ExplorerFile",
     "WrittenFigure",
     "require_pdf",
     "write_comparison_figures",
@@ -78,14 +79,19 @@ def write_stability_figures(result: StabilityResult, folder: str | Path) -> list
     return write_all(result, folder)
 
 
-def write_stability_report(result: StabilityResult, figures: Sequence[WrittenFigure], out_path: str | Path) -> Path:
-    """Write the stability report: one HTML file with text, tables and the given figures, in eight parts.
+def write_stability_report(
+    result: StabilityResult,
+    figures: Sequence[WrittenFigure],
+    out_path: str | Path,
+    explorer: ExplorerFile | None = None,
+) -> Path:
+    """Write the stability report: one HTML file with text, tables and the given figures.
 
-    Its links lead to the CSV files of the same folder.
+    Its links lead to the CSV files of the same folder, and a frame shows the page of the ``explorer`` there.
     """
     from vsgdesign.report.stability.page import write_stability_page
 
-    return write_stability_page(result, figures, Path(out_path))
+    return write_stability_page(result, figures, Path(out_path), explorer)
 
 
 def write_table_figures(table: GainTable, folder: str | Path) -> list[WrittenFigure]:

@@ -32,3 +32,18 @@ class WrittenFigure:
     svg: Path
     png: Path
     part: int = 0
+
+
+@dataclass(frozen=True)
+class ExplorerFile:
+    """The page of the explorer beside a report, or why there is none."""
+
+    name: str = ""
+    size_bytes: int = 0
+    why: str = ""
+    """In a whole sentence, where there is no file."""
+
+    @property
+    def megabytes(self) -> str:
+        """Its size in words."""
+        return f"{self.size_bytes / 1e6:.1f} MB"

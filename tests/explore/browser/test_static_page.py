@@ -15,11 +15,10 @@ def test_a_file_alone_shows_the_numbers_of_the_explorer(
 ) -> None:
     from vsgdesign.explore import static
 
-    monkeypatch.setattr(static, "LATTICES", ((3, 2),))
     info = explorer.session.info()
     monkeypatch.setattr(explorer.session, "info", lambda: {**info, "figures": info["figures"][:1]})
     path = tmp_path / "page.html"
-    size = static.write_static(explorer.session, path)
+    size = static.write_static(explorer.session, path, lattices=((3, 2),))
     assert size == path.stat().st_size <= static.LIMIT_BYTES
     page = browser.page()
     page.call("Page.addScriptToEvaluateOnNewDocument", source=COUNTER)

@@ -1,4 +1,4 @@
-"""The stability report as one HTML file: eight parts, nothing fetched."""
+"""The stability report as one HTML file. It fetches nothing but the explorer that lies beside it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import quote
 
-from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.figure_types import ExplorerFile, WrittenFigure
 from vsgdesign.report.page.converter import converter_table, filter_table, specs_table
 from vsgdesign.report.page.html import write_html
 from vsgdesign.report.quantities import plain_quantity
@@ -33,8 +33,13 @@ _MAP_CONTENT = {
 }
 
 
-def write_stability_page(result: StabilityResult, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
-    """Write the page of a stability assessment, with the figures' SVG text as it lies on disk."""
+def write_stability_page(
+    result: StabilityResult, figures: Sequence[WrittenFigure], out_path: Path, explorer: ExplorerFile | None = None
+) -> Path:
+    """Write the page of a stability assessment, with the figures' SVG text as it lies on disk.
+
+    ``explorer`` is a page in the same folder, which this page shows in a frame. With None nothing is said of it.
+    """
     from markupsafe import Markup
 
     study = result.study
@@ -67,6 +72,7 @@ def write_stability_page(result: StabilityResult, figures: Sequence[WrittenFigur
         steps=made.steps_table(result),
         unsimulated=unsimulated(result),
         files=csv_files(result),
+        explorer=explorer,
         quote=quote,
         hover=Markup(hover_json(result)),
     )
