@@ -1,0 +1,176 @@
+"""The page of a clause matrix: every row with its verdict, source and evidence, and nothing said twice differently."""
+
+from __future__ import annotations
+
+import functools
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.compliance_documents import document, traces_of
+from vsgdesign.compliance.rows import FAIL, VERDICTS
+from vsgdesign.report.compliance.answer import counts_answer, headline, strip
+from vsgdesign.report.compliance.arranged import Arranged, arrange, asked_words, value_words
+from vsgdesign.report.compliance.page import explore_command, write_page
+from vsgdesign.report.compliance.verdicts import LOOKS
+
+VOID = {"meta", "input", "br", "link", "img", "path", "rect"}
+
+
+@functools.cache
+def made() -> dict[str, Any]:
+    return document()
+
+
+@functools.cache
+def arranged() -> Arranged:
+    return arrange(made())
+
+
+class Elements(HTMLParser):
+    """Checks that every element is closed, and keeps ids, links and the text of each test."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[tuple[str, str | None]] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.texts: dict[str, str] = {}
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = dict(attrs)
+        if found.get("id"):
+            self.ids.append(str(found["id"]))
+        if tag == "a":
+            self.links.append(str(found["href"]))
+        if tag not in VOID:
+            self.open.append((tag, found.get("id")))
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self.open.pop()[0] == tag
+
+    def handle_data(self, data: str) -> None:
+        for tag, name in self.open:
+            if tag == "tbody" and name:
+                self.texts[name] = self.texts.get(name, "") + data
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("compliance")
+    for path in write_page(folder, made(), traces_of(made(), 400)):
+        assert path.is_file()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(written: Path) -> str:
+    return (written / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def elements(page: str) -> Elements:
+    found = Elements()
+    found.feed(page)
+    assert not found.open
+    return found
+
+
+def test_every_test_is_there_once_with_each_controllers_verdict(elements: Elements) -> None:
+    assert len(set(elements.ids)) == len(elements.ids)
+    tests = list(arranged().tests())
+    assert len(tests) * 3 == len(made()["rows"])
+    for test in tests:
+        words = elements.texts[test.anchor]
+        for verdict in VERDICTS:
+            rows = [row for row in test.known if row["verdict"] == verdict]
+            reasons = [reason for reason in test.reasons if reason.verdict == verdict]
+            assert words.count(f"{LOOKS[verdict].sign} {verdict}") == len(rows) + len(reasons), (test.title, verdict)
+        assert test.network in words
+        for line in test.lines:
+            assert line.label in words
+            assert all(value.words.replace("-", "−") in words for value in line.values if value is not None)
+
+
+def test_every_link_leads_somewhere(elements: Elements, written: Path) -> None:
+    files = {row["csv"] for row in made()["rows"]} | {"results.json", "report.pdf"}
+    for link in elements.links:
+        if link.startswith("#"):
+            assert link[1:] in elements.ids, link
+        else:
+            assert link in files or (written / link).is_file(), link
+
+
+def test_nothing_is_fetched(page: str) -> None:
+    assert not re.search(r'(?:src|href)="(?:https?:)?//', page)
+    assert "url(" not in page
+
+
+def test_counts_are_those_of_the_summary() -> None:
+    for suite in arranged().suites:
+        for name, counts in zip(arranged().controllers, suite.counts, strict=True):
+            said = next(one for one in made()["summary"] if (one["suite"], one["controller"]) == (suite.name, name))
+            assert {verdict: said[verdict.replace(" ", "_")] for verdict in VERDICTS} == dict(counts.of)
+    whole = [cell for row in counts_answer(arranged()).rows[:1] for cell in row.cells]
+    failing = [
+        sum(r["verdict"] == FAIL and r["controller"] == n for r in made()["rows"]) for n in arranged().controllers
+    ]
+    assert [cell.words.split()[0] for cell in whole[:2]] == [str(count) for count in failing[:2]]
+
+
+def test_informational_is_never_counted_as_pass() -> None:
+    rows = [row | {"verdict": "informational"} for row in made()["rows"]]
+    found = arrange(made() | {"rows": rows})
+    assert headline(found) == "No test was judged: nothing was asked for, or nothing was possible."
+    assert all(cell.words == "nothing judged" for row in counts_answer(found).rows for cell in row.cells)
+
+
+def test_the_headline_of_one_controller() -> None:
+    one = document(controllers=1)
+    rows = [row | {"verdict": "pass"} if row["verdict"] == FAIL else row for row in one["rows"]]
+    judged = sum(row["verdict"] == "pass" for row in rows)
+    assert headline(arrange(one | {"rows": rows})) == f"CVSG passes all {judged} tests that were judged."
+
+
+def test_a_strip_has_a_full_stroke_for_every_failing_test() -> None:
+    sketch = strip(arranged(), 0)
+    full: list[Any] = [part for part in sketch.parts if part.points[:, 1].min() == 0.0]  # type: ignore[union-attr]
+    step = min(float(part.points[:, 0].max() - part.points[:, 0].min()) for part in full)
+    found = sum(round(float(part.points[:, 0].max() - part.points[:, 0].min()) / step) for part in full)
+    assert found == arranged().counts[0].of[FAIL]
+
+
+def test_what_is_asked_and_found_in_words() -> None:
+    check = {"unit": "pu", "at_least": None, "at_most": 1.2, "envelope": None, "value": -0.5, "why": ""}
+    assert asked_words(check) == "≤ 1.20 pu"
+    assert asked_words(check | {"at_least": 0.9}) == "0.900 to 1.20 pu"
+    assert asked_words(check | {"at_most": None}) == "not asked for"
+    assert asked_words(check | {"at_most": None, "envelope": "ramp"}) == "inside “ramp”"
+    assert value_words(check) == "−0.500 pu"
+    assert value_words(check | {"value": None, "why": "it diverged"}) == "not known: it diverged"
+    assert value_words(check | {"unit": "1", "value": 0.0}) == "0"
+
+
+def test_the_explorers_command_survives_a_shell() -> None:
+    import shlex
+
+    row = next(row for row in made()["rows"] if row["explore"])
+    words = shlex.split(explore_command(made(), row))
+    assert words == ["vsgdesign", "explore", "my study.toml", "--state", row["explore"]]
+
+
+def test_two_pages_of_one_result_are_the_same(written: Path, tmp_path: Path) -> None:
+    files = write_page(tmp_path, made(), traces_of(made(), 400))
+    for path in files:
+        assert path.read_bytes() == (written / path.relative_to(tmp_path)).read_bytes(), path.name
+
+
+def test_a_missing_trace_is_said(tmp_path: Path) -> None:
+    write_page(tmp_path, made(), {})
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "runs are missing, so their curves are not drawn" in text
+    assert "This test has no figure" in text

@@ -1,0 +1,163 @@
+"""What the page says first: one sentence, counts for each suite and controller, and what fails."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS
+from vsgdesign.report.compliance.arranged import Arranged, Tested
+from vsgdesign.report.compliance.verdicts import LOOKS, Counts
+from vsgdesign.report.drawing.sketch import Area, Sketch, svg
+from vsgdesign.report.page.answer import MET, MISSED, OPEN, Answer, Cell, Row
+
+MOST_FAILING = 12
+"""Failing tests that are named on top; the matrix has all of them."""
+
+BAR_WIDTH, BAR_HEIGHT = 120.0, 12.0
+_ORDER = (PASS, FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE)
+
+
+@dataclass(frozen=True)
+class Failing:
+    """A failing test on top of the page: where it is, who fails, and why."""
+
+    anchor: str
+    title: str
+    network: str
+    who: str
+    why: str
+
+
+def headline(arranged: Arranged) -> str:
+    """The answer in one sentence."""
+    judged = [
+        (name, counts) for name, counts in zip(arranged.controllers, arranged.counts, strict=True) if counts.judged
+    ]
+    if not judged:
+        return "No test was judged: nothing was asked for, or nothing was possible."
+    name, counts = judged[0]
+    if len(judged) == 1:
+        if not counts.of[FAIL]:
+            return f"{name} passes all {counts.judged} tests that were judged."
+        return f"{name} passes {_of(counts)} tests that were judged, and fails {counts.of[FAIL]}."
+    said = [f"{name} passes {_of(counts)} judged tests", *(f"{other} {_of(one)}" for other, one in judged[1:])]
+    return ", ".join(said[:-1]) + f" and {said[-1]}."
+
+
+def _of(counts: Counts) -> str:
+    return f"{counts.of[PASS]} of {counts.judged}"
+
+
+def counts_answer(arranged: Arranged) -> Answer:
+    """Counts of the verdicts: one row for each suite, one column for each controller."""
+    rows = [(suite.title, suite.counts) for suite in arranged.suites]
+    if len(rows) > 1:
+        rows.insert(0, ("All suites", arranged.counts))
+    notes = ["; ".join(f"{LOOKS[verdict].sign} {verdict}: {LOOKS[verdict].says}" for verdict in _ORDER) + "."]
+    return Answer(
+        "Verdicts",
+        arranged.controllers,
+        tuple(Row(title, tuple(_cell(title, one) for one in counts)) for title, counts in rows),
+        subject="Suite",
+        notes=tuple(notes),
+    )
+
+
+def _cell(title: str, counts: Counts) -> Cell:
+    others = counts.words((IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE))
+    if not counts.total:
+        return Cell(OPEN, "not run")
+    picture = svg(counts_bar(counts, title), "counts")
+    if not counts.judged:
+        return Cell(OPEN, "nothing judged", others, picture)
+    if not counts.of[FAIL]:
+        return Cell(MET, f"{counts.of[PASS]} pass, none fails", others, picture)
+    return Cell(MISSED, f"{counts.of[FAIL]} of {counts.judged} fail", others, picture)
+
+
+def counts_bar(counts: Counts, title: str, width: float = BAR_WIDTH, height: float = BAR_HEIGHT) -> Sketch:
+    """Shares of the verdicts as one bar. What fails is hatched, what is impossible is dark."""
+    sketch = Sketch(width, height, f"{title}: {counts.words()}")
+    x = 0.5
+    for verdict in _ORDER:
+        share = (width - 1.0) * counts.of[verdict] / max(counts.total, 1)
+        if not share:
+            continue
+        sketch.box(x, 0.5, share, height - 1.0, LOOKS[verdict].fill, "#555")
+        if verdict == FAIL:
+            at = x + 2.0
+            while at < x + share - 2.0:
+                sketch.line((at, height - 1.0), (min(at + 4.0, x + share), 1.0), "#7A2E00", 0.9)
+                at += 4.0
+        x += share
+    return sketch
+
+
+def failing_tests(arranged: Arranged) -> list[Failing]:
+    """Every test that a controller fails: first those that the controller with the fewest failures fails."""
+    best = min(range(len(arranged.counts)), key=lambda k: arranged.counts[k].of[FAIL], default=0)
+    failing = [test for test in arranged.tests() if test.fails]
+    return [_failing(test) for test in sorted(failing, key=lambda test: _verdict(test, best) != FAIL)]
+
+
+def _failing(test: Tested) -> Failing:
+    who = [row["controller"] for row in test.known if row["verdict"] == FAIL]
+    missed = [
+        f"{line.label} {value.words}, asked {line.asked}"
+        for line in test.lines
+        for value in line.values
+        if value is not None and value.verdict == FAIL
+    ]
+    why = [reason.text for reason in test.reasons if reason.verdict == FAIL]
+    return Failing(test.anchor, test.title, test.network, ", ".join(who), (missed or why or [""])[0])
+
+
+def strip(arranged: Arranged, index: int, width: float = 960.0, height: float = 22.0) -> Sketch:
+    """Every test of one controller as a stroke, in the order of the matrix, with a gap between groups.
+
+    Failing tests reach over the whole height, the others over less of it, so that they are seen without colours.
+    """
+    groups = list(arranged.groups())
+    total = sum(len(group.tests) for group in groups)
+    gap = min(6.0, 0.25 * width / max(len(groups), 1))
+    step = (width - gap * (len(groups) - 1)) / max(total, 1)
+    counts = arranged.counts[index]
+    sketch = Sketch(width, height, f"{arranged.controllers[index]}, every test in order: {counts.words()}")
+    x = 0.0
+    for group in groups:
+        runs = _runs([_verdict(test, index) for test in group.tests])
+        for verdict, begin, end in runs:
+            if verdict is None:
+                continue
+            top = {FAIL: 0.0, PASS: 0.35, IMPOSSIBLE: 0.35}.get(verdict, 0.7) * height
+            left, right = x + step * begin, x + step * end
+            corners = [(left, top), (right, top), (right, height), (left, height)]
+            sketch.parts.append(
+                Area(np.array(corners), LOOKS[verdict].colour if verdict == FAIL else LOOKS[verdict].fill)
+            )
+        x += step * len(group.tests) + gap
+    return sketch
+
+
+def _verdict(test: Tested, index: int) -> str | None:
+    row = test.rows[index]
+    return None if row is None else row["verdict"]
+
+
+def _runs(verdicts: Sequence[str | None]) -> list[tuple[str | None, int, int]]:
+    found: list[tuple[str | None, int, int]] = []
+    for k, verdict in enumerate(verdicts):
+        if found and found[-1][0] == verdict:
+            found[-1] = (verdict, found[-1][1], k + 1)
+        else:
+            found.append((verdict, k, k + 1))
+    return found
+
+
+def strips(arranged: Arranged) -> list[tuple[str, Markup]]:
+    """The strip of each controller, with its name."""
+    return [(name, svg(strip(arranged, k), "strip")) for k, name in enumerate(arranged.controllers)]

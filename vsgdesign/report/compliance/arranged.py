@@ -1,0 +1,236 @@
+"""Rows of a result, side by side: suites, their groups, their tests, and what was measured with each controller."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from vsgdesign.compliance.evidence import slug
+from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, VERDICTS
+from vsgdesign.report.compliance.verdicts import Counts, counted
+from vsgdesign.report.quantities import number
+
+Document = Mapping[str, Any]
+RowDict = Mapping[str, Any]
+
+EXPLAINED = (FAIL, IMPOSSIBLE, NOT_APPLICABLE)
+"""Verdicts whose reason is printed below the test."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """What one controller reached: the verdict of one check and its value in words."""
+
+    verdict: str
+    words: str
+
+
+@dataclass(frozen=True)
+class Line:
+    """One check of a test: what is measured, what is asked, and a value for each controller (None: not judged)."""
+
+    label: str
+    asked: str
+    values: tuple[Value | None, ...]
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why controllers have a verdict: one sentence, and the names of those whom it is about."""
+
+    verdict: str
+    controllers: tuple[str, ...]
+    text: str
+
+
+@dataclass(frozen=True)
+class Tested:
+    """One test with the row of each controller, in the order of the document's controllers. None: was not run."""
+
+    suite: str
+    test: str
+    title: str
+    network: str
+    group: str
+    rows: tuple[RowDict | None, ...]
+    lines: tuple[Line, ...]
+    reasons: tuple[Reason, ...]
+    reference: int
+    """Number of its source in :attr:`Arranged.sources`, from 1."""
+
+    @property
+    def anchor(self) -> str:
+        """Its name in links of the page."""
+        return slug(self.suite, self.test)
+
+    @property
+    def known(self) -> tuple[RowDict, ...]:
+        """The rows that are there."""
+        return tuple(row for row in self.rows if row is not None)
+
+    @property
+    def verdicts(self) -> tuple[str, ...]:
+        """The verdicts that occur, in the order of VERDICTS."""
+        found = {row["verdict"] for row in self.known}
+        return tuple(verdict for verdict in VERDICTS if verdict in found)
+
+    @property
+    def fails(self) -> bool:
+        """Whether a controller fails."""
+        return FAIL in self.verdicts
+
+
+@dataclass(frozen=True)
+class Group:
+    """Tests that belong together, with counts for each controller."""
+
+    suite: str
+    name: str
+    tests: tuple[Tested, ...]
+    counts: tuple[Counts, ...]
+
+    @property
+    def fails(self) -> bool:
+        """Whether a test of it fails."""
+        return any(test.fails for test in self.tests)
+
+
+@dataclass(frozen=True)
+class SuiteRows:
+    """One suite with its groups, and counts for each controller."""
+
+    name: str
+    title: str
+    source: Mapping[str, str]
+    groups: tuple[Group, ...]
+    counts: tuple[Counts, ...]
+
+
+@dataclass(frozen=True)
+class Arranged:
+    """Everything that a result's rows say, in the order in which it is shown."""
+
+    controllers: tuple[str, ...]
+    colours: tuple[str, ...]
+    suites: tuple[SuiteRows, ...]
+    counts: tuple[Counts, ...]
+    """Of each controller over all suites."""
+    sources: tuple[Mapping[str, str], ...]
+
+    def groups(self) -> Iterator[Group]:
+        """All groups in order."""
+        for suite in self.suites:
+            yield from suite.groups
+
+    def tests(self) -> Iterator[Tested]:
+        """All tests in order."""
+        for group in self.groups():
+            yield from group.tests
+
+
+def arrange(document: Document) -> Arranged:
+    """Put the rows of a document side by side. Suites, groups and tests keep the order of their first row."""
+    names = tuple(str(one["name"]) for one in document["controllers"])
+    sources: list[Mapping[str, str]] = []
+    by_test: dict[str, dict[str, dict[str, dict[str, RowDict]]]] = {one["name"]: {} for one in document["suites"]}
+    for row in document["rows"]:
+        groups = by_test.setdefault(row["suite"], {})
+        groups.setdefault(row["group"], {}).setdefault(row["test"], {})[row["controller"]] = row
+    titles = {one["name"]: one for one in document["suites"]}
+    suites = []
+    for suite, groups in by_test.items():
+        arranged = tuple(
+            _group(suite, group, [_tested(rows, names, sources) for rows in tests.values()], names)
+            for group, tests in groups.items()
+        )
+        said = titles.get(suite, {})
+        counts = _counts((row for rows in groups.values() for of in rows.values() for row in of.values()), names)
+        suites.append(SuiteRows(suite, said.get("title") or suite, said.get("source") or {}, arranged, counts))
+    colours = tuple(str(one["colour"]) for one in document["controllers"])
+    return Arranged(names, colours, tuple(suites), _counts(document["rows"], names), tuple(sources))
+
+
+def _group(suite: str, name: str, tests: Sequence[Tested], names: Sequence[str]) -> Group:
+    return Group(suite, name, tuple(tests), _counts((row for test in tests for row in test.known), names))
+
+
+def _counts(rows: Any, names: Sequence[str]) -> tuple[Counts, ...]:
+    of: dict[str, list[RowDict]] = {name: [] for name in names}
+    for row in rows:
+        of.setdefault(row["controller"], []).append(row)
+    return tuple(counted(of[name]) for name in names)
+
+
+def _tested(of: Mapping[str, RowDict], names: Sequence[str], sources: list[Mapping[str, str]]) -> Tested:
+    first = next(iter(of.values()))
+    if first["source"] not in sources:
+        sources.append(first["source"])
+    rows = tuple(of.get(name) for name in names)
+    return Tested(
+        suite=first["suite"],
+        test=first["test"],
+        title=first["title"],
+        network=first["network"],
+        group=first["group"],
+        rows=rows,
+        lines=tuple(_lines(rows)),
+        reasons=tuple(_reasons(rows)),
+        reference=sources.index(first["source"]) + 1,
+    )
+
+
+def _lines(rows: Sequence[RowDict | None]) -> Iterator[Line]:
+    """The checks of all controllers; the same measure with the same limits is one line."""
+    keys: dict[tuple[str, str], dict[int, RowDict]] = {}
+    for k, row in enumerate(rows):
+        for check in row["checks"] if row is not None else ():
+            keys.setdefault((check["label"], asked_words(check)), {})[k] = check
+    for (label, asked), checks in keys.items():
+        values = (checks.get(k) for k in range(len(rows)))
+        yield Line(label, asked, tuple(None if one is None else _value(one) for one in values))
+
+
+def _value(check: RowDict) -> Value:
+    return Value(check["verdict"], value_words(check))
+
+
+def asked_words(check: RowDict) -> str:
+    """What is asked of a value: ``≤ 1.2 pu``, ``0.1 to 0.2 pu``, an envelope, or nothing."""
+    low, high, unit = check.get("at_least"), check.get("at_most"), _with_space(check["unit"])
+    said = []
+    if low is not None and high is not None:
+        said.append(f"{number(low)} to {number(high)}{unit}")
+    elif low is not None:
+        said.append(f"≥ {number(low)}{unit}")
+    elif high is not None:
+        said.append(f"≤ {number(high)}{unit}")
+    if check.get("envelope"):
+        said.append(f"inside “{check['envelope']}”")
+    return ", ".join(said) or "not asked for"
+
+
+def value_words(check: RowDict) -> str:
+    """The value with its unit, or why it is not known."""
+    if check["value"] is None:
+        return f"not known: {check['why']}" if check.get("why") else "not known"
+    return number(check["value"]) + _with_space(check["unit"])
+
+
+def _with_space(unit: str) -> str:
+    return "" if unit in ("", "1") else f" {unit}"
+
+
+def _reasons(rows: Sequence[RowDict | None]) -> Iterator[Reason]:
+    """Each sentence once, with everyone of whom it is said."""
+    said: dict[tuple[str, str], list[str]] = {}
+    for row in rows:
+        if row is None:
+            continue
+        text = row.get("why") or ""
+        if row["verdict"] == FAIL and row.get("status") and row["status"] != "survived":
+            text = f"{row['status']}{': ' if text else ''}{text}"
+        if text and (row["verdict"] in EXPLAINED or row["verdict"] == INFORMATIONAL):
+            said.setdefault((row["verdict"], text), []).append(row["controller"])
+    for (verdict, text), names in said.items():
+        yield Reason(verdict, tuple(names), text)

@@ -1,0 +1,147 @@
+"""Figures over time: one overlay for each group of tests, and one figure for each test that a controller fails."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from vsgdesign.compliance.evidence import Evidence
+from vsgdesign.compliance.rows import FAIL
+from vsgdesign.report.compliance.arranged import Arranged, Group, Tested
+from vsgdesign.report.drawing.plot import Band, Curve, Plot, plot_sketch
+from vsgdesign.report.drawing.sketch import Sketch
+from vsgdesign.report.drawing.style import DASHES
+
+Traces = Mapping[tuple[str, str, str], Evidence]
+
+MOST_CURVES = 9
+"""Curves of one overlay: more cannot be told apart."""
+
+_ALWAYS = ("P_pu", "i_phase_pu", "f_hz")
+_LABELS = {
+    "P_pu": ("Active power", "P [pu]", 3.0),
+    "Q_pu": ("Reactive power", "Q [pu]", 3.0),
+    "i_phase_pu": ("Largest phase current", "i [pu]", 3.0),
+    "i_s_pu": ("Converter current", "i_s [pu]", 3.0),
+    "V_pu": ("Voltage reference", "V [pu]", 2.0),
+    "f_hz": ("Frequency", "f [Hz]", 0.0),
+    "delta_rad": ("Angle to the grid", "δ [rad]", 30.0),
+    "P_dc_pu": ("Power of the dc link", "P_dc [pu]", 3.0),
+}
+"""Title, axis, and how far the scale may go for a curve that has gone away."""
+
+_FREQUENCY_ROOM_HZ = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class TestFigure:
+    """The plots of a test with a failing row, or of a group."""
+
+    name: str
+    title: str
+    caption: str
+    plots: tuple[Sketch, ...]
+
+
+class Drawer:
+    """Draws figures of a result, and remembers which traces are missing."""
+
+    def __init__(self, arranged: Arranged, traces: Traces, converter: Mapping[str, Any]) -> None:
+        self.arranged = arranged
+        self.traces = traces
+        self.missing: list[tuple[str, str, str]] = []
+        self._f_n_hz = float(converter.get("f_n_hz") or 50.0)
+        self._limits = {one["controller"]: one["current_limit_pu"] for one in converter.get("limits") or ()}
+
+    def of_test(self, test: Tested) -> TestFigure | None:
+        """All controllers of one test. None: no trace of it is there."""
+        found = [(k, evidence) for k, row in enumerate(test.rows) if row is not None and (evidence := self._read(row))]
+        if not found:
+            return None
+        failing = [(k, evidence) for k, evidence in found if _fails(test, k)]
+        bands = _bands([evidence for _, evidence in failing]) or _bands([evidence for _, evidence in found])
+        who = ", ".join(row["controller"] for row in test.known if row["verdict"] == FAIL)
+        caption = f"{test.network}. {f'Failed by {who}.' if who else ''}"
+        return TestFigure(test.anchor, test.title, caption.strip(), self._plots(found, bands))
+
+    def of_group(self, group: Group) -> TestFigure | None:
+        """Some tests of a group, evenly spread, over each other. None: no trace is there."""
+        tests = self.chosen(group)
+        curves = [
+            (k, evidence)
+            for test in tests
+            for k, row in enumerate(test.rows)
+            if row is not None and (evidence := self._read(row)) is not None
+        ]
+        if not curves:
+            return None
+        # Tests of a group have envelopes of their own; over each other they would say nothing.
+        bands = _bands([evidence for _, evidence in curves]) if len(tests) == 1 else []
+        names = "; ".join(f"{test.title} ({test.network})" for test in tests)
+        left_out = len(group.tests) - len(tests)
+        caption = f"{names}." + (f" {left_out} more tests of this group are not drawn." if left_out else "")
+        return TestFigure("", group.name, caption, self._plots(curves, bands))
+
+    def chosen(self, group: Group) -> list[Tested]:
+        """The tests of an overlay: the first, the last and some between them."""
+        most = max(MOST_CURVES // max(len(self.arranged.controllers), 1), 1)
+        n = len(group.tests)
+        if n <= most:
+            return list(group.tests)
+        places = sorted({round(k * (n - 1) / max(most - 1, 1)) for k in range(most)})
+        return [group.tests[k] for k in places]
+
+    def _read(self, row: Mapping[str, Any]) -> Evidence | None:
+        key = (row["suite"], row["test"], row["controller"])
+        found = self.traces.get(key)
+        if found is None or len(found.trace.t_s) < 2:
+            # A test that does not apply or is impossible was not run.
+            if row.get("csv"):
+                self.missing.append(key)
+            return None
+        return found
+
+    def _plots(self, curves: Sequence[_Curve], bands: Sequence[tuple[str, Band]]) -> tuple[Sketch, ...]:
+        judged = [signal for signal, _ in bands]
+        signals = [*_ALWAYS, *dict.fromkeys(name for name in judged if name not in _ALWAYS)]
+        return tuple(self._plot(signal, curves, [band for of, band in bands if of == signal]) for signal in signals)
+
+    def _plot(self, signal: str, curves: Sequence[_Curve], bands: Sequence[Band]) -> Sketch:
+        title, label, most = _LABELS.get(signal, (signal, signal, 3.0))
+        within = (-most, most)
+        if signal == "f_hz":
+            within = (self._f_n_hz - _FREQUENCY_ROOM_HZ, self._f_n_hz + _FREQUENCY_ROOM_HZ)
+        levels = []
+        if signal in ("i_phase_pu", "i_s_pu"):
+            shown = {self._limits.get(self.arranged.controllers[k]) for k, _ in curves}
+            levels = [(float(value), "current limit") for value in sorted(shown - {None})]
+        drawn = [
+            Curve(e.trace.t_s, getattr(e.trace, signal), self.arranged.colours[k], dashes_of(k)) for k, e in curves
+        ]
+        return plot_sketch(Plot(title, label, drawn, bands, levels, within))
+
+
+_Curve = tuple[int, Evidence]
+"""A controller by its place, and a run of it."""
+
+
+def dashes_of(index: int) -> tuple[float, ...]:
+    """Dashes of a controller's curves, as multiples of their width."""
+    dash = DASHES[index % len(DASHES)]
+    return () if isinstance(dash, str) else tuple(dash[1])
+
+
+def _fails(test: Tested, index: int) -> bool:
+    row = test.rows[index]
+    return row is not None and row["verdict"] == FAIL
+
+
+def _bands(found: Sequence[Evidence]) -> list[tuple[str, Band]]:
+    """The envelopes with the names of their signals; the same curves of several controllers once."""
+    bands: dict[tuple[str, bytes, bytes], Band] = {}
+    for evidence in found:
+        for one in evidence.limits:
+            key = (one.signal, one.low.tobytes(), one.high.tobytes())
+            bands.setdefault(key, Band(evidence.trace.t_s, one.low, one.high))
+    return [(signal, band) for (signal, _, _), band in bands.items()]

@@ -1,0 +1,155 @@
+"""Drawings of few parts, made without matplotlib: lines, areas and words, as the text of inline SVG.
+
+A page with hundreds of figures needs them small and made in milliseconds. The same sketch can be painted on a page of a
+PDF (:mod:`vsgdesign.report.drawing.paper`). x runs to the right and y downwards, in px.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+START, MIDDLE, END = "start", "middle", "end"
+
+_TENTHS = 10.0
+"""Coordinates in the file are whole tenths of a pixel."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stroke:
+    """A line through points (n, 2). It is cut where a coordinate is NaN."""
+
+    points: Array
+    colour: str
+    width: float = 1.0
+    dashes: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Area:
+    """A filled polygon (n, 2), perhaps with an edge."""
+
+    points: Array
+    colour: str
+    edge: str = ""
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True)
+class Words:
+    """A line of text with its baseline at y, ``anchor`` at x; turned by 90° to the left if ``upright``."""
+
+    x: float
+    y: float
+    text: str
+    size: float = 11.0
+    anchor: str = START
+    colour: str = "#1A1A1A"
+    bold: bool = False
+    upright: bool = False
+
+
+Part = Stroke | Area | Words
+
+
+@dataclass
+class Sketch:
+    """Parts in the order in which they are drawn. ``label`` is read out in place of the drawing."""
+
+    width: float
+    height: float
+    label: str
+    parts: list[Part] = field(default_factory=list)
+
+    def line(
+        self, start: tuple[float, float], end: tuple[float, float], colour: str, width: float = 1.0, dashes: tuple = ()
+    ) -> None:
+        """A straight line between two points."""
+        self.parts.append(Stroke(np.array([start, end], dtype=float), colour, width, dashes))
+
+    def box(self, x: float, y: float, width: float, height: float, colour: str, edge: str = "") -> None:
+        """A filled rectangle from its upper left corner."""
+        corners = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
+        self.parts.append(Area(np.array(corners, dtype=float), colour, edge))
+
+
+def svg(sketch: Sketch, kind: str = "sketch") -> Markup:
+    """The sketch as an element of a page: of class ``kind``, no larger than its size in px."""
+    body = "".join(_part(part) for part in sketch.parts)
+    return Markup(
+        '<svg class="{}" role="img" aria-label="{}" viewBox="0 0 {:.0f} {:.0f}" style="max-width:{:g}px">{}</svg>'
+    ).format(kind, sketch.label, sketch.width * _TENTHS, sketch.height * _TENTHS, sketch.width, Markup(body))
+
+
+def svg_file(sketches: Sequence[Sketch], title: str, lines: Iterable[str] = ()) -> str:
+    """Sketches side by side below a title and lines of text, as a file of its own."""
+    texts = [Words(8.0, 18.0, title, 13.0, bold=True)]
+    texts += [Words(8.0, 34.0 + 15.0 * k, line) for k, line in enumerate(lines)]
+    top = texts[-1].y + 10.0
+    width, height = sum(one.width for one in sketches), top + max((one.height for one in sketches), default=0.0)
+    parts = ["".join(_part(text) for text in texts)]
+    x = 0.0
+    for one in sketches:
+        parts.append(f'<g transform="translate({_TENTHS * x:.0f} {_TENTHS * top:.0f})">')
+        parts += [*(_part(part) for part in one.parts), "</g>"]
+        x += one.width
+    size = f'viewBox="0 0 {_TENTHS * width:.0f} {_TENTHS * height:.0f}" width="{width:.0f}" height="{height:.0f}"'
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" {size} font-family="Arial, \'DejaVu Sans\', sans-serif">'
+    return f'{head}<rect width="100%" height="100%" fill="#fff"/>{"".join(parts)}</svg>\n'
+
+
+def _part(part: Part) -> str:
+    if isinstance(part, Words):
+        return _words(part)
+    if isinstance(part, Area):
+        edge = f' stroke="{part.edge}" stroke-width="8"' if part.edge else ""
+        opacity = f' fill-opacity="{part.opacity:g}"' if part.opacity < 1.0 else ""
+        return f'<path d="{_path(part.points)}z" fill="{part.colour}"{opacity}{edge}/>'
+    dashes = " ".join(f"{_TENTHS * part.width * length:.0f}" for length in part.dashes)
+    dashed = f' stroke-dasharray="{dashes}"' if dashes else ""
+    width = f"{_TENTHS * part.width:g}"
+    runs = "".join(_path(run) for run in _unbroken(part.points))
+    return f'<path d="{runs}" fill="none" stroke="{part.colour}" stroke-width="{width}"{dashed}/>' if runs else ""
+
+
+def _words(part: Words) -> str:
+    from markupsafe import escape
+
+    x, y = round(_TENTHS * part.x), round(_TENTHS * part.y)
+    turned = f' transform="rotate(-90 {x} {y})"' if part.upright else ""
+    anchor = f' text-anchor="{part.anchor}"' if part.anchor != START else ""
+    bold = ' font-weight="600"' if part.bold else ""
+    look = f'font-size="{_TENTHS * part.size:g}" fill="{part.colour}"{anchor}{bold}{turned}'
+    return f'<text x="{x}" y="{y}" {look}>{escape(part.text)}</text>'
+
+
+def _unbroken(points: Array) -> list[Array]:
+    """The runs of at least two points without NaN."""
+    known = np.isfinite(points).all(axis=1)
+    if known.all():
+        return [points] if len(points) > 1 else []
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
+    return [points[a:b] for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a > 1]
+
+
+def _path(points: Array) -> str:
+    """A path through the points on the grid of tenths, without points on the straight line between their neighbours."""
+    whole = np.rint(_TENTHS * points).astype(np.int64)
+    steps = np.diff(whole, axis=0)
+    moved = steps.any(axis=1)
+    moved[:1] = True  # a line of one point is a dot
+    steps = steps[moved]
+    turns = steps[:-1, 0] * steps[1:, 1] != steps[:-1, 1] * steps[1:, 0]
+    back = (steps[:-1] * steps[1:]).sum(axis=1) < 0
+    kept = np.concatenate([turns | back, [True]]) if len(steps) else np.zeros(0, dtype=bool)
+    # Steps in one direction become one.
+    corners = np.cumsum(steps, axis=0)[kept]
+    found = np.diff(np.concatenate([[[0, 0]], corners]), axis=0)
+    rest = "".join(f"{dx}{dy:+d} " if dy < 0 else f"{dx} {dy} " for dx, dy in found.tolist())
+    return f"M{whole[0, 0]} {whole[0, 1]}l{rest.rstrip()}" if len(found) else ""
