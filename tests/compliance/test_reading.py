@@ -7,10 +7,11 @@ import math
 import pytest
 
 from vsgdesign.compliance.reading import SUITES, suite_from_text, suite_named
-from vsgdesign.compliance.suite import Criterion, Sag, SuiteEvent
+from vsgdesign.compliance.suite import Criterion, SuiteEvent
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.parameters.network import Fault as ShortCircuit
 from vsgdesign.parameters.network import Load
+from vsgdesign.parameters.source import Sag
 
 ONE = """
 [[tests]]
@@ -54,15 +55,15 @@ def test_a_list_makes_one_test_per_value_with_an_id_that_says_it() -> None:
 
 
 def test_what_lasts_is_undone_and_the_rest_stays() -> None:
-    assert one_event('{ time = "1 s", sag = { kind = "C", V_pu = 0.3 }, phase_jump = "5 deg", lasts = "150 ms" }') == (
+    assert one_event('{ time = "1 s", sag = { type = "C", V_pu = 0.3 }, phase_jump = "5 deg", lasts = "150 ms" }') == (
         SuiteEvent(t_s=1.0, sag=Sag(kind="C", V_pu=0.3), phase_deg=5.0),
         SuiteEvent(t_s=1.15, V_g_pu=1.0),
     )
-    assert one_event('{ fault = { kind = "phase_to_phase", R = 0.1, at = "50 %" }, lasts = "0.2 s" }') == (
+    assert one_event('{ fault = { kind = "phase_to_phase", R_pu = 0.1, at = "50 %" }, lasts = "0.2 s" }') == (
         SuiteEvent(t_s=0.0, fault=ShortCircuit(kind="phase_to_phase", R=0.1, at=0.5)),
         SuiteEvent(t_s=0.2, fault_cleared=True),
     )
-    assert one_event('{ connected = false, load = { P_pu = 0.5 }, lasts = "2 s" }') == (
+    assert one_event('{ breaker = "open", load = { P_pu = 0.5 }, lasts = "2 s" }') == (
         SuiteEvent(t_s=0.0, connected=False, load=Load(R_parallel=2.0)),
         SuiteEvent(t_s=2.0, connected=True, load_off=True),
     )
@@ -106,10 +107,10 @@ def test_every_fault_is_told_at_once() -> None:
         needs = 3
         source = "aemo"
         events = [
-            { phase_jump = "30 Hz", sag = { kind = "H" }, V_g_pu = 0.5, lasts = "-1 s" },
+            { phase_jump = "30 Hz", sag = { type = "H" }, V_g_pu = 0.5, lasts = "-1 s" },
             { time = "1 s" },
             { df = "1 Hz", over = "1 s", df_per_s = 2 },
-            { fault = { phases = "bc", R = "2 ohm" }, load = {} },
+            { fault = { kind = "three_phase", phases = "bc", R_pu = "2 ohm" }, load = {} },
         ]
         criteria = [{ measure = "survived", at_least = "a" }, {}, { measure = "survived", at_least = 2, at_most = 1 }]
         """
@@ -117,15 +118,50 @@ def test_every_fault_is_told_at_once() -> None:
     event = "tests[0].events"
     expected = {
         "title", "colour", "source.confidence", "tests[0].nam", "tests[0].name", "tests[0].scr", "tests[0].x_over_r",
-        "tests[0].P_pu", "tests[0].needs", "tests[0].source", f"{event}[0].phase_jump", f"{event}[0].sag.kind",
+        "tests[0].P_pu", "tests[0].needs", "tests[0].source", f"{event}[0].phase_jump", f"{event}[0].sag.type",
         f"{event}[0].sag.V_pu", f"{event}[0].V_g_pu", f"{event}[0].lasts", f"{event}[1]", f"{event}[2].df_per_s",
-        f"{event}[3].fault.phases", f"{event}[3].fault.R", f"{event}[3].load", "tests[0].criteria[0].at_least",
+        f"{event}[3].fault.phases", f"{event}[3].fault.R_pu", f"{event}[3].load", "tests[0].criteria[0].at_least",
         "tests[0].criteria[1]", "tests[0].criteria[2].at_least",
     }  # fmt: skip
     assert found.keys() == expected
     assert (
         str(found["tests[0].scr"]) == "tests[0].scr = -3: outside 0.05 to 10000. Check the unit: a bare number is SI."
     )
+
+
+def test_criteria_are_checked_against_what_can_be_measured() -> None:
+    found = faults_of(
+        ONE
+        + """
+        events = [{ P_pu = 0 }]
+        criteria = [
+            { measure = "survivd", at_least = 1 },
+            { measure = "recovery_s", at_most = "3 Hz" },
+            { measure = "recovery_s", at_most = nan },
+            { measure = "settling_s", band = 0.1 },
+            { measure = "settling_s", band_pu = "5 s" },
+            { envelope = "power_bak" },
+            { envelope = "power_back", at_most = 0 },
+            { envelope = "power_back", within_s = "5 %" },
+            { measure = "survived", envelope = "power_back" },
+        ]
+        """
+    )
+    at = "tests[0].criteria"
+    expected = {
+        f"{at}[0].measure", f"{at}[1].at_most", f"{at}[2].at_most", f"{at}[3].band", f"{at}[4].band_pu",
+        f"{at}[5].envelope", f"{at}[6].at_most", f"{at}[7].within_s", f"{at}[8]",
+    }  # fmt: skip
+    assert found.keys() == expected
+    assert "Did you mean survived?" in found[f"{at}[0].measure"].advice
+    assert "Did you mean band_pu?" in found[f"{at}[3].band"].advice
+
+
+def test_a_limit_may_have_a_unit() -> None:
+    text = 'criteria = [{ measure = "settling_s", at_most = "800 ms", band_pu = "5 %" }, { measure = "recovery_s" }]'
+    first, second = suite_from_text(f"{ONE}events = [{{ P_pu = 0 }}]\n{text}").tests[0].criteria
+    assert (first.at_most, first.given, first.informational) == (0.8, (("band_pu", 0.05),), False)
+    assert second.informational
 
 
 def test_a_fault_of_a_swept_test_is_told_once() -> None:

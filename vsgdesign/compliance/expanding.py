@@ -19,6 +19,7 @@ _OF_TEST = {
     "P_pu": "P {} pu",
     "Q_pu": "Q {} pu",
     "V_g_pu": "V_g {} pu",
+    "df": "from {:+}",
     "silent": "silent {}",
 }
 """Fields of a test that may be lists, with the part that each value adds to the test's id."""
@@ -33,14 +34,20 @@ _OF_EVENT = {
     "over": "within {}",
     "lasts": "{}",
     "phase_jump": "{:+}",
+    "breaker": "breaker {}",
     "P_pu": "P to {} pu",
     "Q_pu": "Q to {} pu",
 }
 _NESTED = {
-    "sag": {"kind": "type {}", "V_pu": "{} pu"},
-    "fault": {"kind": "{}", "at": "at {}", "R": "R {} pu", "phases": "{}"},
-    "load": {"P_pu": "load {} pu", "Q_pu": "load Q {} pu"}
-    | {f"{element}_{branch}": f"{element}_{branch} {{}} pu" for element in "RLC" for branch in ("parallel", "series")},
+    "sag": {"type": "type {}", "V_pu": "{} pu", "angle": "{:+}"},
+    "fault": {"kind": "{}", "at": "at {}", "R_pu": "R {} pu", "phases": "{}"},
+    "load": {
+        "P_pu": "load {} pu",
+        "Q_pu": "load Q {} pu",
+        "R_pu": "load R {} pu",
+        "X_L_pu": "load X_L {} pu",
+        "X_C_pu": "load X_C {} pu",
+    },
 }
 _BARE_UNITS = {
     "time": "s",
@@ -137,7 +144,8 @@ _EXAMPLES = {
     "phase_jump": '["30 deg", "-30 deg"]',
     "df": '["1 Hz", "-1 Hz"]',
     "df_per_s": '["1 Hz/s", "4 Hz/s"]',
-    "kind": '["A", "C"]',
+    "type": '["A", "C"]',
+    "breaker": '["open", "closed"]',
 }
 
 

@@ -10,9 +10,10 @@ from typing import Any
 
 from vsgdesign.compliance.expanding import MOST_TESTS, axes_of, combinations, size_in_words, size_of
 from vsgdesign.compliance.reading_criteria import read_criteria
-from vsgdesign.compliance.reading_events import LONGEST_S, MOST_POWER_PU, read_events, read_load
+from vsgdesign.compliance.reading_events import LONGEST_S, MOST_DF_HZ, MOST_POWER_PU, read_events
 from vsgdesign.compliance.suite import CONFIDENCES, USER, Criterion, Source, Suite, SuiteTest
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.parameters.network_fields import read_load
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.scenario import SCR_LIMITS, X_OVER_R_LIMITS
 from vsgdesign.parameters.toml_file import parse_toml, read_toml
@@ -121,7 +122,9 @@ def _read_test(
     scr = table.quantity("scr", "1", *SCR_LIMITS)
     x_over_r = table.quantity("x_over_r", "1", *X_OVER_R_LIMITS)
     V_g_pu = table.quantity("V_g_pu", "1", 0.0, 2.0, default=1.0)
-    load = read_load(table)
+    df_hz = table.quantity("df", "Hz", -MOST_DF_HZ, MOST_DF_HZ, default=0.0)
+    given_load = table.child("load")
+    load = None if given_load is None else read_load(given_load, None)
     given = table.children("criteria")
     test = SuiteTest(
         id=f"{name}, {words}" if words else name,
@@ -133,8 +136,9 @@ def _read_test(
         P_pu=table.quantity("P_pu", "1", -MOST_POWER_PU, MOST_POWER_PU, default=SuiteTest.P_pu),
         Q_pu=table.quantity("Q_pu", "1", -MOST_POWER_PU, MOST_POWER_PU, default=SuiteTest.Q_pu),
         V_g_pu=V_g_pu,
+        df_hz=df_hz,
         load=load,
-        events=read_events(table.children("events"), scr, x_over_r, V_g_pu, load),
+        events=read_events(table.children("events"), scr, x_over_r, V_g_pu, df_hz, load),
         duration_s=table.quantity("duration", "s", 1e-3, LONGEST_S, default=None),
         silent_s=table.quantity("silent", "s", 0.0, LONGEST_S, default=SuiteTest.silent_s),
         criteria=read_criteria(given) if table.has("criteria") else criteria,

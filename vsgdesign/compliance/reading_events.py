@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from vsgdesign.compliance.suite import Sag, SuiteEvent
-from vsgdesign.parameters.network import FAULT_KINDS, PHASE_PAIRS, THREE_PHASE, Fault, Load
+from vsgdesign.compliance.suite import SuiteEvent
+from vsgdesign.parameters.network import Load, Network
+from vsgdesign.parameters.network_fields import CLEARED, NONE, check_said, read_sag, read_said
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.scenario import SCR_LIMITS, X_OVER_R_LIMITS
 
@@ -15,9 +16,6 @@ LONGEST_S = 600.0
 MOST_DF_HZ = 12.0
 """Largest distance from the nominal frequency, Hz."""
 MOST_POWER_PU = 2.0
-IMPEDANCE_LIMITS = (1e-3, 1e4)
-"""Limits of an element of a load, pu."""
-SAG_KINDS = ("A", "B", "C", "D", "E", "F", "G")
 
 
 @dataclass
@@ -28,14 +26,16 @@ class _Present:
     x_over_r: float
     V_g_pu: float
     df_hz: float
-    load: Load | None
+    network: Network
+    sagged: bool = False
 
 
 def read_events(
-    tables: list[TableReader], scr: float, x_over_r: float, V_g_pu: float, load: Load | None
+    tables: list[TableReader], scr: float, x_over_r: float, V_g_pu: float, df_hz: float, load: Load | None
 ) -> tuple[SuiteEvent, ...]:
-    """The events in the order of time. What ``lasts`` ends with an event of its own."""
-    present = _Present(scr, x_over_r, V_g_pu, 0.0, load)
+    """The events in the order of time. What ``lasts`` ends with an event of its own. The others say what holds
+    before."""
+    present = _Present(scr, x_over_r, V_g_pu, df_hz, Network(load=load))
     timed = [(table.quantity("time", "s", 0.0, LONGEST_S, default=0.0), table) for table in tables]
     timed.sort(key=lambda pair: math.inf if math.isnan(pair[0]) else pair[0])
     found: list[SuiteEvent] = []
@@ -61,7 +61,7 @@ def _read_event(table: TableReader, t_s: float, present: _Present) -> list[Suite
     )
     lasts = table.quantity("lasts", "s", 1e-3, LONGEST_S, default=None)
     if event == SuiteEvent(t_s=t_s):
-        words = "scr, x_over_r, V_g_pu, sag, df, phase_jump, P_pu, Q_pu, fault, load or connected"
+        words = "scr, x_over_r, V_g_pu, sag, df, phase_jump, P_pu, Q_pu, load, fault or breaker"
         table.fault("", None, "changes nothing", f"Give {words}.")
     if lasts is None:
         return [event]
@@ -71,15 +71,18 @@ def _read_event(table: TableReader, t_s: float, present: _Present) -> list[Suite
 def _read_source(table: TableReader, event: SuiteEvent, present: _Present) -> SuiteEvent:
     """Voltage, dip, frequency and phase of the grid's source."""
     V_g_pu = table.quantity("V_g_pu", "1", 0.0, 2.0, default=None)
-    dip = table.child("sag")
-    sag = None
-    if dip is not None:
-        sag = Sag(kind=dip.choice("kind", SAG_KINDS, default="A"), V_pu=dip.quantity("V_pu", "1", 0.0, 1.0))
-        dip.finish()
-        if V_g_pu is not None:
-            table.fault("V_g_pu", f"{V_g_pu:g}", "the same event gives a sag", "Give the one or the other.")
+    dip = table.child_or_word("sag", NONE)
+    sag = read_sag(dip) if isinstance(dip, TableReader) else None
+    if dip is not None and V_g_pu is not None:
+        table.fault("V_g_pu", f"{V_g_pu:g}", "the same event gives a sag", "Give the one or the other.")
+    if dip == NONE and not present.sagged:
+        table.fault("sag", NONE, "there is no sag that it could end", "Leave it out, or begin one before.")
     if V_g_pu is not None:
-        present.V_g_pu = V_g_pu
+        present.V_g_pu, present.sagged = V_g_pu, False
+    elif dip == NONE:
+        V_g_pu, present.sagged = present.V_g_pu, False
+    elif sag is not None:
+        present.sagged = True
     df_hz = table.quantity("df", "Hz", -MOST_DF_HZ, MOST_DF_HZ, default=None)
     over_s = table.quantity("over", "s", 0.0, LONGEST_S, default=0.0)
     rate = table.quantity("df_per_s", "Hz/s", 1e-3, 1e3, default=None)
@@ -100,84 +103,41 @@ def _read_source(table: TableReader, event: SuiteEvent, present: _Present) -> Su
 
 
 def _read_network(table: TableReader, event: SuiteEvent, present: _Present) -> SuiteEvent:
-    """Short circuit, load and breaker."""
-    fault = _read_fault(table)
-    cleared = table.flag("fault_cleared", default=False)
-    if cleared and fault is not None:
-        table.fault("fault_cleared", "true", "the same event gives a fault", "Clear it in a later event, or use lasts.")
-    load = read_load(table)
-    load_off = table.flag("load_off", default=False)
-    if load_off and load is not None:
-        table.fault("load_off", "true", "the same event gives a load", "Give the one or the other.")
-    if load is not None or load_off:
-        present.load = load
+    """Load, short circuit and breaker, with the words of a study file."""
+    said = read_said(table, None)
+    check_said(table, said, present.network)
+    present.network = said.on(present.network)
     return replace(
         event,
-        fault=fault,
-        fault_cleared=cleared,
-        load=load,
-        load_off=load_off,
-        connected=table.flag("connected", default=None),
+        load=None if isinstance(said.load, str) else said.load,
+        load_off=said.load == NONE,
+        fault=None if isinstance(said.fault, str) else said.fault,
+        fault_cleared=said.fault == CLEARED,
+        connected=None if said.breaker is None else present.network.connected,
     )
 
 
 def _end(table: TableReader, event: SuiteEvent, lasts: float, before: _Present, present: _Present) -> list[SuiteEvent]:
     """The event that ends what another began ``lasts`` before. What it cannot end stays."""
     end = SuiteEvent(t_s=float(f"{event.t_s + lasts:.12g}"))
-    if event.sag is not None or event.V_g_pu is not None:
-        present.V_g_pu = before.V_g_pu
-        end = replace(end, V_g_pu=before.V_g_pu)
-    if event.fault is not None:
-        end = replace(end, fault_cleared=True)
-    if event.load is not None or event.load_off:
-        present.load = before.load
-        end = replace(end, load=before.load, load_off=before.load is None)
-    if event.connected is not None:
-        end = replace(end, connected=not event.connected)
     if event.over_s > lasts:
         table.fault("lasts", f"{lasts:g} s", f"ends before the ramp, which takes {event.over_s:g} s")
+    if event.scr is not None:
+        end = replace(end, scr=before.scr, x_over_r=before.x_over_r)
+        present.scr, present.x_over_r = before.scr, before.x_over_r
+    if event.sag is not None or event.V_g_pu is not None:
+        end = replace(end, V_g_pu=before.V_g_pu)
+        present.V_g_pu, present.sagged = before.V_g_pu, False
+    now, then = present.network, before.network
+    if now.fault != then.fault:
+        end = replace(end, fault=then.fault, fault_cleared=then.fault is None)
+    if now.load != then.load:
+        end = replace(end, load=then.load, load_off=then.load is None)
+    if now.connected != then.connected:
+        end = replace(end, connected=then.connected)
+    present.network = then
     if end == SuiteEvent(t_s=end.t_s):
-        table.fault(
-            "lasts", f"{lasts:g} s", "there is nothing that ends", "Use it with sag, V_g_pu, fault, load or connected."
-        )
+        what = "scr, V_g_pu, sag, fault, load or breaker"
+        table.fault("lasts", f"{lasts:g} s", "there is nothing that ends", f"Use it with {what}.")
         return []
     return [end]
-
-
-def _read_fault(table: TableReader) -> Fault | None:
-    given = table.child("fault")
-    if given is None:
-        return None
-    fault = Fault(
-        kind=given.choice("kind", FAULT_KINDS, default=THREE_PHASE),
-        at=given.quantity("at", "1", 0.0, 0.99, default=0.0),
-        R=given.quantity("R", "1", 0.0, 100.0, default=0.0, hint="It is in pu of the base impedance."),
-        phases=given.choice("phases", PHASE_PAIRS, default="bc"),
-    )
-    if fault.kind == THREE_PHASE and given.has("phases"):
-        given.fault("phases", fault.phases, "a three-phase fault has all of them", "Leave it out.")
-    given.finish()
-    return fault
-
-
-def read_load(table: TableReader) -> Load | None:
-    """The load of a test or an event: by its power at nominal voltage, or by its elements, per unit."""
-    given = table.child("load")
-    if given is None:
-        return None
-    elements = [f"{element}_{branch}" for branch in ("parallel", "series") for element in "RLC"]
-    if not given.table:
-        given.fault("", None, "names no element", "For example load = { P_pu = 0.5 }, or R_parallel = 2.0.")
-    found = {name: given.quantity(name, "1", *IMPEDANCE_LIMITS, default=None) for name in elements}
-    P_pu = given.quantity("P_pu", "1", 0.0, MOST_POWER_PU, default=None)
-    Q_pu = given.quantity("Q_pu", "1", -MOST_POWER_PU, MOST_POWER_PU, default=None)
-    for power, parallel in (("P_pu", ("R_parallel",)), ("Q_pu", ("L_parallel", "C_parallel"))):
-        for name in parallel:
-            if given.has(power) and given.has(name):
-                given.fault(name, f"{found[name]:g}", f"{power} stands for it", "Give the one or the other.")
-    given.finish()
-    if P_pu:
-        found["R_parallel"] = 1.0 / P_pu
-    if Q_pu:
-        found["L_parallel" if Q_pu > 0.0 else "C_parallel"] = 1.0 / abs(Q_pu)
-    return Load(**found)

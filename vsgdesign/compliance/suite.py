@@ -92,6 +92,8 @@ class SuiteTest:
     P_pu: float = 0.5
     Q_pu: float = 0.0
     V_g_pu: float = 1.0
+    df_hz: float = 0.0
+    """Frequency of the grid above nominal before the test, Hz."""
     load: Load | None = None
     """Before the test; elements per unit as in :class:`SuiteEvent`."""
     events: tuple[SuiteEvent, ...] = ()

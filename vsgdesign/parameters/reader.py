@@ -239,9 +239,9 @@ class TableReader:
                 self._known.extend(group)
         return used[0]
 
-    def skip(self, field: str) -> None:
-        """A field whose fault has been told already."""
-        self._known.append(field)
+    def skip(self, *fields: str) -> None:
+        """Fields that are read elsewhere, or whose fault has been told already."""
+        self._known.extend(fields)
 
     def finish(self) -> None:
         """Report every field that nothing asked for, with the nearest known name."""
