@@ -12,6 +12,7 @@ from mkdocs.commands.build import build
 from mkdocs.config import load_config
 from mkdocs.exceptions import Abort
 
+from website.explorer import embed_explorers, write_explorer
 from website.staging import ROOT, stage, stage_api
 
 
@@ -24,6 +25,7 @@ def main() -> int:
 
     staged = ROOT / "build" / "website"
     stage(staged, lambda text: convert(text, display="block"))
+    embed_explorers(staged, write_explorer)
     api = stage_api(staged)
     config = load_config(str(ROOT / "website" / "mkdocs.yml"), site_dir=str(out), strict=True)
     config.nav[-1] = {"API": api}  # type: ignore[index]

@@ -14,6 +14,8 @@ FOLDERS = ("docs", "studies")
 EQUATION = re.compile(r"^\$\$\n(.*?)\n\$\$$", re.MULTILINE | re.DOTALL)
 BAR = re.compile(r'<mo(?: stretchy="false")?>(&#x0007C;|&#x02016;)</mo>')
 """A bar that stands for itself: browsers would space it like a relation."""
+ARG = re.compile(r"\\arg\b")
+"""A command that latex2mathml does not know."""
 NOTE = re.compile(r"^<!-- (?:file|not run): [^\n]* -->\n(?=```)", re.MULTILINE)
 
 API = {
@@ -72,7 +74,7 @@ def equation(body: str, render: Callable[[str], str]) -> str:
     """A display equation as MathML, with its label beside it. ValueError where a command of LaTeX is left over."""
     label = re.search(r"\\tag\{([^}]*)\}", body)
     plain = " ".join(re.sub(r"\\tag\{[^}]*\}", "", body).split())
-    math = render(plain.replace("{aligned}", "{align*}"))
+    math = render(ARG.sub(r"\\operatorname{arg}", plain.replace("{aligned}", "{align*}")))
     left = re.search(r".{0,40}(?:\\|&(?!#x[0-9A-F]+;)).{0,40}", math)
     if left:
         raise ValueError(f"an equation is not rendered whole ({left[0]}): {body}")

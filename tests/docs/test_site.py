@@ -6,7 +6,10 @@ import re
 from collections import Counter
 from pathlib import Path
 
-from website.staging import API, EQUATION, NOTE, ROOT, equation, exists
+import pytest
+
+from website.explorer import MARK, embed_explorers
+from website.staging import API, EQUATION, FILES, FOLDERS, NOTE, ROOT, equation, exists
 
 NAVIGATION = (ROOT / "website" / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:\n")[1]
 
@@ -30,7 +33,61 @@ def test_an_equation_keeps_its_label_and_loses_its_tag() -> None:
     assert shown == '<div class="equation"><div><math/></div><span class="label">(some-label)</span></div>'
 
 
-def test_every_equation_of_the_theory_would_be_rendered() -> None:
+def test_every_equation_is_rendered_whole() -> None:
+    """Before: latex2mathml left \\arg as it is, and the site could not be built."""
+    convert = pytest.importorskip("latex2mathml.converter").convert
+    for page in [*(ROOT / "docs").rglob("*.md"), *(ROOT / "studies").rglob("*.md")]:
+        for body in EQUATION.findall(page.read_text(encoding="utf-8")):
+            assert "<math" in equation(body, lambda text: convert(text, display="block"))
+
+
+def test_links_lead_to_pages_and_files_of_the_site() -> None:
+    """Before: links to source files, which the site does not have, kept it from being built."""
+    pages = [ROOT / name for name in FILES if name.endswith(".md")]
+    pages += [page for folder in FOLDERS for page in (ROOT / folder).rglob("*.md")]
+    inside = [ROOT / name for name in FOLDERS]
+    lost = []
+    for page in pages:
+        text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        for target in re.findall(r"\]\(([^)#\s]+)", text):
+            at = (page.parent / target).resolve()
+            if "://" not in target and at not in [ROOT / name for name in FILES]:
+                lost += [] if any(folder in at.parents for folder in inside) else [f"{page.name}: {target}"]
+    assert lost == []
+
+
+def test_an_explorer_takes_the_place_of_its_picture(tmp_path: Path) -> None:
+    (tmp_path / "one").mkdir()
+    (tmp_path / "one" / "study.toml").write_text("", encoding="utf-8")
+    page = tmp_path / "README.md"
+    page.write_text("# A\n\n<!-- explorer: one/study.toml -->\n[![P](p.png)](how.md)\n\nB\n", encoding="utf-8")
+    made = embed_explorers(tmp_path, lambda _, page: page.write_text("x" * 10**6, encoding="utf-8") and None)
+    assert made == [tmp_path / "one" / "explorer.html"]
+    text = page.read_text(encoding="utf-8")
+    assert text.startswith("---\nhide:")
+    assert '<iframe src="one/explorer.html"' in text
+    assert "(1.0 MB" in text
+    assert "p.png" not in text
+    assert text.endswith("</div>\n\nB\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "study", "said"), [("how.md", "s.toml", "only a"), ("README.md", "t.toml", "no study")]
+)
+def test_an_explorer_that_cannot_be_shown_is_named(name: str, study: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text("", encoding="utf-8")
+    (tmp_path / name).write_text(f"<!-- explorer: {study} -->\nP\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=said):
+        embed_explorers(tmp_path, lambda *_: None)
+
+
+def test_the_gallery_has_an_explorer() -> None:
+    assert [match[1] for match in MARK.finditer((ROOT / "studies" / "README.md").read_text(encoding="utf-8"))] == [
+        "structures/study.toml"
+    ]
+
+
+def test_every_equation_of_the_theory_would_be_found() -> None:
     for page in sorted((ROOT / "docs" / "theory").glob("*.md")):
         text = page.read_text(encoding="utf-8")
         assert len(EQUATION.findall(text)) == text.count("\n$$\n") / 2, page.name
