@@ -20,7 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
+from tests.oracles.network_reference import network_matrices, states
 from vsgdesign.parameters import Grid, Study
+from vsgdesign.parameters.network import PLAIN, Network
 
 _RELATIVE = 1e-10
 _ABSOLUTE_PU = 1e-13
@@ -387,9 +389,9 @@ def integrate(
     x: NDArray[np.complex128], length: float, v_b: complex, source: tuple, matrices: tuple, atol: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
     """The circuit state after ``length`` seconds, by DOP853."""
-    A, b, e, A_unequal, e_unequal = matrices
+    A, b, e, A_unequal, b_unequal, e_unequal = matrices
     peak, peak_slope, phase, omega, omega_slope, others, lines, (begin, rise) = source
-    forced = b * v_b
+    forced = b * v_b + b_unequal * complex(v_b).conjugate()
 
     def voltage(t: float) -> complex:
         turned = phase + t * (omega + 0.5 * omega_slope * t)
@@ -421,7 +423,7 @@ def integrate_pieces(x: NDArray[np.complex128], pieces: Sequence[tuple], atol: N
     states and from nothing, and these are put together. Where the method's own estimate of the error would reject a
     step, or the axes differ, SciPy's solver does the piece.
     """
-    if len(pieces) < 3 or any(A_unequal.any() or e_unequal.any() for *_, (_, _, _, A_unequal, e_unequal) in pieces):
+    if len(pieces) < 3 or any(part.any() for *_, matrices in pieces for part in matrices[3:]):
         return _one_by_one(x, pieces, atol)
     h = np.array([length for length, *_ in pieces])[:, None, None]
     A = np.array([matrices[0] for *_, matrices in pieces])
@@ -437,20 +439,21 @@ def integrate_pieces(x: NDArray[np.complex128], pieces: Sequence[tuple], atol: N
         v_g[k] += source[7][0] + source[7][1] * t[k]
     forced = np.array([matrices[1] * v_b for _, v_b, _, matrices in pieces])
     drive = forced[:, None] + np.array([matrices[2] for *_, matrices in pieces])[:, None] * v_g[..., None]
-    start = np.broadcast_to(np.eye(3, 4, dtype=complex), (len(pieces), 3, 4))
-    K = np.zeros((len(_STAGES), len(pieces), 3, 4), complex)
+    n = len(x)
+    start = np.broadcast_to(np.eye(n, n + 1, dtype=complex), (len(pieces), n, n + 1))
+    K = np.zeros((len(_STAGES), len(pieces), n, n + 1), complex)
     y: Any = start
     for stage, weights in enumerate(_STAGES):
         if stage:
             y = start + h * np.tensordot(weights[:stage], K[:stage], 1)
         K[stage] = A @ y
-        K[stage, :, :, 3] += drive[:, min(stage, len(_STAGES) - 2)]
+        K[stage, :, :, n] += drive[:, min(stage, len(_STAGES) - 2)]
     # The last stage's y is the step's result; its slope counts in the estimate of the error, as SciPy weighs it.
     fifth, third = (np.tensordot(weights, K, 1) for weights in (DOP853.E5, DOP853.E3))
     for k, piece in enumerate(pieces):
-        after = y[k, :, :3] @ x + y[k, :, 3]
+        after = y[k, :, :n] @ x + y[k, :, n]
         scale = atol + _RELATIVE * np.maximum(np.abs(x), np.abs(after))
-        e_5, e_3 = ((e[k, :, :3] @ x + e[k, :, 3]) / scale for e in (fifth, third))
+        e_5, e_3 = ((e[k, :, :n] @ x + e[k, :, n]) / scale for e in (fifth, third))
         squares_5, squares_3 = np.vdot(e_5, e_5).real, np.vdot(e_3, e_3).real
         whole = squares_5 + 0.01 * squares_3
         if whole > 0.0 and piece[0] * squares_5 >= math.sqrt(3.0 * whole):
@@ -479,7 +482,55 @@ def at_rest(study: Study) -> Start:
 def with_beta(study: Study, grid: Grid, beta: Grid) -> tuple:
     """The circuit with one grid on the α axis and another on the β axis: means, and half the differences."""
     (A, b, e), (A_beta, _, e_beta) = circuit_matrices(study, grid), circuit_matrices(study, beta)
-    return 0.5 * (A + A_beta), b, 0.5 * (e + e_beta), 0.5 * (A - A_beta), 0.5 * (e - e_beta)
+    return 0.5 * (A + A_beta), b, 0.5 * (e + e_beta), 0.5 * (A - A_beta), 0.0 * b, 0.5 * (e - e_beta)
+
+
+class Changing:
+    """The circuit over time. Where its networks change, the state jumps."""
+
+    def __init__(self, study: Study, beta: Callable[[Grid], Grid]) -> None:
+        events = sorted(study.events, key=lambda event: event.t_s)
+        grids = [(0.0, study.grid), *((e.t_s, e.grid) for e in events if e.grid is not None)]
+        networks = [(0.0, study.network), *((e.t_s, e.network) for e in events if e.network is not None)]
+        self.instants = sorted({t for t, _ in (*grids, *networks)})
+        self.with_networks = any(network != PLAIN for _, network in networks)
+        self.names = ["i_s", "v_c", "i_2"]
+        self.listed: list[tuple[float, tuple, Any]] = []
+        shares = tuple(sorted({n.fault.at for _, n in networks if n.fault is not None} - {0.0}))
+        load = any(n.load is not None for _, n in networks)
+        if self.with_networks:
+            self.names = states(shares, load)
+        for instant in self.instants:
+            grid = [g for t, g in grids if t <= instant][-1]
+            network: Network = [n for t, n in networks if t <= instant][-1]
+            if self.with_networks:
+                self.listed.append((instant, *network_matrices(study, grid, network, shares, load)))
+            else:
+                self.listed.append((instant, with_beta(study, grid, beta(grid)), None))
+        self.now: Any = self.listed[0][2]
+
+    def at(self, instant: float) -> tuple:
+        return [(matrices, jump) for t, matrices, jump in self.listed if t <= instant][-1]
+
+    def begun(self, plant: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """The first state: where nothing but a grid is there, it has the current into the PCC everywhere."""
+        x = np.zeros(len(self.names), complex)
+        x[: len(plant)] = plant
+        if len(plant) == 3:
+            x[[k for k, name in enumerate(self.names) if name[:2] == "i_" and name[2:].isdigit()]] = plant[2]
+        return x
+
+    def moved(self, x: NDArray[np.complex128], pieces: Sequence[tuple], atol: NDArray[np.float64]) -> Any:
+        """The state after some pieces, with the jumps between them."""
+        if not self.with_networks:
+            return integrate_pieces(x, [(*piece, matrices) for *piece, (matrices, _) in pieces], atol)
+        for _, some in itertools.groupby(pieces, lambda piece: id(piece[-1][1])):
+            part = list(some)
+            P = part[0][-1][1]
+            if P is not self.now:
+                x, self.now = P[0] @ x + P[1] @ x.conj(), P
+            x = integrate_pieces(x, [(*piece, matrices) for *piece, (matrices, _) in part], atol)
+        return x
 
 
 def run_reference(
@@ -507,13 +558,12 @@ def run_reference(
         source.play(record(samples + 1), T)
     sensors = None if study.sensors is None else NineSensors(study, noise(samples))
     events = sorted(study.events, key=lambda event: event.t_s)
-    grids = [(0.0, study.grid), *((e.t_s, e.grid) for e in events if e.grid is not None)]
-    matrices = [(t, with_beta(study, grid, beta(grid))) for t, grid in grids]
-    instants = sorted({*source.instants, *(t for t, _ in grids)})
+    circuits = Changing(study, beta)
+    instants = sorted({*source.instants, *circuits.instants})
     V_pk = math.sqrt(2.0) * c.V_rated_rms
     I_pk = math.sqrt(2.0) * c.S_rated / (3.0 * c.V_rated_rms)
-    atol = _ABSOLUTE_PU * np.array([I_pk, V_pk, I_pk])
-    x, state, waiting = start.plant.astype(complex), start.controller, start.waiting
+    atol = _ABSOLUTE_PU * np.array([V_pk if name.startswith("v") else I_pk for name in circuits.names])
+    x, state, waiting = circuits.begun(start.plant.astype(complex)), start.controller, start.waiting
     complexes, numbers = ([np.empty(samples, kind) for _ in range(6)] for kind in (complex, float))
     trace = Trace(
         plant=np.empty((samples, 3), complex),
@@ -529,7 +579,7 @@ def run_reference(
     )
     for k in range(samples):
         now = (k + _COINCIDENT) * T
-        trace.plant[k] = x
+        trace.plant[k] = x[:3]
         peak, _, phase, _, _ = source.held(now, k * T)
         others = (size * cmath.exp(1j * (order * phase + angle)) for order, size, angle in source.others(now))
         lines = (size * cmath.exp(1j * angle) for _, size, angle in source.lines(k * T))
@@ -538,7 +588,7 @@ def run_reference(
             getattr(trace, name)[k] = getattr(state, name)
         refs = _references(study, events, now)
         gains = [change.gains for change in gain_changes if change.t_s <= now][-1]
-        i_s, v_c, i_g = (complex(entry) for entry in x)
+        i_s, v_c, i_g = (complex(entry) for entry in x[:3])
         v_node = v_c + study.filter.R_c * (i_s - i_g)
         if sensors is not None:
             v_node, i_s, i_g = sensors.read(k, v_node, i_s, i_g)
@@ -566,17 +616,16 @@ def run_reference(
             if end - begin < 1e-18:  # shorter than the last bit of any instant here
                 continue
             middle = k * T + 0.5 * (begin + end)
-            circuit = [m for t, m in matrices if t <= middle][-1]
             at_begin = (
                 *source.held(middle, k * T + begin),
                 source.others(middle),
                 source.lines(k * T + begin),
                 source.straight(middle, k * T + begin),
             )
-            asked_for.append((end - begin, v_b, at_begin, circuit))
-        x = integrate_pieces(x, asked_for, atol)
+            asked_for.append((end - begin, v_b, at_begin, circuits.at(middle)))
+        x = circuits.moved(x, asked_for, atol)
     trace.current_limited, trace.voltage_limited = controller.hits["current"], controller.hits["voltage"]
-    trace.final_plant = x
+    trace.final_plant = x[:3]
     return trace
 
 

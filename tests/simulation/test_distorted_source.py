@@ -13,6 +13,7 @@ from vsgdesign.parameters.study import SourceComponent
 from vsgdesign.pipeline.run import results_document
 from vsgdesign.report.scenario.page import limits_of_validity
 from vsgdesign.simulation.background import Background, Interval
+from vsgdesign.simulation.circuits import Connection
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.timeline import SourceSegment
 
@@ -54,7 +55,8 @@ def test_a_resting_phasor_stays_one(order: float) -> None:
     x = np.linalg.solve(1j * order * omega * np.eye(3) - A, e * v)
     source = SourceSegment(0.0, 110.0, 0.0, omega, 0.0, 0.2)
     component = SourceComponent(order, 0.1, 0.3 - 0.2 * order)
-    rows = Background(lambda _: circuit, 100.0).rows([Interval(T_s, study.grid, source, (component,))], 0, 500, T_s)
+    interval = Interval(T_s, Connection(study.grid), source, (component,))
+    rows = Background(lambda _: circuit, 100.0).rows([interval], 0, 500, T_s)
     transition = plant_step(circuit, T_s, omega, edges=False).transition
     turns = np.exp(1j * order * omega * T_s * np.arange(501))
     np.testing.assert_allclose(rows[:, 6] + 1j * rows[:, 7], v * turns[:-1], rtol=1e-12)

@@ -117,7 +117,7 @@ def errors_pu(study: Study, run: Simulation, reference: Trace) -> dict[str, floa
     log, states = run.log, run.controller_log
     assert log.shape[0] == states.shape[0] == reference.plant.shape[0]
     turned = np.angle(np.exp(1j * (states[:, 0] - reference.theta)))
-    final = run.final_plant[0::2] + 1j * run.final_plant[1::2] - reference.final_plant
+    final = run.final_plant[0:6:2] + 1j * run.final_plant[1:6:2] - reference.final_plant
     differences = {
         "i_s": (log[:, 0] + 1j * log[:, 1] - reference.plant[:, 0]) / I_pk,
         "v_c": (log[:, 2] + 1j * log[:, 3] - reference.plant[:, 1]) / V_pk,

@@ -38,6 +38,12 @@ class TwoAxisCircuit:
     B: NDArray[np.float64]
     E: NDArray[np.float64]
     """2n×2."""
+    onto: NDArray[np.float64] | None = None
+    """2n×2n: what the states become where this circuit begins; it leaves states as they are that belong to the circuit.
+    None: they may have any values."""
+    pcc_per_state: NDArray[np.float64] | None = None
+    pcc_per_source: NDArray[np.float64] | None = None
+    """2×2n and 2×2: the voltage at the PCC is the sum of these times x and times v_g. None: nothing says it."""
 
 
 def two_axes(alpha: FilterGrid | TwoAxisCircuit, beta: FilterGrid | None = None) -> TwoAxisCircuit:
@@ -87,6 +93,8 @@ def plant_step(circuit: FilterGrid | TwoAxisCircuit, h: float, omega: float, *, 
         alpha, beta = (source_responses(stacked, e[None, :, axis], transition, h, omega)[0] for axis in range(2))
         # (:eq:`two-axes`): c = 1 is cos on α and sin on β; c = j is −sin on α and cos on β.
         source = np.stack([alpha.real + beta.imag, beta.real - alpha.imag], axis=-1)
+    if not equal and circuit.onto is not None:
+        transition = transition @ circuit.onto
     return PlantStep(h, transition[0], bridge[0].reshape(b.shape), edge.reshape(len(edge), *b.shape), source)
 
 

@@ -20,8 +20,8 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.operating_point.plant import plant_step, straight_line_responses
 from vsgdesign.parameters.background import BackgroundSpec
-from vsgdesign.parameters.study import Grid, SourceComponent
-from vsgdesign.simulation.circuits import CircuitOfGrid, states_of
+from vsgdesign.parameters.study import SourceComponent
+from vsgdesign.simulation.circuits import CircuitOfConnection, Connection, states_of
 from vsgdesign.simulation.timeline import SourceSegment, Timeline
 
 Array = NDArray[np.float64]
@@ -34,10 +34,11 @@ save and much more on a busy machine."""
 
 
 class Interval(NamedTuple):
-    """A piece of a sampling interval, or the whole one: its length (s), its grid, and the source at its beginning."""
+    """A piece of a sampling interval, or the whole one: its length (s), what the filter is connected to,
+    and the source at its beginning."""
 
     h: float
-    grid: Grid
+    connection: Connection
     source: SourceSegment
     components: tuple[SourceComponent, ...]
 
@@ -48,21 +49,21 @@ class Background:
     ``timeline``: of the run, where it has a background or a record.
     """
 
-    def __init__(self, circuit: CircuitOfGrid, V_base_pk: float, timeline: Timeline | None = None) -> None:
+    def __init__(self, circuit: CircuitOfConnection, V_base_pk: float, timeline: Timeline | None = None) -> None:
         self._circuit, self._V_base_pk = circuit, V_base_pk
         self._wander = None if timeline is None else timeline.wander
         self._replay = None if timeline is None else timeline.replay
         self._responses = functools.lru_cache(maxsize=256)(self._response)
-        self._lines = functools.lru_cache(maxsize=64)(lambda grid, h: straight_line_responses(circuit(grid), h))
+        self._lines = functools.lru_cache(maxsize=64)(lambda one, h: straight_line_responses(circuit(one), h))
 
     def acts(self, intervals: Sequence[Interval]) -> bool:
         """Whether the source has more than a fundamental of constant amplitude and frequency."""
         of_study = self._replay is not None or (self._wander is not None and self._wander.spec.distorts)
         return of_study or any(one.components or not one.source.steady for one in intervals)
 
-    def _response(self, grid: Grid, h: float, omega: float) -> NDArray[Any]:
+    def _response(self, connection: Connection, h: float, omega: float) -> NDArray[Any]:
         """Rows m = 0, 1, 2: what s^m e^{jωs} adds, complex (3, 2n): the part of Re c and, as −j times it, of Im c."""
-        circuit = self._circuit(grid)
+        circuit = self._circuit(connection)
         source = plant_step(circuit, h, omega, edges=False).source
         if isinstance(circuit, FilterGrid):  # c·ρ: real part on α, imaginary part on β
             return np.stack([source, -1j * source], axis=-1).reshape(3, -1)
@@ -86,7 +87,7 @@ class Background:
         source = interval.source
         drift = source.omega_slope * since
         phase = source.phase + (source.omega + 0.5 * drift) * since
-        total = _Total(len(since), states_of(self._circuit(interval.grid)))
+        total = _Total(len(since), states_of(self._circuit(interval.connection)))
         if not source.steady:
             turn, V = np.exp(1j * phase), rms_to_peak(source.V_g_rms + source.V_slope * since)
             self._add_rotating(total, interval, 1.0, V * turn, drift, rms_to_peak(source.V_slope) * turn)
@@ -100,7 +101,7 @@ class Background:
             return total.rows()
         waves = self._restless(interval, first, since, phase)
         if source.steady:  # without ramps there are no terms of s and s²: one product for all
-            rho = [self._responses(interval.grid, interval.h, n * source.omega)[0] for n, _, _ in waves]
+            rho = [self._responses(interval.connection, interval.h, n * source.omega)[0] for n, _, _ in waves]
             weights = np.stack([c for _, c, _ in waves], axis=1)
             total.add(weights, np.array(rho), weights.sum(axis=1))
         else:
@@ -138,13 +139,13 @@ class Background:
         # As for the fundamental (:eq:`source-ramp`): what the ramp of the frequency turns within the interval.
         one, two = 1j * n * drift, 0.5j * n * source.omega_slope - 0.5 * (n * drift) ** 2
         weights = np.stack([c, c * one + slope, c * two + slope * one], axis=1)
-        total.add(weights, self._responses(interval.grid, interval.h, n * source.omega), c)
+        total.add(weights, self._responses(interval.connection, interval.h, n * source.omega), c)
 
     def _add_line(self, total: _Total, interval: Interval, t_s: Array, spec: BackgroundSpec) -> None:
         """A line at a frequency of its own."""
         turned = 2.0 * math.pi * ((spec.interharmonic_frequency * t_s) % 1.0) + spec.interharmonic_phase
         c = self._V_base_pk * spec.interharmonic * np.exp(1j * turned)
-        rho = self._responses(interval.grid, interval.h, 2.0 * math.pi * spec.interharmonic_frequency)
+        rho = self._responses(interval.connection, interval.h, 2.0 * math.pi * spec.interharmonic_frequency)
         total.add(c[:, None], rho[:1], c)
 
     def _add_record(self, total: _Total, interval: Interval, first: int, elapsed: float, phase: Array) -> None:
@@ -156,9 +157,9 @@ class Background:
         slope: Complex = (v[1:] - v[:-1]) / replay.T_s
         begin: Complex = v[:-1] + elapsed * slope
         weights = np.stack([np.real(begin), np.imag(begin), np.real(slope), np.imag(slope)], axis=1)
-        total.add(weights, self._lines(interval.grid, interval.h), begin)
+        total.add(weights, self._lines(interval.connection, interval.h), begin)
         c = -rms_to_peak(source.V_g_rms) * np.exp(1j * phase)
-        total.add(c[:, None], self._responses(interval.grid, interval.h, source.omega)[:1], c)
+        total.add(c[:, None], self._responses(interval.connection, interval.h, source.omega)[:1], c)
 
 
 class _Powers:

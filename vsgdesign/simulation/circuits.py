@@ -1,17 +1,20 @@
-"""The circuits that a run meets: one for every grid of its timeline, as the numbers that the loop takes."""
+"""The circuits that a run meets: one for every grid and network of its timeline, as the numbers that the loop takes."""
 
 from __future__ import annotations
 
 import functools
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.operating_point.network import NetworkStates, network_circuit, states_of_networks
 from vsgdesign.operating_point.plant import PlantStep, TwoAxisCircuit, plant_step, two_axes
+from vsgdesign.parameters.network import PLAIN, Network
 from vsgdesign.parameters.study import Grid, Study
 from vsgdesign.simulation.bodies import LARGEST_DEGREE, Axes
 from vsgdesign.simulation.timeline import Timeline
@@ -22,38 +25,48 @@ CircuitOfGrid = Callable[[Grid], FilterGrid | TwoAxisCircuit]
 """The circuit between bridge and source on a grid."""
 
 
+class Connection(NamedTuple):
+    """What the filter is connected to."""
+
+    grid: Grid
+    network: Network = PLAIN
+
+
+CircuitOfConnection = Callable[[Connection], FilterGrid | TwoAxisCircuit]
+
+
 class Circuits:
     """The circuits of a run; ``switched``: whether its bridge switches."""
 
     def __init__(self, study: Study, timeline: Timeline, circuit: CircuitOfGrid | None, *, switched: bool) -> None:
         self.of = circuits_of(study, timeline, circuit)
+        self.more = states_of_timeline(timeline)
+        """The states of the networks; None where there is nothing but grids."""
         self.switched = switched
         self._omega = study.converter.omega_n
         self._steps = functools.lru_cache(maxsize=64)(self._step)
         self.numbers = functools.lru_cache(maxsize=64)(self._numbers)
         """The same mapping again where it is asked for the same."""
-        grids = {grid for _, grid in timeline.grids}
-        degree = (
-            max(len(self._steps(grid, study.converter.T_s, self._omega).edge) - 1 for grid in grids) if switched else 0
-        )
-        alike = all(isinstance(self.of(grid), FilterGrid) for grid in grids)
+        met = connections(timeline)
+        degree = max(len(self._steps(one, study.converter.T_s, self._omega).edge) - 1 for one in met) if switched else 0
+        alike = all(isinstance(self.of(one), FilterGrid) for one in met)
         self.axes: Axes | None = None
         if not alike or degree > LARGEST_DEGREE:
             if alike:
                 given = self.of
-                self.of = lambda grid: two_axes(given(grid))
+                self.of = lambda one: two_axes(given(one))
                 self._steps.cache_clear()
-            self.axes = Axes(states_of(self.of(timeline.grid_at(0.0))), degree)
+            self.axes = Axes(states_of(self.of(met[0])), degree)
 
     @property
     def states(self) -> int:
         """How many real states the circuits have on both axes together."""
         return 6 if self.axes is None else self.axes.states
 
-    def _numbers(self, grid: Grid, h: float, V_g_pk: float, omega: float | None) -> dict[str, Array]:
+    def _numbers(self, connection: Connection, h: float, V_g_pk: float, omega: float | None) -> dict[str, Array]:
         """The rows of the circuit over an interval h (s), with a source of V_g_pk (V) and omega (rad/s); without omega
         the loop adds no source."""
-        step = self._steps(grid, h, self._omega if omega is None else omega)
+        step = self._steps(connection, h, self._omega if omega is None else omega)
         V = 0.0 if omega is None else V_g_pk
         turn = (1.0, 0.0) if omega is None else (math.cos(omega * h), math.sin(omega * h))
         source = step.source[0] * V
@@ -72,8 +85,8 @@ class Circuits:
         padded[: len(step.edge)] = step.edge
         return np.ascontiguousarray(padded.T).ravel() if self.axes is None else padded.ravel()
 
-    def _step(self, grid: Grid, h: float, omega: float) -> PlantStep:
-        step = plant_step(self.of(grid), h, omega, edges=self.switched)
+    def _step(self, connection: Connection, h: float, omega: float) -> PlantStep:
+        step = plant_step(self.of(connection), h, omega, edges=self.switched)
         if not np.isfinite(step.edge).all():
             raise InfeasibleStudyError(
                 "the circuit is too stiff to switch: its fastest mode (R/L or R_c/L) dies out many times within a "
@@ -82,17 +95,37 @@ class Circuits:
         return step
 
 
-def circuits_of(study: Study, timeline: Timeline, circuit: CircuitOfGrid | None) -> CircuitOfGrid:
-    """The circuit on every grid of a run: the study's own, or another one, all with the same states.
+def connections(timeline: Timeline) -> list[Connection]:
+    """What a run is connected to, in order of time."""
+    instants = sorted({t_s for listed in (timeline.grids, timeline.networks) for t_s, _ in listed})
+    return list(dict.fromkeys(Connection(timeline.grid_at(t_s), timeline.network_at(t_s)) for t_s in instants))
 
-    Raises InfeasibleStudyError where their states differ in number, and where a run cannot start in a steady state
-    because the first circuit is not the study's own with equal axes.
+
+def states_of_timeline(timeline: Timeline) -> NetworkStates | None:
+    """The states of a timeline's networks. None where nothing but the grid is ever there."""
+    networks = [network for _, network in timeline.networks]
+    return None if all(network.plain for network in networks) else states_of_networks(networks)
+
+
+def circuits_of(study: Study, timeline: Timeline, circuit: CircuitOfGrid | None) -> CircuitOfConnection:
+    """The circuit on every grid and network of a run: the study's own, or another one, all with the same states.
+
+    Raises InfeasibleStudyError where their states differ in number, where a run cannot start in a steady state because
+    the first circuit is not the study's own with equal axes, and where another circuit meets a network.
     """
+    states = states_of_timeline(timeline)
+    if states is not None:
+        if circuit is not None:
+            raise InfeasibleStudyError(
+                "circuit: it says all that is between the bridge and the source, so it cannot meet a load, a fault or "
+                "an open breaker of the study. Leave circuit out, or put them into the circuit."
+            )
+        return {one: network_circuit(study.filter, *one, states) for one in connections(timeline)}.__getitem__
     if circuit is None:
-        return study.circuit
+        return lambda one: study.circuit(one.grid)
     found = {grid: circuit(grid) for _, grid in timeline.grids}
     if all(isinstance(one, FilterGrid) for one in found.values()):
-        return found.__getitem__
+        return lambda one: found[one.grid]
     full = {grid: two_axes(one) for grid, one in found.items()}
     sizes = sorted({len(one.A) for one in full.values()})
     if len(sizes) > 1:
@@ -107,7 +140,7 @@ def circuits_of(study: Study, timeline: Timeline, circuit: CircuitOfGrid | None)
             "the start: only the study's own circuit with equal axes has a steady state to start in. Let the circuit "
             'change at an event, or use start = "cold".'
         )
-    return full.__getitem__
+    return lambda one: full[one.grid]
 
 
 def states_of(circuit: FilterGrid | TwoAxisCircuit) -> int:

@@ -18,8 +18,8 @@ from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification import Probe
-from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state
-from vsgdesign.parameters.study import Grid, GridSource, Study
+from vsgdesign.operating_point.sampled import SampledState
+from vsgdesign.parameters.study import Grid, Study
 from vsgdesign.simulation.background import Background
 from vsgdesign.simulation.bodies import Bridge, Run
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits
@@ -31,6 +31,7 @@ from vsgdesign.simulation.outcome import Divergence, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
 from vsgdesign.simulation.run_log import RunLog
 from vsgdesign.simulation.sensors import SensorsOfRun, sensors_of
+from vsgdesign.simulation.starting import start_of
 from vsgdesign.simulation.stretches import Sources, on_sample
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
@@ -109,10 +110,8 @@ def simulate(
     log_every = math.gcd(kept, feed.log_samples)  # a scheduler's samples are taken from the log
     pwm = (study.simulation.bridge if bridge is None else bridge) == "pwm"
     circuits = Circuits(study, timeline, circuit, switched=pwm)
-    start = _start(study, timeline, feed.first())
-    like = start.controller
-    x = np.zeros(circuits.states)
-    x[: len(start.plant)] = start.plant
+    start = start_of(study, timeline, circuits, feed.first())
+    like, x = start.controller, start.plant
     sensors = sensors_of(study, x, timeline.source_at(0.0).omega)
     loop = _loop(study, feed, circuits, start, sensors, x)
     log = RunLog(samples, log_every, min(log_states, samples), like, sensed=sensors is not None)
@@ -263,21 +262,6 @@ def _put_changed(loop: RunLoop, put: dict[str, object], head: str, record: Power
 def _references(study: Study, timeline: Timeline, sample: int) -> References:
     P_ref, Q_ref = timeline.references_at(_time_of(sample, study.converter.T_s))
     return References(P_ref, Q_ref, study.converter.omega_n, study.converter.V_rated_rms)
-
-
-def _start(study: Study, timeline: Timeline, gains: PowerLoopGains) -> SampledState:
-    source = timeline.source_at(0.0)
-    if study.simulation.start == "cold":
-        return cold_start(study, source.phase)
-    if not source.steady:
-        raise InfeasibleStudyError("a steady-state start cannot begin inside a ramp: move the ramp after t = 0.")
-    P_ref, Q_ref = timeline.references_at(0.0)
-    grid, at_start = timeline.grid_at(0.0), GridSource(source.V_g_rms, source.omega)
-    try:
-        return steady_state(study, grid, at_start, P_ref, Q_ref, gains, source.phase)
-    except InfeasibleStudyError as error:
-        error.args = (f"the start: {error}",)
-        raise
 
 
 def _time_of(sample: int, T_s: float) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.bodies import FALLING, PEAK, RISING
-from vsgdesign.simulation.circuits import Circuits
+from vsgdesign.simulation.circuits import Circuits, Connection
 from vsgdesign.simulation.loop import PieceRows, RunLoop, carrier_part, slopes_of
 from vsgdesign.simulation.run_log import RunLog
 from vsgdesign.simulation.timeline import Timeline
@@ -58,7 +58,7 @@ class Sources:
             t_s = start + 1e-6 * T_s
             source = self._timeline.source_at(t_s)
             if source.steady:  # as most are: nothing is added to the source, and the interval is in one piece
-                pieces = [self._piece(Interval(T_s, self._timeline.grid_at(t_s), source.at(start), ()))]
+                pieces = [self._piece(Interval(T_s, self._connection(t_s), source.at(start), ()))]
                 return Stretch(first, count, pieces, None if noise is None else np.ascontiguousarray(noise))
         instants = [start, *inside]
         lengths = np.diff([*instants, end]).tolist() if inside else [T_s]
@@ -66,7 +66,7 @@ class Sources:
         for k, h in enumerate(lengths):
             t_s = instants[k] + 1e-6 * T_s if k == 0 else instants[k]
             source = self._timeline.source_at(t_s).at(instants[k])
-            found.append(Interval(float(h), self._timeline.grid_at(t_s), source, self._timeline.components_at(t_s)))
+            found.append(Interval(float(h), self._connection(t_s), source, self._timeline.components_at(t_s)))
         added = None
         if self._background.acts(found):
             added = self._background.rows(found, first, count, T_s)
@@ -77,10 +77,13 @@ class Sources:
         whole = None if not fed else np.ascontiguousarray(np.concatenate(fed, axis=1))
         return Stretch(first, count, self._intervals(found, added, first, T_s, per_carrier), whole)
 
+    def _connection(self, t_s: float) -> Connection:
+        return Connection(self._timeline.grid_at(t_s), self._timeline.network_at(t_s))
+
     def _piece(self, interval: Interval) -> PieceRows:
         source = interval.source
         omega = source.omega if source.steady else None
-        numbers = self._circuits.numbers(interval.grid, interval.h, rms_to_peak(source.V_g_rms), omega)
+        numbers = self._circuits.numbers(interval.connection, interval.h, rms_to_peak(source.V_g_rms), omega)
         return PieceRows(numbers, (math.cos(source.phase), math.sin(source.phase)))
 
     def _intervals(self, found: list[Interval], added: Array | None, first: int, T_s: float, n: int) -> list[PieceRows]:

@@ -1,0 +1,99 @@
+"""Load, fault and breaker in the EMT, against the oracle in phases a, b and c that DOP853 integrates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from tests.oracles.emt_reference import run_reference
+from tests.simulation.studies import GAINS, lc_study, lcl_study
+from tests.simulation.test_emt_against_dop853 import errors_pu, library_start
+from vsgdesign.parameters import Study
+from vsgdesign.parameters.network import PHASE_TO_PHASE, PLAIN, Fault, Load, Network
+from vsgdesign.parameters.study import Event
+from vsgdesign.simulation import GainChange, simulate
+
+CHANGES = [GainChange(0.0, GAINS)]
+TOLERANCE = 1e-8
+"""Of rated."""
+
+
+def with_networks(study: Study, *changes: tuple[float, Network]) -> Study:
+    """The study with networks from instants on, besides its own events."""
+    return replace(
+        study, events=(*study.events, *(Event(t_s=t_s, name="network", network=one) for t_s, one in changes))
+    )
+
+
+def check(study: Study, bridge: str) -> float:
+    """Largest error of all quantities at all samples, over their rated values."""
+    run = simulate(study, CHANGES, bridge=bridge, log_states=10**9)
+    assert run.divergence is None
+    reference = run_reference(study, CHANGES, bridge == "pwm", library_start(study, CHANGES))
+    errors = errors_pu(study, run, reference)
+    print(f"{bridge}: worst {max(errors.values()):.1e} pu;", {name: f"{e:.1e}" for name, e in errors.items()})
+    assert max(errors.values()) < TOLERANCE, errors
+    return max(errors.values())
+
+
+FAULTS = (
+    Fault(),
+    Fault(R=0.2),
+    Fault(at=0.3),
+    Fault(at=0.6, R=0.5),
+    Fault(kind=PHASE_TO_PHASE, phases="bc"),
+    Fault(kind=PHASE_TO_PHASE, phases="ca", at=0.4, R=0.3),
+    Fault(kind=PHASE_TO_PHASE, phases="ab", R=0.7),
+)
+
+
+@pytest.mark.parametrize("bridge", ["averaged", "pwm"])
+@pytest.mark.parametrize("fault", FAULTS, ids=str)
+@pytest.mark.parametrize("build", [lc_study, lcl_study])
+def test_a_fault_and_its_clearing(build: Callable[..., Study], fault: Fault, bridge: str) -> None:
+    study = with_networks(build("7 ms"), (1.0123e-3, Network(fault=fault)), (4e-3, PLAIN))
+    check(study, bridge)
+
+
+LOADS = (
+    Load(R_parallel=12.0),
+    Load(R_series=9.0, L_series=15e-3),
+    Load(R_parallel=20.0, L_parallel=50e-3, C_parallel=40e-6),
+    Load(R_series=30.0, C_series=200e-6),
+    Load(R_parallel=15.0, R_series=4.0, L_series=8e-3, C_series=60e-6),
+    Load(C_series=30e-6),
+)
+
+
+def bare(duration: str) -> Study:
+    """An LCL filter without a damping resistor."""
+    return lcl_study(duration, R_c='"0 ohm"')
+
+
+@pytest.mark.parametrize("load", LOADS, ids=str)
+@pytest.mark.parametrize(("build", "bridge"), [(lc_study, "averaged"), (lcl_study, "pwm"), (bare, "averaged")])
+def test_a_load_that_is_switched_on_changed_and_off(build: Callable[..., Study], load: Load, bridge: str) -> None:
+    other = replace(load, R_parallel=25.0)
+    study = with_networks(
+        build("7 ms"), (1.0123e-3, Network(load=load)), (3.3e-3, Network(load=other)), (5e-3, Network())
+    )
+    check(study, bridge)
+
+
+@pytest.mark.parametrize("load", [None, *LOADS[:3]], ids=str)
+@pytest.mark.parametrize(("build", "bridge"), [(lc_study, "pwm"), (lcl_study, "averaged"), (bare, "pwm")])
+def test_an_island_that_is_connected_again(build: Callable[..., Study], load: Load | None, bridge: str) -> None:
+    """Out of phase too: the source turns by 40° meanwhile, and its frequency ramps."""
+    study = (
+        build("8 ms", '[[events]]\ntime = "3 ms"\nphase_jump = "40 deg"\nf_g = "51 Hz"\nover = "3 ms"\n')
+        if build is not bare
+        else build("8 ms")
+    )
+    check(
+        with_networks(
+            study, (1.0123e-3, Network(load=load)), (2e-3, Network(load=load, connected=False)), (6e-3, Network())
+        ),
+        bridge,
+    )
