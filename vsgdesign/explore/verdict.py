@@ -28,6 +28,7 @@ _VERDICTS = {
     "not settled": "It does not come to rest.",
     "unstable": "The operating point after the step is unstable.",
     "no steady state": "There is no steady state after the step.",
+    "no model": "No model knows the circuit after the step.",
     "limited": "It rests at its current limit.",
     DIVERGED: "It is lost: the run diverges.",
     SLIPPED: "It is lost: the angle slips by a turn.",

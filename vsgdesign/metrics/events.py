@@ -21,9 +21,10 @@ Array = NDArray[np.float64]
 
 MEASURED, NOT_SETTLED, TOO_SHORT = "measured", "not settled", "window too short"
 UNSTABLE, NO_STEADY_STATE = "unstable", "no steady state"
-DIVERGED = "diverged"
-STATUSES = (MEASURED, NOT_SETTLED, TOO_SHORT, UNSTABLE, NO_STEADY_STATE, DIVERGED)
-"""The status of an event. The first two have results; ``not settled`` has no settling time."""
+DIVERGED, NO_MODEL = "diverged", "no model"
+STATUSES = (MEASURED, NOT_SETTLED, TOO_SHORT, UNSTABLE, NO_STEADY_STATE, DIVERGED, NO_MODEL)
+"""The status of an event. The first two have results; ``not settled`` has no settling time. ``no model`` means that it
+is not known in what state the signal settles."""
 
 _SMALLEST_STEP = 1e-3
 """A change of less than this share of the rating is not a step."""
@@ -53,6 +54,8 @@ class EndState:
     changed_s: float = 0.0
     samples_per_cycle: int | None = None
     """Period of the grid at the end; None: the nominal one."""
+    modelled: bool = True
+    """Whether a model knows the circuit. If not, nothing is known of the state, and ``obstacle`` says why."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +124,7 @@ def measure_event(
 
     status, reason, needs = MEASURED, None, None
     if end.decay is None:
-        status, reason = NO_STEADY_STATE, end.obstacle
+        status, reason = NO_STEADY_STATE if end.modelled else NO_MODEL, end.obstacle
     elif not end.decay > 0.0:
         status, reason = UNSTABLE, end.obstacle
     else:

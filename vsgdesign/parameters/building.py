@@ -159,7 +159,8 @@ def _check_survival(root: TableReader, source: GridSource, events: tuple[Event, 
     """A scenario is judged as one disturbance only where powers come to rest."""
     advice = "Leave survival out, or take that away. vsgdesign survive judges such grids."
     restless = [f"[{name}]" for name in ("background", "sensors", "replay") if root.has(name)]
-    if source.components or any(event.components for event in events):
+    held = [source.components, *(event.components for event in events if event.components is not None)]
+    if held[0] or held[-1]:  # powers must be at rest before and after the events
         restless.append("components of the source")
     for what in restless:
         root.fault("simulation.survival", "true", f"powers do not come to rest with {what}", advice)

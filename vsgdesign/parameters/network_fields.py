@@ -233,6 +233,19 @@ def sag_words(sag: Sag | str) -> str:
     return f"sag type {sag.kind} to {sag.V_pu:.3g} pu{angle}"
 
 
+def beyond_models(network: Network) -> str | None:
+    """Why the models of steady states and of small signals do not know a network; None for one that they know."""
+    if not network.connected:
+        what = "the breaker to the grid is open"
+    elif network.fault is not None:
+        what = "there is a fault"
+    elif network.load is not None:
+        what = "there is a load at the PCC"
+    else:
+        return None
+    return f"{what}, and the steady states and modes that figures need are known with nothing but the grid"
+
+
 def load_document(load: Load, *, per_unit: bool = False) -> dict[str, Any]:
     """The table of a load, as :func:`read_load` reads it. ``per_unit``: its elements are R, ωL and 1/(ωC) in pu."""
     names = ("R_pu", "X_L_pu", "X_C_pu") if per_unit else ("R", "L", "C")

@@ -2,8 +2,8 @@
 
 from vsgdesign.identification import Probe
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.following import gain_feed
 from vsgdesign.simulation.gains import GainChange, gain_changes
+from vsgdesign.simulation.late import gain_feed
 from vsgdesign.simulation.online import FixedGains, HeldBack, MeasuredWindow, OnlineScheduler, Recorder
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario

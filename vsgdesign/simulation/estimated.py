@@ -178,7 +178,7 @@ class EstimatedScheduler:
         said = np.array([row.estimate[:2] for row in self._rows], dtype=float).reshape(-1, 2)
         deviations = np.array([_deviations(row.estimate) for row in self._rows], dtype=float).reshape(-1, 2)
         # The grid that held up to the end: a change that coincides with it is seen by the next window.
-        grids = [timeline.grid_at(t - 0.5 * self.sample_interval) for t in t_s]
+        grids = [timeline.true_grid_at(t - 0.5 * self.sample_interval) for t in t_s]
         return EstimateLog(
             t_s=t_s,
             R_g=np.array([grid.R_g for grid in grids]),

@@ -267,7 +267,7 @@ def field_log(rows: list[FieldRow], timeline: Timeline, study: Study, rate: floa
     answers = FieldAnswer(*said.T)
     estimates = [estimate_of(row.answer) for row in rows]
     known = np.array([one.status != "waiting" for one in estimates], dtype=bool)
-    grids = [timeline.grid_at(t - 0.5 * T_s) for t in t_s]
+    grids = [timeline.true_grid_at(t - 0.5 * T_s) for t in t_s]
     blank = np.where(known, 1.0, np.nan)
     return EstimateLog(
         t_s=t_s,

@@ -12,11 +12,9 @@ from vsgdesign.identification import Estimator
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
 from vsgdesign.runtime.guards import LIMITED
-from vsgdesign.runtime.of_study import follows_measured, gain_law
+from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import Scheduler, scheduler_of
 from vsgdesign.runtime.updating import Covariance
-from vsgdesign.simulation.gains import GainChange, gain_changes
-from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 _ROUNDING = 2.0**-22
@@ -160,7 +158,10 @@ class ScheduledAnswers:
 
 
 class KnownGridScheduler:
-    """An online scheduler that is told the true grid at every update, as it was up to that instant."""
+    """An online scheduler that is told the true grid at every update, as it was up to that instant.
+
+    In runs whose breaker opens, :func:`vsgdesign.simulation.late.gain_feed` takes another one.
+    """
 
     powers_alone = True
 
@@ -191,16 +192,6 @@ class KnownGridScheduler:
         """Gains for the true grid: a change that coincides with the update is seen by the next one."""
         grid = self._timeline.grid_at(window.t_s - 0.5 * self._T_s)
         return self._answers.to(window, grid.R_g, grid.L_g)[0]
-
-
-def gain_feed(
-    study: Study, spec: ControllerSpec, timeline: Timeline, ready: Ready = NOTHING
-) -> tuple[GainChange, ...] | OnlineScheduler:
-    """What a run is given for a controller that knows the true grid: changes that are known beforehand, or the
-    scheduler that follows what is measured."""
-    if follows_measured(spec):
-        return KnownGridScheduler(study, spec, timeline, ready)
-    return gain_changes(study, spec, timeline)
 
 
 def _on_the_edge(runtime: Scheduler, grid: Grid) -> bool:

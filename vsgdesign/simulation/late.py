@@ -13,7 +13,9 @@ from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Grid, Place, Study
 from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.runtime.of_study import follows_measured
-from vsgdesign.simulation.following import MeasuredPowers, ScheduledAnswers
+from vsgdesign.simulation.following import KnownGridScheduler, MeasuredPowers, ScheduledAnswers
+from vsgdesign.simulation.gains import GainChange, gain_changes
+from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.stability.cells import GainLaw
 
@@ -23,6 +25,29 @@ STALE_S = SchedulerSettings.stale_ticks * SchedulerSettings.tick
 
 Told = Sequence[tuple[float, Grid | None]]
 """(s, grid) from each instant on; None where the estimator gives no answer. The first entry is a grid, at t = 0."""
+
+
+def knowledge_of(spec: ControllerSpec, timeline: Timeline) -> GridEstimate | None:
+    """How wrong and how late a controller is told its grid; None: it knows the true one at all times.
+
+    Without errors or delays of its own, a schedule still gets no answer while the breaker is open.
+    """
+    if spec.knowledge is None and spec.kind == "scheduled" and timeline.islanded:
+        return GridEstimate()
+    return spec.knowledge
+
+
+def gain_feed(
+    study: Study, spec: ControllerSpec, timeline: Timeline, ready: Ready = NOTHING
+) -> tuple[GainChange, ...] | OnlineScheduler:
+    """What a run is given for a controller without an estimator: changes of the gains that are known beforehand, or the
+    scheduler that follows what it is told and what is measured."""
+    knowledge = knowledge_of(spec, timeline)
+    if knowledge is not None:
+        return LateSchedule(study, spec, told_of(study, knowledge, timeline), ready, safe=safe_grid(study))
+    if follows_measured(spec):
+        return KnownGridScheduler(study, spec, timeline, ready)
+    return gain_changes(study, spec, timeline)
 
 
 def safe_grid(study: Study) -> Grid | None:
@@ -41,12 +66,17 @@ def told_of(study: Study, knowledge: GridEstimate, timeline: Timeline) -> Told:
     """What a controller with this knowledge is told over a run.
 
     It is silent from each event on that changes the grid or its source; the end of a ramp is none. If the next one
-    comes before an answer, the silence goes on from there.
+    comes before an answer, the silence goes on from there. While the breaker is open, there is no grid to be told. In a
+    run that begins with an open breaker, the grid behind it is the one that the converter was commissioned on.
     """
     told: list[tuple[float, Grid | None]] = [(0.0, knowledge.of(timeline.grid_at(0.0)))]
+    if not timeline.network_at(0.0).connected:
+        told.append((0.0, None))
     instants = sorted({event.t_s for event in study.events if event.of_grid and event.t_s > 0.0})
     for k, instant in enumerate(instants):
         told.append((instant, None))
+        if not timeline.network_at(instant).connected:
+            continue
         answer_s = instant + knowledge.silent_s
         if k + 1 == len(instants) or answer_s < instants[k + 1]:
             told.append((answer_s, knowledge.of(timeline.grid_at(instant))))

@@ -145,6 +145,8 @@ def outcome_of(
         place = f"P = {format_quantity(P, 'W')} and Q = {format_quantity(Q, 'var')}"
         why = last.obstacle or "A steady state without the limit exists, but this run does not return to it."
         return Outcome("limited", f"it rests at its current limit with {place}. {why[0].upper()}{why[1:]}")
+    if not last.modelled:
+        return Outcome("not known", last.obstacle)
     measured = [event for event in events if event.t_s == last.t_s]
     for statuses, status in (
         ((NO_STEADY_STATE,), "infeasible"),

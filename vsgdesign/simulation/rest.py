@@ -18,10 +18,11 @@ from vsgdesign.frames import instantaneous_power, rms_to_peak
 from vsgdesign.metrics import EndState
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
+from vsgdesign.parameters.network_fields import beyond_models
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
 from vsgdesign.runtime.of_study import follows_measured, gain_law
 from vsgdesign.simulation.gains import GainChange, gain_changes
-from vsgdesign.simulation.late import told_at, told_of
+from vsgdesign.simulation.late import knowledge_of, told_at, told_of
 from vsgdesign.simulation.online import pcc_vectors
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.stability.loci import Mode, modes
@@ -55,6 +56,8 @@ class Rest:
     """Of the source at the end, rad/s."""
     ramping: bool = False
     """Whether the source is still on a ramp at the end."""
+    modelled: bool = True
+    """Whether the full-order model knows the circuit. It has no load, no fault and no open breaker."""
 
     @property
     def stable(self) -> bool:
@@ -64,7 +67,7 @@ class Rest:
     def end_state(self, signal: str, ripples: bool, interval: float) -> EndState:
         """For the figures of ``P_pcc`` or ``Q_pcc``, logged every ``interval`` s."""
         if self.mode is None:
-            return EndState(None, None, self.obstacle, self.ramp_end_s)
+            return EndState(None, None, self.obstacle, self.ramp_end_s, modelled=self.modelled)
         final = self.P_pcc if signal == "P_pcc" else self.Q_pcc
         decay = -self.mode.s.real if self.stable else min(-self.mode.s.real, 0.0)
         cycle = max(round(2.0 * math.pi / self.omega_g / interval), 1)
@@ -115,6 +118,8 @@ def rests(study: Study, timeline: Timeline, changes: Sequence[GainChange], since
         obstacle = model.faults[k]
         if not source.steady:
             obstacle = "the source is still on its ramp when the window ends"
+        beyond = beyond_models(timeline.network_at(t_s))
+        obstacle = beyond or obstacle
         P, Q, mode = math.nan, math.nan, None
         if obstacle is None:
             P, Q = _powers_at_pcc(study, model, place[k], cells[k])
@@ -132,6 +137,7 @@ def rests(study: Study, timeline: Timeline, changes: Sequence[GainChange], since
                 ramp_end_s=ramp_end,
                 omega_g=source.omega,
                 ramping=not source.steady,
+                modelled=beyond is None,
             )
         )
     return tuple(found)
@@ -149,7 +155,7 @@ def expected_rests(
     study = study.with_limit_of(spec)
     try:
         known = replace(spec, estimate="truth", update_period=ready.update_period(spec))
-        if follows_measured(known) or known.knowledge is not None:
+        if follows_measured(known) or knowledge_of(known, timeline) is not None:
             return rests(study, timeline, _measured_changes(study, timeline, known, ready, since_s), since_s)
         return rests(study, timeline, gain_changes(study, known, timeline), since_s)
     except InfeasibleStudyError:
@@ -161,9 +167,10 @@ def expected_rests(
 def knows_its_rests(study: Study, spec: ControllerSpec, timeline: Timeline) -> bool:
     """Whether the gains at the end of each part of a scenario follow from what is told of the grid there. In a long
     silence they also depend on what came before."""
-    if spec.knowledge is None:
+    knowledge = knowledge_of(spec, timeline)
+    if knowledge is None:
         return True
-    told = told_of(study, spec.knowledge, timeline)
+    told = told_of(study, knowledge, timeline)
     ends = (*sorted({event.t_s for event in study.events if event.t_s > 0.0}), study.simulation.duration)
     return all(told_at(told, end_s - 1e-9)[1] for end_s in ends)
 
@@ -174,7 +181,8 @@ def _measured_changes(
     """The gains of the steady state after every event, where they follow the measured P, Q and V; without a steady
     state those at the references, so that :func:`rests` says what is missing."""
     law, changes = gain_law(study, spec, ready), []
-    told = None if spec.knowledge is None else told_of(study, spec.knowledge, timeline)
+    knowledge = knowledge_of(spec, timeline)
+    told = None if knowledge is None else told_of(study, knowledge, timeline)
     instants = sorted({0.0, *(event.t_s for event in study.events)})
     instants = [t_s for t_s in instants if t_s >= since_s]
     for t_s, end_s in zip(instants, [*instants[1:], study.simulation.duration], strict=True):

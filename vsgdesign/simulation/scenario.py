@@ -19,13 +19,13 @@ from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
 from vsgdesign.metrics.events import diverged_event
 from vsgdesign.metrics.survival import Survival
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
+from vsgdesign.parameters.network_fields import beyond_models
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.following import gain_feed
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.late import LateSchedule, safe_grid, told_of
+from vsgdesign.simulation.late import gain_feed
 from vsgdesign.simulation.online import OnlineScheduler, pcc_vectors
 from vsgdesign.simulation.outcome import Divergence, LimitedRest, Outcome, limited_rest, outcome_of
 from vsgdesign.simulation.rest import (
@@ -205,8 +205,6 @@ def feed_of(
 ) -> EstimatedScheduler | FieldScheduler | OnlineScheduler | tuple[GainChange, ...]:
     """The gains that a run of a controller is given, or the scheduler that is asked for them. ``study`` has the
     controller's current limit. Raises InfeasibleStudyError where there are no gains on a grid of the scenario."""
-    if spec.knowledge is not None:
-        return LateSchedule(study, spec, told_of(study, spec.knowledge, timeline), ready, safe=safe_grid(study))
     if spec.estimate == "truth":
         return gain_feed(study, spec, timeline, ready)
     kind = FieldScheduler if estimator_kind(spec.estimate).by_sample else EstimatedScheduler
@@ -247,13 +245,18 @@ def operating_points(
 
     ``may_rest``: whether a controller rests at its current limit where the grid cannot carry what is asked.
     ``rested``: instants from which on the droops lead to a rest. The row then has no point. In all other cases the
-    scenario is impossible, and InfeasibleStudyError says why.
+    scenario is impossible, and InfeasibleStudyError says why. While there is a load or a fault, or the breaker is open,
+    the row says that no model knows it.
     """
     limits = study.converter.V_limits_rms
     rows = []
     instants = {t for t, _ in timeline.grids} | {t for t, _, _ in timeline.references}
-    instants |= {source.t_s for source in timeline.sources if source.steady}
+    instants |= {source.t_s for source in timeline.sources if source.steady} | {t for t, _ in timeline.networks}
     for t_s in sorted(instants):
+        beyond = beyond_models(timeline.network_at(t_s))
+        if beyond is not None:
+            rows.append(OperatingPointRow(t_s, timeline.grid_at(t_s), None, beyond))
+            continue
         grid, source = timeline.grid_at(t_s), timeline.source_at(t_s)
         R, X = study.path_to_grid(grid, source.omega)
         P_ref, Q_ref = timeline.references_at(t_s)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -105,10 +106,10 @@ class ShippedScheduler:
 
 
 def true_grid(timeline: Timeline) -> GridEstimate:
-    """The grid as it was during the window: an estimator without error, one window late."""
+    """The grid as it was during the window: an estimator without error, one window late. Without a grid, none."""
 
-    def estimate(window: MeasuredWindow) -> tuple[float, float]:
-        grid = timeline.grid_at(window.t_s - 0.5 * window.sample_interval)
-        return grid.R_g, grid.L_g
+    def estimate(window: MeasuredWindow) -> tuple[float, float] | None:
+        grid = timeline.true_grid_at(window.t_s - 0.5 * window.sample_interval)
+        return None if math.isnan(grid.R_g) else (grid.R_g, grid.L_g)
 
     return estimate

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
@@ -85,6 +86,21 @@ class Timeline:
     def network_at(self, t_s: float) -> Network:
         """Load, fault and breaker from t_s on."""
         return _last(self.networks, t_s, lambda n: n[0])[1]
+
+    @property
+    def islanded(self) -> bool:
+        """Whether the breaker to the grid is open at any time."""
+        return not all(network.connected for _, network in self.networks)
+
+    def closings(self) -> tuple[float, ...]:
+        """Instants at which the breaker to the grid closes."""
+        pairs = itertools.pairwise(self.networks)
+        return tuple(t_s for (_, before), (t_s, after) in pairs if after.connected and not before.connected)
+
+    def true_grid_at(self, t_s: float) -> Grid:
+        """What an estimate of the grid is compared with from t_s on: NaN while the breaker is open, since no grid is
+        there."""
+        return self.grid_at(t_s) if self.network_at(t_s).connected else Grid(math.nan, math.nan)
 
     def plant_changes(self) -> tuple[float, ...]:
         """Instants at which the circuit or its source changes."""

@@ -59,6 +59,7 @@ _NO_TIME = {
     "unstable": "unstable",
     "no steady state": "no rest",
     "diverged": "diverged",
+    "no model": "no model",
 }
 """The word in place of a settling time, by the status of the event."""
 

@@ -141,11 +141,13 @@ def _draw(
 
 
 def _truth(result: ScenarioResult, edges_s: Array) -> tuple[Array, NDArray[np.complex128]]:
-    """Instants between the first and the last edge from which a grid holds, and its impedance; the end, too."""
+    """Instants between the first and the last edge from which a grid holds, and its impedance; the end, too. NaN
+    while the breaker is open."""
     omega_n = result.study.converter.omega_n
     begin, end = float(edges_s[0]), float(edges_s[-1])
-    times = [begin, *(t_s for t_s, _ in result.timeline.grids if begin < t_s < end), end]
-    grids = [result.timeline.grid_at(t_s) for t_s in times]
+    changes = {t_s for listed in (result.timeline.grids, result.timeline.networks) for t_s, _ in listed}
+    times = [begin, *(t_s for t_s in sorted(changes) if begin < t_s < end), end]
+    grids = [result.timeline.true_grid_at(t_s) for t_s in times]
     return np.array(times), np.array([complex(grid.R_g, omega_n * grid.L_g) for grid in grids])
 
 

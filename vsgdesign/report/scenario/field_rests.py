@@ -63,13 +63,14 @@ def field_answers(result: ScenarioResult, controller: ControllerResult) -> Answe
 
 
 def rests_of(result: ScenarioResult) -> tuple[Rest, ...]:
-    """From ``SETTLE_S`` after each event, or after the start, to the next event or the end."""
+    """From ``SETTLE_S`` after each event, or after the start, to the next event or the end, while the grid
+    is there."""
     duration = result.study.simulation.duration
     edges = [0.0, *sorted({event.t_s for event in result.study.events if 0.0 < event.t_s < duration}), duration]
     return tuple(
         Rest(begin + SETTLE_S, end, result.timeline.grid_at(begin + SETTLE_S))
         for begin, end in itertools.pairwise(edges)
-        if end - begin >= SETTLE_S + LEAST_S
+        if end - begin >= SETTLE_S + LEAST_S and result.timeline.network_at(begin).connected
     )
 
 

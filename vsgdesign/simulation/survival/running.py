@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.equations.grid import grid_behind_load
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, SimulationDivergedError
 from vsgdesign.identification import estimator_kind
@@ -18,6 +19,7 @@ from vsgdesign.metrics.survival import (
     DIVERGED,
     GRACE_S,
     NO_REST,
+    NOT_KNOWN,
     OVER_LIMIT,
     ExpectedRest,
     Survival,
@@ -26,12 +28,14 @@ from vsgdesign.metrics.survival import (
     judge_survival,
 )
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
+from vsgdesign.parameters.network import Load
+from vsgdesign.parameters.network_fields import beyond_models
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange, gain_changes
-from vsgdesign.simulation.late import LateSchedule, safe_grid, told_at, told_of
+from vsgdesign.simulation.late import LateSchedule, knowledge_of, safe_grid, told_at, told_of
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.cases import GridKnowledge, SurvivalCase
 from vsgdesign.simulation.survival.field import at_asked_powers, field_demand, late_grid
@@ -206,7 +210,8 @@ def judge_scenario(
     end_s, limit_pu = study.simulation.duration, c.current_limit_pu
     instants = sorted({event.t_s for event in study.events if event.t_s > 0.0})
     cleared_s = max(event.t_s + event.over for event in study.events)
-    told = None if spec.knowledge is None else told_of(study, spec.knowledge, timeline)
+    knowledge = knowledge_of(spec, timeline)
+    told = None if knowledge is None else told_of(study, knowledge, timeline)
     subject = Subject(study=study, spec=spec, ready=ready, limit_pu=math.inf if limit_pu is None else limit_pu)
     demand = SurvivalDemand(
         S_rated=c.S_rated,
@@ -215,10 +220,13 @@ def judge_scenario(
         i_max_pu=limit_pu,
     )
     rests, before = [], None
-    for t_s in (0.0, end_s):
-        source, grid = timeline.source_at(t_s), timeline.grid_at(t_s)
+    for t_s, where in ((0.0, "before the events"), (end_s, "after the events")):
+        source, grid, network = timeline.source_at(t_s), timeline.grid_at(t_s), timeline.network_at(t_s)
+        if network.fault is not None or not network.connected:
+            return Survival(status=NOT_KNOWN, reason=f"{where}: {beyond_models(network)}")
         known = grid if told is None else told_at(told, t_s)[0]
-        asked = known, grid, GridSource(source.V_g_rms, source.omega), timeline.references_at(t_s)
+        at = GridSource(source.V_g_rms, source.omega)
+        asked = known, grid, at, timeline.references_at(t_s), network.load
         rests.append(rests[0] if asked == before else rest_on(subject, study, *asked))
         before = asked
     for rest, where in zip(rests, ("before the events", "after the events"), strict=True):
@@ -250,10 +258,24 @@ def _known(subject: Subject, told: tuple[tuple[float, Grid | None], ...], t_s: f
 
 
 def rest_on(
-    subject: Subject, study: Study, known: Grid, grid: Grid, source: GridSource, refs: tuple[float, float]
+    subject: Subject,
+    study: Study,
+    known: Grid,
+    grid: Grid,
+    source: GridSource,
+    refs: tuple[float, float],
+    load: Load | None = None,
 ) -> ExpectedRest:
-    """The steady state on a grid and a source, with the gains for the grid that is ``known``."""
-    c = study.converter
+    """The steady state on a grid and a source, with a load at the PCC and the gains for the grid that is ``known``."""
+    c, turned = study.converter, 0.0
+    if load is not None:
+        Y, omega = load.admittance(source.omega_g), source.omega_g
+        R, X, cosine, sine = grid_behind_load(grid.R_g, omega * grid.L_g, Y.real, Y.imag)
+        if not (R >= 0.0 and X > 0.0):
+            return ExpectedRest.none("grid and load together are no resistance with an inductance at this frequency")
+        turned = math.atan2(sine, cosine)
+        grid = Grid(R, X / omega)
+        source = replace(source, V_g_rms=source.V_g_rms * math.hypot(cosine, sine))
     law = gain_law(study, subject.spec, subject.ready)
     free = replace(study, converter=replace(c, current_limit_pu=None))
 
@@ -275,7 +297,7 @@ def rest_on(
     return ExpectedRest(
         P=state.controller.P_f,
         Q=state.controller.Q_f,
-        delta=state.controller.theta,
+        delta=state.controller.theta + turned,
         i_s_pu=float(np.hypot(*state.plant[:2])) / c.I_rated_pk,
     )
 
