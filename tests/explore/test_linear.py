@@ -15,7 +15,7 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.explore.answer import Answer, as_bytes
 from vsgdesign.explore.fields import changed_study
-from vsgdesign.explore.linear import linear_answer
+from vsgdesign.explore.linear import linear_answer, modes_answer
 from vsgdesign.explore.state import OWN, State, state_of
 from vsgdesign.metrics.step_response import step_response
 from vsgdesign.parameters import load_study
@@ -57,7 +57,7 @@ def drawn(rng: np.random.Generator) -> dict[str, Any]:
 def answered(study: Study, document: dict[str, Any]) -> tuple[Study, State, Answer]:
     state = state_of(document, study)
     study = changed_study(study, state.changes)
-    return study, state, linear_answer(study, NOTHING, state)
+    return study, state, linear_answer(study, NOTHING, state, details=True)
 
 
 @pytest.mark.parametrize("name", ["structures", "utility"])
@@ -121,6 +121,18 @@ def test_values_are_those_of_the_functions(name: str) -> None:
             assert row["settling_s"] == pytest.approx(response.settling_time_s, rel=2e-3, abs=1e-3)
             assert row["overshoot"] == pytest.approx(0.01 * (response.overshoot_pct or 0.0), abs=2e-4)
     assert seen > STATES // 2
+
+
+def test_modes_are_the_same_with_and_without_what_moves_them() -> None:
+    study, state, answer = answered(load_study("studies/structures/study.toml"), {"scr": 3.0, "x_over_r": 1.0})
+    whole = [row["modes"] for row in answer.header["controllers"]]
+    assert [row["modes"] for row in modes_answer(study, NOTHING, state).header["controllers"]] == whole
+    quick = linear_answer(study, NOTHING, state)
+    more = ("participation", "moved_by")
+    for row, modes_of_one in zip(quick.header["controllers"], whole, strict=True):
+        assert row["modes"] == [{key: mode[key] for key in mode if key not in more} for mode in modes_of_one]
+        assert all(mode[key] for mode in modes_of_one for key in more)
+    assert quick.arrays.keys() == answer.arrays.keys()
 
 
 def test_steps_begin_at_the_operating_point_and_end_there_plus_the_step() -> None:

@@ -108,6 +108,31 @@ def test_answers_wait_for_a_warm_up_that_ends_soon(session: Session) -> None:
     assert time.monotonic() - begin > 0.04
 
 
+def test_a_process_of_its_own_gives_the_same_emt(session: Session) -> None:
+    """Also with a changed study and with words in place of curves; and without the process, once it is lost."""
+    apart = Session(session.study, session.ready)
+    apart.warm_up(apart=True)
+    states: list[dict[str, Any]] = [
+        {"scr": 3.0, "event": {"kind": "sag", "size": 0.4}},
+        {"changes": {"power_loops.tau_P": "9 ms"}, "controllers": ["published"]},
+        {"scr": 0.6, "P_pu": 1.9},
+    ]
+    try:
+        for lost in (False, True):
+            for document in states:
+                here, there = session.answer("emt", document), apart.answer("emt", document)
+                assert here is not None
+                assert there is not None
+                assert there.header == here.header
+                assert there.arrays.keys() == here.arrays.keys()
+                assert all(np.array_equal(there.arrays[name], values) for name, values in here.arrays.items())
+            assert lost or (apart._apart is not None and apart._apart.alive)
+            apart.close()
+        assert apart.answer("emt", {}, lambda: True) is None
+    finally:
+        apart.close()
+
+
 def test_the_study_in_json(session: Session) -> None:
     info = json.loads(json.dumps(json_value(session.info()), allow_nan=False))
     study = session.study

@@ -85,8 +85,8 @@ def test_its_answers_are_those_of_the_session(page: Path, session: Session) -> N
             "controllers": ["decoupled"],
             "hold": hold,
         }
-        answer = session.answer("linear", document)
-        assert answer is not None
+        state = session.state(document)
+        answer = session.linear(session.study_of(state), state, details=True)
         header, arrays = _unpacked(base64.b64decode(kept["answers"][f"linear:0,1{mark}"]))
         assert header["controllers"] == json.loads(json.dumps(answer.header["controllers"]))
         whole = answer.arrays["0/step_full"]

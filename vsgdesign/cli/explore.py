@@ -167,7 +167,7 @@ def _explored(opening: Opening, session: Session) -> None:
     """Serve the session until Ctrl-C, which is the way to end it from the moment in which it is open."""
     try:
         opening.open(session)
-        threading.Thread(target=session.warm_up, name="warm-up", daemon=True).start()
+        threading.Thread(target=session.warm_up, kwargs={"apart": True}, name="warm-up", daemon=True).start()
         click.echo("Ctrl-C ends the explorer.", err=True)
         threading.Event().wait()
     except KeyboardInterrupt:

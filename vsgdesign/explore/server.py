@@ -32,7 +32,7 @@ TYPES = {
     ".txt": "text/plain; charset=utf-8",
     "": "text/plain; charset=utf-8",
 }
-KINDS = ("linear", "emt", "map")
+KINDS = ("linear", "modes", "emt", "map")
 POSTED = (*KINDS, "save")
 NOTHING_HERE = RefusedError(404, "There is nothing here.")
 ALWAYS = {

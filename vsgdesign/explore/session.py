@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import StudyError
@@ -15,6 +15,12 @@ from vsgdesign.explore.answer import Answer
 from vsgdesign.explore.colours import OWN_COLOUR, colour_of
 from vsgdesign.explore.state import State, StateError, defaults, faults_of, state_of
 from vsgdesign.parameters.study import Study
+
+if TYPE_CHECKING:
+    from vsgdesign.artifacts.gain_table import GainTable
+    from vsgdesign.artifacts.network_weights import NetworkWeights
+    from vsgdesign.equations.structures import Structure
+    from vsgdesign.execution.answering import AnsweringProcess
 
 KEPT = 16
 """Changed studies that are kept: one drags the grid much more often than one changes the study."""
@@ -56,6 +62,7 @@ class Session:
         self._warm.set()
         self._colours = {spec.name: colour_of(k) for k, spec in enumerate(study.controllers)}
         self._info: dict[str, Any] | None = None
+        self._apart: AnsweringProcess | None = None
         self.start = self.state(start or {})
 
     def info(self) -> dict[str, Any]:
@@ -98,21 +105,27 @@ class Session:
         return self._with_changes(dict(state.changes))
 
     def answer(self, kind: str, document: Any, stale: Callable[[], bool] = never) -> Answer | None:
-        """The answer of a kind, ``linear``, ``emt`` or ``map``, to a state of the page as the page sends it.
+        """The answer of a kind, ``linear``, ``modes``, ``emt`` or ``map``, to a state of the page as the page sends it.
 
         None: a newer request made this one ``stale`` meanwhile. Raises StateError with every fault of the state.
         """
         state = self.state(document)
         study = self.study_of(state)
-        if kind == "linear":
-            return self.linear(study, state)
+        if kind in ("linear", "modes"):
+            return self.linear(study, state) if kind == "linear" else self.modes(study, state)
         return self.map(study, state) if kind == "map" else self.emt(study, state, stale)
 
-    def linear(self, study: Study, state: State) -> Answer:
+    def linear(self, study: Study, state: State, *, details: bool = False) -> Answer:
         """Modes, margins, Bode and linear steps (:func:`vsgdesign.explore.linear.linear_answer`)."""
         from vsgdesign.explore.linear import linear_answer
 
-        return self._coloured(linear_answer(study, self.ready, state))
+        return self._coloured(linear_answer(study, self.ready, state, details=details))
+
+    def modes(self, study: Study, state: State) -> Answer:
+        """What takes part in each mode and what moves it (:func:`vsgdesign.explore.linear.modes_answer`)."""
+        from vsgdesign.explore.linear import modes_answer
+
+        return self._coloured(modes_answer(study, self.ready, state))
 
     def map(self, study: Study, state: State) -> Answer:
         """One figure over the grids (:func:`vsgdesign.explore.maps.map_answer`)."""
@@ -128,22 +141,34 @@ class Session:
         """
         if not self._warm.wait(PATIENCE_S):
             return Answer({"controllers": [], "words": COMPILING, "again": True})
-        from vsgdesign.explore.live import emt_answer
+        return self._emt(study, state, stale)
 
-        found = emt_answer(study, self.ready, state, stale)
-        return None if found is None else self._coloured(found)
+    def warm_up(self, *, apart: bool = False) -> None:
+        """Load and compile what EMT and maps need, with the state with which the page begins.
 
-    def warm_up(self) -> None:
-        """Load and compile what EMT and maps need, with the state with which the page begins."""
-        from vsgdesign.explore.live import emt_answer
+        With ``apart``, EMT is computed in a process of its own from then on, at the same time as the linear answer:
+        two threads of one process take turns. It ends with this process. Should it be lost, EMT is computed here.
+        """
         from vsgdesign.explore.maps import map_answer
 
         self._warm.clear()
         try:
-            emt_answer(self.study_of(self.start), self.ready, self.start)
+            if apart:
+                from vsgdesign.equations.structures import STRUCTURES
+                from vsgdesign.execution.answering import AnsweringProcess
+
+                self._apart = AnsweringProcess(
+                    _emt_of, self.study, dict(self.ready.tables), self.ready.network, STRUCTURES.added
+                )
+            self._emt(self.study_of(self.start), self.start, never)
         finally:
             self._warm.set()
         map_answer(self.study_of(self.start), self.ready, self.start)
+
+    def close(self) -> None:
+        """Ends the process in which EMT is computed, if there is one."""
+        if self._apart is not None:
+            self._apart.close()
 
     def save(self, document: Any) -> dict[str, str]:
         """A name and the text of a study file for a state of the page, and words on what the file does not say.
@@ -158,6 +183,16 @@ class Session:
         except StudyError as error:
             raise StateError(faults_of(error)) from error
         return {"name": f"{self.study.name}-explored.toml", "toml": text, "words": " ".join(notes)}
+
+    def _emt(self, study: Study, state: State, stale: Callable[[], bool]) -> Answer | None:
+        if self._apart is not None and self._apart.alive and not stale():
+            apart: Answer | None = self._apart.ask(state)
+            if apart is not None:
+                return apart
+        from vsgdesign.explore.live import emt_answer
+
+        found = emt_answer(study, self.ready, state, stale)
+        return None if found is None else self._coloured(found)
 
     def _with_changes(self, changes: dict[str, Any]) -> Study:
         from vsgdesign.explore.fields import changed_study
@@ -179,6 +214,26 @@ class Session:
     def _coloured(self, answer: Answer) -> Answer:
         rows = [row | {"colour": self._colours.get(row["name"], OWN_COLOUR)} for row in answer.header["controllers"]]
         return Answer({**answer.header, "controllers": rows}, answer.arrays)
+
+
+def _emt_of(
+    study: Study,
+    tables: Mapping[str, GainTable],
+    network: NetworkWeights | None,
+    structures: Sequence[Structure],
+) -> Callable[[State], Answer | None]:
+    """EMT answers to states that were read before, for a process of its own. It has to be told of the structures that
+    were registered here."""
+    from vsgdesign.equations.structures import STRUCTURES
+
+    for structure in structures:
+        STRUCTURES.register(structure)
+    session = Session(study, Ready(tables=tables, network=network))
+
+    def answer(state: State) -> Answer | None:
+        return session.emt(session.study_of(state), state)
+
+    return answer
 
 
 def start_of(text: str, study: Study) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import re
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -140,12 +141,8 @@ def _nearest(values: list[float], value: float) -> int:
 
 def _counts(session: Session, lattices: Lattices) -> tuple[int, int]:
     """The finest lattice whose file stays below the limit, with a fifth in reserve, by the size of one grid."""
-    study = session.study_of(session.start)
-    one = sum(
-        len(packed(answer))
-        for ask in (session.linear, session.emt)
-        if (answer := ask(study, session.start)) is not None
-    )
+    study, linear = session.study_of(session.start), partial(session.linear, details=True)
+    one = sum(len(packed(answer)) for ask in (linear, session.emt) if (answer := ask(study, session.start)) is not None)
     maps = 2 * len(session.info()["figures"]) * len(packed(session.map(study, session.start)))
     room = 0.8 * 0.75 * LIMIT_BYTES - maps  # in base 64, three bytes become four
     return next((counts for counts in lattices if 2 * counts[0] * counts[1] * one < room), lattices[-1])
@@ -157,6 +154,7 @@ _Ask = Callable[[Any, State], Answer | None]
 def _questions(
     session: Session, start: State, hold: PlaceOfState, scr: list[float], x_over_r: list[float]
 ) -> Iterator[tuple[str, State, _Ask]]:
+    linear = partial(session.linear, details=True)
     fixed = all(spec.kind == "fixed" for spec in session.study.controllers if spec.name in start.controllers)
     for held, mark in ((None, ""),) if fixed else ((None, ""), (hold, ",h")):
         for figure in session.info()["figures"]:
@@ -164,7 +162,7 @@ def _questions(
         for i, s in enumerate(scr):
             for j, x in enumerate(x_over_r):
                 state = replace(start, scr=s, x_over_r=x, hold=held)
-                yield f"linear:{i},{j}{mark}", state, session.linear
+                yield f"linear:{i},{j}{mark}", state, linear
                 yield f"emt:{i},{j}{mark}", state, session.emt
 
 

@@ -7,9 +7,10 @@ cell has its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,15 +88,12 @@ def largest_singular_value(S: Complex) -> Array:
 
 def disk_margin(S_grid: Complex, omega: Array, at: SensitivityAt) -> PeakTable:
     """Smallest disk margin over frequency of N cells, from S on a grid (N, F, 2, 2), then refined."""
-    values = disk_margin_per_frequency(S_grid)
-    lowest, where = _highest(-values, _per_cell(omega, values), lambda c, w: -disk_margin_per_frequency(at(c, w)))
-    return PeakTable(-lowest, where)
+    return refined([disk_margin_steps(S_grid, omega, at)])[0]
 
 
 def peak_sensitivity(S_grid: Complex, omega: Array, at: SensitivityAt) -> PeakTable:
     """M_s = max σ_max(S) over frequency of N cells."""
-    values = largest_singular_value(S_grid)
-    return PeakTable(*_highest(values, _per_cell(omega, values), lambda c, w: largest_singular_value(at(c, w))))
+    return refined([peak_sensitivity_steps(S_grid, omega, at)])[0]
 
 
 def loop_margins(S_grid: Complex, omega: Array, at: SensitivityAt, loop: int) -> LoopMarginTable:
@@ -104,24 +102,150 @@ def loop_margins(S_grid: Complex, omega: Array, at: SensitivityAt, loop: int) ->
     The loop is L = 1/S_ii − 1. Crossings are bracketed on the grid and then bisected. If the loop only comes close to
     a crossing on the grid, a pair of crossings is searched between the points.
     """
+    return refined([loop_margins_steps(S_grid, omega, at, loop)])[0]
 
-    def gain(cells: NDArray[np.intp], w: Array) -> Complex:
-        return 1.0 / at(cells, w)[:, loop, loop] - 1.0
+
+def disk_margin_steps(S_grid: Complex, omega: Array, at: SensitivityAt) -> Steps:
+    """:func:`disk_margin` for :func:`refined`."""
+    values = -disk_margin_per_frequency(S_grid)
+    grid = _per_cell(omega, values)
+    highest, where = yield from _highest(values, grid, at, lambda S, _: -disk_margin_per_frequency(S))
+    return PeakTable(-highest, where)
+
+
+def peak_sensitivity_steps(S_grid: Complex, omega: Array, at: SensitivityAt) -> Steps:
+    """:func:`peak_sensitivity` for :func:`refined`."""
+    values = largest_singular_value(S_grid)
+    grid = _per_cell(omega, values)
+    return PeakTable(*(yield from _highest(values, grid, at, lambda S, _: largest_singular_value(S))))
+
+
+def loop_margins_steps(S_grid: Complex, omega: Array, at: SensitivityAt, loop: int) -> Steps:
+    """:func:`loop_margins` for :func:`refined`."""
+
+    def gain(S: Complex) -> Complex:
+        return 1.0 / S[:, loop, loop] - 1.0
 
     L = 1.0 / S_grid[:, :, loop, loop] - 1.0
     count, omega = L.shape[0], _per_cell(omega, L)
-    cells, w = _crossings(np.log(np.abs(L)), omega, lambda c, x: np.log(np.abs(gain(c, x))))
-    phase = np.angle(-gain(cells, w))  # distance to −1 along the unit circle
+    of_one = _crossings(np.log(np.abs(L)), omega, at, lambda S: np.log(np.abs(gain(S))))
+    of_axis = _crossings(L.imag, omega, at, lambda S: gain(S).imag)
+    (cells, w), (on_axis, w_axis) = yield from _together([of_one, of_axis])
+    phase = np.angle(-gain(at(cells, w)))  # distance to −1 along the unit circle
     PM, PM_at = _least_per_cell(np.abs(np.degrees(phase)), w, cells, count)
     delay = np.mod(phase, 2.0 * np.pi) / w
     DM, DM_at = _least_per_cell(delay, w, cells, count)
 
-    cells, w = _crossings(L.imag, omega, lambda c, x: gain(c, x).imag)
-    value = gain(cells, w).real
+    value = gain(at(on_axis, w_axis)).real
     on_negative = value < 0.0
-    cells, w, value = cells[on_negative], w[on_negative], value[on_negative]
+    cells, w, value = on_axis[on_negative], w_axis[on_negative], value[on_negative]
     GM, GM_at = _least_per_cell(np.abs(20.0 * np.log10(-value)), w, cells, count)
     return LoopMarginTable(GM, GM_at, PM, PM_at, DM, DM_at)
+
+
+class _Curves(NamedTuple):
+    """A real function of frequency for each of k intervals: ``of(S, k)`` of S in the cell of interval k."""
+
+    at: SensitivityAt
+    cells: NDArray[np.intp]
+    of: Callable[[Complex, NDArray[np.intp]], Array]
+
+
+class _Peaks(NamedTuple):
+    """A question for the maximum of each curve between low and high (ln ω), with the values ``known`` at low, inside
+    and high. The answer is (values, ln ω)."""
+
+    curves: _Curves
+    low: Array
+    inside: Array
+    high: Array
+    known: tuple[Array, Array, Array]
+
+
+class _Zeros(NamedTuple):
+    """A question for the change of sign of each curve between low and high (ln ω). The answer is ln ω."""
+
+    curves: _Curves
+    low: Array
+    high: Array
+
+
+Steps = Generator[list[_Peaks | _Zeros], list[Any], Any]
+"""Margins that are being computed: a generator that asks for maxima and zeros, and returns a table."""
+
+
+def refined(margins: Sequence[Steps]) -> list[Any]:
+    """The tables of several margins. What they ask for at the same time is searched together, because a search takes
+    as long for many intervals as for one. The results do not depend on which margins are computed together."""
+    steps, answers = _together(margins), None
+    while True:
+        try:
+            asked = steps.send(answers)  # type: ignore[arg-type]
+        except StopIteration as end:
+            return end.value
+        answers = [None] * len(asked)
+        for kind in (_Peaks, _Zeros):
+            places = [k for k, one in enumerate(asked) if isinstance(one, kind)]
+            for k, answer in zip(places, _searched([asked[k] for k in places]) if places else (), strict=True):
+                answers[k] = answer
+
+
+def _together(several: Sequence[Steps]) -> Steps:
+    """Several steps side by side: the list of what they return."""
+    found: list[Any] = [None] * len(several)
+    asked: dict[int, list[_Peaks | _Zeros]] = {}
+
+    def go_on(k: int, answers: list[Any] | None) -> None:
+        try:
+            asked[k] = several[k].send(answers)  # type: ignore[arg-type]
+        except StopIteration as end:
+            found[k] = end.value
+
+    for k in range(len(several)):
+        go_on(k, None)
+    while asked:
+        now = asked.copy()
+        asked.clear()
+        answers = iter((yield [one for questions in now.values() for one in questions]))
+        for k, questions in now.items():
+            go_on(k, [next(answers) for _ in questions])
+    return found
+
+
+def _searched(asked: Sequence[Any]) -> list[Any]:
+    """The answers to questions of one kind."""
+    function = _of_all([one.curves for one in asked])
+    cuts = np.cumsum([len(one.low) for one in asked])[:-1]
+    low, high = (np.concatenate([getattr(one, name) for one in asked]) for name in ("low", "high"))
+    if isinstance(asked[0], _Zeros):
+        return np.split(_roots(low, high, function), cuts)
+    inside = np.concatenate([one.inside for one in asked])
+    f_low, f_inside, f_high = (np.concatenate(values) for values in zip(*(one.known for one in asked), strict=True))
+    best, at = _maxima(low, inside, high, (f_low, f_inside, f_high), function)
+    return list(zip(np.split(best, cuts), np.split(at, cuts), strict=True))
+
+
+def _of_all(curves: Sequence[_Curves]) -> Callable[[NDArray[np.intp], Array], Array]:
+    """The curves one after another as one function of the interval's number (ascending) and ln ω. S is evaluated once
+    for all neighbours of the same loop."""
+    starts = np.cumsum([0, *(len(one.cells) for one in curves)])
+    cells = np.concatenate([one.cells for one in curves])
+    loops = [(at, list(group)) for at, group in itertools.groupby(range(len(curves)), lambda k: curves[k].at)]
+
+    def function(k: NDArray[np.intp], x: Array) -> Array:
+        ends, omega, values = np.searchsorted(k, starts).tolist(), np.exp(x), np.empty(len(k))
+        for at, group in loops:
+            first, last = ends[group[0]], ends[group[-1] + 1]
+            if first == last:
+                continue
+            S = at(cells[k[first:last]], omega[first:last])
+            for j in group:
+                begin, end = ends[j], ends[j + 1]
+                if begin < end:
+                    values[begin:end] = curves[j].of(S[begin - first : end - first], k[begin:end] - starts[j])
+        return values
+
+    return function
 
 
 def _square(x: Complex) -> Array:
@@ -132,7 +256,7 @@ def _per_cell(omega: Array, values: NDArray[Any]) -> Array:
     return np.broadcast_to(omega, values.shape)
 
 
-def _crossings(values: NDArray[Any], omega: Array, function: Callable) -> tuple[NDArray[np.intp], Array]:
+def _crossings(values: NDArray[Any], omega: Array, at: SensitivityAt, of: Callable[[Complex], NDArray[Any]]) -> Steps:
     """Every sign change of (N, F) values along the grids, refined by bisection: cells and frequencies."""
     negative, log_omega = np.signbit(values), np.log(omega)
     fine = np.isfinite(values)
@@ -148,14 +272,13 @@ def _crossings(values: NDArray[Any], omega: Array, function: Callable) -> tuple[
     left, right = log_omega[turned, k], log_omega[turned, k + 2]
     k += 1
     known = -sign * values[turned, k - 1], -sign * values[turned, k], -sign * values[turned, k + 1]
-    nearest, x = _maxima(
-        left, log_omega[turned, k], right, known, lambda k, x: -sign[k] * function(turned[k], np.exp(x))
-    )
+    close = _Curves(at, turned, lambda S, k: -sign[k] * of(S))
+    [(nearest, x)] = yield [_Peaks(close, left, log_omega[turned, k], right, known)]
     beyond = nearest > 0.0
     cells = np.concatenate([cells, turned[beyond], turned[beyond]])
     low, high = np.concatenate([low, left[beyond], x[beyond]]), np.concatenate([high, x[beyond], right[beyond]])
-
-    return cells, np.exp(_roots(low, high, lambda k, x: function(cells[k], np.exp(x))))
+    [zeros] = yield [_Zeros(_Curves(at, cells, lambda S, _: of(S)), low, high)]
+    return cells, np.exp(zeros)
 
 
 def _least_per_cell(value: Array, omega: Array, cells: NDArray[np.intp], count: int) -> tuple[Array, Array]:
@@ -167,7 +290,7 @@ def _least_per_cell(value: Array, omega: Array, cells: NDArray[np.intp], count: 
     return least, where
 
 
-def _highest(values: Array, omega: Array, function: Callable) -> tuple[Array, Array]:
+def _highest(values: Array, omega: Array, at: SensitivityAt, of: Callable[[Complex, NDArray[np.intp]], Array]) -> Steps:
     """Largest of (N, F) values for each cell and its frequency; the highest local maxima are refined between their
     neighbours.
     """
@@ -183,16 +306,12 @@ def _highest(values: Array, omega: Array, function: Callable) -> tuple[Array, Ar
     at_peak = np.flatnonzero((local[cells, chosen] > -np.inf) & may_be_highest)
     cells, chosen, own = cells[at_peak], chosen[at_peak], own[at_peak]
     left, right, log_omega = left[at_peak], right[at_peak], np.log(omega)
-    best, at = _maxima(
-        log_omega[cells, left],
-        log_omega[cells, chosen],
-        log_omega[cells, right],
-        (values[cells, left], own, values[cells, right]),
-        lambda k, x: function(cells[k], np.exp(x)),
-    )
+    ends = log_omega[cells, left], log_omega[cells, chosen], log_omega[cells, right]
+    known = values[cells, left], own, values[cells, right]
+    [(best, x)] = yield [_Peaks(_Curves(at, cells, of), *ends, known)]
     # The grid's own point may be the highest: at its edge, or exactly on the peak.
-    at = np.where(own > best, omega[cells, chosen], np.exp(at))
-    least, where = _least_per_cell(-np.maximum(best, own), at, cells, count)
+    peak = np.where(own > best, omega[cells, chosen], np.exp(x))
+    least, where = _least_per_cell(-np.maximum(best, own), peak, cells, count)
     return -least, where
 
 
@@ -256,23 +375,23 @@ def _roots(low: Array, high: Array, function: Callable) -> Array:
     b, a = low.copy(), high.copy()
     f_b, f_a = function(every, b), function(every, a)
     share = np.full(len(low), 0.5)
-    for _ in range(_MOST_ROUNDS):
-        width, nearest = np.abs(b - a), np.where(np.abs(f_a) < np.abs(f_b), f_a, f_b)
-        least = _ROUNDING * (1.0 + np.maximum(np.abs(a), np.abs(b)))
-        k = np.flatnonzero((width > 2.0 * least) & (nearest != 0.0))
-        if k.size == 0:
-            break
-        limit = least[k] / width[k]
-        tried = a[k] + np.clip(share[k], limit, 1.0 - limit) * (b[k] - a[k])
-        f_tried = function(k, tried)
-        same = np.signbit(f_tried) == np.signbit(f_a[k])
-        c, f_c = np.where(same, a[k], b[k]), np.where(same, f_a[k], f_b[k])
-        b[k], f_b[k] = np.where(same, b[k], a[k]), np.where(same, f_b[k], f_a[k])
-        a[k], f_a[k] = tried, f_tried
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        for _ in range(_MOST_ROUNDS):
+            width, nearest = np.abs(b - a), np.where(np.abs(f_a) < np.abs(f_b), f_a, f_b)
+            least = _ROUNDING * (1.0 + np.maximum(np.abs(a), np.abs(b)))
+            k = np.flatnonzero((width > 2.0 * least) & (nearest != 0.0))
+            if k.size == 0:
+                break
+            limit = least[k] / width[k]
+            tried = a[k] + np.clip(share[k], limit, 1.0 - limit) * (b[k] - a[k])
+            f_tried = function(k, tried)
+            same = np.signbit(f_tried) == np.signbit(f_a[k])
+            c, f_c = np.where(same, a[k], b[k]), np.where(same, f_a[k], f_b[k])
+            b[k], f_b[k] = np.where(same, b[k], a[k]), np.where(same, f_b[k], f_a[k])
+            a[k], f_a[k] = tried, f_tried
             xi, phi = (a[k] - b[k]) / (c - b[k]), (f_a[k] - f_b[k]) / (f_c - f_b[k])
             safe = (phi * phi < xi) & ((1.0 - phi) ** 2 < 1.0 - xi)
             inverse = f_a[k] / (f_b[k] - f_a[k]) * f_c / (f_b[k] - f_c)
             inverse += (c - a[k]) / (b[k] - a[k]) * f_a[k] / (f_c - f_a[k]) * f_b[k] / (f_c - f_b[k])
-        share[k] = np.where(safe & np.isfinite(inverse), inverse, 0.5)
+            share[k] = np.where(safe & np.isfinite(inverse), inverse, 0.5)
     return np.where(np.abs(f_a) < np.abs(f_b), a, b)

@@ -14,9 +14,11 @@ from vsgdesign.metrics.margins import (
     LoopMarginTable,
     PeakTable,
     SensitivityAt,
-    disk_margin,
-    loop_margins,
-    peak_sensitivity,
+    Steps,
+    disk_margin_steps,
+    loop_margins_steps,
+    peak_sensitivity_steps,
+    refined,
 )
 from vsgdesign.metrics.modes import damping_ratio, to_continuous
 from vsgdesign.model.coupled import CoupledModel
@@ -27,12 +29,12 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 DEFAULT_POINTS = 500
-MARGINS: dict[str, Callable[[Complex, Array, SensitivityAt], Any]] = {
-    "disk_output": disk_margin,
-    "disk_input": disk_margin,
-    "M_s": peak_sensitivity,
-    "loop_P": partial(loop_margins, loop=0),
-    "loop_Q": partial(loop_margins, loop=1),
+MARGINS: dict[str, Callable[[Complex, Array, SensitivityAt], Steps]] = {
+    "disk_output": disk_margin_steps,
+    "disk_input": disk_margin_steps,
+    "M_s": peak_sensitivity_steps,
+    "loop_P": partial(loop_margins_steps, loop=0),
+    "loop_Q": partial(loop_margins_steps, loop=1),
 }
 """Functions for the margins by the name of their column in :class:`MarginTable`. All but ``disk_input`` are those of
 the loop that is broken at the plant's output."""
@@ -104,7 +106,7 @@ def margins_named(
     stable = eigenvalues.real.max(axis=1) < 0.0
     grid = omega if omega is not None else frequency_grid(model.T_s if sampled else None)
     extra = _around_modes(eigenvalues, grid)
-    found: dict[str, Any] = {}
+    steps: dict[str, Steps] = {}
     for broken_at in BREAKS:
         wanted = [name for name in names if (name == "disk_input") == (broken_at == "input")]
         if not wanted:
@@ -112,8 +114,9 @@ def margins_named(
         loop = FullOrderLoop(model, broken_at) if sampled else ReducedLoop(model, broken_at)
         S, merged = _on_both(loop, grid, extra)
         for name in wanted:
-            found[name] = _only(MARGINS[name](S, merged, loop.at), stable)
-    return found
+            steps[name] = MARGINS[name](S, merged, loop.at)
+    tables = dict(zip(steps, refined(list(steps.values())), strict=True))
+    return {name: _only(table, stable) for name, table in tables.items()}
 
 
 def _table(eigenvalues: Complex, margins: dict[str, Any]) -> MarginTable:

@@ -20,7 +20,7 @@ from vsgdesign.parameters import load_study
 KINDS = ("linear", "emt", "map")
 COUNTER = """
 window.moved = 0;
-window.drawings = {linear: [], emt: [], map: [], last: 0};
+window.drawings = {linear: [], modes: [], emt: [], map: [], last: 0};
 document.addEventListener("pointermove", (event) => { window.moved = event.timeStamp; }, true);
 document.addEventListener("drawn", ({detail}) => {
   drawings.last = performance.now();
@@ -30,9 +30,9 @@ document.addEventListener("drawn", ({detail}) => {
 """Before the page's own scripts: counts the drawings, and times them from the browser's own time of the last move, or
 from the page's wish where that is earlier: an answer may be drawn after the next move."""
 SETTLED = """(() => {
-  const {transport, emtSince, answers} = window.page;
+  const {transport, answers} = window.page;
   const last = (kind) => (drawings[kind].length ? drawings[kind].at(-1).seq : 0);
-  return !emtSince && !answers.emt?.header.again &&
+  return !answers.emt?.header.again &&
     Object.entries(transport.kinds).every(([kind, one]) => !one.busy && !one.wish && last(kind) >= one.shown);
 })()"""
 TABLE = """(() => {

@@ -196,6 +196,7 @@ def test_a_mode_is_chosen_and_says_what_moves_it(opened: ExplorerPage) -> None:
     page.evaluate("document.getElementById('modes').focus()")
     page.key("ArrowRight")
     page.wait("!document.getElementById('mode').hidden")
+    page.wait("document.getElementById('mode').innerText.includes('moves it')")
     words = opened.text("#mode")
     assert any(
         math.isfinite(float(word))

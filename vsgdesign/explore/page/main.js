@@ -75,6 +75,7 @@ class Page {
     const { info, store } = this;
     this.map = new GridMap(byId("map"), info, store);
     this.modes = new ModesPlot(byId("modes"), byId("mode"), info, store);
+    this.modes.onChosen = () => this.wishDetails(performance.now());
     this.bode = new BodePlot(byId("magnitude"), byId("phase"), store);
     this.response = new ResponsePlot(byId("response"), byId("readout"), store);
     this.table = new ControllerTable(byId("table"), info, store, { onEmphasis: (name) => this.emphasise(name) });
@@ -191,9 +192,10 @@ class Page {
     const point = this.pointKey();
     if (point !== this.askedPoint) {
       this.askedPoint = point;
+      // Both at once: the server computes EMT in a process of its own.
       this.transport.wish("linear", store.state, since);
-      this.emtSince = since;
-      if (!this.answers.linear) this.wishEmt(since);
+      this.transport.wish("emt", store.state, since);
+      if (this.modes.chosen) this.wishDetails(since);
     }
     const map = this.mapKey();
     if (map !== this.askedMap) {
@@ -205,11 +207,9 @@ class Page {
     if (!store.dragging && this.answers.emt) this.showEmt();
   }
 
-  // The EMT is asked for when the linear answer is here, so that they do not compete for the processor; the server
-  // computes it while the page draws. The very first time both are asked for at once.
-  wishEmt(since) {
-    this.transport.wish("emt", this.store.state, since);
-    this.emtSince = null;
+  // A file without server has them in its linear answers.
+  wishDetails(since) {
+    if (!this.info.static) this.transport.wish("modes", this.store.state, since);
   }
 
   updateControls() {
@@ -243,8 +243,8 @@ class Page {
     }
     this.answers[kind] = answer;
     this.store.good = wish.state;
-    if (kind === "linear" && this.emtSince !== null) this.wishEmt(this.emtSince);
     if (kind === "linear") this.showLinear();
+    else if (kind === "modes") this.modes.detail(answer.header.controllers);
     else if (kind === "emt") this.showEmt();
     else this.showMap();
     // The time until the frame with this answer is on the screen, for whoever measures.

@@ -34,6 +34,8 @@ export class ModesPlot {
       before: null,
       words: "",
       zoom: 1,
+      details: [],
+      onChosen: () => {},
     });
     canvas.addEventListener("click", (event) => this.chooseNear(event));
     canvas.addEventListener("keydown", (event) => this.chooseByKey(event));
@@ -46,6 +48,19 @@ export class ModesPlot {
     if (this.chosen) this.follow();
     this.paint();
     this.tellChosen();
+  }
+
+  /** What takes part in the modes and what moves them, by controller: an answer of its own, while a mode is chosen. */
+  detail(controllers) {
+    this.details = controllers;
+    this.tellChosen();
+  }
+
+  // The nearest mode that has been described: until the next answer is here, that of a moment ago.
+  detailOf(name, mode) {
+    if (mode.participation) return mode;
+    const c = this.details.find((one) => one.name === name);
+    return (c && nearestMode(c.modes, mode)) || {};
   }
 
   scales(box) {
@@ -175,18 +190,15 @@ export class ModesPlot {
   // After a move the chosen mode is the nearest one of the same controller.
   follow() {
     const c = this.controllers.find((one) => one.name === this.chosen.name);
-    let best = null;
-    ((c && c.modes) || []).forEach((mode, index) => {
-      const distance = Math.hypot(mode.re - this.chosen.re, mode.im - this.chosen.im);
-      if (!best || distance < best.distance) best = { distance, index, mode };
-    });
-    this.chosen = best ? { name: c.name, index: best.index, re: best.mode.re, im: best.mode.im } : null;
+    const mode = nearestMode((c && c.modes) || [], this.chosen);
+    this.chosen = mode ? { name: c.name, index: c.modes.indexOf(mode), re: mode.re, im: mode.im } : null;
   }
 
   choose(entry) {
     this.chosen = entry ? { name: entry.name, index: entry.index, re: entry.mode.re, im: entry.mode.im } : null;
     this.paint();
     this.tellChosen();
+    if (this.chosen) this.onChosen();
   }
 
   chooseNear(event) {
@@ -219,7 +231,7 @@ export class ModesPlot {
     this.panel.hidden = !mode;
     if (!mode) return;
     this.panel.replaceChildren(
-      ...modePanel(this.chosen.name, mode, () => {
+      ...modePanel(this.chosen.name, mode, this.detailOf(this.chosen.name, mode), () => {
         this.choose(null);
         this.canvas.focus();
       }),
@@ -234,7 +246,16 @@ function element(tag, text, className = "") {
   return e;
 }
 
-function modePanel(name, mode, close) {
+function nearestMode(modes, { re, im }) {
+  let best = null;
+  for (const mode of modes) {
+    const distance = Math.hypot(mode.re - re, mode.im - im);
+    if (!best || distance < best.distance) best = { distance, mode };
+  }
+  return best && best.mode;
+}
+
+function modePanel(name, mode, detail, close) {
   const im = Math.abs(mode.im) > 1e-6 ? ` ± j${Math.abs(mode.im).toFixed(modeDigits(mode.im))}` : "";
   const button = element("button", "×", "close");
   button.setAttribute("aria-label", "Close the mode's panel");
@@ -247,7 +268,7 @@ function modePanel(name, mode, close) {
     element("strong", `${name}: ${signed(mode.re, modeDigits(mode.re))}${im} 1/s`),
     element("div", facts.join(", ")),
   ];
-  const shares = (mode.participation || []).slice(0, 4);
+  const shares = (detail.participation || []).slice(0, 4);
   if (shares.length) {
     parts.push(element("h4", "What takes part"));
     const list = element("ul", "", "shares");
@@ -261,7 +282,7 @@ function modePanel(name, mode, close) {
     }
     parts.push(list);
   }
-  const raw = mode.moved_by || [];
+  const raw = detail.moved_by || [];
   const moved = (Array.isArray(raw[0]) ? raw : raw.length ? [raw] : []).slice(0, 3);
   if (moved.length) {
     parts.push(element("h4", "What moves it, real part per +1 %"));
