@@ -17,7 +17,7 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Study
+from vsgdesign.parameters.study import ControllerSpec, Study
 
 if TYPE_CHECKING:  # the simulation is loaded by who verifies
     from concurrent.futures import Executor
@@ -200,13 +200,14 @@ def prepared_job(
 
 def job_of(study: Study, spec: ControllerSpec, ready: Ready, asked: Asked) -> tuple[Job, float]:
     """The job of a controller whose gain table is there, and the confidence of its bounds."""
+    from vsgdesign.simulation.lanes.telling import told_controller
     from vsgdesign.verification.blocks import Job
     from vsgdesign.verification.counting import MapAxes
     from vsgdesign.verification.draws import FAMILIES, verification_of
     from vsgdesign.verification.emt import EMT
     from vsgdesign.verification.promises import verified_promises
 
-    spec = _told(spec)
+    spec = told_controller(spec)
     changed = {name: value for name in ("runs", "seed", "confidence") if (value := getattr(asked, name)) is not None}
     drawn = replace(verification_of(study, spec, ready), **changed)
     study = replace(study, verification=drawn)
@@ -225,16 +226,6 @@ def job_of(study: Study, spec: ControllerSpec, ready: Ready, asked: Asked) -> tu
         batch=EMT,
     )
     return job, drawn.confidence
-
-
-def _told(spec: ControllerSpec) -> ControllerSpec:
-    """The controller with the errors of each case in place of an estimator of windows, which is not run. One that
-    estimates in every sample runs as it is."""
-    from vsgdesign.simulation.lanes.telling import learns
-
-    if spec.kind == "fixed" or spec.estimate == "truth" or learns(spec):
-        return spec
-    return replace(spec, estimate="truth", update_period=spec.update_period or UPDATE_PERIOD)
 
 
 def verified_table(

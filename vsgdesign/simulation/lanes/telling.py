@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
+from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -96,6 +97,14 @@ class Telling(GainsAtRest, Protocol):
 def learns(spec: ControllerSpec) -> bool:
     """Whether a controller estimates its grid by itself, in every sample."""
     return spec.kind == "scheduled" and spec.estimate != "truth" and estimator_kind(spec.estimate).by_sample
+
+
+def told_controller(spec: ControllerSpec) -> ControllerSpec:
+    """The controller that is told its grid in place of an estimator of windows, which is not run. One that estimates in
+    every sample runs as it is."""
+    if spec.kind == "fixed" or spec.estimate == "truth" or learns(spec):
+        return spec
+    return replace(spec, estimate="truth", update_period=spec.update_period or UPDATE_PERIOD)
 
 
 def alone_because(spec: ControllerSpec, bridge: str = "averaged") -> str:
