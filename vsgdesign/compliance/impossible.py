@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from vsgdesign.compliance.network_in_si import admittance_pu
 from vsgdesign.compliance.suite import SuiteTest
 from vsgdesign.parameters.network import Load
 from vsgdesign.parameters.study import Place, Study
@@ -138,12 +137,15 @@ def _overloaded_island(study: Study, state: _State, limit_pu: float) -> str | No
     if state.load is None or state.fault:
         return None
     c = study.converter
-    Y, of_capacitor = abs(admittance_pu(state.load)), c.omega_n * study.filter.C * c.Z_base * c.V_min_pu
+    Y, of_capacitor = (
+        abs(state.load.in_si(1.0, 1.0).admittance(1.0)),
+        c.omega_n * study.filter.C * c.Z_base * c.V_min_pu,
+    )
     needed, there = Y * c.V_min_pu, limit_pu + of_capacitor
     if needed <= there:
         return None
     return (
-        f"the island's load takes {Y:.4g} pu at the nominal voltage, which is {Y:.4g}·{c.V_min_pu:.4g} = {needed:.4g} pu "
-        f"of current at {c.V_min_pu:.4g} pu, the least voltage that the study allows. The converter gives {limit_pu:.4g} "
-        f"pu and its filter capacitor at most {of_capacitor:.3g} pu."
+        f"the island's load takes {Y:.4g} pu at the nominal voltage, which is {Y:.4g}·{c.V_min_pu:.4g} = {needed:.4g} "
+        f"pu of current at {c.V_min_pu:.4g} pu, the least voltage that the study allows. The converter gives "
+        f"{limit_pu:.4g} pu and its filter capacitor at most {of_capacitor:.3g} pu."
     )

@@ -30,7 +30,7 @@ def trace_of(study: Study, simulation: Simulation, every: int, lead_s: float) ->
     """
     c, circuit, log = study.converter, study.circuit(), simulation.log
     t = simulation.t_s - lead_s
-    first = max(int(round((lead_s - BEFORE_S) / c.T_s)) // every * every, 0)
+    first = max(round((lead_s - BEFORE_S) / c.T_s) // every * every, 0)
     rows = np.arange(first, len(t), every)
     at = log[rows]
     node = [capacitor_node_voltage(at[:, k], at[:, 2 + k], at[:, 4 + k], circuit) for k in (0, 1)]

@@ -11,6 +11,7 @@ import numpy as np
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.parameters.loading import FILES, study_from_document
 from vsgdesign.parameters.study import ControllerSpec, Study, StudyOrigin
 from vsgdesign.parameters.toml_text import toml_text
@@ -19,7 +20,7 @@ from vsgdesign.simulation.lanes.rests import demand_of, ends_of
 from vsgdesign.simulation.lanes.segments import segments_of
 from vsgdesign.simulation.survival.running import settling_time_of
 
-_LEFT_OUT = ("background", "sensors", "replay", "survival", "verification", "events", "grid", "simulation")
+_LEFT_OUT = ("background", "sensors", "replay", "survival", "verification", "network", "events", "grid", "simulation")
 """Sections of the study that a case does not have, or has in its own words."""
 
 
@@ -43,6 +44,22 @@ def case_study(
     name it, relative to ``folder``; None: as the study names it. Numbers are written so that reading gives the same
     bits. Raises StudyError where the study was built from its parts, or where the case cannot be said in a study.
     """
+    document, origin = base_document(study, spec, folder, name or f"{study.name}_case", title)
+    document["grid"] = _grid(study, drawn, index)
+    document["simulation"] = _simulation(study, drawn, index, settling_time_of(spec, ready), bridge)
+    document["controllers"] = [_controller(study, spec, document, drawn, index, table)]
+    document["events"] = _events(study, drawn, index)
+    text = toml_text(document, (document["study"]["title"],))
+    return study_from_document(document, origin), text
+
+
+def base_document(
+    study: Study, spec: ControllerSpec, folder: str | Path, name: str, title: str | None = None
+) -> tuple[dict[str, Any], StudyOrigin]:
+    """The document of a study for a case of one controller, for a file in ``folder``: with the converter and the loops,
+    and without grid, source, events, controllers and the settings of the run. Raises StudyError where the study was
+    built from its parts.
+    """
     origin = study.origin
     if origin is None:
         fault = Fault("study", "", "was built from its parts and not read from a document", "Use vd.load.")
@@ -50,20 +67,14 @@ def case_study(
     source, place = dict(origin.document), os.path.abspath(folder)
     document: dict[str, Any] = {key: value for key, value in source.items() if key not in _LEFT_OUT}
     document = placed_document(place, document, os.path.abspath(origin.folder))
-    document["study"] = {"name": name or f"{study.name}_case", "title": title or f"A case of {study.title}"}
+    document["study"] = {"name": name, "title": title or f"A case of {study.title}"}
     if study.source:
         document["study"]["source"] = study.source
     if study.inner_request is not None:
         document["inner_loops"] = inner_loops_document(study)
     if spec.estimate == "truth":
         document.pop("estimator", None)
-    document["grid"] = _grid(study, drawn, index)
-    document["simulation"] = _simulation(study, drawn, index, settling_time_of(spec, ready), bridge)
-    document["controllers"] = [_controller(study, spec, document, drawn, index, table)]
-    document["events"] = _events(study, drawn, index)
-    text = toml_text(document, (document["study"]["title"],))
-    read = StudyOrigin(document, place, document["study"]["name"], document["study"]["name"])
-    return study_from_document(document, read), text
+    return document, StudyOrigin(document, place, name, name)
 
 
 def placed_document(place: str, document: dict[str, Any], folder: str) -> dict[str, Any]:
@@ -129,6 +140,14 @@ def _simulation(study: Study, drawn: LaneCases, k: int, settling_time: float, br
 def _controller(
     study: Study, spec: ControllerSpec, document: dict[str, Any], drawn: LaneCases, k: int, table: str | None
 ) -> dict[str, Any]:
+    told = float(drawn.error_R[k]), float(drawn.error_X[k]), float(drawn.silent_s[k])
+    knowledge = GridEstimate(*told) if any(told) else None
+    return controller_document(study, spec, document, knowledge, table)
+
+
+def controller_document(
+    study: Study, spec: ControllerSpec, document: dict[str, Any], knowledge: GridEstimate | None, table: str | None
+) -> dict[str, Any]:
     """The controller's own table of the document, with what it knows of the grid."""
     found = dict(next(one for one in document["controllers"] if one.get("name") == spec.name))
     found.pop("knowledge", None)
@@ -139,8 +158,8 @@ def _controller(
     if spec.kind == "fixed" and spec.gains is None and spec.design_grid is not None:
         at = spec.design_grid
         found["design_grid"] = {"scr_basis": study.scr_basis, "R_g": at.R_g, "L_g": at.L_g}
-    told = float(drawn.error_R[k]), float(drawn.error_X[k]), float(drawn.silent_s[k])
-    if spec.kind == "scheduled" and spec.estimate == "truth" and any(told):
+    if spec.kind == "scheduled" and spec.estimate == "truth" and knowledge is not None:
+        told = knowledge.error_R, knowledge.error_X, knowledge.silent_s
         found["knowledge"] = dict(zip(("error_R", "error_X", "silent"), told, strict=True))
     return found
 
