@@ -20,6 +20,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
     from vsgdesign.cli.common import progress as _progress
     from vsgdesign.cli.common import verb as _verb
     from vsgdesign.cli.compare import compare
+    from vsgdesign.cli.comply import comply
     from vsgdesign.cli.estimator import estimator
     from vsgdesign.cli.explore import explore
     from vsgdesign.cli.export import export
@@ -311,6 +312,7 @@ def _refuse_divergence(results: dict[str, Any]) -> None:
 
 
 main.add_command(compare)
+main.add_command(comply)
 main.add_command(estimator)
 main.add_command(explore)
 main.add_command(export)

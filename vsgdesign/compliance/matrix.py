@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from vsgdesign.compliance.applies import not_applicable
 from vsgdesign.compliance.envelopes import ENVELOPES
+from vsgdesign.compliance.applies import not_applicable
 from vsgdesign.compliance.evidence import Evidence, Limits, limits_at
 from vsgdesign.compliance.impossible import impossible
 from vsgdesign.compliance.measures import MEASURES, MeasureInput, Ratings

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.provenance import package_hash
@@ -152,22 +152,38 @@ def run_block(job: Job, number: int) -> Summary:
 
 
 def run_blocks(job: Job, numbers: Iterable[int], executor: Executor | None, ahead: int) -> Iterator[Summary]:
-    """The summaries of these blocks, as they are finished. ``ahead``: how many are handed out at a time.
+    """The summaries of these blocks (:func:`blocks_done`)."""
+    return blocks_done(run_block, job, job.sent, numbers, executor, ahead)
+
+
+_JobT = TypeVar("_JobT")
+_DoneT = TypeVar("_DoneT")
+
+
+def blocks_done(
+    run: Callable[[_JobT, int], _DoneT],
+    job: _JobT,
+    sent: _JobT,
+    numbers: Iterable[int],
+    executor: Executor | None,
+    ahead: int,
+) -> Iterator[_DoneT]:
+    """What ``run`` returns for the job and each of these numbers, as it is finished. ``sent``: the job as other
+    processes get it; ``ahead``: how many blocks are handed out at a time.
 
     After an error or an interruption, what else is finished is still given before it is raised. Raises WorkerError
     where a worker is lost.
     """
     if executor is None:
         for number in numbers:
-            yield run_block(job, number)
+            yield run(job, number)
         return
-    sent = job.sent
     left = iter(numbers)
-    under_way: set[Future[Summary]] = set()
+    under_way: set[Future[_DoneT]] = set()
     try:
         while True:
             while len(under_way) < ahead and (number := next(left, None)) is not None:
-                under_way.add(executor.submit(run_block, sent, number))
+                under_way.add(executor.submit(run, sent, number))
             if not under_way:
                 return
             done, under_way = wait(under_way, return_when=FIRST_COMPLETED)

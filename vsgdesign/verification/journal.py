@@ -19,10 +19,10 @@ _LINES = 64
 """After so many lines the journal is written anew as one, so that it stays small."""
 
 
-def journal_folder(out: str | Path) -> Path:
+def journal_folder(out: str | Path, work: str = "verification") -> Path:
     """The folder that keeps finished blocks until the output is complete. Links are followed."""
     out = Path(os.path.realpath(out))
-    return out.with_name(f".{out.name}.verification")
+    return out.with_name(f".{out.name}.{work}")
 
 
 def kept_runs(out: str | Path) -> int:
@@ -98,12 +98,12 @@ def journal_of(out: str | Path, key: str, fresh: bool = False) -> Iterator[Journ
 
 
 @contextmanager
-def journals(out: str | Path) -> Iterator[Path]:
+def journals(out: str | Path, work: str = "verification") -> Iterator[Path]:
     """The folder of journals beside ``out``, of this process alone within the block; it is removed where it is empty.
 
     Raises ArtifactError where another process is at work on the same output, or where nothing can be written.
     """
-    folder = journal_folder(out)
+    folder = journal_folder(out, work)
     with ExitStack() as held:
         try:
             held.enter_context(parents_made(folder.parent))

@@ -1,0 +1,101 @@
+"""All tests of some suites for all controllers of a study, cut into blocks that any process can run."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.provenance import package_hash
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.compliance.evidence import csv_path, write_evidence
+from vsgdesign.compliance.matrix import judged_test
+from vsgdesign.compliance.subject import Subject
+from vsgdesign.compliance.suite import Suite, SuiteTest
+from vsgdesign.compliance.thinning import thinned
+from vsgdesign.equations.structures import STRUCTURES, Structure
+from vsgdesign.execution.threads import one_thread
+from vsgdesign.parameters.study import Study
+
+BLOCK = 16
+"""Runs of a block: half a second to a second of work."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SuiteJob:
+    """What is run: everything that the rows depend on. It can be sent to another process."""
+
+    study: Study
+    """With the controllers that are compared, in their order."""
+    tables: Mapping[str, GainTable]
+    suites: tuple[Suite, ...]
+    folder: str
+    """Where the traces are written, in a folder ``traces``; what is there is replaced."""
+    block: int = BLOCK
+    structures: tuple[Structure, ...] = field(default_factory=lambda: tuple(STRUCTURES.added))
+    """Structures that were added to the project's own: a fresh process does not know them."""
+
+    @cached_property
+    def items(self) -> tuple[tuple[int, int, int], ...]:
+        """(suite, test, controller) of every row, in the order of the matrix."""
+        return tuple(
+            (s, t, k)
+            for s, suite in enumerate(self.suites)
+            for t in range(len(suite.tests))
+            for k in range(len(self.study.controllers))
+        )
+
+    @property
+    def blocks(self) -> range:
+        """Numbers of all blocks."""
+        return range(-(-len(self.items) // self.block))
+
+    def tests_of(self, number: int) -> tuple[tuple[Suite, SuiteTest, int], ...]:
+        """Suite, test and controller of each row of a block."""
+        first = number * self.block
+        chosen = self.items[first : first + self.block]
+        return tuple((self.suites[s], self.suites[s].tests[t], k) for s, t, k in chosen)
+
+    def subject(self, controller: int) -> Subject:
+        """One of the controllers."""
+        spec = self.study.controllers[controller]
+        return Subject(study=self.study, spec=spec, ready=Ready(tables=self.tables))
+
+    @property
+    def key(self) -> str:
+        """Hash of everything that a row depends on, the source of the package included."""
+        study = replace(self.study, files=(), name="", title="", source="", hash="", origin=None)
+        if study.verification is not None:  # a set, whose order is another in each process
+            study = replace(study, verification=replace(study.verification, given=frozenset()))
+        tables = {name: table.sha256 for name, table in sorted(self.tables.items())}
+        parts = package_hash(), study, tables, self.suites, self.block
+        return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+def run_block(job: SuiteJob, number: int) -> dict[str, Any]:
+    """The rows of a block in JSON's types, under ``rows``; their traces are written to the folder of the job."""
+    for structure in job.structures:
+        STRUCTURES.register(structure)
+    rows = []
+    with one_thread():
+        subjects = [job.subject(k) for k in range(len(job.study.controllers))]
+        for suite, test, k in job.tests_of(number):
+            judged = judged_test(subjects[k], suite, test)
+            row = judged.row
+            if judged.evidence is not None:
+                row = replace(row, csv=csv_path(suite.name, test.id, row.controller))
+                path = Path(job.folder) / str(row.csv)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_evidence(path, thinned(judged.evidence, _instants(test)))
+            rows.append(plain(asdict(row)))
+    return {"block": number, "rows": rows}
+
+
+def _instants(test: SuiteTest) -> list[float]:
+    """When something changes suddenly, and when a ramp ends, s."""
+    return sorted({t for event in test.events for t in (event.t_s, event.t_s + event.over_s)})

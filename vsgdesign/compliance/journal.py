@@ -1,0 +1,89 @@
+"""The journal of a bench: finished blocks, on the disk before they count. A kill loses what was under way."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from vsgdesign.artifacts.staging import cannot_write
+from vsgdesign.verification.journal import journal_folder, journals
+
+WORK = "compliance"
+
+
+class SuiteJournal:
+    """Finished blocks of one job: a line each in a file, and their traces in a folder beside it."""
+
+    def __init__(self, path: Path) -> None:
+        """Reads what is there. What a kill left of a last line is cut off."""
+        self.path, self.traces = path, path.with_suffix("")
+        self.blocks: dict[int, list[dict[str, Any]]] = {}
+        good = 0
+        if path.exists():
+            with path.open("rb") as file:
+                for line in file:
+                    found = _read(line)
+                    if found is None:
+                        break
+                    self.blocks[found["block"]] = found["rows"]
+                    good += len(line)
+            if path.stat().st_size > good:
+                os.truncate(path, good)
+
+    def add(self, done: dict[str, Any]) -> None:
+        """Keep a block, whose traces are there: when this returns, it is on the disk."""
+        try:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(done, allow_nan=False, ensure_ascii=False, separators=(",", ":")) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise cannot_write(self.path, error) from error
+        self.blocks[done["block"]] = done["rows"]
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The rows of all finished blocks in the order of the matrix."""
+        return [row for number in sorted(self.blocks) for row in self.blocks[number]]
+
+    def forget(self) -> None:
+        """Remove what is kept."""
+        self.path.unlink(missing_ok=True)
+        shutil.rmtree(self.traces, ignore_errors=True)
+        self.blocks = {}
+
+
+def _read(line: bytes) -> dict[str, Any] | None:
+    if not line.endswith(b"\n"):
+        return None
+    try:
+        found = json.loads(line)
+        return {"block": int(found["block"]), "rows": list(found["rows"])}
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
+@contextmanager
+def suite_journal(out: str | Path, key: str, fresh: bool = False) -> Iterator[SuiteJournal]:
+    """The journal of a job beside ``out``, of this process alone within the block. It is removed where the block ends
+    well. ``fresh`` forgets what is there of this job. Raises the errors of
+    :func:`vsgdesign.verification.journal.journals`.
+    """
+    with journals(out, WORK) as folder:
+        path = folder / f"{key[:24]}.jsonl"
+        journal = SuiteJournal(path)
+        if fresh:
+            journal.forget()
+        yield journal
+        journal.forget()
+
+
+def kept_rows(out: str | Path) -> int:
+    """How many finished rows an interrupted bench has left beside its output."""
+    files = sorted(journal_folder(out, WORK).glob("*.jsonl"), key=lambda path: path.stat().st_mtime)
+    return len(SuiteJournal(files[-1]).rows) if files else 0

@@ -1,0 +1,307 @@
+"""From a study to a clause matrix: every test of some suites for every controller, with its evidence."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts import provenance, staged_folder, write_record, write_table_file
+from vsgdesign.artifacts.files import plain, write_text
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.provenance import package_hash
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.errors import Fault, StudyError
+from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.parameters.study import ControllerSpec, Study
+
+if TYPE_CHECKING:  # the simulation is loaded by who measures
+    from concurrent.futures import Executor
+
+    from vsgdesign.compliance.job import SuiteJob
+    from vsgdesign.compliance.journal import SuiteJournal
+    from vsgdesign.compliance.suite import Suite
+
+VERB = "vsgdesign comply"
+
+ALL = "all"
+"""The word for every packaged suite."""
+
+FAILING, NONE = "failing", "none"
+CASES = (FAILING, ALL, NONE)
+"""Of which rows study files are written."""
+
+RUNS = "tests"
+"""What progress calls the runs."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What is asked of a bench."""
+
+    suites: tuple[str, ...] = (ALL,)
+    """Names of packaged suites, paths of files, or :data:`ALL`."""
+    controllers: tuple[str, ...] = ()
+    """Names of controllers; none: all of the study."""
+    cases: str = FAILING
+    """A name of :data:`CASES`."""
+    file: str | None = None
+    """The study's file as the user gave it, for the commands on the page."""
+
+
+def comply_study(
+    study: Study,
+    out: str | Path,
+    asked: Asked = Asked(),
+    *,
+    ready: Ready | None = None,
+    workers: int | None = None,
+    fresh: bool = False,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Runs the tests of suites with the controllers of a study and writes a folder: results.json, traces/*.csv,
+    cases/*.toml and the report. Returns the content of results.json.
+
+    ``ready``: gain tables that are there; None: they are read where earlier commands left them, or designed. Finished
+    blocks are kept beside ``out`` until the folder is complete, so the same call continues after an interruption and
+    writes the same files; ``fresh`` starts anew. ``workers``: processes; None: one per core. Raises StudyError with
+    every fault of the study, the controllers and the suites, ArtifactError and WorkerError.
+    """
+    from vsgdesign.compliance.job import SuiteJob
+    from vsgdesign.compliance.journal import suite_journal
+    from vsgdesign.execution.executors import executor_of
+
+    begin = time.perf_counter()
+    suites = suites_of(asked.suites)
+    study = study_for_suites(study, asked.controllers)
+    given = [path for path in asked.suites if os.path.isfile(path)]
+    with ExitStack() as held:
+        folder = held.enter_context(staged_folder(out, VERB, inputs=(*study.input_files, *given)))
+        tables = _tables(study, ready, workers, progress)
+        job = SuiteJob(study=study, tables=tables, suites=suites, folder="")
+        journal = held.enter_context(suite_journal(out, job.key, fresh))
+        job = replace(job, folder=str(journal.traces))
+        ready_s = time.perf_counter() - begin
+        with executor_of(workers if len(job.blocks) > 1 else 1) as executor:
+            _run(job, journal, executor, workers, progress)
+            run_s = time.perf_counter() - begin - ready_s
+            document = _document(job, journal.rows, asked)
+            _place_traces(journal, folder)
+            _write_cases(job, document, folder, Path(os.path.realpath(out)), asked.cases)
+            _write_report(folder, document)
+        timing = {"prepare": ready_s, "runs": run_s, "report": time.perf_counter() - begin - ready_s - run_s}
+        return write_record(folder, plain(document | {"timing_s": timing, "provenance": provenance()}), VERB)
+
+
+def suites_of(names: Iterable[str]) -> tuple[Suite, ...]:
+    """The suites of these names and files, each once; :data:`ALL` stands for every packaged one.
+
+    Raises StudyError with the faults of all of them.
+    """
+    from vsgdesign.compliance.applies import NEEDS
+    from vsgdesign.compliance.reading import SUITES, suite_named
+
+    asked = list(dict.fromkeys(one for name in names for one in (SUITES if name == ALL else (name,))))
+    found, faults, sources = [], [], []
+    for name in asked:
+        try:
+            suite = suite_named(name)
+        except StudyError as error:
+            faults += error.faults
+            sources.append(error.source)
+            continue
+        unknown = sorted({need for test in suite.tests for need in test.needs if need not in NEEDS})
+        if unknown:
+            known = f"A test may need {', '.join(NEEDS)}."
+            faults.append(Fault("tests.needs", ", ".join(unknown), "is not known", known))
+            sources.append(name)
+        found.append(suite)
+    twice = sorted({one.name for one in found if sum(other.name == one.name for other in found) > 1})
+    if twice:
+        faults.append(Fault("suite", ", ".join(twice), "two suites have this name", "Rename one of the files."))
+        sources.append("suites")
+    if faults:
+        raise StudyError(", ".join(dict.fromkeys(sources)), faults)
+    return tuple(found)
+
+
+def study_for_suites(study: Study, controllers: Sequence[str] = ()) -> Study:
+    """The study with these controllers, or with all, in its own order. Raises StudyError with every reason why it
+    cannot go through a suite."""
+    known, faults = [spec.name for spec in study.controllers], []
+    for name in controllers:
+        if name not in known:
+            faults.append(Fault("controller", f'"{name}"', "unknown", f"The study has: {', '.join(known)}."))
+    for name in ("background", "sensors", "replay"):
+        if getattr(study, name) is not None:
+            problem = "a suite has the source and the ideal sensors that its tests say"
+            advice = f"Give a study without [{name}]; vsgdesign survive measures with it."
+            faults.append(Fault(name, "", problem, advice))
+    if study.grid_source.components:
+        problem = "a suite has the source that its tests say"
+        faults.append(Fault("grid_source.components", "", problem, "Give a study without them."))
+    if study.origin is None:
+        problem = "was built from its parts and not read from a document"
+        faults.append(Fault("study", "", problem, "Use vd.load."))
+    if faults:
+        raise StudyError(study.name, faults)
+    if not controllers:
+        return study
+    return replace(study, controllers=tuple(spec for spec in study.controllers if spec.name in controllers))
+
+
+def _tables(study: Study, ready: Ready | None, workers: int | None, progress: Progress | None) -> dict[str, GainTable]:
+    from vsgdesign.pipeline.kept_tables import kept_tables
+
+    if ready is not None:
+        return {spec.name: table for spec in study.controllers if (table := ready.table(spec)) is not None}
+    return kept_tables(study, workers=workers, progress=progress).tables
+
+
+def _run(
+    job: SuiteJob, journal: SuiteJournal, executor: Executor | None, workers: int | None, progress: Progress | None
+) -> None:
+    """Runs the blocks that the journal does not have."""
+    from vsgdesign.compliance.job import run_block
+    from vsgdesign.pipeline.verify import blocks_ahead
+    from vsgdesign.verification.blocks import blocks_done
+
+    tell, count = progress or silent, max(len(job.blocks), 1)
+    missing = [number for number in job.blocks if number not in journal.blocks]
+    tell(RUNS, 1.0 - len(missing) / count)
+    for done in blocks_done(
+        run_block, job, job, missing, executor if len(missing) > 1 else None, blocks_ahead(workers, None)
+    ):
+        journal.add(done)
+        tell(RUNS, len(journal.blocks) / count)
+
+
+def _document(job: SuiteJob, rows: list[dict[str, Any]], asked: Asked) -> dict[str, Any]:
+    """results.json without what differs from one run to the next."""
+    from vsgdesign.compliance.evidence import figure_path
+    from vsgdesign.compliance.identity import identity_of
+    from vsgdesign.compliance.matrix import summary_of
+    from vsgdesign.compliance.rows import FAIL
+    from vsgdesign.pipeline.explorer_links import explorer_link
+    from vsgdesign.report.drawing.style import COLOURS
+
+    study = job.study
+    tests = {(suite.name, test.id): test for suite in job.suites for test in suite.tests}
+    failing = {(row["suite"], row["test"]) for row in rows if row["verdict"] == FAIL}
+    shown = []
+    for row in rows:
+        key = row["suite"], row["test"]
+        link = explorer_link(study, job.tables, tests[key], row["controller"])
+        figure = figure_path(*key) if key in failing and row["csv"] else None
+        shown.append(row | {"explore": link, "figure": figure})
+    return {
+        "study": {"name": study.name, "title": study.title, "hash": study.hash, "file": asked.file},
+        "converter": identity_of(study),
+        "suites": [_of_suite(suite) for suite in job.suites],
+        "hashes": {
+            "study": study.hash,
+            "tables": {name: table.sha256 for name, table in job.tables.items()},
+            "package": package_hash(),
+            "c": {spec.name: c_hash(study, spec, job.tables.get(spec.name)) for spec in study.controllers},
+        },
+        "controllers": [
+            {"name": spec.name, "colour": COLOURS[k % len(COLOURS)], "settling_time_s": job.subject(k).settling_time}
+            for k, spec in enumerate(study.controllers)
+        ],
+        "rows": shown,
+        "summary": summary_of(rows),
+        "maps": [],
+    }
+
+
+def _of_suite(suite: Suite) -> dict[str, Any]:
+    return {
+        "name": suite.name,
+        "title": suite.title,
+        "about": suite.about,
+        "source": vars(suite.source).copy(),
+        "tests": len(suite.tests),
+        "groups": list(dict.fromkeys(test.group for test in suite.tests)),
+    }
+
+
+def c_hash(study: Study, spec: ControllerSpec, table: GainTable | None) -> str | None:
+    """SHA-256 of the list of the files that ``vsgdesign export c`` writes for a controller, with their hashes; None for
+    one without a gain table, which has no C."""
+    from vsgdesign.artifacts.guarded_file import content_hash
+    from vsgdesign.export import export_c_files
+
+    if table is None:
+        return None
+    with TemporaryDirectory() as place:
+        file = Path(place) / "table.json"
+        write_table_file(table, file)
+        own = study.with_limit_of(spec)
+        made = export_c_files(file, Path(place) / "c", limiter=own.current_limiter)
+        return content_hash(made.manifest["files"])
+
+
+def _place_traces(journal: SuiteJournal, folder: Path) -> None:
+    """The traces beside the result. They stay with the journal too, until the folder is complete."""
+    kept = journal.traces / "traces"
+    if kept.is_dir():
+        shutil.copytree(kept, folder / "traces", copy_function=_linked)
+
+
+def _linked(source: str, target: str) -> str:
+    """The same file under another name where the disk can, else a copy."""
+    with suppress(OSError):
+        os.link(source, target)
+        return target
+    return shutil.copyfile(source, target)
+
+
+def _write_cases(job: SuiteJob, document: dict[str, Any], folder: Path, place: Path, which: str) -> None:
+    """Study files that repeat rows with ``vsgdesign simulate``, and the gain tables that they name."""
+    from vsgdesign.compliance.case import case_of
+    from vsgdesign.compliance.evidence import slug
+    from vsgdesign.compliance.rows import FAIL
+
+    tests = {(suite.name, test.id): test for suite in job.suites for test in suite.tests}
+    places = {spec.name: k for k, spec in enumerate(job.study.controllers)}
+    chosen = [
+        row
+        for row in document["rows"]
+        if row["csv"] and (which == ALL or (which == FAILING and row["verdict"] == FAIL))
+    ]
+    if not chosen:
+        return
+    (folder / "cases").mkdir()
+    for name in dict.fromkeys(row["controller"] for row in chosen):
+        if name in job.tables:
+            write_table_file(job.tables[name], folder / "cases" / f"{name}.table.json")
+    for row in chosen:
+        name = slug(row["suite"], row["test"], row["controller"])
+        table = f"{row['controller']}.table.json" if row["controller"] in job.tables else None
+        test = tests[row["suite"], row["test"]]
+        subject = job.subject(places[row["controller"]])
+        _, text = case_of(subject, test, name=_study_name(name), folder=place / "cases", table=table)
+        write_text(folder / "cases" / f"{name}.toml", text)
+        row["study"] = f"cases/{name}.toml"
+
+
+def _study_name(name: str) -> str:
+    return name.replace(".", "_").replace("-", "_")
+
+
+def _write_report(folder: Path, document: dict[str, Any]) -> None:
+    """The page, where its room is there."""
+    from importlib.util import find_spec
+
+    if find_spec("vsgdesign.report.compliance") is None:
+        return
+    from vsgdesign.compliance.evidence import EvidenceOfRows
+    from vsgdesign.report.compliance.page import write_page
+
+    write_page(folder, document, EvidenceOfRows(folder, document["rows"]))

@@ -1,0 +1,87 @@
+"""Links from a test of a suite to the explorer: its grid and operating point, and its event where the page has one."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.compliance.suite import SuiteEvent, SuiteTest
+from vsgdesign.explore.state import StateError, state_of
+from vsgdesign.parameters.study import Place, Study
+from vsgdesign.simulation.survival.cases import BASIS
+
+
+def explorer_link(study: Study, tables: Mapping[str, GainTable], test: SuiteTest, controller: str) -> str | None:
+    """The part of a link after #, which ``vsgdesign explore STUDY --state`` takes; None where the explorer cannot show
+    the test's grid or its event. A test of several events is one only if it is a sag that ends."""
+    c = study.converter
+    spec = next(one for one in study.controllers if one.name == controller)
+    if test.load is not None or (spec.schedule == "table" and controller not in tables):
+        return None
+    event = _event(study, test)
+    if event is None:
+        return None
+    place = Place(test.scr, test.x_over_r, BASIS).grid(c).place(c, study.scr_basis)
+    state = {
+        "scr": _short(place.scr),
+        "x_over_r": _short(place.x_over_r),
+        "P_pu": test.P_pu,
+        "Q_pu": test.Q_pu,
+        "V_g_pu": test.V_g_pu,
+        "f_hz": _short(c.omega_n / (2.0 * math.pi)),
+        "silent_s": min(test.silent_s, 36000.0) if spec.kind == "scheduled" else 0.0,
+        "event": event,
+        "controllers": [controller],
+        "map_of": controller,
+    }
+    try:
+        state_of(state, study)
+    except StateError:
+        return None
+    return json.dumps(state, separators=(",", ":"), ensure_ascii=False)
+
+
+def _event(study: Study, test: SuiteTest) -> dict[str, Any] | None:
+    """The test's event as the explorer has it."""
+    if not test.events or any(_beyond(event) for event in test.events):
+        return None
+    first, *more = test.events
+    changed = _changed(first)
+    if len(more) == 1 and changed == _changed(more[0]) == {"V_g_pu"} and more[0].V_g_pu == test.V_g_pu:
+        if first.V_g_pu is None or first.over_s or more[0].over_s or not test.V_g_pu:
+            return None
+        return {"kind": "sag", "size": _short(1.0 - first.V_g_pu / test.V_g_pu), "length_s": more[0].t_s - first.t_s}
+    if more:
+        return None
+    if changed == {"phase_deg"}:
+        return {"kind": "phase", "size": first.phase_deg}
+    if changed == {"df_hz"} and first.df_hz is not None and first.over_s > 0.0:
+        return {"kind": "ramp", "size": first.df_hz, "length_s": first.over_s}
+    if changed == {"scr"} and first.scr is not None and first.x_over_r is not None:
+        c = study.converter
+        to = Place(first.scr, first.x_over_r, BASIS).grid(c).place(c, study.scr_basis)
+        return {"kind": "grid", "to_scr": _short(to.scr), "to_x_over_r": _short(to.x_over_r)}
+    if changed == {"P_pu"} and first.P_pu is not None:
+        return {"kind": "step", "signal": "P", "size": _short(first.P_pu - test.P_pu)}
+    if changed == {"Q_pu"} and first.Q_pu is not None:
+        return {"kind": "step", "signal": "Q", "size": _short(first.Q_pu - test.Q_pu)}
+    return None
+
+
+def _beyond(event: SuiteEvent) -> bool:
+    """Whether an event has what the explorer does not know: dips by type, faults, loads, the breaker."""
+    named = (event.sag, event.fault, event.load, event.connected)
+    return any(one is not None for one in named) or event.fault_cleared or event.load_off
+
+
+def _changed(event: SuiteEvent) -> set[str]:
+    names = {name for name in ("scr", "V_g_pu", "df_hz", "P_pu", "Q_pu") if getattr(event, name) is not None}
+    return names | ({"phase_deg"} if event.phase_deg else set())
+
+
+def _short(value: float) -> float:
+    """Six digits: a link is to be read."""
+    return float(f"{value:.6g}")
