@@ -23,7 +23,7 @@ from vsgdesign.execution.threads import one_thread
 from vsgdesign.parameters.study import Study
 
 BLOCK = 16
-"""Runs of a block: half a second to a second of work."""
+"""Runs of a block where nothing is said: half a second to a second of work."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,8 @@ class SuiteJob:
     suites: tuple[Suite, ...]
     folder: str
     """Where the traces are written, in a folder ``traces``; what is there is replaced."""
-    block: int = BLOCK
+    block: int
+    """Runs of a block."""
     structures: tuple[Structure, ...] = field(default_factory=lambda: tuple(STRUCTURES.added))
     """Structures that were added to the project's own: a fresh process does not know them."""
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from vsgdesign.compliance.envelopes import ENVELOPES
 from vsgdesign.compliance.applies import not_applicable
+from vsgdesign.compliance.envelopes import ENVELOPES
 from vsgdesign.compliance.evidence import Evidence, Limits, limits_at
 from vsgdesign.compliance.impossible import impossible
 from vsgdesign.compliance.measures import MEASURES, MeasureInput, Ratings
@@ -69,12 +69,14 @@ def judge(subject: Subject, suite: Suite, run: TestRun) -> Judged:
 
 
 def _why(run: TestRun, checks: Sequence[Check]) -> str:
-    """Why a row fails, in a sentence; of any other row what is remarkable of its run."""
-    failed = [_failure(check) for check in checks if check.verdict == FAIL]
-    reason = run.survival.reason or ""
-    if run.survival.status not in (SURVIVED, *([] if failed else JUDGED)) or reason:
-        failed.append(f"{run.survival.status}: {reason}" if reason else run.survival.status)
-    return "; ".join(dict.fromkeys(failed))
+    """Why a row fails, in words; of any other row what is remarkable of its run."""
+    status, reason = run.survival.status, run.survival.reason
+    lost = [] if status == SURVIVED else [status if reason is None else f"{status}: {reason}"]
+    failed = [
+        _failure(check) for check in checks if check.verdict == FAIL and not (lost and check.measure == "survived")
+    ]
+    held = [reason] if status == SURVIVED and reason is not None else []
+    return "; ".join([*lost, *failed, *held])
 
 
 def _failure(check: Check) -> str:

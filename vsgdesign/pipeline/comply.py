@@ -73,7 +73,7 @@ def comply_study(
     writes the same files; ``fresh`` starts anew. ``workers``: processes; None: one per core. Raises StudyError with
     every fault of the study, the controllers and the suites, ArtifactError and WorkerError.
     """
-    from vsgdesign.compliance.job import SuiteJob
+    from vsgdesign.compliance.job import BLOCK, SuiteJob
     from vsgdesign.compliance.journal import suite_journal
     from vsgdesign.execution.executors import executor_of
 
@@ -84,7 +84,7 @@ def comply_study(
     with ExitStack() as held:
         folder = held.enter_context(staged_folder(out, VERB, inputs=(*study.input_files, *given)))
         tables = _tables(study, ready, workers, progress)
-        job = SuiteJob(study=study, tables=tables, suites=suites, folder="")
+        job = SuiteJob(study=study, tables=tables, suites=suites, folder="", block=BLOCK)
         journal = held.enter_context(suite_journal(out, job.key, fresh))
         job = replace(job, folder=str(journal.traces))
         ready_s = time.perf_counter() - begin

@@ -1,0 +1,211 @@
+"""The comply verb: its answer, its files, the same bytes after an interruption, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.cli.small_studies import as_json, call, failure
+from vsgdesign.artifacts.time_series import read_npz
+from vsgdesign.compliance import job
+from vsgdesign.compliance.evidence import read_evidence
+
+STUDY = """
+base = "case:hoang2025_5kva"
+[study]
+name = "small"
+[converter]
+current_limit_pu = 1.2
+current_limiter = "projection"
+[power_loops]
+structure = "angle_damped"
+settling_time = "0.3 s"
+tau_P = "5 ms"
+tau_Q = "5 ms"
+[simulation]
+duration = "1 s"
+P_ref = "2 kW"
+Q_ref = "0 var"
+[[controllers]]
+name = "damped"
+kind = "scheduled"
+[[controllers]]
+name = "published"
+kind = "scheduled"
+structure = "published"
+"""
+SUITE = """
+title = "Three tests"
+[[criteria]]
+measure = "survived"
+at_least = 1
+[[criteria]]
+measure = "recovery_s"
+at_most = 0.5
+[[tests]]
+name = "phase jump"
+scr = 5
+x_over_r = 3
+events = [{ phase_jump = "30 deg" }]
+[[tests]]
+name = "jump of the grid"
+scr = 20
+x_over_r = 3
+events = [{ scr = 2, x_over_r = 3 }]
+[[tests]]
+name = "too much"
+scr = 1.2
+x_over_r = 10
+P_pu = 1.4
+events = [{ P_pu = 0.3 }]
+"""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bench")
+    (folder / "small.toml").write_text(STUDY)
+    (folder / "three.toml").write_text(SUITE)
+    return folder
+
+
+def comply(place: Path, out: str, *more: str) -> dict[str, Any]:
+    return as_json("comply", place / "small.toml", "--suite", place / "three.toml", "--out", place / out, *more)
+
+
+@pytest.fixture(scope="module")
+def done(place: Path) -> dict[str, Any]:
+    return comply(place, "out", "--workers", "1")
+
+
+def verdicts(document: dict[str, Any]) -> dict[tuple[str, str], str]:
+    return {(row["test"], row["controller"]): row["verdict"] for row in document["rows"]}
+
+
+def test_each_test_of_each_controller_has_its_verdict(done: dict[str, Any]) -> None:
+    assert verdicts(done) == {
+        ("phase jump", "damped"): "pass",
+        ("phase jump", "published"): "pass",
+        ("jump of the grid", "damped"): "pass",
+        ("jump of the grid", "published"): "fail",
+        ("too much", "damped"): "impossible",
+        ("too much", "published"): "impossible",
+    }
+    assert [(one["controller"], one["pass"], one["fail"], one["impossible"]) for one in done["summary"]] == [
+        ("damped", 2, 0, 1),
+        ("published", 1, 1, 1),
+    ]
+
+
+def test_what_is_printed_is_what_is_kept(place: Path, done: dict[str, Any]) -> None:
+    assert json.loads((place / "out" / "results.json").read_text()) == done
+
+
+def test_a_failing_row_says_why(done: dict[str, Any]) -> None:
+    row = next(row for row in done["rows"] if row["verdict"] == "fail")
+    assert "recovery time" in row["why"]
+    assert "0.5" in row["why"]
+    assert row["study"]
+    assert row["csv"]
+    assert row["explore"]
+
+
+def test_the_trace_begins_before_the_test(place: Path, done: dict[str, Any]) -> None:
+    trace = read_evidence(place / "out" / done["rows"][0]["csv"]).trace
+    assert trace.t_s[0] == pytest.approx(-0.1)
+    assert trace.P_pu[0] == pytest.approx(0.5, abs=1e-4)
+    assert np.max(trace.i_phase_pu) <= done["rows"][0]["checks"][0]["value"] * 1.3
+
+
+def test_a_case_repeats_its_row(place: Path, done: dict[str, Any], tmp_path: Path) -> None:
+    row = next(row for row in done["rows"] if row["verdict"] == "fail")
+    out = tmp_path / "run"
+    again = as_json("simulate", place / "out" / row["study"], "--out", out)
+    survival = again["controllers"]["published"]["survival"]
+    assert survival["status"] == row["status"]
+    recovery = next(check["value"] for check in row["checks"] if check["measure"] == "recovery_s")
+    assert survival["recovery_s"] == pytest.approx(recovery, abs=1e-12)
+    series = read_npz(next(out.glob("*.npz")))
+    trace = read_evidence(place / "out" / row["csv"]).trace
+    at = np.searchsorted(series["t_s"], trace.t_s + 0.1 - 1e-6)
+    assert np.max(np.abs(series["omega"][at] / (2.0 * np.pi) - trace.f_hz)) < 5e-6  # single precision at 50 Hz
+    assert np.max(np.abs(series["V_rms"][at] / 110.0 - trace.V_pu)) < 1e-6
+
+
+def test_two_workers_write_the_same_bytes(place: Path, done: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(job, "BLOCK", 2)
+    assert_same(place, done, comply(place, "two", "--workers", "2"), "two")
+
+
+def test_an_interrupted_run_continues_to_the_same_bytes(
+    place: Path, done: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, ran = job.run_block, []
+
+    def one_alone(one: job.SuiteJob, number: int) -> dict[str, Any]:
+        if ran:
+            raise KeyboardInterrupt
+        ran.append(number)
+        return real(one, number)
+
+    monkeypatch.setattr(job, "BLOCK", 2)
+    monkeypatch.setattr(job, "run_block", one_alone)
+    suite = "--suite", place / "three.toml"
+    stopped = call("comply", place / "small.toml", *suite, "--out", place / "cut", "--workers", "1")
+    assert stopped.exit_code == 130
+    assert "2 finished tests are kept" in stopped.stderr
+    assert not (place / "cut").exists()
+    monkeypatch.setattr(job, "run_block", real)
+    assert_same(place, done, comply(place, "cut", "--workers", "1"), "cut")
+    assert not (place / ".cut.compliance").exists()
+
+
+def assert_same(place: Path, one: dict[str, Any], other: dict[str, Any], out: str) -> None:
+    """The same files to the byte, the times of the record aside."""
+    assert {**one, "timing_s": 0, "sha256": 0} == {**other, "timing_s": 0, "sha256": 0}
+    for name in one["files"]:
+        assert (place / out / name).read_bytes() == (place / "out" / name).read_bytes(), name
+
+
+def test_the_terminal_says_each_controller_and_each_failure(place: Path) -> None:
+    arguments = "--controller", "published", "--out", place / "text", "--workers", "1", "--strict"
+    result = call("comply", place / "small.toml", "--suite", place / "three.toml", *arguments)
+    assert result.exit_code == 1, result.stderr
+    assert "0 of 2" in result.stdout or "2 of 2" in result.stdout
+    assert "fail three, jump of the grid, published" in result.stdout
+    assert "report.html" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--suite", "nothing"), 'suite = "nothing": there is no such suite'),
+        (("--suite", "missing.toml"), "missing.toml"),
+        (("--controller", "no one"), 'controller = "no one": unknown'),
+    ],
+)
+def test_a_wrong_name_is_one_sentence(place: Path, arguments: tuple[str, ...], said: str) -> None:
+    own = () if "--suite" in arguments else ("--suite", place / "three.toml")
+    assert said in failure(2, "comply", place / "small.toml", *own, *arguments, "--out", place / "none")
+    assert not (place / "none").exists()
+
+
+def test_every_fault_of_every_suite_is_said_at_once(place: Path) -> None:
+    (place / "bad.toml").write_text('title = "Bad"\n[[tests]]\nname = "a"\nscr = "x"\nx_over_r = 0\n')
+    (place / "worse.toml").write_text('title = "Worse"\n[[tests]]\nname = "a"\nscr = nan\nx_over_r = 1\n')
+    said = failure(2, "comply", place / "small.toml", "--suite", place / "bad.toml", "--suite", place / "worse.toml")
+    assert said.count("tests[0].scr") == 2
+    assert "x_over_r" in said
+    assert "nothing happens" in said
+
+
+def test_a_folder_of_the_users_is_left_alone(place: Path) -> None:
+    (place / "mine").mkdir()
+    (place / "mine" / "letter.txt").write_text("dear")
+    said = failure(2, "comply", place / "small.toml", "--suite", place / "three.toml", "--out", place / "mine")
+    assert "left untouched" in said
+    assert (place / "mine" / "letter.txt").read_text() == "dear"
