@@ -31,13 +31,12 @@ from vsgdesign.metrics.survival import (
 )
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.parameters.network import Load
-from vsgdesign.parameters.network_fields import beyond_models
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange, gain_changes
-from vsgdesign.simulation.late import STALE_S, LateSchedule, knowledge_of, safe_grid, told_at, told_of
+from vsgdesign.simulation.late import STALE_S, LateSchedule, Told, knowledge_of, safe_grid, told_at, told_of
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.cases import GridKnowledge, SurvivalCase
 from vsgdesign.simulation.survival.field import at_asked_powers, field_demand, late_grid
@@ -269,21 +268,24 @@ def rests_of_scenario(subject: Subject, study: Study, timeline: Timeline) -> tup
     before = None
     for t_s in (0.0, study.simulation.duration):
         source, grid, network = timeline.source_at(t_s), timeline.grid_at(t_s), timeline.network_at(t_s)
-        known, stale_s = grid, 0.0
-        if told is not None:
-            known, answered = told_at(told, t_s)
-            said_s = max(start_s for start_s, said in told if said is not None and start_s <= t_s)
-            stale_s = 0.0 if answered else t_s - min(start_s for start_s, _ in told if start_s > said_s)
-        if stale_s >= STALE_S and subject.safe is not None:
-            known = subject.safe
-        at = GridSource(source.V_g_rms, source.omega)
-        asked = known, grid, at, timeline.references_at(t_s), network.load
         if network.fault is not None or not network.connected:
             found.append(None)
-        else:
-            found.append(found[0] if asked == before else rest_on(subject, study, *asked))
-            before = asked
+            continue
+        known = grid if told is None else _known_at(told, t_s, subject.safe)
+        at = GridSource(source.V_g_rms, source.omega)
+        asked = known, grid, at, timeline.references_at(t_s), network.load
+        found.append(found[0] if asked == before else rest_on(subject, study, *asked))
+        before = asked
     return tuple(found)
+
+
+def _known_at(told: Told, t_s: float, safe: Grid | None) -> Grid:
+    """The grid whose gains are in force at an instant: the one told last, or a safe one once that is stale."""
+    known, answered = told_at(told, t_s)
+    if answered or safe is None:
+        return known
+    last = max(k for k, (start_s, said) in enumerate(told) if said is not None and start_s <= t_s)
+    return safe if t_s - told[last + 1][0] >= STALE_S else known
 
 
 def _while_connected(record: SurvivalRecord, timeline: Timeline) -> SurvivalRecord:
