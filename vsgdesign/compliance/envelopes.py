@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -12,7 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.compliance.measuring import MeasureInput, Parameter
+from vsgdesign.compliance.swing import Machine, Margins, power_curves
 from vsgdesign.compliance.trace import Trace
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.metrics.step_response import cycle_mean
 
 Array = NDArray[np.float64]
 
@@ -27,10 +31,17 @@ class Bounds(NamedTuple):
     """-inf where nothing is asked."""
     high: Array
     """inf where nothing is asked."""
+    rows_of_mean: int = 1
+    """The signal is compared as its mean over so many rows of the trace, of which the last is at the instant."""
+    why: str = ""
+    """Why there is no envelope; empty if there is one. The curves are then infinite."""
 
     def excess(self, trace: Trace) -> float:
-        """By how much the signal leaves the envelope at most; 0 inside, NaN if the signal holds NaN."""
-        values = np.asarray(getattr(trace, self.signal))
+        """By how much the signal leaves the envelope at most; 0 inside, NaN if the signal holds NaN.
+
+        The trace has all rows of the one for which the envelope was computed.
+        """
+        values = cycle_mean(np.asarray(getattr(trace, self.signal)), self.rows_of_mean)
         beyond = np.maximum(np.maximum(self.low - values, values - self.high), 0.0)
         return float(np.max(beyond)) if beyond.size else 0.0
 
@@ -98,5 +109,65 @@ def power_band(
     return Bounds("P_pu", run.trace.t_s, np.where(asked, low_pu, -np.inf), np.where(asked, high_pu, np.inf))
 
 
-ENVELOPES: Mapping[str, Envelope] = MappingProxyType({found.name: found for found in (power_back, power_band)})
+HELD_S = 0.02
+"""For so long after a phase jump the curves stay as they are at the jump: no plant acts at once."""
+
+
+@envelope(
+    "power after a phase jump",
+    "The one-cycle mean of the active power stays between the curves that RTE's DyCoV draws about the response of a "
+    "source with the declared inertia and damping behind the declared reactance.",
+)
+def swing_after_jump(
+    run: MeasureInput,
+    H_s: float = math.nan,
+    D_pu: float = math.nan,
+    X_eff_pu: float = math.nan,
+    P_max_pu: float = math.nan,
+    above_pu: float = 0.5,
+    below_pu: float = 0.5,
+) -> Bounds:
+    """P after the first phase jump (:eq:`swing-limits`). What is not given follows from the converter: H and D from its
+    gains (:eq:`declared-machine`), X_eff from its filter, P_max from its current limit."""
+    t = run.trace.t_s
+    free = np.full(len(t), np.inf)
+    found = run.event_with(lambda event: event.phase_deg != 0.0)
+    if found is None:
+        return Bounds("P_pu", t, -free, free, why="the test has no phase jump")
+    if run.gains is None and (math.isnan(H_s) or math.isnan(D_pu)):
+        return Bounds("P_pu", t, -free, free, why="the gains are not known, and H and D are not declared")
+    event, next_s = found
+    omega_n = 2.0 * math.pi * run.ratings.f_n_hz
+    X_eff = run.ratings.X_2_pu if math.isnan(X_eff_pu) else X_eff_pu
+    X = X_eff + run.test.x_over_r / math.hypot(1.0, run.test.x_over_r) / run.test.scr
+    H, D = H_s, D_pu
+    if run.gains is not None:
+        own = declared_machine(run.gains, run.ratings.S_rated, X, omega_n)
+        H, D = (own.H_s if math.isnan(H) else H), (own.D_pu if math.isnan(D) else D)
+    most = P_max_pu if not math.isnan(P_max_pu) else (run.ratings.i_limit_pu or math.inf)
+    machine = Machine(H_s=H, D_pu=D, X_pu=X, omega_n=omega_n)
+    # The signal is a mean over the cycle before, and the curves are held: both wait for the first cycle.
+    since = np.maximum(t - event.t_s - HELD_S, 0.0)
+    before = run.rest_before(run.trace.P_pu, event.t_s)
+    margins = Margins(above=above_pu, below=below_pu)
+    low, high = power_curves(since, math.radians(event.phase_deg), before, most, machine, margins)
+    asked = (t >= event.t_s) & (t < next_s)
+    return Bounds(
+        "P_pu", t, np.where(asked, low, -np.inf), np.where(asked, high, np.inf), rows_of_mean=run.rows_per_cycle
+    )
+
+
+def declared_machine(gains: PowerLoopGains, S_rated: float, X_pu: float, omega_n: float) -> Machine:
+    """The machine whose swing has the poles of the power loops behind ``X_pu`` (:eq:`declared-machine`).
+
+    ``gains`` in SI, ``S_rated`` in VA. The coupling of P and Q is neglected.
+    """
+    H = omega_n / (2.0 * gains.K_ip * S_rated)
+    droop = gains.D_p * omega_n / S_rated
+    return Machine(H_s=H, D_pu=droop + 2.0 * H * gains.k_P * S_rated / X_pu, X_pu=X_pu, omega_n=omega_n)
+
+
+ENVELOPES: Mapping[str, Envelope] = MappingProxyType(
+    {found.name: found for found in (power_back, power_band, swing_after_jump)}
+)
 """By name."""

@@ -50,6 +50,8 @@ class Ratings:
     """T of the specification."""
     i_limit_pu: float | None
     """Limit of the converter's current over the rated peak; None without one."""
+    X_2_pu: float = 0.0
+    """Reactance of the filter between the capacitor and the PCC, pu."""
 
     @classmethod
     def of(cls, study: Study, spec: ControllerSpec) -> Ratings:
@@ -62,6 +64,7 @@ class Ratings:
             f_n_hz=c.omega_n / (2.0 * math.pi),
             settling_time_s=spec.target.settling_time,
             i_limit_pu=c.current_limit_pu if own is None else own,
+            X_2_pu=c.omega_n * study.filter.L_2 / c.Z_base,
         )
 
 

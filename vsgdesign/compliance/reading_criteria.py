@@ -33,7 +33,7 @@ def _read_criterion(table: TableReader) -> Criterion:
     elif envelope in ENVELOPES:
         parameters = ENVELOPES[envelope].parameters
     given = tuple((p.name, in_unit(table, p.name, p.unit)) for p in parameters if table.has(p.name))
-    ours = table.flag("ours", default=False)
+    ours, judged = table.flag("ours", default=False), table.flag("judged", default=True)
     if measure in MEASURES or envelope in ENVELOPES:
         table.skip(*(parameter.name for parameter in parameters))
         table.finish()  # which parameters there are is known of a known name alone
@@ -44,6 +44,7 @@ def _read_criterion(table: TableReader) -> Criterion:
         envelope=envelope or None,
         given=given,
         ours=ours,
+        judged=judged,
     )
 
 

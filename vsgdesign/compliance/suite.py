@@ -71,10 +71,13 @@ class Criterion:
     ours: bool = False
     """Whether the limits are chosen by this project and not given by the test's source."""
 
+    judged: bool = True
+    """False: the value is shown beside its limits or its envelope, and there is no verdict on it."""
+
     @property
     def informational(self) -> bool:
         """Whether nothing is asked."""
-        return self.at_least is None and self.at_most is None and self.envelope is None
+        return not self.judged or (self.at_least is None and self.at_most is None and self.envelope is None)
 
 
 @dataclass(frozen=True, kw_only=True)
