@@ -1,0 +1,73 @@
+"""What the dc link gives to the bridge, from the log of a run with a row for every sample."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.frames import instantaneous_power
+from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.run import Simulation
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+def dc_energy(simulation: Simulation, study: Study, *, bridge: str | None = None) -> Array:
+    """Energy in J that a lossless bridge has taken from the dc link up to each row of the log, (n,). It begins at zero.
+
+    Nothing is needed of what stands behind the filter, so that it holds on every grid, with a load and with a fault
+    (:eq:`dc-energy`). With an averaged bridge it is right to (ωT_s)⁴/720 of what swings with ω. ``bridge`` overrides
+    the study's: with a switched one, the losses of the ripple in R_1 and R_c are left out. Raises InfeasibleStudyError
+    where the log does not have every sample.
+    """
+    T_s, f = study.converter.T_s, study.filter
+    if round(study.simulation.log_interval / T_s) != 1:
+        raise InfeasibleStudyError(
+            f"log_interval = {study.simulation.log_interval:.6g} s: the energy of the dc link needs every sample. "
+            f"Use log_interval = {T_s:.9g}."
+        )
+    i_s, v_c, i_g = (_vector(simulation, name) for name in ("i_s", "v_c", "i_g"))
+    step_i, step_v = np.diff(i_s), np.diff(v_c)
+    # What flows into the capacitor says the slope of its voltage, and v_b − R_1 i_s − v that of the current, in whose
+    # difference between both ends v_b is not contained.
+    step_c = np.diff(i_s - i_g)
+    flux = 0.5 * T_s * (v_c[1:] + v_c[:-1]) - T_s * T_s / 12.0 * step_c / f.C + f.R_c * f.C * step_v
+    if (study.simulation.bridge if bridge is None else bridge) == "pwm":
+        # The current swings between its samples, and what the capacitor and the grid get of it does not.
+        charge = f.C * step_v + T_s * _means(i_g)
+        middle = 0.5 * (i_s[1:] + i_s[:-1])
+    else:
+        step_node = step_v + f.R_c * step_c
+        charge = 0.5 * T_s * (i_s[1:] + i_s[:-1]) + T_s * T_s / 12.0 * (f.R_1 * step_i + step_node) / f.L_1
+        middle = charge / T_s
+    energy = f.L_1 * _power(step_i, middle) + _power(f.R_1 * charge + flux, charge / T_s)
+    return np.concatenate([[0.0], np.cumsum(energy)])
+
+
+def dc_power(simulation: Simulation, study: Study, *, bridge: str | None = None) -> Array:
+    """Power in W that the dc link gives to the bridge, (n,): the mean over the sample that ends at each row of the log.
+    The first row, at which none ends, repeats the second. As :func:`dc_energy`."""
+    energy = dc_energy(simulation, study, bridge=bridge)
+    power = np.diff(energy, prepend=0.0) / study.converter.T_s
+    power[:1] = power[1:2]
+    return power
+
+
+def _means(x: Complex) -> Complex:
+    """Mean between every two samples, of the cubic through these and their neighbours."""
+    if len(x) < 4:
+        return 0.5 * (x[1:] + x[:-1])
+    more = np.concatenate([[3.0 * (x[0] - x[1]) + x[2]], x, [3.0 * (x[-1] - x[-2]) + x[-3]]])
+    return (13.0 * (more[1:-2] + more[2:-1]) - more[:-3] - more[3:]) / 24.0
+
+
+def _vector(simulation: Simulation, name: str) -> Complex:
+    return simulation.column(f"{name}_alpha") + 1j * simulation.column(f"{name}_beta")
+
+
+def _power(v: Complex, i: Complex) -> Any:
+    return instantaneous_power(v.real, v.imag, i.real, i.imag)[0]
