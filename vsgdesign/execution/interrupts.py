@@ -12,6 +12,12 @@ from typing import Any
 from vsgdesign.execution.signals import STOPPING
 
 
+def interrupts_come() -> bool:
+    """Whether :func:`interrupts_deferred` has anything to do here."""
+    here = threading.current_thread() is threading.main_thread()
+    return here and any(callable(signal.getsignal(number)) for number in STOPPING)
+
+
 @contextmanager
 def interrupts_deferred() -> Iterator[None]:
     """Within this block SIGINT, SIGTERM and SIGHUP wait; at its end the first is delivered to whoever handles it.

@@ -52,8 +52,8 @@ class ControllerGains:
 
     def __call__(self, R_g: Any, L_g: Any, P: Any, Q: Any, V_rms: Any) -> PowerLoopGains:
         if self.fixed is None and self.measured and self.settings is None and type(R_g) is type(P) is float:
-            # What a run asks every 20 ms: the same numbers without a fifth of its time spent on shapes.
-            return self.schedule.gains_measured(R_g, L_g, P, Q, V_rms)
+            # What a run asks every 20 ms.
+            return self.schedule.gains_of_floats(R_g, L_g, P, Q, V_rms)
         given = [np.asarray(value, dtype=float) for value in (R_g, L_g, P, Q, V_rms)]
         R_g, L_g, P, Q, V_rms = np.broadcast_arrays(*given)
         if self.fixed is not None:

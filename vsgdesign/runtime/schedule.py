@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,18 @@ from vsgdesign.equations.power_flow import (
     scheduled_jacobian,
 )
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.structures import PUBLISHED, STRUCTURES, NormalisedGains
+from vsgdesign.equations.structures import PUBLISHED, STRUCTURES, NormalisedGains, StructureGains
 from vsgdesign.errors import NoOperatingPointError
+from vsgdesign.runtime.floats import on_floats
+
+_scheduled_jacobian = on_floats(scheduled_jacobian)
+
+
+@lru_cache(maxsize=64)
+def _law_of(structure: str, D_p: float, D_q: float) -> tuple[StructureGains, tuple[float, float]]:
+    """The gains of a structure as a function of floats, and its droops."""
+    one = STRUCTURES[structure]
+    return on_floats(one.gains), one.droops(D_p, D_q)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -90,6 +101,15 @@ class Schedule(ABC):
         with np.errstate(invalid="ignore"):  # an estimate that is not finite gives NaN
             J = scheduled_jacobian(P, Q, V_rms, *self._path(R_g, L_g))
             return self._from_plant(self.normalised(R_g, L_g), *J)
+
+    def gains_of_floats(self, R_g: float, L_g: float, P: float, Q: float, V_rms: float) -> PowerLoopGains:
+        """:meth:`gains_measured` of floats, with the same bits at a fifth of the cost."""
+        structure, droops = _law_of(self.structure, self.D_p, self.D_q)
+        try:
+            J = _scheduled_jacobian(P, Q, V_rms, *self._path(R_g, L_g))
+            return structure(*J, self.normalised(R_g, L_g), *droops, self.S_rated, self.omega, self.law == "inertia")
+        except ZeroDivisionError:  # where an array has a value that is not finite
+            return PowerLoopGains(*(float(x) for x in self.gains_measured(R_g, L_g, P, Q, np.float64(V_rms))))
 
     def plant_gains(self, R_g: Any, L_g: Any) -> tuple[Any, Any, Any, Any]:
         """The Jacobian A, B, C, D at the design point on a grid. It is NaN where there is no operating point."""

@@ -98,7 +98,9 @@ def outside(study: Study, x: NDArray[np.float64], state: ControllerState) -> str
     sensible bound. None where all is well."""
     c = study.converter
     circuit = x.tolist()
-    if not all(map(math.isfinite, (*circuit, *flat_state(state)))):
+    # A sum is finite only if every number is.
+    numbers = (*circuit, *flat_state(state))
+    if not math.isfinite(sum(numbers)) and not all(map(math.isfinite, numbers)):
         return (
             "a quantity is no longer a number. The inner loops are unstable on this grid (slow them down, "
             "inner_loops response times, or sample faster), or the power loops are (lower their gains)"

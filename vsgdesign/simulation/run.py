@@ -6,6 +6,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,11 +16,12 @@ from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
-from vsgdesign.execution.interrupts import interrupts_deferred
+from vsgdesign.execution.interrupts import interrupts_come, interrupts_deferred
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification import Probe
 from vsgdesign.operating_point.sampled import SampledState
 from vsgdesign.parameters.study import Grid, Study
+from vsgdesign.runtime.floats import on_floats
 from vsgdesign.simulation.background import Background
 from vsgdesign.simulation.bodies import Bridge, Run
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits
@@ -34,6 +36,9 @@ from vsgdesign.simulation.sensors import SensorsOfRun, sensors_of
 from vsgdesign.simulation.starting import start_of
 from vsgdesign.simulation.stretches import Sources, on_sample
 from vsgdesign.simulation.timeline import Timeline, build_timeline
+
+_NOTHING = nullcontext()
+_gain_transfer = on_floats(gain_transfer)
 
 _RAMP_STRETCH = 0.02
 """Longest stretch of a ramp with one centre frequency, s."""
@@ -125,6 +130,7 @@ def simulate(
     feed.held = held
     cuts = feed.cuts(samples) if held is None else feed.cuts(samples) | held.cuts(samples)
     put: dict[str, object] = {}  # what the loop was given last
+    interrupted = interrupts_come()
     for first, count in _stretches(study, timeline, cuts, samples):
         read, refs = state, _references(study, timeline, first)
         feed.limited_samples = int(loop.view("limited")[0])
@@ -145,7 +151,7 @@ def simulate(
         stretch = sources.stretch(first, count, T_s, noise, study.converter.samples_per_carrier)
         begin = time.perf_counter()
         done, why = 0, None
-        with interrupts_deferred():
+        with interrupts_deferred() if interrupted else _NOTHING:
             while done < count and why is None:
                 _put_changed(loop, put, "power_gains", gains)
                 _put_changed(loop, put, "grid", feed.grid(first) or study.grid)
@@ -249,7 +255,7 @@ def _with_gains(
 ) -> ControllerState:
     if after is before:
         return state
-    return state._replace(omega_i=gain_transfer(state.omega_i, refs, before, after))
+    return state._replace(omega_i=_gain_transfer(state.omega_i, refs, before, after))
 
 
 def _put_changed(loop: RunLoop, put: dict[str, object], head: str, record: PowerLoopGains | References | Grid) -> None:

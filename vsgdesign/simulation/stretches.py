@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +16,7 @@ from vsgdesign.simulation.bodies import FALLING, PEAK, RISING
 from vsgdesign.simulation.circuits import Circuits, Connection
 from vsgdesign.simulation.loop import PieceRows, RunLoop, carrier_part, slopes_of
 from vsgdesign.simulation.run_log import RunLog
-from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.simulation.timeline import SourceSegment, Timeline
 
 Array = NDArray[np.float64]
 
@@ -47,6 +49,7 @@ class Sources:
     def __init__(self, circuits: Circuits, background: Background, timeline: Timeline) -> None:
         self._circuits, self._background, self._timeline = circuits, background, timeline
         self._changes = timeline.plant_changes()
+        self._held: tuple[float, float, tuple[SourceSegment, Mapping[str, Array]] | None] = math.inf, -math.inf, None
         moving = timeline.wander is not None or timeline.replay is not None
         self._distorted = moving or any(components for _, components in timeline.components)
 
@@ -56,9 +59,11 @@ class Sources:
         inside = [t for t in self._changes if start < t < end and on_sample(t, T_s) is None]
         if not inside and not self._distorted:
             t_s = start + 1e-6 * T_s
-            source = self._timeline.source_at(t_s)
-            if source.steady:  # as most are: nothing is added to the source, and the interval is in one piece
-                pieces = [self._piece(Interval(T_s, self._connection(t_s), source.at(start), ()))]
+            held = self._held_at(t_s, T_s)
+            if held is not None:  # as mostly: nothing is added to the source, and the interval is in one piece
+                source, numbers = held
+                phase = source.phase + source.omega * (t_s - source.t_s) + source.omega * (start - t_s)
+                pieces = [PieceRows(numbers, (math.cos(phase), math.sin(phase)))]
                 return Stretch(first, count, pieces, None if noise is None else np.ascontiguousarray(noise))
         instants = [start, *inside]
         lengths = np.diff([*instants, end]).tolist() if inside else [T_s]
@@ -76,6 +81,22 @@ class Sources:
         fed += [] if noise is None else [noise]
         whole = None if not fed else np.ascontiguousarray(np.concatenate(fed, axis=1))
         return Stretch(first, count, self._intervals(found, added, first, T_s, per_carrier), whole)
+
+    def _held_at(self, t_s: float, T_s: float) -> tuple[SourceSegment, Mapping[str, Array]] | None:
+        """The source at an instant, and the numbers of the circuit over one interval, until the next change; None for a
+        source that is ramped."""
+        since, until, held = self._held
+        if not since <= t_s < until:
+            k = bisect_right(self._changes, t_s)
+            since, until = ((-math.inf, *self._changes)[k], (*self._changes, math.inf)[k])
+            source = self._timeline.source_at(t_s, described=False)
+            if source.steady:
+                numbers = self._circuits.numbers(self._connection(t_s), T_s, rms_to_peak(source.V_g_rms), source.omega)
+                held = source, numbers
+            else:
+                held = None
+            self._held = since, until, held
+        return held
 
     def _connection(self, t_s: float) -> Connection:
         return Connection(self._timeline.grid_at(t_s), self._timeline.network_at(t_s))
