@@ -98,6 +98,8 @@ def test_values_are_those_of_the_functions(name: str) -> None:
             "phase_margin_deg": table.loop_P.phase_margin_deg[0],
             "crossover_rad_s": table.loop_P.phase_crossing_rad_s[0],
             "phase_margin_Q_deg": table.loop_Q.phase_margin_deg[0],
+            "crossover_Q_rad_s": table.loop_Q.phase_crossing_rad_s[0],
+            "phase_crossover_Q_rad_s": table.loop_Q.gain_crossing_rad_s[0],
         }
         assert {key: printed(row[key]) for key in expected} == {key: printed(v) for key, v in expected.items()}
         assert printed(row["disk_margin"]["output"]) == printed(table.disk_output.value[0])

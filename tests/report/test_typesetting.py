@@ -32,4 +32,9 @@ def test_states_of_the_transient_impedance_are_set_like_the_others() -> None:
 
 
 def test_a_margin_without_a_limit_is_said_in_words() -> None:
-    assert [_margin(value, "dB") for value in (math.inf, math.nan, 6.02)] == ["no limit", "unstable", "6.02 dB"]
+    assert [_margin(value, "dB", 6.0, False) for value in (math.inf, math.nan, 6.02)] == [
+        "no limit",
+        "unstable",
+        "6.02 dB",
+    ]
+    assert _margin(5.9991, "dB", 6.0, True) == "5.999 dB"

@@ -8,6 +8,7 @@ from typing import Any
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.explore.events import SHOWN_S, event_s
 from vsgdesign.explore.state import State
+from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import DIVERGED, MEASURED, TOO_SHORT, EventMetrics
 from vsgdesign.metrics.survival import LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, loads_of
 from vsgdesign.parameters.study import Study
@@ -58,7 +59,7 @@ def figures_of(study: Study, ready: Ready, state: State, run: Simulation) -> dic
     if found["limited_s"] is None:
         loads = loads_of(record_of(own, run), (event_s(study),), None)
         found |= {"peak_pu": loads.peak_pu, "first_peak_pu": loads.first_peak_pu, "limited_s": loads.limited_s}
-    return found | {"verdict": _verdict(found, state)}
+    return found | {"verdict": _verdict(found, study, state)}
 
 
 def _of_disturbance(study: Study, ready: Ready, run: Simulation) -> dict[str, Any]:
@@ -88,20 +89,27 @@ def _of_step(study: Study, ready: Ready, state: State, run: Simulation) -> dict[
     return {"status": SETTLED, "why": "", "overshoot": _share(event), "settling_s": event.raw.settling_time_s}
 
 
+def _at_most(value: float, limit: float | None, decimals: int) -> str:
+    """A value beside what the specification allows at most."""
+    return beside_limit(value, limit, limit is not None and value > limit, lambda v, n: f"{v:.{n}f}", decimals)
+
+
 def _share(event: EventMetrics) -> float | None:
     percent = event.raw.overshoot_pct
     return None if percent is None else percent / 100.0
 
 
-def _verdict(found: dict[str, Any], state: State) -> str:
+def _verdict(found: dict[str, Any], study: Study, state: State) -> str:
     """One or two sentences on a run."""
     status = found["status"]
     if status == SETTLED and found["settling_s"] is not None:
         over = found["overshoot"]
-        beyond = (
-            "" if over is None else " without overshoot" if over < 5e-4 else f" with {100.0 * over:.1f} % overshoot"
-        )
-        said = f"{state.event.signal} settles in {found['settling_s']:.2f} s{beyond}."
+        asked = study.specification if study.specification is not None and study.specification.settles else None
+        late, too_much = (None, None) if asked is None else (asked.settling_time, 100.0 * asked.overshoot)
+        beyond = ""
+        if over is not None:
+            beyond = " without overshoot" if over < 5e-4 else f" with {_at_most(100.0 * over, too_much, 1)} % overshoot"
+        said = f"{state.event.signal} settles in {_at_most(found['settling_s'], late, 2)} s{beyond}."
     elif status == SURVIVED and found["recovery_s"] is not None:
         since = {"sag": "the end of the sag", "ramp": "the end of the ramp"}.get(state.event.kind, "the event")
         said = f"It survives and is back at rest {found['recovery_s']:.2f} s after {since}."

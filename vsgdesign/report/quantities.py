@@ -54,11 +54,11 @@ def plain_quantity(value: float, unit: str, digits: int = 4) -> str:
     return f"{plain(value / factor, digits)} {prefix}{unit}"
 
 
-def percent(value: float | None) -> str:
-    """Percent with one decimal; a dash for None."""
+def percent(value: float | None, decimals: int = 1) -> str:
+    """Percent with one decimal or more; a dash for None."""
     if value is None:
         return DASH
-    return _minus(f"{value:.1f}")
+    return _minus(f"{value:.{decimals}f}")
 
 
 _NEGATIVE = re.compile(r"(?<![\w.\-−+/)])-(?=\d|∞|inf\b)")

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.parameters.study import Study
 from vsgdesign.stability.assessment import ControllerAssessment
 from vsgdesign.stability.maps import MarginMap
@@ -71,13 +72,17 @@ def describe_cell(field: MarginMap, flat: int) -> str:
     return ", ".join(parts)
 
 
-def _margin(value: float, unit: str) -> str:
+def _margin(value: float, unit: str, gate: float, missed: bool) -> str:
     """A margin in words. An infinite one means that no gain, phase or delay makes the loop unstable."""
     if np.isnan(value):
         return "unstable"
     if np.isinf(value):
         return "no limit"
-    return f"{value:.3g} {unit}".strip().replace(" °", "°")
+    return f"{beside_limit(value, gate, missed, _digits, 3)} {unit}".strip().replace(" °", "°")
+
+
+def _digits(value: float, digits: int) -> str:
+    return f"{value:.{digits}g}"
 
 
 def worst_cases(study: Study, field: MarginMap) -> tuple[WorstCase, ...]:
@@ -145,14 +150,15 @@ def _own_gates(study: Study, a: ControllerAssessment) -> list[Verdict]:
             )
         )
         limits = {
-            "least damping ratio": f"≥ {gates.damping_ratio:g}",
-            "gain margin": f"≥ {gates.gain_margin_db:g} dB",
-            "phase margin": f"≥ {gates.phase_margin_deg:g}°",
-            "peak sensitivity M_s": f"≤ {gates.M_s:g}",
+            "least damping ratio": (gates.damping_ratio, f"≥ {gates.damping_ratio:g}"),
+            "gain margin": (gates.gain_margin_db, f"≥ {gates.gain_margin_db:g} dB"),
+            "phase margin": (gates.phase_margin_deg, f"≥ {gates.phase_margin_deg:g}°"),
+            "peak sensitivity M_s": (gates.M_s, f"≤ {gates.M_s:g}"),
         }
         for worst in worst_cases(study, field):
             if worst.quantity in limits:
-                shown = _margin(worst.value, worst.unit)
+                gate, limit = limits[worst.quantity]
+                shown = _margin(worst.value, worst.unit, gate, worst.share_below > 0.0)
                 verdict = FAIL if worst.share_below > 0.0 else PASS
                 rows.append(
                     Verdict(
@@ -161,7 +167,7 @@ def _own_gates(study: Study, a: ControllerAssessment) -> list[Verdict]:
                         confidence="",
                         test=f"{worst.quantity}, worst cell ({label})",
                         value=f"{shown} at {worst.where}" if analysed else NOTHING,
-                        limit=limits[worst.quantity],
+                        limit=limit,
                         verdict=verdict if analysed else NOT_ASSESSED,
                         evidence=evidence,
                     )
@@ -182,7 +188,7 @@ def _settling(study: Study, a: ControllerAssessment) -> Verdict:
         late += max(times) > limit
         if max(times) > slowest:
             slowest, where = max(times), describe_cell(a.reduced, int(a.reduced.analysed[k]))
-    shown = "not settled" if np.isinf(slowest) else f"{slowest:.3g} s"
+    shown = "not settled" if np.isinf(slowest) else f"{beside_limit(slowest, limit, late > 0, _digits, 3)} s"
     return Verdict(
         controller=a.spec.name,
         source=OWN,

@@ -110,3 +110,28 @@ def test_an_explorer_that_has_ended_is_said_so(explorer: Explorer, new_page: Cal
     page.click(opened.place(0.6, 0.3).point)
     opened.redrawn(before, "linear", "emt")
     page.faults.clear()  # the console has complained about the requests that were lost
+
+
+def test_a_missed_limit_is_seen_in_its_digits(opened: ExplorerPage) -> None:
+    """Before: 1.301 s against 1.3 s was "1.30", and marked as missed."""
+    shown = opened.page.evaluate("""(() => {
+      const {table, info, answers} = window.page;
+      const rows = structuredClone(answers.linear.header.controllers);
+      info.gates.settling_s = 1.3;
+      [rows[0].settling_s, rows[1].settling_s, rows[2].settling_s] = [1.301, 1.31, 1.2996];
+      table.show(rows, []);
+      const cells = [...document.querySelectorAll('#table tbody tr:first-child')].map((row) => row.cells[9]);
+      return cells.map((cell) => [cell.textContent, cell.className.includes('miss'), cell.title]);
+    })()""")
+    asked = "The study asks for at most 1.30 s."
+    assert shown == [["1.301", True, asked], ["1.31", True, asked], ["1.30", False, ""]]
+
+
+def test_margins_of_both_loops_are_marked(opened: ExplorerPage, explorer: Explorer) -> None:
+    """Before: of the loop of P alone."""
+    rows = explorer.header("linear", explorer.state())["controllers"]
+    assert any(row["crossover_Q_rad_s"] for row in rows)
+    for loop, q in (("Q", "_Q"), ("P", "")):
+        opened.page.click(f"#loop input[value='{loop}']")
+        marked = opened.page.evaluate("window.page.bode.curves.map((c) => [c.crossover, c.phaseCrossover])")
+        assert marked == [[row[f"crossover{q}_rad_s"], row[f"phase_crossover{q}_rad_s"]] for row in rows]

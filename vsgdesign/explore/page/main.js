@@ -276,8 +276,6 @@ class Page {
       const get = (name) => arrays[`${c.index}/${name}`];
       const w = get("bode_w");
       const mag = get(`bode${q}_mag_db`);
-      // The answer has the crossings of the loop of P.
-      const margins = q ? {} : c;
       return {
         name: c.name,
         colour: c.colour,
@@ -287,8 +285,8 @@ class Page {
         w: mag && w,
         mag,
         phase: get(`bode${q}_phase_deg`),
-        crossover: margins.crossover_rad_s,
-        phaseCrossover: margins.phase_crossover_rad_s,
+        crossover: c[`crossover${q}_rad_s`],
+        phaseCrossover: c[`phase_crossover${q}_rad_s`],
       };
     });
     byId("loop").hidden = !Object.keys(arrays).some((name) => name.endsWith("bode_Q_mag_db"));

@@ -1,13 +1,15 @@
 // The controllers side by side: margins, response, what the grid code would measure, gains in force, and words where
 // there is no number.
 import { SHAPES, lineColour, shapePath } from "./draw.js";
+import { besideLimit } from "./units.js";
 
 const minus = (text) => text.replace("-", "−");
 const isNone = (v) => v === null || v === undefined || Number.isNaN(v);
+// A text may be asked for with more digits than usual, beside a limit.
 const inDigits =
   (digits, factor = 1) =>
-  (v) =>
-    isNone(v) ? "–" : minus((v * factor).toFixed(digits));
+  (v, more = 0) =>
+    isNone(v) ? "–" : minus((v * factor).toFixed(digits + more));
 const orNone = (digits) => (v) => (isNone(v) || !Number.isFinite(v) ? "none" : minus(v.toFixed(digits)));
 const significant = (v) =>
   isNone(v)
@@ -316,18 +318,24 @@ export class ControllerTable {
     COLUMNS.forEach((column, k) => {
       const value = without ? null : column.value(c, e);
       // An unstable loop has no margins; "none" says of a stable one that it has no crossing.
-      setText(cells[k], without || (!c.stable && isNone(value)) ? "–" : column.text(value));
-      this.judge(cells[k], column, value);
+      const limit = this.missed(column, value);
+      const text = isNone(limit) ? column.text(value) : besideLimit(value, limit, column.text);
+      setText(cells[k], without || (!c.stable && isNone(value)) ? "–" : text);
+      this.mark(cells[k], column, limit);
     });
     gains.forEach((gain, k) => setText(cells[COLUMNS.length + k], significant(without ? null : (c.gains || {})[gain])));
   }
 
-  judge(cell, { gate: [gate, sense] = [], text, unit }, value) {
+  // The limit that a value misses, or null.
+  missed({ gate: [gate, sense] = [] }, value) {
     const limit = gate && this.info.gates ? this.info.gates[gate] : null;
-    const miss = !isNone(limit) && !isNone(value) && sense * (value - limit) < 0;
-    cell.classList.toggle("miss", miss);
+    return !isNone(limit) && !isNone(value) && sense * (value - limit) < 0 ? limit : null;
+  }
+
+  mark(cell, { gate: [, sense] = [], text, unit }, limit) {
+    cell.classList.toggle("miss", !isNone(limit));
     const asked = `The study asks for ${sense > 0 ? "at least" : "at most"}`;
-    cell.title = miss ? `${asked} ${text(limit)}${unit ? " " + unit : ""}.` : "";
+    cell.title = isNone(limit) ? "" : `${asked} ${text(limit)}${unit ? " " + unit : ""}.`;
   }
 }
 

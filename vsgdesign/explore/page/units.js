@@ -6,6 +6,12 @@ export const fieldText = (value, step) => (Number.isFinite(value) ? value.toFixe
 
 export const plainNumber = (value) => String(Number(value.toPrecision(5))).replace("-", "−");
 
+/** The text of a value that misses a limit, with so many more digits that it is not the text of the limit. */
+export function besideLimit(value, limit, text) {
+  for (let more = 0; more <= 12; more++) if (text(value, more) !== text(limit, more)) return text(value, more);
+  return text(value);
+}
+
 const PREFIXES = { "": 0, k: 3, M: 6, m: -3, µ: -6, u: -6 };
 const BASES = ["s", "W", "var", "VA", "V", "A", "Hz", "H", "Ω"];
 

@@ -38,7 +38,7 @@ def comparison_answer(comparison: Comparison) -> Answer:
         cells = [_kept(s, "kept_exact"), _kept(s, "kept_wrong"), _broken(s, "unstable", grids, "")]
         for name, _, asked, factor, unit in columns:
             value = s["worst_exact"][name]
-            worst = reached(value, factor)
+            worst = reached(value, factor, getattr(spec, name), at_least=asked.startswith("≥"))
             cells.append(_broken(s, name, grids, f"{worst}{unit if worst[-1].isdigit() else ''}, asked {asked}"))
         rows.append(Row(label(s["name"]), (*cells, _emt(s["emt"]))))
     head = (

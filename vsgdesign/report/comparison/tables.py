@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 
 from vsgdesign.design.comparison import BEST_FIXED, CLOSED_FORM, GIVEN, TABLE, Comparison, summary_of
+from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.parameters.specification import UNBOUNDED_H
 from vsgdesign.report.page.table import GAIN_UNITS, Table
 from vsgdesign.report.quantities import DASH, number, plain, plain_quantity
 from vsgdesign.report.stability.gains import used_gains
 
 ORIGINS = {BEST_FIXED: "best fixed", GIVEN: "fixed", CLOSED_FORM: "closed form", TABLE: "table"}
+
+_ROUNDING = 1e-9
+"""What an optimiser leaves beyond a limit that it has reached is no miss."""
 
 
 def promises_table(comparison: Comparison) -> Table:
@@ -30,9 +34,9 @@ def promises_table(comparison: Comparison) -> Table:
                 share(s["shares"]["unstable"]),
                 share(s["kept_exact_ideal"]),
                 share(s["kept_wrong_ideal"]),
-                *(reached(side["overshoot"], 100.0) for side in (exact, wrong)),
-                *(reached(side["settling_time"]) for side in (exact, wrong)),
-                *(reached(side["disk_margin"]) for side in (exact, wrong)),
+                *(reached(side["overshoot"], 100.0, spec.overshoot) for side in (exact, wrong)),
+                *(reached(side["settling_time"], 1.0, spec.settling_time) for side in (exact, wrong)),
+                *(reached(side["disk_margin"], 1.0, spec.disk_margin, at_least=True) for side in (exact, wrong)),
                 *((span(s["inertia_s"]),) if bounds_inertia(comparison) else ()),
                 breaks(s["broken"]),
             )
@@ -214,9 +218,10 @@ def share(value: float) -> str:
     return f"{min(max(100.0 * value, 1.0), 99.0):.0f}" if 0.0 < value < 1.0 else f"{100.0 * value:.0f}"
 
 
-def reached(value: float, factor: float = 1.0) -> str:
-    """A number, or ∞."""
-    return "∞" if math.isinf(value) else number(factor * value)
+def reached(value: float, factor: float, limit: float, *, at_least: bool = False) -> str:
+    """A number beside its limit, or ∞. ``factor`` is the shown number over both."""
+    missed = value < (1.0 - _ROUNDING) * limit if at_least else value > (1.0 + _ROUNDING) * limit
+    return "∞" if math.isinf(value) else beside_limit(factor * value, factor * limit, missed, number, 3)
 
 
 def span(limits: tuple[float, float] | None, factor: float = 1.0) -> str:

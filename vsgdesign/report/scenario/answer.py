@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
 from vsgdesign.metrics.survival import Survival, loads_of
 from vsgdesign.report.drawing import spark
@@ -126,14 +127,14 @@ def settling_words(outcome: StepOutcome) -> str:
     if outcome.metrics.status not in (MEASURED, NOT_SETTLED):
         return str(outcome.metrics.status)
     settled = outcome.settling_time_s
-    return f"> {plain(outcome.window_s)} s" if settled is None else f"{number(settled)} s"
+    return f"> {plain(outcome.window_s)} s" if settled is None else f"{outcome.settling_text} s"
 
 
 def overshoot_words(outcome: StepOutcome) -> str:
     """Its overshoot, or why there is none."""
     if outcome.unstable:
         return str(outcome.metrics.status)
-    return f"{percent(outcome.measured_overshoot_pct)} %"
+    return f"{outcome.overshoot_text} %"
 
 
 def _time(outcome: StepOutcome) -> float:
@@ -157,7 +158,7 @@ def _margins(own: Sequence[Kept]) -> Cell:
     name, _, unit = PROMISES[worst.name].partition(" [")
     unit = {"dB]": " dB", "°]": "°"}.get(unit, "")
     limit = f"{'≥' if worst.at_least else '≤'} {plain(worst.limit)}{unit}"
-    value = reached(worst.full_order)
+    value = reached(worst.full_order, worst.limit, not worst.kept)
     return counted([one.kept for one in judged], f"{name} {value}{unit if value[-1].isdigit() else ''}, asked {limit}")
 
 
@@ -237,7 +238,7 @@ def _current(result: ScenarioResult, controller: ControllerResult, limit: float 
     return Cell(
         MET if kept else MISSED,
         "within the limit" if kept else "above the limit",
-        f"{said}; converter {number(late)} pu after 5 ms; limit {plain(limit)} pu",
+        f"{said}; converter {beside_limit(late, limit, not kept, number, 3)} pu after 5 ms; limit {plain(limit)} pu",
         picture,
     )
 

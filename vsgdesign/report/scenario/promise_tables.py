@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import DASH, number, plain
 from vsgdesign.simulation.promises import Kept
@@ -34,9 +35,9 @@ def promises_table(kept: Sequence[Kept]) -> Table | None:
                 one.source,
                 one.excuse,
                 f"{sign} {plain(one.limit)}",
-                reached(one.ideal),
+                reached(one.ideal, one.limit, not one.kept_ideal),
                 results[0],
-                reached(one.full_order),
+                reached(one.full_order, one.limit, not one.kept),
                 results[1],
             )
         )
@@ -76,9 +77,9 @@ def promise_sentences(kept: Sequence[Kept]) -> list[str]:
         sentences.append(
             f"With the real inner loops {name} misses {len(missed)} of the {len(judged)} margins that it was asked "
             f"for, with ideal ones {sum(not one.kept_ideal for one in judged)}; worst from {plain(worst.t_s)} s on: "
-            f"{PROMISES[worst.name].partition(' [')[0]} {reached(worst.full_order)} (ideal "
-            f"{reached(worst.ideal)}) where {worst.source} ask{'' if worst.source.endswith('gates') else 's'} for "
-            f"{sign} {plain(worst.limit)}."
+            f"{PROMISES[worst.name].partition(' [')[0]} {reached(worst.full_order, worst.limit, True)} (ideal "
+            f"{reached(worst.ideal, worst.limit, not worst.kept_ideal)}) where {worst.source} "
+            f"ask{'' if worst.source.endswith('gates') else 's'} for {sign} {plain(worst.limit)}."
         )
     return sentences
 
@@ -91,8 +92,8 @@ def slack(one: Kept) -> float:
     return (value - one.limit if one.at_least else one.limit - value) / abs(one.limit)
 
 
-def reached(value: float) -> str:
-    """A margin as a text: an unstable loop has none."""
+def reached(value: float, limit: float, missed: bool) -> str:
+    """A margin as a text beside its limit: an unstable loop has none."""
     if math.isnan(value):
         return "unstable"
-    return "∞" if math.isinf(value) else number(value)
+    return "∞" if math.isinf(value) else beside_limit(value, limit, missed, number, 3)

@@ -158,10 +158,10 @@ def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
                 outcome.controller.spec.name,
                 f"{outcome.metrics.name} at {plain(outcome.metrics.t_s, 5)} s",
                 _asked(outcome.target_settling_time_s, plain),
-                _settled(outcome.metrics, outcome.settling_time_s, outcome.window_s),
+                _settled(outcome.metrics, outcome.settling_time_s, outcome.window_s, outcome.settling_text),
                 _met(outcome, outcome.settles),
                 _asked(outcome.target_overshoot_pct, percent),
-                percent(outcome.measured_overshoot_pct),
+                outcome.overshoot_text,
                 _met(outcome, outcome.stays_below),
                 number(uncoupled.omega_n if uncoupled else None),
                 number(uncoupled.damping_ratio if uncoupled else None),
@@ -260,10 +260,10 @@ def _figures(event: EventMetrics, metrics: ResponseMetrics, window_s: float, fac
     )
 
 
-def _settled(event: EventMetrics, settling_time_s: float | None, window_s: float) -> str:
+def _settled(event: EventMetrics, settling_time_s: float | None, window_s: float, text: str = "") -> str:
     if event.status not in (MEASURED, NOT_SETTLED):
         return event.status
-    return f"> {plain(window_s)}" if settling_time_s is None else number(settling_time_s)
+    return f"> {plain(window_s)}" if settling_time_s is None else text or number(settling_time_s)
 
 
 def _reasons(events: Sequence[EventMetrics], names: Sequence[str] = ()) -> list[str]:

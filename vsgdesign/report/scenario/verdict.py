@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.metrics import EventMetrics
+from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import DIVERGED, MEASURED, NOT_SETTLED, UNSTABLE
 from vsgdesign.report.quantities import number, percent, plain
 from vsgdesign.report.scenario.second_order import UncoupledResponse, settling_factor, uncoupled_P, uncoupled_Q
@@ -108,6 +110,20 @@ class StepOutcome:
     def misses(self) -> bool:
         """Whether a target is missed that could have been met."""
         return self.judged and not (self.settles and self.stays_below)
+
+    @property
+    def settling_text(self) -> str:
+        """The settling time in s beside its target; only where there is one."""
+        settled = math.nan if self.settling_time_s is None else self.settling_time_s
+        return beside_limit(settled, self.target_settling_time_s, not self.settles, number, 3)
+
+    @property
+    def overshoot_text(self) -> str:
+        """The overshoot in per cent beside its target; a dash where there is none."""
+        measured = self.measured_overshoot_pct
+        if measured is None:
+            return percent(None)
+        return beside_limit(measured, self.target_overshoot_pct, not self.stays_below, percent, 1)
 
     @property
     def coupling(self) -> float | None:
@@ -283,12 +299,12 @@ def _miss(outcome: StepOutcome) -> str:
     elif settled is None and not outcome.settles:
         parts.append(f"not settled within the {plain(outcome.window_s)} s observed")
     elif settled is not None and not outcome.settles:
-        parts.append(f"settled after {number(settled)} s ({number(settled - target, 2)} s late)")
+        parts.append(f"settled after {outcome.settling_text} s ({number(settled - target, 2)} s late)")
     if not outcome.stays_below and not outcome.unstable:
         over = outcome.overshoot_pct
         allowed = outcome.target_overshoot_pct or 0.0
-        beyond = f" ({percent(over - allowed)} too much)" if allowed else ""
-        parts.append(f"{percent(over)} % overshoot{beyond}")
+        beyond = f" ({number(over - allowed, 2)} too much)" if allowed else ""
+        parts.append(f"{outcome.overshoot_text} % overshoot{beyond}")
     if not outcome.at_rest:
         parts.append("not at rest when the step came")
     return f"{_step_name(outcome)}: {', '.join(parts)}"
