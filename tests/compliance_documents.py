@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import zlib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -24,6 +25,7 @@ from vsgdesign.compliance.trace import Trace
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 LIMIT_PU = 1.2
+GROUPS = {"p": "phase jump", "+": "ramp of the frequency", "S": "SCR jump", "V": "voltage step"}
 
 OWN = {"document": "vsgdesign's own suite", "edition": "2026-11", "confidence": "ours", "note": "No grid code."}
 TEMPLATES = {
@@ -41,7 +43,7 @@ FRAMEWORK = {
 
 
 def document(controllers: int = 3, sizes: int = 1, maps: bool = True, seed: int = 1) -> dict[str, Any]:
-    """About 80 tests for ``sizes`` = 1 and 600 for 8. Later controllers fail less."""
+    """About 25 tests for ``sizes`` = 0, 100 for 1 and 570 for 7. Later controllers fail less."""
     names = ("CVSG", "AVSG-ANN", "DAMPED-ANN", "OPT")[:controllers]
     rng = np.random.default_rng(seed)
     rows = [
@@ -95,7 +97,7 @@ def _tests(sizes: int) -> Iterator[tuple[str, str, str, str, dict[str, str]]]:
     scrs = (1.25, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0)
     ratios = (0.5, 1.0, 2.0, 5.0, 10.0)
     for scr, event in itertools.product((10, 2), ("phase jump", "+0.5 Hz/s for 3 s", "SCR jump 2 ↔ 10", "V step −5 %")):
-        yield "dycov", event.split(" ")[0], f"{event}, SCR {scr}", f"SCR {scr}, X/R 10, P 0.5 pu", TEMPLATES
+        yield "dycov", GROUPS[event[0]], f"{event}, SCR {scr}", f"SCR {scr}, X/R 10, P 0.5 pu", TEMPLATES
     for scr, jump in itertools.product((3, 10), (-60, -30, -10, 10, 30, 60)):
         yield "aemo", "phase jump", f"phase {jump:+d}°", f"SCR {scr}, X/R 6, P 0.5 pu", FRAMEWORK
     for scr, ratio, jump in itertools.product(scrs[:sizes], ratios, (-60, -30, -10, 10, 30, 60)):
@@ -115,7 +117,7 @@ def _row(test: tuple[str, str, str, str, dict[str, str]], name: str, k: int, of:
     key = f"{title}, {network}"
     usual = {
         "suite": suite, "test": key, "group": group, "title": title, "controller": name, "network": network,
-        "source": source, "csv": csv_path(suite, key, name), "study": f"cases/{suite}-{abs(hash_of(key)) % 1000}.toml",
+        "source": source, "csv": csv_path(suite, key, name), "study": f"cases/{suite}-{hash_of(key) % 1000}.toml",
         "explore": '#{"scr": 2.0, "x_over_r": 5.0, "event": {"kind": "phase", "size": 60}}',
     }  # fmt: skip
     if group == "islanding" and "1 pu" in title:
@@ -123,11 +125,11 @@ def _row(test: tuple[str, str, str, str, dict[str, str]], name: str, k: int, of:
             "A load of 1 pu with 0.8 pu of reactive power needs √(1² + 0.8²) = 1.28 pu of current; the limit is 1.2 pu."
         )
         return Row(**usual | {"csv": None, "explore": None, "study": None}, verdict=IMPOSSIBLE, why=why)
-    if group == "V":
+    if group == "voltage step":
         why = "The test needs a tap changer, and the study has none."
         return Row(**usual | {"csv": None, "explore": None, "study": None}, verdict=NOT_APPLICABLE, why=why)
     settled, peak = float(rng.uniform(0.2, 1.5)), float(rng.uniform(0.7, LIMIT_PU))
-    broken = rng.random() < 0.12 * (of - 1 - k) / max(of - 1, 1) + 0.004
+    broken = rng.random() < 0.2 * (of - 1 - k) / max(of - 1, 1) + 0.004
     verdict = FAIL if broken else PASS
     checks = [
         Check(measure="settling", label="Settling time", value=None if broken else settled, unit="s", at_most=2.0,
@@ -140,7 +142,7 @@ def _row(test: tuple[str, str, str, str, dict[str, str]], name: str, k: int, of:
             Check(measure="excess", label="Power outside its envelope", value=excess, unit="pu", verdict=verdict,
                   envelope="phase_jump")
         )  # fmt: skip
-    if group.startswith("ramps"):
+    if group.startswith("ramp"):
         checks = [Check(measure="H", label="Inertia constant H", value=2.5 * peak, unit="s", verdict=INFORMATIONAL)]
         return Row(**usual, verdict=INFORMATIONAL, checks=tuple(checks), status="survived")
     why = "The angle slips by a turn 0.41 s after the event." if broken else ""
@@ -149,7 +151,7 @@ def _row(test: tuple[str, str, str, str, dict[str, str]], name: str, k: int, of:
 
 def hash_of(text: str) -> int:
     """A number of a text that is the same in every run."""
-    return int.from_bytes(text.encode()[-6:], "little")
+    return zlib.crc32(text.encode())
 
 
 def _summary(rows: list[dict[str, Any]], suite: str, name: str) -> dict[str, Any]:
@@ -196,4 +198,4 @@ def evidence(row: Mapping[str, Any], n: int = 3000, interval_s: float = 1e-3) ->
 
 def traces_of(found: Mapping[str, Any], n: int = 3000) -> dict[tuple[str, str, str], Evidence]:
     """The evidence of every row that was run."""
-    return {(row["suite"], row["test"], row["controller"]): evidence(row, n) for row in found["rows"] if row["csv"]}
+    return {row["csv"]: evidence(row, n) for row in found["rows"] if row["csv"]}

@@ -111,24 +111,23 @@ def read_evidence(path: str | Path) -> Evidence:
     )
 
 
-class EvidenceOfRows(Mapping[tuple[str, str, str], Evidence]):
-    """The evidence of rows (as in results.json) by suite, test and controller, read from the folder when asked for."""
+class EvidenceFiles(Mapping[str, Evidence]):
+    """The evidence of rows (as in results.json) by the name of its file, read from the folder when asked for."""
 
     def __init__(self, folder: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
-        self._files = {
-            (str(row["suite"]), str(row["test"]), str(row["controller"])): Path(folder) / str(row["csv"])
-            for row in rows
-            if row.get("csv")
-        }
+        self._folder = Path(folder)
+        self._names = dict.fromkeys(str(row["csv"]) for row in rows if row.get("csv"))
 
-    def __getitem__(self, key: tuple[str, str, str]) -> Evidence:
-        return read_evidence(self._files[key])
+    def __getitem__(self, name: str) -> Evidence:
+        if name not in self._names:
+            raise KeyError(name)
+        return read_evidence(self._folder / name)
 
-    def __iter__(self) -> Iterator[tuple[str, str, str]]:
-        return iter(self._files)
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
 
     def __len__(self) -> int:
-        return len(self._files)
+        return len(self._names)
 
 
 def _unit(name: str) -> str:

@@ -9,10 +9,13 @@ from typing import Any
 from vsgdesign.compliance.evidence import slug
 from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, VERDICTS
 from vsgdesign.report.compliance.verdicts import Counts, counted
-from vsgdesign.report.quantities import number
+from vsgdesign.report.quantities import number, plain
 
 Document = Mapping[str, Any]
 RowDict = Mapping[str, Any]
+
+_LONG = 16
+"""Letters of a value that stay in one line."""
 
 EXPLAINED = (FAIL, IMPOSSIBLE, NOT_APPLICABLE)
 """Verdicts whose reason is printed below the test."""
@@ -25,6 +28,11 @@ class Value:
     verdict: str
     words: str
 
+    @property
+    def long(self) -> bool:
+        """Whether it may be broken into lines."""
+        return len(self.words) > _LONG
+
 
 @dataclass(frozen=True)
 class Line:
@@ -33,6 +41,8 @@ class Line:
     label: str
     asked: str
     values: tuple[Value | None, ...]
+    enveloped: bool = False
+    """Whether an envelope is asked for."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +198,8 @@ def _lines(rows: Sequence[RowDict | None]) -> Iterator[Line]:
             keys.setdefault((check["label"], asked_words(check)), {})[k] = check
     for (label, asked), checks in keys.items():
         values = (checks.get(k) for k in range(len(rows)))
-        yield Line(label, asked, tuple(None if one is None else _value(one) for one in values))
+        enveloped = any(one.get("envelope") for one in checks.values())
+        yield Line(label, asked, tuple(None if one is None else _value(one) for one in values), enveloped)
 
 
 def _value(check: RowDict) -> Value:
@@ -200,13 +211,15 @@ def asked_words(check: RowDict) -> str:
     low, high, unit = check.get("at_least"), check.get("at_most"), _with_space(check["unit"])
     said = []
     if low is not None and high is not None:
-        said.append(f"{number(low)} to {number(high)}{unit}")
+        said.append(f"{plain(low)} to {plain(high)}{unit}")
     elif low is not None:
-        said.append(f"≥ {number(low)}{unit}")
+        said.append(f"≥ {plain(low)}{unit}")
     elif high is not None:
-        said.append(f"≤ {number(high)}{unit}")
+        said.append(f"≤ {plain(high)}{unit}")
     if check.get("envelope"):
         said.append(f"inside “{check['envelope']}”")
+    if said and check.get("ours"):
+        said.append("a limit of ours")
     return ", ".join(said) or "not asked for"
 
 

@@ -13,7 +13,8 @@ from vsgdesign.report.drawing.plot import Band, Curve, Plot, plot_sketch
 from vsgdesign.report.drawing.sketch import Sketch
 from vsgdesign.report.drawing.style import DASHES
 
-Traces = Mapping[tuple[str, str, str], Evidence]
+Traces = Mapping[str, Evidence]
+"""Evidence by the name of its file, the field ``csv`` of a row."""
 
 MOST_CURVES = 9
 """Curves of one overlay: more cannot be told apart."""
@@ -50,7 +51,7 @@ class Drawer:
     def __init__(self, arranged: Arranged, traces: Traces, converter: Mapping[str, Any]) -> None:
         self.arranged = arranged
         self.traces = traces
-        self.missing: list[tuple[str, str, str]] = []
+        self.missing: set[str] = set()
         self._f_n_hz = float(converter.get("f_n_hz") or 50.0)
         self._limits = {one["controller"]: one["current_limit_pu"] for one in converter.get("limits") or ()}
 
@@ -66,8 +67,9 @@ class Drawer:
         return TestFigure(test.anchor, test.title, caption.strip(), self._plots(found, bands))
 
     def of_group(self, group: Group) -> TestFigure | None:
-        """Some tests of a group, evenly spread, over each other. None: no trace is there."""
-        tests = self.chosen(group)
+        """Some tests of a group over each other, evenly spread; of tests with envelopes one alone. None: no trace."""
+        enveloped = [test for test in group.tests if any(line.enveloped for line in test.lines)]
+        tests = [max(enveloped, key=_excess)] if enveloped else self.chosen(group)
         curves = [
             (k, evidence)
             for test in tests
@@ -76,12 +78,17 @@ class Drawer:
         ]
         if not curves:
             return None
-        # Tests of a group have envelopes of their own; over each other they would say nothing.
-        bands = _bands([evidence for _, evidence in curves]) if len(tests) == 1 else []
         names = "; ".join(f"{test.title} ({test.network})" for test in tests)
         left_out = len(group.tests) - len(tests)
-        caption = f"{names}." + (f" {left_out} more tests of this group are not drawn." if left_out else "")
-        return TestFigure("", group.name, caption, self._plots(curves, bands))
+        said = f"{names}."
+        if enveloped and left_out:
+            said += (
+                f" Each test has an envelope of its own: the one with the largest excess is drawn, {left_out} are not."
+            )
+        elif left_out:
+            said += f" {left_out} more tests of this group are not drawn."
+        bands = _bands([evidence for _, evidence in curves]) if enveloped else []
+        return TestFigure("", group.name, said, self._plots(curves, bands))
 
     def chosen(self, group: Group) -> list[Tested]:
         """The tests of an overlay: the first, the last and some between them."""
@@ -93,12 +100,12 @@ class Drawer:
         return [group.tests[k] for k in places]
 
     def _read(self, row: Mapping[str, Any]) -> Evidence | None:
-        key = (row["suite"], row["test"], row["controller"])
-        found = self.traces.get(key)
+        name = row.get("csv")
+        if not name:
+            return None  # a test that does not apply or is impossible is not run
+        found = self.traces.get(name)
         if found is None or len(found.trace.t_s) < 2:
-            # A test that does not apply or is impossible was not run.
-            if row.get("csv"):
-                self.missing.append(key)
+            self.missing.add(name)
             return None
         return found
 
@@ -130,6 +137,12 @@ def dashes_of(index: int) -> tuple[float, ...]:
     """Dashes of a controller's curves, as multiples of their width."""
     dash = DASHES[index % len(DASHES)]
     return () if isinstance(dash, str) else tuple(dash[1])
+
+
+def _excess(test: Tested) -> float:
+    """How far the worst controller is outside of an envelope."""
+    found = [check["value"] for row in test.known for check in row["checks"] if check.get("envelope")]
+    return max((value for value in found if value is not None), default=0.0)
 
 
 def _fails(test: Tested, index: int) -> bool:

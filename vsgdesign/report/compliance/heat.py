@@ -1,4 +1,4 @@
-"""Survival maps as sketches: a number in every cell, a colour behind it, and words where there is no number."""
+"""Survival maps as sketches: a number or a word in every cell, with a colour behind it."""
 
 from __future__ import annotations
 
@@ -8,80 +8,115 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.report.drawing.sketch import END, MIDDLE, START, Sketch, Words
+from vsgdesign.report.drawing.sketch import END, MIDDLE, Sketch, Words
 from vsgdesign.report.quantities import plain
 
 Array = NDArray[np.float64]
 
-_CELL_WIDTH, _CELL_HEIGHT = 44.0, 24.0
-_LEFT, _TOP, _BOTTOM, _RIGHT = 64.0, 24.0, 36.0, 10.0
-_NOTHING = "#F4F4F4"
-_LEGEND = 30.0
+_CELL_WIDTH, _CELL_HEIGHT = 41.0, 19.0
+_LEFT, _TOP, _BOTTOM, _RIGHT = 56.0, 26.0, 34.0, 8.0
+_LEGEND = 24.0
+_LOST, _HATCH, _NO_VERDICT = "#F0B48C", "#B4622A", "#E4E4E4"
 
-_RAMP = np.array(
-    [
-        [0.78, 0.38, 0.08],
-        [0.93, 0.65, 0.40],
-        [0.97, 0.90, 0.80],
-        [0.80, 0.89, 0.95],
-        [0.42, 0.66, 0.84],
-        [0.0, 0.35, 0.58],
-    ]
+_RAMP = np.array([[0.93, 0.96, 0.99], [0.68, 0.82, 0.92], [0.35, 0.60, 0.80], [0.05, 0.33, 0.56]])
+"""From pale to dark blue; what is lost is orange and hatched."""
+
+_SHORT = {
+    "slipped": "slips",
+    "latched": "latches",
+    "diverged": "diverges",
+    "not at rest": "no rest",
+    "no rest": "–",
+    "rest over limit": "–",
+    "not known": "?",
+}
+"""The judge's words as they fit into a cell."""
+
+_WITHOUT_VERDICT = ("–", "?")
+
+LEGEND = (
+    "A number is a run that survives, and its shade is the value. Hatched cells are lost: “slips” (the angle slips by "
+    "a turn), “latches” (the current limit stays active), “diverges”, “no rest” (the new rest is not reached in time). "
+    "A dash in a grey cell says that there is no steady state within the current limit, so there is no verdict."
 )
-"""Dark orange for the least value, dark blue for the largest: an order that eyes without red and green see, too."""
 
 
 def heat_sketch(found: Mapping[str, Any]) -> Sketch:
-    """One map of ``document["maps"]``: ``values`` has a row for each value of y, None where it is not known.
+    """One map of ``document["maps"]``: ``values`` has a row for each value of y, None where it has none.
 
-    ``mark`` may have a short text for each cell, which is printed in place of the number.
+    ``status`` says for each cell whether it survives, how it is lost, or why there is no verdict.
     """
     x, y = found["x"], found["y"]
     values = np.array([[np.nan if value is None else value for value in row] for row in found["values"]], dtype=float)
-    marks = found.get("mark") or [[None] * len(x["values"]) for _ in y["values"]]
+    status = found.get("status") or [["" for _ in x["values"]] for _ in y["values"]]
     columns, rows = len(x["values"]), len(y["values"])
     width = _LEFT + columns * _CELL_WIDTH + _RIGHT
     height = _TOP + rows * _CELL_HEIGHT + _BOTTOM + _LEGEND
-    title = f"{found['title']}, {found['controller']}"
-    sketch = Sketch(max(width, 300.0), height, f"{title}: a table of numbers")
-    sketch.parts.append(Words(4.0, 14.0, title, 11.5, bold=True))
-    low, high = _ends(values)
+    title = f"{found['title']}: {found['controller']}"
+    sketch = Sketch(max(width, 300.0), height, f"{title}, a table of values")
+    sketch.parts.append(Words(4.0, 15.0, title, 11.0, bold=True))
+    ends = _ends(values)
     for j in range(rows):
         # The largest y is on top, as on the axis of a figure.
         top = _TOP + (rows - 1 - j) * _CELL_HEIGHT
-        sketch.parts.append(Words(_LEFT - 5.0, top + 16.0, plain(y["values"][j], 3), 10.0, END))
+        sketch.parts.append(Words(_LEFT - 5.0, top + 13.0, plain(y["values"][j], 3), 9.5, END))
         for k in range(columns):
-            _cell(sketch, (_LEFT + k * _CELL_WIDTH, top), values[j, k], marks[j][k], (low, high))
+            _cell(sketch, (_LEFT + k * _CELL_WIDTH, top), float(values[j, k]), str(status[j][k]), ends)
     bottom = _TOP + rows * _CELL_HEIGHT
     for k, value in enumerate(x["values"]):
-        sketch.parts.append(Words(_LEFT + (k + 0.5) * _CELL_WIDTH, bottom + 13.0, plain(value, 3), 10.0, MIDDLE))
+        sketch.parts.append(Words(_LEFT + (k + 0.5) * _CELL_WIDTH, bottom + 12.0, plain(value, 3), 9.5, MIDDLE))
     middle = _LEFT + columns * _CELL_WIDTH / 2.0
-    sketch.parts.append(Words(middle, bottom + 28.0, x["label"], 10.5, MIDDLE))
-    sketch.parts.append(Words(12.0, _TOP + rows * _CELL_HEIGHT / 2.0, y["label"], 10.5, MIDDLE, upright=True))
-    _legend(sketch, bottom + 42.0, found["unit"], (low, high))
+    sketch.parts.append(Words(middle, bottom + 26.0, _label(x), 10.0, MIDDLE))
+    sketch.parts.append(Words(12.0, _TOP + rows * _CELL_HEIGHT / 2.0, _label(y), 10.0, MIDDLE, upright=True))
+    _legend(sketch, bottom + 36.0, found, ends)
     return sketch
 
 
-def _cell(
-    sketch: Sketch, corner: tuple[float, float], value: float, mark: str | None, ends: tuple[float, float]
-) -> None:
+def maps_by_title(document: Mapping[str, Any], sketches: Sequence[Sketch]) -> list[tuple[str, str, list[Sketch]]]:
+    """Maps of the same title with their words: (title, words, one sketch for each controller)."""
+    found: dict[str, tuple[str, str, list[Sketch]]] = {}
+    for one, sketch in zip(document.get("maps") or (), sketches, strict=True):
+        found.setdefault(one["title"], (str(one["title"]), str(one["words"]), []))[2].append(sketch)
+    return list(found.values())
+
+
+def _label(axis: Mapping[str, Any]) -> str:
+    unit = axis.get("unit")
+    return f"{axis['label']} [{unit}]" if unit else str(axis["label"])
+
+
+def _cell(sketch: Sketch, corner: tuple[float, float], value: float, status: str, ends: tuple[float, float]) -> None:
     x, y = corner
-    known = np.isfinite(value)
+    known = bool(np.isfinite(value))
     share = _share(value, ends)
-    colour = _colour(share) if known else _NOTHING
+    said = _said(value, status)
+    colour = _colour(share) if known else _NO_VERDICT if said in _WITHOUT_VERDICT else _LOST
     sketch.box(x, y, _CELL_WIDTH, _CELL_HEIGHT, colour, "#FFFFFF")
-    said = mark or (plain(value, 3) if known else "–")
-    dark = known and (share < 0.13 or share > 0.75)
-    sketch.parts.append(Words(x + _CELL_WIDTH / 2.0, y + 16.0, said, 10.0, MIDDLE, "#FFFFFF" if dark else "#1A1A1A"))
+    if colour == _LOST:
+        # Along the lower edge, so that the word stays readable.
+        for k in range(1, 9):
+            left = x + k * _CELL_WIDTH / 9.0
+            sketch.line((left - 2.0, y + _CELL_HEIGHT - 1.0), (left + 2.0, y + _CELL_HEIGHT - 4.0), _HATCH, 0.8)
+    white = known and share > 0.62
+    size = 9.5 if len(said) < 7 else 8.5
+    words = Words(x + _CELL_WIDTH / 2.0, y + 12.5, said, size, MIDDLE, "#FFFFFF" if white else "#1A1A1A")
+    sketch.parts.append(words)
 
 
-def _legend(sketch: Sketch, top: float, unit: str, ends: tuple[float, float]) -> None:
-    steps, width = 24, 5.0
+def _said(value: float, status: str) -> str:
+    if np.isfinite(value):
+        return f"≥ {plain(value, 2)}" if status.startswith("survived up to") else plain(value, 2)
+    return _SHORT.get(status, "–")
+
+
+def _legend(sketch: Sketch, top: float, found: Mapping[str, Any], ends: tuple[float, float]) -> None:
+    steps, width = 24, 4.0
+    unit = "" if found["unit"] == "1" else f" {found['unit']}"
+    sketch.parts.append(Words(_LEFT - 4.0, top + 8.0, plain(ends[0], 2), 9.0, END))
     for k in range(steps):
         sketch.box(_LEFT + width * k, top, width + 0.3, 8.0, _colour(k / (steps - 1)))
-    sketch.parts.append(Words(_LEFT - 4.0, top + 8.0, plain(ends[0], 3), 9.5, END))
-    said = f"{plain(ends[1], 3)} {'' if unit == '1' else unit}".strip()
-    sketch.parts.append(Words(_LEFT + width * steps + 5.0, top + 8.0, said, 9.5, START))
+    said = f"{plain(ends[1], 2)}{unit}: {str(found.get('label') or found['title']).lower()}"
+    sketch.parts.append(Words(_LEFT + width * steps + 5.0, top + 8.0, said, 9.0))
 
 
 def _ends(values: Array) -> tuple[float, float]:
@@ -90,12 +125,16 @@ def _ends(values: Array) -> tuple[float, float]:
 
 
 def _share(value: float, ends: tuple[float, float]) -> float:
-    if not np.isfinite(value) or ends[1] <= ends[0]:
+    """Place on the ramp; logarithmic for values of one sign that vary much, because the long ones hide the rest."""
+    low, high = ends
+    if not np.isfinite(value) or high <= low:
         return 0.5
-    return float((value - ends[0]) / (ends[1] - ends[0]))
+    if low > 0.0 and high > 4.0 * low:
+        return float(np.log(value / low) / np.log(high / low))
+    return float((value - low) / (high - low))
 
 
 def _colour(share: float) -> str:
     places = np.linspace(0.0, 1.0, len(_RAMP))
-    rgb: Sequence[float] = [float(np.interp(share, places, _RAMP[:, k])) for k in range(3)]
+    rgb = (float(np.interp(share, places, _RAMP[:, k])) for k in range(3))
     return "#" + "".join(f"{round(255 * value):02X}" for value in rgb)

@@ -20,7 +20,8 @@ VALIDITY = (
     "The grid is one resistance and one inductance behind an ideal source, with the load and the faults that a test "
     "names. Saturation of transformers, protection relays and other converters are not there.",
     "Every number that is asked for has a source and a confidence. “read” was read in its source, “secondary” is told "
-    "by another document, and “ours” was chosen by this project or by the user: it is no requirement of a grid code.",
+    "by another document, “ours” was chosen by this project, and “user” by the user of the suite. The last two are "
+    "no requirements of a grid code.",
     "A pass says that this one test was kept from one operating point. It says nothing about tests that were not run.",
 )
 

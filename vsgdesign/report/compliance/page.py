@@ -16,7 +16,7 @@ from vsgdesign.compliance.rows import FAIL, VERDICTS
 from vsgdesign.report.compliance.answer import MOST_FAILING, counts_answer, failing_tests, headline, strips
 from vsgdesign.report.compliance.arranged import Arranged, Group, arrange
 from vsgdesign.report.compliance.figures import Drawer, TestFigure, Traces, dashes_of
-from vsgdesign.report.compliance.heat import heat_sketch
+from vsgdesign.report.compliance.heat import LEGEND, heat_sketch, maps_by_title
 from vsgdesign.report.compliance.identity import identity_tables, sources_table, validity
 from vsgdesign.report.compliance.verdicts import LOOKS
 from vsgdesign.report.drawing.sketch import Sketch, svg, svg_file
@@ -26,6 +26,9 @@ PAGE, PDF = "report.html", "report.pdf"
 
 MOST_FIGURES = 120
 """Tests with a failing row that get a figure; the bound keeps the time of a page within seconds."""
+
+MOST_OPEN = 30
+"""A group with more tests is closed at first, also if one of them fails."""
 
 MOST_INSIDE = 1_200_000
 """Bytes of these figures that are a part of the page itself. The others are files beside it."""
@@ -46,9 +49,11 @@ class Drawn:
 def write_page(folder: str | Path, document: Mapping[str, Any], traces: Traces) -> list[Path]:
     """Write ``report.html``, ``report.pdf`` and ``figures/`` into a folder (made if missing).
 
-    ``document`` is results.json of the verb ``comply``, ``traces`` has the evidence by (suite, test, controller), and
-    may read it when asked. Returns every file that was written.
+    ``document`` is results.json of the verb ``comply``, ``traces`` has the evidence by the field ``csv`` of the rows,
+    and may read it when asked. Returns every file that was written.
     """
+    from vsgdesign.report.compliance.pdf import write_pdf
+
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     arranged = arrange(document)
@@ -56,7 +61,7 @@ def write_page(folder: str | Path, document: Mapping[str, Any], traces: Traces) 
     files = _write_figures(folder, arranged, drawn)
     text = _html(document, arranged, drawn)
     (folder / PAGE).write_text(text, encoding="utf-8", newline="\n")
-    return [*files, folder / PAGE]
+    return [*files, folder / PAGE, write_pdf(folder / PDF, document, arranged, drawn)]
 
 
 def draw(arranged: Arranged, document: Mapping[str, Any], traces: Traces) -> Drawn:
@@ -77,7 +82,7 @@ def draw(arranged: Arranged, document: Mapping[str, Any], traces: Traces) -> Dra
         inside=inside,
         maps=[heat_sketch(one) for one in document.get("maps") or ()],
         beyond=max(len(failing) - MOST_FIGURES, 0),
-        missing=len(set(drawer.missing)),
+        missing=len(drawer.missing),
     )
 
 
@@ -117,12 +122,17 @@ def _html(document: Mapping[str, Any], arranged: Arranged, drawn: Drawn) -> str:
             figure_of=lambda test: figure_path(test.suite, test.test) if test.anchor in drawn.tests else "",
             command=lambda row: explore_command(document, row),
             repeat=lambda row: f"vsgdesign simulate {shlex.quote(row['study'])}" if row.get("study") else "",
-            maps=[svg(one, "heat") for one in drawn.maps],
+            maps=[
+                (title, words, [svg(one, "heat") for one in sketches])
+                for title, words, sketches in maps_by_title(document, drawn.maps)
+            ],
+            legend=LEGEND,
             identity=identity_tables(document),
             validity=validity(document),
             sources=sources_table(arranged.sources),
             left_out=left_out(arranged, drawn),
-            counts_of=_counts_words,
+            counts_of=lambda group: _counts_words(arranged, group),
+            most_open=MOST_OPEN,
             version=__version__,
             FAIL=FAIL,
         )
@@ -176,8 +186,9 @@ def _keys(arranged: Arranged) -> list[tuple[str, Markup]]:
     return found
 
 
-def _counts_words(group: Group) -> list[tuple[str, str]]:
-    """For each verdict of a group that occurs: its name and how many rows have it."""
+def _counts_words(arranged: Arranged, group: Group) -> list[tuple[str, list[tuple[str, int]]]]:
+    """For each controller its name, and the verdicts that occur in a group with their numbers."""
     return [
-        (verdict, str(total)) for verdict in VERDICTS if (total := sum(counts.of[verdict] for counts in group.counts))
+        (name, [(verdict, counts.of[verdict]) for verdict in VERDICTS if counts.of[verdict]])
+        for name, counts in zip(arranged.controllers, group.counts, strict=True)
     ]

@@ -163,7 +163,9 @@ def _scale(plot: Plot) -> tuple[float, float, str]:
     room = 0.08 * (high - low)
     if room <= 1e-9 * max(abs(low), abs(high)):
         room = 0.05 * max(abs(high), 0.1)
-    return low - room, high + room, f"beyond the scale: {plain(furthest, 3)}" if outside else ""
+    # The words above a level need room of their own.
+    above = max(room, 0.14 * (high - low)) if any(value >= high - room for value, _ in plot.levels) else room
+    return low - room, high + above, f"beyond the scale: {plain(furthest, 3)}" if outside else ""
 
 
 def _ends(y: Array) -> list[float]:
