@@ -50,4 +50,4 @@ def made_run(
 
 def times(end_s: float, begin_s: float = 0.0, step_s: float = STEP_S) -> Array:
     """Equally spaced instants, the end excluded."""
-    return begin_s + step_s * np.arange(round((end_s - begin_s) / step_s))
+    return begin_s + step_s * np.arange(round((end_s - begin_s) / step_s), dtype=np.float64)

@@ -7,10 +7,16 @@ from types import MappingProxyType
 
 from vsgdesign.compliance.measured.currents import CURRENTS
 from vsgdesign.compliance.measured.extremes import EXTREMES
+from vsgdesign.compliance.measured.faults import FAULTS
+from vsgdesign.compliance.measured.frequency import FREQUENCY
+from vsgdesign.compliance.measured.oscillations import OSCILLATIONS
 from vsgdesign.compliance.measured.recovery import RECOVERY
+from vsgdesign.compliance.measured.responses import RESPONSES
 from vsgdesign.compliance.measuring import Measure, Measured, MeasureInput, Parameter, Ratings
 
 __all__ = ["MEASURES", "Measure", "MeasureInput", "Measured", "Parameter", "Ratings"]
 
-MEASURES: Mapping[str, Measure] = MappingProxyType({found.name: found for found in (*RECOVERY, *CURRENTS, *EXTREMES)})
+_ALL = (*RECOVERY, *CURRENTS, *RESPONSES, *FREQUENCY, *OSCILLATIONS, *FAULTS, *EXTREMES)
+
+MEASURES: Mapping[str, Measure] = MappingProxyType({found.name: found for found in _ALL})
 """By name, in the order of tables."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ from vsgdesign.metrics.survival import Survival
 from vsgdesign.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complexfloating[Any, Any]]
+T = TypeVar("T")
 
 
 class Measured(NamedTuple):
@@ -27,7 +29,7 @@ class Measured(NamedTuple):
     value: float | None
     """In the measure's unit. None: it is not known."""
     why: str = ""
-    """Why it is not known; empty if it is."""
+    """Why it is not known; of a figure that is known, what is to be said of it."""
     plus_minus: float = 0.0
     """How far the figure may be from the truth because the trace has a row only every so often, in its unit."""
 
@@ -52,19 +54,24 @@ class Ratings:
     """Limit of the converter's current over the rated peak; None without one."""
     X_2_pu: float = 0.0
     """Reactance of the filter between the capacitor and the PCC, pu."""
+    R_2_pu: float = 0.0
+    """Resistance there, pu."""
+    lag_P_s: float = 0.0
+    """Delay of the filters of the measured active power, s."""
 
     @classmethod
     def of(cls, study: Study, spec: ControllerSpec) -> Ratings:
         """The ratings of a study's converter with one of its controllers, which may have a current limit of its own."""
-        c = study.converter
-        own = spec.current_limit_pu
+        c = study.with_limit_of(spec).converter
         return cls(
             S_rated=c.S_rated,
             V_rated_rms=c.V_rated_rms,
             f_n_hz=c.omega_n / (2.0 * math.pi),
             settling_time_s=spec.target.settling_time,
-            i_limit_pu=c.current_limit_pu if own is None else own,
+            i_limit_pu=c.current_limit_pu,
             X_2_pu=c.omega_n * study.filter.L_2 / c.Z_base,
+            R_2_pu=study.filter.R_2 / c.Z_base,
+            lag_P_s=study.power_lags[0],
         )
 
 
@@ -79,6 +86,17 @@ class MeasureInput:
     """The judge's verdict; None if the run was not judged."""
     gains: PowerLoopGains | None = None
     """In force before the first event, in SI; None if they are not known."""
+    nfp: Callable[[Array], Complex] | None = None
+    """ΔP over Δω of the grid, per unit, at angular frequencies (rad/s), from a linear model at the test's first grid
+    and operating point (:func:`vsgdesign.compliance.linear.nfp_of`); None if there is no model."""
+    shared: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
+    """What several measures need, computed once (:meth:`once`)."""
+
+    def once(self, function: Callable[[MeasureInput], T]) -> T:
+        """``function(self)``, computed the first time and remembered by the function's name."""
+        if function.__name__ not in self.shared:
+            self.shared[function.__name__] = function(self)
+        return self.shared[function.__name__]
 
     @cached_property
     def events_s(self) -> tuple[float, ...]:
@@ -128,11 +146,20 @@ class MeasureInput:
         return float(np.mean(values[max(self.first_row(t_s - 1.0 / self.ratings.f_n_hz), 0) : stop]))
 
     def event_with(self, has: Callable[[SuiteEvent], bool]) -> tuple[SuiteEvent, float] | None:
-        """The first event of a kind, and when the next one comes (infinity after the last). None: there is none."""
+        """The first event of a kind, and when the next event comes (infinity after the last). None: there is none."""
         for event, after in zip(self.test.events, [*self.test.events[1:], None], strict=True):
             if has(event):
                 return event, math.inf if after is None else after.t_s
         return None
+
+    def grid_hz(self, t_s: float) -> float:
+        """Frequency of the grid just before ``t_s``, Hz, at rest: nominal with the last deviation before."""
+        changes = [event.df_hz for event in self.test.events if event.df_hz is not None and event.t_s < t_s - 1e-9]
+        return self.ratings.f_n_hz + (changes[-1] if changes else self.test.df_hz)
+
+    def limiter_acts(self, rows: slice) -> bool:
+        """Whether the current limiter acts in any of the rows."""
+        return bool(np.any(self.trace.limited[rows] > 0.0))
 
 
 class Parameter(NamedTuple):

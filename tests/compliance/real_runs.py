@@ -1,0 +1,108 @@
+"""Runs of the EMT as measures see them: of the published 5 kVA converter, with given gains, on a given grid."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from tests.compliance.made_runs import SOURCE
+from vsgdesign.compliance.measures import MeasureInput, Ratings
+from vsgdesign.compliance.suite import SuiteEvent, SuiteTest
+from vsgdesign.compliance.trace import Trace
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.frames import clarke_inverse, rms_to_peak
+from vsgdesign.parameters.loading import study_from_text
+from vsgdesign.parameters.study import Event, Place, Study
+from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.simulation.steps import references_at
+from vsgdesign.stability.cells import gains_in_force
+
+INTERVAL_S = 5e-4
+
+
+@cache
+def study_of(structure: str, case: str = "hoang2025_5kva", **more: Any) -> Study:
+    """A case with one scheduled controller of this structure."""
+    fields = {"tau_P": "5 ms", "tau_Q": "5 ms", "structure": structure} | more
+    runs = '[simulation]\nduration = "1 s"\nP_ref = "0 W"\nQ_ref = "0 var"\n[[controllers]]\nname = "own"'
+    lines = "\n".join(f'{name} = "{value}"' for name, value in fields.items())
+    return study_from_text(f'base = "case:{case}"\n[power_loops]\n{lines}\n{runs}\nkind = "scheduled"\n')
+
+
+def trace_of(study: Study, run: Simulation) -> Trace:
+    """What a run shows, per unit, with its rows as they were logged: no peaks between the rows."""
+    c = study.converter
+    V_pk, I_pk = float(rms_to_peak(c.V_rated_rms)), c.I_rated_pk
+    i_s = run.column("i_s_alpha"), run.column("i_s_beta")
+    v_g = np.unwrap(np.arctan2(run.column("v_g_beta"), run.column("v_g_alpha")))
+    P = run.column("P") / c.S_rated
+    count = np.diff(run.column("limited_samples"), prepend=0.0)
+    return Trace(
+        t_s=run.t_s,
+        P_pu=P,
+        Q_pu=run.column("Q") / c.S_rated,
+        f_hz=run.column("omega") / (2.0 * math.pi),
+        V_pu=run.column("V_rms") / c.V_rated_rms,
+        delta_rad=np.unwrap(run.column("theta")) - v_g,
+        i_s_pu=np.hypot(*i_s) / I_pk,
+        i_phase_pu=np.max(np.abs(clarke_inverse(*i_s)), axis=0) / I_pk,
+        v_alpha_pu=run.column("v_c_alpha") / V_pk,
+        v_beta_pu=run.column("v_c_beta") / V_pk,
+        i_g_alpha_pu=run.column("i_g_alpha") / I_pk,
+        i_g_beta_pu=run.column("i_g_beta") / I_pk,
+        P_dc_pu=P,
+        limited=count / round(INTERVAL_S / c.T_s),
+    )
+
+
+def real_run(study: Study, test: SuiteTest, gains: PowerLoopGains | None = None) -> tuple[MeasureInput, PowerLoopGains]:
+    """A test's run with averaged bridge and constant gains, those of the study's controller unless others are given,
+    and the gains."""
+    c, spec = study.converter, study.controllers[0]
+    grid = Place(test.scr, test.x_over_r, study.scr_basis).grid(c)
+    P, Q = test.P_pu * c.S_rated, test.Q_pu * c.S_rated
+    if gains is None:
+        found = gains_in_force(
+            study, gain_law(study, spec), np.array([grid.R_g]), np.array([grid.L_g]), np.array([P]), np.array([Q])
+        )
+        gains = PowerLoopGains(*(float(np.ravel(value)[0]) for value in found))
+    P_ref, Q_ref = references_at(study, grid, gains, P, Q)
+    last = test.events[-1]
+    simulation = replace(
+        study.simulation,
+        duration=last.t_s + last.over_s + (test.duration_s or 1.0),
+        bridge="averaged",
+        start="steady_state",
+        log_interval=INTERVAL_S,
+        P_ref=P_ref,
+        Q_ref=Q_ref,
+    )
+    own = replace(
+        study.undisturbed, grid=grid, simulation=simulation, events=tuple(_event(study, e) for e in test.events)
+    )
+    run = simulate(own, [GainChange(0.0, gains)]).to_its_end()
+    ratings = Ratings.of(study, spec)
+    return MeasureInput(test=test, trace=trace_of(study, run), ratings=ratings, gains=gains), gains
+
+
+def _event(study: Study, event: SuiteEvent) -> Event:
+    c = study.converter
+    return Event(
+        t_s=event.t_s,
+        name="event",
+        V_g_rms=None if event.V_g_pu is None else event.V_g_pu * c.V_rated_rms,
+        omega_g=None if event.df_hz is None else c.omega_n + 2.0 * math.pi * event.df_hz,
+        over=event.over_s,
+        phase_jump=math.radians(event.phase_deg),
+    )
+
+
+def grid_test(*events: SuiteEvent, **more: Any) -> SuiteTest:
+    """A test of these events."""
+    return SuiteTest(id="real", group="real", title="real", source=SOURCE, events=events, **more)

@@ -1,0 +1,100 @@
+"""How soon the converter responds, and the impedance with which it does."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.compliance.measuring import Measured, MeasureInput, measure, not_known
+from vsgdesign.metrics.response import onset, phasor_change
+
+_MOVES = 0.01
+"""A swing of less than this, in pu, is none."""
+
+
+@measure(
+    "response of P",
+    "ms",
+    "Time from the first event until P has moved by 10 % of its largest change within the next 50 ms.",
+)
+def response_ms(run: MeasureInput, share: float = 0.1, within_s: float = 0.05) -> Measured:
+    """Interpolated between rows; the uncertainty is the interval of the trace."""
+    return _onset(run, run.trace.P_pu - run.rest_before(run.trace.P_pu, run.first_s), "P", share, within_s)
+
+
+@measure(
+    "response of Q",
+    "ms",
+    "Time from the first event until Q has moved by 10 % of its largest change within the next 50 ms.",
+)
+def response_Q_ms(run: MeasureInput, share: float = 0.1, within_s: float = 0.05) -> Measured:
+    """As ``response_ms``."""
+    return _onset(run, run.trace.Q_pu - run.rest_before(run.trace.Q_pu, run.first_s), "Q", share, within_s)
+
+
+@measure(
+    "response of the current",
+    "ms",
+    "Time from the first event until the current into the PCC has moved by 10 % of its largest change within the next "
+    "50 ms, in the frame that goes on turning as before.",
+)
+def response_i_ms(run: MeasureInput, share: float = 0.1, within_s: float = 0.05) -> Measured:
+    """Active and reactive current together: the length of the vector's change."""
+    turned = _current(run) * np.exp(-2j * math.pi * run.grid_hz(run.first_s) * run.trace.t_s)
+    before = complex(run.rest_before(turned.real, run.first_s), run.rest_before(turned.imag, run.first_s))
+    return _onset(run, np.abs(turned - before), "the current", share, within_s)
+
+
+@measure(
+    "effective impedance",
+    "pu",
+    "Magnitude of the change of the PCC's voltage over the change of the current into it, as phasors in the first "
+    "cycle after the first jump of the grid's phase.",
+)
+def Z_effective_pu(run: MeasureInput, begin_s: float = 0.0, end_s: float = 0.02) -> Measured:
+    """(:eq:`effective-impedance`): the impedance behind which the converter's own voltage stands. ``begin_s`` and
+    ``end_s`` are counted from the jump."""
+    jump = run.event_with(lambda event: event.phase_deg != 0.0)
+    if jump is None:
+        return not_known("the test has no jump of the phase")
+    event, after = jump
+    if event.t_s + end_s > after:
+        return not_known("the next event comes before the end of the measurement")
+    if run.limiter_acts(run.rows(event.t_s, event.t_s + end_s)):
+        return not_known("the current limiter acts, so that the current is the limit's and not the impedance's")
+    t, hz = run.trace, run.grid_hz(event.t_s)
+    window = (hz, event.t_s, begin_s, end_s)
+    dI = phasor_change(_current(run), t.t_s, *window)
+    dV = phasor_change(t.v_alpha_pu + 1j * t.v_beta_pu, t.t_s, *window)
+    if not abs(dI) > _MOVES:
+        return not_known(
+            "the trace has fewer than six rows in the window, or no cycle before the jump"
+            if math.isnan(abs(dI))
+            else f"the current changes by less than {_MOVES:g} pu"
+        )
+    return Measured(abs(-dV / dI + complex(run.ratings.R_2_pu, run.ratings.X_2_pu)))
+
+
+def _current(run: MeasureInput) -> NDArray[np.complex128]:
+    return run.trace.i_g_alpha_pu + 1j * run.trace.i_g_beta_pu
+
+
+def _onset(run: MeasureInput, change: NDArray[np.float64], what: str, share: float, within_s: float) -> Measured:
+    """Onset of a change from its value before the first event."""
+    first = run.first_row(run.first_s)
+    rows = slice(max(first - 1, 0), run.first_row(run.first_s + within_s) + 1)
+    since, part = (
+        run.trace.t_s[rows] - run.first_s,
+        np.where(run.trace.t_s[rows] < run.first_s - 1e-9, 0.0, change[rows]),
+    )
+    if since.size == 0 or since[-1] < within_s - 1.5 * run.step_s:
+        return not_known(f"the trace ends within {1e3 * within_s:g} ms of the event")
+    if not float(np.max(np.abs(part))) > _MOVES:
+        return not_known(f"{what} moves by less than {_MOVES:g} pu")
+    found = onset(since, part, share)
+    return not_known(f"{what} does not move") if found is None else Measured(1e3 * found, plus_minus=1e3 * run.step_s)
+
+
+RESPONSES = (response_ms, response_Q_ms, response_i_ms, Z_effective_pu)

@@ -1,0 +1,70 @@
+"""Inertia and droop of a converter, told apart in its response to a ramp of the frequency."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_ROWS = 400
+"""At most as many rows enter the fit: what follows is one of some hundred samples."""
+
+
+class RampFit(NamedTuple):
+    """ΔP = −D Δf/f_n − (2H/f_n) df/dt + what decays (:eq:`ramp-fit`)."""
+
+    H_s: float
+    """Inertia constant, s, with the delay of the power's filter taken out."""
+    D_pu: float
+    """Power per frequency, both per unit, positive if power rises when the frequency falls: 1/droop."""
+    misfit: float
+    """Rms of what the fit leaves of ΔP, over the rms of ΔP."""
+
+
+def fit_ramp(
+    P_pu: Array,
+    Q_pu: Array,
+    V_pu: Array,
+    f_hz: Array,
+    step_s: float,
+    f_n_hz: float,
+    cycle_rows: int,
+    rest: tuple[float, float],
+    lag_s: float = 0.0,
+) -> RampFit | None:
+    """Inertia and droop from signals (n,) that begin at or before a ramp. None if they are too short.
+
+    ``f_hz`` is the frequency of the converter's own voltage and ``rest`` the (P_pu, f_hz) before the ramp. The law
+    of the power loops (:eq:`power-loop-law`) is linear in Δf, df/dt, dP/dt, dQ/dt and dV/dt, and a filter of P adds
+    second derivatives, so that a least-squares fit over these columns holds during the transient as well, and no
+    state of rest within the ramp is needed. All columns are means over a cycle. A filter of the delay ``lag_s``
+    makes the droop lead by as much, which a ramp shows as D·lag/2 of H; it is subtracted.
+    """
+    if len(P_pu) < 4 * cycle_rows + 8:
+        return None
+    P = P_pu - rest[0]
+    f = (f_hz - rest[1]) / f_n_hz
+
+    def mean(y: Array) -> Array:
+        total = np.concatenate(([0.0], np.cumsum(0.5 * (y[1:] + y[:-1]))))
+        return (total[cycle_rows:] - total[:-cycle_rows]) / cycle_rows
+
+    def rate(y: Array) -> Array:
+        return (y[cycle_rows:] - y[:-cycle_rows]) / (cycle_rows * step_s)
+
+    columns = [mean(f), rate(f), *(rate(y) for y in (P, Q_pu, V_pu, np.gradient(P, step_s), np.gradient(f, step_s)))]
+    # The first rows' means reach back to before the ramp, where its corner makes no difference to an exact law.
+    stride = max(len(columns[0]) // _ROWS, 1)
+    A, y = np.column_stack(columns)[1:-1:stride], mean(P)[1:-1:stride]
+    scale = np.abs(A).max(axis=0)
+    size = float(np.linalg.norm(y))
+    if size == 0.0 or scale[0] == 0.0:
+        return None
+    scale = np.where(scale > 0.0, scale, 1.0)
+    found = np.linalg.lstsq(A / scale, y, rcond=1e-12)[0]
+    left = float(np.linalg.norm(A / scale @ found - y))
+    D, twice_H = (-float(value) for value in (found / scale)[:2])
+    return RampFit(0.5 * (twice_H - D * lag_s), D, left / size)
