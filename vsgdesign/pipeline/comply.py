@@ -296,12 +296,8 @@ def _study_name(name: str) -> str:
 
 
 def _write_report(folder: Path, document: dict[str, Any]) -> None:
-    """The page, where its room is there."""
-    from importlib.util import find_spec
-
-    if find_spec("vsgdesign.report.compliance") is None:
-        return
-    from vsgdesign.compliance.evidence import EvidenceOfRows
+    """The page, the PDF and the figures."""
+    from vsgdesign.compliance.evidence import EvidenceFiles
     from vsgdesign.report.compliance.page import write_page
 
-    write_page(folder, document, EvidenceOfRows(folder, document["rows"]))
+    write_page(folder, document, EvidenceFiles(folder, document["rows"]))

@@ -7,6 +7,7 @@ that hands its texts straight to the backend. x runs to the right and y downward
 from __future__ import annotations
 
 import functools
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,6 +31,8 @@ WIDTH, HEIGHT = 841.9, 595.3
 MARGIN = 36.0
 
 _PER_INCH = 72.0
+
+_BOX = 0.6
 
 
 @dataclass
@@ -67,12 +70,19 @@ def save(sheets: Sequence[Sheet], path: str | Path, title: str) -> Path:
     path = Path(path)
     # Without a date and without versions, so that the file depends on its content alone.
     about: dict[str, Any] = {"Title": title, "Creator": None, "Producer": None, "CreationDate": None}
-    with look(), matplotlib.rc_context({"pdf.fonttype": 42}), PdfPages(path, metadata=about) as pages:
+    with look(), matplotlib.rc_context({"pdf.fonttype": 42}), warnings.catch_warnings():
+        # A name may have any letters; a missing glyph costs a box, no more.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        _save(sheets, path, about)
+    return path
+
+
+def _save(sheets: Sequence[Sheet], path: Path, about: dict[str, Any]) -> None:
+    with PdfPages(path, metadata=about) as pages:
         for sheet in sheets:
             figure = Figure(figsize=(WIDTH / _PER_INCH, HEIGHT / _PER_INCH), dpi=_PER_INCH)
             figure.add_artist(_Content(sheet))
             pages.savefig(figure)
-    return path
 
 
 @functools.lru_cache(maxsize=20_000)
@@ -83,11 +93,12 @@ def text_width(text: str, size: float, bold: bool = False) -> float:
 
 def wrapped(text: str, size: float, width: float, bold: bool = False, most: int = 99) -> list[str]:
     """The text in lines of at most ``width`` pt. What is beyond ``most`` lines becomes an ellipsis."""
+    text = " ".join(text.split())
     if text_width(text, size, bold) <= width:
         return [text]
     lines: list[str] = []
     line = ""
-    for word in text.split(" "):
+    for word in text.split():
         longer = f"{line} {word}" if line else word
         if text_width(longer, size, bold) <= width:
             line = longer
@@ -156,5 +167,7 @@ def _font(size: float, bold: bool) -> FontProperties:
 def _advance(letter: str, bold: bool) -> float:
     """Width of a letter at a size of 1."""
     font = get_font(findfont(_font(10.0, bold)))
+    if not font.get_char_index(ord(letter)):
+        return _BOX  # what the font does not have is drawn as a box
     font.set_size(100.0, _PER_INCH)
     return font.load_char(ord(letter)).linearHoriAdvance / 65536.0 / 100.0
