@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.operating_point.many import NO_GAINS, NOT_CONVERGED, many_rests_with_measured_gains
+from vsgdesign.operating_point.plant import TwoAxisCircuit
 from vsgdesign.operating_point.sampled import SampledState, fault_of_rest, state_of_lane
 from vsgdesign.parameters.study import Grid, GridSource, Study
 
@@ -26,11 +27,13 @@ def rest_with_measured_gains(
     Q_ref: float,
     gains_of: GainsOfMeasured,
     phase: float = 0.0,
+    circuit: TwoAxisCircuit | None = None,
 ) -> tuple[SampledState, PowerLoopGains]:
     """The steady state with the gains that belong to its own P, Q and V, and these gains.
 
     If the droops do not depend on the measured values, the first result is the final one. Otherwise gains and steady
-    state are computed in turn until they agree to 1e-10. Raises InfeasibleStudyError if there is no steady state, if
+    state are computed in turn until they agree to 1e-10. ``circuit`` as in
+    :func:`vsgdesign.operating_point.sampled.steady_state`. Raises InfeasibleStudyError if there is no steady state, if
     there are no gains in it, or if the iteration does not converge.
     """
 
@@ -38,7 +41,7 @@ def rest_with_measured_gains(
         return PowerLoopGains(*(np.array([value]) for value in gains_of(float(P[0]), float(Q[0]), float(V[0]))))
 
     at = (grid.R_g, grid.L_g, source.V_g_rms, source.omega_g, P_ref, Q_ref)
-    states, found = many_rests_with_measured_gains(study, *at, of_many, phase)
+    states, found = many_rests_with_measured_gains(study, *at, of_many, phase, circuit=circuit)
     gains = PowerLoopGains(*(float(value[0]) for value in found))
     fault = states.fault[0]
     if fault == NO_GAINS:
@@ -52,5 +55,5 @@ def rest_with_measured_gains(
             "references, or start cold."
         )
     if fault:
-        raise fault_of_rest(study, grid, source, P_ref, Q_ref, gains, states)
+        raise fault_of_rest(study, grid, source, P_ref, Q_ref, gains, states, loaded=circuit is not None)
     return state_of_lane(states, 0), gains

@@ -20,7 +20,8 @@ from vsgdesign.equations.limiters import GridEstimate, IntegratorSteps, LimiterV
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.frames import instantaneous_power, peak_to_rms, rms_to_peak
 from vsgdesign.operating_point.droop import points_with_droop
-from vsgdesign.operating_point.plants import plant_steps
+from vsgdesign.operating_point.plant import TwoAxisCircuit, plant_step
+from vsgdesign.operating_point.plants import PlantSteps, plant_steps
 from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -60,7 +61,7 @@ class ManyStates:
     """Steady states of N converters. Lanes whose fault is ``NO_POINT``, ``NOT_CONVERGED`` or ``NO_GAINS`` are NaN."""
 
     plant: Array
-    """(6, N): i_s, v_c, i_g, each as α, β; A and V peak."""
+    """(6, N): i_s, v_c, i_g, each as α, β; A and V peak. More rows with a circuit that has more states."""
     controller: ControllerState
     """Every field (N,), those of the limiter's memory too."""
     pending: Array
@@ -100,9 +101,9 @@ class _Paths(NamedTuple):
     """Lanes whose numbers are those of a grid with a voltage; the others hold the numbers of the study's own grid."""
     omega_g: Array
     per_bridge: Complex
-    """(N, 3): plant state per bridge voltage."""
+    """(N, n): plant state per bridge voltage."""
     from_source: Complex
-    """(N, 3): plant state without bridge voltage."""
+    """(N, n): plant state without bridge voltage."""
     node_per_bridge: Complex
     node_from_source: Complex
     """(N,): the same for the voltage at the control point."""
@@ -126,15 +127,17 @@ def many_steady_states(
     phase: float = 0.0,
     *,
     free_of_limits: bool = False,
+    circuit: TwoAxisCircuit | None = None,
 ) -> ManyStates:
     """The steady states that one control period only turns by ω_g·T_s, with the source's phasor at ``phase`` (rad).
 
     Arguments in SI and the fields of ``gains`` are numbers or (N,), and broadcast. Averaged bridge. A lane without a
     steady state has its reason in ``fault`` and disturbs no other. With ``free_of_limits``, current above the limit is
-    no fault: the caller judges it. The limit of the bridge voltage always counts.
+    no fault: the caller judges it. The limit of the bridge voltage always counts. ``circuit``, with equal axes, stands
+    for the filter with all that is connected to it, for one lane only.
     """
     lanes, gains = lanes_of((R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref), gains)
-    paths = _paths(study, lanes)
+    paths = _paths(study, lanes, circuit)
     V, delta = _points(study, paths, lanes, gains)
     return _states(study, paths, lanes, gains, V, delta, phase, free_of_limits)
 
@@ -151,6 +154,7 @@ def many_rests_with_measured_gains(
     phase: float = 0.0,
     *,
     free_of_limits: bool = False,
+    circuit: TwoAxisCircuit | None = None,
 ) -> tuple[ManyStates, PowerLoopGains]:
     """The steady states with the gains that belong to their own P, Q and V, and these gains.
 
@@ -159,7 +163,7 @@ def many_rests_with_measured_gains(
     :func:`many_steady_states`.
     """
     lanes, _ = lanes_of((R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref), PowerLoopGains(0.0, 0.0, 0.0, 0.0))
-    c, paths, count = study.converter, _paths(study, lanes), len(lanes.R_g)
+    c, paths, count = study.converter, _paths(study, lanes, circuit), len(lanes.R_g)
     scale = np.array([[c.S_rated], [c.S_rated], [c.V_rated_rms]])
     first = np.array([lanes.P_ref, lanes.Q_ref, np.full(count, c.V_rated_rms)])
     measured, losses, step = first.copy(), np.zeros(count, dtype=int), np.ones(count)
@@ -225,7 +229,7 @@ def lanes_of(values: Sequence[ArrayLike], gains: PowerLoopGains) -> tuple[Lanes,
     return Lanes(*arrays[: len(values)]), PowerLoopGains(*arrays[len(values) :])
 
 
-def _paths(study: Study, lanes: Lanes) -> _Paths:
+def _paths(study: Study, lanes: Lanes, circuit: TwoAxisCircuit | None) -> _Paths:
     """x(k+1) = Φ x + Γ v_b + u v_g and x(k+1) = e^{jω_g T} x: x is affine in v_b, and so is v at the control point."""
     R_g, L_g, V_g_rms, omega_g = lanes[:4]
     known = np.isfinite(R_g) & np.isfinite(L_g) & np.isfinite(V_g_rms) & np.isfinite(omega_g)
@@ -233,9 +237,15 @@ def _paths(study: Study, lanes: Lanes) -> _Paths:
     R_g, L_g = np.where(known, R_g, study.grid.R_g), np.where(known, L_g, study.grid.L_g)
     V_g_rms = np.where(known, V_g_rms, study.converter.V_rated_rms)
     omega_g = np.where(known, omega_g, study.converter.omega_n)
-    steps = plant_steps(study, R_g, L_g, study.converter.T_s, omega_g)
-    turn = np.exp(1j * omega_g * study.converter.T_s)
-    inverse: Complex = np.asarray(np.linalg.inv(turn[:, None, None] * np.eye(3) - steps.transition), dtype=complex)
+    T_s = study.converter.T_s
+    if circuit is None:
+        steps = plant_steps(study, R_g, L_g, T_s, omega_g)
+    else:
+        steps = _on_one_axis(circuit, T_s, float(omega_g[0]))
+    turn, n = np.exp(1j * omega_g * T_s), steps.bridge.shape[1]
+    inverse: Complex = np.asarray(
+        np.linalg.inv(turn[:, None, None] * np.eye(steps.bridge.shape[1]) - steps.transition), dtype=complex
+    )
     per_bridge = (inverse @ steps.bridge[..., None])[..., 0]
     from_source = (inverse @ steps.source[:, 0, :, None])[..., 0] * rms_to_peak(V_g_rms)[:, None]
     node_per_bridge, node_from_source = (
@@ -255,6 +265,15 @@ def _paths(study: Study, lanes: Lanes) -> _Paths:
         angle=np.angle(v_source),
         R=Z.real,
         X=Z.imag,
+    )
+
+
+def _on_one_axis(circuit: TwoAxisCircuit, h: float, omega: float) -> PlantSteps:
+    """The step of a circuit with equal axes as that of one lane."""
+    step = plant_step(circuit, h, omega, edges=False)
+    source = step.source[:, 0::2, 0] + 1j * step.source[:, 1::2, 0]  # what 1 adds on α, and on β
+    return PlantSteps(
+        np.array([h]), step.transition[None, 0::2, 0::2], step.bridge[None, 0::2, 0], np.empty((1, 0, 0)), source[None]
     )
 
 

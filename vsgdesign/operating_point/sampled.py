@@ -23,12 +23,14 @@ from vsgdesign.operating_point.many import (
     ManyStates,
     many_steady_states,
 )
+from vsgdesign.operating_point.plant import TwoAxisCircuit
 from vsgdesign.parameters.study import Grid, GridSource, Study
 
 
 @dataclass(frozen=True)
 class SampledState:
-    """Plant state (i_s, v_c, i_g, each as α, β), controller state, and the voltage waiting out the delay (2)."""
+    """Plant state (i_s, v_c, i_g and what more a circuit has, each as α, β), controller state, and the voltage waiting
+    out the delay (2)."""
 
     plant: NDArray[np.float64]
     controller: ControllerState
@@ -36,16 +38,24 @@ class SampledState:
 
 
 def steady_state(
-    study: Study, grid: Grid, source: GridSource, P_ref: float, Q_ref: float, gains: PowerLoopGains, phase: float = 0.0
+    study: Study,
+    grid: Grid,
+    source: GridSource,
+    P_ref: float,
+    Q_ref: float,
+    gains: PowerLoopGains,
+    phase: float = 0.0,
+    circuit: TwoAxisCircuit | None = None,
 ) -> SampledState:
     """The state that one control period only turns by ω_g·T_s, with the source's phasor at ``phase`` (rad).
 
-    Averaged bridge. Raises InfeasibleStudyError with the reason where there is none or a limit is hit.
+    Averaged bridge. ``circuit``, with equal axes, stands for the filter with all that is connected to it, as with a
+    load. Raises InfeasibleStudyError with the reason where there is no steady state or a limit is hit.
     """
     at = (grid.R_g, grid.L_g, source.V_g_rms, source.omega_g, P_ref, Q_ref)
-    states = many_steady_states(study, *at, gains, phase)
+    states = many_steady_states(study, *at, gains, phase, circuit=circuit)
     if states.fault[0]:
-        raise fault_of_rest(study, grid, source, P_ref, Q_ref, gains, states)
+        raise fault_of_rest(study, grid, source, P_ref, Q_ref, gains, states, loaded=circuit is not None)
     return state_of_lane(states, 0)
 
 
@@ -87,11 +97,20 @@ def fault_of_rest(
     gains: PowerLoopGains,
     states: ManyStates,
     lane: int = 0,
+    *,
+    loaded: bool = False,
 ) -> InfeasibleStudyError:
-    """The fault of a lane as an error that says by how much and what to change; its numbers follow."""
+    """The fault of a lane as an error that says by how much and what to change; its numbers follow. ``loaded``: whether
+    more than the grid is connected."""
     fault = int(states.fault[lane])
     v_b, i_s, V = (float(values[lane]) for values in (states.v_b_pk, states.i_s_pk, states.V))
     c = study.converter
+    if fault == NO_POINT and loaded:
+        return InfeasibleStudyError(
+            f"no operating point: the load and the grid (R_g = {grid.R_g:.4g} Ω, L_g = {grid.L_g * 1e3:.4g} mH, "
+            f"{source.V_g_rms:.4g} V rms) together do not take P_ref = {P_ref / 1e3:.4g} kW and "
+            f"Q_ref = {Q_ref / 1e3:.4g} kvar. Ask for less, or take a smaller load."
+        )
     if fault == NO_POINT:
         return _no_point(study, grid, source, P_ref, Q_ref, gains)
     if fault == BRIDGE_VOLTAGE:

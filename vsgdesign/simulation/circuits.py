@@ -98,7 +98,35 @@ class Circuits:
 def connections(timeline: Timeline) -> list[Connection]:
     """What a run is connected to, in order of time."""
     instants = sorted({t_s for listed in (timeline.grids, timeline.networks) for t_s, _ in listed})
-    return list(dict.fromkeys(Connection(timeline.grid_at(t_s), timeline.network_at(t_s)) for t_s in instants))
+    return list(dict.fromkeys(connection_at(timeline, t_s) for t_s in instants))
+
+
+def connection_at(timeline: Timeline, t_s: float) -> Connection:
+    """What the filter is connected to from an instant on."""
+    return Connection(timeline.grid_at(t_s), timeline.network_at(t_s))
+
+
+def no_rest_with(network: Network) -> str | None:
+    """Why there is no steady state with a network; None where there may be one."""
+    if not network.connected:
+        return "behind an open breaker there is no source in whose frequency a steady state could be"
+    if network.fault is not None:
+        return "a fault is there, which is no state to stay in"
+    return None
+
+
+def circuit_at_rest(study: Study, connection: Connection, states: NetworkStates | None = None) -> TwoAxisCircuit | None:
+    """The circuit for a steady state with a load, with the states of a run or with its own; None without any network.
+
+    Raises InfeasibleStudyError with a fault or an open breaker.
+    """
+    grid, network = connection
+    obstacle = no_rest_with(network)
+    if obstacle is not None:
+        raise InfeasibleStudyError(f"no steady state: {obstacle}. Let it come at an event, or start cold.")
+    if network.plain and states is None:
+        return None
+    return network_circuit(study.filter, grid, network, states or states_of_networks([network]))
 
 
 def states_of_timeline(timeline: Timeline) -> NetworkStates | None:

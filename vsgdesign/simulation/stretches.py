@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.bodies import FALLING, PEAK, RISING
-from vsgdesign.simulation.circuits import Circuits, Connection
+from vsgdesign.simulation.circuits import Circuits, connection_at
 from vsgdesign.simulation.loop import PieceRows, RunLoop, carrier_part, slopes_of
 from vsgdesign.simulation.run_log import RunLog
 from vsgdesign.simulation.timeline import SourceSegment, Timeline
@@ -71,7 +71,9 @@ class Sources:
         for k, h in enumerate(lengths):
             t_s = instants[k] + 1e-6 * T_s if k == 0 else instants[k]
             source = self._timeline.source_at(t_s).at(instants[k])
-            found.append(Interval(float(h), self._connection(t_s), source, self._timeline.components_at(t_s)))
+            found.append(
+                Interval(float(h), connection_at(self._timeline, t_s), source, self._timeline.components_at(t_s))
+            )
         added = None
         if self._background.acts(found):
             added = self._background.rows(found, first, count, T_s)
@@ -91,15 +93,14 @@ class Sources:
             since, until = ((-math.inf, *self._changes)[k], (*self._changes, math.inf)[k])
             source = self._timeline.source_at(t_s, described=False)
             if source.steady:
-                numbers = self._circuits.numbers(self._connection(t_s), T_s, rms_to_peak(source.V_g_rms), source.omega)
+                numbers = self._circuits.numbers(
+                    connection_at(self._timeline, t_s), T_s, rms_to_peak(source.V_g_rms), source.omega
+                )
                 held = source, numbers
             else:
                 held = None
             self._held = since, until, held
         return held
-
-    def _connection(self, t_s: float) -> Connection:
-        return Connection(self._timeline.grid_at(t_s), self._timeline.network_at(t_s))
 
     def _piece(self, interval: Interval) -> PieceRows:
         source = interval.source
