@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.oracles.emt_reference import run_reference
 from tests.simulation.studies import GAINS, lc_study, lcl_study
 from tests.simulation.test_emt_against_dop853 import errors_pu, library_start
+from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.network import PHASE_TO_PHASE, PLAIN, Fault, Load, Network
 from vsgdesign.parameters.study import Event
 from vsgdesign.simulation import GainChange, simulate
+from vsgdesign.simulation.lanes.cases import LaneCases, no_events
+from vsgdesign.simulation.lanes.run import run_lanes
 
 CHANGES = [GainChange(0.0, GAINS)]
 TOLERANCE = 1e-8
@@ -97,3 +103,63 @@ def test_an_island_that_is_connected_again(build: Callable[..., Study], load: Lo
         ),
         bridge,
     )
+
+
+@pytest.mark.parametrize("load", LOADS, ids=str)
+@pytest.mark.parametrize("build", [lc_study, lcl_study])
+def test_a_start_with_a_load_is_steady(build: Callable[..., Study], load: Load) -> None:
+    """Nothing moves for a cycle; and the run that then begins is that of the oracle."""
+    study = replace(build("20 ms"), network=Network(load=load))
+    run = simulate(study, CHANGES)
+    i_g = np.hypot(*run.log[:, 4:6].T)
+    assert np.ptp(i_g) < 1e-10 * study.converter.I_rated_pk
+    assert np.ptp(run.column("P")) < 1e-10 * study.converter.S_rated
+    assert np.ptp(run.column("omega")) < 1e-10 * study.converter.omega_n
+    # The load draws something: without it the converter's current is another one.
+    alone = simulate(replace(study, network=PLAIN), CHANGES)
+    assert abs(i_g[0] - np.hypot(*alone.log[0, 4:6])) > 1e-3 * study.converter.I_rated_pk
+
+
+def test_a_start_that_cannot_be_says_why() -> None:
+    study = lc_study("5 ms")
+    for network, why in (
+        (Network(connected=False), "behind an open breaker"),
+        (Network(fault=Fault(R=1.0)), "a fault is there"),
+        (Network(load=Load(C_parallel=5e-3)), "capacitive together"),
+    ):
+        with pytest.raises(InfeasibleStudyError, match=f"the start: .*{why}"):
+            simulate(replace(study, network=network), CHANGES)
+    cold = lc_study("5 ms", simulation='start = "cold"')
+    assert simulate(replace(cold, network=Network(connected=False)), CHANGES).divergence is None
+
+
+def test_wrong_networks_are_told_with_all_faults() -> None:
+    wrong = Network(fault=Fault(kind="earth", at=1.0, R=-1.0, phases="ba"), load=Load(R_parallel=0.0, L_series=-1e-3))
+    with pytest.raises(InfeasibleStudyError) as said:
+        simulate(with_networks(lc_study("5 ms"), (1e-3, wrong)), CHANGES)
+    for part in ("fault.kind = 'earth'", "fault.at = 1 ", "fault.R = -1", "fault.phases = 'ba'"):
+        assert part in str(said.value)
+    for part in ("load.R_parallel = 0 ", "load.L_series = -0.001 "):
+        assert part in str(said.value)
+
+
+def test_currents_that_nothing_says_are_refused() -> None:
+    """A bolted fault beside a series branch of no ohms."""
+    both = Network(fault=Fault(), load=Load(R_series=0.0))
+    with pytest.raises(InfeasibleStudyError, match=r"side by side.*Give fault\.R or load\.R_series a value"):
+        simulate(with_networks(lc_study("5 ms"), (1e-3, both)), CHANGES)
+
+
+def test_another_circuit_meets_no_network() -> None:
+    study = with_networks(lc_study("5 ms"), (1e-3, Network(fault=Fault())))
+    with pytest.raises(InfeasibleStudyError, match="Leave circuit out"):
+        simulate(study, CHANGES, circuit=study.circuit)
+
+
+def test_batches_refuse_a_network() -> None:
+    study = replace(lc_study("5 ms"), network=Network(load=Load(R_parallel=10.0)))
+    numbers: dict[str, Any] = dict.fromkeys((field.name for field in fields(LaneCases)), np.zeros(0))
+    kinds = dict.fromkeys(("kind", "signal"), np.zeros(0, dtype=np.int64))
+    none = LaneCases(**{**numbers, **kinds, "events": no_events(0)})
+    with pytest.raises(InfeasibleStudyError, match=r"a batch of runs has nothing but a grid: leave \[network\] out"):
+        run_lanes(study, study.controllers[0], NOTHING, none)

@@ -14,6 +14,7 @@ from vsgdesign.errors import StudyError
 from vsgdesign.explore.answer import Answer
 from vsgdesign.explore.colours import OWN_COLOUR, colour_of
 from vsgdesign.explore.state import State, StateError, defaults, faults_of, state_of
+from vsgdesign.parameters.network import only_a_grid
 from vsgdesign.parameters.study import Study
 
 if TYPE_CHECKING:
@@ -51,8 +52,10 @@ class Session:
         start: Mapping[str, Any] | None = None,
     ) -> None:
         """``files`` says from which file a controller's table was read, ``words`` where the tables come from, and
-        ``start`` with which state the page begins, if not with the study's own. Raises StateError for a wrong start.
+        ``start`` with which state the page begins, if not with the study's own. Raises StateError for a wrong start,
+        InfeasibleStudyError for a study with a load, a fault or an open breaker at the start.
         """
+        only_a_grid(study.network, "the explorer")
         self.study, self.ready = study, ready
         self.files = dict(files or {})
         self.words = words

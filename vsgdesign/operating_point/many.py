@@ -115,7 +115,7 @@ class _Paths(NamedTuple):
     """Impedance between control point and source as the samples see it, Ω."""
 
 
-def many_steady_states(
+def many_steady_states(  # noqa: PLR0913 - what a steady state depends on
     study: Study,
     R_g: ArrayLike,
     L_g: ArrayLike,
@@ -142,7 +142,7 @@ def many_steady_states(
     return _states(study, paths, lanes, gains, V, delta, phase, free_of_limits)
 
 
-def many_rests_with_measured_gains(
+def many_rests_with_measured_gains(  # noqa: PLR0913 - the same
     study: Study,
     R_g: ArrayLike,
     L_g: ArrayLike,
@@ -242,10 +242,8 @@ def _paths(study: Study, lanes: Lanes, circuit: TwoAxisCircuit | None) -> _Paths
         steps = plant_steps(study, R_g, L_g, T_s, omega_g)
     else:
         steps = _on_one_axis(circuit, T_s, float(omega_g[0]))
-    turn, n = np.exp(1j * omega_g * T_s), steps.bridge.shape[1]
-    inverse: Complex = np.asarray(
-        np.linalg.inv(turn[:, None, None] * np.eye(steps.bridge.shape[1]) - steps.transition), dtype=complex
-    )
+    turn, unit = np.exp(1j * omega_g * T_s), np.eye(steps.bridge.shape[1])
+    inverse: Complex = np.asarray(np.linalg.inv(turn[:, None, None] * unit - steps.transition), dtype=complex)
     per_bridge = (inverse @ steps.bridge[..., None])[..., 0]
     from_source = (inverse @ steps.source[:, 0, :, None])[..., 0] * rms_to_peak(V_g_rms)[:, None]
     node_per_bridge, node_from_source = (
@@ -253,6 +251,8 @@ def _paths(study: Study, lanes: Lanes, circuit: TwoAxisCircuit | None) -> _Paths
     )
     # i_g = (v - v_source)/Z, with the two numbers that make it so for every v.
     Z = node_per_bridge / per_bridge[:, 2]
+    if circuit is not None:  # a load and a grid may be capacitive together: no operating point is known for that
+        known &= Z.imag > 0.0
     v_source = node_from_source - Z * from_source[:, 2]
     return _Paths(
         known=known,

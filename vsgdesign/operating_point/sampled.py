@@ -109,7 +109,7 @@ def fault_of_rest(
         return InfeasibleStudyError(
             f"no operating point: the load and the grid (R_g = {grid.R_g:.4g} Ω, L_g = {grid.L_g * 1e3:.4g} mH, "
             f"{source.V_g_rms:.4g} V rms) together do not take P_ref = {P_ref / 1e3:.4g} kW and "
-            f"Q_ref = {Q_ref / 1e3:.4g} kvar. Ask for less, or take a smaller load."
+            f"Q_ref = {Q_ref / 1e3:.4g} kvar, or are capacitive together. Ask for less, or take a smaller load."
         )
     if fault == NO_POINT:
         return _no_point(study, grid, source, P_ref, Q_ref, gains)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from vsgdesign.errors import InfeasibleStudyError
+
 THREE_PHASE = "three_phase"
 PHASE_TO_PHASE = "phase_to_phase"
 FAULT_KINDS = (THREE_PHASE, PHASE_TO_PHASE)
@@ -96,3 +98,12 @@ class Network:
 
 
 PLAIN = Network()
+
+
+def only_a_grid(network: Network, what: str) -> None:
+    """Raises InfeasibleStudyError for ``what``, which knows nothing but a grid, where there is more at the start."""
+    if not network.plain:
+        raise InfeasibleStudyError(
+            f"{what} has nothing but a grid: leave [network] out of the study. vsgdesign run simulates it with its "
+            "events."
+        )

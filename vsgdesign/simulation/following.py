@@ -15,6 +15,7 @@ from vsgdesign.runtime.guards import LIMITED
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import Scheduler, scheduler_of
 from vsgdesign.runtime.updating import Covariance
+from vsgdesign.simulation.circuits import circuit_at_rest, connection_at
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 _ROUNDING = 2.0**-22
@@ -115,7 +116,9 @@ class ScheduledAnswers:
             return gains_of(0.0, 0.0, study.converter.V_rated_rms)
         at_start = GridSource(source.V_g_rms, source.omega)
         try:
-            return rest_with_measured_gains(study, true, at_start, *timeline.references_at(0.0), gains_of)[1]
+            circuit = circuit_at_rest(study, connection_at(timeline, 0.0))
+            refs = timeline.references_at(0.0)
+            return rest_with_measured_gains(study, true, at_start, *refs, gains_of, circuit=circuit)[1]
         except InfeasibleStudyError as error:
             raise InfeasibleStudyError(f"controller {spec.name}, the start: {error}") from error
 

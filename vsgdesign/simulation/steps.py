@@ -14,6 +14,7 @@ from vsgdesign.metrics.events import time_needed
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.metrics.step_response import SETTLING_BAND, ResponseMetrics, step_response
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
+from vsgdesign.parameters.network import PLAIN
 from vsgdesign.parameters.study import Event, Grid, Study
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.rest import powers_at_control_point
@@ -48,7 +49,7 @@ def simulate_step(
     duration: float,
     every: int | None = None,
 ) -> tuple[Array, Array]:
-    """A step of one reference by ``size`` from the steady state at (P, Q), averaged EMT.
+    """A step of one reference by ``size`` from the steady state at (P, Q) on a grid alone, averaged EMT.
 
     Returns time from the step in s and the signal's change in W or var, at every ``every``-th sample (None: 1 ms).
     """
@@ -71,7 +72,8 @@ def simulate_step(
         P_ref=P_ref,
         Q_ref=Q_ref,
     )
-    run = simulate(replace(study.undisturbed, grid=grid, simulation=spec, events=(event,)), [GainChange(0.0, gains)])
+    alone = replace(study.undisturbed, grid=grid, network=PLAIN, simulation=spec, events=(event,))
+    run = simulate(alone, [GainChange(0.0, gains)])
     run.to_its_end()
     values = run.column(signal)
     return run.t_s[start:] - start * interval, values[start:] - values[start - 1]

@@ -18,6 +18,7 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, LATCHED_SHARE, SurvivalDemand
+from vsgdesign.parameters.network import only_a_grid
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.lanes.alone import run_alone
@@ -58,8 +59,8 @@ def run_lanes(
     Events of a case are at least 5 ms apart. ``strict``: every operation rounds by itself, so that the results are the
     same bits on every machine. A controller that estimates its grid in every sample runs its cases one by one
     (:func:`vsgdesign.simulation.lanes.alone.run_alone`). Raises InfeasibleStudyError where the study cannot be run in a
-    batch: a background, sensors, a recorded source or components of the source; a switched bridge whose intervals do
-    not lie on one slope of the carrier.
+    batch: a load, a fault or an open breaker at the start; a background, sensors, a recorded source or components of
+    the source; a switched bridge whose intervals do not lie on one slope of the carrier.
     """
     own = study.with_limit_of(spec)
     _refuse(own, cases, bridge)
@@ -94,6 +95,7 @@ def run_lanes(
 
 
 def _refuse(study: Study, cases: LaneCases, bridge: str) -> None:
+    only_a_grid(study.network, "a batch of runs")
     if study.has_components or study.sensors is not None or study.background is not None:
         raise InfeasibleStudyError(
             "a batch of runs has a sinusoidal source and ideal sensors: leave [background], [sensors], [replay] and "

@@ -30,7 +30,7 @@ from vsgdesign.metrics.survival import (
     judge_survival,
 )
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
-from vsgdesign.parameters.network import Load
+from vsgdesign.parameters.network import Load, only_a_grid
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.estimated import EstimateLog
@@ -170,6 +170,7 @@ def trace_case(subject: Subject, case: SurvivalCase) -> CaseRun | Survival:
     demand = subject.demand(case)
     study = case.study(subject.study.with_limit_of(subject.spec), demand.needed_s + 2.0 * demand.cycle_s)
     if subject.in_the_field:
+        only_a_grid(study.network, "a case in a disturbed grid")
         study = at_asked_powers(study, subject.spec, subject.ready)
     timeline = build_timeline(study)
     told = (replace(case, knowledge=GridKnowledge()) if subject.learns else case).told(study, timeline)
@@ -335,7 +336,8 @@ def rest_of(
     """
     source = timeline.source_at(t_s)
     at = GridSource(source.V_g_rms, source.omega)
-    return rest_on(subject, study, _known(subject, told, t_s), timeline.grid_at(t_s), at, timeline.references_at(t_s))
+    known, refs = _known(subject, told, t_s), timeline.references_at(t_s)
+    return rest_on(subject, study, known, timeline.grid_at(t_s), at, refs, timeline.network_at(t_s).load)
 
 
 def _known(subject: Subject, told: tuple[tuple[float, Grid | None], ...], t_s: float) -> Grid:
