@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.compliance.trace import Trace
 from vsgdesign.equations.filters import capacitor_node_voltage
-from vsgdesign.frames import clarke_inverse, instantaneous_power, rms_to_peak
+from vsgdesign.frames import SPACE_VECTOR_POWER, clarke_inverse, rms_to_peak
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.run import Simulation
 
@@ -28,17 +26,19 @@ def trace_of(study: Study, simulation: Simulation, every: int, lead_s: float) ->
     Values are those of the row's sample. Peaks are the largest since the row before, and the power of the dc link and
     the share of limited samples are means over this time.
     """
-    c, circuit, log = study.converter, study.circuit(), simulation.log
+    c, circuit = study.converter, study.circuit()
     t = simulation.t_s - lead_s
     first = max(round((lead_s - BEFORE_S) / c.T_s) // every * every, 0)
     rows = np.arange(first, len(t), every)
-    at = log[rows]
-    node = [capacitor_node_voltage(at[:, k], at[:, 2 + k], at[:, 4 + k], circuit) for k in (0, 1)]
+    plant = np.ascontiguousarray(simulation.log[first : rows[-1] + 1, :6].T)  # columns side by side: five times as fast
+    i_s, v_c, i_g = (plant[k : k + 2] for k in (0, 2, 4))
+    node = capacitor_node_voltage(i_s, v_c, i_g, circuit)
+    at = rows - first
     V_pk = rms_to_peak(c.V_rated_rms)
     # One instant of rounding later: the row of an event belongs to the source after it.
     phase = simulation.timeline.source_phase(simulation.t_s[rows] + _SAME_INSTANT * c.T_s)
-    i_s = log[:, 0], log[:, 1]
-    phases = np.abs(clarke_inverse(*i_s)).max(axis=0)
+    a, b, c_ = clarke_inverse(*i_s)
+    phases = np.maximum(np.maximum(np.abs(a), np.abs(b)), np.abs(c_))
     counted = simulation.column("limited_samples")[rows]
     return Trace(
         t_s=np.round(t[rows], 9) + 0.0,
@@ -47,45 +47,41 @@ def trace_of(study: Study, simulation: Simulation, every: int, lead_s: float) ->
         f_hz=simulation.column("omega")[rows] / (2.0 * np.pi),
         V_pu=simulation.column("V_rms")[rows] / c.V_rated_rms,
         delta_rad=np.unwrap(simulation.column("theta")[rows] - phase),
-        i_s_pu=_since_row_before(np.hypot(*i_s), first, every, len(rows)) / c.I_rated_pk,
-        i_phase_pu=_since_row_before(phases, first, every, len(rows)) / c.I_rated_pk,
-        v_alpha_pu=node[0] / V_pk,
-        v_beta_pu=node[1] / V_pk,
-        i_g_alpha_pu=at[:, 4] / c.I_rated_pk,
-        i_g_beta_pu=at[:, 5] / c.I_rated_pk,
-        P_dc_pu=_dc_power(study, log, rows) / c.S_rated,
+        i_s_pu=np.sqrt(_since_row_before(i_s[0] * i_s[0] + i_s[1] * i_s[1], every)) / c.I_rated_pk,
+        i_phase_pu=_since_row_before(phases, every) / c.I_rated_pk,
+        v_alpha_pu=node[0, at] / V_pk,
+        v_beta_pu=node[1, at] / V_pk,
+        i_g_alpha_pu=i_g[0, at] / c.I_rated_pk,
+        i_g_beta_pu=i_g[1, at] / c.I_rated_pk,
+        P_dc_pu=_dc_power(study, i_s, v_c, i_g, node, every) / c.S_rated,
         limited=np.diff(counted, prepend=counted[:1]) / every,
     )
 
 
-def _since_row_before(values: Array, first: int, every: int, count: int) -> Array:
+def _since_row_before(values: Array, every: int) -> Array:
     """The largest value since the row before: of the row's own sample for the first one."""
-    found = np.empty(count)
-    found[0] = values[first]
-    found[1:] = values[first + 1 : first + 1 + (count - 1) * every].reshape(count - 1, every).max(axis=1)
-    return found
+    later = values[1:].reshape(-1, every).max(axis=1)
+    return np.concatenate((values[:1], later))
 
 
-def _dc_power(study: Study, log: Array, rows: NDArray[np.intp]) -> Array:
+def _dc_power(study: Study, i_s: Array, v_c: Array, i_g: Array, node: Array, every: int) -> Array:
     """Mean power from the bridge into the circuit since the row before, W; of the first row that of the second.
 
-    The power into L_2 and the grid, the losses of R_1 and R_c, and the change of the energy in L_1 and C
-    (:eq:`dc-power`), so that no voltage of the bridge has to be logged.
+    It is the power into L_2 and the grid, the losses of R_1 and R_c, and the change of the energy in L_1 and C
+    (:eq:`dc-power`), so that no voltage of the bridge has to be logged. Arrays are (2, n), at every sample.
     """
-    f, circuit = study.filter, study.circuit()
-    i_s, v_c, i_g = (log[:, 2 * k : 2 * k + 2] for k in range(3))
-    node = capacitor_node_voltage(i_s, v_c, i_g, circuit)
-    power, _ = instantaneous_power(*node.T, *i_g.T)
-    lost = f.R_1 * _squared(i_s) + f.R_c * _squared(i_s - i_g)
-    stored = 0.5 * (f.L_1 * _squared(i_s[rows]) + f.C * _squared(v_c[rows]))
-    flow = power + lost
-    T_s = study.converter.T_s
-    total = np.concatenate(([0.0], np.cumsum(0.5 * T_s * (flow[1:] + flow[:-1]))))[rows]
-    every_s = T_s * float(rows[1] - rows[0]) if len(rows) > 1 else T_s
-    mean = np.diff(total + stored) / every_s
-    return np.concatenate((mean[:1], mean)) if len(mean) else flow[rows]
+    f = study.filter
+    flow = _dot(node, i_g) + f.R_1 * _dot(i_s, i_s)
+    if f.R_c:
+        flow += f.R_c * _dot(i_s - i_g, i_s - i_g)
+    if len(flow) <= every:
+        return flow[:1]
+    stored = 0.5 * (f.L_1 * _dot(i_s[:, ::every], i_s[:, ::every]) + f.C * _dot(v_c[:, ::every], v_c[:, ::every]))
+    between = 0.5 * (flow[1:] + flow[:-1])  # the trapezoidal rule between two samples
+    mean = between.reshape(-1, every).mean(axis=1) + np.diff(stored) / (every * study.converter.T_s)
+    return np.concatenate((mean[:1], mean))
 
 
-def _squared(vector: Any) -> Array:
-    """3/2 |x|²: twice the energy of a peak space vector in an element of one ohm, henry or farad in each phase."""
-    return instantaneous_power(*vector.T, *vector.T)[0]
+def _dot(x: Array, y: Array) -> Array:
+    """Three-phase power of two peak space vectors (:eq:`instantaneous-power`)."""
+    return SPACE_VECTOR_POWER * (x[0] * y[0] + x[1] * y[1])
