@@ -27,7 +27,7 @@ def case_of(
     from its parts, or where the test cannot be said in a study.
     """
     study, spec = subject.study, subject.told(test.silent_s)
-    c, title = study.converter, f"{test.title}: {subject.spec.name}"
+    c, source, title = study.converter, study.grid_source, f"{test.title}: {subject.spec.name}"
     document, origin = base_document(study, spec, folder, name or f"{study.name}_case", title)
     grid = Place(test.scr, test.x_over_r, BASIS).grid(c)
     # The source of the study stays, for which closed forms are designed; an event at t = 0 gives that of the test.
@@ -35,8 +35,8 @@ def case_of(
         "scr_basis": study.scr_basis,
         "R_g": grid.R_g,
         "L_g": grid.L_g,
-        "V_g_pu": study.grid_source.V_g_rms / c.V_rated_rms,
-        "f_g": study.grid_source.omega_g / (2.0 * math.pi),
+        "V_g_pu": source.V_g_rms / c.V_rated_rms,
+        "f_g": source.omega_g / (2.0 * math.pi),
     }
     document["simulation"] = {
         "duration": _whole_rows(subject, subject.lead_s + cleared_s(test) + after_s(subject, test)),
@@ -51,8 +51,9 @@ def case_of(
     document["controllers"] = [controller_document(study, spec, document, spec.knowledge, table)]
     if test.load is not None:
         document["network"] = {"load": load_document(test.load, per_unit=True)}
-    first = {"time": 0.0, "V_g_pu": test.V_g_pu, "f_g": c.omega_n / (2.0 * math.pi)}
-    same = test.V_g_pu * c.V_rated_rms == study.grid_source.V_g_rms and study.grid_source.omega_g == c.omega_n
+    f_n = c.omega_n / (2.0 * math.pi)
+    first = {"time": 0.0, "V_g_pu": test.V_g_pu, "f_g": f_n + test.df_hz}
+    same = test.V_g_pu * c.V_rated_rms == source.V_g_rms and source.omega_g == c.omega_n and test.df_hz == 0.0
     events = [_event(event, c, subject.lead_s) for event in test.events]
     document["events"] = events if same else [first, *events]
     return study_from_document(document, origin), toml_text(document, (title,))

@@ -79,7 +79,7 @@ def _states(test: SuiteTest) -> tuple[_State, _State]:
         scr=test.scr,
         x_over_r=test.x_over_r,
         V_g_pu=test.V_g_pu,
-        df_hz=0.0,
+        df_hz=test.df_hz,
         P_pu=test.P_pu,
         load=test.load,
         fault=False,

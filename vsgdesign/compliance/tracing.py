@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from vsgdesign.compliance.trace import Trace
 from vsgdesign.equations.filters import capacitor_node_voltage
-from vsgdesign.frames import SPACE_VECTOR_POWER, clarke_inverse, rms_to_peak
+from vsgdesign.frames import clarke_inverse, rms_to_peak
 from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.energy import dc_energy
 from vsgdesign.simulation.run import Simulation
 
 Array = NDArray[np.float64]
@@ -39,6 +40,7 @@ def trace_of(study: Study, simulation: Simulation, every: int, lead_s: float) ->
     phase = simulation.timeline.source_phase(simulation.t_s[rows] + _SAME_INSTANT * c.T_s)
     a, b, c_ = clarke_inverse(*i_s)
     phases = np.maximum(np.maximum(np.abs(a), np.abs(b)), np.abs(c_))
+    mean = np.diff(dc_energy(simulation, study)[rows]) / (every * c.T_s)
     counted = simulation.column("limited_samples")[rows]
     return Trace(
         t_s=np.round(t[rows], 9) + 0.0,
@@ -53,7 +55,7 @@ def trace_of(study: Study, simulation: Simulation, every: int, lead_s: float) ->
         v_beta_pu=node[1, at] / V_pk,
         i_g_alpha_pu=i_g[0, at] / c.I_rated_pk,
         i_g_beta_pu=i_g[1, at] / c.I_rated_pk,
-        P_dc_pu=_dc_power(study, i_s, v_c, i_g, node, every) / c.S_rated,
+        P_dc_pu=np.concatenate((mean[:1], mean)) / c.S_rated,
         limited=np.diff(counted, prepend=counted[:1]) / every,
     )
 
@@ -62,26 +64,3 @@ def _since_row_before(values: Array, every: int) -> Array:
     """The largest value since the row before: of the row's own sample for the first one."""
     later = values[1:].reshape(-1, every).max(axis=1)
     return np.concatenate((values[:1], later))
-
-
-def _dc_power(study: Study, i_s: Array, v_c: Array, i_g: Array, node: Array, every: int) -> Array:
-    """Mean power from the bridge into the circuit since the row before, W; of the first row that of the second.
-
-    It is the power into L_2 and the grid, the losses of R_1 and R_c, and the change of the energy in L_1 and C
-    (:eq:`dc-power`), so that no voltage of the bridge has to be logged. Arrays are (2, n), at every sample.
-    """
-    f = study.filter
-    flow = _dot(node, i_g) + f.R_1 * _dot(i_s, i_s)
-    if f.R_c:
-        flow += f.R_c * _dot(i_s - i_g, i_s - i_g)
-    if len(flow) <= every:
-        return flow[:1]
-    stored = 0.5 * (f.L_1 * _dot(i_s[:, ::every], i_s[:, ::every]) + f.C * _dot(v_c[:, ::every], v_c[:, ::every]))
-    between = 0.5 * (flow[1:] + flow[:-1])  # the trapezoidal rule between two samples
-    mean = between.reshape(-1, every).mean(axis=1) + np.diff(stored) / (every * study.converter.T_s)
-    return np.concatenate((mean[:1], mean))
-
-
-def _dot(x: Array, y: Array) -> Array:
-    """Three-phase power of two peak space vectors (:eq:`instantaneous-power`)."""
-    return SPACE_VECTOR_POWER * (x[0] * y[0] + x[1] * y[1])

@@ -31,7 +31,7 @@ def explorer_link(study: Study, tables: Mapping[str, GainTable], test: SuiteTest
         "P_pu": test.P_pu,
         "Q_pu": test.Q_pu,
         "V_g_pu": test.V_g_pu,
-        "f_hz": _short(c.omega_n / (2.0 * math.pi)),
+        "f_hz": _short(c.omega_n / (2.0 * math.pi) + test.df_hz),
         "silent_s": min(test.silent_s, 36000.0) if spec.kind == "scheduled" else 0.0,
         "event": event,
         "controllers": [controller],
@@ -59,7 +59,7 @@ def _event(study: Study, test: SuiteTest) -> dict[str, Any] | None:
     if changed == {"phase_deg"}:
         return {"kind": "phase", "size": first.phase_deg}
     if changed == {"df_hz"} and first.df_hz is not None and first.over_s > 0.0:
-        return {"kind": "ramp", "size": first.df_hz, "length_s": first.over_s}
+        return {"kind": "ramp", "size": _short(first.df_hz - test.df_hz), "length_s": first.over_s}
     if changed == {"scr"} and first.scr is not None and first.x_over_r is not None:
         c = study.converter
         to = Place(first.scr, first.x_over_r, BASIS).grid(c).place(c, study.scr_basis)
