@@ -12,7 +12,7 @@ WIDE = "---\nhide:\n  - navigation\n  - toc\n---\n"
 """The explorer needs 1000 px for its three columns. The tabs on top still lead everywhere."""
 
 
-def embed_explorers(folder: Path, make: Callable[[Path, Path], None]) -> list[Path]:
+def embed_explorers(folder: Path, make: Callable[[Path, Path], object]) -> list[Path]:
     """Replaces every marked picture under ``folder`` by a frame; returns the explorers that the frames show.
 
     ``make(study, page)`` writes the explorer of a study file. Raises ValueError where there is no such study, and for a

@@ -61,7 +61,7 @@ def test_an_explorer_takes_the_place_of_its_picture(tmp_path: Path) -> None:
     (tmp_path / "one" / "study.toml").write_text("", encoding="utf-8")
     page = tmp_path / "README.md"
     page.write_text("# A\n\n<!-- explorer: one/study.toml -->\n[![P](p.png)](how.md)\n\nB\n", encoding="utf-8")
-    made = embed_explorers(tmp_path, lambda _, page: page.write_text("x" * 10**6, encoding="utf-8") and None)
+    made = embed_explorers(tmp_path, lambda _, page: page.write_bytes(b"x" * 10**6))
     assert made == [tmp_path / "one" / "explorer.html"]
     text = page.read_text(encoding="utf-8")
     assert text.startswith("---\nhide:")

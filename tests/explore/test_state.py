@@ -53,8 +53,9 @@ def test_all_faults_at_once(study: Study) -> None:
         *("scr", "P_pu", "foo", "hold.scr", "hold.x_over_r", "event.kind", "event.size", "figure", "own.K_ip"),
         *("own.K_iq", "own.K_x", "controllers", "power_loops.tau_P"),
     }
-    assert (found["P_pu"]["limit"], found["P_pu"]["unit"]) == ("-2 to 2", "pu")
-    assert found["P_pu"]["text"] == "P must be a number between -2 and 2 pu, not a."
+    most = 2.0 * study.converter.S_rated / 1e3
+    assert (found["P_pu"]["limit"], found["P_pu"]["unit"]) == (f"-{most:g} to {most:g}", "kW")
+    assert found["P_pu"]["text"] == f"P must be a number between -{most:g} and {most:g} kW, not a."
     assert found["scr"]["value"] == "nan", "JSON has no NaN"
 
 
@@ -120,3 +121,18 @@ def test_designed_inner_loops_are_kept() -> None:
     changed = changed_study(study, {"power_loops.settling_time": "0.5 s", "converter.delay_samples": 1})
     assert changed.inner_gains == study.inner_gains
     assert changed.controllers[0].target.settling_time == 0.5
+
+
+def test_faults_are_in_the_units_of_the_fields(study: Study) -> None:
+    """Before: a field in kW, in per cent or in ms named limits in per unit or in s."""
+    document = {"P_pu": 3.0, "Q_pu": -3.0, "error_R": -1.5, "error_X": 20, "silent_s": -0.5, "V_g_pu": 9}
+    found = faults(state_of, document, study)
+    for field in fields_of(study, NOTHING):
+        if field["path"] in document:
+            one = found[field["path"]]
+            shown = document[field["path"]] * field.get("scale", 1.0)
+            assert one["unit"] == field["unit"]
+            assert one["limit"] == f"{field['low']:.6g} to {field['high']:.6g}"
+            ends = f"{field['low']:.6g} and {field['high']:.6g} {field['unit']}"
+            assert one["text"] == f"{field['label']} must be a number between {ends}, not {shown:.6g}."
+    assert found["error_R"]["text"] == "Error of R must be a number between -90 and 1000 %, not -150."

@@ -110,7 +110,7 @@ def test_a_study_beyond_the_fields_of_the_page_has_none_and_says_why() -> None:
         study_from_text(FIXED.replace('"2 kW"', '"12 kW", reference_limit_pu = 10')), NOTHING, ((2, 1),)
     )
     assert page.text is None
-    assert page.why == "P must be a number between -2 and 2 pu, not 2.4."
+    assert page.why == "P must be a number between -10 and 10 kW, not 12."
 
 
 FIXED = """

@@ -203,12 +203,12 @@ def test_the_explorer_is_a_part_of_its_own(plain: Made, tmp_path) -> None:
 
 
 def test_why_there_is_no_explorer_is_said(plain: Made, tmp_path) -> None:
-    why = "P must be a number between -2 and 2 pu, not 3."
+    why = "P must be a number between -10 and 10 kW, not 12."
     text = write_stability_report(plain.result, plain.figures, tmp_path / "page.html", ExplorerFile(why=why)).read_text(
         encoding="utf-8"
     )
     assert "<iframe" not in text
-    assert "There is no explorer. P must be a number between −2 and 2 pu, not 3." in text
+    assert "There is no explorer. P must be a number between −10 and 10 kW, not 12." in text
     assert 'href="#part-8">part 8' not in text
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import StudyError
-from vsgdesign.explore.state import LABELS, StateError, defaults, fault, faults_of, gains_read, limits_of
+from vsgdesign.explore.state import LABELS, StateError, defaults, fault, faults_of, gains_read, limits_of, shown_units
 from vsgdesign.parameters.changing import changed_with_same_inner_loops
 from vsgdesign.parameters.reader import Asked
 from vsgdesign.parameters.study import ControllerSpec, Study
@@ -120,18 +120,19 @@ def gains_of() -> list[dict[str, Any]]:
 
 def _state_fields(study: Study) -> list[dict[str, Any]]:
     limits, at, c = limits_of(study), defaults(study), study.converter
+    shown = {name: (unit, 1.0) for name, (_, _, unit) in limits.items()} | shown_units(study)
     kilo = c.S_rated / 1e3
     f_n = at["f_hz"]
     rows = (
-        ("scr", "", 1.0, (1.0, 25.0), 0.01, POINT),
-        ("x_over_r", "", 1.0, (0.2, 25.0), 0.01, POINT),
-        ("P_pu", "kW", kilo, (-1.1 * kilo, 1.1 * kilo), _round(kilo / 100.0), POINT),
-        ("Q_pu", "kvar", kilo, (-0.6 * kilo, 0.6 * kilo), _round(kilo / 100.0), POINT),
-        ("V_g_pu", "pu", 1.0, (0.8, 1.2), 0.005, POINT),
-        ("f_hz", "Hz", 1.0, (round(f_n, 3) - 2.0, round(f_n, 3) + 2.0), 0.01, POINT),
-        ("error_R", "%", 100.0, (-50.0, 50.0), 1.0, ESTIMATE),
-        ("error_X", "%", 100.0, (-50.0, 50.0), 1.0, ESTIMATE),
-        ("silent_s", "ms", 1e3, (0.0, 2000.0), 10.0, ESTIMATE),
+        ("scr", (1.0, 25.0), 0.01, POINT),
+        ("x_over_r", (0.2, 25.0), 0.01, POINT),
+        ("P_pu", (-1.1 * kilo, 1.1 * kilo), _round(kilo / 100.0), POINT),
+        ("Q_pu", (-0.6 * kilo, 0.6 * kilo), _round(kilo / 100.0), POINT),
+        ("V_g_pu", (0.8, 1.2), 0.005, POINT),
+        ("f_hz", (round(f_n, 3) - 2.0, round(f_n, 3) + 2.0), 0.01, POINT),
+        ("error_R", (-50.0, 50.0), 1.0, ESTIMATE),
+        ("error_X", (-50.0, 50.0), 1.0, ESTIMATE),
+        ("silent_s", (0.0, 2000.0), 10.0, ESTIMATE),
     )
     return [
         {
@@ -146,7 +147,8 @@ def _state_fields(study: Study) -> list[dict[str, Any]]:
             "scale": scale,
             "group": group,
         }
-        for path, unit, scale, slider, step, group in rows
+        for path, slider, step, group in rows
+        for unit, scale in (shown[path],)
     ]
 
 

@@ -173,6 +173,19 @@ def limits_of(study: Study) -> dict[str, tuple[float, float, str]]:
     }
 
 
+def shown_units(study: Study) -> dict[str, tuple[str, float]]:
+    """The unit in which the page shows a number of a state, and the shown value over the kept one; for those that it
+    shows in another unit than the state keeps them in."""
+    kilo = study.converter.S_rated / 1e3
+    return {
+        "P_pu": ("kW", kilo),
+        "Q_pu": ("kvar", kilo),
+        "error_R": ("%", 100.0),
+        "error_X": ("%", 100.0),
+        "silent_s": ("ms", 1e3),
+    }
+
+
 def _digits(value: float) -> float:
     """A value to twelve digits: 60 instead of 59.99999999999999."""
     return float(f"{value:.12g}")
@@ -195,7 +208,10 @@ def state_of(document: Any, study: Study) -> State:
     """
     reader = _Reader(document)
     given = reader.filled(defaults(study), "")
-    values: dict[str, Any] = {name: reader.number(given, name, *limit) for name, limit in limits_of(study).items()}
+    shown = shown_units(study)
+    values: dict[str, Any] = {
+        name: reader.number(given, name, *limit, shown=shown.get(name)) for name, limit in limits_of(study).items()
+    }
     hold = given["hold"]
     if hold is not None:
         values["hold"] = PlaceOfState(**reader.place(reader.table(hold, "hold"), "hold.", ("scr", "x_over_r")))
@@ -284,17 +300,29 @@ class _Reader:
         return {key: item for key, item in value.items() if key not in unknown}
 
     def number(
-        self, table: dict[str, Any], name: str, low: float, high: float, unit: str = "", prefix: str = ""
+        self,
+        table: dict[str, Any],
+        name: str,
+        low: float,
+        high: float,
+        unit: str = "",
+        prefix: str = "",
+        shown: tuple[str, float] | None = None,
     ) -> float:
+        """A number within its limits. A fault names them in the unit in which it is ``shown`` (with its factor)."""
         raw, path = table.get(name), prefix + name
         try:
             value = parse_quantity(raw, "1")
         except UnitError:
             value = math.nan
         if not low <= value <= high:
-            shown = "empty" if raw is None or raw == "" else str(raw)[:40]
-            text = f"{LABELS.get(path, path)} must be a number between {low:.6g} and {high:.6g}{' ' * bool(unit)}{unit}"
-            self.faults.append(fault(path, raw, f"{text}, not {shown}.", f"{low:.6g} to {high:.6g}", unit))
+            unit, factor = shown or (unit, 1.0)
+            ends, said = (factor * low, factor * high), "empty" if raw is None or raw == "" else str(raw)[:40]
+            if math.isfinite(value):
+                said = f"{factor * value:.6g}"
+            text = f"{LABELS.get(path, path)} must be a number between {ends[0]:.6g} and {ends[1]:.6g}"
+            text += f" {unit}".rstrip()
+            self.faults.append(fault(path, raw, f"{text}, not {said}.", f"{ends[0]:.6g} to {ends[1]:.6g}", unit))
             return math.nan
         return value
 

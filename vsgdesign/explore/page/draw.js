@@ -16,7 +16,7 @@ const LIGHT = {
   good: [33, 102, 172],
   badHalf: [244, 178, 140],
   goodHalf: [146, 197, 222],
-  none: "#e4e4e4",
+  none: "#b8b8b8",
   unstable: "#4a3a57",
   unstableLine: "#8d7c9b",
   black: "#111111",
@@ -35,24 +35,29 @@ const DARK = {
   good: [86, 160, 226],
   badHalf: [140, 80, 60],
   goodHalf: [62, 100, 138],
-  none: "#20252b",
+  none: "#666666",
   unstable: "#08060a",
   unstableLine: "#55465f",
   black: "#f4f6f8",
 };
 
 // The controllers' colours (Okabe and Ito): the light ones are darker on a white page, and all are lighter on a dark one,
-// so that a line has a contrast of at least 3 to its ground.
-const ON_LIGHT = { "#CC79A7": "#b8588f", "#E69F00": "#b37a00", "#56B4E9": "#2f8fc6" };
+// so that a line has a contrast of at least 3 to its ground. tests/explore/test_colours.py holds them apart for everybody.
+const ON_LIGHT = {
+  "#CC79A7": "#b8588f",
+  "#E69F00": "#7e5700",
+  "#56B4E9": "#275169",
+  "#777777": "#656565",
+};
 const ON_DARK = {
   "#0072B2": "#4aa8ec",
   "#D55E00": "#f5853a",
   "#009E73": "#22c799",
   "#CC79A7": "#e6a3c9",
-  "#E69F00": "#f4b93f",
-  "#56B4E9": "#9fd8fb",
+  "#E69F00": "#eaad26",
+  "#56B4E9": "#9ad2f2",
   "#000000": "#f2f2f2",
-  "#777777": "#adb3ba",
+  "#777777": "#929292",
 };
 
 const darkQuery = window.matchMedia("(prefers-color-scheme: dark)");

@@ -120,13 +120,13 @@ export class GridMap {
     // Where the operating point uses the whole of the converter's static limits.
     if (arrays.limit_use) {
       const use = arrays.limit_use.map((v) => (Number.isNaN(v) ? Infinity : v));
-      this.paintLevel(ctx, sx, sy, use, 1, { colour: t.limit, width: 2.2 });
+      this.paintLevel(ctx, sx, sy, use, 1, { colour: t.limit, width: 2.2, casing: t.back });
     }
   }
 
   // The line where values are at a level (marching squares on the cells' centres, in the logarithmic plane); returns
   // its pieces.
-  paintLevel(ctx, sx, sy, values, level, { colour, width }) {
+  paintLevel(ctx, sx, sy, values, level, { colour, width, casing }) {
     const { scr, x_over_r: ratio } = this.answer.arrays;
     const at = (i, j) => values[j * scr.length + i];
     const pieces = [];
@@ -157,6 +157,12 @@ export class GridMap {
         ctx.lineTo(...cuts[1]);
         pieces.push(cuts[0]);
       }
+    }
+    if (casing) {
+      // The line is red, and so are cells that it may cross.
+      Object.assign(ctx, { strokeStyle: casing, lineWidth: width + 2.4 });
+      ctx.stroke();
+      Object.assign(ctx, { strokeStyle: colour, lineWidth: width });
     }
     ctx.stroke();
     return pieces;
