@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,12 @@ import pytest
 from tests import gain_tables
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.grid import grid_behind_load
+from vsgdesign.metrics.survival import SURVIVED
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.parameters.study import Grid
+from vsgdesign.report.page.converter import network_in_words
+from vsgdesign.simulation import run_scenario
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.late import LateSchedule, gain_feed, told_of
 from vsgdesign.simulation.online import WindowPowers
@@ -133,3 +137,19 @@ def test_grid_and_load_are_one_source_behind_one_impedance(Y: complex) -> None:
     assert Y * v_pcc + (v_pcc - v_g) / Z == pytest.approx(i)
     R, X, cosine, sine = grid_behind_load(Z.real, Z.imag, Y.real, Y.imag)
     assert (cosine + 1j * sine) * v_g + (R + 1j * X) * i == pytest.approx(v_pcc)
+
+
+def test_a_run_is_judged_with_its_load() -> None:
+    """Powers come to rest with a load, and that rest is the one that the judge expects."""
+    events = '[[events]]\ntime = "0.2 s"\nload = { P_pu = 0.3, Q_pu = 0.1 }\n'
+    more = '[converter]\ncurrent_limit_pu = 1.5\ncurrent_limiter = "projection"\n'
+    one = study('structure = "angle_damped"\n', events, more)
+    found = run_scenario(replace(one, simulation=replace(one.simulation, survival=True))).controllers[0].survival
+    assert found is not None
+    assert (found.status, found.reason) == (SURVIVED, None)
+
+
+def test_pages_say_what_is_at_the_pcc() -> None:
+    one = study(events="", more='[network]\nload = { P_pu = 0.5 }\nbreaker = "open"\n')
+    assert network_in_words(one) == ["load 2.5 kW", "breaker open"]
+    assert network_in_words(study(events="")) == []

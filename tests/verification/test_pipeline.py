@@ -176,6 +176,8 @@ Q_ref = "0 var"
 [background]
 seed = 3
 [sensors]
+[network]
+load = { P_pu = 0.5 }
 [[controllers]]
 name = "scheduled"
 kind = "scheduled"
@@ -183,4 +185,4 @@ kind = "scheduled"
     study = study_from_text(text)
     with pytest.raises(StudyError) as caught:
         check_verifiable(study, Asked(controller="nobody"))
-    assert {fault.field for fault in caught.value.faults} == {"controller", "background", "sensors"}
+    assert {fault.field for fault in caught.value.faults} == {"controller", "background", "sensors", "network"}

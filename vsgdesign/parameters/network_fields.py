@@ -9,6 +9,7 @@ from vsgdesign.equations.sags import SAG_TYPES
 from vsgdesign.parameters.network import FAULT_KINDS, PHASE_PAIRS, THREE_PHASE, Fault, Load, Network
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.source import Sag
+from vsgdesign.parameters.study import Converter
 from vsgdesign.parameters.units import format_quantity
 
 NONE, CLEARED, OPEN, CLOSED = "none", "cleared", "open", "closed"
@@ -32,6 +33,11 @@ class Base(NamedTuple):
     Z: float
     omega: float
     S: float
+
+    @classmethod
+    def of(cls, converter: Converter) -> Base:
+        """That of a converter."""
+        return cls(converter.Z_base, converter.omega_n, converter.S_rated)
 
 
 def read_load(table: TableReader, base: Base | None) -> Load:
@@ -243,7 +249,7 @@ def beyond_models(network: Network) -> str | None:
         what = "there is a load at the PCC"
     else:
         return None
-    return f"{what}, and the steady states and modes that figures need are known with nothing but the grid"
+    return f"{what}: the steady state and the modes that a settling time needs are not computed for that"
 
 
 def load_document(load: Load, *, per_unit: bool = False) -> dict[str, Any]:

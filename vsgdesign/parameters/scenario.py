@@ -126,7 +126,7 @@ def read_network(table: TableReader | None, converter: Converter) -> Network:
     """The [network] section: load, fault and breaker at the start."""
     if table is None:
         return PLAIN
-    said = read_said(table, _base(converter))
+    said = read_said(table, Base.of(converter))
     for field, word in (("load", NONE), ("fault", CLEARED)):
         if getattr(said, field) == word:
             table.fault(field, word, "there is none before the start", "Leave it out.")
@@ -162,7 +162,7 @@ def read_events(
     said: list[tuple[float, TableReader, dict[str, Any]]] = []
     present = _Present(grid, network, source)
     before, before_s = replace(present), -math.inf  # at the end of the instant before
-    base = _base(converter)
+    base = Base.of(converter)
     limit = spec.reference_limit_pu * converter.S_rated
     f_n = converter.omega_n / (2.0 * math.pi)
     for table in sorted(tables, key=_time_or_last):
@@ -220,10 +220,6 @@ def read_events(
         events.append(replace(event, name=name))
         table.finish()
     return tuple(events)
-
-
-def _base(converter: Converter) -> Base:
-    return Base(converter.Z_base, converter.omega_n, converter.S_rated)
 
 
 def _check_sag(table: TableReader, event: Event, sag: Sag | str, before: _Present) -> None:
@@ -359,7 +355,7 @@ def _describe(event: Event, of_network: Said, sag: Sag | str | None, converter: 
         parts.append(_describe_components(event.components))
     if sag is not None:
         parts.append(sag_words(sag))
-    parts += network_words(of_network, _base(converter))
+    parts += network_words(of_network, Base.of(converter))
     if event.P_ref is not None:
         parts.append(f"P_ref {event.P_ref / 1e3:.4g} kW")
     if event.Q_ref is not None:

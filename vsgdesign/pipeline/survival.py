@@ -134,6 +134,9 @@ def subjects_of(
     if study.replay is not None:
         advice = "Take [replay] away; [background] makes a restless grid."
         faults.append(Fault("replay", "", "a recorded source cannot sag or jump as the disturbances ask", advice))
+    if study.network.fault is not None or not study.network.connected:
+        advice = "Take it away; vsgdesign simulate and comply have events for it."
+        faults.append(Fault("network", "", "every disturbance begins at rest, without a fault and on the grid", advice))
     for name in wanted:
         if name not in known:
             faults.append(Fault("controller", f'"{name}"', "unknown", f"The study has: {', '.join(known)}."))

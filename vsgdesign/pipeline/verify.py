@@ -175,6 +175,9 @@ def check_verifiable(study: Study, asked: Asked, needs_table_file: bool = False)
             faults.append(
                 Fault(name, "", problem, f"Verify a study without [{name}]; vsgdesign survive measures with it.")
             )
+    if not study.network.plain:
+        advice = "Verify a study without [network]; vsgdesign simulate and comply run with one."
+        faults.append(Fault("network", "", "random cases have nothing but the grid at the PCC", advice))
     if study.grid_source.components:
         advice = "Verify a study without them."
         faults.append(Fault("grid_source.components", "", "random cases have a source without harmonics", advice))

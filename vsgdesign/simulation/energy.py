@@ -57,7 +57,7 @@ def dc_power(simulation: Simulation, study: Study, *, bridge: str | None = None)
     return power
 
 
-def _means(x: Complex) -> Complex:
+def _means(x: Complex) -> Any:
     """Mean between every two samples, of the cubic through these and their neighbours."""
     if len(x) < 4:
         return 0.5 * (x[1:] + x[:-1])
@@ -65,7 +65,7 @@ def _means(x: Complex) -> Complex:
     return (13.0 * (more[1:-2] + more[2:-1]) - more[:-3] - more[3:]) / 24.0
 
 
-def _vector(simulation: Simulation, name: str) -> Complex:
+def _vector(simulation: Simulation, name: str) -> Any:
     return simulation.column(f"{name}_alpha") + 1j * simulation.column(f"{name}_beta")
 
 

@@ -10,6 +10,7 @@ from typing import Protocol
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.frames import phase_to_ll
 from vsgdesign.identification import estimator_kind
+from vsgdesign.parameters.network_fields import OPEN, Base, Said, network_words
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
 from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import number, plain, plain_quantity
@@ -93,9 +94,17 @@ def filter_table(result: HasStudy) -> Table:
         rows.append(
             ("", "; ".join(f"order {plain(c.order)}: {plain(100.0 * c.amplitude_pu)} %" for c in source.components))
         )
+    rows += [("At the PCC at the start" if k == 0 else "", said) for k, said in enumerate(network_in_words(study))]
     rows += [("Background of the grid" if k == 0 else "", said) for k, said in enumerate(background_in_words(study))]
     rows += [("Sensors" if k == 0 else "", said) for k, said in enumerate(sensors_in_words(study))]
     return Table("Filter and grid", ("Quantity", "Value"), tuple(rows), texts=2)
+
+
+def network_in_words(study: Study) -> list[str]:
+    """Load, fault and breaker at the start; nothing where there is nothing but the grid."""
+    c, network = study.converter, study.network
+    said = Said(network.load, network.fault, None if network.connected else OPEN)
+    return [words.replace("breaker opens", "breaker open") for words in network_words(said, Base.of(c))]
 
 
 def background_in_words(study: Study) -> list[str]:
