@@ -12,14 +12,13 @@ import numpy as np
 from tests.compliance.made_runs import SOURCE
 from vsgdesign.compliance.measures import MeasureInput, Ratings
 from vsgdesign.compliance.suite import SuiteEvent, SuiteTest
-from vsgdesign.compliance.trace import Trace
+from vsgdesign.compliance.tracing import trace_of
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.frames import clarke_inverse, rms_to_peak
 from vsgdesign.parameters.loading import study_from_text
 from vsgdesign.parameters.study import Event, Place, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.simulation.run import simulate
 from vsgdesign.simulation.steps import references_at
 from vsgdesign.stability.cells import gains_in_force
 
@@ -33,32 +32,6 @@ def study_of(structure: str, case: str = "hoang2025_5kva", **more: Any) -> Study
     runs = '[simulation]\nduration = "1 s"\nP_ref = "0 W"\nQ_ref = "0 var"\n[[controllers]]\nname = "own"'
     lines = "\n".join(f'{name} = "{value}"' for name, value in fields.items())
     return study_from_text(f'base = "case:{case}"\n[power_loops]\n{lines}\n{runs}\nkind = "scheduled"\n')
-
-
-def trace_of(study: Study, run: Simulation) -> Trace:
-    """What a run shows, per unit, with its rows as they were logged: no peaks between the rows."""
-    c = study.converter
-    V_pk, I_pk = float(rms_to_peak(c.V_rated_rms)), c.I_rated_pk
-    i_s = run.column("i_s_alpha"), run.column("i_s_beta")
-    v_g = np.unwrap(np.arctan2(run.column("v_g_beta"), run.column("v_g_alpha")))
-    P = run.column("P") / c.S_rated
-    count = np.diff(run.column("limited_samples"), prepend=0.0)
-    return Trace(
-        t_s=run.t_s,
-        P_pu=P,
-        Q_pu=run.column("Q") / c.S_rated,
-        f_hz=run.column("omega") / (2.0 * math.pi),
-        V_pu=run.column("V_rms") / c.V_rated_rms,
-        delta_rad=np.unwrap(run.column("theta")) - v_g,
-        i_s_pu=np.hypot(*i_s) / I_pk,
-        i_phase_pu=np.max(np.abs(clarke_inverse(*i_s)), axis=0) / I_pk,
-        v_alpha_pu=run.column("v_c_alpha") / V_pk,
-        v_beta_pu=run.column("v_c_beta") / V_pk,
-        i_g_alpha_pu=run.column("i_g_alpha") / I_pk,
-        i_g_beta_pu=run.column("i_g_beta") / I_pk,
-        P_dc_pu=P,
-        limited=count / round(INTERVAL_S / c.T_s),
-    )
 
 
 def real_run(study: Study, test: SuiteTest, gains: PowerLoopGains | None = None) -> tuple[MeasureInput, PowerLoopGains]:
@@ -79,7 +52,7 @@ def real_run(study: Study, test: SuiteTest, gains: PowerLoopGains | None = None)
         duration=last.t_s + last.over_s + (test.duration_s or 1.0),
         bridge="averaged",
         start="steady_state",
-        log_interval=INTERVAL_S,
+        log_interval=c.T_s,
         P_ref=P_ref,
         Q_ref=Q_ref,
     )
@@ -87,8 +60,9 @@ def real_run(study: Study, test: SuiteTest, gains: PowerLoopGains | None = None)
         study.undisturbed, grid=grid, simulation=simulation, events=tuple(_event(study, e) for e in test.events)
     )
     run = simulate(own, [GainChange(0.0, gains)]).to_its_end()
+    trace = trace_of(own, run, max(round(INTERVAL_S / c.T_s), 1), 0.0)
     ratings = Ratings.of(study, spec)
-    return MeasureInput(test=test, trace=trace_of(study, run), ratings=ratings, gains=gains), gains
+    return MeasureInput(test=test, trace=trace, ratings=ratings, gains=gains), gains
 
 
 def _event(study: Study, event: SuiteEvent) -> Event:

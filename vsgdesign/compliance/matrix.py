@@ -10,6 +10,7 @@ from vsgdesign.compliance.applies import not_applicable
 from vsgdesign.compliance.envelopes import ENVELOPES
 from vsgdesign.compliance.evidence import Evidence, Limits, limits_at
 from vsgdesign.compliance.impossible import impossible
+from vsgdesign.compliance.linear import nfp_of
 from vsgdesign.compliance.measures import MEASURES, MeasureInput, Ratings
 from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS, VERDICTS, Check, Row
 from vsgdesign.compliance.run import TestRun, run_test
@@ -58,6 +59,7 @@ def judge(subject: Subject, suite: Suite, run: TestRun) -> Judged:
         ratings=Ratings.of(run.study, run.spec),
         survival=survival,
         gains=run.gains,
+        nfp=nfp_of(run.study, test, run.gains),
     )
     checks, limits = [], []
     for criterion in test.criteria:

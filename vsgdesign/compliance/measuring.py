@@ -86,9 +86,9 @@ class MeasureInput:
     """The judge's verdict; None if the run was not judged."""
     gains: PowerLoopGains | None = None
     """In force before the first event, in SI; None if they are not known."""
-    nfp: Callable[[Array], Complex] | None = None
+    nfp: Callable[[Array], Complex | str] | None = None
     """ΔP over Δω of the grid, per unit, at angular frequencies (rad/s), from a linear model at the test's first grid
-    and operating point (:func:`vsgdesign.compliance.linear.nfp_of`); None if there is no model."""
+    and operating point, or why there is none (:func:`vsgdesign.compliance.linear.nfp_of`). None: no model is given."""
     shared: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
     """What several measures need, computed once (:meth:`once`)."""
 

@@ -113,9 +113,12 @@ def _nfp_peak(run: MeasureInput) -> tuple[float, float] | str:
     if run.nfp is None:
         return "there is no linear model"
     hz = np.geomspace(LOW_HZ, HIGH_HZ, _POINTS)
-    k = int(np.argmax(np.abs(run.nfp(2.0 * math.pi * hz))))
+    found = run.nfp(2.0 * math.pi * hz)
+    if isinstance(found, str):
+        return found
+    k = int(np.argmax(np.abs(found)))
     hz = np.geomspace(hz[max(k - 1, 0)], hz[min(k + 1, _POINTS - 1)], _POINTS)
-    size = np.abs(run.nfp(2.0 * math.pi * hz))
+    size = np.abs(np.asarray(run.nfp(2.0 * math.pi * hz)))
     k = int(np.argmax(size))
     return float(hz[k]), 20.0 * math.log10(float(size[k]))
 
