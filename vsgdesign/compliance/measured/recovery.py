@@ -54,17 +54,19 @@ def settling_s(run: MeasureInput, band_pu: float = SETTLING_BAND) -> Measured:
 @measure(
     "overshoot of P",
     "pu",
-    "How far the one-cycle mean of P goes beyond its final value, away from where it was when the disturbance ended.",
+    "How far the one-cycle mean of P goes beyond its final value, seen from where it was when the disturbance ended.",
 )
 def overshoot_pu(run: MeasureInput) -> Measured:
-    """The final value is as in ``settling_s``. Without a change of the mean, it is the largest distance either way."""
+    """The final value is as in ``settling_s``. If P is within 2 % of the rating of it when the disturbance ends, there
+    is no step, and the largest distance either way counts."""
     after = run.rows(run.cleared_s)
     mean = cycle_mean(run.trace.P_pu, run.rows_per_cycle)[after]
     if len(mean) < 2 * run.rows_per_cycle:
         return not_known("the trace ends less than two cycles after the disturbance")
-    way = run.end(run.trace.P_pu) - mean[0]
-    beyond = (mean - run.end(run.trace.P_pu)) * np.sign(way)
-    return Measured(max(float(np.max(beyond)), 0.0) if way != 0.0 else float(np.max(np.abs(mean - mean[0]))))
+    beyond = mean - run.end(run.trace.P_pu)
+    if abs(beyond[0]) <= SETTLING_BAND:
+        return Measured(float(np.max(np.abs(beyond))))
+    return Measured(max(float(np.max(-np.sign(beyond[0]) * beyond)), 0.0))
 
 
 RECOVERY = (survived, recovery_s, settling_s, overshoot_pu)
