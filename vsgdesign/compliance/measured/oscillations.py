@@ -20,7 +20,7 @@ _MOVES = 2e-3
 _MISFIT = 0.2
 """Largest share of P that the modes may leave unexplained."""
 
-_POINTS = 40
+_POINTS = 30
 """Frequencies of a search for the peak, which is repeated between the neighbours of the largest."""
 
 

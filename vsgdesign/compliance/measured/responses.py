@@ -42,9 +42,13 @@ def response_Q_ms(run: MeasureInput, share: float = 0.1, within_s: float = 0.05)
 )
 def response_i_ms(run: MeasureInput, share: float = 0.1, within_s: float = 0.05) -> Measured:
     """Active and reactive current together: the length of the vector's change."""
-    turned = _current(run) * np.exp(-2j * math.pi * run.grid_hz(run.first_s) * run.trace.t_s)
-    before = complex(run.rest_before(turned.real, run.first_s), run.rest_before(turned.imag, run.first_s))
-    return _onset(run, np.abs(turned - before), "the current", share, within_s)
+    hz, t = run.grid_hz(run.first_s), run.trace
+    rows = run.rows(run.first_s - 1.0 / hz, run.first_s + within_s + 2.0 * run.step_s)
+    turned = (t.i_g_alpha_pu[rows] + 1j * t.i_g_beta_pu[rows]) * np.exp(-2j * math.pi * hz * t.t_s[rows])
+    count = max(run.first_row(run.first_s) - rows.start, 1)
+    change = np.zeros(len(t.t_s))
+    change[rows] = np.abs(turned - np.mean(turned[:count]))
+    return _onset(run, change, "the current", share, within_s)
 
 
 @measure(
@@ -65,9 +69,10 @@ def Z_effective_pu(run: MeasureInput, begin_s: float = 0.0, end_s: float = 0.02)
     if run.limiter_acts(run.rows(event.t_s, event.t_s + end_s)):
         return not_known("the current limiter acts, so that the current is the limit's and not the impedance's")
     t, hz = run.trace, run.grid_hz(event.t_s)
-    window = (hz, event.t_s, begin_s, end_s)
-    dI = phasor_change(_current(run), t.t_s, *window)
-    dV = phasor_change(t.v_alpha_pu + 1j * t.v_beta_pu, t.t_s, *window)
+    rows = run.rows(event.t_s - 1.5 / hz, event.t_s + end_s + 2.0 * run.step_s)
+    window = (t.t_s[rows], hz, event.t_s, begin_s, end_s)
+    dI = phasor_change(t.i_g_alpha_pu[rows] + 1j * t.i_g_beta_pu[rows], *window)
+    dV = phasor_change(t.v_alpha_pu[rows] + 1j * t.v_beta_pu[rows], *window)
     if not abs(dI) > _MOVES:
         return not_known(
             "the trace has fewer than six rows in the window, or no cycle before the jump"
@@ -75,10 +80,6 @@ def Z_effective_pu(run: MeasureInput, begin_s: float = 0.0, end_s: float = 0.02)
             else f"the current changes by less than {_MOVES:g} pu"
         )
     return Measured(abs(-dV / dI + complex(run.ratings.R_2_pu, run.ratings.X_2_pu)))
-
-
-def _current(run: MeasureInput) -> NDArray[np.complex128]:
-    return run.trace.i_g_alpha_pu + 1j * run.trace.i_g_beta_pu
 
 
 def _onset(run: MeasureInput, change: NDArray[np.float64], what: str, share: float, within_s: float) -> Measured:
