@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vsgdesign.compliance.envelopes import ENVELOPES, declared_machine
+from vsgdesign.compliance.envelopes import ENVELOPES, Bounds, declared_machine
 from vsgdesign.compliance.measuring import MeasureInput, Ratings
 from vsgdesign.compliance.reading import suite_from_text
 from vsgdesign.compliance.suite import SuiteTest
@@ -181,14 +181,22 @@ def test_without_gains_or_a_jump_there_is_no_envelope_and_it_says_why() -> None:
     assert "no phase jump" in ENVELOPES["swing_after_jump"].of(run_of(other, np.zeros(len(t)), t)).why
 
 
-def test_power_is_back_within_its_time() -> None:
+def test_rounding_is_inside_and_a_value_that_is_no_number_is_not() -> None:
+    t = np.arange(100) * 1e-3
+    run = run_of(suite_from_text(JUMP).tests[0], np.full(100, 0.5), t)
+    bounds = Bounds("P_pu", t, np.full(100, 0.5 + 1e-15), np.full(100, 1.0))
+    assert bounds.excess(run.trace) == 0.0
+    assert math.isnan(bounds.excess(dataclasses.replace(run.trace, P_pu=np.full(100, np.nan))))
+
+
+def test_a_band_is_asked_from_one_instant_to_another_after_the_last_change() -> None:
     test = suite_from_text(JUMP).tests[0]
     t = np.arange(-40, 2000) * 1e-3
-    P = 0.5 + np.where((t >= 0.0) & (t < 1.2), 0.3, 0.0) + np.where(t >= 1.2, 0.07, 0.0)
-    run = run_of(test, P, t)
-    envelope = ENVELOPES["power_back"]
-    assert envelope.of(run, {"within_s": 1.5, "band_pu": 0.08}).excess(run.trace) == 0.0
-    assert envelope.of(run, {"within_s": 1.5}).excess(run.trace) == pytest.approx(0.02)
-    assert envelope.of(run, {"within_s": 1.0}).excess(run.trace) == pytest.approx(0.25)
+    run = run_of(test, 0.5 + np.where((t >= 0.0) & (t < 1.2), 0.3, 0.0), t)
+    envelope = ENVELOPES["power_band"]
+    given = {"low_pu": 0.4, "high_pu": 0.55, "from_s": 1.25}
+    assert envelope.of(run, given).excess(run.trace) == 0.0
+    assert envelope.of(run, given | {"from_s": 1.0}).excess(run.trace) == pytest.approx(0.25)
+    assert envelope.of(run, given | {"from_s": 1.0, "to_s": 0.9}).excess(run.trace) == 0.0
     with pytest.raises(ValueError, match="no parameter within"):
         envelope.of(run, {"within": 1.0})

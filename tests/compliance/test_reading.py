@@ -140,21 +140,26 @@ def test_criteria_are_checked_against_what_can_be_measured() -> None:
             { measure = "recovery_s", at_most = nan },
             { measure = "settling_s", band = 0.1 },
             { measure = "settling_s", band_pu = "5 s" },
-            { envelope = "power_bak" },
-            { envelope = "power_back", at_most = 0 },
-            { envelope = "power_back", within_s = "5 %" },
-            { measure = "survived", envelope = "power_back" },
+            { envelope = "power_bnd" },
+            { envelope = "power_band", at_most = 0 },
+            { envelope = "power_band", to_s = "5 %" },
+            { measure = "survived", envelope = "power_band" },
         ]
         """
     )
     at = "tests[0].criteria"
     expected = {
         f"{at}[0].measure", f"{at}[1].at_most", f"{at}[2].at_most", f"{at}[3].band", f"{at}[4].band_pu",
-        f"{at}[5].envelope", f"{at}[6].at_most", f"{at}[7].within_s", f"{at}[8]",
+        f"{at}[5].envelope", f"{at}[6].at_most", f"{at}[7].to_s", f"{at}[8]",
     }  # fmt: skip
     assert found.keys() == expected
     assert "Did you mean survived?" in found[f"{at}[0].measure"].advice
     assert "Did you mean band_pu?" in found[f"{at}[3].band"].advice
+
+
+def test_a_need_is_one_that_is_known() -> None:
+    fault = faults_of(ONE + 'events = [{ P_pu = 0 }]\nneeds = ["storag"]')["tests[0].needs"]
+    assert "Did you mean storage?" in fault.advice
 
 
 def test_a_limit_may_have_a_unit() -> None:

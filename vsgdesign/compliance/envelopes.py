@@ -21,6 +21,10 @@ from vsgdesign.metrics.step_response import cycle_mean
 Array = NDArray[np.float64]
 
 
+ROUNDING_PU = 1e-9
+"""Largest excess that is rounding."""
+
+
 class Bounds(NamedTuple):
     """An envelope on the instants of a trace: arrays (n,), in the unit of the signal."""
 
@@ -39,11 +43,12 @@ class Bounds(NamedTuple):
     def excess(self, trace: Trace) -> float:
         """By how much the signal leaves the envelope at most; 0 inside, NaN if the signal holds NaN.
 
-        The trace has all rows of the one for which the envelope was computed.
+        The trace has all rows of the one for which the envelope was computed. What is less than ROUNDING_PU is inside.
         """
         values = cycle_mean(np.asarray(getattr(trace, self.signal)), self.rows_of_mean)
         beyond = np.maximum(np.maximum(self.low - values, values - self.high), 0.0)
-        return float(np.max(beyond)) if beyond.size else 0.0
+        most = float(np.max(beyond)) if beyond.size else 0.0
+        return 0.0 if most < ROUNDING_PU else most
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,14 +92,6 @@ def envelope(label: str, text: str) -> Callable[[Callable[..., Bounds]], Envelop
         )
 
     return made
-
-
-@envelope("power is back", "The active power is back at its value before the first event, and stays there.")
-def power_back(run: MeasureInput, within_s: float = 3.0, band_pu: float = 0.05) -> Bounds:
-    """P within ``band_pu`` of its mean before the first event, from ``within_s`` after the last change on."""
-    t, before = run.trace.t_s, run.rest_before(run.trace.P_pu, run.first_s)
-    asked = t >= run.cleared_s + within_s
-    return Bounds("P_pu", t, np.where(asked, before - band_pu, -np.inf), np.where(asked, before + band_pu, np.inf))
 
 
 @envelope(
@@ -167,7 +164,5 @@ def declared_machine(gains: PowerLoopGains, S_rated: float, X_pu: float, omega_n
     return Machine(H_s=H, D_pu=droop + 2.0 * H * gains.k_P * S_rated / X_pu, X_pu=X_pu, omega_n=omega_n)
 
 
-ENVELOPES: Mapping[str, Envelope] = MappingProxyType(
-    {found.name: found for found in (power_back, power_band, swing_after_jump)}
-)
+ENVELOPES: Mapping[str, Envelope] = MappingProxyType({found.name: found for found in (power_band, swing_after_jump)})
 """By name."""

@@ -109,6 +109,7 @@ def _checked(criterion: Criterion, given: MeasureInput) -> tuple[Check, Limits |
             unit="pu",
             at_most=0.0,
             envelope=criterion.envelope,
+            ours=criterion.ours,
             verdict=_verdict(criterion, excess),
             why=bounds.why,
         )
@@ -125,19 +126,16 @@ def _checked(criterion: Criterion, given: MeasureInput) -> tuple[Check, Limits |
         unit=measure.unit,
         at_least=criterion.at_least,
         at_most=criterion.at_most,
+        ours=criterion.ours,
         verdict=_verdict(criterion, found.value),
         why=found.why,
     )
     return check, None
 
 
-_ROUNDING_PU = 1e-9
-"""An excess over an envelope that is no more than this is none."""
-
-
 def _known(excess: float) -> float | None:
     """An excess over an envelope, None where the run holds what is no number."""
-    return (0.0 if excess <= _ROUNDING_PU else excess) if math.isfinite(excess) else None
+    return excess if math.isfinite(excess) else None
 
 
 def _verdict(criterion: Criterion, value: float | None) -> str:
@@ -162,6 +160,7 @@ def _unmeasured(criterion: Criterion, why: str) -> Check:
         at_least=criterion.at_least,
         at_most=criterion.at_most,
         envelope=criterion.envelope,
+        ours=criterion.ours,
         verdict=INFORMATIONAL if criterion.informational else FAIL,
         why=why,
     )

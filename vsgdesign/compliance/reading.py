@@ -8,6 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from vsgdesign.compliance.applies import NEEDS
 from vsgdesign.compliance.expanding import MOST_TESTS, axes_of, combinations, size_in_words, size_of
 from vsgdesign.compliance.reading_criteria import read_criteria
 from vsgdesign.compliance.reading_events import LONGEST_S, MOST_DF_HZ, MOST_POWER_PU, read_events
@@ -31,7 +32,7 @@ def suite_named(name_or_path: str | Path) -> Suite:
     """
     text = str(name_or_path)
     if text in SUITES:
-        return suite_from_text((_FOLDER / f"{text}.toml").read_text(encoding="utf-8"), text, name=text)
+        return suite_from_document(packaged_document(text), text, text)
     if isinstance(name_or_path, Path) or text.endswith(".toml") or "/" in text or Path(text).is_file():
         path = Path(name_or_path)
         return suite_from_document(read_toml(path, "suite file"), str(path), path.stem)
@@ -39,6 +40,11 @@ def suite_named(name_or_path: str | Path) -> Suite:
     advice = (f'Did you mean "{near[0]}"? ' if near else "") + "Or give the path of a .toml file."
     problem = "there is no such suite; packaged are " + ", ".join(SUITES)
     raise StudyError(text, [Fault("suite", f'"{text}"', problem, advice)])
+
+
+def packaged_document(name: str) -> dict[str, Any]:
+    """The content of a packaged suite's file, lists and all. ``name`` is one of :data:`SUITES`."""
+    return parse_toml((_FOLDER / f"{name}.toml").read_text(encoding="utf-8"), name)
 
 
 def suite_from_text(text: str, source: str = "suite text", name: str = "suite") -> Suite:
@@ -175,10 +181,15 @@ def _source_of(table: TableReader, sources: dict[str, Source], own: Source) -> S
 def _needs(table: TableReader) -> tuple[str, ...]:
     table.skip("needs")
     raw = table.table.get("needs", [])
-    if not isinstance(raw, list) or not all(isinstance(item, str) and item for item in raw):
-        table.fault("needs", str(raw), "must be a list of texts", 'For example needs = ["storage"].')
+    if not isinstance(raw, list):
+        table.fault("needs", raw, "must be a list of names", 'For example needs = ["50 Hz"].')
         return ()
-    return tuple(raw)
+    for name in raw:
+        if name not in NEEDS:
+            near = difflib.get_close_matches(str(name), NEEDS, n=1, cutoff=0.5)
+            advice = (f"Did you mean {near[0]}? " if near else "") + f"Known: {', '.join(NEEDS)}."
+            table.fault("needs", name, "there is no such need", advice)
+    return tuple(name for name in raw if name in NEEDS)
 
 
 def _check_ids(tests: list[tuple[TableReader, SuiteTest]], faults: list[Fault]) -> None:

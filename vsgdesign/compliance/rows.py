@@ -21,6 +21,8 @@ class Check:
     at_least: float | None = None
     at_most: float | None = None
     envelope: str | None = None
+    ours: bool = False
+    """Whether the limits are this project's and not the source's."""
     verdict: str = INFORMATIONAL
     why: str = ""
 
