@@ -62,7 +62,10 @@ def document(controllers: int = 3, sizes: int = 1, maps: bool = True, seed: int 
             "hash": "5d" * 32,
             "file": "my study.toml",
         },
-        "suites": [{"name": name, "title": title, "source": source} for name, title, source in suites],
+        "suites": [
+            {"name": name, "title": title, "about": "Made up\nfor tests.", "source": source}
+            for name, title, source in suites
+        ],
         "hashes": {"study": "5d" * 32, "tables": {names[-1]: "ab" * 32}, "package": "0c" * 32, "c": None},
         "controllers": [{"name": name, "colour": colour} for name, colour in zip(names, COLOURS, strict=False)],
         "converter": converter(names),

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from tests.compliance_documents import document, traces_of
-from vsgdesign.compliance.rows import FAIL, VERDICTS
+from vsgdesign.compliance.rows import FAIL, INFORMATIONAL, PASS, VERDICTS
 from vsgdesign.report.compliance.answer import counts_answer, headline, strip
 from vsgdesign.report.compliance.arranged import Arranged, arrange, asked_words, value_words
 from vsgdesign.report.compliance.page import explore_command, write_page
@@ -91,7 +91,7 @@ def test_every_test_is_there_once_with_each_controllers_verdict(elements: Elemen
         for verdict in VERDICTS:
             rows = [row for row in test.known if row["verdict"] == verdict]
             reasons = [reason for reason in test.reasons if reason.verdict == verdict]
-            assert words.count(f"{LOOKS[verdict].sign} {verdict}") == len(rows) + len(reasons), (test.title, verdict)
+            assert words.count(f"{LOOKS[verdict].sign} {verdict}") == len(rows) + len(reasons), (test.test, verdict)
         assert test.network in words
         for line in test.lines:
             assert line.label in words
@@ -149,10 +149,17 @@ def test_a_strip_has_a_full_stroke_for_every_failing_test() -> None:
 
 def test_what_is_asked_and_found_in_words() -> None:
     check = {"unit": "pu", "at_least": None, "at_most": 1.2, "envelope": None, "value": -0.5, "why": ""}
+    check |= {"measure": "peak", "verdict": PASS}
     assert asked_words(check) == "≤ 1.2 pu"
     assert asked_words(check | {"at_least": 0.9}) == "0.9 to 1.2 pu"
     assert asked_words(check | {"at_most": None}) == "not asked for"
-    assert asked_words(check | {"at_most": None, "envelope": "ramp"}) == "inside “ramp”"
+    assert asked_words(check | {"verdict": INFORMATIONAL}) == "not asked for"
+    assert asked_words(check | {"ours": True}) == "≤ 1.2 pu, a limit of ours"
+    inside = check | {"at_most": 0.0, "envelope": "ramp", "value": 0.0}
+    assert (asked_words(inside), value_words(inside)) == ("inside its envelope", "inside")
+    assert value_words(inside | {"value": 0.25, "verdict": FAIL}) == "0.250 pu outside"
+    lived = check | {"measure": "survived", "unit": "", "at_least": 1.0, "at_most": None, "value": 0.0}
+    assert (asked_words(lived), value_words(lived)) == ("yes", "no")
     assert value_words(check) == "−0.500 pu"
     assert value_words(check | {"value": None, "why": "it diverged"}) == "not known: it diverged"
     assert value_words(check | {"unit": "1", "value": 0.0}) == "0"

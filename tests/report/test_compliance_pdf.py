@@ -79,18 +79,16 @@ def test_every_test_and_every_reason_is_there(sheets: list[Sheet]) -> None:
     texts = [one.text for sheet in sheets for one in words_of(sheet)]
     whole = " ".join(texts)
     for test in arranged().tests():
-        assert typeset(test.title) in texts
+        assert typeset(test.test) in whole
     for word in (
-        "impossible (",
-        "not applicable (",
+        "⊘ impossible, ",
+        "– not applicable, ",
         "1.28 pu of current",
         "Limits of validity",
         "Z_base",
         "Survival maps",
     ):
         assert word in whole, word
-    titles = [test.title for test in arranged().tests()]
-    assert texts.count("phase −60°") == titles.count("phase -60°") > 1
 
 
 def test_the_file_is_a_pdf_with_these_pages_and_the_same_bytes_each_time(tmp_path: Path) -> None:

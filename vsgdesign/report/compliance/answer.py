@@ -26,7 +26,7 @@ class Failing:
     """A failing test on top of the page: where it is, who fails, and why."""
 
     anchor: str
-    title: str
+    test: str
     network: str
     who: str
     why: str
@@ -106,14 +106,12 @@ def failing_tests(arranged: Arranged) -> list[Failing]:
 
 def _failing(test: Tested) -> Failing:
     who = [row["controller"] for row in test.known if row["verdict"] == FAIL]
-    missed = [
-        f"{line.label} {value.words}, asked {line.asked}"
-        for line in test.lines
-        for value in line.values
-        if value is not None and value.verdict == FAIL
-    ]
-    why = [reason.text for reason in test.reasons if reason.verdict == FAIL]
-    return Failing(test.anchor, test.title, test.network, ", ".join(who), (missed or why or [""])[0])
+    reasons = [reason for reason in test.reasons if reason.verdict == FAIL]
+    why = "; ".join(
+        reason.text if len(reason.controllers) == len(who) else f"{', '.join(reason.controllers)}: {reason.text}"
+        for reason in reasons
+    )
+    return Failing(test.anchor, test.test, test.network, ", ".join(who), why)
 
 
 def strip(arranged: Arranged, index: int, width: float = 960.0, height: float = 22.0) -> Sketch:

@@ -17,6 +17,11 @@ RowDict = Mapping[str, Any]
 _LONG = 16
 """Letters of a value that stay in one line."""
 
+_NOTHING = "not asked for"
+
+YES_OR_NO = ("survived",)
+"""Measures that are 1 or 0."""
+
 EXPLAINED = (FAIL, IMPOSSIBLE, NOT_APPLICABLE)
 """Verdicts whose reason is printed below the test."""
 
@@ -60,7 +65,7 @@ class Tested:
 
     suite: str
     test: str
-    title: str
+    """Its id in the suite, by which it is called everywhere."""
     network: str
     group: str
     rows: tuple[RowDict | None, ...]
@@ -112,6 +117,7 @@ class SuiteRows:
 
     name: str
     title: str
+    about: str
     source: Mapping[str, str]
     groups: tuple[Group, ...]
     counts: tuple[Counts, ...]
@@ -156,7 +162,9 @@ def arrange(document: Document) -> Arranged:
         )
         said = titles.get(suite, {})
         counts = _counts((row for rows in groups.values() for of in rows.values() for row in of.values()), names)
-        suites.append(SuiteRows(suite, said.get("title") or suite, said.get("source") or {}, arranged, counts))
+        about = " ".join((said.get("about") or "").split())
+        source = said.get("source") or {}
+        suites.append(SuiteRows(suite, said.get("title") or suite, about, source, arranged, counts))
     colours = tuple(str(one["colour"]) for one in document["controllers"])
     return Arranged(names, colours, tuple(suites), _counts(document["rows"], names), tuple(sources))
 
@@ -180,7 +188,6 @@ def _tested(of: Mapping[str, RowDict], names: Sequence[str], sources: list[Mappi
     return Tested(
         suite=first["suite"],
         test=first["test"],
-        title=first["title"],
         network=first["network"],
         group=first["group"],
         rows=rows,
@@ -207,27 +214,34 @@ def _value(check: RowDict) -> Value:
 
 
 def asked_words(check: RowDict) -> str:
-    """What is asked of a value: ``≤ 1.2 pu``, ``0.1 to 0.2 pu``, an envelope, or nothing."""
+    """What is asked of a value: ``≤ 1.2 pu``, ``0.1 to 0.2 pu``, to stay inside an envelope, or nothing."""
     low, high, unit = check.get("at_least"), check.get("at_most"), _with_space(check["unit"])
-    said = []
-    if low is not None and high is not None:
-        said.append(f"{plain(low)} to {plain(high)}{unit}")
-    elif low is not None:
-        said.append(f"≥ {plain(low)}{unit}")
-    elif high is not None:
-        said.append(f"≤ {plain(high)}{unit}")
+    if check["verdict"] == INFORMATIONAL and not check.get("envelope"):
+        return _NOTHING
     if check.get("envelope"):
-        said.append(f"inside “{check['envelope']}”")
-    if said and check.get("ours"):
-        said.append("a limit of ours")
-    return ", ".join(said) or "not asked for"
+        said = "inside its envelope" if check["verdict"] != INFORMATIONAL else "envelope shown, not asked for"
+    elif check["measure"] in YES_OR_NO:
+        said = "yes"
+    elif low is not None and high is not None:
+        said = f"{plain(low)} to {plain(high)}{unit}"
+    elif low is not None or high is not None:
+        said = f"≥ {plain(low)}{unit}" if low is not None else f"≤ {plain(high)}{unit}"
+    else:
+        return _NOTHING
+    return f"{said}, a limit of ours" if check.get("ours") else said
 
 
 def value_words(check: RowDict) -> str:
     """The value with its unit, or why it is not known."""
-    if check["value"] is None:
+    value = check["value"]
+    if value is None:
         return f"not known: {check['why']}" if check.get("why") else "not known"
-    return number(check["value"]) + _with_space(check["unit"])
+    if check["measure"] in YES_OR_NO:
+        return "yes" if value else "no"
+    said = number(value) + _with_space(check["unit"])
+    if check.get("envelope"):
+        return f"{said} outside" if value > 0.0 else "inside"
+    return said
 
 
 def _with_space(unit: str) -> str:
@@ -241,8 +255,9 @@ def _reasons(rows: Sequence[RowDict | None]) -> Iterator[Reason]:
         if row is None:
             continue
         text = row.get("why") or ""
-        if row["verdict"] == FAIL and row.get("status") and row["status"] != "survived":
-            text = f"{row['status']}{': ' if text else ''}{text}"
+        status = row.get("status") or ""
+        if row["verdict"] == FAIL and status not in ("", "survived") and not text.startswith(status):
+            text = f"{status}{': ' if text else ''}{text}"
         if text and (row["verdict"] in EXPLAINED or row["verdict"] == INFORMATIONAL):
             said.setdefault((row["verdict"], text), []).append(row["controller"])
     for (verdict, text), names in said.items():

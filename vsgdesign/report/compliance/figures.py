@@ -64,7 +64,7 @@ class Drawer:
         bands = _bands([evidence for _, evidence in failing]) or _bands([evidence for _, evidence in found])
         who = ", ".join(row["controller"] for row in test.known if row["verdict"] == FAIL)
         caption = f"{test.network}. {f'Failed by {who}.' if who else ''}"
-        return TestFigure(test.anchor, test.title, caption.strip(), self._plots(found, bands))
+        return TestFigure(test.anchor, test.test, caption.strip(), self._plots(found, bands))
 
     def of_group(self, group: Group) -> TestFigure | None:
         """Some tests of a group over each other, evenly spread; of tests with envelopes one alone. None: no trace."""
@@ -78,15 +78,14 @@ class Drawer:
         ]
         if not curves:
             return None
-        names = "; ".join(f"{test.title} ({test.network})" for test in tests)
+        names = "; ".join(f"{test.test} ({test.network})" for test in tests)
         left_out = len(group.tests) - len(tests)
         said = f"{names}."
         if enveloped and left_out:
-            said += (
-                f" Each test has an envelope of its own: the one with the largest excess is drawn, {left_out} are not."
-            )
+            said += f" Each test has its own envelope: the one with the largest excess is drawn, {left_out} are not."
         elif left_out:
-            said += f" {left_out} more tests of this group are not drawn."
+            more = "1 more test of this group is" if left_out == 1 else f"{left_out} more tests of this group are"
+            said += f" {more} not drawn."
         bands = _bands([evidence for _, evidence in curves]) if enveloped else []
         return TestFigure("", group.name, said, self._plots(curves, bands))
 

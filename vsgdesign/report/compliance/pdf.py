@@ -234,7 +234,7 @@ def _answer(flow: Flow, title: str, arranged: Arranged) -> None:
         flow.heading(f"What fails: {len(failing)} tests" if len(failing) > 1 else "What fails: one test", 9.0)
         shown = failing[:MOST_FAILING]
         rows = [
-            [[Said(f"✗ {one.title}", LOOKS[FAIL].colour, True)], [Said(one.network)], [Said(one.who)], [Said(one.why)]]
+            [[Said(f"✗ {one.test}", LOOKS[FAIL].colour, True)], [Said(one.network)], [Said(one.who)], [Said(one.why)]]
             for one in shown
         ]
         flow.table((26, 20, 18, 36), ("Test", "Network", "Controllers", "Why"), rows, most=2)
@@ -268,8 +268,10 @@ def _matrix(flow: Flow, arranged: Arranged, suite: SuiteRows) -> None:
             6.6,
             _DIM,
         )
+    if suite.about:
+        flow.paragraph(suite.about)
     count = len(arranged.controllers)
-    widths = (22, 20, *[max(48.0 / count, 12.0)] * count, 10)
+    widths = (26, 20, *[max(45.0 / count, 11.0)] * count, 12)
     head = ("Test and network", "Asked", *arranged.controllers, "Source")
     rows: list[Cells] = []
     for group in suite.groups:
@@ -289,8 +291,8 @@ def _test_rows(arranged: Arranged, test: Tested) -> list[Cells]:
     shown = asked or list(test.lines)
     source = arranged.sources[test.reference - 1]
     cells: list[list[Said]] = [
-        [Said(test.title, bold=True), Said(test.network, _DIM)],
-        [Said(line.label if line.asked == "not asked for" else f"{line.label} {line.asked}") for line in shown]
+        [Said(test.test, bold=True), Said(test.network, _DIM)],
+        [Said(line.label if line.asked == "not asked for" else f"{line.label}: {line.asked}") for line in shown]
         or [Said("–")],
     ]
     for k, row in enumerate(test.rows):
@@ -304,10 +306,11 @@ def _test_rows(arranged: Arranged, test: Tested) -> list[Cells]:
         )
     cells.append([Said(f"[{test.reference}] {source['edition']}, {source['confidence']}", _DIM)])
     rows: list[Cells] = [[[one for one in cell if one.text] or [Said("")] for cell in cells]]
-    for reason in test.reasons:
-        look = LOOKS[reason.verdict]
-        sentence = f"{look.sign} {reason.verdict} ({', '.join(reason.controllers)}): {reason.text}"
-        rows.append([[Said("")], [Said(sentence, look.colour)]])
+    for verdict in VERDICTS:
+        reasons = [reason for reason in test.reasons if reason.verdict == verdict]
+        if reasons:
+            said = "; ".join(f"{', '.join(one.controllers)}: {one.text}" for one in reasons)
+            rows.append([[Said("")], [Said(f"{LOOKS[verdict].sign} {verdict}, {said}", LOOKS[verdict].colour)]])
     return rows
 
 
