@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import functools
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from tests.compliance_documents import document, traces_of
+from tests.compliance_documents import document, evidence, traces_of
 from vsgdesign.compliance.rows import FAIL, INFORMATIONAL, PASS, VERDICTS
 from vsgdesign.report.compliance.answer import counts_answer, headline, strip
 from vsgdesign.report.compliance.arranged import Arranged, arrange, asked_words, value_words
+from vsgdesign.report.compliance.figures import shown_signal
 from vsgdesign.report.compliance.page import explore_command, write_page
 from vsgdesign.report.compliance.verdicts import LOOKS
 
@@ -184,3 +187,21 @@ def test_a_missing_trace_is_said(tmp_path: Path) -> None:
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "runs are missing, so their curves are not drawn" in text
     assert "This test has no figure" in text
+
+
+def test_a_drawn_current_is_the_largest_of_five_milliseconds() -> None:
+    rng = np.random.default_rng(2)
+    t = np.concatenate([np.arange(0.0, 0.1, 5e-4), np.arange(0.1, 1.0, 5e-3)])
+    row = next(row for row in made()["rows"] if row["csv"])
+    trace = replace(evidence(row, len(t)).trace, t_s=t, i_phase_pu=rng.random(len(t)), P_pu=rng.random(len(t)))
+    drawn = shown_signal(trace, "i_phase_pu")
+    for k in (0, 3, 50, 199, 200, 260, len(t) - 1):
+        window = (t > t[k] - 5e-3 + 1e-9) & (t <= t[k])
+        assert drawn[k] == trace.i_phase_pu[window].max()
+    assert shown_signal(trace, "P_pu") is trace.P_pu
+
+
+def test_a_reason_that_is_printed_below_is_not_said_twice() -> None:
+    check = {"value": None, "why": "it slipped", "unit": "s", "measure": "recovery_s"}
+    assert value_words(check, "slipped: it slipped at 0.4 s") == "not known"
+    assert value_words(check, "another reason") == "not known: it slipped"

@@ -74,12 +74,18 @@ def judge(subject: Subject, suite: Suite, run: TestRun) -> Judged:
 def _why(run: TestRun, checks: Sequence[Check]) -> str:
     """Why a row fails, in words; of any other row what is remarkable of its run."""
     status, reason = run.survival.status, run.survival.reason
-    lost = [] if status == SURVIVED else [status if reason is None else f"{status}: {reason}"]
+    lost = [] if status == SURVIVED else [_with_status(status, reason)]
     failed = [
         _failure(check) for check in checks if check.verdict == FAIL and not (lost and check.measure == "survived")
     ]
     held = [reason] if status == SURVIVED and reason is not None else []
     return "; ".join([*lost, *failed, *held])
+
+
+def _with_status(status: str, reason: str | None) -> str:
+    if reason is None or reason.startswith(status):
+        return reason or status
+    return f"{status}: {reason}"
 
 
 def _failure(check: Check) -> str:

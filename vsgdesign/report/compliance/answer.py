@@ -111,7 +111,7 @@ def _failing(test: Tested) -> Failing:
         reason.text if len(reason.controllers) == len(who) else f"{', '.join(reason.controllers)}: {reason.text}"
         for reason in reasons
     )
-    return Failing(test.anchor, test.test, test.network, ", ".join(who), why)
+    return Failing(test.anchor, test.test, test.besides, ", ".join(who), why)
 
 
 def strip(arranged: Arranged, index: int, width: float = 960.0, height: float = 22.0) -> Sketch:

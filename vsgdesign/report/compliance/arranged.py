@@ -80,6 +80,11 @@ class Tested:
         return slug(self.suite, self.test)
 
     @property
+    def besides(self) -> str:
+        """What its network has besides what its id says."""
+        return ", ".join(part for part in self.network.split(", ") if part not in self.test)
+
+    @property
     def known(self) -> tuple[RowDict, ...]:
         """The rows that are there."""
         return tuple(row for row in self.rows if row is not None)
@@ -199,18 +204,16 @@ def _tested(of: Mapping[str, RowDict], names: Sequence[str], sources: list[Mappi
 
 def _lines(rows: Sequence[RowDict | None]) -> Iterator[Line]:
     """The checks of all controllers; the same measure with the same limits is one line."""
-    keys: dict[tuple[str, str], dict[int, RowDict]] = {}
+    keys: dict[tuple[str, str], dict[int, Value]] = {}
+    enveloped = set()
     for k, row in enumerate(rows):
         for check in row["checks"] if row is not None else ():
-            keys.setdefault((check["label"], asked_words(check)), {})[k] = check
-    for (label, asked), checks in keys.items():
-        values = (checks.get(k) for k in range(len(rows)))
-        enveloped = any(one.get("envelope") for one in checks.values())
-        yield Line(label, asked, tuple(None if one is None else _value(one) for one in values), enveloped)
-
-
-def _value(check: RowDict) -> Value:
-    return Value(check["verdict"], value_words(check))
+            key = check["label"], asked_words(check)
+            keys.setdefault(key, {})[k] = Value(check["verdict"], value_words(check, row["why"] if row else ""))
+            if check.get("envelope"):
+                enveloped.add(key)
+    for key, values in keys.items():
+        yield Line(*key, tuple(values.get(k) for k in range(len(rows))), key in enveloped)
 
 
 def asked_words(check: RowDict) -> str:
@@ -231,17 +234,18 @@ def asked_words(check: RowDict) -> str:
     return f"{said}, a limit of ours" if check.get("ours") else said
 
 
-def value_words(check: RowDict) -> str:
-    """The value with its unit, or why it is not known."""
+def value_words(check: RowDict, said: str = "") -> str:
+    """The value with its unit, or why it is not known. ``said``: what is printed below anyway."""
     value = check["value"]
     if value is None:
-        return f"not known: {check['why']}" if check.get("why") else "not known"
+        why = check.get("why")
+        return f"not known: {why}" if why and why not in said else "not known"
     if check["measure"] in YES_OR_NO:
         return "yes" if value else "no"
-    said = number(value) + _with_space(check["unit"])
+    words = number(value) + _with_space(check["unit"])
     if check.get("envelope"):
-        return f"{said} outside" if value > 0.0 else "inside"
-    return said
+        return f"{words} outside" if value > 0.0 else "inside"
+    return words
 
 
 def _with_space(unit: str) -> str:

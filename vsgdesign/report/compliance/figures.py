@@ -6,12 +6,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vsgdesign.compliance.evidence import Evidence
 from vsgdesign.compliance.rows import FAIL
+from vsgdesign.compliance.thinning import REST_S
+from vsgdesign.compliance.trace import Trace
 from vsgdesign.report.compliance.arranged import Arranged, Group, Tested
 from vsgdesign.report.drawing.plot import Band, Curve, Plot, plot_sketch
 from vsgdesign.report.drawing.sketch import Sketch
 from vsgdesign.report.drawing.style import DASHES
+
+Array = NDArray[np.float64]
 
 Traces = Mapping[str, Evidence]
 """Evidence by the name of its file, the field ``csv`` of a row."""
@@ -23,14 +30,16 @@ _ALWAYS = ("P_pu", "i_phase_pu", "f_hz")
 _LABELS = {
     "P_pu": ("Active power", "P [pu]", 3.0),
     "Q_pu": ("Reactive power", "Q [pu]", 3.0),
-    "i_phase_pu": ("Largest phase current", "i [pu]", 3.0),
-    "i_s_pu": ("Converter current", "i_s [pu]", 3.0),
+    "i_phase_pu": ("Largest phase current of 5 ms", "i [pu]", 3.0),
+    "i_s_pu": ("Largest converter current of 5 ms", "i_s [pu]", 3.0),
     "V_pu": ("Voltage reference", "V [pu]", 2.0),
     "f_hz": ("Frequency", "f [Hz]", 0.0),
     "delta_rad": ("Angle to the grid", "δ [rad]", 30.0),
     "P_dc_pu": ("Power of the dc link", "P_dc [pu]", 3.0),
 }
 """Title, axis, and how far the scale may go for a curve that has gone away."""
+
+_PEAKS = ("i_phase_pu", "i_s_pu")
 
 _FREQUENCY_ROOM_HZ = 10.0
 
@@ -78,7 +87,7 @@ class Drawer:
         ]
         if not curves:
             return None
-        names = "; ".join(f"{test.test} ({test.network})" for test in tests)
+        names = "; ".join(f"{test.test}{f' ({test.besides})' if test.besides else ''}" for test in tests)
         left_out = len(group.tests) - len(tests)
         said = f"{names}."
         if enveloped and left_out:
@@ -119,13 +128,30 @@ class Drawer:
         if signal == "f_hz":
             within = (self._f_n_hz - _FREQUENCY_ROOM_HZ, self._f_n_hz + _FREQUENCY_ROOM_HZ)
         levels = []
-        if signal in ("i_phase_pu", "i_s_pu"):
+        if signal in _PEAKS:
             shown = {self._limits.get(self.arranged.controllers[k]) for k, _ in curves}
             levels = [(float(value), "current limit") for value in sorted(shown - {None})]
         drawn = [
-            Curve(e.trace.t_s, getattr(e.trace, signal), self.arranged.colours[k], dashes_of(k)) for k, e in curves
+            Curve(e.trace.t_s, shown_signal(e.trace, signal), self.arranged.colours[k], dashes_of(k)) for k, e in curves
         ]
         return plot_sketch(Plot(title, label, drawn, bands, levels, within))
+
+
+def shown_signal(trace: Trace, signal: str) -> Array:
+    """A signal as it is drawn: of the current the largest in the last 5 ms, because its length pulses with the phases.
+
+    The rows of a file are as far apart where little happens, so that the curve means the same everywhere.
+    """
+    y = getattr(trace, signal)
+    if signal not in _PEAKS:
+        return y
+    found, t = y.copy(), trace.t_s
+    for back in range(1, len(t)):
+        near = t[back:] - t[:-back] < REST_S - 1e-9
+        if not near.any():
+            break
+        np.copyto(found[back:], np.maximum(found[back:], y[:-back]), where=near)
+    return found
 
 
 _Curve = tuple[int, Evidence]

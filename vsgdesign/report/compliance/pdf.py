@@ -237,7 +237,7 @@ def _answer(flow: Flow, title: str, arranged: Arranged) -> None:
             [[Said(f"✗ {one.test}", LOOKS[FAIL].colour, True)], [Said(one.network)], [Said(one.who)], [Said(one.why)]]
             for one in shown
         ]
-        flow.table((26, 20, 18, 36), ("Test", "Network", "Controllers", "Why"), rows, most=2)
+        flow.table((30, 12, 18, 40), ("Test", "Besides", "Controllers", "Why"), rows, most=2)
         if len(failing) > len(shown):
             flow.paragraph(f"{len(failing) - len(shown)} more tests fail; the matrix has all of them.")
 
