@@ -135,3 +135,20 @@ def test_margins_of_both_loops_are_marked(opened: ExplorerPage, explorer: Explor
         opened.page.click(f"#loop input[value='{loop}']")
         marked = opened.page.evaluate("window.page.bode.curves.map((c) => [c.crossover, c.phaseCrossover])")
         assert marked == [[row[f"crossover{q}_rad_s"], row[f"phase_crossover{q}_rad_s"]] for row in rows]
+
+
+def test_a_survived_event_has_the_colour_of_a_kept_promise(opened: ExplorerPage, explorer: Explorer) -> None:
+    """Before: the grey of cells without operating point, because nothing is better than the promise."""
+    before = opened.counts()
+    opened.page.evaluate("window.page.store.set({figure: 'survived'})")
+    opened.redrawn(before, "map")
+    x, y = opened.place(0.8, 0.4).point
+    found = opened.page.evaluate(f"""(() => {{
+      const {{map, answers}} = window.page, ratio = devicePixelRatio, frame = map.canvas.getBoundingClientRect();
+      const at = [{x} - frame.left, {y} - frame.top].map((v) => Math.round(v * ratio));
+      return [...map.layer.getContext("2d").getImageData(...at, 1, 1).data].slice(0, 3);
+    }})()""")
+    answer = explorer.session.answer("map", explorer.state(figure="survived"))
+    assert answer is not None
+    assert answer.arrays["values"][8, 24] == 1.0
+    assert found == [247, 247, 247]

@@ -236,7 +236,7 @@ class ChoiceField {
       "select",
       { id },
       ...spec.choices.map((choice) =>
-        made("option", { value: choice }, `${choice}${spec.unit ? " " + spec.unit : ""}`),
+        made("option", { value: choice }, `${choice} ${choice === 1 ? spec.unit.replace(/s$/, "") : spec.unit}`.trim()),
       ),
     );
     this.input.setAttribute("data-path", spec.path);
@@ -287,7 +287,10 @@ export class FieldList {
   /** The values of a file that cannot be changed, in words in place of the fields. */
   describe(specs) {
     const values = [...this.fields.values()].filter((field) => field.textOf && specs.includes(field.spec));
-    const words = values.map((field) => `${field.spec.label} ${field.textOf(field.value())} ${field.spec.unit}`.trim());
+    const words = values.map((field) => {
+      const text = field.textOf(field.value());
+      return `${field.spec.label} ${text} ${text === "none" ? "" : field.spec.unit}`.trim();
+    });
     this.root.replaceChildren(made("p", { className: "note" }, `Computed for ${words.join(", ")}.`));
     this.fields.clear();
   }

@@ -16,11 +16,14 @@ function shareColour(share) {
   return rgb(size < 0.5 ? mix(t.middle, half, 2 * size) : mix(half, full, 2 * size - 1));
 }
 
-/** From a value to its share of the colour scale: the promise is at 0. Without a promise the worst end is. */
+/**
+ * From a value to its share of the colour scale: the promise is at 0. Without a promise the worst end is. Nothing is better
+ * than a promise at the best end.
+ */
 function shareOf({ low, high, promise, better }) {
   const sign = better === "low" ? -1 : 1;
   const middle = promise ?? (sign > 0 ? low : high);
-  return (value) => (sign * (value - middle)) / (value < middle ? middle - low : high - middle);
+  return (value) => (value === middle ? 0 : (sign * (value - middle)) / (value < middle ? middle - low : high - middle));
 }
 
 export class GridMap {
@@ -325,7 +328,7 @@ export function paintScale(canvas, figure, svg = null) {
   const place = scaleOf([figure.low, figure.high], box.x, box.w);
   const marks = [
     [figure.low, "left"],
-    [figure.promise, "center"],
+    [figure.promise === figure.low || figure.promise === figure.high ? null : figure.promise, "center"],
     [figure.high, "right"],
   ];
   for (const [v, align] of marks) {

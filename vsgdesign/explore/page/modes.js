@@ -6,6 +6,7 @@ import {
   clipped,
   drawAxes,
   drawWords,
+  font,
   lineColour,
   plateText,
   scaleOf,
@@ -19,7 +20,7 @@ const RAYS = [0.1, 0.3, 0.5, 0.7];
 
 const signed = (value, digits) => (value < 0 ? "−" : "") + Math.abs(value).toFixed(digits);
 
-const modeDigits = (value) => (Math.abs(value) < 10 ? 2 : 1);
+const modeDigits = (value) => (Math.abs(value) < 10 ? 2 : Math.abs(value) < 1000 ? 1 : 0);
 
 export class ModesPlot {
   constructor(canvas, panel, info, store) {
@@ -106,7 +107,9 @@ export class ModesPlot {
   paintRays(ctx, box, sx, sy) {
     const t = theme();
     const gate = this.info.gates && this.info.gates.damping;
-    const values = [...new Set([...RAYS.filter((z) => !gate || Math.abs(z - gate) > 0.05), ...(gate ? [gate] : [])])];
+    // The promised ratio comes first: a label that would touch its own is left out.
+    const values = [...new Set([...(gate ? [gate] : []), ...RAYS.filter((z) => !gate || Math.abs(z - gate) > 0.05)])];
+    const named = [];
     for (const zeta of values) {
       const slope = Math.sqrt(1 - zeta * zeta) / zeta;
       const length = Math.min(-sx.low, sy.high / slope);
@@ -122,10 +125,12 @@ export class ModesPlot {
       ctx.setLineDash([]);
       const steep = length < -sx.low;
       const [at, up] = [sx(-length) + (steep ? 3 : 4), sy(length * slope) + (steep ? 11 : 4)];
-      plateText(ctx, zeta === gate ? `ζ ${tickText(zeta)} promised` : tickText(zeta), at, up, {
-        size: 10,
-        colour: t.soft,
-      });
+      const text = zeta === gate ? `ζ ${tickText(zeta)} promised` : tickText(zeta);
+      ctx.font = font(10);
+      const end = at + ctx.measureText(text).width;
+      if (named.some(([from, to, y]) => at < to + 8 && end > from - 8 && Math.abs(y - up) < 14)) continue;
+      named.push([at, end, up]);
+      plateText(ctx, text, at, up, { size: 10, colour: t.soft });
     }
   }
 
@@ -163,7 +168,7 @@ export class ModesPlot {
     }
     if (!worst || (Math.abs(worst.m.im) <= sy.high && worst.m.re >= sx.low && worst.m.re <= sx.high)) return;
     const { c, m } = worst;
-    const place = `${signed(m.re, modeDigits(m.re))} ± j${Math.abs(m.im).toFixed(0)}`;
+    const place = `${signed(m.re, modeDigits(m.re))} ± j${Math.abs(m.im).toFixed(modeDigits(m.im))} 1/s`;
     const text = m.re > 0 ? `unstable, outside: ${c.name} ${place}` : `least damped, outside: ${c.name} ${place}`;
     const colour = m.re > 0 ? theme().limit : theme().text;
     plateText(ctx, text, box.x + 6, box.y + box.h - 8, { colour });

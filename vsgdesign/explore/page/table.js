@@ -3,7 +3,7 @@
 import { SHAPES, lineColour, shapePath } from "./draw.js";
 import { besideLimit } from "./units.js";
 
-const minus = (text) => text.replace("-", "−");
+const minus = (text) => text.replaceAll("-", "−");
 const isNone = (v) => v === null || v === undefined || Number.isNaN(v);
 // A text may be asked for with more digits than usual, beside a limit.
 const inDigits =
