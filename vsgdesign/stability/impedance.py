@@ -117,5 +117,5 @@ def frequency_response(model: FullOrderModel, cell: int, input_: str, output: st
 def network_frequency_perturbation(
     model: FullOrderModel, cell: int, omega: Array, S_rated: float, omega_n: float
 ) -> Complex:
-    """ΔP over Δω_g in per unit of rating and of nominal frequency (F,), the ordinate of the NFP plot."""
+    """ΔP over Δω_g in per unit of rating and of nominal frequency (F,), the ordinate of the NFP plot (:eq:`nfp`)."""
     return frequency_response(model, cell, "omega_g", "P", omega) * omega_n / S_rated
