@@ -20,7 +20,7 @@ from vsgdesign.report.compliance.figures import shown_signal
 from vsgdesign.report.compliance.page import explore_command, write_page
 from vsgdesign.report.compliance.verdicts import LOOKS
 
-VOID = {"meta", "input", "br", "link", "img", "path", "rect"}
+VOID = {"col", "meta", "input", "br", "link", "img", "path", "rect"}
 
 
 @functools.cache
