@@ -56,7 +56,7 @@ def _name(table: TableReader, field: str, known: Iterable[str]) -> str:
     name = table.text(field)
     if name and name not in known:
         near = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
-        advice = (f"Did you mean {near[0]}? " if near else "") + f"Known: {', '.join(known)}."
+        advice = f"Did you mean {near[0]}?" if near else f"Known: {', '.join(known)}."
         table.fault(field, name, f"there is no such {field}", advice)
     return name
 
@@ -85,6 +85,6 @@ def in_unit(table: TableReader, field: str, unit: str) -> float:
     try:
         value = parse_quantity(raw, dimension)
     except UnitError as error:
-        table.fault(field, raw, str(error), f"It is in {unit}." if unit else "It has no unit.")
+        table.fault(field, raw, str(error), f"A bare number is in {unit}." if dimension != unit and unit else "")
         return math.nan
     return value * factor if isinstance(raw, str) else value

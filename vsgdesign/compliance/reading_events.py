@@ -48,6 +48,7 @@ def read_events(
 def _read_event(table: TableReader, t_s: float, present: _Present) -> list[SuiteEvent]:
     before = replace(present)
     event = SuiteEvent(t_s=t_s)
+    table.skip("scr", "x_over_r")
     if table.has("scr") or table.has("x_over_r"):
         present.scr = table.quantity("scr", "1", *SCR_LIMITS, default=present.scr)
         present.x_over_r = table.quantity("x_over_r", "1", *X_OVER_R_LIMITS, default=present.x_over_r)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from typing import Any
 
 from vsgdesign.compliance.envelopes import ENVELOPES
 from vsgdesign.compliance.measures import MEASURES
 from vsgdesign.compliance.suite import OURS, READ, SECONDARY, USER, Criterion, Source, Suite, SuiteTest
+from vsgdesign.parameters.network import PHASE_TO_PHASE, THREE_PHASE
 
 CONFIDENCE_WORDS = {
     READ: "read in the source",
@@ -16,11 +18,15 @@ CONFIDENCE_WORDS = {
     USER: "chosen by the suite's author",
 }
 
+_SHORT_CIRCUITS = {THREE_PHASE: "three-phase short circuit", PHASE_TO_PHASE: "short circuit between two phases"}
+_WIDTH = 120
+
 
 def suite_markdown(suite: Suite, document: Mapping[str, Any]) -> str:
     """A section of a Markdown page about a suite and the document that it was read from."""
-    lines = [f"## {suite.title}", "", f"`--suite {suite.name}`, {len(suite.tests)} tests. {_plain(suite.about)}", ""]
-    lines += [f"Source: {source_words(suite.source)}", ""]
+    about = f"`--suite {suite.name}`, {len(suite.tests)} tests. {_plain(suite.about)}"
+    lines = [f"## {suite.title}", "", textwrap.fill(about, _WIDTH), ""]
+    lines += [textwrap.fill(f"Source: {source_words(suite.source)}", _WIDTH), ""]
     lines += [
         "| test | grid | P in pu | what happens | what is asked | shown beside it |",
         "| --- | --- | --- | --- | --- | --- |",
@@ -66,7 +72,13 @@ def _remark_lines(remarks: list[tuple[str, int, str]]) -> list[str]:
     if not by_text:
         return []
     lines = ["Not from the source, but chosen by this project:", ""]
-    return [*lines, *(f"- {', '.join(names)}: {text}." for text, names in by_text.items())]
+    return [
+        *lines,
+        *(
+            textwrap.fill(f"- {', '.join(names)}: {text}.", _WIDTH, subsequent_indent="  ")
+            for text, names in by_text.items()
+        ),
+    ]
 
 
 def _grid_words(table: Mapping[str, Any]) -> str:
@@ -105,7 +117,7 @@ def _event_words(event: Mapping[str, Any]) -> list[str]:
         fault = event["fault"]
         where = f"behind {100 * fault['at']:g} % of the grid's impedance" if "at" in fault else "at the PCC"
         R = f", {_values(fault['R_pu'])} pu" if "R_pu" in fault else ""
-        words.append(f"fault ({_values(fault['kind']).replace('_', ' ')}) {where}{R}")
+        words.append(f"{_kinds(fault['kind'])} {where}{R}")
     if "scr" in event:
         words.append(f"SCR to {_values(event['scr'])}")
     if "P_pu" in event:
@@ -115,6 +127,11 @@ def _event_words(event: Mapping[str, Any]) -> list[str]:
     if "lasts" in event:
         words.append(f"for {_values(event['lasts'])}")
     return words
+
+
+def _kinds(kinds: Any) -> str:
+    names = kinds if isinstance(kinds, list) else [kinds]
+    return " or ".join(_SHORT_CIRCUITS[name] for name in names)
 
 
 def _values(values: Any, *, sign: bool = False) -> str:
