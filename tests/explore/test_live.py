@@ -193,8 +193,8 @@ def test_words_where_nothing_can_be_simulated() -> None:
 
 def test_a_newer_request_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
     study, begun = structures(), []
-    one = live._one
-    monkeypatch.setattr(live, "_one", lambda *given: begun.append(1) or one(*given))
+    one = live._run
+    monkeypatch.setattr(live, "_run", lambda *given: begun.append(1) or one(*given))
     assert emt_answer(study, NOTHING, state_of({}, study), lambda: len(begun) > 0) is None
     assert len(begun) == 1
 

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tests.simulation.studies import lcl_study
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.metrics.events import MEASURED, NO_STEADY_STATE, TOO_SHORT, UNSTABLE
 from vsgdesign.model.full_order import full_order_map
-from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.parameters import Study, load_study, study_from_text
+from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.simulation import ScenarioResult, run_scenario
-from vsgdesign.simulation.rest import rests
+from vsgdesign.simulation.rest import expected_rests, expected_rests_of, rests
+from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.stability.words import quantity_of
 
 PUBLISHED = """
@@ -239,3 +245,23 @@ def test_a_bolted_fault_is_ridden_through() -> None:
     v_before, v_during = (np.abs(controller.series["v_pcc_a"])[rows].max() for rows in (t < 0.2, fault & (t > 0.28)))
     assert v_during < 0.8 * v_before
     assert np.isfinite(controller.series["P_pcc"]).all()
+
+
+def test_rests_of_several_controllers_are_those_of_each() -> None:
+    """Gains that follow the powers, that are fixed and that belong to a wrong grid; and one without a rest."""
+    study = load_study("studies/structures/study.toml")
+    timeline = build_timeline(study)
+    held = replace(study.controllers[1], name="held", kind="fixed", gains=PowerLoopGains(1e-3, 8e3, 4e-3, 900.0))
+    wrong = replace(study.controllers[2], name="wrong", knowledge=GridEstimate(error_R=0.2, error_X=0.1))
+    limited = replace(study.controllers[2], name="limited", current_limit_pu=1.3)
+    specs = (*study.controllers, held, wrong, limited)
+    for own in (study, replace(study, simulation=replace(study.simulation, P_ref=40.0 * study.converter.S_rated))):
+        lines = build_timeline(own) if own is not study else timeline
+        together = expected_rests_of([(own, lines, spec) for spec in specs])
+        for spec, found in zip(specs, together, strict=True):
+            if isinstance(found, InfeasibleStudyError):
+                with pytest.raises(InfeasibleStudyError, match=re.escape(str(found))):
+                    expected_rests(own, lines, spec)
+            else:
+                assert repr(expected_rests(own, lines, spec)) == repr(found)
+    assert all(rest.obstacle is None for found in expected_rests_of([(study, timeline, specs[-1])]) for rest in found)

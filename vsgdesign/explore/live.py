@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from vsgdesign.explore.verdict import figures_of, no_run
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.rest import Rest, expected_rests_of
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import feed_of
 from vsgdesign.simulation.timeline import build_timeline
@@ -30,6 +31,7 @@ SIGNALS = ("P", "Q", "i_s_pu", "omega_hz", "v_pu")
 """Curves of each controller: P and Q at the control point in per unit of S_rated, the converter's current and the
 voltage at the control point in per unit of the rated peak, and the converter's frequency in Hz."""
 
+_NOT_SIMULATED = "not simulated"
 _TOLD = "Its own estimator does not run here: it is told the grid with the errors and the silence that are set."
 
 
@@ -45,33 +47,65 @@ def emt_answer(study: Study, ready: Ready, state: State, stale: Callable[[], boo
     meanwhile. A controller that cannot be simulated has words in place of curves; nothing is raised for it.
     """
     scene = scene_of(study, ready, state)
-    rows: list[dict[str, Any]] = []
-    arrays: dict[str, NDArray[np.float32]] = {}
-    for k, shown in enumerate(scene.shown):
+    runs: list[Simulated | dict[str, Any]] = []
+    for k in range(len(scene.shown)):
         if stale():
             return None
-        row, curves = _one(scene, state, ready, k)
+        runs.append(_run(scene, state, ready, k))
+    rests = _rests([one for one in runs if isinstance(one, Simulated)], ready, state)
+    rows: list[dict[str, Any]] = []
+    arrays: dict[str, NDArray[np.float32]] = {}
+    for k, (shown, one) in enumerate(zip(scene.shown, runs, strict=True)):
+        row = one if isinstance(one, dict) else _figures(one, ready, state, next(rests))
         rows.append({"name": shown.name, **row, "note": _TOLD if shown.spec.estimate != "truth" else ""})
-        arrays |= {f"{k}/{name}": values for name, values in curves.items()}
+        if isinstance(one, Simulated) and row["status"] != _NOT_SIMULATED:
+            curves = curves_of(one.study, one.run)
+            arrays |= {f"{k}/{name}": values for name, values in curves.items()}
     reasons = {row["why"] for row in rows}
     words = reasons.pop() if not arrays and len(reasons) == 1 else ""
     header = {"event_s": 0.0, "controllers": rows, "bands": bands(scene, ready, state), "words": words}
     return Answer(header, arrays)
 
 
-def _one(scene: Scene, state: State, ready: Ready, k: int) -> tuple[dict[str, Any], dict[str, NDArray[np.float32]]]:
-    """The row and the curves of the ``k``-th shown controller."""
+class Simulated(NamedTuple):
+    """A run of one controller, with its study."""
+
+    study: Study
+    run: Simulation
+
+
+def _run(scene: Scene, state: State, ready: Ready, k: int) -> Simulated | dict[str, Any]:
+    """The run of the ``k``-th shown controller, or its row if there is none."""
     fault = scene.cells.faults[k]
     if fault is not None:
-        return no_run("no operating point", fault), {}
+        return no_run("no operating point", fault)
     try:
         study = study_of(scene, ready, state, k)
-        run = simulated(study, ready)
-        return figures_of(study, ready, state, run), curves_of(study, run)
+        return Simulated(study, simulated(study, ready))
     except SimulationDivergedError as error:
-        return no_run("diverged", str(error)), {}
+        return no_run("diverged", str(error))
     except VsgDesignError as error:
-        return no_run("not simulated", str(error)), {}
+        return no_run(_NOT_SIMULATED, str(error))
+
+
+def _rests(runs: Sequence[Simulated], ready: Ready, state: State) -> Iterator[Sequence[Rest] | VsgDesignError | None]:
+    """Where each run comes to rest after a step; None after another event."""
+    if state.event.kind != "step":
+        return iter([None] * len(runs))
+    since_s = min((event_s(one.study) for one in runs), default=0.0)
+    several = [(one.study, one.run.timeline, one.study.controllers[0]) for one in runs]
+    return iter(expected_rests_of(several, ready, since_s))
+
+
+def _figures(
+    one: Simulated, ready: Ready, state: State, rests: Sequence[Rest] | VsgDesignError | None
+) -> dict[str, Any]:
+    try:
+        if isinstance(rests, VsgDesignError):
+            raise rests
+        return figures_of(one.study, ready, state, one.run, rests)
+    except VsgDesignError as error:
+        return no_run(_NOT_SIMULATED, str(error))
 
 
 def simulated(study: Study, ready: Ready) -> Simulation:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
@@ -229,6 +230,8 @@ def _emt_of(
     were registered here."""
     from vsgdesign.equations.structures import STRUCTURES
 
+    if hasattr(os, "nice"):
+        os.nice(5)  # the linear answer and the browser go first: they need less time
     for structure in structures:
         STRUCTURES.register(structure)
     session = Session(study, Ready(tables=tables, network=network))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from vsgdesign.artifacts.ready import Ready
@@ -13,7 +14,7 @@ from vsgdesign.metrics.events import DIVERGED, MEASURED, TOO_SHORT, EventMetrics
 from vsgdesign.metrics.survival import LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, loads_of
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.outcome import outcome_of
-from vsgdesign.simulation.rest import expected_rests
+from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.scenario import measure_events, rest_at_limit, series_at_pcc
 from vsgdesign.simulation.survival.running import judge_scenario, record_of
@@ -45,17 +46,18 @@ def no_run(status: str, why: str) -> dict[str, Any]:
     return {**NOTHING, "status": status, "why": why, "verdict": why}
 
 
-def figures_of(study: Study, ready: Ready, state: State, run: Simulation) -> dict[str, Any]:
+def figures_of(
+    study: Study, ready: Ready, state: State, run: Simulation, rests: Sequence[Rest] | None
+) -> dict[str, Any]:
     """The row of a controller that was simulated: figures in SI, status, the reason of a bad one, and the verdict.
 
     ``study`` is that of the run, with this controller alone. A step of a reference is judged by settling time and
-    overshoot, everything else as a disturbance that is survived or not: as by ``vsgdesign run``.
+    overshoot, everything else as a disturbance that is survived or not: as by ``vsgdesign run``. ``rests`` are those
+    after a step (:func:`vsgdesign.simulation.rest.expected_rests`), None after anything else.
     """
     spec = study.controllers[0]
     own = study.with_limit_of(spec)
-    found = NOTHING | (
-        _of_step(own, ready, state, run) if state.event.kind == "step" else _of_disturbance(own, ready, run)
-    )
+    found = NOTHING | (_of_disturbance(own, ready, run) if rests is None else _of_step(own, state, run, rests))
     if found["limited_s"] is None:
         loads = loads_of(record_of(own, run), (event_s(study),), None)
         found |= {"peak_pu": loads.peak_pu, "first_peak_pu": loads.first_peak_pu, "limited_s": loads.limited_s}
@@ -70,9 +72,8 @@ def _of_disturbance(study: Study, ready: Ready, run: Simulation) -> dict[str, An
     return found | {"status": survival.status, "why": "" if survival.survived else survival.reason or ""}
 
 
-def _of_step(study: Study, ready: Ready, state: State, run: Simulation) -> dict[str, Any]:
+def _of_step(study: Study, state: State, run: Simulation, rests: Sequence[Rest]) -> dict[str, Any]:
     """Settling time and overshoot of the signal whose reference is stepped."""
-    rests = expected_rests(study, run.timeline, study.controllers[0], ready, event_s(study))
     series = series_at_pcc(study, run)
     signal = f"{state.event.signal}_pcc"
     events = measure_events(study, series, rests, ripples=False, divergence=run.divergence, signals=(signal,))

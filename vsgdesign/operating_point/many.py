@@ -169,6 +169,7 @@ def many_rests_with_measured_gains(  # noqa: PLR0913 - the same
     measured, losses, step = first.copy(), np.zeros(count, dtype=int), np.ones(count)
     at_last, change_last = (np.full(first.shape, np.nan) for _ in range(2))  # the last ones with a point
     V, delta, fault = np.full(count, np.nan), np.full(count, np.nan), np.zeros(count, dtype=int)
+    point_of = np.full((2, count), np.nan)  # P at rest and D_q of the point V, delta
 
     def gains_now() -> Array:
         return np.array([np.full(count, value, dtype=float) for value in gains_of(*measured)])
@@ -181,8 +182,12 @@ def many_rests_with_measured_gains(  # noqa: PLR0913 - the same
         if not active.size:
             break
         some, laws = Lanes._make(value[active] for value in lanes), PowerLoopGains(*gains[:, active])
-        V[active], delta[active] = _points(study, _Paths._make(value[active] for value in paths), some, laws)
-        reached = np.array([_power(study, some, laws), some.Q_ref + laws.D_q * (c.V_rated_rms - V[active]), V[active]])
+        P = _power(study, some, laws)
+        asked = np.array([P, laws.D_q])
+        if not np.array_equal(asked, point_of[:, active]):  # a point depends on nothing else of the gains
+            V[active], delta[active] = _points(study, _Paths._make(value[active] for value in paths), some, laws)
+            point_of[:, active] = asked
+        reached = np.array([P, some.Q_ref + laws.D_q * (c.V_rated_rms - V[active]), V[active]])
         there = np.isfinite(V[active])
         lost, active, reached = active[~there], active[there], reached[:, there]
         # No point with these gains: a shorter step from the last ones that had one, or another start.

@@ -7,8 +7,10 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.filters import capacitor_node_voltage
@@ -16,17 +18,21 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.frames import instantaneous_power, rms_to_peak
 from vsgdesign.metrics import EndState
-from vsgdesign.operating_point.at_rest import rest_with_measured_gains
+from vsgdesign.metrics.modes import taken
+from vsgdesign.operating_point.at_rest import GainsOfMeasured, rest_with_measured_gains
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
+from vsgdesign.operating_point.many import many_rests_with_measured_gains
 from vsgdesign.parameters.network_fields import beyond_models
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
 from vsgdesign.runtime.of_study import follows_measured, gain_law
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.late import knowledge_of, told_at, told_of
 from vsgdesign.simulation.online import pcc_vectors
-from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.simulation.timeline import SourceSegment, Timeline
 from vsgdesign.stability.loci import Mode, modes
 from vsgdesign.stability.words import mode_in_words
+
+Array = NDArray[np.float64]
 
 _STILL = -1e-6
 """A mode that decays more slowly than this, 1/s, counts as one that does not decay."""
@@ -90,11 +96,68 @@ class Instability:
     message: str
 
 
+class RestsAsked(NamedTuple):
+    """A controller whose rests are asked for: the study with its current limit, and its gains over the scenario."""
+
+    study: Study
+    timeline: Timeline
+    changes: Sequence[GainChange]
+
+
+class _Part(NamedTuple):
+    """The time between two instants with events, with what a controller comes to rest at."""
+
+    t_s: float
+    end_s: float
+    name: str
+    source: SourceSegment
+    ramp_end_s: float
+    cell: Cell
+
+
 def rests(study: Study, timeline: Timeline, changes: Sequence[GainChange], since_s: float = 0.0) -> tuple[Rest, ...]:
     """The steady states in order of time: one for the start, and one for the time after every instant with an event.
 
     Those that begin before ``since_s`` are left out.
     """
+    return rests_of([RestsAsked(study, timeline, changes)], since_s)[0]
+
+
+def rests_of(several: Sequence[RestsAsked], since_s: float = 0.0) -> list[tuple[Rest, ...]]:
+    """:func:`rests` of several controllers. Those of the same converter and limiter are linearised together."""
+    parts = [_parts(one, since_s) for one in several]
+    found: list[tuple[Rest, ...]] = [()] * len(several)
+    for group in _alike([one.study for one in several]):
+        cells = [part.cell for k in group for part in parts[k]]
+        model = linearise_full_order(several[group[0]].study, cells)
+        rows = {int(cell): row for row, cell in enumerate(model.index)}
+        first = 0
+        for k in group:
+            found[k] = tuple(
+                _rest(several[k], part, model, rows.get(first + j), model.faults[first + j])
+                for j, part in enumerate(parts[k])
+            )
+            first += len(parts[k])
+    return found
+
+
+def _alike(studies: Sequence[Study]) -> list[list[int]]:
+    """Which studies have the same full-order model but for grid, source, references and gains."""
+    groups: list[tuple[tuple[object, ...], list[int]]] = []
+    for k, one in enumerate(studies):
+        made_of = one.converter, one.filter, one.inner_gains, one.limiter, one.controller_settings(), one.notch
+        made_of += one.tau_P, one.tau_Q
+        for known, group in groups:
+            if known == made_of:
+                group.append(k)
+                break
+        else:
+            groups.append((made_of, [k]))
+    return [group for _, group in groups]
+
+
+def _parts(asked: RestsAsked, since_s: float) -> list[_Part]:
+    study, timeline, changes = asked
     names: dict[float, str] = {0.0: "the start"}
     for event in study.events:
         names[event.t_s] = (
@@ -102,45 +165,41 @@ def rests(study: Study, timeline: Timeline, changes: Sequence[GainChange], since
         )
     instants = [t_s for t_s in sorted(names) if t_s >= since_s]
     ends = [*instants[1:], study.simulation.duration]
-    cells: list[Cell] = []
-    begun = []
+    ramps = [later.t_s for before, later in itertools.pairwise(timeline.sources) if not before.steady]
+    found = []
     for t_s, end_s in zip(instants, ends, strict=True):
         source, grid = timeline.source_at(end_s - 1e-9), timeline.grid_at(t_s)
         gains = [change.gains for change in changes if change.t_s < end_s or change.t_s == 0.0][-1]
-        cells.append(Cell(grid, gains, *timeline.references_at(t_s), GridSource(source.V_g_rms, source.omega)))
-        ramps = [later.t_s for before, later in itertools.pairwise(timeline.sources) if not before.steady]
+        cell = Cell(grid, gains, *timeline.references_at(t_s), GridSource(source.V_g_rms, source.omega))
         ramp_end = max([t_s, *(t for t in ramps if t_s < t <= end_s)])
-        begun.append((t_s, end_s, grid, ramp_end, source))
-    model = linearise_full_order(study, cells)
-    place = {int(cell): k for k, cell in enumerate(model.index)}
-    found = []
-    for k, (t_s, end_s, grid, ramp_end, source) in enumerate(begun):
-        obstacle = model.faults[k]
-        if not source.steady:
-            obstacle = "the source is still on its ramp when the window ends"
-        beyond = beyond_models(timeline.network_at(t_s))
-        obstacle = beyond or obstacle
-        P, Q, mode = math.nan, math.nan, None
-        if obstacle is None:
-            P, Q = _powers_at_pcc(study, model, place[k], cells[k])
-            mode = modes(model.states, model.A[place[k]], model.T_s, count=len(model.states), most=1)[0]
-        found.append(
-            Rest(
-                t_s=t_s,
-                end_s=end_s,
-                name=names[t_s],
-                grid=grid,
-                P_pcc=P,
-                Q_pcc=Q,
-                mode=mode,
-                obstacle=obstacle,
-                ramp_end_s=ramp_end,
-                omega_g=source.omega,
-                ramping=not source.steady,
-                modelled=beyond is None,
-            )
-        )
-    return tuple(found)
+        found.append(_Part(t_s, end_s, names[t_s], source, ramp_end, cell))
+    return found
+
+
+def _rest(asked: RestsAsked, part: _Part, model: FullOrderModel, row: int | None, fault: str | None) -> Rest:
+    source = part.source
+    obstacle = fault if source.steady else "the source is still on its ramp when the window ends"
+    beyond = beyond_models(asked.timeline.network_at(part.t_s))
+    obstacle = beyond or obstacle
+    P, Q, mode = math.nan, math.nan, None
+    if obstacle is None and row is not None:
+        P, Q = _powers_at_pcc(asked.study, model, row, part.cell)
+        known = taken(model.eigen, row)
+        mode = modes(model.states, model.A[row], model.T_s, count=len(model.states), known=known, most=1)[0]
+    return Rest(
+        t_s=part.t_s,
+        end_s=part.end_s,
+        name=part.name,
+        grid=part.cell.grid,
+        P_pcc=P,
+        Q_pcc=Q,
+        mode=mode,
+        obstacle=obstacle,
+        ramp_end_s=part.ramp_end_s,
+        omega_g=source.omega,
+        ramping=not source.steady,
+        modelled=beyond is None,
+    )
 
 
 def expected_rests(
@@ -152,16 +211,65 @@ def expected_rests(
 
     Empty where it has none on some grid of the scenario. Rests that begin before ``since_s`` are left out.
     """
-    study = study.with_limit_of(spec)
-    try:
+    found = expected_rests_of([(study, timeline, spec)], ready, since_s)[0]
+    if isinstance(found, InfeasibleStudyError):
+        raise found
+    return found
+
+
+def expected_rests_of(
+    several: Sequence[tuple[Study, Timeline, ControllerSpec]], ready: Ready = NOTHING, since_s: float = 0.0
+) -> list[tuple[Rest, ...] | InfeasibleStudyError]:
+    """:func:`expected_rests` of several controllers in less time than one after the other, with the error of each that
+    has none."""
+    found: list[tuple[Rest, ...] | InfeasibleStudyError] = [()] * len(several)
+    asked: dict[int, RestsAsked] = {}
+    own = [study.with_limit_of(spec) for study, _, spec in several]
+    for k, changes in enumerate(_changes_of(own, several, ready, since_s)):
+        if isinstance(changes, InfeasibleStudyError):
+            found[k] = changes if several[k][2].estimate == "truth" else ()
+        else:
+            asked[k] = RestsAsked(own[k], several[k][1], changes)
+    for k, rests_of_one in zip(asked, rests_of(list(asked.values()), since_s), strict=True):
+        found[k] = rests_of_one
+    return found
+
+
+class _Measured(NamedTuple):
+    """A part of a scenario in which gains follow what is measured: what is asked for its steady state."""
+
+    study: Study
+    t_s: float
+    grid: Grid
+    source: GridSource
+    references: tuple[float, float]
+    gains_of: GainsOfMeasured
+
+
+def _changes_of(
+    own: Sequence[Study],
+    several: Sequence[tuple[Study, Timeline, ControllerSpec]],
+    ready: Ready,
+    since_s: float,
+) -> list[tuple[GainChange, ...] | InfeasibleStudyError]:
+    """The gains of each controller in the steady states of its scenario, or the error of one that has none."""
+    found: list[tuple[GainChange, ...] | InfeasibleStudyError] = [()] * len(several)
+    measured: list[tuple[int, _Measured]] = []
+    for k, (study, (_, timeline, spec)) in enumerate(zip(own, several, strict=True)):
         known = replace(spec, estimate="truth", update_period=ready.update_period(spec))
-        if follows_measured(known) or knowledge_of(known, timeline) is not None:
-            return rests(study, timeline, _measured_changes(study, timeline, known, ready, since_s), since_s)
-        return rests(study, timeline, gain_changes(study, known, timeline), since_s)
-    except InfeasibleStudyError:
-        if spec.estimate == "truth":
-            raise
-        return ()
+        try:
+            if follows_measured(known) or knowledge_of(known, timeline) is not None:
+                measured += [(k, part) for part in _measured_parts(study, timeline, known, ready, since_s)]
+            else:
+                found[k] = gain_changes(study, known, timeline)
+        except InfeasibleStudyError as error:
+            found[k] = error
+    for (k, part), gains in zip(measured, _measured_gains([part for _, part in measured]), strict=True):
+        before = found[k]
+        if isinstance(before, InfeasibleStudyError):
+            continue
+        found[k] = gains if isinstance(gains, InfeasibleStudyError) else (*before, GainChange(part.t_s, gains))
+    return found
 
 
 def knows_its_rests(study: Study, spec: ControllerSpec, timeline: Timeline) -> bool:
@@ -175,16 +283,15 @@ def knows_its_rests(study: Study, spec: ControllerSpec, timeline: Timeline) -> b
     return all(told_at(told, end_s - 1e-9)[1] for end_s in ends)
 
 
-def _measured_changes(
+def _measured_parts(
     study: Study, timeline: Timeline, spec: ControllerSpec, ready: Ready, since_s: float
-) -> tuple[GainChange, ...]:
-    """The gains of the steady state after every event, where they follow the measured P, Q and V; without a steady
-    state those at the references, so that :func:`rests` says what is missing."""
-    law, changes = gain_law(study, spec, ready), []
+) -> list[_Measured]:
+    law = gain_law(study, spec, ready)
     knowledge = knowledge_of(spec, timeline)
     told = None if knowledge is None else told_of(study, knowledge, timeline)
     instants = sorted({0.0, *(event.t_s for event in study.events)})
     instants = [t_s for t_s in instants if t_s >= since_s]
+    found = []
     for t_s, end_s in zip(instants, [*instants[1:], study.simulation.duration], strict=True):
         grid, source = timeline.grid_at(t_s), timeline.source_at(end_s - 1e-9)
         known = grid if told is None else told_at(told, end_s - 1e-9)[0]
@@ -192,16 +299,37 @@ def _measured_changes(
         def gains_of(P: float, Q: float, V_rms: float, known: Grid = known) -> PowerLoopGains:
             return PowerLoopGains(*(float(value) for value in law(known.R_g, known.L_g, P, Q, V_rms)))
 
-        references = timeline.references_at(t_s)
-        try:
-            at_end = GridSource(source.V_g_rms, source.omega)
-            gains = rest_with_measured_gains(study, grid, at_end, *references, gains_of)[1]
-        except InfeasibleStudyError:
-            gains = gains_of(*references, study.converter.V_rated_rms)
-            if not np.isfinite(gains).all():
-                raise
-        changes.append(GainChange(t_s, gains))
-    return tuple(changes)
+        at_end = GridSource(source.V_g_rms, source.omega)
+        found.append(_Measured(study, t_s, grid, at_end, timeline.references_at(t_s), gains_of))
+    return found
+
+
+def _measured_gains(parts: Sequence[_Measured]) -> list[PowerLoopGains | InfeasibleStudyError]:
+    """The gains of the steady states, where they follow the measured P, Q and V; without a steady state those at the
+    references, so that :func:`rests` says what is missing."""
+    found: list[PowerLoopGains | InfeasibleStudyError] = [PowerLoopGains(0.0, 0.0, 0.0, 0.0)] * len(parts)
+    for group in _alike([part.study for part in parts]):
+        some = [parts[k] for k in group]
+        at = [(p.grid.R_g, p.grid.L_g, p.source.V_g_rms, p.source.omega_g, *p.references) for p in some]
+
+        def of_many(P: Array, Q: Array, V: Array, some: Sequence[_Measured] = some) -> PowerLoopGains:
+            of_each = zip(some, P.tolist(), Q.tolist(), V.tolist(), strict=True)
+            return PowerLoopGains(*np.array([part.gains_of(*measured) for part, *measured in of_each]).T)
+
+        states, gains = many_rests_with_measured_gains(some[0].study, *np.array(at).T, of_many)
+        for k, fault, row in zip(group, states.fault.tolist(), np.array(gains).T.tolist(), strict=True):
+            found[k] = _at_references(parts[k]) if fault else PowerLoopGains(*row)
+    return found
+
+
+def _at_references(part: _Measured) -> PowerLoopGains | InfeasibleStudyError:
+    gains = part.gains_of(*part.references, part.study.converter.V_rated_rms)
+    if np.isfinite(gains).all():
+        return gains
+    try:
+        return rest_with_measured_gains(part.study, part.grid, part.source, *part.references, part.gains_of)[1]
+    except InfeasibleStudyError as error:
+        return error
 
 
 def instabilities(study: Study, spec: ControllerSpec, found: Sequence[Rest]) -> tuple[Instability, ...]:

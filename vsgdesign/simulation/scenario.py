@@ -296,8 +296,11 @@ def derive_series(study: Study, run: Simulation) -> dict[str, Array]:
 
 def series_at_pcc(study: Study, run: Simulation) -> dict[str, Array]:
     """What :func:`measure_events` takes of a run: time, and phases and powers at the PCC."""
-    R_g, L_g = _grid_over_time(study, run)
-    circuit = study.circuit()._replace(R_g=R_g[:, None], L_g=L_g[:, None])
+    grids = run.timeline.grids
+    circuit = study.circuit(grids[0][1])
+    if len(grids) > 1:
+        R_g, L_g = _grid_over_time(study, run)
+        circuit = circuit._replace(R_g=R_g[:, None], L_g=L_g[:, None])
     v_pcc, i_pcc = (vectors.T for vectors in pcc_vectors(run.log, circuit))
     P_pcc, Q_pcc = instantaneous_power(*v_pcc, *i_pcc)
     series = {"t_s": run.t_s}
