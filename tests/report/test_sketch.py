@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from vsgdesign.report.compliance.heat import heat_sketch
+from vsgdesign.report.compliance.heat import heat_sketch, heat_sketches
 from vsgdesign.report.drawing.plot import Band, Curve, Plot, plot_sketch, round_ticks
 from vsgdesign.report.drawing.sketch import Area, Sketch, Stroke, Words, svg, svg_file
 
@@ -137,7 +137,7 @@ def test_a_map_says_a_number_or_a_word_in_every_cell() -> None:
         "status": [["a longer fault is lost", "slipped", "survived up to 3 s"], ["no rest", "unheard of", "a longer"]],
     }  # fmt: skip
     texts = [part.text for part in heat_sketch(found).parts if isinstance(part, Words)]
-    for said in ("0.05", "slips", "≥ 3", "0.25", "Critical clearing time: A", "SCR [1]", "X/R [1]"):
+    for said in ("0.05", "slips", "≥ 3", "0.25", "A", "SCR [1]", "X/R [1]"):
         assert said in texts, said
     assert texts.count("–") == 2
     # The largest value of y is on top.
@@ -147,3 +147,30 @@ def test_a_map_says_a_number_or_a_word_in_every_cell() -> None:
     assert len(set(colours)) == 5
     empty = found | {"values": [[None] * 3] * 2, "status": [["slipped"] * 3] * 2}
     assert [w.text for w in heat_sketch(empty).parts if isinstance(w, Words)].count("slips") == 6
+
+
+def test_maps_of_one_title_share_their_scale() -> None:
+    axis = {"label": "SCR", "unit": "1", "values": [1.0]}
+    maps = [
+        {"title": title, "controller": name, "label": "T", "unit": "s", "x": axis, "y": axis, "values": [[value]]}
+        for title, name, value in (("T", "A", 1.0), ("T", "B", 3.0), ("U", "A", 3.0))
+    ]
+    first, second, other = heat_sketches(maps)
+    cells = [next(part.colour for part in one.parts if isinstance(part, Area)) for one in (first, second, other)]
+    assert len(set(cells)) == 3
+    for one, ends in ((first, ["1", "3 s: t"]), (second, ["1", "3 s: t"]), (other, ["3", "3 s: t"])):
+        said = [part.text for part in one.parts if isinstance(part, Words)]
+        assert [said[-2], said[-1]] == ends
+
+
+def test_a_converter_that_survives_no_fault_at_all_is_shown_as_lost() -> None:
+    axis = {"label": "SCR", "unit": "1", "values": [1.0]}
+    zero, slips = (
+        heat_sketch(
+            {"title": "T", "controller": "A", "label": "T", "unit": "s", "x": axis, "y": axis, "values": [[value]]}
+            | {"status": [[status]]}
+        )
+        for value, status in ((0.0, "a longer fault is lost"), (None, "slipped"))
+    )
+    colours = [next(part.colour for part in one.parts if isinstance(part, Area)) for one in (zero, slips)]
+    assert colours[0] == colours[1]

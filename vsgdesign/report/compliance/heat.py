@@ -25,7 +25,7 @@ _SHORT = {
     "slipped": "slips",
     "latched": "latches",
     "diverged": "diverges",
-    "not at rest": "no rest",
+    "not at rest": "late",
     "no rest": "–",
     "rest over limit": "–",
     "not known": "?",
@@ -36,26 +36,35 @@ _WITHOUT_VERDICT = ("–", "?")
 
 LEGEND = (
     "A number is a run that survives, and its shade is the value. Hatched cells are lost: “slips” (the angle slips by "
-    "a turn), “latches” (the current limit stays active), “diverges”, “no rest” (the new rest is not reached in time). "
+    "a turn), “latches” (the current limit stays active), “diverges”, “late” (not at the new rest in time). "
     "A dash in a grey cell says that there is no steady state within the current limit, so there is no verdict."
 )
 
 
-def heat_sketch(found: Mapping[str, Any]) -> Sketch:
+def heat_sketches(maps: Sequence[Mapping[str, Any]]) -> list[Sketch]:
+    """All maps of a document. Maps of one title have one scale, so that their shades can be compared."""
+    of: dict[str, list[Array]] = {}
+    for one in maps:
+        of.setdefault(one["title"], []).append(_values(one).ravel())
+    ends = {title: _ends(np.concatenate(values)) for title, values in of.items()}
+    return [heat_sketch(one, ends[one["title"]]) for one in maps]
+
+
+def heat_sketch(found: Mapping[str, Any], ends: tuple[float, float] | None = None) -> Sketch:
     """One map of ``document["maps"]``: ``values`` has a row for each value of y, None where it has none.
 
-    ``status`` says for each cell whether it survives, how it is lost, or why there is no verdict.
+    ``status`` says for each cell whether it survives, how it is lost, or why there is no verdict. ``ends``: least and
+    largest value of the scale; None: those of the map.
     """
     x, y = found["x"], found["y"]
-    values = np.array([[np.nan if value is None else value for value in row] for row in found["values"]], dtype=float)
+    values = _values(found)
     status = found.get("status") or [["" for _ in x["values"]] for _ in y["values"]]
     columns, rows = len(x["values"]), len(y["values"])
     width = _LEFT + columns * _CELL_WIDTH + _RIGHT
     height = _TOP + rows * _CELL_HEIGHT + _BOTTOM + _LEGEND
-    title = f"{found['title']}: {found['controller']}"
-    sketch = Sketch(max(width, 300.0), height, f"{title}, a table of values")
-    sketch.parts.append(Words(4.0, 15.0, title, 11.0, bold=True))
-    ends = _ends(values)
+    sketch = Sketch(max(width, 300.0), height, f"{found['title']} of {found['controller']}, a table of values")
+    sketch.parts.append(Words(_LEFT, 17.0, str(found["controller"]), 11.0, bold=True))
+    ends = ends or _ends(values)
     for j in range(rows):
         # The largest y is on top, as on the axis of a figure.
         top = _TOP + (rows - 1 - j) * _CELL_HEIGHT
@@ -87,9 +96,10 @@ def _label(axis: Mapping[str, Any]) -> str:
 
 def _cell(sketch: Sketch, corner: tuple[float, float], value: float, status: str, ends: tuple[float, float]) -> None:
     x, y = corner
-    known = bool(np.isfinite(value))
     share = _share(value, ends)
     said = _said(value, status)
+    # A fault of no length at all is what a converter survives that survives none.
+    known = bool(np.isfinite(value)) and value != 0.0
     colour = _colour(share) if known else _NO_VERDICT if said in _WITHOUT_VERDICT else _LOST
     sketch.box(x, y, _CELL_WIDTH, _CELL_HEIGHT, colour, "#FFFFFF")
     if colour == _LOST:
@@ -117,6 +127,10 @@ def _legend(sketch: Sketch, top: float, found: Mapping[str, Any], ends: tuple[fl
         sketch.box(_LEFT + width * k, top, width + 0.3, 8.0, _colour(k / (steps - 1)))
     said = f"{plain(ends[1], 2)}{unit}: {str(found.get('label') or found['title']).lower()}"
     sketch.parts.append(Words(_LEFT + width * steps + 5.0, top + 8.0, said, 9.0))
+
+
+def _values(found: Mapping[str, Any]) -> Array:
+    return np.array([[np.nan if value is None else value for value in row] for row in found["values"]], dtype=float)
 
 
 def _ends(values: Array) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from vsgdesign.compliance.rows import FAIL, VERDICTS
 from vsgdesign.report.compliance.answer import MOST_FAILING, counts_answer, failing_tests, headline, strips
 from vsgdesign.report.compliance.arranged import Arranged, Group, arrange
 from vsgdesign.report.compliance.figures import Drawer, TestFigure, Traces, dashes_of
-from vsgdesign.report.compliance.heat import LEGEND, heat_sketch, maps_by_title
+from vsgdesign.report.compliance.heat import LEGEND, heat_sketches, maps_by_title
 from vsgdesign.report.compliance.identity import identity_tables, sources_table, validity
 from vsgdesign.report.compliance.verdicts import LOOKS
 from vsgdesign.report.drawing.sketch import Sketch, svg, svg_file
@@ -80,7 +80,7 @@ def draw(arranged: Arranged, document: Mapping[str, Any], traces: Traces) -> Dra
         groups={key: figure for key, figure in groups.items() if figure is not None},
         tests={anchor: figure for anchor, figure in tests.items() if figure is not None},
         inside=inside,
-        maps=[heat_sketch(one) for one in document.get("maps") or ()],
+        maps=heat_sketches(document.get("maps") or ()),
         beyond=max(len(failing) - MOST_FIGURES, 0),
         missing=len(drawer.missing),
     )
@@ -123,7 +123,7 @@ def _html(document: Mapping[str, Any], arranged: Arranged, drawn: Drawn) -> str:
             command=lambda row: explore_command(document, row),
             repeat=lambda row: f"vsgdesign simulate {shlex.quote(row['study'])}" if row.get("study") else "",
             maps=[
-                (title, words, [svg(one, "heat") for one in sketches])
+                (title, words, [(svg(one, "heat"), 0.85 * one.width) for one in sketches])
                 for title, words, sketches in maps_by_title(document, drawn.maps)
             ],
             legend=LEGEND,

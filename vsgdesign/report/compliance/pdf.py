@@ -22,6 +22,9 @@ from vsgdesign.report.quantities import typeset
 MOST_FIGURES = 24
 """Figures of failing tests on paper."""
 
+_LEAST_MAP = 0.62
+"""Points for each px of a map, at least: its numbers have 6 pt."""
+
 MOST_LINES = 6
 """Lines of a cell: a longer sentence is cut, and the JSON has it whole."""
 
@@ -346,5 +349,4 @@ def _maps(flow: Flow, document: Mapping[str, Any], drawn: Any) -> None:
     flow.heading("Survival maps", below=200.0)
     flow.paragraph(LEGEND, colour=_DIM)
     for title, words, sketches in maps_by_title(document, drawn.maps):
-        across = max(min(len(sketches), 3), 2)
-        flow.sketches(title, words, sketches, across)
+        flow.sketches(title, words, sketches, int(_ROOM / (_LEAST_MAP * sketches[0].width)))
