@@ -22,11 +22,16 @@ LARGEST_DEGREE = len(Coefficients._fields) - 1
 
 
 class Axes(NamedTuple):
-    """A circuit whose axes may differ: how many states it has on both together, and the degree of its edge polynomials
-    (of a switched bridge)."""
+    """A circuit whose axes may differ: how many states it has on both together, the degree of its edge polynomials (of
+    a switched bridge), and whether α and β act on each other."""
 
     states: int
     degree: int = 0
+    coupled: bool = True
+
+    def on(self, row: int) -> tuple[int, ...]:
+        """The axes (0: α) that act on a state."""
+        return (0, 1) if self.coupled else (row % 2,)
 
 
 class Bridge(NamedTuple):
@@ -178,13 +183,14 @@ def _moved_by_both(axes: Axes, edges: tuple[str, ...]) -> Block:
         return total
 
     for row, state in enumerate(states):
-        terms = [product(f"row.b_{row}_{axis}", bridge[axis]) for axis in range(2)]
-        terms += [product(f"row.p_{row}_{k}", x[k]) for k in range(len(x))]
+        acting = axes.on(row)
+        terms = [product(f"row.b_{row}_{axis}", bridge[axis]) for axis in acting]
+        terms += [product(f"row.p_{row}_{k}", x[k]) for k in range(len(x)) if k % 2 in acting]
         for edge in edges:
             place = line.input(f"{edge}.place")
             steps = [
-                line.does("*", line.input(f"{edge}.{axis}"), polynomial(row, k, place))
-                for k, axis in enumerate(("alpha", "beta"))
+                line.does("*", line.input(f"{edge}.{('alpha', 'beta')[axis]}"), polynomial(row, axis, place))
+                for axis in acting
             ]
             terms.append(line.sum_of(*steps))
         terms.append(line.sum_of(*(product(f"row.s_{row}_{axis}", source[axis]) for axis in range(2))))

@@ -56,7 +56,8 @@ class Circuits:
                 given = self.of
                 self.of = lambda one: two_axes(given(one))
                 self._steps.cache_clear()
-            self.axes = Axes(states_of(self.of(met[0])), degree)
+            full = [two_axes(self.of(one)) for one in met]
+            self.axes = Axes(len(full[0].A), degree, any(_coupled(one) for one in full))
 
     @property
     def states(self) -> int:
@@ -73,7 +74,8 @@ class Circuits:
         if self.axes is None:
             row = [step.transition.ravel(), step.bridge, source.real, source.imag, turn]
         else:
-            row = [step.transition.ravel(), step.bridge.ravel(), source.ravel(), turn]
+            by_state, by_axis = self._acting(step.transition.shape[1]), self._acting(2)
+            row = [step.transition[by_state], step.bridge[by_axis], source.ravel(), turn]
         found = {"row": np.concatenate(row), "V_g": np.array([V])}
         if self.switched:
             found["edge"] = self._edge(step)
@@ -83,7 +85,12 @@ class Circuits:
         degree = LARGEST_DEGREE if self.axes is None else self.axes.degree
         padded = np.zeros((degree + 1, *step.edge.shape[1:]))
         padded[: len(step.edge)] = step.edge
-        return np.ascontiguousarray(padded.T).ravel() if self.axes is None else padded.ravel()
+        return np.ascontiguousarray(padded.T).ravel() if self.axes is None else padded[:, self._acting(2)].ravel()
+
+    def _acting(self, columns: int) -> NDArray[np.bool_]:
+        """(states, columns): which columns, α and β in turn, act on a state."""
+        axes = Axes(self.states) if self.axes is None else self.axes
+        return np.array([[k % 2 in axes.on(row) for k in range(columns)] for row in range(axes.states)])
 
     def _step(self, connection: Connection, h: float, omega: float) -> PlantStep:
         step = plant_step(self.of(connection), h, omega, edges=self.switched)
@@ -174,6 +181,12 @@ def circuits_of(study: Study, timeline: Timeline, circuit: CircuitOfGrid | None)
 def states_of(circuit: FilterGrid | TwoAxisCircuit) -> int:
     """How many real states a circuit has on both axes together."""
     return len(circuit.A) if isinstance(circuit, TwoAxisCircuit) else 6
+
+
+def _coupled(circuit: TwoAxisCircuit) -> bool:
+    """Whether α acts on β, or β on α."""
+    matrices = [circuit.A, circuit.B, circuit.E, *(() if circuit.onto is None else (circuit.onto,))]
+    return any(matrix[0::2, 1::2].any() or matrix[1::2, 0::2].any() for matrix in matrices)
 
 
 def _equal(one: TwoAxisCircuit, other: TwoAxisCircuit) -> bool:

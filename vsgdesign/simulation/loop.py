@@ -23,7 +23,7 @@ from vsgdesign.equations.field import FieldSettings, LockIn
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
-from vsgdesign.simulation.bodies import FALLING, PEAK, RISING, Run, bodies, control, plant, states_of
+from vsgdesign.simulation.bodies import FALLING, PEAK, RISING, Axes, Run, bodies, control, plant, states_of
 from vsgdesign.simulation.lanes.sample import CarrierPart, EdgeRow, PlantRow, carrier
 from vsgdesign.simulation.records import numbers_of
 from vsgdesign.simulation.sample import Noise, Sensors
@@ -105,7 +105,7 @@ def layout_of(run: Run, states_logged: bool = False) -> Layout:
     if run.axes is None:
         constant = of("row", PlantRow) + (of("edge", EdgeRow) if switched else [])
     else:
-        constant = _two_axis_names(len(names), run.axes.degree if switched else None)
+        constant = _two_axis_names(run.axes, switched)
     constant += ["V_g", *of("refs", References), *of("power_gains", PowerLoopGains), *of("grid", GridEstimate)]
     uniform = [*of("inner_gains", InnerLoopGains), *of("settings", ControllerSettings), "R_c"]
     if switched:
@@ -124,13 +124,15 @@ def layout_of(run: Run, states_logged: bool = False) -> Layout:
     return Layout(tuple(state), tuple(constant), tuple(uniform), tuple(fed), tuple(logged))
 
 
-def _two_axis_names(states: int, degree: int | None) -> list[str]:
-    pairs = [(row, axis) for row in range(states) for axis in range(2)]
-    found = [f"row.p_{row}_{k}" for row in range(states) for k in range(states)]
-    found += [f"row.b_{row}_{axis}" for row, axis in pairs] + [f"row.s_{row}_{axis}" for row, axis in pairs]
+def _two_axis_names(axes: Axes, switched: bool) -> list[str]:
+    rows = range(axes.states)
+    pairs = [(row, axis) for row in rows for axis in axes.on(row)]
+    found = [f"row.p_{row}_{k}" for row in rows for k in rows if k % 2 in axes.on(row)]
+    found += [f"row.b_{row}_{axis}" for row, axis in pairs]
+    found += [f"row.s_{row}_{axis}" for row in rows for axis in range(2)]
     found += ["row.turn_cos", "row.turn_sin"]
-    if degree is not None:
-        found += [f"edge.c{k}_{row}_{axis}" for k in range(degree + 1) for row, axis in pairs]
+    if switched:
+        found += [f"edge.c{k}_{row}_{axis}" for k in range(axes.degree + 1) for row, axis in pairs]
     return found
 
 
