@@ -11,15 +11,18 @@ import pytest
 
 from tests.oracles.emt_reference import run_reference
 from tests.simulation.studies import GAINS, lc_study, lcl_study
-from tests.simulation.test_emt_against_dop853 import errors_pu, library_start
+from tests.simulation.test_emt_against_dop853 import EVERYTHING, SENSORS, errors_pu, library_start, random_numbers
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.frames import clarke, clarke_inverse
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.network import PHASE_TO_PHASE, PLAIN, Fault, Load, Network
 from vsgdesign.parameters.study import Event
 from vsgdesign.simulation import GainChange, simulate
+from vsgdesign.simulation.at_pcc import pcc_over_time, pcc_vectors
 from vsgdesign.simulation.lanes.cases import LaneCases, no_events
 from vsgdesign.simulation.lanes.run import run_lanes
+from vsgdesign.simulation.scenario import series_at_pcc
 
 CHANGES = [GainChange(0.0, GAINS)]
 TOLERANCE = 1e-8
@@ -37,7 +40,7 @@ def check(study: Study, bridge: str) -> float:
     """Largest error of all quantities at all samples, over their rated values."""
     run = simulate(study, CHANGES, bridge=bridge, log_states=10**9)
     assert run.divergence is None
-    reference = run_reference(study, CHANGES, bridge == "pwm", library_start(study, CHANGES))
+    reference = run_reference(study, CHANGES, bridge == "pwm", library_start(study, CHANGES), **random_numbers(study))
     errors = errors_pu(study, run, reference)
     print(f"{bridge}: worst {max(errors.values()):.1e} pu;", {name: f"{e:.1e}" for name, e in errors.items()})
     assert max(errors.values()) < TOLERANCE, errors
@@ -163,3 +166,80 @@ def test_batches_refuse_a_network() -> None:
     none = LaneCases(**{**numbers, **kinds, "events": no_events(0)})
     with pytest.raises(InfeasibleStudyError, match=r"a batch of runs has nothing but a grid: leave \[network\] out"):
         run_lanes(study, study.controllers[0], NOTHING, none)
+
+
+@pytest.mark.parametrize("build", [lc_study, lcl_study])
+def test_the_voltage_at_the_pcc(build: Callable[..., Study]) -> None:
+    """What a fault and a load say of it by Ohm's law, and the plain formula where there is nothing but the grid."""
+    R, load = 0.4, Load(R_parallel=11.0)
+    changes = [
+        (2e-3, Network(fault=Fault())),
+        (4e-3, Network(fault=Fault(kind=PHASE_TO_PHASE, phases="ab"))),
+        (6e-3, Network(fault=Fault(R=R), connected=False)),
+        (8e-3, Network(load=load, connected=False)),
+        (10e-3, Network(fault=Fault(at=0.5))),
+        (14e-3, PLAIN),
+    ]
+    study = with_networks(build("18 ms"), *changes)
+    run = simulate(study, CHANGES)
+    v, i = pcc_over_time(study, run.timeline, run.t_s, run.log, run.circuit_log)
+    V_pk, t = study.converter.v_max_pk, np.round(run.t_s * 1e3, 6)
+
+    def within(begin: float, end: float) -> np.ndarray:
+        return (t > begin) & (t < end)
+
+    bolted = within(2.0, 4.0)
+    assert np.abs(v[bolted]).max() < 1e-9 * V_pk
+    a, b, _ = clarke_inverse(*v[within(4.0, 6.0)].T)
+    assert np.abs(a - b).max() < 1e-9 * V_pk
+    assert np.abs(a).max() > 0.05 * V_pk
+    for begin, ohms in ((6.0, R), (8.0, 11.0)):
+        some = within(begin, begin + 2.0)
+        np.testing.assert_allclose(v[some], ohms * i[some], atol=1e-9 * V_pk)
+    # Behind half of the grid's impedance: an R and an L with the current into them, seen as a difference quotient.
+    some = np.flatnonzero(within(10.5, 14.0))
+    slope = (i[some[2:]] - i[some[:-2]]) / (2.0 * study.converter.T_s)
+    half = 0.5 * study.grid.R_g * i[some[1:-1]] + 0.5 * study.grid.L_g * slope
+    assert np.abs(v[some[1:-1]] - half).max() < 0.02 * V_pk
+    plain = np.flatnonzero(within(14.0, 18.0))
+    np.testing.assert_allclose(v[plain], pcc_vectors(run.log[plain], study.circuit())[0], atol=1e-9 * V_pk)
+    # A page is given the same.
+    series = series_at_pcc(study, run)
+    np.testing.assert_array_equal(clarke(*(series[f"v_pcc_{phase}"] for phase in "abc"))[0][bolted], v[bolted, 0])
+
+
+COMPONENTS = """
+[[events]]
+time = "0.5 ms"
+components = [{ order = -1, amplitude_pu = 0.2, phase = "-20 deg" }, { order = 5, amplitude_pu = 0.02 }]
+[[events]]
+time = "3 ms"
+f_g = "50.15 Hz"
+over = "4 ms"
+[[events]]
+time = "3.4 ms"
+V_g_pu = 0.7
+over = "2 ms"
+"""
+
+
+@pytest.mark.parametrize("bridge", ["averaged", "pwm"])
+@pytest.mark.parametrize(
+    "network",
+    [
+        Network(fault=Fault(at=0.3, R=0.3)),
+        Network(fault=Fault(kind=PHASE_TO_PHASE, at=0.5, phases="ca")),
+        Network(load=Load(R_series=9.0, L_series=15e-3, C_parallel=20e-6)),
+    ],
+    ids=str,
+)
+def test_a_distorted_source_that_ramps(network: Network, bridge: str) -> None:
+    """A negative sequence and a harmonic, ramps of frequency and voltage, and a line that is switched out."""
+    for build in (lc_study, lcl_study):
+        study = build("8 ms", COMPONENTS + '[[events]]\ntime = "4.0333 ms"\ngrid = { scr = 2, x_over_r = 5 }\n')
+        check(with_networks(study, (1.0123e-3, network), (5.5e-3, PLAIN)), bridge)
+
+
+def test_networks_in_a_restless_grid_with_sensors() -> None:
+    study = with_networks(lcl_study("8 ms", EVERYTHING + SENSORS), (1.0123e-3, Network(fault=Fault(at=0.4, R=0.5))))
+    check(with_networks(study, (4.07e-3, Network(load=LOADS[2]))), "pwm")

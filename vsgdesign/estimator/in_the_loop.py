@@ -22,8 +22,8 @@ from vsgdesign.identification.interface import Array
 from vsgdesign.parameters.sensors import draw_sensors
 from vsgdesign.parameters.study import ControllerSpec, SourceComponent, Study
 from vsgdesign.simulation import simulate
+from vsgdesign.simulation.at_pcc import pcc_vectors
 from vsgdesign.simulation.field_feed import FieldScheduler, MeasuredCycle
-from vsgdesign.simulation.online import pcc_vectors
 
 LINE_ORDERS = (1.5, 2.5)
 """Frequencies of the field estimator's lines over the grid's."""

@@ -7,6 +7,7 @@ currents of a node add up, a bolted fault has no voltage, a resistance has no in
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Iterable
@@ -47,6 +48,15 @@ class NetworkStates:
         return ("i_s", "v_c", "i_g", *grid, *self.load)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NetworkCircuit(TwoAxisCircuit):
+    """The circuit with load, fault and breaker, and the voltage at its PCC."""
+
+    pcc_per_state: Array
+    pcc_per_source: Array
+    """2×2n and 2×2: the voltage at the PCC is the sum of these times x and times v_g (:eq:`network-pcc`)."""
+
+
 def states_of_networks(networks: Iterable[Network]) -> NetworkStates:
     """The states that all the networks need together. Raises InfeasibleStudyError for a network that cannot be."""
     networks = tuple(networks)
@@ -60,7 +70,8 @@ def states_of_networks(networks: Iterable[Network]) -> NetworkStates:
     )
 
 
-def network_circuit(filter_: Filter, grid: Grid, network: Network, states: NetworkStates) -> TwoAxisCircuit:
+@functools.lru_cache(maxsize=256)
+def network_circuit(filter_: Filter, grid: Grid, network: Network, states: NetworkStates) -> NetworkCircuit:
     """The circuit of a filter, a grid and a network with the given states (:eq:`network-reduced`).
 
     ``onto`` of the circuit is what the states become where the network begins. Fluxes and charges stay as they are as
@@ -74,7 +85,10 @@ def network_circuit(filter_: Filter, grid: Grid, network: Network, states: Netwo
     per_state = (v_c + filter_.R_c * (i_s - i_g) - filter_.R_2 * i_g) @ onto - filter_.L_2 * i_g @ A
     per_source = -filter_.L_2 * i_g @ E
     found = [A, B, E, onto, per_state, per_source]
-    return TwoAxisCircuit(*(np.asarray(np.kron(one, np.eye(2 // axes)), dtype=np.float64) for one in found))
+    A, B, E, onto, per_state, per_source = (
+        np.asarray(np.kron(one, np.eye(2 // axes)), dtype=np.float64) for one in found
+    )
+    return NetworkCircuit(A, B, E, onto, pcc_per_state=per_state, pcc_per_source=per_source)
 
 
 def _check(network: Network) -> None:

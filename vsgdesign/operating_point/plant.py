@@ -41,9 +41,6 @@ class TwoAxisCircuit:
     onto: NDArray[np.float64] | None = None
     """2n×2n: what the states become where this circuit begins; it leaves states as they are that belong to the circuit.
     None: they may have any values."""
-    pcc_per_state: NDArray[np.float64] | None = None
-    pcc_per_source: NDArray[np.float64] | None = None
-    """2×2n and 2×2: the voltage at the PCC is the sum of these times x and times v_g. None: nothing says it."""
 
 
 def two_axes(alpha: FilterGrid | TwoAxisCircuit, beta: FilterGrid | None = None) -> TwoAxisCircuit:

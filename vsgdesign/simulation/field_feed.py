@@ -167,6 +167,7 @@ class FieldScheduler:
         self.held: HeldProbe | None = None
         self.limited_samples = 0
         self.sensed: Array | None = None
+        self.more: Array | None = None
         self.begin()
 
     def fresh(self) -> FieldScheduler:

@@ -120,6 +120,7 @@ def layout_of(run: Run, states_logged: bool = False) -> Layout:
     logged += ["v_g_alpha", "v_g_beta", "said.P", "said.Q", "said.omega"]
     logged += [told.get("state.V", "state.V"), told.get("state.theta", "state.theta"), "limited_samples"]
     logged += SENSED_COLUMNS if run.sensors else ()
+    logged += [f"x.{name}" for name in names[6:]]
     logged += [told.get(name, name) for name in own] if states_logged else []
     return Layout(tuple(state), tuple(constant), tuple(uniform), tuple(fed), tuple(logged))
 

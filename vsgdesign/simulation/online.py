@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage, pcc_voltage
+from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.identification import Probe
 from vsgdesign.parameters.study import Grid, Study
+from vsgdesign.simulation.at_pcc import pcc_over_time
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.probing import HeldProbe
 from vsgdesign.simulation.timeline import Timeline
@@ -274,15 +275,6 @@ def _wanted(scheduler: OnlineScheduler) -> Probe | None:
     return scheduler.wanted() if isinstance(scheduler, ProbingScheduler) else None
 
 
-def pcc_vectors(log: Array, circuit: FilterGrid) -> tuple[Array, Array]:
-    """v_pcc and i_pcc, (n, 2) each as (α, β), of rows of a run's log (:eq:`pcc-voltage`).
-
-    R_g and L_g of the circuit are numbers, or (n, 1) where they change within the rows.
-    """
-    i_s, v_c, i_g, v_g = log[:, 0:2], log[:, 2:4], log[:, 4:6], log[:, 6:8]
-    return pcc_voltage(i_s, v_c, i_g, v_g, circuit), i_g
-
-
 def sensed_vectors(log: Array, sensed: Array, v_pcc: Array, circuit: FilterGrid) -> tuple[Array, Array]:
     """v_pcc and i_pcc, (n, 2) each, with the errors of the controller's own sensors: the PCC's voltage is measured as
     wrongly as that of the capacitor node, which is the same voltage where the filter has no second inductor."""
@@ -309,6 +301,7 @@ class ListedGains:
         """The run's probe, if it sends one."""
         self.limited_samples = 0
         self.sensed: Array | None = None
+        self.more: Array | None = None
 
     def wanted(self) -> Probe | None:
         """No probe."""
@@ -344,13 +337,13 @@ class OnlineGains:
     memory, closed = None, False
 
     def __init__(self, scheduler: OnlineScheduler, study: Study, timeline: Timeline) -> None:
-        self._scheduler, self._timeline = scheduler, timeline
+        self._scheduler, self._study, self._timeline = scheduler, study, timeline
         T_s = study.converter.T_s
         interval, period = scheduler.sample_interval, scheduler.update_period
         self._every = whole_multiple(interval, T_s, "sample_interval", "the controller's sampling period")
         self._period = self._every * whole_multiple(period, interval, "update_period", "the sample interval")
         self.log_samples = self._every
-        self._T_s, self._circuit = T_s, study.circuit()
+        self._T_s = T_s
         self._gains = scheduler.first_gains()
         self.changes = [GainChange(0.0, self._gains)]
         self.probe_hold = _probe_hold(scheduler)
@@ -361,6 +354,8 @@ class OnlineGains:
         self.sensed: Array | None = None
         """What the sensors say of the capacitor node's voltage and of i_g, (rows of the log, 4); no rows: the sensors
         are ideal. The run sets it."""
+        self.more: Array | None = None
+        """The circuit's states besides i_s, v_c and i_g, (rows of the log, m). The run sets it."""
         self._limited_before = 0
         self._wanted = _wanted(scheduler)
         self._powers_alone: bool = getattr(scheduler, "powers_alone", False)
@@ -419,10 +414,11 @@ class OnlineGains:
         begin = sample - self._period
         limited, self._limited_before = self.limited_samples - self._limited_before, self.limited_samples
         over = slice(begin // log_every, sample // log_every, self._every // log_every)
-        rows, circuit = log[over], self._circuit_over(begin, sample)
-        v_pcc, i_pcc = pcc_vectors(rows, circuit)
+        rows, times = log[over], np.arange(begin, sample, self._every, dtype=np.float64) * self._T_s
+        more = np.empty((len(rows), 0)) if self.more is None else self.more[over]
+        v_pcc, i_pcc = pcc_over_time(self._study, self._timeline, times, rows, more)
         if self.sensed is not None and len(self.sensed):
-            v_pcc, i_pcc = sensed_vectors(rows, self.sensed[over], v_pcc, circuit)
+            v_pcc, i_pcc = sensed_vectors(rows, self.sensed[over], v_pcc, self._study.circuit())
         omega, _, _ = power_loops(state.omega_i, state.V, state.P_f, state.Q_f, refs, gains)
         return MeasuredWindow(
             index=sample // self._period - 1,
@@ -441,15 +437,6 @@ class OnlineGains:
             sent=None if self.held is None else self.held.sent_over(begin, sample, self._every),
             limited=limited,
         )
-
-    def _circuit_over(self, begin: int, end: int) -> FilterGrid:
-        grids, T_s = self._timeline.grids, self._T_s
-        if len(grids) > 1 and self._circuit.L_2 + self._circuit.R_2 > 0.0:
-            samples = range(begin, end, self._every)
-            held = [self._timeline.grid_at((k + 1e-6) * T_s) for k in samples]
-            R_g, L_g = (np.array([[getattr(grid, name)] for grid in held]) for name in ("R_g", "L_g"))
-            return self._circuit._replace(R_g=R_g, L_g=L_g)
-        return self._circuit  # without L_2 and R_2 the grid has no say in v_pcc
 
 
 def _grid(scheduler: OnlineScheduler) -> Grid | None:

@@ -25,9 +25,9 @@ from vsgdesign.operating_point.many import many_rests_with_measured_gains
 from vsgdesign.parameters.network_fields import beyond_models
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
 from vsgdesign.runtime.of_study import follows_measured, gain_law
+from vsgdesign.simulation.at_pcc import pcc_vectors
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.late import knowledge_of, told_at, told_of
-from vsgdesign.simulation.online import pcc_vectors
 from vsgdesign.simulation.timeline import SourceSegment, Timeline
 from vsgdesign.stability.loci import Mode, modes
 from vsgdesign.stability.words import mode_in_words

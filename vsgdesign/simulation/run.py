@@ -60,6 +60,9 @@ class Simulation:
 
     t_s: NDArray[np.float64]
     log: NDArray[np.float64]
+    circuit_log: NDArray[np.float64]
+    """The circuit's states besides i_s, v_c and i_g in the same rows, SI, peak αβ: those of load and grid
+    (:class:`vsgdesign.operating_point.network.NetworkStates`); no columns where nothing but a grid is connected."""
     controller_log: NDArray[np.float64]
     """All controller states at the first samples, as many as were asked for; else zero rows."""
     timeline: Timeline
@@ -119,8 +122,10 @@ def simulate(
     like, x = start.controller, start.plant
     sensors = sensors_of(study, x, timeline.source_at(0.0).omega)
     loop = _loop(study, feed, circuits, start, sensors, x)
-    log = RunLog(samples, log_every, min(log_states, samples), like, sensed=sensors is not None)
-    feed.sensed = log.sensed
+    log = RunLog(
+        samples, log_every, min(log_states, samples), like, sensed=sensors is not None, more=circuits.states - 6
+    )
+    feed.sensed, feed.more = log.sensed, log.more
     sources = Sources(circuits, Background(circuits.of, rms_to_peak(study.converter.V_rated_rms), timeline), timeline)
     loop_seconds, divergence = 0.0, None
     gains, refs_so_far = feed.first(), _references(study, timeline, 0)
@@ -186,6 +191,7 @@ def simulate(
     return Simulation(
         t_s=t_s,
         log=rows,
+        circuit_log=log.more[:: kept // log_every].copy(),
         controller_log=log.states,
         timeline=timeline,
         gain_changes=tuple(feed.changes),

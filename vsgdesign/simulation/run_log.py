@@ -18,9 +18,12 @@ class RunLog:
     """The log of a run of so many samples: a row at every ``every``-th one, and the controller's states at the first
     ``states``."""
 
-    def __init__(self, samples: int, every: int, states: int, like: ControllerState, *, sensed: bool) -> None:
-        self._every = every
-        self._columns = len(LOG_COLUMNS) + (len(SENSED_COLUMNS) if sensed else 0)
+    def __init__(
+        self, samples: int, every: int, states: int, like: ControllerState, *, sensed: bool, more: int = 0
+    ) -> None:
+        """``more``: how many states the circuit has besides those of LOG_COLUMNS."""
+        self._every, self._sensed = every, len(SENSED_COLUMNS) if sensed else 0
+        self._columns = len(LOG_COLUMNS) + self._sensed + more
         self._whole = np.empty((-(-samples // every), self._columns))
         self._with_states = np.empty((states, self._columns + len(flat_state(like))))
         self._length = len(self._whole)
@@ -33,8 +36,13 @@ class RunLog:
     @property
     def sensed(self) -> Array:
         """(n, 4): what the sensors say of the capacitor node's voltage and of i_g; (0, 4) where they are ideal."""
-        found = self._whole[: self._length, len(LOG_COLUMNS) :]
-        return found if found.shape[1] else np.empty((0, len(SENSED_COLUMNS)))
+        found = self._whole[: self._length, len(LOG_COLUMNS) : len(LOG_COLUMNS) + self._sensed]
+        return found if self._sensed else np.empty((0, len(SENSED_COLUMNS)))
+
+    @property
+    def more(self) -> Array:
+        """(n, m): the circuit's other states."""
+        return self._whole[: self._length, len(LOG_COLUMNS) + self._sensed :]
 
     @property
     def states(self) -> Array:

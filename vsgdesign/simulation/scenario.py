@@ -22,11 +22,12 @@ from vsgdesign.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.parameters.network_fields import beyond_models
 from vsgdesign.parameters.study import ControllerSpec, Grid, Study
 from vsgdesign.runtime.of_study import follows_measured
+from vsgdesign.simulation.at_pcc import pcc_over_time
 from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.late import gain_feed
-from vsgdesign.simulation.online import OnlineScheduler, pcc_vectors
+from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence, LimitedRest, Outcome, limited_rest, outcome_of
 from vsgdesign.simulation.rest import (
     WHERE_TO_LOOK,
@@ -296,12 +297,7 @@ def derive_series(study: Study, run: Simulation) -> dict[str, Array]:
 
 def series_at_pcc(study: Study, run: Simulation) -> dict[str, Array]:
     """What :func:`measure_events` takes of a run: time, and phases and powers at the PCC."""
-    grids = run.timeline.grids
-    circuit = study.circuit(grids[0][1])
-    if len(grids) > 1:
-        R_g, L_g = _grid_over_time(study, run)
-        circuit = circuit._replace(R_g=R_g[:, None], L_g=L_g[:, None])
-    v_pcc, i_pcc = (vectors.T for vectors in pcc_vectors(run.log, circuit))
+    v_pcc, i_pcc = (vectors.T for vectors in pcc_over_time(study, run.timeline, run.t_s, run.log, run.circuit_log))
     P_pcc, Q_pcc = instantaneous_power(*v_pcc, *i_pcc)
     series = {"t_s": run.t_s}
     for name, phases in (("v_pcc", clarke_inverse(*v_pcc)), ("i_pcc", clarke_inverse(*i_pcc))):

@@ -1,0 +1,51 @@
+"""Voltage and current at the PCC in the rows of a run's log, with whatever is connected there at their instants."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.filters import FilterGrid, pcc_voltage
+from vsgdesign.operating_point.network import network_circuit
+from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.circuits import connection_at, states_of_timeline
+from vsgdesign.simulation.timeline import Timeline
+
+Array = NDArray[np.float64]
+
+_SAME_INSTANT = 1e-6
+"""Part of a sampling period by which a change may lie behind a sample and still belong to it."""
+
+
+def pcc_vectors(log: Array, circuit: FilterGrid) -> tuple[Array, Array]:
+    """v_pcc and i_pcc, (n, 2) each as (α, β), of rows of a run's log where nothing but a grid is connected
+    (:eq:`pcc-voltage`).
+
+    R_g and L_g of the circuit are numbers, or (n, 1) where they change within the rows.
+    """
+    i_s, v_c, i_g, v_g = log[:, 0:2], log[:, 2:4], log[:, 4:6], log[:, 6:8]
+    return pcc_voltage(i_s, v_c, i_g, v_g, circuit), i_g
+
+
+def pcc_over_time(study: Study, timeline: Timeline, t_s: Array, log: Array, more: Array) -> tuple[Array, Array]:
+    """v_pcc and i_pcc, (n, 2) each as (α, β), of rows of a run's log at increasing instants (:eq:`pcc-voltage`,
+    :eq:`network-pcc`). i_pcc is the current out of the filter, into load, fault and grid together.
+
+    ``more`` (n, m): the circuit's other states. A row at which the circuit changes has the voltage just after it.
+    """
+    states, slack = states_of_timeline(timeline), _SAME_INSTANT * study.converter.T_s
+    if states is None and len(timeline.grids) == 1:
+        return pcc_vectors(log, study.circuit(timeline.grids[0][1]))
+    changing = (timeline.grids,) if states is None else (timeline.grids, timeline.networks)
+    instants = sorted({instant for listed in changing for instant, _ in listed})
+    held = np.searchsorted(np.array(instants) - slack, t_s, side="right") - 1
+    if states is None:
+        grids = [timeline.grid_at(instant) for instant in instants]
+        R_g, L_g = (np.array([getattr(grid, name) for grid in grids])[held, None] for name in ("R_g", "L_g"))
+        return pcc_vectors(log, study.circuit()._replace(R_g=R_g, L_g=L_g))
+    x, v_g, v_pcc = np.column_stack([log[:, :6], more]), log[:, 6:8], np.empty((len(log), 2))
+    for k in np.unique(held):
+        circuit = network_circuit(study.filter, *connection_at(timeline, instants[k]), states)
+        rows = held == k
+        v_pcc[rows] = x[rows] @ circuit.pcc_per_state.T + v_g[rows] @ circuit.pcc_per_source.T
+    return v_pcc, log[:, 4:6]
