@@ -92,7 +92,10 @@ components = [{ order = 7, amplitude_pu = 0.01 }]
 sag = { type = "C", V_pu = 0.5 }
 load = { series = { R_pu = 0.5 } }
 fault = {}
+breaker = "closed"
+synchro_check = {}
 [network]
+breaker = "open"
 load = { series = { R_pu = 1.0 } }
 fault = {}
 [stability]

@@ -100,6 +100,20 @@ class Network:
 PLAIN = Network()
 
 
+@dataclass(frozen=True, kw_only=True)
+class SynchroCheck:
+    """How near the voltages on both sides of an open breaker have to be before it closes (:eq:`synchro-check`)."""
+
+    angle: float
+    """Largest difference of the angles, rad."""
+    V_pu: float
+    """Largest difference of the amplitudes, over the rated voltage."""
+    omega: float
+    """Largest difference of the frequencies, rad/s."""
+    around: float = 0.0
+    """Angle by which the converter's side leads at the middle of the range, rad. Not zero: out of phase on purpose."""
+
+
 def only_a_grid(network: Network, what: str) -> None:
     """Raises InfeasibleStudyError for ``what``, which knows nothing but a grid, where there is more at the start."""
     if not network.plain:

@@ -6,7 +6,7 @@ import math
 from typing import Any, NamedTuple
 
 from vsgdesign.equations.sags import SAG_TYPES
-from vsgdesign.parameters.network import FAULT_KINDS, PHASE_PAIRS, THREE_PHASE, Fault, Load, Network
+from vsgdesign.parameters.network import FAULT_KINDS, PHASE_PAIRS, THREE_PHASE, Fault, Load, Network, SynchroCheck
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.source import Sag
 from vsgdesign.parameters.study import Converter
@@ -162,6 +162,17 @@ def _finished(table: TableReader, found: Any) -> Any:
     return found
 
 
+def read_synchro_check(table: TableReader) -> SynchroCheck:
+    """The limits of a synchro-check."""
+    check = SynchroCheck(
+        angle=table.quantity("angle", "rad", math.radians(0.1), 0.5 * math.pi, default=math.radians(10.0)),
+        V_pu=table.quantity("V_pu", "1", 0.001, 1.0, default=0.1),
+        omega=2.0 * math.pi * table.quantity("df", "Hz", 0.001, 10.0, default=0.3),
+        around=table.quantity("around", "rad", -math.pi, math.pi, default=0.0),
+    )
+    return _finished(table, check)
+
+
 class Said(NamedTuple):
     """What one table says of the network. None: nothing."""
 
@@ -212,6 +223,12 @@ def network_words(said: Said, base: Base) -> list[str]:
     if said.breaker is not None:
         words.append("breaker opens" if said.breaker == OPEN else "breaker closes")
     return words
+
+
+def synchro_check_words(check: SynchroCheck) -> str:
+    """``breaker waits to close within 10°``."""
+    around = "" if check.around == 0.0 else f" around {math.degrees(check.around):+.3g}°"
+    return f"breaker waits to close within {math.degrees(check.angle):.3g}°{around}"
 
 
 def load_words(load: Load, base: Base) -> str:

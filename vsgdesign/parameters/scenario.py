@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from vsgdesign.parameters.network import PLAIN, Network
+from vsgdesign.parameters.network import PLAIN, Network, SynchroCheck
 from vsgdesign.parameters.network_fields import (
     CLEARED,
+    CLOSED,
     NONE,
     Base,
     Said,
@@ -16,7 +17,9 @@ from vsgdesign.parameters.network_fields import (
     network_words,
     read_sag,
     read_said,
+    read_synchro_check,
     sag_words,
+    synchro_check_words,
 )
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.source import GridSource, Sag, sagged
@@ -162,6 +165,7 @@ def read_events(
     said: list[tuple[float, TableReader, dict[str, Any]]] = []
     present = _Present(grid, network, source)
     before, before_s = replace(present), -math.inf  # at the end of the instant before
+    waiting: TableReader | None = None  # of the event whose breaker waits to close
     base = Base.of(converter)
     limit = spec.reference_limit_pu * converter.S_rated
     f_n = converter.omega_n / (2.0 * math.pi)
@@ -184,7 +188,10 @@ def read_events(
         components = read_components(table.children("components")) if table.has("components") else None
         table.skip("components")
         of_network = read_said(table, base)
-        check_said(table, of_network, before.network)
+        check_said(table, of_network if waiting is None else of_network._replace(breaker=None), before.network)
+        check_table = table.child("synchro_check")
+        check = None if check_table is None else read_synchro_check(check_table)
+        _check_waiting(table, of_network, check, waiting)
         sag_table = table.child_or_word("sag", NONE)
         sag = read_sag(sag_table) if isinstance(sag_table, TableReader) else sag_table
         if over > 0.0 and V_g_pu is None and f_g is None:
@@ -201,6 +208,10 @@ def read_events(
             Q_ref=Q_ref,
             components=components,
         )
+        if check is not None:  # until then the breaker is open
+            waiting = table
+            of_network = of_network._replace(breaker=None)
+            event = replace(event, synchro_check=check)
         described = _describe(event, of_network, sag, converter, basis)
         if any(value is not None for value in of_network):
             present.network = of_network.on(present.network)
@@ -220,6 +231,19 @@ def read_events(
         events.append(replace(event, name=name))
         table.finish()
     return tuple(events)
+
+
+def _check_waiting(
+    table: TableReader, of_network: Said, check: SynchroCheck | None, waiting: TableReader | None
+) -> None:
+    """A synchro-check closes the breaker, at an instant that is not known beforehand."""
+    if check is not None and of_network.breaker != CLOSED:
+        table.fault(
+            "synchro_check", None, "it closes the breaker, which this event does not", f'Add breaker = "{CLOSED}".'
+        )
+    if waiting is not None and of_network.breaker is not None:
+        problem = f"{waiting.path} closes it at an instant that is not known beforehand"
+        table.fault("breaker", of_network.breaker, problem, "Let it be the last event of the breaker.")
 
 
 def _check_sag(table: TableReader, event: Event, sag: Sag | str, before: _Present) -> None:
@@ -355,6 +379,7 @@ def _describe(event: Event, of_network: Said, sag: Sag | str | None, converter: 
         parts.append(_describe_components(event.components))
     if sag is not None:
         parts.append(sag_words(sag))
+    parts += [] if event.synchro_check is None else [synchro_check_words(event.synchro_check)]
     parts += network_words(of_network, Base.of(converter))
     if event.P_ref is not None:
         parts.append(f"P_ref {event.P_ref / 1e3:.4g} kW")

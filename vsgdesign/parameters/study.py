@@ -18,7 +18,7 @@ from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants, notch_con
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.frames import base_impedance, linear_modulation_limit, rated_current_rms, rms_to_peak
-from vsgdesign.parameters.network import PLAIN, Network
+from vsgdesign.parameters.network import PLAIN, Network, SynchroCheck
 from vsgdesign.parameters.source import GridSource, SourceComponent
 from vsgdesign.parameters.survival import SurvivalSpec
 
@@ -240,6 +240,8 @@ class Event:
     """The source's components from now on, in place of all earlier ones."""
     network: Network | None = None
     """Load, fault and breaker from now on, in place of all earlier ones."""
+    synchro_check: SynchroCheck | None = None
+    """From now on, the breaker waits to close (:func:`vsgdesign.simulation.reclosing.reclosed`)."""
 
     @property
     def of_grid(self) -> bool:

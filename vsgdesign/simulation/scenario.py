@@ -13,7 +13,6 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.frames import clarke, clarke_inverse, instantaneous_power
-from vsgdesign.identification import estimator_kind
 from vsgdesign.identification.registry import samples_itself
 from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
 from vsgdesign.metrics.events import diverged_event
@@ -24,11 +23,11 @@ from vsgdesign.parameters.study import ControllerSpec, Grid, Study
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.at_pcc import pcc_over_time
 from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
+from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.late import gain_feed
-from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence, LimitedRest, Outcome, limited_rest, outcome_of
+from vsgdesign.simulation.reclosing import reclosed
 from vsgdesign.simulation.rest import (
     WHERE_TO_LOOK,
     Instability,
@@ -167,15 +166,16 @@ def _run_controllers(
     warn: Callable[[str], None] | None,
 ) -> tuple[dict[str, ControllerResult], list[Instability]]:
     """Check controllers, then simulate them: their results by name, and where they are unstable."""
-    own = [study.with_limit_of(spec) for spec in specs]
-    feeds = [feed_of(*of, timeline, ready) for of in zip(own, specs, strict=True)]
-    expected = [expected_rests(study, timeline, spec, ready) for spec in specs]
+    own = [reclosed(study.with_limit_of(spec), spec, ready, bridge=bridge) for spec in specs]
+    timelines = [timeline if one.events == study.events else build_timeline(one) for one in own]
+    feeds = [feed_of(*of, ready) for of in zip(own, specs, timelines, strict=True)]
+    expected = [expected_rests(one, line, spec, ready) for one, spec, line in zip(own, specs, timelines, strict=True)]
     unstable = [one for spec, found in zip(specs, expected, strict=True) for one in instabilities(study, spec, found)]
     if warn is not None and unstable:
         for text in (*(one.message for one in unstable), WHERE_TO_LOOK):
             warn(text)
     results = {}
-    for own_study, spec, feed, found in zip(own, specs, feeds, expected, strict=True):
+    for own_study, spec, timeline, feed, found in zip(own, specs, timelines, feeds, expected, strict=True):
         report = None if progress is None else _reporter(progress, spec.name)
         run = simulate(own_study, feed, bridge=bridge, progress=report)
         series = derive_series(study, run)
@@ -184,7 +184,7 @@ def _run_controllers(
         if estimates is not None or not knows_its_rests(own_study, spec, timeline):  # the gains that it really had
             found = rests(own_study, timeline, run.gain_changes)
         events = measure_events(
-            study, series, found, ripples=used == "pwm" or study.has_components, divergence=run.divergence
+            own_study, series, found, ripples=used == "pwm" or study.has_components, divergence=run.divergence
         )
         results[spec.name] = ControllerResult(
             spec=spec,
@@ -199,17 +199,6 @@ def _run_controllers(
             survival=judge_scenario(own_study, spec, ready, run, used) if study.simulation.survival else None,
         )
     return results, unstable
-
-
-def feed_of(
-    study: Study, spec: ControllerSpec, timeline: Timeline, ready: Ready
-) -> EstimatedScheduler | FieldScheduler | OnlineScheduler | tuple[GainChange, ...]:
-    """The gains that a run of a controller is given, or the scheduler that is asked for them. ``study`` has the
-    controller's current limit. Raises InfeasibleStudyError where there are no gains on a grid of the scenario."""
-    if spec.estimate == "truth":
-        return gain_feed(study, spec, timeline, ready)
-    kind = FieldScheduler if estimator_kind(spec.estimate).by_sample else EstimatedScheduler
-    return kind(study, spec, ready)
 
 
 def rest_at_limit(study: Study, run: Simulation, series: dict[str, Array]) -> LimitedRest | None:

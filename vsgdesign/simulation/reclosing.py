@@ -1,0 +1,90 @@
+"""An island that is connected to the grid again when both sides of the breaker are near each other."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.equations.filters import capacitor_node_voltage
+from vsgdesign.equations.power_loops import References
+from vsgdesign.equations.synchronising import GridWatch, watch_grid
+from vsgdesign.frames import rms_to_peak
+from vsgdesign.parameters.network import SynchroCheck
+from vsgdesign.parameters.study import ControllerSpec, Event, Study
+from vsgdesign.simulation.feeds import feed_of
+from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.simulation.timeline import build_timeline
+
+Array = NDArray[np.float64]
+
+_SETTLES_S = 0.3
+"""How long the voltages are watched before the breaker may close, s: what follows them settles within 0.2 s."""
+
+
+def reclosed(study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, bridge: str | None = None) -> Study:
+    """The study with the instant at which a controller's synchro-check closes the breaker as an event of its own.
+
+    It runs the study once with the breaker open, and the breaker closes at the first sample at which the relay's
+    conditions hold (:eq:`synchro-check`). Up to this instant the run with the event is the same. Where the conditions
+    never hold, the breaker stays open, and the event says so. A study without a synchro-check is returned as it is.
+    ``study`` has the current limit of the controller.
+    """
+    waits = [k for k, event in enumerate(study.events) if event.synchro_check is not None]
+    if not waits:
+        return study
+    event = study.events[waits[0]]
+    check = event.synchro_check
+    if check is None:
+        return study
+    every_sample = replace(study, simulation=replace(study.simulation, log_interval=study.converter.T_s))
+    run = simulate(every_sample, feed_of(every_sample, spec, build_timeline(every_sample), ready), bridge=bridge)
+    found = _closing(study, run, event.t_s, check)
+    events = list(study.events)
+    if found is None:
+        events[waits[0]] = replace(event, name=f"{event.name}: it never is", synchro_check=None)
+        return replace(study, events=tuple(events))
+    t_s, lead = found
+    events[waits[0]] = replace(event, synchro_check=None)
+    network = run.timeline.network_at(t_s)
+    for k, later in enumerate(events):
+        if later.t_s >= t_s and later.network is not None:
+            events[k] = replace(later, network=replace(later.network, connected=True))
+    closing = Event(t_s, f"breaker closes at {math.degrees(lead):+.3g}°", network=replace(network, connected=True))
+    events.append(closing)
+    return replace(study, events=tuple(sorted(events, key=lambda one: one.t_s)))
+
+
+def _closing(study: Study, run: Simulation, since_s: float, check: SynchroCheck) -> tuple[float, float] | None:
+    """The first sample from ``since_s`` on at which the breaker may close, s, and by how much the converter's side then
+    leads, rad. None if there is none.
+
+    The relay sees the voltage of the capacitor, as the controller does, and that behind the breaker. It follows both as
+    the exported controller follows the grid before it connects.
+    """
+    c, T_s = study.converter, study.converter.T_s
+    refs = References(0.0, 0.0, c.omega_n, c.V_rated_rms)
+    i_s, v_c, i_g = (run.log[:, 2 * k : 2 * k + 2] for k in range(3))
+    own: Array = capacitor_node_voltage(i_s, v_c, i_g, study.circuit())
+    grid: Array = run.log[:, 6:8]
+    first = math.ceil(since_s / T_s - 1e-6)
+    begin = max(first - round(_SETTLES_S / T_s), 0)
+    seen, behind = (GridWatch(float(v[begin, 0]), float(v[begin, 1]), c.omega_n) for v in (own, grid))
+    most_V = check.V_pu * rms_to_peak(c.V_rated_rms)
+    timeline = run.timeline
+    faults = any(network.fault is not None for _, network in timeline.networks)
+    for k in range(begin, len(own)):
+        seen = watch_grid(seen, float(own[k, 0]), float(own[k, 1]), refs, T_s)
+        behind = watch_grid(behind, float(grid[k, 0]), float(grid[k, 1]), refs, T_s)
+        if k < first or (faults and timeline.network_at((k + 1e-6) * T_s).fault is not None):
+            continue
+        lead = math.atan2(seen.v_beta, seen.v_alpha) - math.atan2(behind.v_beta, behind.v_alpha)
+        apart = math.remainder(lead - check.around, 2.0 * math.pi)
+        lengths = math.hypot(seen.v_alpha, seen.v_beta) - math.hypot(behind.v_alpha, behind.v_beta)
+        near = abs(apart) <= check.angle and abs(lengths) <= most_V
+        if near and abs(seen.omega - behind.omega) <= check.omega:
+            return k * T_s, math.remainder(lead, 2.0 * math.pi)
+    return None
