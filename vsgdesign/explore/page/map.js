@@ -114,17 +114,19 @@ export class GridMap {
         ctx.fillRect(xs[i], ys[j + 1], xs[i + 1] - xs[i], ys[j] - ys[j + 1]);
       }
     }
+    let level = [];
     if (header.promise !== null && header.promise !== undefined) {
       const worst = header.better === "low" ? Infinity : -Infinity;
       const judged = unstable ? values.map((v, k) => (unstable[k] > 0 ? worst : v)) : values;
-      const level = this.paintLevel(ctx, sx, sy, judged, header.promise, { colour: t.black, width: 1.4 });
-      this.nameLevel(ctx, box, level, `promised ${figureText(header.promise, header.unit)}`);
+      level = this.paintLevel(ctx, sx, sy, judged, header.promise, { colour: t.black, width: 1.4 });
     }
     // Where the operating point uses the whole of the converter's static limits.
     if (arrays.limit_use) {
       const use = arrays.limit_use.map((v) => (Number.isNaN(v) ? Infinity : v));
       this.paintLevel(ctx, sx, sy, use, 1, { colour: t.limit, width: 2.2, casing: t.back });
     }
+    // Its name lies over both lines.
+    this.nameLevel(ctx, box, level, `promised ${figureText(header.promise, header.unit)}`);
   }
 
   // The line where values are at a level (marching squares on the cells' centres, in the logarithmic plane); returns

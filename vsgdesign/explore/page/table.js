@@ -151,7 +151,15 @@ const COLUMNS = [
     text: perCent,
     tip: "Droop of the voltage, as the grid code measures it",
   },
-  { group: "Droop, inertia", title: "H", unit: "s", value: (c) => c.H_s, text: inDigits(2), tip: "Inertia constant" },
+  {
+    group: "Droop, inertia",
+    title: "H",
+    wide: true,
+    unit: "s",
+    value: (c) => c.H_s,
+    text: inDigits(2),
+    tip: "Inertia constant",
+  },
 ];
 
 /** Whether an EMT of this status does not come to rest. */
