@@ -74,7 +74,7 @@ class Axis(NamedTuple):
 
     def words(self, value: Any) -> str:
         """What a value adds to the id of its test."""
-        text = f"{value:g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value).strip()
+        text = f"{value:g}" if isinstance(value, float) else str(value).strip()
         unit = _BARE_UNITS.get(str(self.way[-1]))
         if unit is not None and not isinstance(value, str):
             text = f"{text} {unit}"

@@ -184,12 +184,13 @@ def _needs(table: TableReader) -> tuple[str, ...]:
     if not isinstance(raw, list):
         table.fault("needs", raw, "must be a list of names", 'For example needs = ["50 Hz"].')
         return ()
-    for name in raw:
+    names = [name if isinstance(name, str) else repr(name) for name in raw]
+    for name in names:
         if name not in NEEDS:
-            near = difflib.get_close_matches(str(name), NEEDS, n=1, cutoff=0.5)
-            advice = (f"Did you mean {near[0]}? " if near else "") + f"Known: {', '.join(NEEDS)}."
+            near = difflib.get_close_matches(name, NEEDS, n=1, cutoff=0.5)
+            advice = f"Did you mean {near[0]}?" if near else f"Known: {', '.join(NEEDS)}."
             table.fault("needs", name, "there is no such need", advice)
-    return tuple(name for name in raw if name in NEEDS)
+    return tuple(name for name in names if name in NEEDS)
 
 
 def _check_ids(tests: list[tuple[TableReader, SuiteTest]], faults: list[Fault]) -> None:
