@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import functools
+import re
+import zlib
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pytest
 
@@ -91,15 +94,85 @@ def test_every_test_and_every_reason_is_there(sheets: list[Sheet]) -> None:
         assert word in whole, word
 
 
-def test_the_file_is_a_pdf_with_these_pages_and_the_same_bytes_each_time(tmp_path: Path) -> None:
-    few = [Sheet(), Sheet()]
+def objects_of(content: bytes) -> dict[int, bytes]:
+    """The objects of a file, found by its table of places; streams are unpacked."""
+    begin = int(content.rsplit(b"startxref", 1)[1].split()[0])
+    table = content[begin:].split(b"trailer", 1)[0].splitlines()
+    assert table[0] == b"xref"
+    found = {}
+    for number, line in enumerate(table[3:], start=1):
+        place = int(line.split()[0])
+        head, body = content[place:].split(b" obj\n", 1)
+        assert head == b"%d 0" % number
+        body = body.split(b"\nendobj", 1)[0]
+        if b"\nstream\n" in body:
+            length = int(re.search(rb"/Length (\d+)", body).group(1))  # type: ignore[union-attr]
+            packed = body.split(b"\nstream\n", 1)[1]
+            assert packed[length:] == b"\nendstream"
+            body = body.split(b"\nstream\n", 1)[0] + b"\n" + zlib.decompress(packed[:length])
+        found[number] = body
+    return found
+
+
+def texts_of(content: bytes) -> list[str]:
+    """What a reader of the file copies out of it: the texts of all pages, by the maps from glyphs to characters."""
+    objects = objects_of(content)
+    maps = {}
+    for body in objects.values():
+        for name, number in re.findall(rb"/(F\d) (\d+) 0 R", body):
+            to_unicode = int(re.search(rb"/ToUnicode (\d+)", objects[int(number)]).group(1))  # type: ignore[union-attr]
+            pairs = re.findall(rb"^<(\w{4})> <(\w+)>$", objects[to_unicode], re.MULTILINE)
+            maps[name] = {code.lower(): bytes.fromhex(text.decode()).decode("utf-16-be") for code, text in pairs}
+    found = []
+    for body in objects.values():
+        for name, shown in re.findall(rb"/(F\d) [\d.]+ Tf [-\d. ]+ Tm <(\w*)> Tj", body):
+            codes = [shown[k : k + 4].lower() for k in range(0, len(shown), 4)]
+            found.append("".join(maps[name].get(code, "?") for code in codes))
+    return found
+
+
+def test_the_file_holds_the_texts_of_its_pages_and_the_same_bytes_each_time(tmp_path: Path) -> None:
+    few = [Sheet(marks=[("Matrix ✗", 50.0)]), Sheet()]
     few[0].text(40.0, 60.0, "✗ Δθ ≥ 60° ⊘ “so”")
+    few[1].text(40.0, 60.0, "bold 漢", bold=True)
     few[1].line((40.0, 60.0), (100.0, 80.0))
     first, second = (paper.save(few, tmp_path / name, "T").read_bytes() for name in ("a.pdf", "b.pdf"))
     assert first == second
-    assert first.startswith(b"%PDF")
-    assert b"/Count 2" in first
-    assert b"Date" not in first
+    assert texts_of(first) == ["✗ Δθ ≥ 60° ⊘ “so”", "bold ?"]
+    objects = objects_of(first)
+    assert sum(b"/Type /Page " in body for body in objects.values()) == 2
+    assert any(b"/Count 2 /Kids" in body for body in objects.values())
+    assert any(("Matrix ✗".encode("utf-16-be").hex().encode()) in body.lower() for body in objects.values())
+    assert len(first) < 60_000  # the letters that are used, not the whole fonts of 1.4 MB
+
+
+def test_an_embedded_font_draws_the_letters_of_the_font(tmp_path: Path) -> None:
+    import io
+
+    from fontTools.pens.recordingPen import DecomposingRecordingPen
+    from fontTools.ttLib import TTFont
+
+    sheet = Sheet()
+    sheet.text(40.0, 60.0, "ä✗g")
+    content = paper.save([sheet], tmp_path / "a.pdf", "T").read_bytes()
+    program = next(body for body in objects_of(content).values() if b"/Length1" in body).split(b">>\n", 1)[1]
+    embedded = TTFont(io.BytesIO(program))
+    whole = TTFont(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf")
+    for letter in "ä✗g":
+        name = whole.getBestCmap()[ord(letter)]
+        place = whole.getGlyphID(name)
+        drawn = []
+        for font, glyph in ((whole, name), (embedded, embedded.getGlyphName(place))):
+            glyphs = font.getGlyphSet()
+            pen = DecomposingRecordingPen(glyphs)
+            glyphs[glyph].draw(pen)
+            drawn.append((pen.value, glyphs[glyph].width))
+        assert drawn[0] == drawn[1]
+        assert drawn[0][0]
+
+
+def test_an_empty_set_of_pages_of_words_is_a_file(tmp_path: Path) -> None:
+    assert texts_of(paper.save([Sheet()], tmp_path / "a.pdf", "T").read_bytes()) == []
 
 
 def test_text_is_broken_between_words_and_cut_where_there_is_no_room() -> None:
@@ -117,6 +190,6 @@ def test_a_width_is_that_of_matplotlib() -> None:
     from matplotlib.textpath import TextPath
 
     for text in ("Settling time ≤ 2 s", "not applicable, |H|", "HiillHHH"):
-        ink = np.asarray(TextPath((0, 0), text, size=100.0, prop=paper._font(100.0, False)).vertices)[:, 0].max()
+        ink = np.asarray(TextPath((0, 0), text, size=100.0, prop={"family": "DejaVu Sans"}).vertices)[:, 0].max()
         # The advance ends behind the ink of the last letter; kerning, which it leaves out, only makes a text shorter.
         assert 0.0 <= text_width(text, 100.0) - float(ink) <= 15.0

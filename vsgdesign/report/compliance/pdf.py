@@ -83,7 +83,8 @@ class Flow:
         """A heading, with at least ``below`` pt of room for what follows."""
         self.need(size + 14.0 + below)
         self.y += size + 7.0
-        self.sheet.text(MARGIN, self.y, text, size, bold=True)
+        self.sheet.text(MARGIN, self.y, typeset(text), size, bold=True)
+        self.sheet.marks.append((typeset(text), self.y - 1.2 * size))
         self.y += 5.0
 
     def paragraph(self, text: str, size: float = 7.6, colour: str = "#1A1A1A", bullet: bool = False) -> None:

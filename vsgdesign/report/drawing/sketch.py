@@ -30,6 +30,14 @@ class Stroke:
     width: float = 1.0
     dashes: tuple[float, ...] = ()
 
+    def runs(self) -> list[Array]:
+        """The runs of at least two points without NaN."""
+        known = np.isfinite(self.points).all(axis=1)
+        if known.all():
+            return [self.points] if len(self.points) > 1 else []
+        ends = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
+        return [self.points[a:b] for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a > 1]
+
 
 @dataclass(frozen=True, eq=False)
 class Area:
@@ -38,7 +46,6 @@ class Area:
     points: Array
     colour: str
     edge: str = ""
-    opacity: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -109,12 +116,11 @@ def _part(part: Part) -> str:
         return _words(part)
     if isinstance(part, Area):
         edge = f' stroke="{part.edge}" stroke-width="8"' if part.edge else ""
-        opacity = f' fill-opacity="{part.opacity:g}"' if part.opacity < 1.0 else ""
-        return f'<path d="{_path(part.points)}z" fill="{part.colour}"{opacity}{edge}/>'
+        return f'<path d="{_path(part.points)}z" fill="{part.colour}"{edge}/>'
     dashes = " ".join(f"{_TENTHS * part.width * length:.0f}" for length in part.dashes)
     dashed = f' stroke-dasharray="{dashes}"' if dashes else ""
     width = f"{_TENTHS * part.width:g}"
-    runs = "".join(_path(run) for run in _unbroken(part.points))
+    runs = "".join(_path(run) for run in part.runs())
     return f'<path d="{runs}" fill="none" stroke="{part.colour}" stroke-width="{width}"{dashed}/>' if runs else ""
 
 
@@ -127,15 +133,6 @@ def _words(part: Words) -> str:
     bold = ' font-weight="600"' if part.bold else ""
     look = f'font-size="{_TENTHS * part.size:g}" fill="{part.colour}"{anchor}{bold}{turned}'
     return f'<text x="{x}" y="{y}" {look}>{escape(part.text)}</text>'
-
-
-def _unbroken(points: Array) -> list[Array]:
-    """The runs of at least two points without NaN."""
-    known = np.isfinite(points).all(axis=1)
-    if known.all():
-        return [points] if len(points) > 1 else []
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
-    return [points[a:b] for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a > 1]
 
 
 def _path(points: Array) -> str:

@@ -3,19 +3,25 @@
   const form = document.getElementById("filter");
   const tests = [...document.querySelectorAll(".matrix > tbody")].map((body) => ({
     body,
-    words: body.textContent.toLowerCase(),
+    words: body.textContent.replace(/−/g, "-").toLowerCase(),
     group: body.closest("details"),
   }));
   const groups = [...new Set(tests.map((test) => test.group))];
   const opened = new Map(groups.map((group) => [group, group.open]));
+  // "SCR 2" is not a part of "SCR 20" or of "SCR 2.5".
+  const patternOf = (phrase) => {
+    const text = phrase.replace(/−/g, "-").toLowerCase().trim();
+    const escaped = text.replace(/[.*+?^${}()|[\]\\]/g, "\\$&");
+    return new RegExp(escaped + (/\d$/.test(text) ? "(?!\\.?\\d)" : ""));
+  };
   const show = () => {
     const verdict = form.elements.show.value;
-    const words = form.elements.words.value.toLowerCase().split(/\s+/).filter(Boolean);
+    const words = form.elements.words.value.split(",").filter((phrase) => phrase.trim()).map(patternOf);
     const filled = new Set();
     let shown = 0;
     for (const test of tests) {
       const match =
-        (!verdict || test.body.classList.contains(`has-${verdict}`)) && words.every((word) => test.words.includes(word));
+        (!verdict || test.body.classList.contains(`has-${verdict}`)) && words.every((word) => word.test(test.words));
       test.body.hidden = !match;
       if (match) {
         filled.add(test.group);
