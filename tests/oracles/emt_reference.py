@@ -517,7 +517,7 @@ class Changing:
         x = np.zeros(len(self.names), complex)
         x[: len(plant)] = plant
         if len(plant) == 3:
-            x[[k for k, name in enumerate(self.names) if name[:2] == "i_" and name[2:].isdigit()]] = plant[2]
+            x[[k for k, name in enumerate(self.names) if name.startswith("i_g")]] = plant[2]
         return x
 
     def moved(self, x: NDArray[np.complex128], pieces: Sequence[tuple], atol: NDArray[np.float64]) -> Any:

@@ -62,7 +62,7 @@ class _Descriptor:
 
 def states(shares: tuple[float, ...], load: bool) -> list[str]:
     """Names of the quantities that the oracle integrates, each of three phases."""
-    named = ["i_s", "v_c", "i_2", *(f"i_{k}" for k in range(len(shares) + 1))]
+    named = ["i_s", "v_c", "i_2", *(f"i_g{k}" for k in range(len(shares) + 1))]
     return [*named, "i_lp", "v_cp", "i_ls", "v_cs"] if load else named
 
 
@@ -73,7 +73,7 @@ def describe(study: Study, grid: Grid, network: Network, shares: tuple[float, ..
         d.use(*(f"{name}{p}" for name in states(shares, load)))
     for p in "abc":
         _describe_filter(d, study, p)
-        at_pcc = {f"i_2{p}": 1.0, f"i_0{p}": -1.0}
+        at_pcc = {f"i_2{p}": 1.0, f"i_g0{p}": -1.0}
         if load:
             _describe_load(d, network.load or Load(), p, at_pcc)
         _describe_grid(d, grid, network, shares, p, at_pcc)
@@ -138,11 +138,11 @@ def _describe_grid(
         begin = places[-1]
         if k == 0 and not network.connected:  # an open breaker, whose voltage may be anything
             begin = f"open{p}"
-            d.row({}, {f"i_0{p}": 1.0})
+            d.row({}, {f"i_g0{p}": 1.0})
         end = None if last else f"cut_{k + 1}{p}"
-        d.branch(f"i_{k}{p}", begin, end, share * grid.L_g, share * grid.R_g, emf=f"g{p}" if last else "")
+        d.branch(f"i_g{k}{p}", begin, end, share * grid.L_g, share * grid.R_g, emf=f"g{p}" if last else "")
         if end is not None:
-            nodes.append({f"i_{k}{p}": 1.0, f"i_{k + 1}{p}": -1.0})
+            nodes.append({f"i_g{k}{p}": 1.0, f"i_g{k + 1}{p}": -1.0})
             places.append(end)
     if (fault := network.fault) is not None:
         at = cuts.index(fault.at)
