@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tests.compliance.made_runs import SOURCE
+from vsgdesign.compliance.linear import nfp_of
 from vsgdesign.compliance.measures import MeasureInput, Ratings
 from vsgdesign.compliance.suite import SuiteEvent, SuiteTest
 from vsgdesign.compliance.tracing import trace_of
@@ -62,7 +63,7 @@ def real_run(study: Study, test: SuiteTest, gains: PowerLoopGains | None = None)
     run = simulate(own, [GainChange(0.0, gains)]).to_its_end()
     trace = trace_of(own, run, max(round(INTERVAL_S / c.T_s), 1), 0.0)
     ratings = Ratings.of(study, spec)
-    return MeasureInput(test=test, trace=trace, ratings=ratings, gains=gains), gains
+    return MeasureInput(test=test, trace=trace, ratings=ratings, gains=gains, nfp=nfp_of(own, gains)), gains
 
 
 def _event(study: Study, event: SuiteEvent) -> Event:

@@ -59,7 +59,7 @@ def judge(subject: Subject, suite: Suite, run: TestRun) -> Judged:
         ratings=Ratings.of(run.study, run.spec),
         survival=survival,
         gains=run.gains,
-        nfp=nfp_of(run.study, test, run.gains),
+        nfp=nfp_of(run.study, run.gains),
     )
     checks, limits = [], []
     for criterion in test.criteria:

@@ -31,7 +31,8 @@ class Measured(NamedTuple):
     why: str = ""
     """Why it is not known; of a figure that is known, what is to be said of it."""
     plus_minus: float = 0.0
-    """How far the figure may be from the truth because the trace has a row only every so often, in its unit."""
+    """How far the figure may be from the truth, in its unit, as far as the measurement knows: of a time the interval of
+    the trace, of a fit the distance from another fit."""
 
 
 def not_known(why: str) -> Measured:

@@ -12,6 +12,9 @@ Array = NDArray[np.float64]
 _ROWS = 400
 """At most as many rows enter the fit: what follows is one of some hundred samples."""
 
+_TIMES = 5.0
+"""The columns may hide so many times what they leave unexplained: they are many, and most of an error fits in."""
+
 
 class RampFit(NamedTuple):
     """ΔP = −D Δf/f_n − (2H/f_n) df/dt + what decays (:eq:`ramp-fit`)."""
@@ -22,6 +25,9 @@ class RampFit(NamedTuple):
     """Power per frequency, both per unit, positive if power rises when the frequency falls: 1/droop."""
     misfit: float
     """Rms of what the fit leaves of ΔP, over the rms of ΔP."""
+    spread_s: float
+    """Uncertainty of H, s: how far it is from that of a fit without dQ/dt and dV/dt, or what the unexplained part of
+    ΔP could do to it, whichever is less. It is large where a schedule changes the gains during the ramp."""
 
 
 def fit_ramp(
@@ -56,15 +62,29 @@ def fit_ramp(
         return (y[cycle_rows:] - y[:-cycle_rows]) / (cycle_rows * step_s)
 
     columns = [mean(f), rate(f), *(rate(y) for y in (P, Q_pu, V_pu, np.gradient(P, step_s), np.gradient(f, step_s)))]
-    # The first rows' means reach back to before the ramp, where its corner makes no difference to an exact law.
+    # The windows of the first rows begin before the ramp, where its corner makes no difference to an exact law.
     stride = max(len(columns[0]) // _ROWS, 1)
     A, y = np.column_stack(columns)[1:-1:stride], mean(P)[1:-1:stride]
-    scale = np.abs(A).max(axis=0)
     size = float(np.linalg.norm(y))
-    if size == 0.0 or scale[0] == 0.0:
+    if size == 0.0 or not np.any(A[:, 0]):
         return None
-    scale = np.where(scale > 0.0, scale, 1.0)
+    found, left = _solved(A, y)
+    D = -float(found[0])
+    fewer, _ = _solved(np.delete(A, (0, 3, 4), axis=1), y + D * A[:, 0])
+    scale = _scale(A)
+    by_rest = _TIMES * left * float(np.linalg.norm(np.linalg.pinv(A / scale)[1])) / float(scale[1])
+    spread = 0.5 * min(abs(float(found[1] - fewer[0])), by_rest)
+    return RampFit(0.5 * (-float(found[1]) - D * lag_s), D, left / size, spread)
+
+
+def _solved(A: Array, y: Array) -> tuple[Array, float]:
+    """Least-squares solution with columns of one size, and the norm of what is left."""
+    scale = _scale(A)
     found = np.linalg.lstsq(A / scale, y, rcond=1e-12)[0]
-    left = float(np.linalg.norm(A / scale @ found - y))
-    D, twice_H = (-float(value) for value in (found / scale)[:2])
-    return RampFit(0.5 * (twice_H - D * lag_s), D, left / size)
+    return found / scale, float(np.linalg.norm(A / scale @ found - y))
+
+
+def _scale(A: Array) -> Array:
+    """Largest magnitude in each column; one of a column of zeros."""
+    largest = np.abs(A).max(axis=0)
+    return np.where(largest > 0.0, largest, 1.0)

@@ -12,6 +12,9 @@ from vsgdesign.metrics.step_response import cycle_mean
 _MISFIT = 0.02
 """Largest share of ΔP that an inertia and a droop may leave unexplained."""
 
+_SPREAD = 0.25
+"""Largest distance of two fits of H from each other, over H."""
+
 _NO_DROOP = 1e-3
 """A change of P by less than this, in pu, says nothing of a droop."""
 
@@ -45,7 +48,7 @@ def dP_pu(run: MeasureInput, within_s: float = 0.1) -> Measured:
 def H_s(run: MeasureInput) -> Measured:
     """The project's one definition of H (:eq:`effective-inertia`), as :eq:`ramp-fit` finds it in the trace."""
     fit = run.once(_ramp_fit)
-    return not_known(fit) if isinstance(fit, str) else Measured(fit.H_s)
+    return not_known(fit) if isinstance(fit, str) else Measured(fit.H_s, plus_minus=fit.spread_s)
 
 
 @measure(
@@ -61,7 +64,8 @@ def inertial_power_pu(run: MeasureInput) -> Measured:
         return not_known(str(fit))
     event = ramp[0]
     rate = abs((event.df_hz or 0.0) + run.ratings.f_n_hz - run.grid_hz(event.t_s)) / event.over_s
-    return Measured(2.0 * fit.H_s * rate / run.ratings.f_n_hz)
+    per_H = 2.0 * rate / run.ratings.f_n_hz
+    return Measured(per_H * fit.H_s, plus_minus=per_H * fit.spread_s)
 
 
 @measure(
@@ -127,6 +131,11 @@ def _ramp_fit(run: MeasureInput) -> RampFit | str:
         return "the trace is too short, or nothing moves"
     if not fit.misfit <= _MISFIT:
         return f"an inertia and a droop leave {100.0 * fit.misfit:.2g} % of the change of P unexplained"
+    if not fit.spread_s <= _SPREAD * abs(fit.H_s):
+        return (
+            f"the ramp does not tell H from the converter's other responses: fits give {fit.H_s:.3g} s and "
+            f"{fit.spread_s:.2g} s more or less"
+        )
     return fit
 
 
