@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from tests.compliance_documents import document, evidence, traces_of
+from vsgdesign.compliance.evidence import figures_of
 from vsgdesign.compliance.rows import FAIL, INFORMATIONAL, PASS, VERDICTS
 from vsgdesign.report.compliance.answer import counts_answer, headline, strip
 from vsgdesign.report.compliance.arranged import Arranged, arrange, asked_words, value_words
@@ -156,7 +157,7 @@ def test_what_is_asked_and_found_in_words() -> None:
     assert asked_words(check) == "≤ 1.2 pu"
     assert asked_words(check | {"at_least": 0.9}) == "0.9 to 1.2 pu"
     assert asked_words(check | {"at_most": None}) == "not asked for"
-    assert asked_words(check | {"verdict": INFORMATIONAL}) == "not asked for"
+    assert asked_words(check | {"verdict": INFORMATIONAL}) == "≤ 1.2 pu, not judged"
     assert asked_words(check | {"ours": True}) == "≤ 1.2 pu, a limit of ours"
     inside = check | {"at_most": 0.0, "envelope": "ramp", "value": 0.0}
     assert (asked_words(inside), value_words(inside)) == ("inside its envelope", "inside")
@@ -205,3 +206,17 @@ def test_a_reason_that_is_printed_below_is_not_said_twice() -> None:
     check = {"value": None, "why": "it slipped", "unit": "s", "measure": "recovery_s"}
     assert value_words(check, "slipped: it slipped at 0.4 s") == "not known"
     assert value_words(check, "another reason") == "not known: it slipped"
+
+
+def test_only_so_many_failing_tests_have_a_figure_and_the_page_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vsgdesign.compliance.evidence.MOST_FIGURES", 1)
+    monkeypatch.setattr("vsgdesign.report.compliance.page.MOST_FIGURES", 1)
+    write_page(tmp_path, made(), traces_of(made(), 200))
+    failing = [test for test in arranged().tests() if test.fails]
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f"{len(failing) - 1} failing tests have no figure, because at most 1 are drawn" in text
+    assert [str(path.relative_to(tmp_path)) for path in (tmp_path / "figures").iterdir()] == list(
+        figures_of(made()["rows"]).values()
+    )

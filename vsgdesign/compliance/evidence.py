@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.compliance.rows import FAIL
 from vsgdesign.compliance.trace import Trace
 from vsgdesign.errors import ArtifactError
 
@@ -31,6 +32,10 @@ _USUAL_DECIMALS = 6
 
 _MOST = 1e9
 """Larger values are written in scientific notation, number by number."""
+
+
+MOST_FIGURES = 200
+"""Tests with a failing row that get a figure: more are neither drawn in seconds nor looked at."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +69,16 @@ def csv_path(suite: str, test: str, controller: str) -> str:
 def figure_path(suite: str, test: str) -> str:
     """Where the figure of a test with a failing row lies: one for all controllers."""
     return f"figures/{slug(suite, test)}.svg"
+
+
+def figures_of(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str], str]:
+    """Which tests get a figure, and where it lies: (suite, test) of the first :data:`MOST_FIGURES` that a controller
+    fails and that have a trace, in the order of the rows (as in results.json).
+    """
+    failing = dict.fromkeys((row["suite"], row["test"]) for row in rows if row["verdict"] == FAIL)
+    traced = {(row["suite"], row["test"]) for row in rows if row.get("csv")}
+    chosen = [key for key in failing if key in traced][:MOST_FIGURES]
+    return {key: figure_path(*key) for key in chosen}
 
 
 def limits_at(t_s: Array, signal: str, times: Array, low: Array, high: Array) -> Limits:

@@ -184,22 +184,20 @@ def _run(
 
 def _document(job: SuiteJob, rows: list[dict[str, Any]], asked: Asked) -> dict[str, Any]:
     """results.json without what differs from one run to the next."""
-    from vsgdesign.compliance.evidence import figure_path
+    from vsgdesign.compliance.evidence import figures_of
     from vsgdesign.compliance.identity import identity_of
     from vsgdesign.compliance.matrix import summary_of
-    from vsgdesign.compliance.rows import FAIL
     from vsgdesign.pipeline.explorer_links import explorer_link
     from vsgdesign.report.drawing.style import COLOURS
 
     study = job.study
     tests = {(suite.name, test.id): test for suite in job.suites for test in suite.tests}
-    failing = {(row["suite"], row["test"]) for row in rows if row["verdict"] == FAIL}
+    figures = figures_of(rows)
     shown = []
     for row in rows:
         key = row["suite"], row["test"]
         link = explorer_link(study, job.tables, tests[key], row["controller"])
-        figure = figure_path(*key) if key in failing and row["csv"] else None
-        shown.append(row | {"explore": link, "figure": figure})
+        shown.append(row | {"explore": link, "figure": figures.get(key)})
     return {
         "study": {"name": study.name, "title": study.title, "hash": study.hash, "file": asked.file},
         "converter": identity_of(study),

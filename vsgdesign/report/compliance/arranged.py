@@ -219,11 +219,9 @@ def _lines(rows: Sequence[RowDict | None]) -> Iterator[Line]:
 def asked_words(check: RowDict) -> str:
     """What is asked of a value: ``≤ 1.2 pu``, ``0.1 to 0.2 pu``, to stay inside an envelope, or nothing."""
     low, high, unit = check.get("at_least"), check.get("at_most"), _with_space(check["unit"])
-    if check["verdict"] == INFORMATIONAL and not check.get("envelope"):
-        return _NOTHING
     if check.get("envelope"):
-        said = "inside its envelope" if check["verdict"] != INFORMATIONAL else "envelope shown, not asked for"
-    elif check["measure"] in YES_OR_NO:
+        said = "inside its envelope"
+    elif check["measure"] in YES_OR_NO and (low or high) is not None:
         said = "yes"
     elif low is not None and high is not None:
         said = f"{plain(low)} to {plain(high)}{unit}"
@@ -231,6 +229,8 @@ def asked_words(check: RowDict) -> str:
         said = f"≥ {plain(low)}{unit}" if low is not None else f"≤ {plain(high)}{unit}"
     else:
         return _NOTHING
+    if check["verdict"] == INFORMATIONAL:
+        said += ", not judged"
     return f"{said}, a limit of ours" if check.get("ours") else said
 
 

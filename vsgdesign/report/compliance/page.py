@@ -11,7 +11,7 @@ from typing import Any
 from markupsafe import Markup
 
 from vsgdesign import __version__
-from vsgdesign.compliance.evidence import figure_path
+from vsgdesign.compliance.evidence import MOST_FIGURES, figure_path, figures_of
 from vsgdesign.compliance.rows import FAIL, VERDICTS
 from vsgdesign.report.compliance.answer import MOST_FAILING, counts_answer, failing_tests, headline, strips
 from vsgdesign.report.compliance.arranged import Arranged, Group, arrange
@@ -23,9 +23,6 @@ from vsgdesign.report.drawing.sketch import Sketch, svg, svg_file
 from vsgdesign.report.page.html import environment
 
 PAGE, PDF = "report.html", "report.pdf"
-
-MOST_FIGURES = 120
-"""Tests with a failing row that get a figure; the bound keeps the time of a page within seconds."""
 
 MOST_OPEN = 30
 """A group with more tests is closed at first, also if one of them fails."""
@@ -69,7 +66,8 @@ def draw(arranged: Arranged, document: Mapping[str, Any], traces: Traces) -> Dra
     drawer = Drawer(arranged, traces, document.get("converter") or {})
     groups = {(group.suite, group.name): drawer.of_group(group) for group in arranged.groups()}
     failing = [test for test in arranged.tests() if test.fails]
-    tests = {test.anchor: drawer.of_test(test) for test in failing[:MOST_FIGURES]}
+    chosen = figures_of(document["rows"])
+    tests = {test.anchor: drawer.of_test(test) for test in failing if (test.suite, test.test) in chosen}
     inside, size = {}, 0
     for anchor, figure in tests.items():
         if figure is None or size > MOST_INSIDE:
@@ -81,7 +79,7 @@ def draw(arranged: Arranged, document: Mapping[str, Any], traces: Traces) -> Dra
         tests={anchor: figure for anchor, figure in tests.items() if figure is not None},
         inside=inside,
         maps=heat_sketches(document.get("maps") or ()),
-        beyond=max(len(failing) - MOST_FIGURES, 0),
+        beyond=max(sum(any(row.get("csv") for row in test.known) for test in failing) - MOST_FIGURES, 0),
         missing=len(drawer.missing),
     )
 
@@ -161,8 +159,8 @@ def left_out(arranged: Arranged, drawn: Drawn) -> list[str]:
         )
     if drawn.beyond:
         said.append(
-            f"{drawn.beyond} failing tests have no figure, because a page draws at most {MOST_FIGURES}. Their CSV "
-            "files have the same curves."
+            f"{drawn.beyond} failing tests have no figure, because at most {MOST_FIGURES} are drawn. Their CSV files "
+            "have the same curves."
         )
     if drawn.missing:
         said.append(f"The traces of {drawn.missing} runs are missing, so their curves are not drawn.")
