@@ -211,3 +211,17 @@ def test_a_packaged_suite_is_whole(name: str) -> None:
         numbers = [test.scr, test.x_over_r, test.P_pu, test.Q_pu, *(event.t_s for event in test.events)]
         assert all(map(math.isfinite, numbers))
         assert [event.t_s for event in test.events] == sorted(event.t_s for event in test.events)
+
+
+def test_a_synchro_check_closes_one_breaker() -> None:
+    check = 'breaker = "closed", synchro_check = { angle = "5 deg", around = "60 deg" }'
+    last = one_event(f'{{ breaker = "open" }}, {{ time = "1 s", {check} }}')[-1]
+    assert last.connected is True
+    assert last.synchro_check is not None
+    assert math.degrees(last.synchro_check.around) == pytest.approx(60.0)
+    found = faults_of(f'{ONE}events = [{{ breaker = "open", synchro_check = {{}} }}]')
+    assert "closes the breaker" in found["tests[0].events[0].synchro_check"].problem
+    found = faults_of(
+        f'{ONE}events = [{{ breaker = "open" }}, {{ time = "1 s", {check} }}, {{ time = "9 s", breaker = "open" }}]'
+    )
+    assert "when its synchro-check allows" in found["tests[0].events[2].breaker"].problem

@@ -115,4 +115,8 @@ def _of_network(event: SuiteEvent) -> dict[str, Any]:
         found["load"] = "none"
     if event.connected is not None:
         found["breaker"] = "closed" if event.connected else "open"
+    if event.synchro_check is not None:
+        check = event.synchro_check
+        df = check.omega / (2.0 * math.pi)
+        found["synchro_check"] = {"angle": check.angle, "V_pu": check.V_pu, "df": df, "around": check.around}
     return found

@@ -40,6 +40,7 @@ _OF_EVENT = {
 }
 _NESTED = {
     "sag": {"type": "type {}", "V_pu": "{} pu", "angle": "{:+}"},
+    "synchro_check": {"around": "around {}"},
     "fault": {"kind": "{}", "at": "at {}", "R_pu": "R {} pu", "phases": "{}"},
     "load": {
         "P_pu": "load {} pu",

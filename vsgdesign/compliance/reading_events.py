@@ -7,7 +7,15 @@ from dataclasses import dataclass, replace
 
 from vsgdesign.compliance.suite import SuiteEvent
 from vsgdesign.parameters.network import Load, Network
-from vsgdesign.parameters.network_fields import CLEARED, NONE, check_said, read_sag, read_said
+from vsgdesign.parameters.network_fields import (
+    CLEARED,
+    CLOSED,
+    NONE,
+    check_said,
+    read_sag,
+    read_said,
+    read_synchro_check,
+)
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.scenario import SCR_LIMITS, X_OVER_R_LIMITS
 
@@ -28,6 +36,8 @@ class _Present:
     df_hz: float
     network: Network
     sagged: bool = False
+    waits: bool = False
+    """Whether a synchro-check closes the breaker, at an instant that the file does not know."""
 
 
 def read_events(
@@ -108,6 +118,16 @@ def _read_network(table: TableReader, event: SuiteEvent, present: _Present) -> S
     said = read_said(table, None)
     check_said(table, said, present.network)
     present.network = said.on(present.network)
+    given = table.child("synchro_check")
+    check = None if given is None else read_synchro_check(given)
+    if check is not None and said.breaker != CLOSED:
+        problem = "it closes the breaker, which this event does not"
+        table.fault("synchro_check", None, problem, f'Add breaker = "{CLOSED}".')
+    if present.waits and (said.breaker is not None or check is not None):
+        table.fault(
+            "breaker", said.breaker, "an earlier event closes it when its synchro-check allows", "Leave it out."
+        )
+    present.waits = present.waits or check is not None
     return replace(
         event,
         load=None if isinstance(said.load, str) else said.load,
@@ -115,6 +135,7 @@ def _read_network(table: TableReader, event: SuiteEvent, present: _Present) -> S
         fault=None if isinstance(said.fault, str) else said.fault,
         fault_cleared=said.fault == CLEARED,
         connected=None if said.breaker is None else present.network.connected,
+        synchro_check=check,
     )
 
 

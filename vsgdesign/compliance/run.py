@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vsgdesign.compliance.case import case_of
+from vsgdesign.compliance.closing import closed_test
 from vsgdesign.compliance.subject import Subject
 from vsgdesign.compliance.suite import SuiteTest
 from vsgdesign.compliance.trace import Trace
@@ -26,6 +27,7 @@ class TestRun:
     __test__ = False  # pytest takes no test for one of its own
 
     test: SuiteTest
+    """With the instant at which a synchro-check has closed the breaker in its place."""
     study: Study
     """With the events of the test, and with the current limit of the controller."""
     spec: ControllerSpec
@@ -41,12 +43,16 @@ class TestRun:
 def run_test(subject: Subject, test: SuiteTest) -> TestRun:
     """The run of a test with a controller. What goes wrong in the run is its verdict.
 
-    Raises StudyError where the test cannot be said in a study.
+    Raises StudyError where the test cannot be said in a study, and where a synchro-check never closes its breaker.
     """
     study, _ = case_of(subject, test)
     spec = study.controllers[0]
     study = study.with_limit_of(spec)
     try:
+        closed = closed_test(subject, test)
+        if closed is not test:
+            test = closed
+            study = case_of(subject, test)[0].with_limit_of(spec)
         feed = feed_of(study, spec, build_timeline(study), subject.ready)
         simulation = simulate(study, feed)
     except SimulationDivergedError as error:

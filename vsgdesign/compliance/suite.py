@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vsgdesign.parameters.network import Fault, Load
+from vsgdesign.parameters.network import Fault, Load, SynchroCheck
 from vsgdesign.parameters.source import Sag
 
 READ, SECONDARY, OURS, USER = "read", "secondary", "ours", "user"
@@ -54,6 +54,8 @@ class SuiteEvent:
     load_off: bool = False
     connected: bool | None = None
     """The breaker to the grid."""
+    synchro_check: SynchroCheck | None = None
+    """The breaker closes at the first instant from t_s on at which both of its sides are near each other."""
 
 
 @dataclass(frozen=True, kw_only=True)

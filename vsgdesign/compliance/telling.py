@@ -123,10 +123,16 @@ def _event_words(event: Mapping[str, Any]) -> list[str]:
     if "P_pu" in event:
         words.append(f"P_ref to {_values(event['P_pu'])} pu")
     if "breaker" in event:
-        words.append(f"breaker {event['breaker']}")
+        words.append(f"breaker {event['breaker']}{_check_words(event)}")
     if "lasts" in event:
         words.append(f"for {_values(event['lasts'])}")
     return words
+
+
+def _check_words(event: Mapping[str, Any]) -> str:
+    if "synchro_check" not in event:
+        return ""
+    return f" when its two sides are {_values(event['synchro_check'].get('around', '0 deg'))} apart"
 
 
 def _kinds(kinds: Any) -> str:
