@@ -118,7 +118,7 @@ def _tests(sizes: int) -> Iterator[tuple[str, str, str, str, dict[str, str]]]:
 def _row(test: tuple[str, str, str, str, dict[str, str]], name: str, k: int, of: int, rng: np.random.Generator) -> Row:
     suite, group, title, network, source = test
     key = f"{title}, {network}"
-    usual = {
+    usual: dict[str, Any] = {
         "suite": suite, "test": key, "group": group, "title": title, "controller": name, "network": network,
         "source": source, "csv": csv_path(suite, key, name), "study": f"cases/{suite}-{hash_of(key) % 1000}.toml",
         "explore": '#{"scr": 2.0, "x_over_r": 5.0, "event": {"kind": "phase", "size": 60}}',
@@ -179,7 +179,7 @@ def _map(name: str, k: int, rng: np.random.Generator) -> dict[str, Any]:
 def evidence(row: Mapping[str, Any], n: int = 3000, interval_s: float = 1e-3) -> Evidence:
     """A decaying oscillation; one that grows if the row fails."""
     rng = np.random.default_rng(hash_of(row["test"] + row["controller"]))
-    t = np.arange(n) * interval_s - 0.1
+    t: Any = np.arange(n) * interval_s - 0.1
     after = np.where(t > 0.0, t, 0.0)
     decay = -0.8 if row["verdict"] == FAIL else rng.uniform(3.0, 8.0)
     swing = np.where(t > 0.0, np.exp(-decay * after) * np.sin(2 * np.pi * rng.uniform(1, 4) * after), 0.0)
@@ -199,6 +199,6 @@ def evidence(row: Mapping[str, Any], n: int = 3000, interval_s: float = 1e-3) ->
     return Evidence(trace=trace, limits=limits)
 
 
-def traces_of(found: Mapping[str, Any], n: int = 3000) -> dict[tuple[str, str, str], Evidence]:
+def traces_of(found: Mapping[str, Any], n: int = 3000) -> dict[str, Evidence]:
     """The evidence of every row that was run."""
     return {row["csv"]: evidence(row, n) for row in found["rows"] if row["csv"]}

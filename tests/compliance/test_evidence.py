@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from vsgdesign.errors import ArtifactError
 
 def made(n: int = 500, **others: np.ndarray) -> Trace:
     rng = np.random.default_rng(5)
-    columns = {name: rng.normal(size=n) * 10.0 ** rng.uniform(-5, 3) for name in SIGNALS}
+    columns: dict[str, Any] = {name: rng.normal(size=n) * 10.0 ** rng.uniform(-5, 3) for name in SIGNALS}
     return Trace(**columns | {"t_s": np.arange(n) * 5e-4} | others)
 
 

@@ -157,7 +157,7 @@ def test_an_embedded_font_draws_the_letters_of_the_font(tmp_path: Path) -> None:
     content = paper.save([sheet], tmp_path / "a.pdf", "T").read_bytes()
     program = next(body for body in objects_of(content).values() if b"/Length1" in body).split(b">>\n", 1)[1]
     embedded = TTFont(io.BytesIO(program))
-    whole = TTFont(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf")
+    whole: Any = TTFont(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf")
     for letter in "ä✗g":
         name = whole.getBestCmap()[ord(letter)]
         place = whole.getGlyphID(name)
@@ -187,9 +187,10 @@ def test_text_is_broken_between_words_and_cut_where_there_is_no_room() -> None:
 
 
 def test_a_width_is_that_of_matplotlib() -> None:
+    from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
     for text in ("Settling time ≤ 2 s", "not applicable, |H|", "HiillHHH"):
-        ink = np.asarray(TextPath((0, 0), text, size=100.0, prop={"family": "DejaVu Sans"}).vertices)[:, 0].max()
+        ink = np.asarray(TextPath((0, 0), text, size=100.0, prop=FontProperties("DejaVu Sans")).vertices)[:, 0].max()
         # The advance ends behind the ink of the last letter; kerning, which it leaves out, only makes a text shorter.
         assert 0.0 <= text_width(text, 100.0) - float(ink) <= 15.0

@@ -225,8 +225,10 @@ def asked_words(check: RowDict) -> str:
         said = "yes"
     elif low is not None and high is not None:
         said = f"{plain(low)} to {plain(high)}{unit}"
-    elif low is not None or high is not None:
-        said = f"≥ {plain(low)}{unit}" if low is not None else f"≤ {plain(high)}{unit}"
+    elif low is not None:
+        said = f"≥ {plain(low)}{unit}"
+    elif high is not None:
+        said = f"≤ {plain(high)}{unit}"
     else:
         return _NOTHING
     if check["verdict"] == INFORMATIONAL:

@@ -129,8 +129,8 @@ class Drawer:
             within = (self._f_n_hz - _FREQUENCY_ROOM_HZ, self._f_n_hz + _FREQUENCY_ROOM_HZ)
         levels = []
         if signal in _PEAKS:
-            shown = {self._limits.get(self.arranged.controllers[k]) for k, _ in curves}
-            levels = [(float(value), "current limit") for value in sorted(shown - {None})]
+            shown = (self._limits.get(self.arranged.controllers[k]) for k, _ in curves)
+            levels = [(value, "current limit") for value in sorted({float(one) for one in shown if one is not None})]
         drawn = [
             Curve(e.trace.t_s, shown_signal(e.trace, signal), self.arranged.colours[k], dashes_of(k)) for k, e in curves
         ]

@@ -53,7 +53,7 @@ class Counts:
 
 def counted(rows: Iterable[Mapping[str, Any]]) -> Counts:
     """Counts of rows of a document."""
-    found = dict.fromkeys(VERDICTS, 0)
+    found: dict[str, int] = dict.fromkeys(VERDICTS, 0)
     for row in rows:
         found[row["verdict"]] += 1
     return Counts(found)

@@ -45,7 +45,7 @@ def letters_of(name: str) -> Letters:
         scale = 1000.0 / font["head"].unitsPerEm  # type: ignore[attr-defined]
         metrics = font["hmtx"].metrics  # type: ignore[attr-defined]
         widths = [scale * metrics[glyph][0] for glyph in font.getGlyphOrder()]
-        return Letters({code: order[glyph] for code, glyph in font.getBestCmap().items()}, widths)
+        return Letters({code: order[glyph] for code, glyph in (font.getBestCmap() or {}).items()}, widths)
 
 
 def encoded(text: str, name: str) -> bytes:

@@ -67,7 +67,7 @@ def plot_sketch(plot: Plot, width: float = WIDTH, height: float = HEIGHT) -> Ske
     _draw_frame(sketch, axes, plot)
     for value, what in plot.levels:
         if low < value < high:
-            y = axes.up(value)
+            y = float(axes.up(value))
             sketch.line((axes.x, y), (axes.x + axes.width, y), _LEVEL, 1.0, (3.0, 2.0))
             sketch.parts.append(Words(axes.x + axes.width - 3.0, y - 3.0, what, 9.5, END, _LEVEL))
     for curve in plot.curves:

@@ -139,7 +139,7 @@ def _path(points: Array) -> str:
     """A path through the points on the grid of tenths, without points on the straight line between their neighbours."""
     whole = np.rint(_TENTHS * points).astype(np.int64)
     steps = np.diff(whole, axis=0)
-    moved = steps.any(axis=1)
+    moved = np.any(steps != 0, axis=1)
     moved[:1] = True  # a line of one point is a dot
     steps = steps[moved]
     turns = steps[:-1, 0] * steps[1:, 1] != steps[:-1, 1] * steps[1:, 0]
