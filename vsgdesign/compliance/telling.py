@@ -112,7 +112,9 @@ def _event_words(event: Mapping[str, Any]) -> list[str]:
         within = f" within {_values(event['over'])}" if "over" in event else ""
         words.append(f"voltage {_values(event['V_g_pu'])} pu{within}")
     if "sag" in event:
-        words.append(f"sag of type {_values(event['sag']['type'])} to {_values(event['sag']['V_pu'])} pu")
+        sag = event["sag"]
+        turned = f", turned by {_values(sag['angle'], sign=True)}" if "angle" in sag else ""
+        words.append(f"sag of type {_values(sag['type'])} to {_values(sag['V_pu'])} pu{turned}")
     if "fault" in event:
         fault = event["fault"]
         where = f"behind {100 * fault['at']:g} % of the grid's impedance" if "at" in fault else "at the PCC"
