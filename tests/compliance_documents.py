@@ -123,14 +123,15 @@ def _row(test: tuple[str, str, str, str, dict[str, str]], name: str, k: int, of:
         "source": source, "csv": csv_path(suite, key, name), "study": f"cases/{suite}-{hash_of(key) % 1000}.toml",
         "explore": '#{"scr": 2.0, "x_over_r": 5.0, "event": {"kind": "phase", "size": 60}}',
     }  # fmt: skip
+    not_run: dict[str, Any] = usual | {"csv": None, "explore": None, "study": None}
     if group == "islanding" and "1 pu" in title:
         why = (
             "A load of 1 pu with 0.8 pu of reactive power needs √(1² + 0.8²) = 1.28 pu of current; the limit is 1.2 pu."
         )
-        return Row(**usual | {"csv": None, "explore": None, "study": None}, verdict=IMPOSSIBLE, why=why)
+        return Row(**not_run, verdict=IMPOSSIBLE, why=why)
     if group == "voltage step":
         why = "The test needs a tap changer, and the study has none."
-        return Row(**usual | {"csv": None, "explore": None, "study": None}, verdict=NOT_APPLICABLE, why=why)
+        return Row(**not_run, verdict=NOT_APPLICABLE, why=why)
     settled, peak = float(rng.uniform(0.2, 1.5)), float(rng.uniform(0.7, LIMIT_PU))
     broken = rng.random() < 0.2 * (of - 1 - k) / max(of - 1, 1) + 0.004
     verdict = FAIL if broken else PASS

@@ -17,7 +17,8 @@ from vsgdesign.errors import ArtifactError
 def made(n: int = 500, **others: np.ndarray) -> Trace:
     rng = np.random.default_rng(5)
     columns: dict[str, Any] = {name: rng.normal(size=n) * 10.0 ** rng.uniform(-5, 3) for name in SIGNALS}
-    return Trace(**columns | {"t_s": np.arange(n) * 5e-4} | others)
+    columns |= {"t_s": np.arange(n) * 5e-4} | others
+    return Trace(**columns)
 
 
 def evidence(trace: Trace) -> Evidence:
