@@ -44,7 +44,7 @@ def made_run(
 ) -> MeasureInput:
     """A run of a test with these events."""
     test = SuiteTest(id="made", group="made", title="made", source=SOURCE, scr=5.0, x_over_r=10.0, events=events)
-    ratings = Ratings(S_rated=5e3, V_rated_rms=110.0, f_n_hz=f_n, settling_time_s=1.0, i_limit_pu=limit)
+    ratings = Ratings(S_rated=5e3, V_rated_rms=110.0, f_n_hz=f_n, i_limit_pu=limit)
     return MeasureInput(test=test, trace=trace, ratings=ratings, **more)
 
 

@@ -132,7 +132,7 @@ def test_what_is_asked_ends_below_the_rating_and_what_is_allowed_at_the_limit() 
 
 def run_of(test: SuiteTest, P_pu: NDArray[Any], t_s: NDArray[Any]) -> MeasureInput:
     fields = {field.name: np.zeros(len(t_s)) for field in dataclasses.fields(Trace)}
-    ratings = Ratings(S_rated=1e4, V_rated_rms=230.0, f_n_hz=50.0, settling_time_s=1.0, i_limit_pu=1.2, X_2_pu=0.05)
+    ratings = Ratings(S_rated=1e4, V_rated_rms=230.0, f_n_hz=50.0, i_limit_pu=1.2, X_2_pu=0.05)
     return MeasureInput(test=test, trace=Trace(**{**fields, "t_s": t_s, "P_pu": P_pu}), ratings=ratings)
 
 

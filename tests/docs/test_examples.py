@@ -36,6 +36,7 @@ PAGES = [
     ROOT / "docs" / "walk-through.md",
     ROOT / "docs" / "survival.md",
     ROOT / "docs" / "theory" / "machine-code.md",
+    ROOT / "docs" / "theory" / "measures.md",
     *sorted((ROOT / "docs" / "how-to").glob("*.md")),
 ]
 PAGES = [page for page in PAGES if page.exists()]

@@ -49,8 +49,6 @@ class Ratings:
     V_rated_rms: float
     """Phase rms, V."""
     f_n_hz: float
-    settling_time_s: float
-    """T of the specification."""
     i_limit_pu: float | None
     """Limit of the converter's current over the rated peak; None without one."""
     X_2_pu: float = 0.0
@@ -68,7 +66,6 @@ class Ratings:
             S_rated=c.S_rated,
             V_rated_rms=c.V_rated_rms,
             f_n_hz=c.omega_n / (2.0 * math.pi),
-            settling_time_s=spec.target.settling_time,
             i_limit_pu=c.current_limit_pu,
             X_2_pu=c.omega_n * study.filter.L_2 / c.Z_base,
             R_2_pu=study.filter.R_2 / c.Z_base,
