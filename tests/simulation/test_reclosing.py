@@ -104,7 +104,7 @@ def test_a_breaker_whose_conditions_never_hold_stays_open() -> None:
     study = island('{ angle = "1 deg", around = "170 deg", df = "0.001 Hz" }')
     result = run_scenario(study)
     names = {event.name for event in result.controllers[0].events}
-    assert names == {"breaker opens", "breaker waits to close within 1° around +170°: it never is"}
+    assert names == {"breaker opens", "breaker waits to close within 1° around +170°: the breaker never closes"}
     assert not result.controllers[0].simulation.timeline.network_at(2.9).connected
 
 

@@ -191,7 +191,8 @@ def read_events(
         check_said(table, of_network if waiting is None else of_network._replace(breaker=None), before.network)
         check_table = table.child("synchro_check")
         check = None if check_table is None else read_synchro_check(check_table)
-        _check_waiting(table, of_network, check, waiting)
+        synchronise = table.flag("synchronise", default=False)
+        _check_waiting(table, of_network, check, synchronise, waiting, present.network)
         sag_table = table.child_or_word("sag", NONE)
         sag = read_sag(sag_table) if isinstance(sag_table, TableReader) else sag_table
         if over > 0.0 and V_g_pu is None and f_g is None:
@@ -208,10 +209,10 @@ def read_events(
             Q_ref=Q_ref,
             components=components,
         )
-        if check is not None:  # until then the breaker is open
+        if check is not None or synchronise:  # until then the breaker is open
             waiting = table
             of_network = of_network._replace(breaker=None)
-            event = replace(event, synchro_check=check)
+            event = replace(event, synchro_check=check, synchronised_until=math.inf if synchronise else None)
         described = _describe(event, of_network, sag, converter, basis)
         if any(value is not None for value in of_network):
             present.network = of_network.on(present.network)
@@ -234,13 +235,23 @@ def read_events(
 
 
 def _check_waiting(
-    table: TableReader, of_network: Said, check: SynchroCheck | None, waiting: TableReader | None
+    table: TableReader,
+    of_network: Said,
+    check: SynchroCheck | None,
+    synchronise: bool,
+    waiting: TableReader | None,
+    network: Network,
 ) -> None:
-    """A synchro-check closes the breaker, at an instant that is not known beforehand."""
-    if check is not None and of_network.breaker != CLOSED:
-        table.fault(
-            "synchro_check", None, "it closes the breaker, which this event does not", f'Add breaker = "{CLOSED}".'
-        )
+    """A synchro-check or the converter itself closes the breaker, at an instant that is not known beforehand."""
+    for field in (*(["synchro_check"] if check is not None else []), *(["synchronise"] if synchronise else [])):
+        if of_network.breaker != CLOSED:
+            problem = "it closes the breaker, which this event does not"
+            table.fault(field, None, problem, f'Add breaker = "{CLOSED}".')
+    if synchronise and check is not None:
+        table.fault("synchronise", "true", "the same event has a synchro_check", "Give one of them.")
+    if synchronise and of_network.on(network).load is not None:
+        problem = "there is a load at the PCC, and a converter synchronises without power"
+        table.fault("synchronise", "true", problem, 'Take the load away (load = "none"), or give synchro_check.')
     if waiting is not None and of_network.breaker is not None:
         problem = f"{waiting.path} closes it at an instant that is not known beforehand"
         table.fault("breaker", of_network.breaker, problem, "Let it be the last event of the breaker.")
@@ -380,6 +391,7 @@ def _describe(event: Event, of_network: Said, sag: Sag | str | None, converter: 
     if sag is not None:
         parts.append(sag_words(sag))
     parts += [] if event.synchro_check is None else [synchro_check_words(event.synchro_check)]
+    parts += [] if event.synchronised_until is None else ["converter synchronises"]
     parts += network_words(of_network, Base.of(converter))
     if event.P_ref is not None:
         parts.append(f"P_ref {event.P_ref / 1e3:.4g} kW")

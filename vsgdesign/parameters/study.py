@@ -242,6 +242,9 @@ class Event:
     """Load, fault and breaker from now on, in place of all earlier ones."""
     synchro_check: SynchroCheck | None = None
     """From now on, the breaker waits to close (:func:`vsgdesign.simulation.reclosing.reclosed`)."""
+    synchronised_until: float | None = None
+    """From now on until this time, s, the converter sets itself to the grid behind its open breaker. Infinite: it is
+    not known yet when the breaker closes. None: it does not."""
 
     @property
     def of_grid(self) -> bool:

@@ -15,6 +15,7 @@ from vsgdesign.equations.synchronising import GridWatch, watch_grid
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.parameters.network import SynchroCheck
 from vsgdesign.parameters.study import ControllerSpec, Event, Study
+from vsgdesign.simulation.connecting import LONGEST_S, InStep
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.timeline import build_timeline
@@ -29,38 +30,42 @@ def reclosed(study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, brid
     """The study with the instant at which a controller's synchro-check closes the breaker as an event of its own.
 
     It runs the study once with the breaker open, and the breaker closes at the first sample at which the relay's
-    conditions hold (:eq:`synchro-check`). Up to this instant the run with the event is the same. Where the conditions
-    never hold, the breaker stays open, and the event says so. A study without a synchro-check is returned as it is.
-    ``study`` has the current limit of the controller.
+    conditions hold (:eq:`synchro-check`), or at which the converter has set itself to the grid and has been in step for
+    0.2 s (:eq:`synchronised`). Up to this instant the run with the event is the same. Where the conditions never hold,
+    the breaker stays open, and the event says so. A study whose breaker does not wait is returned as it is. ``study``
+    has the current limit of the controller.
     """
-    waits = [k for k, event in enumerate(study.events) if event.synchro_check is not None]
+    waits = [k for k, one in enumerate(study.events) if one.synchro_check is not None or one.synchronised_until]
     if not waits:
         return study
-    event = study.events[waits[0]]
-    check = event.synchro_check
-    if check is None:
-        return study
+    at, event = waits[0], study.events[waits[0]]
     every_sample = replace(study, simulation=replace(study.simulation, log_interval=study.converter.T_s))
-    run = simulate(every_sample, feed_of(every_sample, spec, build_timeline(every_sample), ready), bridge=bridge)
-    found = _closing(study, run, event.t_s, check)
+    timeline = build_timeline(every_sample)
+    found: tuple[float, str] | None = None
+    try:
+        run = simulate(every_sample, feed_of(every_sample, spec, timeline, ready), bridge=bridge)
+        if event.synchro_check is not None:
+            found = _closing(study, run, event.t_s, event.synchro_check)
+    except InStep as seen:
+        found = None if seen.t_s is None else (seen.t_s, "breaker closes in step")
     events = list(study.events)
+    given_up = min(event.t_s + LONGEST_S, study.simulation.duration)
+    until = None if event.synchronised_until is None else (given_up if found is None else found[0])
+    events[at] = replace(event, synchro_check=None, synchronised_until=until)
     if found is None:
-        events[waits[0]] = replace(event, name=f"{event.name}: it never is", synchro_check=None)
+        events[at] = replace(events[at], name=f"{event.name}: the breaker never closes")
         return replace(study, events=tuple(events))
-    t_s, lead = found
-    events[waits[0]] = replace(event, synchro_check=None)
-    network = run.timeline.network_at(t_s)
+    t_s, name = found
     for k, later in enumerate(events):
         if later.t_s >= t_s and later.network is not None:
             events[k] = replace(later, network=replace(later.network, connected=True))
-    closing = Event(t_s, f"breaker closes at {math.degrees(lead):+.3g}°", network=replace(network, connected=True))
-    events.append(closing)
+    events.append(Event(t_s, name, network=replace(timeline.network_at(t_s), connected=True)))
     return replace(study, events=tuple(sorted(events, key=lambda one: one.t_s)))
 
 
-def _closing(study: Study, run: Simulation, since_s: float, check: SynchroCheck) -> tuple[float, float] | None:
-    """The first sample from ``since_s`` on at which the breaker may close, s, and by how much the converter's side then
-    leads, rad. None if there is none.
+def _closing(study: Study, run: Simulation, since_s: float, check: SynchroCheck) -> tuple[float, str] | None:
+    """The first sample from ``since_s`` on at which the breaker may close, s, and in words by how much the converter's
+    side then leads. None if there is none.
 
     The relay sees the voltage of the capacitor, as the controller does, and that behind the breaker. It follows both as
     the exported controller follows the grid before it connects.
@@ -86,5 +91,5 @@ def _closing(study: Study, run: Simulation, since_s: float, check: SynchroCheck)
         lengths = math.hypot(seen.v_alpha, seen.v_beta) - math.hypot(behind.v_alpha, behind.v_beta)
         near = abs(apart) <= check.angle and abs(lengths) <= most_V
         if near and abs(seen.omega - behind.omega) <= check.omega:
-            return k * T_s, math.remainder(lead, 2.0 * math.pi)
+            return k * T_s, f"breaker closes at {math.degrees(math.remainder(lead, 2.0 * math.pi)):+.3g}°"
     return None

@@ -25,6 +25,7 @@ from vsgdesign.runtime.floats import on_floats
 from vsgdesign.simulation.background import Background
 from vsgdesign.simulation.bodies import Bridge, Run
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits
+from vsgdesign.simulation.connecting import Connecting
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.loop import LOG_COLUMNS, RunLoop, slopes_of
@@ -134,6 +135,8 @@ def simulate(
     held = None if hold is None else HeldProbe(hold, study, samples)
     feed.held = held
     cuts = feed.cuts(samples) if held is None else feed.cuts(samples) | held.cuts(samples)
+    connecting = Connecting(study, timeline, probes=hold is not None or isinstance(schedule, FieldScheduler))
+    cuts |= connecting.cuts(samples)
     put: dict[str, object] = {}  # what the loop was given last
     interrupted = interrupts_come()
     for first, count in _stretches(study, timeline, cuts, samples):
@@ -143,6 +146,7 @@ def simulate(
         # With the references of the samples before: a step of them at this sample belongs to the new gains.
         state = _with_gains(state, refs_so_far, before, gains)
         refs_so_far = refs
+        state = connecting.set_to_grid(first, state, gains, loop.view("x"))
         added = None
         if held is not None:
             held.ask(first, feed.wanted() if probe is None else probe)
