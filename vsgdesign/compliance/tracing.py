@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,8 @@ Array = NDArray[np.float64]
 BEFORE_S = 0.1
 """A trace begins so long before its test, s; what an estimator learned earlier is left out."""
 
+_ROWS_AT_ONCE = 256
+
 _SAME_INSTANT = 1e-6
 """Share of a sample by which a row may lie before an event and is still after it: times are rounded."""
 
@@ -31,16 +35,12 @@ def trace_of(study: Study, simulation: Simulation, every: int, lead_s: float) ->
     t = simulation.t_s - lead_s
     first = max(round((lead_s - BEFORE_S) / c.T_s) // every * every, 0)
     rows = np.arange(first, len(t), every)
-    plant = np.ascontiguousarray(simulation.log[first : rows[-1] + 1, :6].T)  # columns side by side: five times as fast
-    i_s, v_c, i_g = (plant[k : k + 2] for k in (0, 2, 4))
-    node = capacitor_node_voltage(i_s, v_c, i_g, circuit)
-    at = rows - first
+    at = simulation.log[rows]
+    node = [capacitor_node_voltage(at[:, k], at[:, 2 + k], at[:, 4 + k], circuit) for k in (0, 1)]
     V_pk = rms_to_peak(c.V_rated_rms)
     # One instant of rounding later: the row of an event belongs to the source after it.
     phase = simulation.timeline.source_phase(simulation.t_s[rows] + _SAME_INSTANT * c.T_s)
-    a, b, c_ = clarke_inverse(*i_s)
-    phases = np.maximum(np.maximum(np.abs(a), np.abs(b)), np.abs(c_))
-    mean = np.diff(dc_energy(simulation, study)[rows]) / (every * c.T_s)
+    i_s, i_phase, P_dc = _between_rows(study, simulation, rows, every)
     counted = simulation.column("limited_samples")[rows]
     return Trace(
         t_s=np.round(t[rows], 9) + 0.0,
@@ -49,18 +49,36 @@ def trace_of(study: Study, simulation: Simulation, every: int, lead_s: float) ->
         f_hz=simulation.column("omega")[rows] / (2.0 * np.pi),
         V_pu=simulation.column("V_rms")[rows] / c.V_rated_rms,
         delta_rad=np.unwrap(simulation.column("theta")[rows] - phase),
-        i_s_pu=np.sqrt(_since_row_before(i_s[0] * i_s[0] + i_s[1] * i_s[1], every)) / c.I_rated_pk,
-        i_phase_pu=_since_row_before(phases, every) / c.I_rated_pk,
-        v_alpha_pu=node[0, at] / V_pk,
-        v_beta_pu=node[1, at] / V_pk,
-        i_g_alpha_pu=i_g[0, at] / c.I_rated_pk,
-        i_g_beta_pu=i_g[1, at] / c.I_rated_pk,
-        P_dc_pu=np.concatenate((mean[:1], mean)) / c.S_rated,
+        i_s_pu=i_s / c.I_rated_pk,
+        i_phase_pu=i_phase / c.I_rated_pk,
+        v_alpha_pu=node[0] / V_pk,
+        v_beta_pu=node[1] / V_pk,
+        i_g_alpha_pu=at[:, 4] / c.I_rated_pk,
+        i_g_beta_pu=at[:, 5] / c.I_rated_pk,
+        P_dc_pu=P_dc / c.S_rated,
         limited=np.diff(counted, prepend=counted[:1]) / every,
     )
 
 
-def _since_row_before(values: Array, every: int) -> Array:
-    """The largest value since the row before: of the row's own sample for the first one."""
-    later = values[1:].reshape(-1, every).max(axis=1)
-    return np.concatenate((values[:1], later))
+def _between_rows(
+    study: Study, simulation: Simulation, rows: NDArray[np.intp], every: int
+) -> tuple[Array, Array, Array]:
+    """Of the samples since the row before: the largest length of the converter current's vector and the largest phase
+    current (A peak), and the mean power of the dc link (W). The first row has its own sample, and the second one's
+    power. The samples are looked at part by part, as a part stays in the processor's memory.
+    """
+    length, phase, power = (np.empty(len(rows)) for _ in range(3))
+    for begin in range(0, max(len(rows) - 1, 1), _ROWS_AT_ONCE):
+        end = min(begin + _ROWS_AT_ONCE, len(rows) - 1)
+        part = simulation.log[rows[begin] : rows[end] + 1]
+        alpha, beta = np.ascontiguousarray(part[:, 0]), np.ascontiguousarray(part[:, 1])
+        squared = alpha * alpha + beta * beta
+        largest = np.max(np.abs(clarke_inverse(alpha, beta)), axis=0)
+        if begin == 0:
+            length[0], phase[0] = squared[0], largest[0]
+        length[begin + 1 : end + 1] = squared[1:].reshape(-1, every).max(axis=1)
+        phase[begin + 1 : end + 1] = largest[1:].reshape(-1, every).max(axis=1)
+        energy = dc_energy(replace(simulation, log=part), study)[::every]
+        power[begin + 1 : end + 1] = np.diff(energy) / (every * study.converter.T_s)
+    power[0] = power[1] if len(rows) > 1 else 0.0
+    return np.sqrt(length), phase, power
