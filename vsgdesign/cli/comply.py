@@ -20,6 +20,7 @@ from vsgdesign.cli.common import EXIT_IMPOSSIBLE, JSON, STUDY, Interrupted, load
     "--controller", "controllers", multiple=True, metavar="NAME", help="Only this controller. May be repeated."
 )
 @click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-compliance]")
+@click.option("--maps/--no-maps", default=True, help="Draw survival maps of every controller, too.  [default: yes]")
 @click.option(
     "--cases",
     type=click.Choice(["failing", "all", "none"]),
@@ -39,6 +40,7 @@ def comply(
     suites: tuple[str, ...],
     controllers: tuple[str, ...],
     out: str | None,
+    maps: bool,
     cases: str,
     workers: int | None,
     resume: bool,
@@ -58,7 +60,7 @@ def comply(
     suites_of(suites or (ALL,))  # what is wrong with a suite is said before the inner loops are designed
     study = load(study_file, quiet=as_json)
     folder = Path("out") / f"{study.name}-compliance" if out is None else Path(out)
-    asked = Asked(suites=suites or (ALL,), controllers=controllers, cases=cases, file=study_file)
+    asked = Asked(suites=suites or (ALL,), controllers=controllers, maps=maps, cases=cases, file=study_file)
     try:
         with progress(quiet=as_json) as tell:
             document = comply_study(study, folder, asked, workers=workers, fresh=not resume, progress=tell)

@@ -14,11 +14,13 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.compliance.evidence import csv_path, write_evidence
+from vsgdesign.compliance.maps import Mapped, survival_map
 from vsgdesign.compliance.matrix import judged_test
 from vsgdesign.compliance.subject import Subject
 from vsgdesign.compliance.suite import Suite, SuiteTest
 from vsgdesign.compliance.thinning import thinned
 from vsgdesign.equations.structures import STRUCTURES, Structure
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.threads import one_thread
 from vsgdesign.parameters.study import Study
 
@@ -38,6 +40,8 @@ class SuiteJob:
     """Where the traces are written, in a folder ``traces``; what is there is replaced."""
     block: int
     """Runs of a block."""
+    maps: tuple[str, ...] = ()
+    """Survival maps that are drawn of every controller: names of :data:`vsgdesign.compliance.maps.KINDS`."""
     structures: tuple[Structure, ...] = field(default_factory=lambda: tuple(STRUCTURES.added))
     """Structures that were added to the project's own: a fresh process does not know them."""
 
@@ -53,8 +57,24 @@ class SuiteJob:
 
     @property
     def blocks(self) -> range:
-        """Numbers of all blocks."""
-        return range(-(-len(self.items) // self.block))
+        """Numbers of all blocks: those of rows, and then one for each map of each controller."""
+        return range(self._of_rows + len(self.maps) * len(self.study.controllers))
+
+    @property
+    def _of_rows(self) -> int:
+        return -(-len(self.items) // self.block)
+
+    @property
+    def order(self) -> list[int]:
+        """The blocks in the order in which they are begun: a map takes longer than a block of rows."""
+        return [*self.blocks[self._of_rows :], *self.blocks[: self._of_rows]]
+
+    def map_of(self, number: int) -> tuple[str, int] | None:
+        """Kind and controller of the map that a block is; None for a block of rows."""
+        if number < self._of_rows:
+            return None
+        controller, kind = divmod(number - self._of_rows, len(self.maps))
+        return self.maps[kind], controller
 
     def tests_of(self, number: int) -> tuple[tuple[Suite, SuiteTest, int], ...]:
         """Suite, test and controller of each row of a block."""
@@ -74,14 +94,18 @@ class SuiteJob:
         if study.verification is not None:  # a set, whose order is another in each process
             study = replace(study, verification=replace(study.verification, given=frozenset()))
         tables = {name: table.sha256 for name, table in sorted(self.tables.items())}
-        parts = package_hash(), study, tables, self.suites, self.block
+        parts = package_hash(), study, tables, self.suites, self.block, self.maps
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
 def run_block(job: SuiteJob, number: int) -> dict[str, Any]:
-    """The rows of a block in JSON's types, under ``rows``; their traces are written to the folder of the job."""
+    """What a block gives in JSON's types: ``rows``, whose traces are written to the folder of the job, or a ``map``.
+    A map that cannot be drawn is a ``note`` that says why."""
     for structure in job.structures:
         STRUCTURES.register(structure)
+    of_map = job.map_of(number)
+    if of_map is not None:
+        return {"block": number, "rows": [], **_drawn(job, *of_map)}
     rows = []
     with one_thread():
         subjects = [job.subject(k) for k in range(len(job.study.controllers))]
@@ -95,6 +119,16 @@ def run_block(job: SuiteJob, number: int) -> dict[str, Any]:
                 write_evidence(path, thinned(judged.evidence, _instants(test)))
             rows.append(plain(asdict(row)))
     return {"block": number, "rows": rows}
+
+
+def _drawn(job: SuiteJob, kind: str, controller: int) -> dict[str, Any]:
+    subject = job.subject(controller)
+    try:
+        with one_thread():
+            found = survival_map(kind, Mapped(study=subject.study, spec=subject.spec, ready=subject.ready))
+    except InfeasibleStudyError as error:
+        return {"note": f"There is no survival map ({kind}) of {subject.spec.name}: {error}"}
+    return {"map": plain(found.document())}
 
 
 def _instants(test: SuiteTest) -> list[float]:

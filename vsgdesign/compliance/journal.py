@@ -22,7 +22,7 @@ class SuiteJournal:
     def __init__(self, path: Path) -> None:
         """Reads what is there. What a kill left of a last line is cut off."""
         self.path, self.traces = path, path.with_suffix("")
-        self.blocks: dict[int, list[dict[str, Any]]] = {}
+        self.blocks: dict[int, dict[str, Any]] = {}
         good = 0
         if path.exists():
             with path.open("rb") as file:
@@ -30,7 +30,7 @@ class SuiteJournal:
                     found = _read(line)
                     if found is None:
                         break
-                    self.blocks[found["block"]] = found["rows"]
+                    self.blocks[found["block"]] = found
                     good += len(line)
             if path.stat().st_size > good:
                 os.truncate(path, good)
@@ -44,12 +44,16 @@ class SuiteJournal:
                 os.fsync(file.fileno())
         except OSError as error:
             raise cannot_write(self.path, error) from error
-        self.blocks[done["block"]] = done["rows"]
+        self.blocks[done["block"]] = done
 
     @property
     def rows(self) -> list[dict[str, Any]]:
         """The rows of all finished blocks in the order of the matrix."""
-        return [row for number in sorted(self.blocks) for row in self.blocks[number]]
+        return [row for number in sorted(self.blocks) for row in self.blocks[number]["rows"]]
+
+    def all_of(self, name: str) -> list[Any]:
+        """What blocks have under a name besides their rows, in the order of the blocks."""
+        return [self.blocks[number][name] for number in sorted(self.blocks) if name in self.blocks[number]]
 
     def forget(self) -> None:
         """Remove what is kept."""
@@ -63,7 +67,7 @@ def _read(line: bytes) -> dict[str, Any] | None:
         return None
     try:
         found = json.loads(line)
-        return {"block": int(found["block"]), "rows": list(found["rows"])}
+        return {**found, "block": int(found["block"]), "rows": list(found["rows"])}
     except (ValueError, KeyError, TypeError):
         return None
 

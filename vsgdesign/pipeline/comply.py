@@ -49,6 +49,8 @@ class Asked:
     """Names of packaged suites, paths of files, or :data:`ALL`."""
     controllers: tuple[str, ...] = ()
     """Names of controllers; none: all of the study."""
+    maps: bool = True
+    """Whether survival maps of every controller are drawn, too."""
     cases: str = FAILING
     """A name of :data:`CASES`."""
     file: str | None = None
@@ -75,6 +77,7 @@ def comply_study(
     """
     from vsgdesign.compliance.job import BLOCK, SuiteJob
     from vsgdesign.compliance.journal import suite_journal
+    from vsgdesign.compliance.maps import KINDS
     from vsgdesign.execution.executors import executor_of
 
     begin = time.perf_counter()
@@ -84,14 +87,15 @@ def comply_study(
     with ExitStack() as held:
         folder = held.enter_context(staged_folder(out, VERB, inputs=(*study.input_files, *given)))
         tables = _tables(study, ready, workers, progress)
-        job = SuiteJob(study=study, tables=tables, suites=suites, folder="", block=BLOCK)
+        maps = tuple(KINDS) if asked.maps else ()
+        job = SuiteJob(study=study, tables=tables, suites=suites, folder="", block=BLOCK, maps=maps)
         journal = held.enter_context(suite_journal(out, job.key, fresh))
         job = replace(job, folder=str(journal.traces))
         ready_s = time.perf_counter() - begin
         with executor_of(workers if len(job.blocks) > 1 else 1) as executor:
             _run(job, journal, executor, workers, progress)
             run_s = time.perf_counter() - begin - ready_s
-            document = _document(job, journal.rows, asked)
+            document = _document(job, journal, asked)
             _place_traces(journal, folder)
             _write_cases(job, document, folder, Path(os.path.realpath(out)), asked.cases)
             _write_report(folder, document)
@@ -173,7 +177,7 @@ def _run(
     from vsgdesign.verification.blocks import blocks_done
 
     tell, count = progress or silent, max(len(job.blocks), 1)
-    missing = [number for number in job.blocks if number not in journal.blocks]
+    missing = [number for number in job.order if number not in journal.blocks]
     tell(RUNS, 1.0 - len(missing) / count)
     for done in blocks_done(
         run_block, job, job, missing, executor if len(missing) > 1 else None, blocks_ahead(workers, None)
@@ -182,7 +186,7 @@ def _run(
         tell(RUNS, len(journal.blocks) / count)
 
 
-def _document(job: SuiteJob, rows: list[dict[str, Any]], asked: Asked) -> dict[str, Any]:
+def _document(job: SuiteJob, journal: SuiteJournal, asked: Asked) -> dict[str, Any]:
     """results.json without what differs from one run to the next."""
     from vsgdesign.compliance.evidence import figures_of
     from vsgdesign.compliance.identity import identity_of
@@ -190,7 +194,7 @@ def _document(job: SuiteJob, rows: list[dict[str, Any]], asked: Asked) -> dict[s
     from vsgdesign.pipeline.explorer_links import explorer_link
     from vsgdesign.report.drawing.style import COLOURS
 
-    study = job.study
+    study, rows = job.study, journal.rows
     tests = {(suite.name, test.id): test for suite in job.suites for test in suite.tests}
     figures = figures_of(rows)
     shown = []
@@ -214,7 +218,8 @@ def _document(job: SuiteJob, rows: list[dict[str, Any]], asked: Asked) -> dict[s
         ],
         "rows": shown,
         "summary": summary_of(rows),
-        "maps": [],
+        "maps": journal.all_of("map"),
+        "notes": journal.all_of("note"),
     }
 
 

@@ -32,5 +32,7 @@ def compliance_lines(document: dict[str, Any]) -> None:
             console.print(f"[bold]fail[/bold] {escape(where)}: {escape(row['why'])}", highlight=False, soft_wrap=True)
         if len(failing) > SHOWN:
             console.print(f"… and {len(failing) - SHOWN} more of {one['name']} on the page", highlight=False)
+    for note in document["notes"]:
+        console.print(escape(note), highlight=False, soft_wrap=True)
     timing = ", ".join(f"{name} {value:.3g} s" for name, value in document["timing_s"].items())
     console.print(f"{len(document['rows']):,} rows: {timing}", highlight=False, soft_wrap=True)
