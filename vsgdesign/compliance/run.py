@@ -11,8 +11,8 @@ from vsgdesign.compliance.suite import SuiteTest
 from vsgdesign.compliance.trace import Trace
 from vsgdesign.compliance.tracing import trace_of
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
-from vsgdesign.metrics.survival import DIVERGED, NO_REST, Survival
+from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError, StudyError
+from vsgdesign.metrics.survival import DIVERGED, NO_REST, NOT_AT_REST, Survival
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import feed_of
@@ -43,7 +43,8 @@ class TestRun:
 def run_test(subject: Subject, test: SuiteTest) -> TestRun:
     """The run of a test with a controller. What goes wrong in the run is its verdict.
 
-    Raises StudyError where the test cannot be said in a study, and where a synchro-check never closes its breaker.
+    A breaker that never closes in phase is a verdict, too. Raises StudyError where the test cannot be said in a study,
+    and where an island does not drift to the angle at which its breaker is to close out of phase.
     """
     study, _ = case_of(subject, test)
     spec = study.controllers[0]
@@ -55,6 +56,11 @@ def run_test(subject: Subject, test: SuiteTest) -> TestRun:
             study = case_of(subject, test)[0].with_limit_of(spec)
         feed = feed_of(study, spec, build_timeline(study), subject.ready)
         simulation = simulate(study, feed)
+    except StudyError as error:  # the test itself has been said above: its breaker never closes
+        if any(one.synchro_check is not None and one.synchro_check.around for one in test.events):
+            raise
+        reason = "; ".join(str(fault) for fault in error.faults)
+        return _without(study, spec, test, Survival(status=NOT_AT_REST, reason=reason))
     except SimulationDivergedError as error:
         return _without(study, spec, test, Survival(status=DIVERGED, reason=str(error)))
     except InfeasibleStudyError as error:

@@ -268,6 +268,7 @@ def _linked(source: str, target: str) -> str:
 def _write_cases(job: SuiteJob, document: dict[str, Any], folder: Path, place: Path, which: str) -> None:
     """Study files that repeat rows with ``vsgdesign simulate``, and the gain tables that they name."""
     from vsgdesign.compliance.case import case_of
+    from vsgdesign.compliance.closing import closed_test
     from vsgdesign.compliance.evidence import slug
     from vsgdesign.compliance.rows import FAIL
 
@@ -289,7 +290,9 @@ def _write_cases(job: SuiteJob, document: dict[str, Any], folder: Path, place: P
         table = f"{row['controller']}.table.json" if row["controller"] in job.tables else None
         test = tests[row["suite"], row["test"]]
         subject = job.subject(places[row["controller"]])
-        _, text = case_of(subject, test, name=_study_name(name), folder=place / "cases", table=table)
+        _, text = case_of(
+            subject, closed_test(subject, test), name=_study_name(name), folder=place / "cases", table=table
+        )
         write_text(folder / "cases" / f"{name}.toml", text)
         row["study"] = f"cases/{name}.toml"
 

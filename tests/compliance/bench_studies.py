@@ -1,0 +1,55 @@
+"""A small study with a current limit, and tests of a suite, for the tests of the bench."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tests.compliance.made_runs import SOURCE
+from vsgdesign.compliance.subject import Subject
+from vsgdesign.compliance.suite import SuiteEvent, SuiteTest
+from vsgdesign.parameters.loading import study_from_text
+from vsgdesign.parameters.study import Study
+
+TEXT = """
+base = "case:CASE"
+[study]
+name = "small"
+[converter]
+current_limit_pu = 1.2
+current_limiter = "projection"
+[power_loops]
+structure = "angle_damped"
+settling_time = "0.3 s"
+tau_P = "5 ms"
+tau_Q = "5 ms"
+P_droop = "5 %"
+Q_droop = "5 %"
+[simulation]
+duration = "1 s"
+P_ref = 0
+Q_ref = 0
+[[controllers]]
+name = "damped"
+kind = "scheduled"
+[[controllers]]
+name = "fixed"
+kind = "fixed"
+current_limiter = "none"
+"""
+
+
+def small_study(case: str = "hoang2025_5kva") -> Study:
+    """The study on one of the packaged cases."""
+    return study_from_text(TEXT.replace("CASE", case))
+
+
+def subject(name: str = "damped", case: str = "hoang2025_5kva") -> Subject:
+    """One of its controllers."""
+    study = small_study(case)
+    return Subject(study=study, spec=next(spec for spec in study.controllers if spec.name == name))
+
+
+def suite_test(*events: SuiteEvent, **given: Any) -> SuiteTest:
+    """A test with these events."""
+    usual = {"id": "made", "group": "made", "title": "made", "source": SOURCE, "scr": 5.0, "x_over_r": 5.0}
+    return SuiteTest(events=events, **(usual | given))

@@ -1,0 +1,213 @@
+"""One test of a suite as a run: its study, its trace, the judge, its row, and fewer rows of its trace."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.compliance.bench_studies import TEXT, subject, suite_test
+from vsgdesign.compliance.case import case_of
+from vsgdesign.compliance.evidence import Evidence
+from vsgdesign.compliance.matrix import judged_test, network_in_words, summary_of
+from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS
+from vsgdesign.compliance.run import run_test
+from vsgdesign.compliance.subject import Subject
+from vsgdesign.compliance.suite import Criterion, Suite, SuiteEvent, SuiteTest
+from vsgdesign.compliance.thinning import thinned
+from vsgdesign.explore.session import start_of
+from vsgdesign.explore.state import state_of
+from vsgdesign.frames import SPACE_VECTOR_POWER
+from vsgdesign.parameters.loading import study_from_text
+from vsgdesign.parameters.network import Load, SynchroCheck
+from vsgdesign.pipeline.explorer_links import explorer_link
+
+JUMP = SuiteEvent(t_s=0.0, phase_deg=30.0)
+SURVIVED = Criterion(measure="survived", at_least=1.0)
+
+
+@pytest.mark.parametrize("case", ["hoang2025_5kva", "utility_1mva_60hz"])
+def test_a_study_says_a_test_in_si(case: str) -> None:
+    one = subject(case=case)
+    events = SuiteEvent(t_s=0.01, df_hz=-0.5, over_s=0.5), SuiteEvent(t_s=1.0, scr=2.0, x_over_r=10.0, P_pu=0.2)
+    study, text = case_of(one, suite_test(*events, scr=4.0, x_over_r=3.0, P_pu=0.6, Q_pu=-0.1, V_g_pu=0.97, df_hz=0.2))
+    c = study.converter
+    assert math.hypot(study.grid.R_g, c.omega_n * study.grid.L_g) == pytest.approx(c.Z_base / 4.0, rel=1e-12)
+    assert c.omega_n * study.grid.L_g / study.grid.R_g == pytest.approx(3.0)
+    assert (study.simulation.P_ref, study.simulation.Q_ref) == (0.6 * c.S_rated, -0.1 * c.S_rated)
+    first, ramp, step = study.events
+    assert first.t_s == 0.0
+    assert first.V_g_rms == pytest.approx(0.97 * c.V_rated_rms)
+    assert first.omega_g == pytest.approx(c.omega_n + 0.4 * math.pi)
+    assert ramp.omega_g == pytest.approx(c.omega_n - math.pi)
+    assert (ramp.over, ramp.t_s) == (0.5, pytest.approx(one.lead_s + 0.01))
+    assert step.grid is not None
+    assert math.hypot(step.grid.R_g, c.omega_n * step.grid.L_g) == pytest.approx(c.Z_base / 2.0)
+    assert step.P_ref == 0.2 * c.S_rated
+    # A trace has a whole number of rows of whole samples before and in the test.
+    rows = study.simulation.duration / (one.row_samples * c.T_s)
+    assert rows == pytest.approx(round(rows))
+    again = study_from_text(text)
+    assert again.events == study.events
+    assert again.grid == study.grid
+    assert again.simulation == study.simulation
+
+
+def test_the_schedule_is_told_late() -> None:
+    study, _ = case_of(subject(), suite_test(JUMP, silent_s=0.7))
+    assert study.controllers[0].knowledge is not None
+    assert study.controllers[0].knowledge.silent_s == 0.7
+    forever, _ = case_of(subject(), suite_test(JUMP, silent_s=math.inf))
+    assert forever.controllers[0].knowledge is not None
+    assert forever.controllers[0].knowledge.silent_s > forever.simulation.duration
+    fixed, _ = case_of(subject("fixed"), suite_test(JUMP))
+    assert fixed.controllers[0].knowledge is None
+
+
+def test_a_trace_is_per_unit_and_keeps_every_peak() -> None:
+    one = subject()
+    run = run_test(one, suite_test(JUMP, scr=20.0, x_over_r=10.0))
+    trace, simulation, c = run.trace, run.simulation, run.study.converter
+    assert trace is not None
+    assert simulation is not None
+    assert np.allclose(np.diff(trace.t_s), 5e-4)
+    begin = round(one.lead_s / c.T_s)
+    i_s = np.hypot(simulation.log[:, 0], simulation.log[:, 1]) / c.I_rated_pk
+    assert trace.i_s_pu[trace.t_s > 0.0].max() == pytest.approx(i_s[begin + 1 :].max(), abs=1e-12)
+    assert trace.i_phase_pu.max() <= trace.i_s_pu.max() + 1e-12
+    # At rest the dc link gives what the capacitor sends on, and the losses of R_1.
+    lost = SPACE_VECTOR_POWER * run.study.filter.R_1 * (trace.i_s_pu[0] * c.I_rated_pk) ** 2 / c.S_rated
+    assert trace.P_dc_pu[20] == pytest.approx(trace.P_pu[20] + lost, abs=1e-5)
+    at = int(np.searchsorted(trace.t_s, -1e-9))
+    assert trace.delta_rad[at] - trace.delta_rad[at - 1] == pytest.approx(-math.pi / 6.0, abs=1e-3)
+
+
+def test_fewer_rows_keep_peaks_and_energy() -> None:
+    run = run_test(subject(), suite_test(JUMP, scr=20.0, x_over_r=10.0))
+    assert run.trace is not None
+    whole = run.trace
+    few = thinned(Evidence(trace=whole), [0.0]).trace
+    assert len(few.t_s) < 0.5 * len(whole.t_s)
+    near = (whole.t_s > -0.0199) & (whole.t_s < 0.1499)
+    assert np.isin(whole.t_s[near], few.t_s).all()
+    assert (few.i_s_pu.max(), few.t_s[0], few.t_s[-1]) == (whole.i_s_pu.max(), whole.t_s[0], whole.t_s[-1])
+    energy = float(np.sum(whole.P_dc_pu[1:])) * 5e-4
+    assert float(np.sum(few.P_dc_pu[1:] * np.diff(few.t_s))) == pytest.approx(energy, rel=1e-12)
+
+
+def test_each_verdict_has_its_reason() -> None:
+    def row(one: SuiteTest, name: str = "damped"):
+        suite = Suite(name="made", title="Made", source=one.source, tests=(one,))
+        return judged_test(subject(name), suite, one)
+
+    good = row(suite_test(JUMP, criteria=(SURVIVED,)))
+    assert (good.row.verdict, good.row.status, good.row.why) == (PASS, "survived", "")
+    assert good.evidence is not None
+    assert row(suite_test(JUMP, criteria=(Criterion(measure="peak_pu"),))).row.verdict == INFORMATIONAL
+    late = row(suite_test(JUMP, criteria=(SURVIVED, Criterion(measure="recovery_s", at_most=0.01)))).row
+    assert late.verdict == FAIL
+    assert late.why.startswith("recovery time 0.")
+    assert [check.verdict for check in late.checks] == [PASS, FAIL]
+    needs = row(suite_test(JUMP, needs=("60 Hz",)))
+    assert (needs.row.verdict, needs.evidence) == (NOT_APPLICABLE, None)
+    assert row(suite_test(SuiteEvent(t_s=0.0, P_pu=1.6))).row.verdict == IMPOSSIBLE
+    unknown = row(suite_test(JUMP, criteria=(Criterion(measure="above_limit_s", at_most=0.1),)), "fixed").row
+    assert (unknown.verdict, unknown.checks[0].value) == (FAIL, None)
+    assert "no current limit" in unknown.why
+
+
+def test_a_start_that_the_grid_cannot_carry_fails_without_a_limit() -> None:
+    test = suite_test(JUMP, scr=1.2, x_over_r=20.0, P_pu=1.9, criteria=(SURVIVED,))
+    suite = Suite(name="made", title="Made", source=test.source, tests=(test,))
+    row = judged_test(subject("fixed"), suite, test).row
+    assert (row.verdict, row.status, row.csv) == (FAIL, "no rest", None)
+    assert row.why.startswith("before the test:")
+    assert row.checks[0].value is None
+
+
+def test_an_island_is_judged_by_its_own_rest() -> None:
+    opens = SuiteEvent(t_s=0.0, connected=False)
+    load = Load(R_parallel=1.0 / 0.6)
+    good = run_test(subject(), suite_test(opens, load=load))
+    assert good.survival.status == "survived"
+    assert good.trace is not None
+    # The droop of 5 %: 0.1 pu more than the reference costs 0.25 Hz.
+    assert good.trace.f_hz[-1] == pytest.approx(50.0 - 0.05 * 50.0 * (good.trace.P_pu[-1] - 0.5), abs=0.02)
+
+
+def test_an_island_of_a_wrong_frequency_is_lost() -> None:
+    soft = study_from_text(TEXT.replace("CASE", "hoang2025_5kva").replace('P_droop = "5 %"', 'P_droop = "10 %"'))
+    one = Subject(study=soft, spec=soft.controllers[0])
+    test = suite_test(SuiteEvent(t_s=0.0, connected=False), load=Load(R_parallel=20.0), P_pu=0.9)
+    found = run_test(one, test).survival
+    assert found.status == "not at rest"
+    assert found.reason is not None
+    assert found.reason.endswith("Hz, outside of 47 to 53 Hz")
+
+
+def test_a_synchro_check_waits_for_both_sides() -> None:
+    check = SynchroCheck(angle=math.radians(10.0), V_pu=0.1, omega=2.0 * math.pi * 2.0)
+    opens = SuiteEvent(t_s=0.0, connected=False)
+    closes = SuiteEvent(t_s=0.5, connected=True, synchro_check=check)
+    load = Load(R_parallel=1.0 / 0.8)
+    run = run_test(subject(), suite_test(opens, closes, load=load))
+    assert run.survival.status == "survived"
+    assert run.test.events[1].t_s > 0.5
+    never = SuiteEvent(t_s=0.5, connected=True, synchro_check=replace(check, omega=2.0 * math.pi * 0.3))
+    lost = run_test(subject(), suite_test(opens, never, load=load)).survival
+    assert lost.status == "not at rest"
+    assert "so the breaker stays open" in str(lost.reason)
+
+
+def test_a_rest_at_the_limit_is_held_and_said() -> None:
+    run = run_test(subject(), suite_test(SuiteEvent(t_s=0.0, V_g_pu=0.6), scr=10.0, x_over_r=10.0))
+    assert run.survival.status == "survived"
+    assert run.survival.reason is not None
+    assert run.survival.reason.startswith("it holds at a rest of its own, for the rest needs")
+
+
+@pytest.mark.parametrize(
+    ("events", "kind"),
+    [
+        ((JUMP,), "phase"),
+        ((SuiteEvent(t_s=0.0, V_g_pu=0.2), SuiteEvent(t_s=0.15, V_g_pu=1.0)), "sag"),
+        ((SuiteEvent(t_s=0.0, df_hz=-1.0, over_s=0.5),), "ramp"),
+        ((SuiteEvent(t_s=0.0, scr=2.0, x_over_r=3.0),), "grid"),
+        ((SuiteEvent(t_s=0.0, P_pu=0.7),), "step"),
+    ],
+)
+def test_a_link_shows_the_test_in_the_explorer(events: tuple[SuiteEvent, ...], kind: str) -> None:
+    one = subject()
+    link = explorer_link(one.study, {}, suite_test(*events, scr=8.0, x_over_r=3.0), "damped")
+    assert link is not None
+    state = state_of(start_of(link, one.study), one.study)
+    assert (state.event.kind, state.controllers, state.silent_s) == (kind, ("damped",), 0.2)
+    place = one.study.grid.place(one.study.converter, one.study.scr_basis)
+    assert json.loads(link)["x_over_r"] == 3.0
+    assert state.scr != place.scr
+
+
+def test_what_the_explorer_cannot_show_has_no_link() -> None:
+    one = subject()
+    assert explorer_link(one.study, {}, suite_test(SuiteEvent(t_s=0.0, connected=False)), "damped") is None
+    assert explorer_link(one.study, {}, suite_test(JUMP, SuiteEvent(t_s=1.0, P_pu=0.2)), "damped") is None
+
+
+def test_the_network_is_said_in_words() -> None:
+    test = suite_test(JUMP, Q_pu=-0.1, df_hz=0.2, load=Load(R_parallel=2.0, L_parallel=10.0))
+    assert network_in_words(test) == "SCR 5, X/R 5, P 0.5 pu, Q -0.1 pu, +0.2 Hz, load 0.5 pu, 0.1 pu reactive"
+
+
+def test_the_summary_counts_each_verdict() -> None:
+    rows = [
+        {"suite": "a", "controller": "x", "verdict": "pass", "status": "survived"},
+        {"suite": "a", "controller": "x", "verdict": "not applicable", "status": ""},
+        {"suite": "a", "controller": "x", "verdict": "fail", "status": "latched"},
+        {"suite": "a", "controller": "y", "verdict": "fail", "status": "no rest"},
+    ]
+    x, y = summary_of(rows)
+    assert (x["pass"], x["fail"], x["not_applicable"], x["survived"], x["judged"]) == (1, 1, 1, 1, 2)
+    assert (y["controller"], y["fail"], y["judged"]) == ("y", 1, 0)
