@@ -108,10 +108,11 @@ def test_answers_wait_for_a_warm_up_that_ends_soon(session: Session) -> None:
     assert time.monotonic() - begin > 0.04
 
 
-def test_a_process_of_its_own_gives_the_same_emt(session: Session) -> None:
+def test_processes_of_their_own_give_the_same_emt(session: Session) -> None:
     """Also with a changed study and with words in place of curves; and without the process, once it is lost."""
     apart = Session(session.study, session.ready)
-    apart.warm_up(apart=True)
+    apart.warm_up(apart=2)
+    assert len(apart._apart) == 2
     states: list[dict[str, Any]] = [
         {"scr": 3.0, "event": {"kind": "sag", "size": 0.4}},
         {"changes": {"power_loops.tau_P": "9 ms"}, "controllers": ["published"]},
@@ -126,8 +127,8 @@ def test_a_process_of_its_own_gives_the_same_emt(session: Session) -> None:
                 assert there.header == here.header
                 assert there.arrays.keys() == here.arrays.keys()
                 assert all(np.array_equal(there.arrays[name], values) for name, values in here.arrays.items())
-            assert lost or (apart._apart is not None and apart._apart.alive)
-            apart.close()
+            assert lost or all(process.alive for process in apart._apart)
+            apart._apart[-1].close()
         assert apart.answer("emt", {}, lambda: True) is None
     finally:
         apart.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,10 @@ if TYPE_CHECKING:
     from vsgdesign.explore.server import ExplorerServer, Opening
     from vsgdesign.explore.session import Session
 
+_SWITCH_S = 5e-4
+"""How long a thread computes while another one waits. Python's own 5 ms are half a linear answer."""
+_MOST_APART = 3
+"""Processes for EMT at most."""
 _LAST_WORDS_S = 1.0
 """How long a page that waits has time to hear that the study is wrong."""
 
@@ -48,6 +53,8 @@ def explore(
     if static is not None:
         _write(file, study_file, controller, link, static)
         return
+    # A request for EMT comes while the linear answer is computed: its thread gets its turn soon.
+    sys.setswitchinterval(_SWITCH_S)
     from vsgdesign.explore.server import Opening
 
     opening = Opening()
@@ -167,8 +174,13 @@ def _explored(opening: Opening, session: Session) -> None:
     """Serve the session until Ctrl-C, which is the way to end it from the moment in which it is open."""
     try:
         opening.open(session)
-        threading.Thread(target=session.warm_up, kwargs={"apart": True}, name="warm-up", daemon=True).start()
+        threading.Thread(target=session.warm_up, kwargs={"apart": _apart()}, name="warm-up", daemon=True).start()
         click.echo("Ctrl-C ends the explorer.", err=True)
         threading.Event().wait()
     except KeyboardInterrupt:
         return
+
+
+def _apart() -> int:
+    """How many processes compute EMT: the linear answer and the browser have a core of their own."""
+    return min(max((os.cpu_count() or 1) - 1, 1), _MOST_APART)

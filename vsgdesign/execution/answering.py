@@ -5,7 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -38,18 +39,32 @@ class AnsweringProcess:
 
         The first answer waits until the function is made.
         """
-        with self._lock:
-            try:
-                self._ours.send(question)
-                return self._ours.recv()
-            except (EOFError, OSError):
-                return None
+        return ask_all([(self, question)])[0]
 
     def close(self) -> None:
         """Ends the process at once."""
         self._process.terminate()
         self._process.join()
         self._ours.close()
+
+
+def ask_all(questions: Sequence[tuple[AnsweringProcess, Any]]) -> list[Any | None]:
+    """The answers of several processes that work at the same time, as :meth:`AnsweringProcess.ask`."""
+    with ExitStack() as held:
+        sent = []
+        for process, question in questions:
+            held.enter_context(process._lock)
+            with suppress(OSError):
+                process._ours.send(question)
+                sent.append(process)
+        return [_received(process._ours) if process in sent else None for process, _ in questions]
+
+
+def _received(answers: Connection) -> Any | None:
+    try:
+        return answers.recv()
+    except (EOFError, OSError):
+        return None
 
 
 def _answer(questions: Connection, make: Callable[..., Callable[[Any], Any]], arguments: tuple[Any, ...]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.errors import SimulationDivergedError, VsgDesignError
 from vsgdesign.explore.answer import Answer
 from vsgdesign.explore.events import LEAD_S, after_s, event_s, events_of, length_s, study_of
+from vsgdesign.explore.joining import emt_of_rows
 from vsgdesign.explore.scene import Scene, scene_of
 from vsgdesign.explore.state import State
 from vsgdesign.explore.thinning import thinned
@@ -40,31 +41,37 @@ def never() -> bool:
     return False
 
 
-def emt_answer(study: Study, ready: Ready, state: State, stale: Callable[[], bool] = never) -> Answer | None:
+def emt_answer(
+    study: Study,
+    ready: Ready,
+    state: State,
+    stale: Callable[[], bool] = never,
+    places: Collection[int] | None = None,
+) -> Answer | None:
     """EMT of every shown controller through the state's event, with the figures of ``vsgdesign run`` and its verdict.
 
     ``study`` has the state's changes already. Times count from the event. None: a newer request made this one ``stale``
-    meanwhile. A controller that cannot be simulated has words in place of curves; nothing is raised for it.
+    meanwhile. A controller that cannot be simulated has words in place of curves; nothing is raised for it. ``places``:
+    the shown controllers of a part of the answer (:func:`vsgdesign.explore.joining.joined_emt`), None for all.
     """
     scene = scene_of(study, ready, state)
+    places = [k for k in range(len(scene.shown)) if places is None or k in places]
     runs: list[Simulated | dict[str, Any]] = []
-    for k in range(len(scene.shown)):
+    for k in places:
         if stale():
             return None
         runs.append(_run(scene, state, ready, k))
     rests = _rests([one for one in runs if isinstance(one, Simulated)], ready, state)
     rows: list[dict[str, Any]] = []
     arrays: dict[str, NDArray[np.float32]] = {}
-    for k, (shown, one) in enumerate(zip(scene.shown, runs, strict=True)):
+    for k, one in zip(places, runs, strict=True):
+        shown = scene.shown[k]
         row = one if isinstance(one, dict) else _figures(one, ready, state, next(rests))
         rows.append({"name": shown.name, **row, "note": _TOLD if shown.spec.estimate != "truth" else ""})
         if isinstance(one, Simulated) and row["status"] != _NOT_SIMULATED:
             curves = curves_of(one.study, one.run)
             arrays |= {f"{k}/{name}": values for name, values in curves.items()}
-    reasons = {row["why"] for row in rows}
-    words = reasons.pop() if not arrays and len(reasons) == 1 else ""
-    header = {"event_s": 0.0, "controllers": rows, "bands": bands(scene, ready, state), "words": words}
-    return Answer(header, arrays)
+    return emt_of_rows(rows, bands(scene, ready, state), arrays)
 
 
 class Simulated(NamedTuple):

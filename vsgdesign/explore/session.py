@@ -6,7 +6,7 @@ import json
 import os
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,7 +66,7 @@ class Session:
         self._warm.set()
         self._colours = {spec.name: colour_of(k) for k, spec in enumerate(study.controllers)}
         self._info: dict[str, Any] | None = None
-        self._apart: AnsweringProcess | None = None
+        self._apart: list[AnsweringProcess] = []
         self.start = self.state(start or {})
 
     def info(self) -> dict[str, Any]:
@@ -147,32 +147,41 @@ class Session:
             return Answer({"controllers": [], "words": COMPILING, "again": True})
         return self._emt(study, state, stale)
 
-    def warm_up(self, *, apart: bool = False) -> None:
+    def warm_up(self, *, apart: int = 0) -> None:
         """Load and compile what EMT and maps need, with the state with which the page begins.
 
-        With ``apart``, EMT is computed in a process of its own from then on, at the same time as the linear answer:
-        two threads of one process take turns. It ends with this process. Should it be lost, EMT is computed here.
+        ``apart``: the number of processes in which EMT is computed from then on, at the same time as the linear answer:
+        two threads of one process would take turns. They end with this process. Should one be lost, or with 0, EMT is
+        computed here.
         """
         from vsgdesign.explore.maps import map_answer
 
         self._warm.clear()
         try:
             if apart:
-                from vsgdesign.equations.structures import STRUCTURES
-                from vsgdesign.execution.answering import AnsweringProcess
-
-                self._apart = AnsweringProcess(
-                    _emt_of, self.study, dict(self.ready.tables), self.ready.network, STRUCTURES.added
-                )
+                self._apart = [self._process()]
             self._emt(self.study_of(self.start), self.start, never)
         finally:
             self._warm.set()
         map_answer(self.study_of(self.start), self.ready, self.start)
+        # The first answers do not wait for these.
+        for _ in range(min(apart, len(self.study.controllers)) - 1):
+            process = self._process()
+            process.ask((self.start, (0,)))
+            self._apart = [*self._apart, process]
+
+    def _process(self) -> AnsweringProcess:
+        from vsgdesign.equations.structures import STRUCTURES
+        from vsgdesign.execution.answering import AnsweringProcess
+
+        ready = self.ready
+        return AnsweringProcess(_emt_of, self.study, dict(ready.tables), ready.network, STRUCTURES.added)
 
     def close(self) -> None:
-        """Ends the process in which EMT is computed, if there is one."""
-        if self._apart is not None:
-            self._apart.close()
+        """Ends the processes in which EMT is computed."""
+        for process in self._apart:
+            process.close()
+        self._apart = []
 
     def save(self, document: Any) -> dict[str, str]:
         """A name and the text of a study file for a state of the page, and words on what the file does not say.
@@ -189,13 +198,21 @@ class Session:
         return {"name": f"{self.study.name}-explored.toml", "toml": text, "words": " ".join(notes)}
 
     def _emt(self, study: Study, state: State, stale: Callable[[], bool]) -> Answer | None:
-        if self._apart is not None and self._apart.alive and not stale():
-            apart: Answer | None = self._apart.ask(state)
-            if apart is not None:
-                return apart
-        from vsgdesign.explore.live import emt_answer
+        found = None
+        apart = [process for process in self._apart if process.alive]
+        if apart and not stale():
+            from vsgdesign.execution.answering import ask_all
+            from vsgdesign.explore.joining import joined_emt
 
-        found = emt_answer(study, self.ready, state, stale)
+            count = max(min(len(apart), len(state.controllers)), 1)
+            places = [range(k, len(state.controllers), count) for k in range(count)]
+            parts = ask_all([(process, (state, of_one)) for process, of_one in zip(apart, places, strict=False)])
+            if all(part is not None for part in parts):
+                found = joined_emt(list(zip(places, parts, strict=True)))
+        if found is None:
+            from vsgdesign.explore.live import emt_answer
+
+            found = emt_answer(study, self.ready, state, stale)
         return None if found is None else self._coloured(found)
 
     def _with_changes(self, changes: dict[str, Any]) -> Study:
@@ -225,19 +242,23 @@ def _emt_of(
     tables: Mapping[str, GainTable],
     network: NetworkWeights | None,
     structures: Sequence[Structure],
-) -> Callable[[State], Answer | None]:
-    """EMT answers to states that were read before, for a process of its own. It has to be told of the structures that
-    were registered here."""
+) -> Callable[[tuple[State, Collection[int]]], Answer | None]:
+    """EMT of some of the shown controllers in states that were read before, for a process of its own. It has to be told
+    of the structures that were registered here."""
     from vsgdesign.equations.structures import STRUCTURES
 
     if hasattr(os, "nice"):
         os.nice(5)  # the linear answer and the browser go first: they need less time
     for structure in structures:
         STRUCTURES.register(structure)
-    session = Session(study, Ready(tables=tables, network=network))
+    ready = Ready(tables=tables, network=network)
+    session = Session(study, ready)
 
-    def answer(state: State) -> Answer | None:
-        return session.emt(session.study_of(state), state)
+    def answer(question: tuple[State, Collection[int]]) -> Answer | None:
+        from vsgdesign.explore.live import emt_answer
+
+        state, places = question
+        return emt_answer(session.study_of(state), ready, state, never, places)
 
     return answer
 

@@ -258,7 +258,8 @@ export class GridMap {
     const inside = (v, [low, high]) => Math.min(Math.max(v, low), high);
     const grid = { scr: mapRound(inside(scr, a)), x_over_r: mapRound(inside(ratio, b)) };
     const { scr: to, x_over_r: ratioTo } = this.snap ? this.snap(grid) : grid;
-    this.store.set({ scr: to, x_over_r: ratioTo });
+    const { state } = this.store;
+    if (to !== state.scr || ratioTo !== state.x_over_r) this.store.set({ scr: to, x_over_r: ratioTo });
   }
 
   listenToPointer() {
@@ -280,10 +281,16 @@ export class GridMap {
       store.dragging = true;
       move(event);
     });
-    canvas.addEventListener(
-      "pointermove",
-      (event) => store.dragging && canvas.hasPointerCapture(event.pointerId) && move(event),
-    );
+    const dragged = (event) => store.dragging && canvas.hasPointerCapture(event.pointerId) && move(event);
+    canvas.addEventListener("pointermove", dragged);
+    // A move is told once a frame. The first raw update of each frame comes earlier, and asks the server earlier.
+    let ahead = false;
+    canvas.addEventListener("pointerrawupdate", (event) => {
+      if (ahead) return;
+      ahead = true;
+      requestAnimationFrame(() => (ahead = false));
+      dragged(event);
+    });
     canvas.addEventListener("pointerup", end);
     canvas.addEventListener("pointercancel", end);
   }
