@@ -1,4 +1,4 @@
-"""docs/how-to/comply.md against the reader of suites and the measures: every field and every measure, both ways."""
+"""docs/how-to/comply.md against the reader of suites: every field, both ways."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import pytest
 
 from vsgdesign.compliance.applies import NEEDS
 from vsgdesign.compliance.envelopes import ENVELOPES
-from vsgdesign.compliance.measures import MEASURES
 from vsgdesign.compliance.reading import suite_from_text
 from vsgdesign.errors import StudyError
 
@@ -58,29 +57,6 @@ def test_every_field_is_documented(heading: str, table: str) -> None:
     assert documented(heading) == known_fields()[table] - {"qqqqqqqqqq"}
 
 
-def measure_rows() -> list[str]:
-    rows = []
-    for measure in MEASURES.values():
-        parameters = ", ".join(f"`{p.name}` = {p.default:g}" for p in measure.parameters) or "–"
-        rows.append(
-            f"| `{measure.name}` | {measure.unit or '–'} | {measure.text.replace('|', chr(92) + '|')} | {parameters} |"
-        )
-    return rows
-
-
-def test_every_measure_is_documented() -> None:
-    section = TEXT.split("## What can be measured\n")[1]
-    listed = [line for line in section.splitlines() if line.startswith("| `")]
-    assert listed == measure_rows(), "python -m tests.docs.test_suite_reference writes them anew"
-
-
 def test_every_envelope_and_need_is_named() -> None:
     for name in (*ENVELOPES, *NEEDS):
         assert f"`{name}`" in TEXT, name
-
-
-if __name__ == "__main__":
-    head, _, tail = TEXT.partition("## What can be measured\n")
-    prose = re.sub(r"^\|.*\n", "", tail, flags=re.MULTILINE).strip()
-    table = ["| measure | unit | meaning | parameters |", "| --- | --- | --- | --- |", *measure_rows()]
-    PAGE.write_text("\n".join([f"{head}## What can be measured\n", *([prose, ""] if prose else []), *table, ""]))
