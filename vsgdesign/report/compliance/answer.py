@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import shorten
 
 import numpy as np
 from markupsafe import Markup
@@ -16,6 +17,9 @@ from vsgdesign.report.page.answer import MET, MISSED, OPEN, Answer, Cell, Row
 
 MOST_FAILING = 12
 """Failing tests that are named on top; the matrix has all of them."""
+
+MOST_LETTERS = 130
+"""Of a reason on top; the matrix has it whole."""
 
 BAR_WIDTH, BAR_HEIGHT = 120.0, 12.0
 _ORDER = (PASS, FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE)
@@ -79,7 +83,10 @@ def _cell(title: str, counts: Counts) -> Cell:
     return Cell(MISSED, f"{counts.of[FAIL]} of {counts.judged} fail", others, picture)
 
 
-def counts_bar(counts: Counts, title: str, width: float = BAR_WIDTH, height: float = BAR_HEIGHT) -> Sketch:
+def counts_bar(counts: Counts, title: str, width: float = MOST_LETTERS = 130
+"""Of a reason on top; the matrix has it whole."""
+
+BAR_WIDTH, height: float = BAR_HEIGHT) -> Sketch:
     """Shares of the verdicts as one bar. What fails is hatched, what is impossible is dark."""
     sketch = Sketch(width, height, f"{title}: {counts.words()}")
     x = 0.5
@@ -111,7 +118,8 @@ def _failing(test: Tested) -> Failing:
         reason.text if len(reason.controllers) == len(who) else f"{', '.join(reason.controllers)}: {reason.text}"
         for reason in reasons
     )
-    return Failing(test.anchor, test.test, test.besides, ", ".join(who), why)
+    names = ", ".join(who) if len(test.rows) > 1 else ""
+    return Failing(test.anchor, test.test, test.besides, names, shorten(why, MOST_LETTERS, placeholder=" …"))
 
 
 def strip(arranged: Arranged, index: int, width: float = 960.0, height: float = 22.0) -> Sketch:
@@ -158,4 +166,4 @@ def _runs(verdicts: Sequence[str | None]) -> list[tuple[str | None, int, int]]:
 
 def strips(arranged: Arranged) -> list[tuple[str, Markup]]:
     """The strip of each controller, with its name."""
-    return [(name, svg(strip(arranged, k), "strip")) for k, name in enumerate(arranged.controllers)]
+    return [(name, svg(strip(arranged, k), "strip", stretched=True)) for k, name in enumerate(arranged.controllers)]

@@ -26,6 +26,9 @@ Traces = Mapping[str, Evidence]
 MOST_CURVES = 9
 """Curves of one overlay: more cannot be told apart."""
 
+_MOST_NAMES = 4
+"""Tests of an overlay that its caption names."""
+
 _ALWAYS = ("P_pu", "i_phase_pu", "f_hz")
 _LABELS = {
     "P_pu": ("Active power", "P [pu]", 3.0),
@@ -87,14 +90,9 @@ class Drawer:
         ]
         if not curves:
             return None
-        names = "; ".join(f"{test.test}{f' ({test.besides})' if test.besides else ''}" for test in tests)
-        left_out = len(group.tests) - len(tests)
-        said = f"{names}."
-        if enveloped and left_out:
-            said += f" Each test has its own envelope: the one with the largest excess is drawn, {left_out} are not."
-        elif left_out:
-            more = "1 more test of this group is" if left_out == 1 else f"{left_out} more tests of this group are"
-            said += f" {more} not drawn."
+        said = _caption(group, tests)
+        if enveloped and len(group.tests) > 1:
+            said += " Each test has its own envelope, so the one with the largest excess is drawn."
         bands = _bands([evidence for _, evidence in curves]) if enveloped else []
         return TestFigure("", group.name, said, self._plots(curves, bands))
 
@@ -162,6 +160,17 @@ def dashes_of(index: int) -> tuple[float, ...]:
     """Dashes of a controller's curves, as multiples of their width."""
     dash = DASHES[index % len(DASHES)]
     return () if isinstance(dash, str) else tuple(dash[1])
+
+
+def _caption(group: Group, tests: Sequence[Tested]) -> str:
+    """Which tests of a group are drawn."""
+    names = [f"{test.test}{f' ({test.besides})' if test.besides else ''}" for test in tests]
+    if len(names) > _MOST_NAMES:
+        names = [f"from {names[0]} to {names[-1]}"]
+    count = "All" if len(tests) == len(group.tests) else f"{len(tests)} of"
+    if len(group.tests) == 1:
+        return f"{names[0]}."
+    return f"{count} {len(group.tests)} tests: {'; '.join(names)}."
 
 
 def _excess(test: Tested) -> float:

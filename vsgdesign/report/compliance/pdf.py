@@ -238,7 +238,12 @@ def _answer(flow: Flow, title: str, arranged: Arranged) -> None:
         flow.heading(f"What fails: {len(failing)} tests" if len(failing) > 1 else "What fails: one test", 9.0)
         shown = failing[:MOST_FAILING]
         rows = [
-            [[Said(f"✗ {one.test}", LOOKS[FAIL].colour, True)], [Said(one.network)], [Said(one.who)], [Said(one.why)]]
+            [
+                [Said(f"✗ {one.test}", LOOKS[FAIL].colour, True)],
+                [Said(one.network)],
+                [Said(one.who or arranged.controllers[0])],
+                [Said(one.why)],
+            ]
             for one in shown
         ]
         flow.table((30, 12, 18, 40), ("Test", "Besides", "Controllers", "Why"), rows, most=2)

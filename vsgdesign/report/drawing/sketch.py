@@ -86,12 +86,16 @@ class Sketch:
         self.parts.append(Area(np.array(corners, dtype=float), colour, edge))
 
 
-def svg(sketch: Sketch, kind: str = "sketch") -> Markup:
-    """The sketch as an element of a page: of class ``kind``, no larger than its size in px."""
+def svg(sketch: Sketch, kind: str = "sketch", stretched: bool = False) -> Markup:
+    """The sketch as an element of a page: of class ``kind``, no larger than its size in px.
+
+    ``stretched``: it keeps its height where the page is narrow.
+    """
     body = "".join(_part(part) for part in sketch.parts)
-    return Markup(
-        '<svg class="{}" role="img" aria-label="{}" viewBox="0 0 {:.0f} {:.0f}" style="max-width:{:g}px">{}</svg>'
-    ).format(kind, sketch.label, sketch.width * _TENTHS, sketch.height * _TENTHS, sketch.width, Markup(body))
+    shape = Markup('preserveAspectRatio="none" height="{:.0f}" ').format(sketch.height) if stretched else Markup("")
+    box = f"{sketch.width * _TENTHS:.0f} {sketch.height * _TENTHS:.0f}"
+    head = Markup('<svg class="{}" role="img" aria-label="{}" viewBox="0 0 {}" {}style="max-width:{:g}px">')
+    return head.format(kind, sketch.label, box, shape, sketch.width) + Markup(f"{body}</svg>")
 
 
 def svg_file(sketches: Sequence[Sketch], title: str, lines: Iterable[str] = ()) -> str:
