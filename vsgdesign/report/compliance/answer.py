@@ -83,10 +83,7 @@ def _cell(title: str, counts: Counts) -> Cell:
     return Cell(MISSED, f"{counts.of[FAIL]} of {counts.judged} fail", others, picture)
 
 
-def counts_bar(counts: Counts, title: str, width: float = MOST_LETTERS = 130
-"""Of a reason on top; the matrix has it whole."""
-
-BAR_WIDTH, height: float = BAR_HEIGHT) -> Sketch:
+def counts_bar(counts: Counts, title: str, width: float = BAR_WIDTH, height: float = BAR_HEIGHT) -> Sketch:
     """Shares of the verdicts as one bar. What fails is hatched, what is impossible is dark."""
     sketch = Sketch(width, height, f"{title}: {counts.words()}")
     x = 0.5
