@@ -15,6 +15,8 @@ from tests.simulation.test_emt_against_dop853 import EVERYTHING, SENSORS, errors
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.frames import clarke, clarke_inverse
+from vsgdesign.operating_point.network import network_circuit, states_of_networks
+from vsgdesign.operating_point.plant import plant_step
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.network import PHASE_TO_PHASE, PLAIN, Fault, Load, Network
 from vsgdesign.parameters.study import Event
@@ -273,3 +275,50 @@ def test_a_distorted_source_that_ramps(build: Callable[..., Study], bridge: str,
 def test_networks_in_a_restless_grid_with_sensors() -> None:
     study = with_networks(lcl_study("4 ms", EVERYTHING + SENSORS), (1.0123e-3, Network(fault=Fault(at=0.4, R=0.5))))
     check(with_networks(study, (2.07e-3, Network(load=LOADS[2]))), "averaged")
+
+
+def exponential(M: np.ndarray) -> np.ndarray:
+    """e^M in extended precision, by a Taylor series of M/2^k that is squared k times."""
+    M = M.astype(np.longdouble)
+    k = max(int(np.ceil(np.log2(float(np.abs(M).sum(axis=0).max())))), 0) + 2
+    term = total = np.eye(len(M), dtype=np.longdouble)
+    for n in range(1, 25):
+        term = term @ M / (n * np.longdouble(2.0) ** k)
+        total = total + term
+    for _ in range(k):
+        total = total @ total
+    return total.astype(float)
+
+
+@pytest.mark.skipif(bool(np.finfo(np.longdouble).eps > 1e-18), reason="this processor has no longer numbers")
+@pytest.mark.parametrize(
+    ("build", "network", "stiff"),
+    [(lc_study, Network(fault=Fault(R=1e-3)), 1e3), (lcl_study, Network(load=Load(R_parallel=1e4)), 1e3)],
+)
+def test_a_stiff_network_keeps_the_digits_of_its_slow_modes(
+    build: Callable[..., Study], network: Network, stiff: float
+) -> None:
+    """What a fault of 1 mΩ across a capacitor does; in per unit of each state."""
+    study = build("1 ms")
+    states = states_of_networks([network])
+    circuit, h = network_circuit(study.filter, study.grid, network, states), study.converter.T_s
+    assert np.abs(np.linalg.eigvals(circuit.A)).max() * h > 0.9 * stiff
+    n, step = len(circuit.A), plant_step(circuit, h, 314.0, edges=False)
+    M = np.zeros((n + 4, n + 4))
+    M[:n] = np.hstack([circuit.A, circuit.B, circuit.E]) * h
+    M[n + 2 :, n + 2 :] = np.array([[0.0, -314.0], [314.0, 0.0]]) * h
+    exact = exponential(M)
+    rated = [study.converter.I_rated_pk if name.startswith("i") else study.converter.v_max_pk for name in states.names]
+    scale = np.repeat(rated, 2)
+    errors = [
+        (step.transition - exact[:n, :n] @ circuit.onto) * scale,
+        (step.bridge - exact[:n, n : n + 2]) * study.converter.v_max_pk,
+        (step.source[0] - exact[:n, n + 2 :]) * study.converter.v_max_pk,
+    ]
+    assert max(np.abs(error / scale[:, None]).max() for error in errors) < 3e-11
+
+
+def test_a_network_in_which_rounding_would_show_is_refused() -> None:
+    study = with_networks(lc_study("5 ms"), (1e-3, Network(fault=Fault(R=1e-7))))
+    with pytest.raises(InfeasibleStudyError, match=r"dies out 1e\+07 times within a sampling period.*zero \(bolted\)"):
+        simulate(study, CHANGES)

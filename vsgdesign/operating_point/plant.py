@@ -19,6 +19,7 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.operating_point.plants import (
     edge_polynomials,
     exponentials,
+    less_one,
     source_responses,
     state_matrices,
     transitions,
@@ -79,6 +80,8 @@ def plant_step(circuit: FilterGrid | TwoAxisCircuit, h: float, omega: float, *, 
 
     ``edges=False`` leaves the edge polynomial empty: an averaged bridge has no edges.
     """
+    if isinstance(circuit, TwoAxisCircuit) and circuit.onto is not None:
+        return _stiff_step(circuit, circuit.onto, h, omega, edges=edges)
     equal = isinstance(circuit, FilterGrid)
     A, b, e = state_matrices(circuit) if equal else (circuit.A, circuit.B, circuit.E)
     stacked, inputs = A[None], b.reshape(1, len(A), -1)
@@ -90,9 +93,31 @@ def plant_step(circuit: FilterGrid | TwoAxisCircuit, h: float, omega: float, *, 
         alpha, beta = (source_responses(stacked, e[None, :, axis], transition, h, omega)[0] for axis in range(2))
         # (:eq:`two-axes`): c = 1 is cos on α and sin on β; c = j is −sin on α and cos on β.
         source = np.stack([alpha.real + beta.imag, beta.real - alpha.imag], axis=-1)
-    if not equal and circuit.onto is not None:
-        transition = transition @ circuit.onto
     return PlantStep(h, transition[0], bridge[0].reshape(b.shape), edge.reshape(len(edge), *b.shape), source)
+
+
+def _stiff_step(
+    circuit: TwoAxisCircuit, onto: NDArray[np.float64], h: float, omega: float, *, edges: bool
+) -> PlantStep:
+    """The step of a circuit whose fast modes may die out many times within h (:eq:`less-one`): a small resistance of a
+    fault across a capacitor, or a large one of a load behind an inductor."""
+    n = len(circuit.A)
+    # States, bridge, and three pairs for the source. The first drives the circuit; the second drives the first, so that
+    # it makes (s/h) e^{jωs} of it; the third drives the second, so that it makes (s/h)² e^{jωs} of the first.
+    M = np.zeros((n + 8, n + 8))
+    M[:n, :n], M[:n, n : n + 2], M[:n, n + 2 : n + 4] = circuit.A, circuit.B, circuit.E
+    turn = np.array([[0.0, -omega], [omega, 0.0]])
+    for m in range(3):
+        at = n + 2 + 2 * m
+        M[at : at + 2, at : at + 2] = turn
+    M[n + 2 : n + 4, n + 4 : n + 6] = np.eye(2) / h
+    M[n + 4 : n + 6, n + 6 : n + 8] = 2.0 * np.eye(2) / h
+    grown = less_one(M * h)
+    source = np.stack([grown[:n, n + 2 + 2 * m : n + 4 + 2 * m] * h**m for m in range(3)])
+    edge = np.empty((0, n, 2))
+    if edges:
+        edge = edge_polynomials(circuit.A[None], circuit.B[None], h)[0]
+    return PlantStep(h, onto + grown[:n, :n] @ onto, grown[:n, n : n + 2], edge, source)
 
 
 def straight_line_responses(circuit: FilterGrid | TwoAxisCircuit, h: float) -> NDArray[np.float64]:
@@ -103,6 +128,8 @@ def straight_line_responses(circuit: FilterGrid | TwoAxisCircuit, h: float) -> N
     augmented[:size, :size] = full.A * h
     augmented[:size, size : size + 2] = full.E * h
     augmented[size : size + 2, size + 2 :] = np.eye(2) * h
+    if full.onto is not None:
+        return less_one(augmented)[:size, size:].T.copy()
     return exponentials(augmented[None])[0][:size, size:].T.copy()
 
 

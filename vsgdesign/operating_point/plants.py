@@ -7,6 +7,7 @@ method and offers the same step for one circuit; it computes it with these funct
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -140,6 +141,21 @@ def _squared_series(M: Array, squarings: int) -> Array:
     for _ in range(squarings):
         result = result @ result
     return result
+
+
+def less_one(M: Array) -> Array:
+    """e^M − 1 of one matrix, by the same series, squared as (1 + F)² − 1 = 2F + F² (:eq:`less-one`): slow modes keep
+    all their digits beside fast ones, which takes many squarings."""
+    squarings = max(math.ceil(math.log2(max(2.0 * float(np.abs(M).sum(axis=0).max()), 1.0))), 0)
+    scaled = M / 2.0**squarings
+    identity = np.eye(len(M))
+    series = identity
+    for k in range(_TAYLOR_ORDER, 1, -1):
+        series = identity + scaled @ series / k
+    grown = scaled @ series
+    for _ in range(squarings):
+        grown = 2.0 * grown + grown @ grown
+    return grown
 
 
 def edge_polynomials(A: Array, inputs: Array, h: ArrayLike) -> Array:

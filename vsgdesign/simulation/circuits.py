@@ -21,6 +21,10 @@ from vsgdesign.simulation.timeline import Timeline
 
 Array = NDArray[np.float64]
 
+STIFFEST = 1e6
+"""How many times the fastest mode of a network may die out within a sampling period. There the step is good to 1e-8 of
+rated (measured with 60 digits), and a fault across a capacitor of 20 μF at 20 kHz has 2 μΩ."""
+
 CircuitOfGrid = Callable[[Grid], FilterGrid | TwoAxisCircuit]
 """The circuit between bridge and source on a grid."""
 
@@ -97,7 +101,8 @@ class Circuits:
         if not np.isfinite(step.edge).all():
             raise InfeasibleStudyError(
                 "the circuit is too stiff to switch: its fastest mode (R/L or R_c/L) dies out many times within a "
-                'sampling period. Sample faster, lower R_c, raise x_over_r, or use bridge = "averaged".'
+                "sampling period. Sample faster, lower R_c, raise x_over_r, make a fault bolted or a load larger, "
+                'or use bridge = "averaged".'
             )
         return step
 
@@ -155,7 +160,10 @@ def circuits_of(study: Study, timeline: Timeline, circuit: CircuitOfGrid | None)
                 "circuit: it says all that is between the bridge and the source, so it cannot meet a load, a fault or "
                 "an open breaker of the study. Leave circuit out, or put them into the circuit."
             )
-        return {one: network_circuit(study.filter, *one, states) for one in connections(timeline)}.__getitem__
+        with_network = {one: network_circuit(study.filter, *one, states) for one in connections(timeline)}
+        for one, of in with_network.items():
+            _check_stiffness(of, one.network, study.converter.T_s)
+        return with_network.__getitem__
     if circuit is None:
         return lambda one: study.circuit(one.grid)
     found = {grid: circuit(grid) for _, grid in timeline.grids}
@@ -181,6 +189,15 @@ def circuits_of(study: Study, timeline: Timeline, circuit: CircuitOfGrid | None)
 def states_of(circuit: FilterGrid | TwoAxisCircuit) -> int:
     """How many real states a circuit has on both axes together."""
     return len(circuit.A) if isinstance(circuit, TwoAxisCircuit) else 6
+
+
+def _check_stiffness(circuit: TwoAxisCircuit, network: Network, T_s: float) -> None:
+    times = T_s * float(np.abs(np.linalg.eigvals(circuit.A)).max())
+    if times > STIFFEST:
+        raise InfeasibleStudyError(
+            f"{network}: its fastest mode dies out {times:.2g} times within a sampling period. Above {STIFFEST:.0e} "
+            "times rounding would show. Give fault.R zero (bolted) or more ohms, or a load less ohms in parallel."
+        )
 
 
 def _coupled(circuit: TwoAxisCircuit) -> bool:
