@@ -9,7 +9,9 @@ import pytest
 
 from tests.compliance.made_runs import STEP_S, made_run, made_trace, times
 from vsgdesign.compliance.measures import MEASURES
+from vsgdesign.compliance.reading import suite_from_text
 from vsgdesign.compliance.suite import SuiteEvent
+from vsgdesign.errors import StudyError
 from vsgdesign.metrics.survival import LATCHED, NO_REST, SURVIVED, Survival
 
 JUMP = SuiteEvent(t_s=0.1, phase_deg=10.0)
@@ -27,6 +29,23 @@ def test_wrong_parameters_are_named_together() -> None:
     run = made_run(made_trace(times(0.5)), JUMP)
     with pytest.raises(ValueError, match=r"there is no parameter 'x_s'.*after_s = nan must be a finite number"):
         MEASURES["peak_after_5ms_pu"].of(run, (("x_s", 1.0), ("after_s", math.nan)))
+    with pytest.raises(ValueError, match=r"share = 2 must be from 0.001 to 1\. .*within_s = -1 must be from 0.0001 s"):
+        MEASURES["response_ms"].of(run, {"share": 2.0, "within_s": -1.0})
+    backwards = MEASURES["Z_effective_pu"].of(run, {"begin_s": 0.02, "end_s": 0.01})
+    assert backwards.why == "end_s = 0.01 s is not later than begin_s = 0.02 s"
+
+
+def test_a_suite_s_parameter_out_of_its_limits_is_a_fault_of_the_file() -> None:
+    criteria = '[{ measure = "response_ms", share = 2 }, { measure = "dP_pu", within_s = "100 s" }]'
+    with pytest.raises(StudyError) as caught:
+        suite_from_text(
+            f'[[tests]]\nname = "one"\nscr = 3\nx_over_r = 5\nevents = [{{ P_pu = 0 }}]\ncriteria = {criteria}'
+        )
+    found = {fault.field: fault for fault in caught.value.faults}
+    share = found["tests[0].criteria[0].share"]
+    assert share.problem == "must be from 0.001 to 1"
+    assert share.advice == "Leave it out for 0.1."
+    assert found["tests[0].criteria[1].within_s"].problem == "must be from 0.0001 s to 60 s"
 
 
 @pytest.mark.parametrize("name", list(MEASURES))

@@ -12,7 +12,8 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "theory" / "measures.md"
 def row_of(measure: Measure) -> str:
     """The measure's row of the page's table."""
     parameters = ", ".join(
-        f"`{one.name}` = {one.default:g}{' ' * bool(one.unit)}{one.unit}" for one in measure.parameters
+        f"`{one.name}` = {one.default:g}{' ' * bool(one.unit)}{one.unit} ({one.least:g} to {one.most:g})"
+        for one in measure.parameters
     )
     text = measure.text.replace("|", "\\|")
     return f"| `{measure.name}` | {measure.unit or '–'} | {text} | {parameters} |"

@@ -161,11 +161,22 @@ class MeasureInput:
 
 
 class Parameter(NamedTuple):
-    """A number on which a measure depends."""
+    """A number on which a measure or an envelope depends."""
 
     name: str
     default: float
     unit: str
+    least: float = -math.inf
+    most: float = math.inf
+
+    def problem(self, value: float) -> str | None:
+        """Why it cannot have this value, in words; None if it can."""
+        if not math.isfinite(value):
+            return "must be a finite number"
+        if not self.least <= value <= self.most:
+            unit = f" {self.unit}" if self.unit else ""
+            return f"must be from {self.least:g}{unit} to {self.most:g}{unit}"
+        return None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,7 +200,7 @@ class Measure:
         """The figure with the given parameters, or why there is none. A run that is too short to hold a figure, or
         that holds a value that is no number, has none.
 
-        Raises ValueError, with all faults, if a parameter is not one of this measure's or is no finite number.
+        Raises ValueError, with all faults, if a parameter is not one of this measure's or is outside of its limits.
         """
         chosen = dict(given)
         faults = self.faults(chosen)
@@ -204,19 +215,26 @@ class Measure:
 
     def faults(self, given: Mapping[str, float]) -> list[str]:
         """What is wrong with given parameters, in words; empty if nothing is."""
-        known = {parameter.name for parameter in self.parameters}
+        known = {parameter.name: parameter for parameter in self.parameters}
         faults = []
         for name, value in given.items():
+            problem = known[name].problem(value) if name in known else None
             if name not in known:
                 there = ", ".join(sorted(known)) or "none"
                 faults.append(f"{self.name}: there is no parameter {name!r}. Its parameters: {there}.")
-            elif not math.isfinite(value):
-                faults.append(f"{self.name}: {name} = {value:g} must be a finite number.")
+            elif problem is not None:
+                faults.append(f"{self.name}: {name} = {value:g} {problem}.")
         return faults
 
 
-_UNITS = {"s": "s", "ms": "ms", "hz": "Hz", "pu": "pu", "share": ""}
-"""Unit of a parameter, by the end of its name."""
+_LIMITS = {"s": ("s", 1e-4, 60.0), "hz": ("Hz", 0.01, 50.0), "pu": ("pu", 1e-4, 10.0), "share": ("", 1e-3, 1.0)}
+"""Unit, smallest and largest value of a parameter, by the end of its name."""
+
+
+def _parameter(name: str, default: float) -> Parameter:
+    """A parameter with the limits of its unit, within which its default always is."""
+    unit, least, most = _LIMITS[name.rpartition("_")[2]]
+    return Parameter(name, default, unit, min(least, default), most if default <= most else 10.0)
 
 
 def measure(label: str, unit: str, text: str, *, of_trace: bool = True) -> Callable[[Callable[..., Measured]], Measure]:
@@ -229,7 +247,7 @@ def measure(label: str, unit: str, text: str, *, of_trace: bool = True) -> Calla
             label=label,
             unit=unit,
             text=text,
-            parameters=tuple(Parameter(p.name, p.default, _UNITS[p.name.rpartition("_")[2]]) for p in parameters),
+            parameters=tuple(_parameter(p.name, p.default) for p in parameters),
             function=function,
             of_trace=of_trace,
         )

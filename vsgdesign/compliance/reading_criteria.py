@@ -32,7 +32,7 @@ def _read_criterion(table: TableReader) -> Criterion:
         parameters = MEASURES[measure].parameters
     elif envelope in ENVELOPES:
         parameters = ENVELOPES[envelope].parameters
-    given = tuple((p.name, in_unit(table, p.name, p.unit)) for p in parameters if table.has(p.name))
+    given = tuple((p.name, _parameter(table, p)) for p in parameters if table.has(p.name))
     ours, judged = table.flag("ours", default=False), table.flag("judged", default=True)
     if measure in MEASURES or envelope in ENVELOPES:
         table.skip(*(parameter.name for parameter in parameters))
@@ -46,6 +46,15 @@ def _read_criterion(table: TableReader) -> Criterion:
         ours=ours,
         judged=judged,
     )
+
+
+def _parameter(table: TableReader, parameter: Parameter) -> float:
+    value = in_unit(table, parameter.name, parameter.unit)
+    problem = None if math.isnan(value) else parameter.problem(value)
+    if problem is not None:
+        default = f"Leave it out for {parameter.default:g}." if math.isfinite(parameter.default) else ""
+        table.fault(parameter.name, table.table[parameter.name], problem, default)
+    return value
 
 
 def _name(table: TableReader, field: str, known: Iterable[str]) -> str:

@@ -17,7 +17,7 @@ _MOVES = 0.01
 @measure(
     "response of P",
     "ms",
-    "Time from the first event until P has moved by 10 % of its largest change within the next 50 ms.",
+    "Time from the first event until P has moved by a share (10 %) of its largest change within the next 50 ms.",
 )
 def response_ms(run: MeasureInput, share: float = 0.1, within_s: float = 0.05) -> Measured:
     """Interpolated between rows; the uncertainty is the interval of the trace."""
@@ -27,7 +27,7 @@ def response_ms(run: MeasureInput, share: float = 0.1, within_s: float = 0.05) -
 @measure(
     "response of Q",
     "ms",
-    "Time from the first event until Q has moved by 10 % of its largest change within the next 50 ms.",
+    "Time from the first event until Q has moved by a share (10 %) of its largest change within the next 50 ms.",
 )
 def response_Q_ms(run: MeasureInput, share: float = 0.1, within_s: float = 0.05) -> Measured:
     """As ``response_ms``."""
@@ -37,8 +37,8 @@ def response_Q_ms(run: MeasureInput, share: float = 0.1, within_s: float = 0.05)
 @measure(
     "response of the current",
     "ms",
-    "Time from the first event until the current into the PCC has moved by 10 % of its largest change within the next "
-    "50 ms, in the frame that goes on turning as before.",
+    "Time from the first event until the current into the PCC, as a phasor, has moved by a share (10 %) of its largest "
+    "change within the next 50 ms.",
 )
 def response_i_ms(run: MeasureInput, share: float = 0.1, within_s: float = 0.05) -> Measured:
     """Active and reactive current together: the length of the vector's change."""
@@ -64,6 +64,8 @@ def Z_effective_pu(run: MeasureInput, begin_s: float = 0.0, end_s: float = 0.02)
     if jump is None:
         return not_known("the test has no jump of the phase")
     event, after = jump
+    if not end_s > begin_s:
+        return not_known(f"end_s = {end_s:g} s is not later than begin_s = {begin_s:g} s")
     if event.t_s + end_s > after:
         return not_known("the next event comes before the end of the measurement")
     if run.limiter_acts(run.rows(event.t_s, event.t_s + end_s)):
