@@ -1,6 +1,9 @@
-"""Takes the picture of a report's answer for docs/how-to/results.md. Run: python docs/figures/picture_of_a_report.py
+"""Takes the pictures of pages' answers for docs/how-to/results.md and docs/how-to/comply.md.
 
-The script runs studies/structures and opens its page in Chromium, which must be on the path.
+Run: python docs/figures/picture_of_a_report.py [NAME]
+
+The script runs studies/structures and sends the controllers of studies/gridcode through all suites, which takes some
+minutes. It opens the pages in Chromium, which must be on the path.
 """
 
 from __future__ import annotations
@@ -13,29 +16,42 @@ from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]
-SIZE = (1120, 900)
-"""Window in pixels: the answer, without the figure below it."""
+PICTURES = {
+    "report_answer": (("run", "structures"), (1120, 900)),
+    "compliance_page": (("comply", "gridcode"), (1120, 960)),
+}
+"""By name: verb and study, and the window in pixels: the answer, without what is below it."""
 
 
 def main() -> None:
-    """Run, open, write the picture."""
+    """Run, open, write the pictures, or the one that is named."""
+    for name in sys.argv[1:] or PICTURES:
+        (verb, study), _ = PICTURES[name]
+        with tempfile.TemporaryDirectory() as folder:
+            file = ROOT / "studies" / study / "study.toml"
+            run = [sys.executable, "-m", "vsgdesign.cli", verb, str(file), "--out", f"{folder}/run"]
+            subprocess.run(run, check=True, cwd=ROOT)
+            take(Path(folder) / "run" / "report.html", name)
+
+
+def take(page: Path, name: str) -> None:
+    """The picture of a page."""
     browser = shutil.which("chromium") or shutil.which("chromium-browser")
     if browser is None:
         sys.exit("error: Chromium is not on the path")
+    width, height = PICTURES[name][1]
     with tempfile.TemporaryDirectory() as folder:
-        study = ROOT / "studies" / "structures" / "study.toml"
-        run = [sys.executable, "-m", "vsgdesign.cli", "run", str(study), "--out", f"{folder}/run"]
-        subprocess.run(run, check=True, cwd=ROOT)
         subprocess.run(
             [
                 browser,
                 "--headless",
                 "--no-sandbox",
                 "--hide-scrollbars",
-                f"--user-data-dir={folder}/browser",
-                f"--window-size={SIZE[0]},{SIZE[1]}",
-                f"--screenshot={FOLDER / 'report_answer.png'}",
-                f"file://{folder}/run/report.html",
+                "--blink-settings=preferredColorScheme=1",
+                f"--user-data-dir={folder}",
+                f"--window-size={width},{height}",
+                f"--screenshot={FOLDER / f'{name}.png'}",
+                f"file://{page}",
             ],
             check=True,
         )

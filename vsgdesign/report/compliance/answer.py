@@ -105,12 +105,14 @@ def failing_tests(arranged: Arranged) -> list[Failing]:
     """Every test that a controller fails: first those that the controller with the fewest failures fails."""
     best = min(range(len(arranged.counts)), key=lambda k: arranged.counts[k].of[FAIL], default=0)
     failing = [test for test in arranged.tests() if test.fails]
-    return [_failing(test) for test in sorted(failing, key=lambda test: _verdict(test, best) != FAIL)]
+    failing.sort(key=lambda test: _verdict(test, best) != FAIL)
+    return [_failing(test, arranged.controllers[best]) for test in failing]
 
 
-def _failing(test: Tested) -> Failing:
+def _failing(test: Tested, best: str) -> Failing:
     who = [row["controller"] for row in test.known if row["verdict"] == FAIL]
     reasons = [reason for reason in test.reasons if reason.verdict == FAIL]
+    reasons.sort(key=lambda reason: best not in reason.controllers)
     why = "; ".join(
         reason.text if len(reason.controllers) == len(who) else f"{', '.join(reason.controllers)}: {reason.text}"
         for reason in reasons
