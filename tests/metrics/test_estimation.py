@@ -15,6 +15,13 @@ R = np.where(T < 3.05, 2.0, 1.0)
 L = 1e-3 * R
 
 
+def test_a_rest_without_a_grid_is_left_out() -> None:
+    """In an island there is nothing to be right about, and a figure of it has no axes."""
+    there = np.where(T < 3.05, math.nan, 1.0)
+    (only,) = errors_at_rest(T, R * there, L * there, R, L, [3.0], 6.0)
+    assert only.end_s == 6.0
+
+
 def test_errors_at_rest_are_of_the_last_second() -> None:
     R_hat, L_hat = R * 1.01, L * 0.99
     R_hat[:20] = 100.0  # before the rest

@@ -73,7 +73,7 @@ def test_nothing_is_told_while_the_breaker_is_open() -> None:
     told = told_of(one, GridEstimate(silent_s=0.1), timeline)
     known = timeline.grid_at(2.0)
     assert told == ((0.0, one.grid), (0.5, None), (1.0, None), (2.0, None), (2.1, known))
-    assert (timeline.islanded, timeline.closings()) == (True, (2.0,))
+    assert (timeline.islanded, timeline.truth_changes()) == (True, (2.0,))
     assert math.isnan(timeline.true_grid_at(1.5).R_g)
     assert timeline.true_grid_at(2.0) == known
 
@@ -153,3 +153,31 @@ def test_pages_say_what_is_at_the_pcc() -> None:
     one = study(events="", more='[network]\nload = { P_pu = 0.5 }\nbreaker = "open"\n')
     assert network_in_words(one) == ["load 2.5 kW", "breaker open"]
     assert network_in_words(study(events="")) == []
+
+
+def test_an_estimate_is_compared_with_grid_and_load_together() -> None:
+    """Nobody can tell them apart at the PCC. In a fault there is nothing to compare with."""
+    events = """
+[[events]]
+time = "0.2 s"
+load = { P_pu = 0.6, Q_pu = 0.2 }
+[[events]]
+time = "0.6 s"
+fault = { R_pu = 1 }
+[[events]]
+time = "0.7 s"
+fault = "cleared"
+"""
+    one = study('structure = "angle_damped"\nestimate = "kalman"\n', events)
+    one = replace(one, simulation=replace(one.simulation, duration=0.8))
+    result = run_scenario(one)
+    log = result.controllers[0].estimates
+    assert log is not None
+    assert result.timeline.truth_changes() == (0.2, 0.7)
+    at = {t: int(np.argmin(np.abs(log.t_s - t))) for t in (0.18, 0.58, 0.68)}
+    Z = one.grid.R_g + 100j * np.pi * one.grid.L_g
+    Y = (0.6 - 0.2j) / one.converter.Z_base
+    seen = Z / (1.0 + Z * Y)
+    assert complex(log.R_g[at[0.58]], 100.0 * np.pi * log.L_g[at[0.58]]) == pytest.approx(seen, rel=1e-6)
+    assert log.R_g[at[0.18]] == one.grid.R_g
+    assert math.isnan(log.R_g[at[0.68]])

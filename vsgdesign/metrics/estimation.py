@@ -73,7 +73,7 @@ def errors_at_rest(
     t_s: Array, R_g: Array, L_g: Array, R_g_hat: Array, L_g_hat: Array, instants: Sequence[float], end_s: float
 ) -> tuple[RestError, ...]:
     """Errors before each of the instants (events) and before the end. ``t_s`` (N,): ends of the windows; R in Ω, L in
-    H.
+    H. A rest without a true grid (NaN: an island) is left out.
     """
     errors_R, errors_L = relative_errors_pct(R_g, R_g_hat), relative_errors_pct(L_g, L_g_hat)
     found = []
@@ -82,6 +82,8 @@ def errors_at_rest(
         if not rows.any():
             continue
         last = int(np.flatnonzero(rows)[-1])
+        if not (math.isfinite(R_g[last]) and math.isfinite(L_g[last])):
+            continue
         R, L = errors_R[rows], errors_L[rows]
         found.append(
             RestError(

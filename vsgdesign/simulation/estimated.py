@@ -59,7 +59,7 @@ class EstimateLog:
     """Time at which the answer acts, s: the end of its window."""
     R_g: Array
     L_g: Array
-    """True grid at the end of the window, Ω and H."""
+    """True grid at the end of the window, with a load at the PCC, Ω and H; NaN in an island or a fault."""
     R_g_hat: Array
     L_g_hat: Array
     """The estimate, Ω and H; NaN where there is none."""

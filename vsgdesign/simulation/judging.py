@@ -58,7 +58,7 @@ def judge_estimates(result: ScenarioResult) -> tuple[Judgement, ...]:
     """Every controller of a scenario that estimates the grid, in order."""
     study, timeline = result.study, result.timeline
     instants = sorted({event.t_s for event in study.events})
-    changes = sorted({t_s for t_s, _ in timeline.grids if t_s > 0.0} | set(timeline.closings()))
+    changes = timeline.truth_changes()
     end_s = study.simulation.duration
     found = []
     for controller in result.controllers:

@@ -12,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.grid import grid_behind_load
 from vsgdesign.parameters.network import PLAIN, Network
 from vsgdesign.parameters.study import Event, Grid, GridSource, SourceComponent, Study
 from vsgdesign.simulation.replay import Replay
@@ -94,15 +95,26 @@ class Timeline:
         """Whether the breaker to the grid is open at any time."""
         return not all(network.connected for _, network in self.networks)
 
-    def closings(self) -> tuple[float, ...]:
-        """Instants at which the breaker to the grid closes."""
-        pairs = itertools.pairwise(self.networks)
-        return tuple(t_s for (_, before), (t_s, after) in pairs if after.connected and not before.connected)
-
     def true_grid_at(self, t_s: float) -> Grid:
-        """What an estimate of the grid is compared with from t_s on: NaN while the breaker is open, since no grid is
-        there."""
-        return self.grid_at(t_s) if self.network_at(t_s).connected else Grid(math.nan, math.nan)
+        """What an estimate is compared with from t_s on: the grid together with a load at the PCC, since nobody can
+        tell the two apart there (:eq:`grid-behind-load`). NaN while the breaker is open or a fault is there."""
+        network, grid = self.network_at(t_s), self.grid_at(t_s)
+        if network.fault is not None or not network.connected:
+            return Grid(math.nan, math.nan)
+        if network.load is None:
+            return grid
+        omega = self.source_at(t_s).omega
+        Y = network.load.admittance(omega)
+        R, X, _, _ = grid_behind_load(grid.R_g, omega * grid.L_g, Y.real, Y.imag)
+        return Grid(R, X / omega)
+
+    def truth_changes(self) -> tuple[float, ...]:
+        """Instants after the start at which an estimate finds another grid than before."""
+        found = {t_s for t_s, _ in self.grids if t_s > 0.0}
+        for (_, before), (t_s, after) in itertools.pairwise(self.networks):
+            if t_s > 0.0 and (after.load != before.load or (before.connected, before.fault) != (True, None)):
+                found.add(t_s)
+        return tuple(t_s for t_s in sorted(found) if math.isfinite(self.true_grid_at(t_s).R_g))
 
     def plant_changes(self) -> tuple[float, ...]:
         """Instants at which the circuit or its source changes."""

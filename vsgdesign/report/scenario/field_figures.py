@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -69,6 +70,7 @@ def _impedance_figure(result: ScenarioResult, controllers: list[tuple[int, Contr
     """|Z| and arg Z of the first controller with the field estimator."""
     index, controller = controllers[0]
     answers = field_answers(result, controller)
+    result = replace(result, timeline=controller.simulation.timeline)  # a breaker may close at an instant of its own
     study, duration = result.study, result.study.simulation.duration
     unit = time_unit(duration)
     changes = _changes(result)[:_MOST_ZOOMS]
@@ -123,8 +125,10 @@ def _draw(
     else:
         truth, value, half = (np.degrees(x) for x in (np.angle(true), band.angle, band.angle_half))
         axes.set_ylabel("arg $Z_g$ [°]")
-    low = truth.min() / 1.6 if kind == "size" else truth.min() - 25.0
-    high = truth.max() * 1.6 if kind == "size" else truth.max() + 25.0
+    known = truth[np.isfinite(truth)] if np.isfinite(truth).any() else value[np.isfinite(value)]
+    least, most = (float(known.min()), float(known.max())) if len(known) else (1.0, 1.0)
+    low = least / 1.6 if kind == "size" else least - 25.0
+    high = most * 1.6 if kind == "size" else most + 25.0
     axes.set_ylim(low, high)
     if kind == "size":
         _plain_ticks(axes)
