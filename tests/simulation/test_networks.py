@@ -20,11 +20,12 @@ from vsgdesign.operating_point.plant import plant_step
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.network import PHASE_TO_PHASE, PLAIN, Fault, Load, Network
 from vsgdesign.parameters.study import Event
+from vsgdesign.report.scenario.page import limits_of_validity
 from vsgdesign.simulation import GainChange, gain_changes, simulate
 from vsgdesign.simulation.at_pcc import pcc_over_time, pcc_vectors
 from vsgdesign.simulation.lanes.cases import LaneCases, no_events
 from vsgdesign.simulation.lanes.run import run_lanes
-from vsgdesign.simulation.scenario import series_at_pcc
+from vsgdesign.simulation.scenario import run_scenario, series_at_pcc
 from vsgdesign.simulation.timeline import build_timeline
 
 CHANGES = [GainChange(0.0, GAINS)]
@@ -187,6 +188,15 @@ def test_currents_that_nothing_says_are_refused() -> None:
     both = Network(fault=Fault(), load=Load(R_series=0.0))
     with pytest.raises(InfeasibleStudyError, match=r"side by side.*Give fault\.R or load\.R_series a value"):
         simulate(with_networks(lc_study("5 ms"), (1e-3, both)), CHANGES)
+
+
+def test_the_page_says_what_is_near() -> None:
+    study = lc_study("30 ms")
+    said = "; no other converter or load is near."
+    assert any(item.endswith(said) for item in limits_of_validity(run_scenario(study)))
+    loaded = limits_of_validity(run_scenario(with_networks(study, (20e-3, Network(load=LOADS[0])))))
+    assert not any(item.endswith(said) for item in loaded)
+    assert any("interrupt their current at the given instant" in item for item in loaded)
 
 
 def test_another_circuit_meets_no_network() -> None:

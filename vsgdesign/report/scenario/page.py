@@ -131,6 +131,19 @@ def _bridge(bridge: str) -> str:
     return "an averaged bridge" if bridge == "averaged" else "a switched bridge (PWM)"
 
 
+def _said_of_grid(result: ScenarioResult) -> list[str]:
+    """What the simulated grid is, and is not."""
+    of_grid = "The grid is an ideal three-phase source behind one balanced R–L branch"
+    if all(network.plain for _, network in result.timeline.networks):
+        return [f"{of_grid}; no other converter or load is near."]
+    return [
+        f"{of_grid}, with the loads, faults and breakers of the events; no other converter is near. There are three "
+        "wires: a fault has no connection to earth.",
+        "A breaker that opens and a fault that is cleared interrupt their current at the given instant; a load that is "
+        "switched off is discharged at once.",
+    ]
+
+
 def limits_of_validity(result: ScenarioResult) -> list[str]:
     """What the simulation leaves out, as far as it matters for the numbers of this report."""
     study = result.study
@@ -167,7 +180,7 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
         )
     items += [
         f"The dc link is an ideal source of {plain_quantity(study.converter.V_dc, 'V')}, nothing behind it.",
-        "The grid is an ideal three-phase source behind one balanced R–L branch; no other converter or load is near.",
+        *_said_of_grid(result),
         f"Inductors do not saturate, capacitors {'are' if sensed else 'and measurements are'} ideal; "
         f"the controller is sampled every {plain_quantity(study.converter.T_s, 's')}.",
     ]
