@@ -144,6 +144,8 @@ def test_criteria_are_checked_against_what_can_be_measured() -> None:
             { envelope = "power_band", at_most = 0 },
             { envelope = "power_band", to_s = "5 %" },
             { measure = "survived", envelope = "power_band" },
+            { measure = "settling_s", band_pu = -0.1 },
+            { envelope = "swing_after_jump", below_pu = 1.5 },
         ]
         """
     )
@@ -151,6 +153,7 @@ def test_criteria_are_checked_against_what_can_be_measured() -> None:
     expected = {
         f"{at}[0].measure", f"{at}[1].at_most", f"{at}[2].at_most", f"{at}[3].band", f"{at}[4].band_pu",
         f"{at}[5].envelope", f"{at}[6].at_most", f"{at}[7].to_s", f"{at}[8]",
+        f"{at}[9].band_pu", f"{at}[10].below_pu",
     }  # fmt: skip
     assert found.keys() == expected
     assert "Did you mean survived?" in found[f"{at}[0].measure"].advice

@@ -74,8 +74,19 @@ class Envelope:
         return self.function(run, **chosen)
 
 
-_UNITS = {"s": "s", "hz": "Hz", "pu": "pu"}
-"""Unit of a parameter, by the end of its name."""
+_LIMITS = {
+    "low_pu": ("pu", -10.0, 10.0),
+    "high_pu": ("pu", -10.0, 10.0),
+    "from_s": ("s", 0.0, 600.0),
+    "to_s": ("s", 0.0, 600.0),
+    "H_s": ("s", 1e-3, 1e3),
+    "D_pu": ("pu", 0.0, 1e5),
+    "X_eff_pu": ("pu", 0.0, 10.0),
+    "P_max_pu": ("pu", 0.1, 10.0),
+    "above_pu": ("pu", 0.0, 10.0),
+    "below_pu": ("pu", 0.0, 1.0),
+}
+"""Unit, smallest and largest value of each parameter."""
 
 
 def envelope(label: str, text: str) -> Callable[[Callable[..., Bounds]], Envelope]:
@@ -87,7 +98,7 @@ def envelope(label: str, text: str) -> Callable[[Callable[..., Bounds]], Envelop
             name=function.__name__,
             label=label,
             text=text,
-            parameters=tuple(Parameter(p.name, p.default, _UNITS[p.name.rpartition("_")[2]]) for p in parameters),
+            parameters=tuple(Parameter(p.name, p.default, *_LIMITS[p.name]) for p in parameters),
             function=function,
         )
 
