@@ -179,6 +179,8 @@ def _explored(opening: Opening, session: Session) -> None:
         threading.Event().wait()
     except KeyboardInterrupt:
         return
+    finally:
+        session.close()
 
 
 def _apart() -> int:

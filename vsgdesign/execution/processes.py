@@ -22,7 +22,7 @@ def worker_processes(count: int) -> Iterator[ProcessPoolExecutor]:
     theirs, ours = context.Pipe(duplex=False)
     pool: ProcessPoolExecutor | None = None
     try:
-        with signals_blocked():
+        with _signals_blocked():
             pool = ProcessPoolExecutor(count, context, _begin_worker, (theirs,))
             for _ in range(count):
                 pool.submit(os.getpid)
@@ -38,7 +38,7 @@ def worker_processes(count: int) -> Iterator[ProcessPoolExecutor]:
 
 
 @contextmanager
-def signals_blocked() -> Iterator[None]:
+def _signals_blocked() -> Iterator[None]:
     """Processes that start here inherit that SIGINT and SIGHUP, which go to whole groups, do not reach them.
 
     One that is starting would show its traceback, and the one that keeps account of shared memory would die of SIGHUP.

@@ -206,8 +206,9 @@ class Session:
 
             count = max(min(len(apart), len(state.controllers)), 1)
             places = [range(k, len(state.controllers), count) for k in range(count)]
-            parts = ask_all([(process, (state, of_one)) for process, of_one in zip(apart, places, strict=False)])
-            if all(part is not None for part in parts):
+            asked = ask_all([(process, (state, of_one)) for process, of_one in zip(apart, places, strict=False)])
+            parts: list[Answer] = [part for part in asked if part is not None]
+            if len(parts) == count:
                 found = joined_emt(list(zip(places, parts, strict=True)))
         if found is None:
             from vsgdesign.explore.live import emt_answer

@@ -316,7 +316,8 @@ def _measured_gains(parts: Sequence[_Measured]) -> list[PowerLoopGains | Infeasi
             of_each = zip(some, P.tolist(), Q.tolist(), V.tolist(), strict=True)
             return PowerLoopGains(*np.array([part.gains_of(*measured) for part, *measured in of_each]).T)
 
-        states, gains = many_rests_with_measured_gains(some[0].study, *np.array(at).T, of_many)
+        R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref = np.array(at).T
+        states, gains = many_rests_with_measured_gains(some[0].study, R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref, of_many)
         for k, fault, row in zip(group, states.fault.tolist(), np.array(gains).T.tolist(), strict=True):
             found[k] = _at_references(parts[k]) if fault else PowerLoopGains(*row)
     return found
