@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.filters import capacitor_node_voltage
-from vsgdesign.equations.grid import grid_behind_load
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, SimulationDivergedError
 from vsgdesign.frames import rms_to_peak
@@ -30,9 +29,10 @@ from vsgdesign.metrics.survival import (
     judge_survival,
 )
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
-from vsgdesign.parameters.network import Load, only_a_grid
+from vsgdesign.parameters.network import Load, Network, only_a_grid
 from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
 from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.simulation.circuits import Connection, circuit_at_rest
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange, gain_changes
@@ -357,15 +357,7 @@ def rest_on(
     load: Load | None = None,
 ) -> ExpectedRest:
     """The steady state on a grid and a source, with a load at the PCC and the gains for the grid that is ``known``."""
-    c, turned = study.converter, 0.0
-    if load is not None:
-        Y, omega = load.admittance(source.omega_g), source.omega_g
-        R, X, cosine, sine = grid_behind_load(grid.R_g, omega * grid.L_g, Y.real, Y.imag)
-        if not (R >= 0.0 and X > 0.0):
-            return ExpectedRest.none("grid and load together are no resistance with an inductance at this frequency")
-        turned = math.atan2(sine, cosine)
-        grid = Grid(R, X / omega)
-        source = replace(source, V_g_rms=source.V_g_rms * math.hypot(cosine, sine))
+    c = study.converter
     law = gain_law(study, subject.spec, subject.ready)
     free = replace(study, converter=replace(c, current_limit_pu=None))
 
@@ -379,6 +371,7 @@ def rest_on(
             source,
             *refs,
             gains_of,
+            circuit=circuit_at_rest(study, Connection(grid, Network(load=load))),
         )
     except LimitHitError as error:
         return ExpectedRest.none(f"{error.limit}: {error}")
@@ -387,7 +380,7 @@ def rest_on(
     return ExpectedRest(
         P=state.controller.P_f,
         Q=state.controller.Q_f,
-        delta=state.controller.theta + turned,
+        delta=state.controller.theta,
         i_s_pu=float(np.hypot(*state.plant[:2])) / c.I_rated_pk,
     )
 
