@@ -57,12 +57,15 @@ def test_inertia_and_droop_are_those_of_the_gains(case: str, structure: str, df_
 
 
 def test_inertia_of_a_schedule_that_moves_during_the_ramp() -> None:
-    """Within 4 % of the range of H in the ramp, or not known. At SCR 1.5 P comes near what the grid carries, the gains
-    change by 15 %, and the fit alone would say 6 s."""
+    """Within 4 % of the range of H in the ramp, or not known.
+
+    At SCR 5 and −1 Hz the limiter acts for 0.8 s. At SCR 1.5 P comes near what the grid carries, the gains change by
+    15 %, and the fit alone would say 6 s.
+    """
     study = load_study(LABORATORY)
     subject = Subject(study=study, spec=next(c for c in study.controllers if c.name == "angle_damped"))
     c = study.converter
-    for scr, df_hz, known in ((5.0, 1.0, True), (1.5, -1.0, False)):
+    for scr, df_hz, known in ((5.0, 1.0, True), (5.0, -1.0, True), (1.5, -1.0, False)):
         test = grid_test(SuiteEvent(t_s=0.0, df_hz=df_hz, over_s=1.0), scr=scr, x_over_r=10.0)
         run = run_test(subject, test)
         assert run.trace is not None
@@ -73,6 +76,8 @@ def test_inertia_of_a_schedule_that_moves_during_the_ramp() -> None:
             ramp = [change.gains for change in run.simulation.gain_changes if change.t_s <= subject.lead_s + 1.0]
             H = [float(effective_inertia(gains, c.S_rated, c.omega_n)) for gains in ramp]
             assert 0.96 * min(H) < found.value < 1.04 * max(H)
+            assert found.plus_minus < 0.04 * found.value
+            assert (float(np.sum(run.trace.limited)) > 1000) == (df_hz < 0.0)
         else:
             assert "more or less" in found.why
 

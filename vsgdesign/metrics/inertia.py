@@ -26,8 +26,8 @@ class RampFit(NamedTuple):
     misfit: float
     """Rms of what the fit leaves of ΔP, over the rms of ΔP."""
     spread_s: float
-    """Uncertainty of H, s: how far it is from that of a fit without dQ/dt and dV/dt, or what the unexplained part of
-    ΔP could do to it, whichever is less. It is large where a schedule changes the gains during the ramp."""
+    """Uncertainty of H, s: how far it is from that of a fit without dQ/dt and dV/dt, but at least what the unexplained
+    part of ΔP could do to it, and at most five times that. It is large where a schedule changes the gains."""
 
 
 def fit_ramp(
@@ -40,6 +40,7 @@ def fit_ramp(
     cycle_rows: int,
     rest: tuple[float, float],
     lag_s: float = 0.0,
+    limited: NDArray[np.bool_] | None = None,
 ) -> RampFit | None:
     """Inertia and droop from signals (n,) that begin at or before a ramp. None if they are too short.
 
@@ -47,7 +48,8 @@ def fit_ramp(
     of the power loops (:eq:`power-loop-law`) is linear in Δf, df/dt, dP/dt, dQ/dt and dV/dt, and a filter of P adds
     second derivatives, so that a least-squares fit over these columns holds during the transient as well, and no
     state of rest within the ramp is needed. All columns are means over a cycle. A filter of the delay ``lag_s``
-    makes the droop lead by as much, which a ramp shows as D·lag/2 of H; it is subtracted.
+    makes the droop lead by as much, which a ramp shows as D·lag/2 of H; it is subtracted. ``limited`` (n,) says where
+    the current limiter acts: it may change the powers that the law sees, so that these rows are left out.
     """
     if len(P_pu) < 4 * cycle_rows + 8:
         return None
@@ -63,8 +65,17 @@ def fit_ramp(
 
     columns = [mean(f), rate(f), *(rate(y) for y in (P, Q_pu, V_pu, np.gradient(P, step_s), np.gradient(f, step_s)))]
     # The windows of the first rows begin before the ramp, where its corner makes no difference to an exact law.
-    stride = max(len(columns[0]) // _ROWS, 1)
-    A, y = np.column_stack(columns)[1:-1:stride], mean(P)[1:-1:stride]
+    A, y = np.column_stack(columns)[1:-1], mean(P)[1:-1]
+    if limited is not None and limited.any():
+        # A row's means reach back over a cycle, and the filter of P over one more.
+        acted = np.concatenate(([0], np.cumsum(limited)))
+        back = np.arange(len(limited) - cycle_rows)
+        silent = acted[back + cycle_rows + 1] == acted[np.maximum(back - cycle_rows, 0)]
+        A, y = A[silent[1:-1]], y[silent[1:-1]]
+        if len(y) < 4 * cycle_rows:
+            return None
+    stride = max(len(y) // _ROWS, 1)
+    A, y = A[::stride], y[::stride]
     size = float(np.linalg.norm(y))
     if size == 0.0 or not np.any(A[:, 0]):
         return None
@@ -72,8 +83,8 @@ def fit_ramp(
     D = -float(found[0])
     fewer, _ = _solved(np.delete(A, (0, 3, 4), axis=1), y + D * A[:, 0])
     scale = _scale(A)
-    by_rest = _TIMES * left * float(np.linalg.norm(np.linalg.pinv(A / scale)[1])) / float(scale[1])
-    spread = 0.5 * min(abs(float(found[1] - fewer[0])), by_rest)
+    hidden = left * float(np.linalg.norm(np.linalg.pinv(A / scale)[1])) / float(scale[1])
+    spread = 0.5 * min(max(abs(float(found[1] - fewer[0])), hidden), _TIMES * hidden)
     return RampFit(0.5 * (-float(found[1]) - D * lag_s), D, left / size, spread)
 
 

@@ -113,8 +113,6 @@ def _ramp_fit(run: MeasureInput) -> RampFit | str:
         return "the test has no ramp of the frequency"
     event, end_s = ramp
     rows = run.rows(event.t_s, end_s)
-    if run.limiter_acts(rows):
-        return "the current limiter acts, so that the power is the limit's and not the inertia's"
     trace, rest = run.trace, (run.rest_before(run.trace.P_pu, event.t_s), run.rest_before(run.trace.f_hz, event.t_s))
     fit = fit_ramp(
         trace.P_pu[rows],
@@ -126,9 +124,11 @@ def _ramp_fit(run: MeasureInput) -> RampFit | str:
         run.rows_per_cycle,
         rest,
         run.ratings.lag_P_s,
+        trace.limited[rows] > 0.0,
     )
     if fit is None:
-        return "the trace is too short, or nothing moves"
+        limited = run.limiter_acts(rows)
+        return "the current limiter acts nearly all the time" if limited else "the trace is too short, or nothing moves"
     if not fit.misfit <= _MISFIT:
         return f"an inertia and a droop leave {100.0 * fit.misfit:.2g} % of the change of P unexplained"
     if not fit.spread_s <= _SPREAD * abs(fit.H_s):
