@@ -74,6 +74,15 @@ def test_a_voltage_that_lasts_returns_to_the_one_before() -> None:
     assert [(event.t_s, event.V_g_pu) for event in events] == [(0.0, 0.9), (1.0, 0.5), (2.0, 0.9)]
 
 
+def test_what_an_end_would_undo_is_a_fault() -> None:
+    sag = '{ sag = { type = "A", V_pu = 0.3 }, lasts = "150 ms" }'
+    for time in ("100 ms", "150 ms"):
+        found = faults_of(f'{ONE}events = [{sag}, {{ time = "{time}", V_g_pu = 0.9 }}]')
+        problem = "tests[0].events[1] changes the voltage before this ends, at 0.15 s"
+        assert found["tests[0].events[0].lasts"].problem == problem
+    assert len(one_event(f'{sag}, {{ time = "100 ms", breaker = "open" }}, {{ time = "1 s", V_g_pu = 0.9 }}')) == 4
+
+
 def test_a_rate_becomes_the_duration_of_a_ramp_from_the_frequency_before() -> None:
     events = one_event('{ df = "1 Hz", df_per_s = 4 }, { time = "2 s", df = "-1 Hz", df_per_s = "0.5 Hz/s" }')
     assert [(event.df_hz, event.over_s) for event in events] == [(1.0, 0.25), (-1.0, 4.0)]

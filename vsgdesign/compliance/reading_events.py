@@ -48,11 +48,38 @@ def read_events(
     present = _Present(scr, x_over_r, V_g_pu, df_hz, Network(load=load))
     timed = [(table.quantity("time", "s", 0.0, LONGEST_S, default=0.0), table) for table in tables]
     timed.sort(key=lambda pair: math.inf if math.isnan(pair[0]) else pair[0])
-    found: list[SuiteEvent] = []
+    found: list[list[SuiteEvent]] = []
     for t_s, table in timed:
-        found += _read_event(table, t_s, present)
+        found.append(_read_event(table, t_s, present))
         table.finish()
-    return tuple(sorted(found, key=lambda event: event.t_s))
+    _check_ends([table for _, table in timed], found)
+    return tuple(sorted((event for pair in found for event in pair), key=lambda event: event.t_s))
+
+
+def _check_ends(tables: list[TableReader], found: list[list[SuiteEvent]]) -> None:
+    """What an event ends, no other event changes before or at the same instant: it would be lost."""
+    for table, events in zip(tables, found, strict=True):
+        if len(events) < 2:
+            continue
+        begin, end = events
+        for other, others in zip(tables, found, strict=True):
+            inside = [event for event in others if event is not begin and event is not end]
+            lost = {word for event in inside if begin.t_s <= event.t_s <= end.t_s for word in _changed(event)}
+            for word in sorted(lost & _changed(end)):
+                problem = f"{other.path} changes the {word} before this ends, at {end.t_s:g} s"
+                table.fault("lasts", table.table["lasts"], problem, "Leave lasts out, and end it with an event.")
+
+
+def _changed(event: SuiteEvent) -> set[str]:
+    """What an event changes of what ``lasts`` can end, in words."""
+    changed = {
+        "grid": event.scr is not None,
+        "voltage": event.V_g_pu is not None or event.sag is not None,
+        "short circuit": event.fault is not None or event.fault_cleared,
+        "load": event.load is not None or event.load_off,
+        "breaker": event.connected is not None,
+    }
+    return {word for word, yes in changed.items() if yes}
 
 
 def _read_event(table: TableReader, t_s: float, present: _Present) -> list[SuiteEvent]:
