@@ -12,6 +12,7 @@ import pytest
 from tests.parameters.documents import build, case_document, the_fault
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.report.scenario.tables import metrics_table
 from vsgdesign.simulation import build_timeline, run_scenario, simulate
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.reclosing import reclosed
@@ -134,3 +135,19 @@ def test_faults_of_a_synchro_check(events: list[dict[str, Any]], field: str, pro
     assert problem in the_fault(case_document() | {"events": timed}, field).problem
     study = build(case_document() | {"events": []})
     assert reclosed(study, study.controllers[0]) is study
+
+
+def test_pages_tell_the_instants_that_each_run_found() -> None:
+    """Two controllers close at different instants; the tables of both have all events of their own runs."""
+    more = '[[controllers]]\nname = "b"\nkind = "fixed"\nstructure = "angle_damped"\n'
+    more += "design_grid = { scr = 8, x_over_r = 2 }\n"
+    study = island('{ angle = "5 deg", around = "-30 deg", V_pu = 0.2, df = "2 Hz" }', more)
+    result = run_scenario(replace(study, simulation=replace(study.simulation, log_interval=4.0 * study.converter.T_s)))
+    closings = [event for event in result.study.events if "breaker closes" in event.name]
+    assert sorted(event.name.partition(":")[0] for event in closings) == ["a", "b"]
+    assert closings[0].t_s < closings[1].t_s
+    for controller in result.controllers:
+        (found,) = controller.found
+        assert controller.simulation.timeline.network_at(found.t_s).connected
+        rows = [row[1] for row in metrics_table(result, controller).rows]
+        assert rows.count(found.name) == 2

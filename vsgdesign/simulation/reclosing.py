@@ -22,6 +22,8 @@ from vsgdesign.simulation.timeline import build_timeline
 
 Array = NDArray[np.float64]
 
+_CLOSES = "breaker closes"
+
 _SETTLES_S = 0.3
 """How long the voltages are watched before the breaker may close, s: what follows them settles within 0.2 s."""
 
@@ -47,7 +49,7 @@ def reclosed(study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, brid
         if event.synchro_check is not None:
             found = _closing(study, run, event.t_s, event.synchro_check)
     except InStep as seen:
-        found = None if seen.t_s is None else (seen.t_s, "breaker closes in step")
+        found = None if seen.t_s is None else (seen.t_s, f"{_CLOSES} in step")
     events = list(study.events)
     given_up = min(event.t_s + LONGEST_S, study.simulation.duration)
     until = None if event.synchronised_until is None else (given_up if found is None else found[0])
@@ -61,6 +63,12 @@ def reclosed(study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, brid
             events[k] = replace(later, network=replace(later.network, connected=True))
     events.append(Event(t_s, name, network=replace(timeline.network_at(t_s), connected=True)))
     return replace(study, events=tuple(sorted(events, key=lambda one: one.t_s)))
+
+
+def closings_of(study: Study, found: Study) -> tuple[Event, ...]:
+    """The events that :func:`reclosed` has added to a study."""
+    added = len(found.events) - len(study.events)
+    return tuple(event for event in found.events if event.name.startswith(_CLOSES))[-added:] if added else ()
 
 
 def _closing(study: Study, run: Simulation, since_s: float, check: SynchroCheck) -> tuple[float, str] | None:
@@ -91,5 +99,5 @@ def _closing(study: Study, run: Simulation, since_s: float, check: SynchroCheck)
         lengths = math.hypot(seen.v_alpha, seen.v_beta) - math.hypot(behind.v_alpha, behind.v_beta)
         near = abs(apart) <= check.angle and abs(lengths) <= most_V
         if near and abs(seen.omega - behind.omega) <= check.omega:
-            return k * T_s, f"breaker closes at {math.degrees(math.remainder(lead, 2.0 * math.pi)):+.3g}°"
+            return k * T_s, f"{_CLOSES} at {math.degrees(math.remainder(lead, 2.0 * math.pi)):+.3g}°"
     return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from vsgdesign.metrics.events import diverged_event
 from vsgdesign.metrics.survival import Survival
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.parameters.network_fields import beyond_models
-from vsgdesign.parameters.study import ControllerSpec, Grid, Study
+from vsgdesign.parameters.study import ControllerSpec, Event, Grid, Study
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.at_pcc import pcc_over_time
 from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
@@ -27,7 +27,7 @@ from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.outcome import Divergence, LimitedRest, Outcome, limited_rest, outcome_of
-from vsgdesign.simulation.reclosing import reclosed
+from vsgdesign.simulation.reclosing import closings_of, reclosed
 from vsgdesign.simulation.rest import (
     WHERE_TO_LOOK,
     Instability,
@@ -62,6 +62,8 @@ class ControllerResult:
     """Whether the grid source contains more than its fundamental."""
     survival: Survival | None = None
     """The verdict on the events as one disturbance, where the study asks for it."""
+    found: tuple[Event, ...] = ()
+    """Events whose instants only its own run could tell: its breaker closes."""
 
     @property
     def ripples(self) -> bool:
@@ -103,7 +105,9 @@ class ScenarioResult:
     """All controllers of a study, on one timeline."""
 
     study: Study
+    """With the events that the controllers' runs found, by name alone."""
     timeline: Timeline
+    """Without these events."""
     operating_points: tuple[OperatingPointRow, ...]
     controllers: tuple[ControllerResult, ...]
     instabilities: tuple[Instability, ...] = ()
@@ -153,7 +157,19 @@ def run_scenario(
         done, unstable = done | more, unstable + also
     names = [spec.name for spec in study.controllers]
     unstable.sort(key=lambda one: names.index(one.controller))
-    return ScenarioResult(study, timeline, points, tuple(done[name] for name in names), tuple(unstable), ready)
+    controllers = tuple(done[name] for name in names)
+    return ScenarioResult(_with_found(study, controllers), timeline, points, controllers, tuple(unstable), ready)
+
+
+def _with_found(study: Study, controllers: Sequence[ControllerResult]) -> Study:
+    """The study with what the runs found among its events, so that pages tell and mark it. Circuits do not change by
+    these: every run has its own."""
+    told = [
+        replace(event, name=event.name if len(controllers) == 1 else f"{one.spec.name}: {event.name}", network=None)
+        for one in controllers
+        for event in one.found
+    ]
+    return replace(study, events=tuple(sorted((*study.events, *told), key=lambda e: e.t_s))) if told else study
 
 
 def _run_controllers(
@@ -197,6 +213,7 @@ def _run_controllers(
             estimates=estimates,
             distorted=study.has_components,
             survival=judge_scenario(own_study, spec, ready, run, used) if study.simulation.survival else None,
+            found=closings_of(study, own_study),
         )
     return results, unstable
 
