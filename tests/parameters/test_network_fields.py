@@ -156,6 +156,7 @@ def test_what_is_written_is_read_again() -> None:
         ("fault", {"kind": "phase_to_phase", "phases": "ac"}, ["fault.phases", '"ab", "bc", "ca"']),
         ("breaker", "closed", ["it is closed already"]),
         ("breaker", True, ["breaker", '"open", "closed"']),
+        ("breaker", "shut", ["breaker", '"open", "closed"']),
         ("sag", {"type": "H", "V_pu": 0.5}, ["sag.type", '"A"']),
         ("sag", {"type": "C"}, ["sag.V_pu", "missing"]),
         ("sag", {"type": "C", "V_pu": 1.2}, ["sag.V_pu", "outside 0 to 1"]),

@@ -192,10 +192,11 @@ class Said(NamedTuple):
 def read_said(table: TableReader, base: Base | None) -> Said:
     """``load``, ``fault`` and ``breaker`` of a table."""
     load, fault = table.child_or_word("load", NONE), table.child_or_word("fault", CLEARED)
+    breaker = table.choice("breaker", (OPEN, CLOSED), default=None)
     return Said(
         load=read_load(load, base) if isinstance(load, TableReader) else load,
         fault=read_fault(fault, base) if isinstance(fault, TableReader) else fault,
-        breaker=table.choice("breaker", (OPEN, CLOSED), default=None),
+        breaker=breaker if breaker == table.table.get("breaker") else None,  # a faulty word says nothing
     )
 
 
