@@ -9,7 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vsgdesign.compliance.evidence import SIGNALS, Evidence, csv_path, limits_at, read_evidence, slug, write_evidence
+from vsgdesign.compliance.evidence import (
+    SIGNALS,
+    Evidence,
+    csv_path,
+    figure_path,
+    figures_of,
+    limits_at,
+    read_evidence,
+    slug,
+    write_evidence,
+)
+from vsgdesign.compliance.rows import FAIL, PASS
 from vsgdesign.compliance.trace import Trace
 from vsgdesign.errors import ArtifactError
 
@@ -79,3 +90,16 @@ def test_names_of_files_are_plain_and_apart() -> None:
     assert slug("a b", "c") != slug("a", "b c")
     assert len(slug("x" * 500)) < 100
     assert slug("../../etc") == "etc-" + slug("../../etc")[-8:]
+
+
+def test_the_failures_of_the_best_controller_have_a_figure_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    def row(test: str, controller: str, verdict: str, csv: str | None = "t.csv") -> dict[str, Any]:
+        return {"suite": "s", "test": test, "controller": controller, "verdict": verdict, "csv": csv}
+
+    rows = [row(f"t{k}", "bad", FAIL) for k in range(5)] + [row(f"t{k}", "good", PASS) for k in range(4)]
+    rows += [row("t4", "good", FAIL), row("t5", "bad", FAIL, None)]
+    monkeypatch.setattr("vsgdesign.compliance.evidence.MOST_FIGURES", 3)
+    found = figures_of(rows)
+    assert [test for _, test in found] == ["t4", "t0", "t1"]
+    assert found["s", "t4"] == figure_path("s", "t4")
+    assert figures_of([]) == {}

@@ -213,6 +213,7 @@ def test_only_so_many_failing_tests_have_a_figure_and_the_page_says_so(
 ) -> None:
     monkeypatch.setattr("vsgdesign.compliance.evidence.MOST_FIGURES", 1)
     monkeypatch.setattr("vsgdesign.report.compliance.page.MOST_FIGURES", 1)
+    monkeypatch.setattr("vsgdesign.report.compliance.drawn.MOST_FIGURES", 1)
     write_page(tmp_path, made(), traces_of(made(), 200))
     failing = [test for test in arranged().tests() if test.fails]
     text = (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -14,7 +14,7 @@ import pytest
 
 from tests.compliance_documents import document, traces_of
 from vsgdesign.report.compliance.arranged import Arranged, arrange
-from vsgdesign.report.compliance.page import draw
+from vsgdesign.report.compliance.drawn import draw
 from vsgdesign.report.compliance.pdf import write_pdf
 from vsgdesign.report.drawing import paper
 from vsgdesign.report.drawing.paper import HEIGHT, MARGIN, WIDTH, Sheet, text_width, wrapped
@@ -76,6 +76,19 @@ def test_every_page_has_its_number_and_every_page_of_the_matrix_its_head(sheets:
         assert f"page {number} of {len(sheets)}" in texts
         if any(test.network in texts for test in arranged().tests()) and number > 1:
             assert "Asked" in texts or "✗" in " ".join(texts) or "t [s]" in texts, number
+
+
+def test_the_name_of_a_group_and_a_reason_stay_with_their_test(sheets: list[Sheet]) -> None:
+    groups = {group.name for group in arranged().groups()}
+    for number, sheet in enumerate(sheets, start=1):
+        words = [one for one in words_of(sheet) if one.size == 6.6 and one.x < MARGIN + 1.0]
+        if not any(one.text == "Asked" for one in words_of(sheet)):
+            continue
+        last = max(words, key=lambda one: one.y)
+        assert last.text not in groups, number
+        first = min((one for one in words_of(sheet) if one.size == 6.6), key=lambda one: one.y)
+        below = min(one.y for one in words_of(sheet) if one.size == 6.6 and one.y > first.y + 1.0)
+        assert any(one.y == below and one.x < MARGIN + 1.0 for one in words_of(sheet)), number
 
 
 def test_every_test_and_every_reason_is_there(sheets: list[Sheet]) -> None:

@@ -73,12 +73,20 @@ def figure_path(suite: str, test: str) -> str:
 
 def figures_of(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str], str]:
     """Which tests get a figure, and where it lies: (suite, test) of the first :data:`MOST_FIGURES` that a controller
-    fails and that have a trace, in the order of the rows (as in results.json).
+    fails and that have a trace. ``rows`` as in results.json.
+
+    First come those that the controller with the fewest failures fails, because they are the ones that are looked at.
     """
-    failing = dict.fromkeys((row["suite"], row["test"]) for row in rows if row["verdict"] == FAIL)
+    failing: dict[tuple[str, str], set[str]] = {}
+    for row in rows:
+        if row["verdict"] == FAIL:
+            failing.setdefault((row["suite"], row["test"]), set()).add(row["controller"])
     traced = {(row["suite"], row["test"]) for row in rows if row.get("csv")}
-    chosen = [key for key in failing if key in traced][:MOST_FIGURES]
-    return {key: figure_path(*key) for key in chosen}
+    names = dict.fromkeys(row["controller"] for row in rows)
+    best = min(names, key=lambda name: sum(name in who for who in failing.values()), default="")
+    chosen = [key for key in failing if key in traced]
+    chosen.sort(key=lambda key: best not in failing[key])
+    return {key: figure_path(*key) for key in chosen[:MOST_FIGURES]}
 
 
 def limits_at(t_s: Array, signal: str, times: Array, low: Array, high: Array) -> Limits:

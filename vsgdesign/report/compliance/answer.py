@@ -72,7 +72,8 @@ def counts_answer(arranged: Arranged) -> Answer:
 
 
 def _cell(title: str, counts: Counts) -> Cell:
-    others = counts.words((IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE))
+    passing = (PASS,) if counts.of[FAIL] else ()
+    others = counts.words((*passing, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE))
     if not counts.total:
         return Cell(OPEN, "not run")
     picture = svg(counts_bar(counts, title), "counts")

@@ -83,10 +83,14 @@ def heat_sketch(found: Mapping[str, Any], ends: tuple[float, float] | None = Non
 
 def maps_by_title(document: Mapping[str, Any], sketches: Sequence[Sketch]) -> list[tuple[str, str, list[Sketch]]]:
     """Maps of the same title with their words: (title, words, one sketch for each controller)."""
-    found: dict[str, tuple[str, str, list[Sketch]]] = {}
+    found: dict[str, list[Sketch]] = {}
+    words: dict[str, str] = {}
     for one, sketch in zip(document.get("maps") or (), sketches, strict=True):
-        found.setdefault(one["title"], (str(one["title"]), str(one["words"]), []))[2].append(sketch)
-    return list(found.values())
+        title = str(one["title"])
+        found.setdefault(title, []).append(sketch)
+        # A scheduled controller has a sentence about its schedule more than a fixed one.
+        words[title] = max(words.get(title, ""), str(one["words"]), key=len)
+    return [(title, words[title], some) for title, some in found.items()]
 
 
 def _label(axis: Mapping[str, Any]) -> str:

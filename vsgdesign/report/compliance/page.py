@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
 from vsgdesign import __version__
-from vsgdesign.compliance.evidence import MOST_FIGURES, figure_path, figures_of
+from vsgdesign.compliance.evidence import MOST_FIGURES, figure_path
 from vsgdesign.compliance.rows import FAIL, VERDICTS
 from vsgdesign.report.compliance.answer import MOST_FAILING, counts_answer, failing_tests, headline, strips
 from vsgdesign.report.compliance.arranged import Arranged, Group, arrange
-from vsgdesign.report.compliance.figures import Drawer, TestFigure, Traces, dashes_of
-from vsgdesign.report.compliance.heat import LEGEND, heat_sketches, maps_by_title
+from vsgdesign.report.compliance.drawn import Drawn, draw
+from vsgdesign.report.compliance.figures import TestFigure, Traces, dashes_of
+from vsgdesign.report.compliance.heat import LEGEND, maps_by_title
 from vsgdesign.report.compliance.identity import identity_tables, sources_table, validity
 from vsgdesign.report.compliance.verdicts import LOOKS
 from vsgdesign.report.drawing.sketch import Sketch, svg, svg_file
@@ -26,21 +26,6 @@ PAGE, PDF = "report.html", "report.pdf"
 
 MOST_OPEN = 30
 """A group with more tests is closed at first, also if one of them fails."""
-
-MOST_INSIDE = 1_200_000
-"""Bytes of these figures that are a part of the page itself. The others are files beside it."""
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """All figures of a result. ``beyond``: tests with a failing row for which there was no room."""
-
-    groups: Mapping[tuple[str, str], TestFigure]
-    tests: Mapping[str, TestFigure]
-    inside: Mapping[str, Markup]
-    maps: Sequence[Sketch]
-    beyond: int
-    missing: int
 
 
 def write_page(folder: str | Path, document: Mapping[str, Any], traces: Traces) -> list[Path]:
@@ -59,29 +44,6 @@ def write_page(folder: str | Path, document: Mapping[str, Any], traces: Traces) 
     text = _html(document, arranged, drawn)
     (folder / PAGE).write_text(text, encoding="utf-8", newline="\n")
     return [*files, folder / PAGE, write_pdf(folder / PDF, document, arranged, drawn)]
-
-
-def draw(arranged: Arranged, document: Mapping[str, Any], traces: Traces) -> Drawn:
-    """Every figure of the page and of the PDF."""
-    drawer = Drawer(arranged, traces, document.get("converter") or {})
-    groups = {(group.suite, group.name): drawer.of_group(group) for group in arranged.groups()}
-    failing = [test for test in arranged.tests() if test.fails]
-    chosen = figures_of(document["rows"])
-    tests = {test.anchor: drawer.of_test(test) for test in failing if (test.suite, test.test) in chosen}
-    inside, size = {}, 0
-    for anchor, figure in tests.items():
-        if figure is None or size > MOST_INSIDE:
-            continue
-        inside[anchor] = Markup("\n").join(svg(one, "plot") for one in figure.plots)
-        size += len(inside[anchor])
-    return Drawn(
-        groups={key: figure for key, figure in groups.items() if figure is not None},
-        tests={anchor: figure for anchor, figure in tests.items() if figure is not None},
-        inside=inside,
-        maps=heat_sketches(document.get("maps") or ()),
-        beyond=max(sum(any(row.get("csv") for row in test.known) for test in failing) - MOST_FIGURES, 0),
-        missing=len(drawer.missing),
-    )
 
 
 def _write_figures(folder: Path, arranged: Arranged, drawn: Drawn) -> list[Path]:
