@@ -332,3 +332,40 @@ def test_a_network_in_which_rounding_would_show_is_refused() -> None:
     study = with_networks(lc_study("5 ms"), (1e-3, Network(fault=Fault(R=1e-7))))
     with pytest.raises(InfeasibleStudyError, match=r"dies out 1e\+07 times within a sampling period.*zero \(bolted\)"):
         simulate(study, CHANGES)
+
+
+def jumped(study: Study, before: Network, after: Network, **given: complex) -> dict[str, complex]:
+    """The states just after a change of the network, from some just before it; the others are zero."""
+    states = states_of_networks([before, after])
+    x = np.array([given.get(name, 0j) for name in states.names])
+    circuit = network_circuit(study.filter, study.grid, after, states)
+    found = (circuit.onto @ np.column_stack([x.real, x.imag]).ravel()).reshape(-1, 2)
+    return dict(zip(states.names, found[:, 0] + 1j * found[:, 1], strict=True))
+
+
+def test_jumps_by_hand() -> None:
+    """Fluxes and charges, one kind of change after the other."""
+    lc, lcl, a, b = lc_study("1 ms"), lcl_study("1 ms"), 7.0 + 2.0j, -3.0 + 5.0j
+    L_2, L_g = lcl.filter.L_2, lcl.grid.L_g
+    # A fault at the PCC ends: both inductances keep their flux together.
+    found = jumped(lcl, Network(fault=Fault()), PLAIN, i_g=a, i_grid_0=b)
+    assert found["i_g"] == pytest.approx((L_2 * a + L_g * b) / (L_2 + L_g), rel=1e-12)
+    assert found["i_grid_0"] == pytest.approx(found["i_g"], rel=1e-12)
+    # One behind 30 % of the grid's impedance ends.
+    found = jumped(lcl, Network(fault=Fault(at=0.3)), PLAIN, i_g=a, i_grid_0=a, i_grid_1=b)
+    assert found["i_grid_1"] == pytest.approx(((L_2 + 0.3 * L_g) * a + 0.7 * L_g * b) / (L_2 + L_g), rel=1e-12)
+    # The breaker opens: nothing flows, unless a load takes the filter's current.
+    assert abs(jumped(lcl, PLAIN, Network(connected=False), i_g=a, i_grid_0=a)["i_g"]) < 1e-12
+    island = Network(load=Load(R_parallel=5.0), connected=False)
+    found = jumped(lcl, Network(load=island.load), island, i_g=a, i_grid_0=b)
+    assert found["i_g"] == pytest.approx(a, rel=1e-12)
+    assert abs(found["i_grid_0"]) < 1e-12
+    # An empty capacitor beside a full one without any resistance between them: they share the charge.
+    bank = 3.0 * lc.filter.C
+    bare_lc = replace(lc, filter=replace(lc.filter, R_c=0.0))
+    found = jumped(bare_lc, PLAIN, Network(load=Load(C_parallel=bank)), v_c=100.0 + 0j, i_s=a, i_g=a, i_grid_0=a)
+    assert found["v_c"] == pytest.approx(25.0, rel=1e-12)
+    assert found["v_bank"] == pytest.approx(25.0, rel=1e-12)
+    # A bolted fault between b and c empties it in the direction of β, and leaves α as it is.
+    found = jumped(bare_lc, PLAIN, Network(fault=Fault(kind=PHASE_TO_PHASE)), v_c=80.0 + 60.0j)
+    assert found["v_c"] == pytest.approx(80.0, rel=1e-12)

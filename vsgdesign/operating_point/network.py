@@ -39,7 +39,8 @@ class NetworkStates:
     shares: tuple[float, ...] = ()
     """Where faults divide the grid's impedance, ascending, each above 0 and below 1."""
     load: tuple[str, ...] = ()
-    """Names of the states of the load."""
+    """Names of the states of the load: ``i_coil`` and ``v_bank`` of the inductance and the capacitance in parallel,
+    ``i_series`` and ``v_series`` of those in series."""
 
     @property
     def names(self) -> tuple[str, ...]:
