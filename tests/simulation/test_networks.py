@@ -321,7 +321,7 @@ def test_a_stiff_network_keeps_the_digits_of_its_slow_modes(
     rated = [study.converter.I_rated_pk if name.startswith("i") else study.converter.v_max_pk for name in states.names]
     scale = np.repeat(rated, 2)
     errors = [
-        (step.transition - exact[:n, :n] @ circuit.onto) * scale,
+        (step.transition - exact[:n, :n] @ np.asarray(circuit.onto)) * scale,
         (step.bridge - exact[:n, n : n + 2]) * study.converter.v_max_pk,
         (step.source[0] - exact[:n, n + 2 :]) * study.converter.v_max_pk,
     ]
@@ -339,7 +339,7 @@ def jumped(study: Study, before: Network, after: Network, **given: complex) -> d
     states = states_of_networks([before, after])
     x = np.array([given.get(name, 0j) for name in states.names])
     circuit = network_circuit(study.filter, study.grid, after, states)
-    found = (circuit.onto @ np.column_stack([x.real, x.imag]).ravel()).reshape(-1, 2)
+    found = (np.asarray(circuit.onto) @ np.column_stack([x.real, x.imag]).ravel()).reshape(-1, 2)
     return dict(zip(states.names, found[:, 0] + 1j * found[:, 1], strict=True))
 
 
