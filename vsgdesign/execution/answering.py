@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import signal
 import subprocess
 import sys
 import threading
@@ -78,6 +79,7 @@ def ask_all(questions: Sequence[tuple[AnsweringProcess, Any]]) -> list[Any | Non
 def answer_all() -> None:
     """What the other process does: makes the function, and answers until the questions end."""
     questions, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.dup2(2, 1)  # what anything prints must not get between the answers
     with suppress(EOFError, OSError):
         make, arguments = pickle.load(questions)  # noqa: S301 - of the process that has started this one

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -122,7 +123,9 @@ def simulated(study: Study, ready: Ready) -> Simulation:
     """
     spec = study.controllers[0]
     own = study.with_limit_of(spec)
-    return simulate(own, feed_of(own, spec, build_timeline(own), ready))
+    run = simulate(own, feed_of(own, spec, build_timeline(own), ready))
+    # What follows reads it column by column.
+    return replace(run, log=np.asfortranarray(run.log))
 
 
 def curves_of(study: Study, run: Simulation) -> dict[str, NDArray[np.float32]]:

@@ -125,11 +125,12 @@ class Timeline:
     def source_phase(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Phase of the source's fundamental in rad at each instant of a sorted array. What a background or a record
         adds to it is that of the sample before the instant."""
-        starts = np.array([s.t_s for s in self.sources])
-        index = np.searchsorted(starts, t_s, side="right") - 1
-        fields = np.array([(s.t_s, s.omega, s.omega_slope, s.phase) for s in self.sources])[index]
-        dt = t_s - fields[:, 0]
-        phase = fields[:, 3] + fields[:, 1] * dt + 0.5 * fields[:, 2] * dt * dt
+        fields = np.array([(s.t_s, s.omega, s.omega_slope, s.phase) for s in self.sources]).T
+        if len(self.sources) > 1:
+            fields = fields[:, np.searchsorted(fields[0], t_s, side="right") - 1]
+        since_s, omega, slope, first = fields
+        dt = t_s - since_s
+        phase = first + omega * dt + 0.5 * slope * dt * dt
         moving = self.wander or self.replay
         if moving is not None and len(t_s):
             phase += moving.angle_at(np.floor(t_s / moving.T_s + 1e-6).astype(np.int64))
