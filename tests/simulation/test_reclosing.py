@@ -146,6 +146,8 @@ def test_pages_tell_the_instants_that_each_run_found() -> None:
     closings = [event for event in result.study.events if "breaker closes" in event.name]
     assert sorted(event.name.partition(":")[0] for event in closings) == ["a", "b"]
     assert closings[0].t_s < closings[1].t_s
+    assert result.given is not None
+    assert result.given.events == study.events
     for controller in result.controllers:
         (found,) = controller.found
         assert controller.simulation.timeline.network_at(found.t_s).connected

@@ -33,8 +33,8 @@ class Run(Shown):
 
     @property
     def study(self) -> Study:
-        """The study that was simulated."""
-        return self.result.study
+        """The study that was simulated, as it was given."""
+        return self.result.given or self.result.study
 
     def controller(self, name: str | None = None) -> ControllerResult:
         """The result of one controller, or of the first one without a name. Raises KeyError for an unknown name."""

@@ -114,6 +114,8 @@ class ScenarioResult:
     """Where the full-order model says that a controller is unstable."""
     ready: Ready = NOTHING
     """The gain tables and the network that the controllers ran with."""
+    given: Study | None = None
+    """The study as it was given, without events that the runs found; None: as ``study``."""
 
 
 def run_scenario(
@@ -158,7 +160,8 @@ def run_scenario(
     names = [spec.name for spec in study.controllers]
     unstable.sort(key=lambda one: names.index(one.controller))
     controllers = tuple(done[name] for name in names)
-    return ScenarioResult(_with_found(study, controllers), timeline, points, controllers, tuple(unstable), ready)
+    told = _with_found(study, controllers)
+    return ScenarioResult(told, timeline, points, controllers, tuple(unstable), ready, given=study)
 
 
 def _with_found(study: Study, controllers: Sequence[ControllerResult]) -> Study:
