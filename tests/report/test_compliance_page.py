@@ -167,6 +167,8 @@ def test_what_is_asked_and_found_in_words() -> None:
     assert value_words(check) == "−0.500 pu"
     assert value_words(check | {"value": None, "why": "it diverged"}) == "not known: it diverged"
     assert value_words(check | {"unit": "1", "value": 0.0}) == "0"
+    assert value_words(check | {"unit": "s", "value": 2.5, "plus_minus": 0.08}) == "2.50 ± 0.08 s"
+    assert value_words(check | {"unit": "s", "value": 2.5, "plus_minus": 0.001}) == "2.50 s"
 
 
 def test_the_explorers_command_survives_a_shell() -> None:

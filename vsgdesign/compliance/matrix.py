@@ -129,6 +129,7 @@ def _checked(criterion: Criterion, given: MeasureInput) -> tuple[Check, Limits |
         measure=criterion.measure,
         label=measure.label,
         value=found.value,
+        plus_minus=found.plus_minus,
         unit=measure.unit,
         at_least=criterion.at_least,
         at_most=criterion.at_most,

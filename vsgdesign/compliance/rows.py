@@ -18,6 +18,8 @@ class Check:
     value: float | None
     """None: the value is not known; ``why`` says why."""
     unit: str
+    plus_minus: float = 0.0
+    """How far the measuring may be from the value, in its unit."""
     at_least: float | None = None
     at_most: float | None = None
     envelope: str | None = None

@@ -22,6 +22,9 @@ _NOTHING = "not asked for"
 YES_OR_NO = ("survived",)
 """Measures that are 1 or 0."""
 
+_SPREAD_SHOWN = 0.01
+"""A spread is printed from this share of the value on: less does not change its digits."""
+
 EXPLAINED = (FAIL, IMPOSSIBLE, NOT_APPLICABLE)
 """Verdicts whose reason is printed below the test."""
 
@@ -244,7 +247,9 @@ def value_words(check: RowDict, said: str = "") -> str:
         return f"not known: {why}" if why and why not in said else "not known"
     if check["measure"] in YES_OR_NO:
         return "yes" if value else "no"
-    words = number(value) + _with_space(check["unit"])
+    spread = check.get("plus_minus") or 0.0
+    about = f" ± {number(spread, 1)}" if spread >= _SPREAD_SHOWN * abs(value) > 0.0 else ""
+    words = number(value) + about + _with_space(check["unit"])
     if check.get("envelope"):
         return f"{words} outside" if value > 0.0 else "inside"
     return words
