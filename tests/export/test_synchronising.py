@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,16 @@ import pytest
 from tests.export.conftest import built
 from tests.export.exchange import written
 from tests.export.live_grid import LiveGrid
+from tests.simulation.test_connecting import run_of, tripped
+from vsgdesign.equations.controller_data import Measurement
+from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.export import CompiledC, export_c_files
 from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.simulation.reclosing import reclosed
 
 CASES = ("hoang2025_5kva", "lab_12kva_lcl", "utility_1mva_60hz")
 
@@ -96,3 +101,37 @@ def test_without_synchronising_there_is_a_surge(bench: Bench) -> None:
     other.grid.connect(other.study.grid)
     currents, _ = other.run(0.02)
     assert np.max(currents) > 1.0
+
+
+def test_the_exported_code_sets_the_same_angle_and_closes_at_the_same_sample(
+    compiled: CompiledC,
+) -> None:
+    """A converter that trips and connects again in the EMT. The compiled C, in single precision, is given the
+    samples of that run."""
+    study = tripped("utility_1mva_60hz")
+    found = reclosed(study, study.controllers[0])
+    run, c = run_of(found), study.converter
+    closing = next(event for event in found.events if event.name == "breaker closes in step")
+    control = compiled.control(
+        run.gain_changes[0].gains,
+        study.inner_gains,
+        GridEstimate(study.grid.R_g, study.grid.L_g),
+        References(0.0, 0.0, c.omega_n, c.V_rated_rms),
+        study.controller_settings(),
+    )
+    watch, circuit = control.grid_watch(), study.circuit()
+    first, end = math.ceil(0.0701 / c.T_s - 1e-6), round(closing.t_s / c.T_s)
+    ready = []
+    for k in range(first, end):
+        x = run.log[k]
+        v = [float(capacitor_node_voltage(x[a], x[2 + a], x[4 + a], circuit)) for a in (0, 1)]
+        ready.append(control.synchronise(watch, x[6], x[7], Measurement(*v, *map(float, (*x[0:2], *x[4:6])))))
+        assert abs(math.remainder(control.data.state.theta - run.column("theta")[k], 2.0 * math.pi)) < 1e-5
+        assert pytest.approx(run.column("V_rms")[k], rel=1e-5, abs=1e-3) == control.data.state.V
+    held = round(0.2 / c.T_s)
+    assert all(ready[-held:])
+    assert not ready[-held - 1]
+    # Behind the breaker flows nothing until it closes, and then only what the harmonics drive through the filter.
+    current = np.hypot(run.column("i_g_alpha"), run.column("i_g_beta")) / c.I_rated_pk
+    assert current[first + 1 : end].max() < 1e-9
+    assert 1e-3 < current[end:].max() < 0.3

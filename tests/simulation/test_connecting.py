@@ -1,24 +1,16 @@
-"""A converter that trips and connects again in the EMT: the exported C does the same with the same samples."""
+"""A converter that trips and connects again in the EMT. The exported C: tests/export/test_synchronising.py."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.export.conftest import built
-from tests.export.exchange import written
 from tests.parameters.documents import case_document, the_fault
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.equations.controller_data import Measurement
-from vsgdesign.equations.filters import capacitor_node_voltage
-from vsgdesign.equations.limiters import GridEstimate
-from vsgdesign.equations.power_loops import References
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.export import export_c_files
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.simulation import build_timeline, simulate
 from vsgdesign.simulation.feeds import feed_of
@@ -56,40 +48,6 @@ components = [{{ order = -1, amplitude_pu = 0.01 }}, {{ order = -5, amplitude_pu
 
 def run_of(study: Study) -> Simulation:
     return simulate(study, feed_of(study, study.controllers[0], build_timeline(study), NOTHING))
-
-
-def test_the_exported_code_sets_the_same_angle_and_closes_at_the_same_sample(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
-    study = tripped("utility_1mva_60hz")
-    found = reclosed(study, study.controllers[0])
-    run, c = run_of(found), study.converter
-    closing = next(event for event in found.events if event.name == "breaker closes in step")
-    place = tmp_path_factory.mktemp("connecting")
-    compiled = built(export_c_files(written(place)[0], place / "c", limiter="projection").folder, double=True)
-    control = compiled.control(
-        run.gain_changes[0].gains,
-        study.inner_gains,
-        GridEstimate(study.grid.R_g, study.grid.L_g),
-        References(0.0, 0.0, c.omega_n, c.V_rated_rms),
-        study.controller_settings(),
-    )
-    watch, circuit = control.grid_watch(), study.circuit()
-    first, end = math.ceil(0.0701 / c.T_s - 1e-6), round(closing.t_s / c.T_s)
-    ready = []
-    for k in range(first, end):
-        x = run.log[k]
-        v = [float(capacitor_node_voltage(x[a], x[2 + a], x[4 + a], circuit)) for a in (0, 1)]
-        ready.append(control.synchronise(watch, x[6], x[7], Measurement(*v, *map(float, (*x[0:2], *x[4:6])))))
-        assert abs(math.remainder(control.data.state.theta - run.column("theta")[k], 2.0 * math.pi)) < 1e-9
-        assert pytest.approx(run.column("V_rms")[k], rel=1e-9, abs=1e-9) == control.data.state.V
-    held = round(0.2 / c.T_s)
-    assert all(ready[-held:])
-    assert not ready[-held - 1]
-    # Behind the breaker flows nothing until it closes, and then only what the harmonics drive through the filter.
-    current = np.hypot(run.column("i_g_alpha"), run.column("i_g_beta")) / c.I_rated_pk
-    assert current[first + 1 : end].max() < 1e-9
-    assert 1e-3 < current[end:].max() < 0.3
 
 
 def test_without_synchronising_there_is_a_surge() -> None:
