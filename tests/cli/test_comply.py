@@ -13,7 +13,10 @@ from tests.cli.small_studies import as_json, call, failure
 from vsgdesign.artifacts.time_series import read_npz
 from vsgdesign.compliance import job
 from vsgdesign.compliance.evidence import read_evidence
+from vsgdesign.compliance.rows import VERDICTS
 from vsgdesign.pipeline import comply as pipeline
+from vsgdesign.report.compliance.answer import headline
+from vsgdesign.report.compliance.arranged import arrange
 
 STUDY = """
 base = "case:hoang2025_5kva"
@@ -105,6 +108,21 @@ def test_each_test_of_each_controller_has_its_verdict(done: dict[str, Any]) -> N
 
 def test_what_is_printed_is_what_is_kept(place: Path, done: dict[str, Any]) -> None:
     assert json.loads((place / "out" / "results.json").read_text()) == done
+
+
+def test_page_and_pdf_say_the_counts_of_the_document(place: Path, done: dict[str, Any]) -> None:
+    page = (place / "out" / "report.html").read_text(encoding="utf-8")
+    arranged = arrange(done)
+    assert headline(arranged) in page
+    for name, counts in zip(arranged.controllers, arranged.counts, strict=True):
+        (said,) = (one for one in done["summary"] if one["controller"] == name)
+        assert {verdict: said[verdict.replace(" ", "_")] for verdict in VERDICTS} == dict(counts.of)
+        assert counts.words() in page  # what is read out in place of the strip
+    for version in done["provenance"].values():
+        assert f">{version}<" in page
+    assert (place / "out" / "report.pdf").read_bytes().startswith(b"%PDF")
+    figures = {row["figure"] for row in done["rows"] if row["figure"]}
+    assert figures == {name for name in done["files"] if name.startswith("figures/")}
 
 
 def test_a_failing_row_says_why(done: dict[str, Any]) -> None:
