@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 
 def counted(count: int, noun: str) -> str:
@@ -13,6 +14,17 @@ def counted(count: int, noun: str) -> str:
 
 class VsgDesignError(Exception):
     """Base of every error that vsgdesign raises on purpose."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """An error of a worker process arrives as it was raised: an exception is otherwise built anew from its message
+        alone, which the constructors here do not take."""
+        return _as_raised, (type(self), self.args), self.__dict__
+
+
+def _as_raised(kind: type[VsgDesignError], args: tuple[Any, ...]) -> VsgDesignError:
+    error = kind.__new__(kind, *args)
+    error.args = args
+    return error
 
 
 @dataclass(frozen=True)

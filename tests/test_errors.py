@@ -1,0 +1,32 @@
+"""Errors of the package cross the border between processes as they were raised."""
+
+from __future__ import annotations
+
+import pickle
+
+import pytest
+
+from vsgdesign import errors
+from vsgdesign.errors import Fault, LimitHitError, NoOperatingPointError, StudyError, UnknownNameError, VsgDesignError
+
+
+def _kinds(kind: type[VsgDesignError]) -> list[type[VsgDesignError]]:
+    return [one for sub in kind.__subclasses__() for one in (sub, *_kinds(sub))]
+
+
+RAISED = {
+    StudyError: lambda: StudyError("study.toml", [Fault("grid.scr", "-1", "must be positive", "Give 1 or more.")]),
+    UnknownNameError: lambda: UnknownNameError("kind", "odd", ("fixed", "scheduled")),
+    NoOperatingPointError: lambda: NoOperatingPointError("the grid cannot carry 2 pu", shortfall_w=12.0),
+    LimitHitError: lambda: LimitHitError("the limiter already acts", limit="projection"),
+}
+
+
+@pytest.mark.parametrize("kind", [one for one in _kinds(VsgDesignError) if one.__module__ == errors.__name__])
+def test_an_error_of_a_worker_arrives_as_it_was_raised(kind: type[VsgDesignError]) -> None:
+    """An exception that cannot be rebuilt kills the pool of worker processes, and the user sees "a process was lost"."""
+    raised = RAISED[kind]() if kind in RAISED else kind("in words")
+    arrived = pickle.loads(pickle.dumps(raised))
+    assert type(arrived) is kind
+    assert str(arrived) == str(raised)
+    assert vars(arrived) == vars(raised)
