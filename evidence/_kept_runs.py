@@ -105,6 +105,6 @@ def _evidence_hash() -> str:
     """SHA-256 over the sources that draw, run and judge."""
     digest = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob("_*.py")):
-        if path.name.startswith(("_field", "_kept")) and "summary" not in path.name:
+        if path.name.startswith(("_field", "_grid_code", "_kept")) and "summary" not in path.name:
             digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()

@@ -1,0 +1,215 @@
+"""The bench's own suite on three converters: what is survived of what is possible, the currents, and every failure.
+
+The angle-damped closed form and table with the projection limiter go through every test, from four powers, told of the
+grid 0.2 s late and never again after the first change; every eighth test with the field estimator in the loop, too.
+Finished runs are kept. ``VSGDESIGN_FIELD_SHARE=0.1`` runs a tenth of the tests, drawn with a seed.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evidence._grid_code_runs import CONTROLLERS, POINTS_PU, TOLD, GridCodeTask, prepare, run_task, tests
+from evidence._kept_runs import kept_runs, share
+from evidence.survival import CONVERTERS
+from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, NOT_APPLICABLE
+from vsgdesign.compliance.suite import SuiteTest
+from vsgdesign.metrics.survival import SURVIVED
+
+Result = tuple[GridCodeTask, dict[str, Any]]
+
+FIELD_SHARE = 8
+"""One test in so many runs with the estimator in the loop."""
+
+LIMIT_PU = 1.26
+"""A phase current above this, later than 5 ms after an event, is counted: 5 % above the limit of 1.2 pu."""
+
+NO_START = "no rest to begin at"
+
+
+def tasks() -> list[GridCodeTask]:
+    """All runs, or the share of them that the environment asks for."""
+    names = list(tests())
+    everything = [
+        GridCodeTask(converter, controller, told, P_pu, name)
+        for converter in CONVERTERS
+        for controller in CONTROLLERS
+        for told in TOLD
+        for P_pu in (POINTS_PU if told != TOLD[2] else POINTS_PU[:1])
+        for name in (names if told != TOLD[2] else names[::FIELD_SHARE])
+        if P_pu == POINTS_PU[0] or tests()[name].P_pu == POINTS_PU[0]
+    ]
+    order = np.random.default_rng(17).permutation(len(everything))
+    chosen = np.sort(order[: round(share() * len(everything))])
+    return [everything[k] for k in chosen]
+
+
+def main(folder: Path) -> None:
+    kept = folder / "grid_code"
+    kept.mkdir(exist_ok=True)
+    for name in CONVERTERS:
+        prepare(name, kept)
+    asked = tasks()
+    run: Callable[[Any], dict[str, Any]] = functools.partial(run_task, folder=str(kept))
+    found = list(zip(asked, kept_runs(run, asked, kept / "runs.jsonl", "grid_code"), strict=True))
+    rows = [{**task._asdict(), **result} for task, result in found]
+    (folder / "grid_code.json").write_text(json.dumps(rows, indent=1, ensure_ascii=False))
+    text = "\n".join(lines_of(found))
+    (folder / "grid_code.md").write_text(text + "\n", encoding="utf-8")
+    print(text)
+
+
+def lines_of(found: Sequence[Result]) -> list[str]:
+    """The tables and the list of failures, as Markdown."""
+    lines = [headline(found), ""]
+    lines += ["### Survived, of what is possible", "", *table_of_controllers(found), ""]
+    lines += ["### By group", "", *table_of_groups(found), ""]
+    lines += ["### By power before the test", "", *table_of_points(found), ""]
+    lines += ["### Currents", "", *table_of_currents(found), ""]
+    lines += ["### Unbalanced faults and sags", "", *table_of_unbalanced(found), ""]
+    lines += ["### Every failure", "", *list_of_failures(found)]
+    return lines
+
+
+def kind_of(result: dict[str, Any]) -> str:
+    """What a run counts as: survived, lost, impossible, not applicable, or that it has no rest to begin at."""
+    if result["verdict"] in (IMPOSSIBLE, NOT_APPLICABLE):
+        return str(result["verdict"])
+    if result["status"] == SURVIVED:
+        return SURVIVED
+    return NO_START if "before the" in result["why"] else "lost"
+
+
+def counted(found: Iterable[Result]) -> Counter[str]:
+    """How many runs count as what."""
+    return Counter(kind_of(result) for _, result in found)
+
+
+def survived_of(found: Iterable[Result]) -> str:
+    """``survived of judged (share)``; a dash without any."""
+    count = counted(found)
+    judged = count[SURVIVED] + count["lost"]
+    if not judged:
+        return "–"
+    return f"{count[SURVIVED]:,} of {judged:,} ({100.0 * count[SURVIVED] / judged:.1f} %)"
+
+
+def headline(found: Sequence[Result]) -> str:
+    """The answer in two sentences."""
+    count = counted(found)
+    return (
+        f"{len(found):,} runs: **{survived_of(found)} are survived of what is possible.** {count[IMPOSSIBLE]:,} are "
+        f"impossible for any converter of this current, {count[NO_START]:,} have {NO_START} with this controller's "
+        f"droops, and {count[NOT_APPLICABLE]:,} do not apply."
+    )
+
+
+def table_of_controllers(found: Sequence[Result]) -> list[str]:
+    """Survived per converter and controller, for each thing that a schedule is told."""
+    lines = ["| converter, controller | " + " | ".join(TOLD) + f" | impossible | {NO_START} |"]
+    lines.append("| --- |" + " --- |" * (len(TOLD) + 2))
+    for converter in CONVERTERS:
+        for controller in CONTROLLERS:
+            own = [one for one in found if one[0].converter == converter and one[0].controller == controller]
+            count = counted(own)
+            cells = [survived_of(one for one in own if one[0].told == told) for told in TOLD]
+            cells += [str(count[IMPOSSIBLE]), str(count[NO_START])]
+            lines.append(f"| {converter}, {controller} | {' | '.join(cells)} |")
+    return lines
+
+
+def _by(found: Sequence[Result], title: str, key: Callable[[Result], str]) -> list[str]:
+    """Survived per value of ``key`` and converter, with both controllers and whatever they are told."""
+    lines = [f"| {title} | " + " | ".join(CONVERTERS) + f" | impossible | {NO_START} |"]
+    lines.append("| --- |" + " --- |" * (len(CONVERTERS) + 2))
+    for value in dict.fromkeys(map(key, found)):
+        own = [one for one in found if key(one) == value]
+        count = counted(own)
+        cells = [survived_of(one for one in own if one[0].converter == name) for name in CONVERTERS]
+        lines.append(f"| {value} | {' | '.join(cells)} | {count[IMPOSSIBLE]} | {count[NO_START]} |")
+    return lines
+
+
+def table_of_groups(found: Sequence[Result]) -> list[str]:
+    """Survived per group of the suite."""
+    return _by(found, "group", lambda one: str(one[1]["group"]))
+
+
+def table_of_points(found: Sequence[Result]) -> list[str]:
+    """Survived per power before the test."""
+    ordered = sorted(found, key=lambda one: POINTS_PU.index(one[0].P_pu))
+    words = {POINTS_PU[0]: "as in the suite, most 0.5 pu"}
+    return _by(ordered, "P before the test", lambda one: words.get(one[0].P_pu, f"{one[0].P_pu:g} pu"))
+
+
+def table_of_currents(found: Sequence[Result]) -> list[str]:
+    """The largest phase currents of the bridge per group and converter."""
+    lines = ["| group | " + " | ".join(CONVERTERS) + " |", "| --- |" + " --- |" * len(CONVERTERS)]
+    for group in dict.fromkeys(str(result["group"]) for _, result in found):
+        cells = []
+        for name in CONVERTERS:
+            own = [result for task, result in found if task.converter == name and result["group"] == group]
+            peaks = [one["peak_after_5ms_pu"] for one in own if one["peak_after_5ms_pu"] is not None]
+            first = [one["peak_pu"] for one in own if one["peak_pu"] is not None]
+            above = sum(peak > LIMIT_PU for peak in peaks)
+            cells.append(f"{max(peaks):.2f} pu, {above} of {len(peaks)}; {max(first):.2f} pu" if peaks else "–")
+        lines.append(f"| {group} | {' | '.join(cells)} |")
+    lines += [
+        "",
+        f"Largest later than 5 ms after an event, how many runs are above {LIMIT_PU:g} pu then; largest of all.",
+    ]
+    return lines
+
+
+def unbalanced(test: SuiteTest) -> bool:
+    """Whether a test has a two-phase fault or a dip that is not of type A."""
+    return any(
+        (event.sag is not None and event.sag.kind != "A")
+        or (event.fault is not None and event.fault.kind == "phase_to_phase")
+        for event in test.events
+    )
+
+
+def table_of_unbalanced(found: Sequence[Result]) -> list[str]:
+    """Balanced beside unbalanced faults and sags: peaks and sequences of the current."""
+    lines = [
+        "| converter, fault or sag | runs | largest phase current after 5 ms | above | current into the PCC, largest "
+        "phase | positive sequence | negative sequence |",
+        "| --- |" + " --- |" * 6,
+    ]
+    with_fault = [name for name, test in tests().items() if any(one.sag or one.fault for one in test.events)]
+    for converter in CONVERTERS:
+        for words, wanted in (("balanced", False), ("unbalanced", True)):
+            names = {name for name in with_fault if unbalanced(tests()[name]) == wanted}
+            own = [one for task, one in found if task.converter == converter and task.test in names]
+            peaks = [one["peak_after_5ms_pu"] for one in own if one["peak_after_5ms_pu"] is not None]
+            if not peaks:
+                continue
+            cells = [f"{len(peaks)}", f"{max(peaks):.3f} pu", f"{sum(peak > LIMIT_PU for peak in peaks)}"]
+            cells += [_range(own, f"{name}_pu") for name in ("fault_current", "positive_sequence", "negative_sequence")]
+            lines.append(f"| {converter}, {words} | {' | '.join(cells)} |")
+    return lines
+
+
+def _range(results: Iterable[dict[str, Any]], name: str) -> str:
+    values = [one[name] for one in results if one[name] is not None]
+    return f"{min(values):.2f} to {max(values):.2f} pu" if values else "–"
+
+
+def list_of_failures(found: Sequence[Result]) -> list[str]:
+    """Every run that is lost or fails otherwise, in words."""
+    lost = [
+        (task, one)
+        for task, one in found
+        if kind_of(one) == "lost" or (one["verdict"], kind_of(one)) == (FAIL, SURVIVED)
+    ]
+    if not lost:
+        return ["None."]
+    return [f"- {t.converter}, {t.controller}, {t.told}, P {t.P_pu:g} pu, {t.test}: {one['why']}" for t, one in lost]
