@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import pickle
+from multiprocessing.reduction import ForkingPickler
 
 import pytest
 
@@ -24,9 +24,9 @@ RAISED = {
 
 @pytest.mark.parametrize("kind", [one for one in _kinds(VsgDesignError) if one.__module__ == errors.__name__])
 def test_an_error_of_a_worker_arrives_as_it_was_raised(kind: type[VsgDesignError]) -> None:
-    """An exception that cannot be rebuilt kills the pool of worker processes, and the user sees "a process was lost"."""
+    """An exception that cannot be rebuilt ends the pool of workers, and the user only sees "a process was lost"."""
     raised = RAISED[kind]() if kind in RAISED else kind("in words")
-    arrived = pickle.loads(pickle.dumps(raised))
+    arrived = ForkingPickler.loads(ForkingPickler.dumps(raised))
     assert type(arrived) is kind
     assert str(arrived) == str(raised)
     assert vars(arrived) == vars(raised)
