@@ -13,7 +13,8 @@ import numpy as np
 from bench.stability import ONE_THREAD
 from bench.timing import Figure, Row, figure, repeat, run_python, scaled
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.explore.linear import linear_answer
+from vsgdesign.explore.linear import linear_answer, modes_answer
+from vsgdesign.explore.live import emt_answer
 from vsgdesign.explore.maps import map_answer
 from vsgdesign.explore.state import State, state_of
 from vsgdesign.parameters import load_study
@@ -33,6 +34,8 @@ def measured() -> dict[str, list[float]]:
 
     linear_answer(study, NOTHING, state("disk_margin"))
     found = {"linear": repeat(lambda: linear_answer(study, NOTHING, state("disk_margin")), GRIDS)}
+    found["modes"] = repeat(lambda: modes_answer(study, NOTHING, state("disk_margin")), GRIDS)
+    found["emt"] = repeat(lambda: emt_answer(study, NOTHING, state("disk_margin")), GRIDS)
     for name, repeats in {"disk_margin": 9, "damping": 9, "settling_s": 9, "survived": 3}.items():
         map_answer(study, NOTHING, state(name))
         found[name] = repeat(lambda name=name: map_answer(study, NOTHING, state(name)), repeats)
@@ -47,6 +50,10 @@ def explore() -> list[Row]:
     return [
         Row("explore", "linear answer of three controllers, full order", f["linear"], "ms", target=20.0,
             limit="NumPy calls of the margins' refinement"),
+        Row("explore", "what takes part in their modes and what moves them", f["modes"], "ms",
+            limit="derivatives of the map by 27 parameters"),
+        Row("explore", "EMT of 2 s of three controllers, with figures", f["emt"], "ms",
+            limit="the loop, a quarter; gains every 20 ms; steady states before and after"),
         Row("explore", f"map of the disk margin, {cells}", f["disk_margin"], "ms", target=100.0,
             limit="eigenvectors of 600 matrices of order 17, refinement"),
         Row("explore", f"map of the damping, {cells}", f["damping"], "ms", target=100.0, limit="the same eigenvectors"),

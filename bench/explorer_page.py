@@ -27,14 +27,17 @@ def drags() -> list[Row]:
     """From a move of the mouse on the map to the frame that shows its answer, with the command itself as server."""
     with chromium() as browser, command() as (_, address):
         found = drag(browser, address)
+    of_it = "of it on the server"
     return [
         *both("drag to redrawn modes, Bode, margins, linear step", found["linear"], 40.0, 60.0),
+        *both(f"{of_it}, linear answer", found["linear, server"], None, None),
         *both("drag to redrawn EMT of 2 s, three controllers", found["emt"], 60.0, 110.0),
+        *both(f"{of_it}, EMT", found["emt, server"], None, None),
     ]
 
 
 def drag(browser: Chromium, address: str) -> dict[str, list[float]]:
-    """Milliseconds from each move to what was drawn of it, by kind of answer."""
+    """Milliseconds from each move to what was drawn of it, by kind of answer, and how long the server computed it."""
     opened = ExplorerPage(browser.page(), address)
     page, box = opened.page, opened.page.box("#map")
     rng = np.random.default_rng(11)
@@ -46,7 +49,9 @@ def drag(browser: Chromium, address: str) -> dict[str, list[float]]:
         page.mouse("mouseMoved", *box.at(float(rng.uniform(0.15, 0.95)), float(rng.uniform(0.08, 0.8))), 1)
         time.sleep(PAUSE_S)
     opened.settle()
-    found = {kind: page.evaluate(f"drawings.{kind}.map((one) => one.after)") for kind in ("linear", "emt")}
+    kinds = ("linear", "emt")
+    found = {kind: page.evaluate(f"drawings.{kind}.map((one) => one.after)") for kind in kinds}
+    found |= {f"{kind}, server": page.evaluate(f"drawings.{kind}.map((one) => one.server)") for kind in kinds}
     page.mouse("mouseReleased", *box.at())
     page.close()
     return found

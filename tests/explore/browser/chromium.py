@@ -271,6 +271,17 @@ class Page:
             raise BrowserError(f"there is no {selector} on the page")
         return Box(*found)
 
+    def still(self, selector: str) -> Box:
+        """:meth:`box` once a frame has passed in which it did not move: a click on what moves hits something else."""
+        before = self.box(selector)
+        for _ in range(60):
+            self.evaluate("new Promise((done) => requestAnimationFrame(() => setTimeout(done)))")
+            now = self.box(selector)
+            if now == before:
+                return now
+            before = now
+        raise BrowserError(f"{selector} does not come to rest")
+
     def mouse(self, kind: str, x: float, y: float, buttons: int = 0) -> None:
         """One event of the mouse: mousePressed, mouseMoved or mouseReleased."""
         button = "left" if kind != "mouseMoved" or buttons else "none"
@@ -286,7 +297,7 @@ class Page:
 
     def click(self, at: str | tuple[float, float]) -> None:
         """Click on an element of a selector, or at a point."""
-        x, y = self.box(at).at() if isinstance(at, str) else at
+        x, y = self.still(at).at() if isinstance(at, str) else at
         self.mouse("mouseMoved", x, y)
         self.mouse("mousePressed", x, y, 1)
         self.mouse("mouseReleased", x, y)
@@ -315,6 +326,8 @@ class Page:
     def type(self, selector: str, text: str) -> None:
         """Replace what is in a field by typing, and leave it with Enter."""
         self.click(selector)
+        if not self.evaluate(f"document.activeElement === document.querySelector({json.dumps(selector)})"):
+            raise BrowserError(f"a click on {selector} does not give it the focus")
         self.key("a", "Control")
         self.call("Input.insertText", text=text)
         self.key("Enter")

@@ -251,7 +251,7 @@ class Page {
     requestAnimationFrame(() => {
       const channel = new MessageChannel();
       channel.port1.onmessage = () => {
-        const detail = { kind, seq: wish.seq, ms: performance.now() - wish.since };
+        const detail = { kind, seq: wish.seq, ms: performance.now() - wish.since, server: answer.header.ms };
         document.dispatchEvent(new CustomEvent("drawn", { detail }));
       };
       channel.port2.postMessage(0);
