@@ -339,7 +339,7 @@ def jumped(study: Study, before: Network, after: Network, **given: complex) -> d
     states = states_of_networks([before, after])
     x = np.array([given.get(name, 0j) for name in states.names])
     circuit = network_circuit(study.filter, study.grid, after, states)
-    found = (np.asarray(circuit.onto) @ np.column_stack([x.real, x.imag]).ravel()).reshape(-1, 2)
+    found = (np.asarray(circuit.onto) @ np.column_stack([np.real(x), np.imag(x)]).ravel()).reshape(-1, 2)
     return dict(zip(states.names, found[:, 0] + 1j * found[:, 1], strict=True))
 
 
