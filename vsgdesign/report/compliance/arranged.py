@@ -14,7 +14,7 @@ from vsgdesign.report.quantities import number, plain
 Document = Mapping[str, Any]
 RowDict = Mapping[str, Any]
 
-_LONG = 16
+_LONG = 11
 """Letters of a value that stay in one line."""
 
 _NOTHING = "not asked for"
