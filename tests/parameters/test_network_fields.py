@@ -10,8 +10,9 @@ import pytest
 
 from tests.parameters.documents import build, case_document, changed, faults_of, the_fault
 from vsgdesign.errors import Fault as Wrong
+from vsgdesign.parameters import study_from_text
 from vsgdesign.parameters.changing import changed as with_changes
-from vsgdesign.parameters.network import PLAIN, Fault, Load, Network
+from vsgdesign.parameters.network import PLAIN, Fault, Load, Network, SynchroCheck
 from vsgdesign.parameters.network_fields import (
     Base,
     fault_document,
@@ -24,6 +25,7 @@ from vsgdesign.parameters.network_fields import (
 )
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.source import Sag
+from vsgdesign.parameters.toml_text import toml_text
 from vsgdesign.simulation.timeline import build_timeline
 
 BASE = Base(7.26, 100.0 * math.pi, 5000.0)
@@ -311,3 +313,19 @@ def test_a_sag_needs_a_voltage_that_holds() -> None:
     fault = the_fault(study_of(ramp, {"time": 1.2, "sag": {"type": "A", "V_pu": 0.5}}), "events[1].sag")
     assert "goes on to 1.5 s" in fault.problem
     build(study_of(ramp, {"time": 1.5, "sag": {"type": "A", "V_pu": 0.5}}))
+
+
+def test_a_document_with_all_of_them_survives_writing() -> None:
+    document = study_of(
+        {"time": 1, "sag": {"type": "F", "V_pu": 0.3, "angle": "-10 deg"}},
+        {"time": 2, "sag": "none", "fault": {"kind": "phase_to_phase", "at": 0.2, "R_pu": 0.01, "phases": "ab"}},
+        {"time": 3, "fault": "cleared", "breaker": "open", "load": {"Q": "-1 kvar", "series": {"R": 9, "L": "1 mH"}}},
+        {"time": 4, "breaker": "closed", "synchro_check": {"angle": "7 deg", "df": 0.2}},
+        network={"load": {"P_pu": 0.5}},
+    )
+    written = study_from_text(toml_text(document))
+    assert written.events == build(document).events
+    assert written.network == build(document).network
+    assert written.events[-1].synchro_check == SynchroCheck(
+        angle=math.radians(7.0), V_pu=0.1, omega=2.0 * math.pi * 0.2
+    )
