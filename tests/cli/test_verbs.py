@@ -110,6 +110,15 @@ def test_design_in_words(tmp_path: Path) -> None:
     assert "! the design point needs a voltage outside 0.85 to 1.25 pu" in result.stdout
 
 
+def test_design_says_that_it_leaves_a_load_out(tmp_path: Path) -> None:
+    path = study_file(tmp_path)
+    assert "warning" not in call("design", path).stderr
+    Path(path).write_text(Path(path).read_text(encoding="utf-8") + "\n[network]\nload = { P_pu = 0.5 }\n")
+    result = call("design", path)
+    assert result.exit_code == 0
+    assert "warning: [network] is left out" in result.stderr
+
+
 COUPLED = """
 base = "case:hoang2025_5kva"
 power_loops = { structure = "angle_damped", tau_P = "5 ms", tau_Q = "5 ms" }

@@ -88,7 +88,7 @@ def design(study_file: str, as_json: bool) -> None:
     from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.design import design_closed_form, distinct_grids
 
-    study = _load(study_file)
+    study = _on_the_grid_alone(_load(study_file))
     ready = Ready(tables=read_tables(study))
     known = [spec for spec in study.controllers if spec.schedule != "table" or spec.name in ready.tables]
     missing = [
@@ -127,7 +127,7 @@ def margins(study_file: str, evidence: bool, as_json: bool) -> None:
     """
     from vsgdesign.pipeline import assess_study, stability_document
 
-    study = _load(study_file)
+    study = _on_the_grid_alone(_load(study_file))
     with _progress(quiet=as_json) as progress:
         document = stability_document(assess_study(study, evidence=evidence, progress=progress))
     if as_json:
@@ -155,7 +155,7 @@ def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json:
 
     from vsgdesign.pipeline import report_stability
 
-    study = _load(study_file)
+    study = _on_the_grid_alone(_load(study_file))
     folder = Path("out") / f"{study.name}-stability" if out is None else Path(out)
     with _progress(quiet=as_json) as progress:
         document = report_stability(study, folder, pdf=pdf, explorer=explorer, progress=progress)
@@ -225,7 +225,7 @@ def certify(
     from vsgdesign.certificate.swing import large_signal
     from vsgdesign.pipeline.table import make_tables
 
-    study = _load(study_file)
+    study = _on_the_grid_alone(_load(study_file))
     named = Ready(tables=read_tables(study))
     spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate, named, error_z)
     with _progress(quiet=as_json) as progress:
@@ -278,6 +278,13 @@ def validate(study_file: str, as_json: bool) -> None:
 
 def _warn(text: str) -> None:
     click.echo(f"warning: {text}", err=True)
+
+
+def _on_the_grid_alone(study: Any) -> Any:
+    """A study, with a warning where it has more at the PCC than these models know."""
+    if not study.network.plain:
+        _warn("[network] is left out: gains, modes and margins are those of the grid alone.")
+    return study
 
 
 def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, report: bool) -> None:
