@@ -116,7 +116,8 @@ def _stiff_step(
     source = np.stack([grown[:n, n + 2 + 2 * m : n + 4 + 2 * m] * h**m for m in range(3)])
     edge = np.empty((0, n, 2))
     if edges:
-        edge = edge_polynomials(circuit.A[None], circuit.B[None], h)[0]
+        with np.errstate(over="ignore", invalid="ignore"):  # of a circuit too stiff to switch: NaN
+            edge = edge_polynomials(circuit.A[None], circuit.B[None], h)[0]
     return PlantStep(h, onto + grown[:n, :n] @ onto, grown[:n, n : n + 2], edge, source)
 
 

@@ -15,7 +15,8 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.operating_point.network import NetworkStates, network_circuit, states_of_networks
 from vsgdesign.operating_point.plant import PlantStep, TwoAxisCircuit, plant_step, two_axes
 from vsgdesign.parameters.network import PLAIN, Network
-from vsgdesign.parameters.study import Grid, Study
+from vsgdesign.parameters.network_fields import Base, Said, network_words
+from vsgdesign.parameters.study import Converter, Grid, Study
 from vsgdesign.simulation.bodies import LARGEST_DEGREE, Axes
 from vsgdesign.simulation.timeline import Timeline
 
@@ -162,7 +163,7 @@ def circuits_of(study: Study, timeline: Timeline, circuit: CircuitOfGrid | None)
             )
         with_network = {one: network_circuit(study.filter, *one, states) for one in connections(timeline)}
         for one, of in with_network.items():
-            _check_stiffness(of, one.network, study.converter.T_s)
+            _check_stiffness(of, one.network, study.converter)
         return with_network.__getitem__
     if circuit is None:
         return lambda one: study.circuit(one.grid)
@@ -191,11 +192,12 @@ def states_of(circuit: FilterGrid | TwoAxisCircuit) -> int:
     return len(circuit.A) if isinstance(circuit, TwoAxisCircuit) else 6
 
 
-def _check_stiffness(circuit: TwoAxisCircuit, network: Network, T_s: float) -> None:
-    times = T_s * float(np.abs(np.linalg.eigvals(circuit.A)).max())
+def _check_stiffness(circuit: TwoAxisCircuit, network: Network, converter: Converter) -> None:
+    times = converter.T_s * float(np.abs(np.linalg.eigvals(circuit.A)).max())
     if times > STIFFEST:
+        words = ", ".join(network_words(Said(network.load, network.fault, None), Base.of(converter)))
         raise InfeasibleStudyError(
-            f"{network}: its fastest mode dies out {times:.2g} times within a sampling period. Above {STIFFEST:.0e} "
+            f"{words}: the fastest mode dies out {times:,.0f} times within a sampling period. Above {STIFFEST:,.0f} "
             "times rounding would show. Give fault.R zero (bolted) or more ohms, or a load less ohms in parallel."
         )
 
