@@ -18,7 +18,7 @@ FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]
 PICTURES = {
     "report_answer": (("run", "structures"), (1120, 900)),
-    "compliance_page": (("comply", "gridcode"), (1120, 960)),
+    "compliance_page": (("comply", "gridcode"), (1120, 1080)),
 }
 """By name: verb and study, and the window in pixels: the answer, without what is below it."""
 
