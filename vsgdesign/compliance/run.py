@@ -35,6 +35,7 @@ class TestRun:
     simulation: Simulation | None
     """None: the run could not begin, or diverged at once."""
     trace: Trace | None
+    """None: there is no run, or it ended before its test began."""
     survival: Survival
     gains: PowerLoopGains | None = None
     """In force before the first event."""
@@ -71,10 +72,17 @@ def run_test(subject: Subject, test: SuiteTest) -> TestRun:
         study=study,
         spec=spec,
         simulation=simulation,
-        trace=trace_of(study, simulation, subject.row_samples, subject.lead_s),
+        trace=_trace(subject, study, simulation),
         survival=judge_scenario(study, spec, subject.ready, simulation, own_rest=True),
         gains=before[-1],
     )
+
+
+def _trace(subject: Subject, study: Study, simulation: Simulation) -> Trace | None:
+    """The trace of a run; None where it diverged before its test began."""
+    if float(simulation.t_s[-1]) <= subject.lead_s:
+        return None
+    return trace_of(study, simulation, subject.row_samples, subject.lead_s)
 
 
 def _without(study: Study, spec: ControllerSpec, test: SuiteTest, survival: Survival) -> TestRun:

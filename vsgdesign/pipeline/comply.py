@@ -92,7 +92,7 @@ def comply_study(
         journal = held.enter_context(suite_journal(out, job.key, fresh))
         job = replace(job, folder=str(journal.traces))
         ready_s = time.perf_counter() - begin
-        with executor_of(workers if len(job.blocks) > 1 else 1) as executor:
+        with executor_of(workers if len(job.blocks) > 2 else 1) as executor:  # others take a second to begin
             _run(job, journal, executor, workers, progress)
             run_s = time.perf_counter() - begin - ready_s
             document = _document(job, journal, asked)
@@ -220,8 +220,20 @@ def _document(job: SuiteJob, journal: SuiteJournal, asked: Asked) -> dict[str, A
         "rows": shown,
         "summary": summary_of(rows),
         "maps": journal.all_of("map"),
-        "notes": journal.all_of("note"),
+        "notes": [*_replaced_estimators(study), *journal.all_of("note")],
     }
+
+
+def _replaced_estimators(study: Study) -> list[str]:
+    """A sentence on each controller whose estimator is not run."""
+    from vsgdesign.simulation.lanes.telling import told_controller
+
+    return [
+        f'{spec.name}: its estimator (estimate = "{spec.estimate}") answers once in a window and is not run here. The '
+        "controller is told the true grid, and each test says how long after a change."
+        for spec in study.controllers
+        if told_controller(spec) != spec
+    ]
 
 
 def _of_suite(suite: Suite) -> dict[str, Any]:

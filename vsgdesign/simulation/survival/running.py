@@ -222,7 +222,8 @@ def judge_scenario(
     ``study`` has the current limit of the controller. One that estimates the grid rests with the gains of the true one.
     A run that ends with a fault or an open breaker has no rest that is computed apart from it: it must come to a rest
     of its own, the means of its last cycles, and behind an open breaker within ISLAND_F and the voltage limits of the
-    converter. ``own_rest`` asks the same of a run after whose events there is no rest within the current limit.
+    converter. ``own_rest`` asks the same of a run after whose events there is no rest within the current limit, and
+    judges a run that began with little room below it.
     """
     c, timeline = study.converter, simulation.timeline
     end_s, limit_pu = study.simulation.duration, c.current_limit_pu
@@ -239,7 +240,7 @@ def judge_scenario(
     found = rests_of_scenario(subject, study, timeline)
     record = _while_connected(record_of(study, simulation), timeline)
     refused: list[tuple[str, str] | None] = [None if rest is None else subject.refused(rest) for rest in found]
-    if refused[0] is not None:
+    if refused[0] is not None and not own_rest:
         return Survival(status=refused[0][0], reason=f"before the events: {refused[0][1]}")
     rest, beyond = found[1], refused[1]
     if beyond is not None and not own_rest:
