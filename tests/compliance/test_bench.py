@@ -23,6 +23,7 @@ from vsgdesign.explore.state import state_of
 from vsgdesign.frames import SPACE_VECTOR_POWER
 from vsgdesign.parameters.loading import study_from_text
 from vsgdesign.parameters.network import Load, SynchroCheck
+from vsgdesign.parameters.source import Sag
 from vsgdesign.pipeline.explorer_links import explorer_link
 
 JUMP = SuiteEvent(t_s=0.0, phase_deg=30.0)
@@ -174,6 +175,7 @@ def test_a_rest_at_the_limit_is_held_and_said() -> None:
     [
         ((JUMP,), "phase"),
         ((SuiteEvent(t_s=0.0, V_g_pu=0.2), SuiteEvent(t_s=0.15, V_g_pu=1.0)), "sag"),
+        ((SuiteEvent(t_s=0.0, sag=Sag(kind="A", V_pu=0.2)), SuiteEvent(t_s=0.15, V_g_pu=1.0)), "sag"),
         ((SuiteEvent(t_s=0.0, df_hz=-1.0, over_s=0.5),), "ramp"),
         ((SuiteEvent(t_s=0.0, scr=2.0, x_over_r=3.0),), "grid"),
         ((SuiteEvent(t_s=0.0, P_pu=0.7),), "step"),
@@ -190,10 +192,28 @@ def test_a_link_shows_the_test_in_the_explorer(events: tuple[SuiteEvent, ...], k
     assert state.scr != place.scr
 
 
-def test_what_the_explorer_cannot_show_has_no_link() -> None:
+@pytest.mark.parametrize(
+    "events",
+    [
+        (SuiteEvent(t_s=0.0, connected=False),),
+        (JUMP, SuiteEvent(t_s=1.0, P_pu=0.2)),
+        (SuiteEvent(t_s=0.0, V_g_pu=0.0), SuiteEvent(t_s=0.15, V_g_pu=1.0)),
+        (SuiteEvent(t_s=0.0, sag=Sag(kind="C", V_pu=0.5)), SuiteEvent(t_s=0.15, V_g_pu=1.0)),
+    ],
+)
+def test_of_an_event_that_the_explorer_does_not_have_the_grid_is_shown(events: tuple[SuiteEvent, ...]) -> None:
     one = subject()
-    assert explorer_link(one.study, {}, suite_test(SuiteEvent(t_s=0.0, connected=False)), "damped") is None
-    assert explorer_link(one.study, {}, suite_test(JUMP, SuiteEvent(t_s=1.0, P_pu=0.2)), "damped") is None
+    link = explorer_link(one.study, {}, suite_test(*events, x_over_r=3.0), "damped")
+    assert link is not None
+    assert "event" not in json.loads(link)
+    assert json.loads(link)["x_over_r"] == 3.0
+
+
+def test_a_load_or_a_missing_table_has_no_link() -> None:
+    one = subject()
+    assert explorer_link(one.study, {}, suite_test(JUMP, load=Load(R_parallel=2.0)), "damped") is None
+    tabled = replace(one.study, controllers=(replace(one.spec, schedule="table"),))
+    assert explorer_link(tabled, {}, suite_test(JUMP), "damped") is None
 
 
 def test_the_network_is_said_in_words() -> None:

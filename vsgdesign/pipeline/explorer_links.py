@@ -1,10 +1,11 @@
-"""Links from a test of a suite to the explorer: its grid and operating point, and its event where the page has one."""
+"""Links from a test of a suite to the explorer: its grid and operating point, and its event where the page has it."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 from vsgdesign.artifacts.gain_table import GainTable
@@ -16,13 +17,10 @@ from vsgdesign.simulation.survival.cases import BASIS
 
 def explorer_link(study: Study, tables: Mapping[str, GainTable], test: SuiteTest, controller: str) -> str | None:
     """The part of a link after #, which ``vsgdesign explore STUDY --state`` takes; None where the explorer cannot show
-    the test's grid or its event. A test of several events is one only if it is a sag that ends."""
+    the test's grid, or its load. Without an event in it, the page shows the grid alone: it has no such event."""
     c = study.converter
     spec = next(one for one in study.controllers if one.name == controller)
     if test.load is not None or (spec.schedule == "table" and controller not in tables):
-        return None
-    event = _event(study, test)
-    if event is None:
         return None
     place = Place(test.scr, test.x_over_r, BASIS).grid(c).place(c, study.scr_basis)
     state = {
@@ -33,15 +31,15 @@ def explorer_link(study: Study, tables: Mapping[str, GainTable], test: SuiteTest
         "V_g_pu": test.V_g_pu,
         "f_hz": _short(c.omega_n / (2.0 * math.pi) + test.df_hz),
         "silent_s": min(test.silent_s, 36000.0) if spec.kind == "scheduled" else 0.0,
-        "event": event,
         "controllers": [controller],
         "map_of": controller,
     }
-    try:
-        state_of(state, study)
-    except StateError:
-        return None
-    return json.dumps(state, separators=(",", ":"), ensure_ascii=False)
+    event = _event(study, test)
+    for shown in ([] if event is None else [state | {"event": event}]) + [state]:
+        with suppress(StateError):  # such as a sag to zero, which the page does not have
+            state_of(shown, study)
+            return json.dumps(shown, separators=(",", ":"), ensure_ascii=False)
+    return None
 
 
 def _event(study: Study, test: SuiteTest) -> dict[str, Any] | None:
@@ -51,9 +49,10 @@ def _event(study: Study, test: SuiteTest) -> dict[str, Any] | None:
     first, *more = test.events
     changed = _changed(first)
     if len(more) == 1 and changed == _changed(more[0]) == {"V_g_pu"} and more[0].V_g_pu == test.V_g_pu:
-        if first.V_g_pu is None or first.over_s or more[0].over_s or not test.V_g_pu:
+        left = _left(first, test)
+        if left is None or first.over_s or more[0].over_s:
             return None
-        return {"kind": "sag", "size": _short(1.0 - first.V_g_pu / test.V_g_pu), "length_s": more[0].t_s - first.t_s}
+        return {"kind": "sag", "size": _short(1.0 - left), "length_s": _short(more[0].t_s - first.t_s)}
     if more:
         return None
     if changed == {"phase_deg"}:
@@ -72,13 +71,23 @@ def _event(study: Study, test: SuiteTest) -> dict[str, Any] | None:
 
 
 def _beyond(event: SuiteEvent) -> bool:
-    """Whether an event has what the explorer does not know: dips by type, faults, loads, the breaker."""
-    named = (event.sag, event.fault, event.load, event.connected)
-    return any(one is not None for one in named) or event.fault_cleared or event.load_off
+    """Whether an event has what the explorer does not know: unbalanced dips, faults, loads, the breaker."""
+    sag = event.sag
+    unbalanced = sag is not None and (sag.kind != "A" or sag.angle != 0.0)
+    named = (event.fault, event.load, event.connected)
+    return unbalanced or any(one is not None for one in named) or event.fault_cleared or event.load_off
+
+
+def _left(event: SuiteEvent, test: SuiteTest) -> float | None:
+    """What a balanced dip leaves of the voltage before it, as a share."""
+    if event.sag is not None:
+        return event.sag.V_pu
+    return event.V_g_pu / test.V_g_pu if event.V_g_pu is not None and test.V_g_pu else None
 
 
 def _changed(event: SuiteEvent) -> set[str]:
     names = {name for name in ("scr", "V_g_pu", "df_hz", "P_pu", "Q_pu") if getattr(event, name) is not None}
+    names |= {"V_g_pu"} if event.sag is not None else set()
     return names | ({"phase_deg"} if event.phase_deg else set())
 
 
