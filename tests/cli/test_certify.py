@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
+import pytest
 from click.testing import CliRunner
 
+import vsgdesign.certificate
+import vsgdesign.certificate.swing
 from vsgdesign.cli.program import main
 
 STUDY = "studies/structures/study.toml"
+REGION = ("--scr", "3", "20", "--x-over-r", "1", "20")
+PROOFS = (
+    (vsgdesign.certificate, "certify"),
+    (vsgdesign.certificate, "with_steps"),
+    (vsgdesign.certificate.swing, "large_signal"),
+)
 
 
 def certify(*options: str) -> tuple[int, str]:
@@ -17,8 +27,30 @@ def certify(*options: str) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-def test_a_region_that_can_be_certified() -> None:
-    code, text = certify("--scr", "3", "20", "--x-over-r", "1", "20")
+@pytest.fixture(scope="module")
+def proved() -> tuple[int, str, dict[str, Any]]:
+    """Exit code and document of :data:`REGION`, and what was found for it, by the function that found it."""
+    found: dict[str, Any] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name in PROOFS:
+            real = getattr(module, name)
+            patch.setattr(
+                module,
+                name,
+                lambda *given, _real=real, _name=name, **more: found.setdefault(_name, _real(*given, **more)),
+            )
+        code, text = certify(*REGION, "--json")
+    assert set(found) == {name for _, name in PROOFS}
+    return code, text, found
+
+
+def test_a_region_that_can_be_certified(
+    proved: tuple[int, str, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In words. The proofs are those of the document."""
+    for module, name in PROOFS:
+        monkeypatch.setattr(module, name, lambda *_, _name=name, **__: proved[2][_name])
+    code, text = certify(*REGION)
     assert code == 0
     assert text.startswith("angle_damped: Certified on a grid only, not gap-free (")
     assert "Over SCR 3 to 20, X/R 1 to 20, P −4.5 to 4.5 kW" in text
@@ -37,8 +69,8 @@ def test_a_counterexample_is_exit_code_1_and_names_the_cell() -> None:
     assert "the power loops are unstable at SCR" in text
 
 
-def test_json() -> None:
-    code, text = certify("--scr", "3", "20", "--x-over-r", "1", "20", "--json")
+def test_json(proved: tuple[int, str, dict[str, Any]]) -> None:
+    code, text, _ = proved
     document = json.loads(text)
     assert code == 0
     assert document["certified"] is True
