@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests import gain_tables
 from tests.cli.small_studies import as_json, call, failure
+from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.time_series import read_npz
 from vsgdesign.compliance import job
 from vsgdesign.compliance.evidence import read_evidence
 from vsgdesign.compliance.rows import VERDICTS
+from vsgdesign.parameters import load_study
 from vsgdesign.pipeline import comply as pipeline
 from vsgdesign.report.compliance.answer import headline
 from vsgdesign.report.compliance.arranged import arrange
@@ -32,6 +36,7 @@ tau_P = "5 ms"
 tau_Q = "5 ms"
 [simulation]
 duration = "1 s"
+bridge = "pwm"
 P_ref = "2 kW"
 Q_ref = "0 var"
 [[controllers]]
@@ -154,6 +159,22 @@ def test_a_case_repeats_its_row(place: Path, done: dict[str, Any], tmp_path: Pat
     at = np.searchsorted(series["t_s"], trace.t_s + 0.1 - 1e-6)
     assert np.max(np.abs(series["omega"][at] / (2.0 * np.pi) - trace.f_hz)) < 5e-6  # single precision at 50 Hz
     assert np.max(np.abs(series["V_rms"][at] / 110.0 - trace.V_pu)) < 1e-6
+
+
+def test_it_says_what_was_run(done: dict[str, Any]) -> None:
+    """The study asks for a switched bridge; a suite runs with the averaged one."""
+    assert done["converter"]["bridge"] == "averaged"
+    assert done["hashes"]["study"] == done["study"]["hash"]
+    assert done["hashes"]["c"] == {"damped": None, "published": None}
+
+
+def test_the_hash_of_the_c_is_that_of_the_export(place: Path) -> None:
+    table, study = gain_tables.table(), load_study(place / "small.toml")
+    write_table_file(table, place / "table.json")
+    spec = replace(study.controllers[0], schedule="table", current_limiter="circular")
+    assert call("export", "c", place / "table.json", "--out", place / "c").exit_code == 0
+    manifest = json.loads((place / "c" / "manifest.json").read_text())
+    assert pipeline.c_hash(study, spec, table) == manifest["sha256"]
 
 
 def test_two_workers_write_the_same_bytes(place: Path, done: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:

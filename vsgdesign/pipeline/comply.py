@@ -205,7 +205,7 @@ def _document(job: SuiteJob, journal: SuiteJournal, asked: Asked) -> dict[str, A
         shown.append(row | {"explore": link, "figure": figures.get(key)})
     return {
         "study": {"name": study.name, "title": study.title, "hash": study.hash, "file": asked.file},
-        "converter": identity_of(study),
+        "converter": identity_of(replace(study, simulation=replace(study.simulation, bridge="averaged"))),
         "suites": [_of_suite(suite) for suite in job.suites],
         "hashes": {
             "study": study.hash,
@@ -248,19 +248,19 @@ def _of_suite(suite: Suite) -> dict[str, Any]:
 
 
 def c_hash(study: Study, spec: ControllerSpec, table: GainTable | None) -> str | None:
-    """SHA-256 of the list of the files that ``vsgdesign export c`` writes for a controller, with their hashes; None for
-    one without a gain table, which has no C."""
-    from vsgdesign.artifacts.guarded_file import content_hash
+    """The ``sha256`` of the manifest.json that ``vsgdesign export c --study`` writes for a controller; None for one
+    without a gain table, which has no C."""
     from vsgdesign.export import export_c_files
 
     if table is None:
         return None
+    own = replace(study.with_limit_of(spec), controllers=(spec,))
+    estimates = spec.estimate in ("field", "field_network")
     with TemporaryDirectory() as place:
         file = Path(place) / "table.json"
         write_table_file(table, file)
-        own = study.with_limit_of(spec)
-        made = export_c_files(file, Path(place) / "c", limiter=own.current_limiter)
-        return content_hash(made.manifest["files"])
+        made = export_c_files(file, Path(place) / "c", study=own if estimates else None, limiter=own.current_limiter)
+    return str(made.manifest["sha256"])
 
 
 def _place_traces(journal: SuiteJournal, folder: Path) -> None:
