@@ -77,6 +77,10 @@ class InfeasibleStudyError(VsgDesignError):
     """The study is well-formed but asks for something that cannot be done."""
 
 
+class CircuitError(InfeasibleStudyError):
+    """A circuit that the simulation cannot follow, whatever the controller does."""
+
+
 class LimitHitError(InfeasibleStudyError):
     """A steady state needs more than the converter has: ``limit`` is ``bridge voltage``, ``current`` or ``voltage
     limits``."""

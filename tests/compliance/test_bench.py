@@ -22,7 +22,7 @@ from vsgdesign.explore.session import start_of
 from vsgdesign.explore.state import state_of
 from vsgdesign.frames import SPACE_VECTOR_POWER
 from vsgdesign.parameters.loading import study_from_text
-from vsgdesign.parameters.network import Load, SynchroCheck
+from vsgdesign.parameters.network import Fault, Load, SynchroCheck
 from vsgdesign.parameters.source import Sag
 from vsgdesign.pipeline.explorer_links import explorer_link
 
@@ -118,6 +118,14 @@ def test_each_verdict_has_its_reason() -> None:
     unknown = row(suite_test(JUMP, criteria=(Criterion(measure="above_limit_s", at_most=0.1),)), "fixed").row
     assert (unknown.verdict, unknown.checks[0].value) == (FAIL, None)
     assert "no current limit" in unknown.why
+
+
+def test_a_circuit_that_cannot_be_followed_does_not_apply() -> None:
+    fault = Fault(R=1e-9)
+    test = suite_test(SuiteEvent(t_s=0.0, fault=fault), SuiteEvent(t_s=0.1, fault_cleared=True), criteria=(SURVIVED,))
+    row = judged_test(subject(), Suite(name="made", title="Made", source=test.source, tests=(test,)), test).row
+    assert row.verdict == NOT_APPLICABLE
+    assert row.why.startswith("it cannot be simulated with this converter: three-phase fault at the PCC")
 
 
 def test_a_start_that_the_grid_cannot_carry_fails_without_a_limit() -> None:

@@ -16,7 +16,7 @@ from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLI
 from vsgdesign.compliance.run import TestRun, run_test
 from vsgdesign.compliance.subject import Subject
 from vsgdesign.compliance.suite import Criterion, Suite, SuiteTest
-from vsgdesign.errors import StudyError
+from vsgdesign.errors import CircuitError, StudyError
 from vsgdesign.metrics.survival import SURVIVED
 from vsgdesign.metrics.survival import VERDICTS as JUDGED
 
@@ -38,8 +38,8 @@ def judged_test(subject: Subject, suite: Suite, test: SuiteTest) -> Judged:
         return Judged(_row(subject, suite, test, IMPOSSIBLE, why), None)
     try:
         run = run_test(subject, test)
-    except StudyError as error:  # what a study refuses, such as a fault that its filter cannot have
-        said = "; ".join(str(fault) for fault in error.faults)
+    except (StudyError, CircuitError) as error:  # what no run of this converter can show
+        said = "; ".join(map(str, error.faults)) if isinstance(error, StudyError) else str(error)
         return Judged(
             _row(subject, suite, test, NOT_APPLICABLE, f"it cannot be simulated with this converter: {said}"), None
         )

@@ -11,7 +11,7 @@ from vsgdesign.compliance.suite import SuiteTest
 from vsgdesign.compliance.trace import Trace
 from vsgdesign.compliance.tracing import trace_of
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError, StudyError
+from vsgdesign.errors import CircuitError, InfeasibleStudyError, SimulationDivergedError, StudyError
 from vsgdesign.metrics.survival import DIVERGED, NO_REST, NOT_AT_REST, Survival
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.run import Simulation, simulate
@@ -45,7 +45,8 @@ def run_test(subject: Subject, test: SuiteTest) -> TestRun:
     """The run of a test with a controller. What goes wrong in the run is its verdict.
 
     A breaker that never closes in phase is a verdict, too. Raises StudyError where the test cannot be said in a study,
-    and where an island does not drift to the angle at which its breaker is to close out of phase.
+    and where an island does not drift to the angle at which its breaker is to close out of phase; CircuitError where
+    the simulation cannot follow the circuit.
     """
     study, _ = case_of(subject, test)
     spec = study.controllers[0]
@@ -64,6 +65,8 @@ def run_test(subject: Subject, test: SuiteTest) -> TestRun:
         return _without(study, spec, test, Survival(status=NOT_AT_REST, reason=reason))
     except SimulationDivergedError as error:
         return _without(study, spec, test, Survival(status=DIVERGED, reason=str(error)))
+    except CircuitError:
+        raise
     except InfeasibleStudyError as error:
         return _without(study, spec, test, Survival(status=NO_REST, reason=f"before the test: {error}"))
     before = [change.gains for change in simulation.gain_changes if change.t_s < subject.lead_s or change.t_s == 0.0]

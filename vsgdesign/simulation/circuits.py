@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.filters import FilterGrid
-from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.errors import CircuitError, InfeasibleStudyError
 from vsgdesign.operating_point.network import NetworkStates, network_circuit, states_of_networks
 from vsgdesign.operating_point.plant import PlantStep, TwoAxisCircuit, plant_step, two_axes
 from vsgdesign.parameters.network import PLAIN, Network
@@ -100,7 +100,7 @@ class Circuits:
     def _step(self, connection: Connection, h: float, omega: float) -> PlantStep:
         step = plant_step(self.of(connection), h, omega, edges=self.switched)
         if not np.isfinite(step.edge).all():
-            raise InfeasibleStudyError(
+            raise CircuitError(
                 "the circuit is too stiff to switch: its fastest mode (R/L or R_c/L) dies out many times within a "
                 "sampling period. Sample faster, lower R_c, raise x_over_r, make a fault bolted or a load larger, "
                 'or use bridge = "averaged".'
@@ -196,7 +196,7 @@ def _check_stiffness(circuit: TwoAxisCircuit, network: Network, converter: Conve
     times = converter.T_s * float(np.abs(np.linalg.eigvals(circuit.A)).max())
     if times > STIFFEST:
         words = ", ".join(network_words(Said(network.load, network.fault, None), Base.of(converter)))
-        raise InfeasibleStudyError(
+        raise CircuitError(
             f"{words}: the fastest mode dies out {times:,.0f} times within a sampling period. Above {STIFFEST:,.0f} "
             "times rounding would show. Give fault.R zero (bolted) or more ohms, or a load less ohms in parallel."
         )
