@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.metrics.survival import SURVIVED
 from vsgdesign.parameters.network import PLAIN
-from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, GridSource, Place, Study
+from vsgdesign.parameters.study import ControllerSpec, GridSource, Place, Study
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, LaneCases, LaneEvents, no_events
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, STATUSES, LaneResults
 from vsgdesign.simulation.lanes.run import run_lanes
-from vsgdesign.simulation.lanes.telling import learns
+from vsgdesign.simulation.lanes.telling import learns, told_controller
 from vsgdesign.simulation.survival.cases import BASIS, LEAD_S, LEARNING_S
 from vsgdesign.simulation.survival.clearing import LENGTHS_S, ClearingTimes, Verdicts, critical_clearing_times
 
@@ -94,19 +94,12 @@ def survival_map(kind: str, mapped: Mapped) -> SurvivalMap:
     grid 0.2 s after every change; a field estimator runs and learns the grid by itself. Raises InfeasibleStudyError
     where the study cannot be run in a batch.
     """
-    return KINDS[kind](replace(mapped, study=_plain(mapped.study), spec=_told(mapped.spec)))
+    return KINDS[kind](replace(mapped, study=_plain(mapped.study), spec=told_controller(mapped.spec)))
 
 
 def _plain(study: Study) -> Study:
     source = GridSource(study.converter.V_rated_rms, study.converter.omega_n)
     return replace(study.undisturbed, grid_source=source, network=PLAIN, events=())
-
-
-def _told(spec: ControllerSpec) -> ControllerSpec:
-    """An estimator of windows is not run; its controller is told the truth late."""
-    if spec.kind == "fixed" or spec.estimate == "truth" or learns(spec):
-        return spec
-    return replace(spec, estimate="truth", update_period=spec.update_period or UPDATE_PERIOD)
 
 
 def _sags(mapped: Mapped) -> SurvivalMap:
