@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from vsgdesign.artifacts.staging import cannot_write
-from vsgdesign.verification.journal import journal_folder, journals
+from vsgdesign.verification.journal import append_line, journal_folder, journals, kept_lines
 
 WORK = "compliance"
 
@@ -22,28 +20,11 @@ class SuiteJournal:
     def __init__(self, path: Path) -> None:
         """Reads what is there. What a kill left of a last line is cut off."""
         self.path, self.traces = path, path.with_suffix("")
-        self.blocks: dict[int, dict[str, Any]] = {}
-        good = 0
-        if path.exists():
-            with path.open("rb") as file:
-                for line in file:
-                    found = _read(line)
-                    if found is None:
-                        break
-                    self.blocks[found["block"]] = found
-                    good += len(line)
-            if path.stat().st_size > good:
-                os.truncate(path, good)
+        self.blocks: dict[int, dict[str, Any]] = {found["block"]: found for found in kept_lines(path, _read)}
 
     def add(self, done: dict[str, Any]) -> None:
         """Keep a block, whose traces are there: when this returns, it is on the disk."""
-        try:
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(done, allow_nan=False, ensure_ascii=False, separators=(",", ":")) + "\n")
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise cannot_write(self.path, error) from error
+        append_line(self.path, json.dumps(done, allow_nan=False, ensure_ascii=False, separators=(",", ":")) + "\n")
         self.blocks[done["block"]] = done
 
     @property
@@ -62,14 +43,8 @@ class SuiteJournal:
         self.blocks = {}
 
 
-def _read(line: bytes) -> dict[str, Any] | None:
-    if not line.endswith(b"\n"):
-        return None
-    try:
-        found = json.loads(line)
-        return {**found, "block": int(found["block"]), "rows": list(found["rows"])}
-    except (ValueError, KeyError, TypeError):
-        return None
+def _read(found: Any) -> dict[str, Any]:
+    return {**found, "block": int(found["block"]), "rows": list(found["rows"])}
 
 
 @contextmanager

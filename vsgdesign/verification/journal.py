@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import Any, TypeVar
 
 from vsgdesign.artifacts.files import write_text
 from vsgdesign.artifacts.locks import LockedError, locked
 from vsgdesign.artifacts.staging import cannot_write, parents_made
 from vsgdesign.errors import ArtifactError
 from vsgdesign.verification.summary import Summary, summary_document, summary_of
+
+T = TypeVar("T")
 
 _LOCK = "lock"
 _LINES = 64
@@ -39,18 +42,9 @@ class Journal:
         self.path = path
         self.summary = Summary()
         self._lines = 0
-        good = 0
-        if path.exists():
-            with path.open("rb") as file:
-                for line in file:
-                    found = _read(line)
-                    if found is None:
-                        break
-                    self.summary = self.summary.merged(found)
-                    self._lines += 1
-                    good += len(line)
-            if path.stat().st_size > good:
-                os.truncate(path, good)
+        for found in kept_lines(path, summary_of):
+            self.summary = self.summary.merged(found)
+            self._lines += 1
 
     def add(self, summary: Summary) -> None:
         """Keep the summary of some more blocks: when this returns, it is on the disk."""
@@ -60,12 +54,9 @@ class Journal:
                 write_text(self.path, _line(self.summary))
                 self._lines = 1
                 return
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write(_line(summary))
-                file.flush()
-                os.fsync(file.fileno())
         except OSError as error:
             raise cannot_write(self.path, error) from error
+        append_line(self.path, _line(summary))
         self._lines += 1
 
 
@@ -73,13 +64,39 @@ def _line(summary: Summary) -> str:
     return json.dumps(summary_document(summary), allow_nan=False, separators=(",", ":")) + "\n"
 
 
-def _read(line: bytes) -> Summary | None:
-    if not line.endswith(b"\n"):
-        return None
+def kept_lines(path: Path, parse: Callable[[Any], T]) -> list[T]:
+    """What ``parse`` makes of the JSON of each line of a journal; nothing if there is no such file.
+
+    A kill may leave half a line. From the first line on that has no end, or of which ``parse`` makes a ValueError, a
+    KeyError or a TypeError, the file is cut off.
+    """
+    found: list[T] = []
+    if not path.exists():
+        return found
+    good = 0
+    with path.open("rb") as file:
+        for line in file:
+            if not line.endswith(b"\n"):
+                break
+            try:
+                found.append(parse(json.loads(line)))
+            except (ValueError, KeyError, TypeError):
+                break
+            good += len(line)
+    if path.stat().st_size > good:
+        os.truncate(path, good)
+    return found
+
+
+def append_line(path: Path, line: str) -> None:
+    """Add a line to a journal: when this returns, it is on the disk. Raises ArtifactError if it cannot be written."""
     try:
-        return summary_of(json.loads(line))
-    except (ValueError, KeyError, TypeError):
-        return None
+        with path.open("a", encoding="utf-8") as file:
+            file.write(line)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise cannot_write(path, error) from error
 
 
 @contextmanager
