@@ -63,7 +63,9 @@ def comply(
     asked = Asked(suites=suites or (ALL,), controllers=controllers, maps=maps, cases=cases, file=study_file)
     try:
         with progress(quiet=as_json) as tell:
-            document = comply_study(study, folder, asked, workers=workers, fresh=not resume, progress=tell)
+            document = comply_study(
+                study, folder, asked, workers=workers, fresh=not resume, progress=tell, say=None if as_json else _say
+            )
     except KeyboardInterrupt:
         raise Interrupted(f"{kept_rows(folder):,} finished tests are kept; the same command continues there") from None
     if as_json:
@@ -76,3 +78,7 @@ def comply(
         click.echo(f"report: {page}")
     if strict and any(one["fail"] for one in document["summary"]):
         raise SystemExit(EXIT_IMPOSSIBLE)
+
+
+def _say(sentence: str) -> None:
+    click.echo(sentence, err=True)

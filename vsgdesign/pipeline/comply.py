@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -66,14 +66,16 @@ def comply_study(
     workers: int | None = None,
     fresh: bool = False,
     progress: Progress | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
     """Runs the tests of suites with the controllers of a study and writes a folder: results.json, traces/*.csv,
     cases/*.toml and the report. Returns the content of results.json.
 
     ``ready``: gain tables that are there; None: they are read where earlier commands left them, or designed. Finished
     blocks are kept beside ``out`` until the folder is complete, so the same call continues after an interruption and
-    writes the same files; ``fresh`` starts anew. ``workers``: processes; None: one per core. Raises StudyError with
-    every fault of the study, the controllers and the suites, ArtifactError and WorkerError.
+    writes the same files; ``fresh`` starts anew. ``workers``: processes; None: one per core. ``say`` takes a sentence
+    on each gain table that the study does not name. Raises StudyError with every fault of the study, the controllers
+    and the suites, ArtifactError and WorkerError.
     """
     from vsgdesign.compliance.job import BLOCK, SuiteJob
     from vsgdesign.compliance.journal import suite_journal
@@ -86,7 +88,7 @@ def comply_study(
     given = [path for path in asked.suites if os.path.isfile(path)]
     with ExitStack() as held:
         folder = held.enter_context(staged_folder(out, VERB, inputs=(*study.input_files, *given)))
-        tables = _tables(study, ready, workers, progress)
+        tables = _tables(study, ready, workers, progress, say)
         maps = tuple(KINDS) if asked.maps else ()
         job = SuiteJob(study=study, tables=tables, suites=suites, folder="", block=BLOCK, maps=maps)
         journal = held.enter_context(suite_journal(out, job.key, fresh))
@@ -161,12 +163,18 @@ def study_for_suites(study: Study, controllers: Sequence[str] = ()) -> Study:
     return replace(study, controllers=tuple(spec for spec in study.controllers if spec.name in controllers))
 
 
-def _tables(study: Study, ready: Ready | None, workers: int | None, progress: Progress | None) -> dict[str, GainTable]:
+def _tables(
+    study: Study,
+    ready: Ready | None,
+    workers: int | None,
+    progress: Progress | None,
+    say: Callable[[str], None] | None,
+) -> dict[str, GainTable]:
     from vsgdesign.pipeline.kept_tables import kept_tables
 
     if ready is not None:
         return {spec.name: table for spec in study.controllers if (table := ready.table(spec)) is not None}
-    return kept_tables(study, workers=workers, progress=progress).tables
+    return kept_tables(study, workers=workers, progress=progress, say=say).tables
 
 
 def _run(
