@@ -19,6 +19,7 @@ from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.metrics.survival import (
     DIVERGED,
     GRACE_S,
+    LATCHED,
     NO_REST,
     NOT_AT_REST,
     OVER_LIMIT,
@@ -40,6 +41,7 @@ from vsgdesign.simulation.late import STALE_S, LateSchedule, Told, knowledge_of,
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.cases import GridKnowledge, SurvivalCase
 from vsgdesign.simulation.survival.field import at_asked_powers, field_demand, late_grid
+from vsgdesign.simulation.survival.held import held_fault
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 Array = NDArray[np.float64]
@@ -223,7 +225,8 @@ def judge_scenario(
     A run that ends with a fault or an open breaker has no rest that is computed apart from it: it must come to a rest
     of its own, the means of its last cycles, and behind an open breaker within ISLAND_F and the voltage limits of the
     converter. ``own_rest`` asks the same of a run after whose events there is no rest within the current limit, and
-    judges a run that began with little room below it.
+    that it does there what its current allows (:func:`held_fault`). It judges a run that began with little room below
+    the limit, too.
     """
     c, timeline = study.converter, simulation.timeline
     end_s, limit_pu = study.simulation.duration, c.current_limit_pu
@@ -254,6 +257,9 @@ def judge_scenario(
         fault = _fault_of_island(study, simulation) if alone else None
         if fault is not None:
             return replace(verdict, status=NOT_AT_REST, reason=fault)
+        fault = None if rest is None else held_fault(study, simulation, rest)
+        if fault is not None:
+            return replace(verdict, status=LATCHED, reason=fault)
         words = None if beyond is None else f"it holds at a rest of its own, for {beyond[1]}"
         return replace(verdict, reason=words)
     if bridge == "pwm":
