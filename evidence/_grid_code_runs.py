@@ -24,6 +24,10 @@ TOLD = ("0.2 s late", "never again", "field estimator")
 field estimator finds by itself."""
 
 SILENT_S = {"0.2 s late": 0.2, "never again": FOR_EVER_S, "field estimator": 0.0}
+WATCHED_S = 5.5
+"""How long runs whose schedule is never told again are watched after their last event, s: long enough to see who comes
+to rest later than the judge allows, after 2 T + 0.2 s."""
+
 POINTS_PU = (0.5, 0.9, -0.9, 0.0)
 """Powers before the test. The first is that of most tests of the suite, which are taken as they are there."""
 
@@ -65,7 +69,8 @@ def as_asked(test: SuiteTest, task: GridCodeTask) -> SuiteTest:
     asked = tuple(one for one in test.criteria if not one.informational)
     shown = tuple(Criterion(measure=name) for name in MEASURED)
     P_pu = test.P_pu if task.P_pu == POINTS_PU[0] else task.P_pu
-    return replace(test, P_pu=P_pu, silent_s=SILENT_S[task.told], criteria=(*asked, *shown))
+    changed = replace(test, P_pu=P_pu, silent_s=SILENT_S[task.told], criteria=(*asked, *shown))
+    return replace(changed, duration_s=WATCHED_S) if task.told == "never again" else changed
 
 
 @functools.cache

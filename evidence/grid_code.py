@@ -21,7 +21,7 @@ from evidence._kept_runs import kept_runs, share
 from evidence.survival import CONVERTERS
 from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, NOT_APPLICABLE
 from vsgdesign.compliance.suite import SuiteTest
-from vsgdesign.metrics.survival import SURVIVED
+from vsgdesign.metrics.survival import NOT_AT_REST, SURVIVED
 
 Result = tuple[GridCodeTask, dict[str, Any]]
 
@@ -32,6 +32,9 @@ LIMIT_PU = 1.26
 """A phase current above this, later than 5 ms after an event, is counted: 5 % above the limit of 1.2 pu."""
 
 NO_START = "no rest to begin at"
+
+LATE_S = {"closed form": 3.2, "table": 4.1}
+"""3 T + 0.2 s after the disturbance, which the survival judge allows a schedule that is never told again."""
 
 
 def tasks() -> list[GridCodeTask]:
@@ -101,25 +104,42 @@ def survived_of(found: Iterable[Result]) -> str:
     return f"{count[SURVIVED]:,} of {judged:,} ({100.0 * count[SURVIVED] / judged:.1f} %)"
 
 
+def at_rest_later(found: Sequence[Result]) -> str:
+    """As :func:`survived_of`, with those that are only late: at rest within LATE_S, and neither slipped nor held."""
+    count = counted(found)
+    judged = count[SURVIVED] + count["lost"]
+    late = sum(is_late(result) and result["recovery_s"] <= LATE_S[task.controller] for task, result in found)
+    return f"{100.0 * (count[SURVIVED] + late) / judged:.1f} %" if judged else "–"
+
+
+def is_late(result: dict[str, Any]) -> bool:
+    """Whether a run is lost for its time alone: it does come to rest."""
+    return kind_of(result) == "lost" and result["status"] == NOT_AT_REST and result["recovery_s"] is not None
+
+
 def headline(found: Sequence[Result]) -> str:
     """The answer in two sentences."""
     count = counted(found)
+    lost = [result for _, result in found if kind_of(result) == "lost"]
+    late = sum(map(is_late, lost))
     return (
         f"{len(found):,} runs: **{survived_of(found)} are survived of what is possible.** {count[IMPOSSIBLE]:,} are "
         f"impossible for any converter of this current, {count[NO_START]:,} have {NO_START} with this controller's "
-        f"droops, and {count[NOT_APPLICABLE]:,} do not apply."
+        f"droops, and {count[NOT_APPLICABLE]:,} do not apply. Of the {len(lost):,} that are lost, {late:,} come to "
+        f"rest later than 2 T + 0.2 s, and {len(lost) - late:,} do not."
     )
 
 
 def table_of_controllers(found: Sequence[Result]) -> list[str]:
     """Survived per converter and controller, for each thing that a schedule is told."""
-    lines = ["| converter, controller | " + " | ".join(TOLD) + f" | impossible | {NO_START} |"]
-    lines.append("| --- |" + " --- |" * (len(TOLD) + 2))
+    titles = [*TOLD[:2], f"{TOLD[1]}, 3 T + 0.2 s", *TOLD[2:], "impossible", NO_START]
+    lines = ["| converter, controller | " + " | ".join(titles) + " |", "| --- |" + " --- |" * len(titles)]
     for converter in CONVERTERS:
         for controller in CONTROLLERS:
             own = [one for one in found if one[0].converter == converter and one[0].controller == controller]
             count = counted(own)
             cells = [survived_of(one for one in own if one[0].told == told) for told in TOLD]
+            cells.insert(2, at_rest_later([one for one in own if one[0].told == TOLD[1]]))
             cells += [str(count[IMPOSSIBLE]), str(count[NO_START])]
             lines.append(f"| {converter}, {controller} | {' | '.join(cells)} |")
     return lines
