@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from evidence.survival import CONVERTERS, STUDIES
 from vsgdesign.artifacts.ready import Ready
@@ -14,6 +17,7 @@ from vsgdesign.compliance.reading import suite_named
 from vsgdesign.compliance.rows import Check
 from vsgdesign.compliance.subject import FOR_EVER_S, Subject
 from vsgdesign.compliance.suite import Criterion, SuiteTest
+from vsgdesign.compliance.trace import Trace
 from vsgdesign.parameters import load_study
 from vsgdesign.pipeline.survival import survival_tables
 
@@ -30,6 +34,9 @@ to rest later than the judge allows, after 2 T + 0.2 s."""
 
 POINTS_PU = (0.5, 0.9, -0.9, 0.0)
 """Powers before the test. The first is that of most tests of the suite, which are taken as they are there."""
+
+CYCLES = 5
+"""Power and frequency of a sag are looked at in so many of its last cycles."""
 
 MEASURED = (
     "peak_pu",
@@ -57,10 +64,31 @@ class GridCodeTask(NamedTuple):
 def run_task(task: GridCodeTask, folder: str) -> dict[str, Any]:
     """The verdict on a task and its figures, in JSON's types. ``folder`` keeps the tables."""
     test = as_asked(tests()[task.test], task)
-    row = judged_test(subject_of(task.converter, task.controller, task.told, folder), suite_named_once(), test).row
+    subject = subject_of(task.converter, task.controller, task.told, folder)
+    judged = judged_test(subject, suite_named_once(), test)
+    row = judged.row
+    f_hz = subject.study.converter.omega_n / (2.0 * math.pi)
+    ripple = {} if judged.evidence is None else ripple_of(judged.evidence.trace, test, f_hz)
     figures: dict[str, Check] = {check.measure: check for check in row.checks}
     values = {name: figures[name].value if name in figures else None for name in MEASURED}
-    return {"group": row.group, "verdict": row.verdict, "status": row.status, "why": row.why, **values}
+    return {"group": row.group, "verdict": row.verdict, "status": row.status, "why": row.why, **values, **ripple}
+
+
+def ripple_of(trace: Trace, test: SuiteTest, f_hz: float) -> dict[str, float]:
+    """Power and frequency in the last cycles of a sag that lasts at least CYCLES + 2 of them: mean of P (pu) and the
+    amplitudes at twice the nominal frequency (pu and Hz). Empty for any other test."""
+    sags = [event.t_s for event in test.events if event.sag is not None]
+    ends = [event.t_s for event in test.events if event.t_s > min(sags, default=math.inf)]
+    if not ends or ends[0] - sags[0] < (CYCLES + 2) / f_hz:
+        return {}
+    step = float(trace.t_s[1] - trace.t_s[0])
+    stop = int(np.searchsorted(trace.t_s, ends[0] - 1e-3 * step))
+    rows = slice(stop - round(CYCLES / f_hz / step), stop)
+    turns = np.exp(-2j * (2.0 * math.pi * f_hz) * trace.t_s[rows])
+    P, f = trace.P_pu[rows], trace.f_hz[rows]
+    mean = float(np.mean(P))
+    P_2, f_2 = (2.0 * abs(complex(np.mean((values - np.mean(values)) * turns))) for values in (P, f))
+    return {"P_mean_pu": mean, "P_ripple_pu": P_2, "f_ripple_hz": f_2}
 
 
 def as_asked(test: SuiteTest, task: GridCodeTask) -> SuiteTest:

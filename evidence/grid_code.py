@@ -201,8 +201,8 @@ def table_of_unbalanced(found: Sequence[Result]) -> list[str]:
     """Balanced beside unbalanced faults and sags: peaks and sequences of the current."""
     lines = [
         "| converter, fault or sag | runs | largest phase current after 5 ms | above | current into the PCC, largest "
-        "phase | positive sequence | negative sequence |",
-        "| --- |" + " --- |" * 6,
+        "phase | positive sequence | negative sequence | P, mean | P at 2ω | frequency at 2ω |",
+        "| --- |" + " --- |" * 9,
     ]
     with_fault = [name for name, test in tests().items() if any(one.sag or one.fault for one in test.events)]
     for converter in CONVERTERS:
@@ -214,22 +214,28 @@ def table_of_unbalanced(found: Sequence[Result]) -> list[str]:
                 continue
             cells = [f"{len(peaks)}", f"{max(peaks):.3f} pu", f"{sum(peak > LIMIT_PU for peak in peaks)}"]
             cells += [_range(own, f"{name}_pu") for name in ("fault_current", "positive_sequence", "negative_sequence")]
+            cells += [_range(own, name) for name in ("P_mean_pu", "P_ripple_pu")] + [_range(own, "f_ripple_hz", "Hz")]
             lines.append(f"| {converter}, {words} | {' | '.join(cells)} |")
     return lines
 
 
-def _range(results: Iterable[dict[str, Any]], name: str) -> str:
-    values = [one[name] for one in results if one[name] is not None]
-    return f"{min(values):.2f} to {max(values):.2f} pu" if values else "–"
+def _range(results: Iterable[dict[str, Any]], name: str, unit: str = "pu") -> str:
+    values = [one[name] for one in results if one.get(name) is not None]
+    return f"{min(values):.2f} to {max(values):.2f} {unit}" if values else "–"
 
 
 def list_of_failures(found: Sequence[Result]) -> list[str]:
-    """Every run that is lost or fails otherwise, in words."""
-    lost = [
-        (task, one)
-        for task, one in found
-        if kind_of(one) == "lost" or (one["verdict"], kind_of(one)) == (FAIL, SURVIVED)
-    ]
-    if not lost:
-        return ["None."]
-    return [f"- {t.converter}, {t.controller}, {t.told}, P {t.P_pu:g} pu, {t.test}: {one['why']}" for t, one in lost]
+    """Those that are only late, counted with the latest of each; then every other failure in words."""
+    lost = [(task, one) for task, one in found if kind_of(one) == "lost"]
+    late = [(task, one) for task, one in lost if is_late(one)]
+    others = [one for one in lost if one not in late]
+    others += [(task, one) for task, one in found if (one["verdict"], kind_of(one)) == (FAIL, SURVIVED)]
+    lines = ["| late: what is told, controller, group | runs | the latest |", "| --- | --- | --- |"]
+    for key in dict.fromkeys((task.told, task.controller, str(one["group"])) for task, one in late):
+        own = [(task, one) for task, one in late if (task.told, task.controller, str(one["group"])) == key]
+        task, worst = max(own, key=lambda each: each[1]["recovery_s"])
+        latest = f"{worst['recovery_s']:.2f} s: {task.converter}, P {task.P_pu:g} pu, {task.test}"
+        lines.append(f"| {', '.join(key)} | {len(own)} | {latest} |")
+    lines = [*lines, ""] if late else []
+    told = [f"- {t.converter}, {t.controller}, {t.told}, P {t.P_pu:g} pu, {t.test}: {one['why']}" for t, one in others]
+    return [*lines, *(told or ["No run is lost in another way, and no run that survives fails another demand."])]
