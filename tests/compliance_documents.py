@@ -90,7 +90,8 @@ def converter(names: tuple[str, ...]) -> dict[str, Any]:
         "delay_samples": 1,
         "bridge": "averaged",
         "filter": {"L_1_h": 1e-3, "R_1_ohm": 1e-3, "C_f": 5e-5, "R_c_ohm": 0.0, "L_2_h": 0.0, "R_2_ohm": 0.0},
-        "scr_basis": "reactance",
+        "scr_basis": "impedance",
+        "scr_basis_of_study": "reactance",
         "limits": [{"controller": name, "current_limit_pu": LIMIT_PU, "limiter": "circular"} for name in names],
     }
 

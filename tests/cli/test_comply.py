@@ -164,6 +164,8 @@ def test_a_case_repeats_its_row(place: Path, done: dict[str, Any], tmp_path: Pat
 def test_it_says_what_was_run(done: dict[str, Any]) -> None:
     """The study asks for a switched bridge; a suite runs with the averaged one."""
     assert done["converter"]["bridge"] == "averaged"
+    # SCR 20 of a test is taken on |Z|, also where the study takes its own on the reactance.
+    assert (done["converter"]["scr_basis"], done["converter"]["scr_basis_of_study"]) == ("impedance", "reactance")
     assert done["hashes"]["study"] == done["study"]["hash"]
     assert done["hashes"]["c"] == {"damped": None, "published": None}
 

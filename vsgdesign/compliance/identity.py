@@ -7,10 +7,14 @@ from typing import Any
 
 from vsgdesign.frames import phase_to_ll
 from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.survival.cases import BASIS
 
 
 def identity_of(study: Study) -> dict[str, Any]:
-    """Numbers in SI, with their units in the names. ``limits``: current limit and limiter of every controller."""
+    """Numbers in SI, with their units in the names. ``limits``: current limit and limiter of every controller.
+
+    ``scr_basis`` is that of the tests, which a study need not share: its own is ``scr_basis_of_study``.
+    """
     c, f = study.converter, study.filter
     limited = {spec.name: study.with_limit_of(spec) for spec in study.controllers}
     return {
@@ -25,7 +29,8 @@ def identity_of(study: Study) -> dict[str, Any]:
         "delay_samples": c.delay_samples,
         "bridge": study.simulation.bridge,
         "filter": {"L_1_h": f.L_1, "R_1_ohm": f.R_1, "C_f": f.C, "R_c_ohm": f.R_c, "L_2_h": f.L_2, "R_2_ohm": f.R_2},
-        "scr_basis": study.scr_basis,
+        "scr_basis": BASIS,
+        "scr_basis_of_study": study.scr_basis,
         "limits": [
             {"controller": name, "current_limit_pu": own.converter.current_limit_pu, "limiter": own.current_limiter}
             for name, own in limited.items()

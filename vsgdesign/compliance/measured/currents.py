@@ -10,13 +10,17 @@ _ABOVE = 1.05
 """A current is above its limit from this share of the limit on: the limiter itself is not exact."""
 
 
-@measure("peak current", "pu", "Largest magnitude of a phase current of the bridge from the first event on.")
+@measure("peak phase current", "pu", "Largest magnitude of a phase current of the bridge from the first event on.")
 def peak_pu(run: MeasureInput) -> Measured:
     """Over the rated peak; every sample counts, because a row holds the largest of its interval."""
     return Measured(float(np.max(run.trace.i_phase_pu[run.rows(run.first_s)], initial=0.0)))
 
 
-@measure("peak current after 5 ms", "pu", "Largest magnitude of a phase current later than 5 ms after each event.")
+@measure(
+    "peak phase current after 5 ms",
+    "pu",
+    "Largest magnitude of a phase current of the bridge later than 5 ms after each event.",
+)
 def peak_after_5ms_pu(run: MeasureInput, after_s: float = 5e-3) -> Measured:
     """No sampled loop acts at once, so that the first milliseconds belong to the filter alone."""
     late = np.ones(len(run.trace.t_s), dtype=bool)

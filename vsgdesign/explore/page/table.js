@@ -132,7 +132,7 @@ const COLUMNS = [
     value: (c, e) => e.peak_pu,
     text: inDigits(2),
     gate: ["current_limit_pu", -1],
-    tip: "Peak of the converter's current in the EMT",
+    tip: "Largest current of the converter later than 5 ms after the event, in the EMT",
   },
   {
     group: "Droop, inertia",

@@ -13,6 +13,7 @@ Document = Mapping[str, Any]
 VALIDITY = (
     "The verdicts are about a simulation of the converter and its controller, not about hardware. Each run is an EMT "
     "simulation with sampling, delay, limits and the nonlinear power loops; nothing in it is linearised.",
+    "Active and reactive power are those at the filter's capacitor, as the controller measures them.",
     "The converter and the grid have three wires. There is no zero sequence, and a fault to ground has no current "
     "through the ground.",
     "The dc link is ideal: its voltage does not move, whatever power is drawn. The power and the energy that storage "
@@ -61,7 +62,8 @@ def _converter(c: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "Bridge", f"{c['bridge']}, carrier {carrier}, sampled every {sampling}, {delay}"
     parts = [f"{symbol} {plain_quantity(c['filter'][key], unit)}" for key, symbol, unit in _FILTER if c["filter"][key]]
     yield "Filter", ", ".join(parts)
-    yield "Basis of the SCR", str(c["scr_basis"])
+    basis, of_study = c["scr_basis"], c["scr_basis_of_study"]
+    yield "Basis of the SCR", basis if of_study == basis else f"{basis}; {of_study} in the study and its explorer"
     for one in c["limits"]:
         limit = one["current_limit_pu"]
         said = "none" if limit is None else f"{plain(limit)} pu of the rated peak, {one['limiter']}"

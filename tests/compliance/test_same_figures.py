@@ -1,0 +1,66 @@
+"""Figures of the bench beside those that other verbs call by a similar name: how far they may differ, and why."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.compliance.bench_studies import subject, suite_test
+from vsgdesign.compliance.measures import MEASURES, MeasureInput, Ratings
+from vsgdesign.compliance.run import TestRun, run_test
+from vsgdesign.compliance.suite import SuiteEvent
+from vsgdesign.frames import SPACE_VECTOR_POWER
+from vsgdesign.simulation.scenario import series_at_pcc
+from vsgdesign.simulation.survival.running import record_of
+
+CASES = ["hoang2025_5kva", "utility_1mva_60hz"]  # 50 Hz with an LC filter, 60 Hz with an LCL filter
+
+
+@pytest.fixture(scope="module", params=CASES)
+def run(request: pytest.FixtureRequest) -> TestRun:
+    sag = SuiteEvent(t_s=0.0, V_g_pu=0.6), SuiteEvent(t_s=0.15, V_g_pu=1.0)
+    return run_test(subject(case=request.param), suite_test(*sag, scr=3.0, x_over_r=5.0, P_pu=0.6))
+
+
+def measured(run: TestRun, name: str) -> float:
+    assert run.trace is not None
+    given = MeasureInput(
+        test=run.test, trace=run.trace, ratings=Ratings.of(run.study, run.spec), survival=run.survival, gains=run.gains
+    )
+    found = MEASURES[name].of(given).value
+    assert found is not None
+    return found
+
+
+def test_a_phase_current_is_within_the_length_of_the_vector(run: TestRun) -> None:
+    """`survive`, `verify` and the explorer give the length. The largest of three phases is at least √3/2 of it."""
+    longest, first = run.survival.peak_pu, run.survival.first_peak_pu
+    assert longest is not None
+    assert first is not None
+    assert math.sqrt(3.0) / 2.0 * max(longest, first) <= measured(run, "peak_pu") <= max(longest, first) + 1e-12
+    assert measured(run, "peak_after_5ms_pu") <= longest + 1e-12
+
+
+def test_the_recovery_time_is_that_of_the_judge(run: TestRun) -> None:
+    assert measured(run, "recovery_s") == run.survival.recovery_s
+
+
+def test_the_time_in_the_limiter_is_that_of_the_judge(run: TestRun) -> None:
+    assert run.survival.limited_s > 0.01
+    assert measured(run, "limited_s") == pytest.approx(run.survival.limited_s, abs=1e-9)
+
+
+def test_P_is_at_the_capacitor_and_P_pcc_behind_the_second_inductance(run: TestRun) -> None:
+    """At rest P_pcc is smaller by the losses of R_2, which an LC filter does not have."""
+    assert run.trace is not None
+    assert run.simulation is not None
+    c, f = run.study.converter, run.study.filter
+    at = int(np.argmin(np.abs(run.simulation.t_s - run.trace.t_s[-1] - subject().lead_s)))
+    assert record_of(run.study, run.simulation).P[at] / c.S_rated == run.trace.P_pu[-1]
+    i_g = np.hypot(run.trace.i_g_alpha_pu[-1], run.trace.i_g_beta_pu[-1]) * c.I_rated_pk
+    P_pcc = series_at_pcc(run.study, run.simulation)["P_pcc"][at]
+    lost = SPACE_VECTOR_POWER * f.R_2 * i_g**2 / c.S_rated
+    assert P_pcc / c.S_rated == pytest.approx(run.trace.P_pu[-1] - lost, abs=1e-5)
+    assert lost > 1e-4 or f.R_2 == 0.0
