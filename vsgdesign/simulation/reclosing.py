@@ -15,12 +15,15 @@ from vsgdesign.equations.synchronising import GridWatch, watch_grid
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.parameters.network import SynchroCheck
 from vsgdesign.parameters.study import ControllerSpec, Event, Study
+from vsgdesign.runtime.floats import on_floats
 from vsgdesign.simulation.connecting import LONGEST_S, InStep
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.timeline import build_timeline
 
 Array = NDArray[np.float64]
+
+_watched = on_floats(watch_grid)
 
 _CLOSES = "breaker closes"
 
@@ -90,8 +93,8 @@ def _closing(study: Study, run: Simulation, since_s: float, check: SynchroCheck)
     timeline = run.timeline
     faults = any(network.fault is not None for _, network in timeline.networks)
     for k in range(begin, len(own)):
-        seen = watch_grid(seen, float(own[k, 0]), float(own[k, 1]), refs, T_s)
-        behind = watch_grid(behind, float(grid[k, 0]), float(grid[k, 1]), refs, T_s)
+        seen = _watched(seen, float(own[k, 0]), float(own[k, 1]), refs, T_s)
+        behind = _watched(behind, float(grid[k, 0]), float(grid[k, 1]), refs, T_s)
         if k < first or (faults and timeline.network_at((k + 1e-6) * T_s).fault is not None):
             continue
         lead = math.atan2(seen.v_beta, seen.v_alpha) - math.atan2(behind.v_beta, behind.v_alpha)
