@@ -57,3 +57,36 @@ def test_an_island_that_never_comes_near_is_said(monkeypatch: pytest.MonkeyPatch
     test = suite_from_text(SUITE.replace("LOAD", "0.5")).tests[0]
     with pytest.raises(StudyError, match=r"synchro_check: both sides are never near enough within 0\.5 s"):
         run_test(Subject(study=STUDY, spec=STUDY.controllers[0]), test)
+
+
+FAULT = """
+[[tests]]
+name = "line out"
+scr = 20
+x_over_r = 10
+events = [
+    { fault = { kind = "three_phase", at = 0.5 }, lasts = "120 ms" },
+    { time = "120 ms", scr = 3 },
+]
+"""
+
+
+def test_a_fault_ends_at_the_zeros_of_its_currents() -> None:
+    """The line is out when the last phase is interrupted, and this is when the measures begin to count."""
+    test = suite_from_text(FAULT).tests[0]
+    subject = Subject(study=STUDY, spec=STUDY.controllers[0])
+    run = run_test(subject, test)
+    assert run.simulation is not None
+    timeline = run.simulation.timeline
+    end_s = timeline.grids[-1][0]
+    assert timeline.network_at(end_s).fault is None
+    assert timeline.network_at(end_s - 1e-6).fault is not None
+    assert 0.12 < end_s - subject.lead_s < 0.14
+    assert run.test.events[0].t_s == 0.0
+    assert run.test.events[1].fault is not None
+    assert run.test.events[1].fault.kind == "phase_to_phase"
+    assert {event.t_s for event in run.test.events[2:]} == {end_s - subject.lead_s}
+    assert run.trace is not None
+    after = run.trace.t_s > 0.12
+    assert float(run.trace.i_s_pu[after].max()) < 1.3
+    assert run.survival.survived

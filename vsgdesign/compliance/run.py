@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vsgdesign.compliance.case import case_of
-from vsgdesign.compliance.closing import closed_test
+from vsgdesign.compliance.closing import closed_test, test_as_run
 from vsgdesign.compliance.subject import Subject
 from vsgdesign.compliance.suite import SuiteTest
 from vsgdesign.compliance.trace import Trace
@@ -14,6 +14,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import CircuitError, InfeasibleStudyError, SimulationDivergedError, StudyError
 from vsgdesign.metrics.survival import DIVERGED, NO_REST, NOT_AT_REST, Survival
 from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.simulation.clearing import with_instants
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import feed_of
 from vsgdesign.simulation.survival.running import judge_scenario
@@ -27,7 +28,7 @@ class TestRun:
     __test__ = False  # pytest takes no test for one of its own
 
     test: SuiteTest
-    """With the instant at which a synchro-check has closed the breaker in its place."""
+    """With the instants at which a synchro-check has closed the breaker and the phases of faults were interrupted."""
     study: Study
     """With the events of the test, and with the current limit of the controller."""
     spec: ControllerSpec
@@ -56,6 +57,9 @@ def run_test(subject: Subject, test: SuiteTest) -> TestRun:
         if closed is not test:
             test = closed
             study = case_of(subject, test)[0].with_limit_of(spec)
+        found = with_instants(study, spec, subject.ready)
+        if found is not study:
+            test, study = test_as_run(test, study, found, subject.lead_s), found
         feed = feed_of(study, spec, build_timeline(study), subject.ready)
         simulation = simulate(study, feed)
     except StudyError as error:  # the test itself has been said above: its breaker never closes

@@ -51,11 +51,13 @@ class NetworkStates:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NetworkCircuit(TwoAxisCircuit):
-    """The circuit with load, fault and breaker, and the voltage at its PCC."""
+    """The circuit with load, fault and breaker, the voltage at its PCC and the current of its fault."""
 
     pcc_per_state: Array
     pcc_per_source: Array
     """2×2n and 2×2: the voltage at the PCC is the sum of these times x and times v_g (:eq:`network-pcc`)."""
+    fault_per_state: Array
+    """2×2n: the current into the fault is this times x (:eq:`fault-current`); zero where there is no fault."""
 
 
 def states_of_networks(networks: Iterable[Network]) -> NetworkStates:
@@ -80,16 +82,20 @@ def network_circuit(filter_: Filter, grid: Grid, network: Network, states: Netwo
     """
     axes = 2 if network.fault is not None and network.fault.kind == PHASE_TO_PHASE else 1
     equations = _equations(filter_, grid, network, states, axes)
-    A, B, E, onto = _reduced(equations, axes * len(states.names))
+    A, B, E, full_onto = _reduced(equations, axes * len(states.names))
+    onto = full_onto[: len(A)]
+    # The currents of a fault are the last of all variables, one for each direction in which it lets a current flow.
+    directions = _directions(network.fault, axes)
+    per_fault = directions @ full_onto[len(full_onto) - directions.shape[1] :]
     i_s, v_c, i_g = (np.eye(axes, len(A), axes * k) for k in range(3))
     # What R_2 and L_2 leave of the capacitor node's voltage (:eq:`network-pcc`).
     per_state = (v_c + filter_.R_c * (i_s - i_g) - filter_.R_2 * i_g) @ onto - filter_.L_2 * i_g @ A
     per_source = -filter_.L_2 * i_g @ E
-    found = [A, B, E, onto, per_state, per_source]
-    A, B, E, onto, per_state, per_source = (
+    found = [A, B, E, onto, per_state, per_source, per_fault]
+    A, B, E, onto, per_state, per_source, per_fault = (
         np.asarray(np.kron(one, np.eye(2 // axes)), dtype=np.float64) for one in found
     )
-    return NetworkCircuit(A, B, E, onto, pcc_per_state=per_state, pcc_per_source=per_source)
+    return NetworkCircuit(A, B, E, onto, pcc_per_state=per_state, pcc_per_source=per_source, fault_per_state=per_fault)
 
 
 def _check(network: Network) -> None:
@@ -196,7 +202,7 @@ def _directions(fault: Fault | None, axes: int) -> Array:
 
 
 def _reduced(equations: _Equations, kept: int) -> tuple[Array, Array, Array, Array]:
-    """A, B, E and P of the first ``kept`` variables (:eq:`network-reduced`)."""
+    """A, B and E of the first ``kept`` variables, and P with the rows of all (:eq:`network-reduced`)."""
     M, J, through, R, G, B, E = equations
     K = J - through.T * R @ through
     inert = M > 0.0
@@ -222,8 +228,8 @@ def _reduced(equations: _Equations, kept: int) -> tuple[Array, Array, Array, Arr
     # The currents that keep the forced voltages equal.
     left = T.T @ (M[:, None] * (T_m @ A) - K @ x)
     x = x + T_w @ np.linalg.lstsq(T.T @ J @ T_w, left, rcond=None)[0]
-    x, onto = x[:kept], onto[:, :kept]
-    return x @ A @ onto, x @ B, x @ E, x @ onto
+    onto = onto[:, :kept]
+    return x[:kept] @ A @ onto, x[:kept] @ B, x[:kept] @ E, x @ onto
 
 
 def _pivots_and_null(matrix: Array, order: NDArray[np.intp] | None = None) -> tuple[list[int], Array]:

@@ -70,8 +70,8 @@ def reclosed(study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, brid
 
 def closings_of(study: Study, found: Study) -> tuple[Event, ...]:
     """The events that :func:`reclosed` has added to a study."""
-    added = len(found.events) - len(study.events)
-    return tuple(event for event in found.events if event.name.startswith(_CLOSES))[-added:] if added else ()
+    names = {event.name for event in study.events}
+    return tuple(event for event in found.events if event.name.startswith(_CLOSES) and event.name not in names)
 
 
 def _closing(study: Study, run: Simulation, since_s: float, check: SynchroCheck) -> tuple[float, str] | None:

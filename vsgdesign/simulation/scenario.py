@@ -22,12 +22,12 @@ from vsgdesign.parameters.network_fields import beyond_models
 from vsgdesign.parameters.study import ControllerSpec, Event, Grid, Study
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.at_pcc import pcc_over_time
+from vsgdesign.simulation.clearing import found_events, with_instants
 from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.outcome import Divergence, LimitedRest, Outcome, limited_rest, outcome_of
-from vsgdesign.simulation.reclosing import closings_of, reclosed
 from vsgdesign.simulation.rest import (
     WHERE_TO_LOOK,
     Instability,
@@ -168,7 +168,7 @@ def _with_found(study: Study, controllers: Sequence[ControllerResult]) -> Study:
     """The study with what the runs found among its events, so that pages tell and mark it. Circuits do not change by
     these: every run has its own."""
     told = [
-        replace(event, name=event.name if len(controllers) == 1 else f"{one.spec.name}: {event.name}", network=None)
+        Event(event.t_s, event.name if len(controllers) == 1 else f"{one.spec.name}: {event.name}")
         for one in controllers
         for event in one.found
     ]
@@ -185,7 +185,7 @@ def _run_controllers(
     warn: Callable[[str], None] | None,
 ) -> tuple[dict[str, ControllerResult], list[Instability]]:
     """Check controllers, then simulate them: their results by name, and where they are unstable."""
-    own = [reclosed(study.with_limit_of(spec), spec, ready, bridge=bridge) for spec in specs]
+    own = [with_instants(study.with_limit_of(spec), spec, ready, bridge=bridge) for spec in specs]
     timelines = [timeline if one.events == study.events else build_timeline(one) for one in own]
     feeds = [feed_of(*of, ready) for of in zip(own, specs, timelines, strict=True)]
     expected = [expected_rests(one, line, spec, ready) for one, spec, line in zip(own, specs, timelines, strict=True)]
@@ -216,7 +216,7 @@ def _run_controllers(
             estimates=estimates,
             distorted=study.has_components,
             survival=judge_scenario(own_study, spec, ready, run, used) if study.simulation.survival else None,
-            found=closings_of(study, own_study),
+            found=found_events(study, own_study),
         )
     return results, unstable
 

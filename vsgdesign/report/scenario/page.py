@@ -139,8 +139,8 @@ def _said_of_grid(result: ScenarioResult) -> list[str]:
     return [
         f"{of_grid}, with the loads, faults and breakers of the events; no other converter is near. There are three "
         "wires: a fault has no connection to earth.",
-        "A breaker that opens and a fault that is cleared interrupt their current at the given instant; a load that is "
-        "switched off is discharged at once.",
+        "A fault that is cleared ends phase by phase at the zeros of its currents. A breaker that opens interrupts all "
+        "currents at the given instant, and a load that is switched off is discharged at once.",
     ]
 
 

@@ -1,0 +1,316 @@
+"""A fault that is cleared: when the current of each of its phases passes through zero and is interrupted."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.errors import SimulationDivergedError
+from vsgdesign.frames import clarke_inverse
+from vsgdesign.operating_point.network import NetworkCircuit, network_circuit
+from vsgdesign.parameters.network import PHASE_TO_PHASE, THREE_PHASE, Fault, Network
+from vsgdesign.parameters.study import ControllerSpec, Event, Study
+from vsgdesign.simulation.circuits import connection_at, states_of_timeline
+from vsgdesign.simulation.feeds import feed_of
+from vsgdesign.simulation.reclosing import closings_of, reclosed
+from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.simulation.timeline import build_timeline
+
+Array = NDArray[np.float64]
+
+MOST_CYCLES = 5.0
+"""A current without a zero for so many nominal cycles is interrupted all the same. Only a dc component that lasts can
+keep it from zero for so long."""
+
+_REST = {"a": "bc", "b": "ca", "c": "ab"}
+"""Between which phases a three-phase fault stays when one phase is interrupted."""
+
+_PHASE = ": phase"
+"""Follows the name of an event that clears a fault, before the phases with their instants."""
+
+
+def with_instants(study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, bridge: str | None = None) -> Study:
+    """The study with every instant that only a run can tell as an event of its own: those at which the currents of
+    faults are interrupted (:func:`cleared_at_zeros`), and that at which a breaker that waits closes
+    (:func:`vsgdesign.simulation.reclosing.reclosed`).
+
+    They are found in order of time, because each depends on those before it. A study without any is returned as it is.
+    ``study`` has the current limit of the controller.
+    """
+    for asked_s in clearings(study):
+        waiting = [one for one in study.events if one.synchro_check is not None or one.synchronised_until is not None]
+        if waiting and waiting[0].t_s < asked_s:
+            closed = reclosed(study, spec, ready, bridge=bridge)
+            if any(one.t_s < asked_s for one in closings_of(study, closed)):
+                study = closed
+        study = _cleared(study, asked_s, spec, ready, bridge)
+    return reclosed(study, spec, ready, bridge=bridge)
+
+
+def cleared_at_zeros(study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, bridge: str | None = None) -> Study:
+    """The study in which each fault is cleared phase by phase at the zeros of its currents (:eq:`fault-current`).
+
+    A fault between two phases ends at the first zero of its current at or after the asked instant. Of a three-phase
+    fault, the phase that comes to zero first is interrupted. The other two then have one current, through 2R, and are
+    interrupted at its zero. All that happens in the grid together with the clearing happens at the last zero: a line
+    whose breakers interrupt the fault is out when the last phase is interrupted. A current that has no zero within
+    MOST_CYCLES, or before the next fault, is interrupted then, and the event says so. The instants are those of the
+    controller ``spec``: each is found in a run of the study up to it. A study without such an event is returned as it
+    is. ``study`` has the current limit of the controller. Raises what a run raises.
+    """
+    for asked_s in clearings(study):
+        study = _cleared(study, asked_s, spec, ready, bridge)
+    return study
+
+
+def clearings(study: Study) -> tuple[float, ...]:
+    """The instants after the start at which a fault ends and no other one takes its place, s."""
+    timeline, found, before = build_timeline(study), [], study.network
+    for t_s in sorted({t_s for t_s, _ in timeline.networks}):
+        network = timeline.network_at(t_s)
+        if t_s > 0.0 and before.fault is not None and network.fault is None:
+            found.append(t_s)
+        before = network
+    return tuple(found)
+
+
+def found_events(study: Study, found: Study) -> tuple[Event, ...]:
+    """The events of ``found`` that say an instant which :func:`with_instants` has found for ``study``."""
+    told = (*cleared_events(study, found), *closings_of(study, found))
+    return tuple(sorted(told, key=lambda event: event.t_s))
+
+
+def cleared_events(study: Study, found: Study) -> tuple[Event, ...]:
+    """The last interruption of each of the :func:`clearings` of ``study``, in order, of the study that was found."""
+    begin = tuple(f"{event.name}{_PHASE}" for event in study.events)
+    return tuple(event for event in found.events if begin and event.name.startswith(begin))
+
+
+class _Step(NamedTuple):
+    """One interruption: when, what it says, and the fault that is left."""
+
+    t_s: float
+    words: str
+    fault: Fault | None
+
+
+class _Zero(NamedTuple):
+    t_s: float
+    phase: str
+    currents: Array
+    """(3,): of all phases at that instant, A."""
+
+
+def _cleared(study: Study, asked_s: float, spec: ControllerSpec, ready: Ready, bridge: str | None) -> Study:
+    timeline = build_timeline(study)
+    before = [network for t_s, network in timeline.networks if t_s < asked_s][-1]
+    fault, begun_s = before.fault, 0.0
+    for (_, earlier), (t_s, network) in itertools.pairwise(timeline.networks):
+        if t_s < asked_s and network.fault != earlier.fault:
+            begun_s = t_s
+    cycle = 2.0 * math.pi / study.converter.omega_n
+    again = [t_s for t_s, network in timeline.networks if t_s > asked_s and network.fault is not None]
+    latest = min([asked_s + MOST_CYCLES * cycle, study.simulation.duration, *again])
+    steps: list[_Step] = []
+    since, carried = asked_s, None
+    while fault is not None:
+        phases = "abc" if fault.kind == THREE_PHASE else fault.phases[:1]
+        held = _held(study, asked_s, before, steps, latest)
+        zero = None
+        for until in (min(since + 1.05 * cycle, latest), latest):
+            run = _short_run(held, until, spec, ready, bridge)
+            zero = None if run is None else _first_zero(held, run, phases, (begun_s, since), carried)
+            if zero is not None or until == latest:
+                break
+        if zero is None or zero.t_s > latest:
+            steps.append(_Step(latest, f"{_listed(_interrupts(fault))} without a zero until", None))
+        elif fault.kind == PHASE_TO_PHASE:
+            steps.append(_Step(zero.t_s, f"{_listed(fault.phases)} at", None))
+        else:
+            rest = Fault(kind=PHASE_TO_PHASE, at=fault.at, R=2.0 * fault.R, phases=_REST[zero.phase])
+            steps.append(_Step(zero.t_s, f"{zero.phase} at", rest))
+            carried = zero.currents
+        fault, since = steps[-1].fault, max(steps[-1].t_s, since)
+        begun_s = begun_s if carried is None else math.inf
+    last = steps[-1].t_s
+    words = ", ".join(f"{step.words} {step.t_s:.4f} s" for step in steps)
+    plural = "s" if len(steps) == 1 and "and" in steps[0].words else ""
+    events = list(_held(study, asked_s, before, steps[:-1], last).events)
+    later = [event for event in study.events if asked_s < event.t_s <= last]
+    at_last = [event for event in study.events if event.t_s == asked_s]
+    told = next(k for k, event in enumerate(at_last) if event.network is not None and event.network.fault is None)
+    for k, event in enumerate(at_last):
+        name = f"{event.name}{_PHASE}{plural} {words}" if k == told else event.name
+        network = None if event.network is None else timeline.network_at(last)
+        events.append(replace(_without(event, later), t_s=last, name=name, network=network))
+    return replace(study, events=tuple(sorted(events, key=lambda event: event.t_s)))
+
+
+def _interrupts(fault: Fault) -> str:
+    return fault.phases if fault.kind == PHASE_TO_PHASE else "abc"
+
+
+def _listed(phases: str) -> str:
+    return " and ".join(sorted(phases)) if len(phases) < 3 else "a, b and c"
+
+
+def _without(event: Event, later: list[Event]) -> Event:
+    """An event that comes late, without what an event that was asked for later has said in the meantime."""
+    names = ("grid", "V_g_rms", "omega_g", "P_ref", "Q_ref", "components")
+    said = {name for one in later for name in names if getattr(one, name) is not None}
+    return replace(event, **dict.fromkeys(said)) if said else event
+
+
+def _held(study: Study, asked_s: float, before: Network, steps: list[_Step], until: float) -> Study:
+    """The study with what is left of a fault up to ``until``, and without the events at the instant of its clearing."""
+    events, network, fault = [], before, before.fault
+    listed: list[tuple[float, Event | _Step]] = [(event.t_s, event) for event in study.events if event.t_s != asked_s]
+    listed += [(step.t_s, step) for step in steps]
+    for t_s, one in sorted(listed, key=lambda pair: pair[0]):
+        if isinstance(one, _Step):
+            fault = one.fault
+            events.append(
+                Event(t_s, f"fault current of phase {one.words[0]} ends", network=replace(network, fault=fault))
+            )
+            network = events[-1].network
+        elif asked_s < t_s < until and one.network is not None:
+            events.append(replace(one, network=replace(one.network, fault=fault)))
+            network = events[-1].network
+        else:
+            events.append(one)
+    return replace(study, events=tuple(events))
+
+
+def _short_run(study: Study, until: float, spec: ControllerSpec, ready: Ready, bridge: str | None) -> Simulation | None:
+    """The run up to the first samples after ``until``, with every sample; None where it diverges at once."""
+    T_s = study.converter.T_s
+    duration = min(math.ceil(until / T_s + 2.0) * T_s, study.simulation.duration)
+    # No breaker closes here: a run that waits for that would end at that instant.
+    events = [
+        event
+        if event.synchronised_until is None
+        else replace(event, synchronised_until=min(event.synchronised_until, duration + 1.0))
+        for event in study.events
+    ]
+    short = replace(
+        study, events=tuple(events), simulation=replace(study.simulation, duration=duration, log_interval=T_s)
+    )
+    try:
+        return simulate(short, feed_of(short, spec, build_timeline(short), ready), bridge=bridge)
+    except SimulationDivergedError:
+        return None
+
+
+def _first_zero(
+    study: Study, run: Simulation, phases: str, since: tuple[float, float], carried: Array | None
+) -> _Zero | None:
+    """The first instant from ``since[1]`` on at which the current of one of the phases is zero; None if there is none.
+
+    ``since[0]``: when the fault began; ``carried`` (3,): the currents at ``since[1]`` where the network changes then.
+    Between two samples the current follows a cubic with the right values and slopes at both, whose slopes are exact.
+    """
+    T_s, timeline = study.converter.T_s, run.timeline
+    begun_s, since_s = since
+    first = math.floor(since_s / T_s - 1e-6)
+    first = max(first, 0)
+    currents = _fault_currents(study, run, first)
+    columns = ["abc".index(phase) for phase in phases]
+    for k in range(len(currents) - 1):
+        t_0 = (first + k) * T_s
+        t_1 = t_0 + T_s
+        begin, values = t_0, (currents[k], currents[k + 1])
+        if since_s > t_0 + 1e-6 * T_s:
+            if since_s >= t_1 - 1e-6 * T_s or (carried is None and begun_s > t_0 + 1e-6 * T_s):
+                continue
+            begin = since_s
+        crossing = values[0][columns] * values[1][columns] <= 0.0
+        if begin == t_0 and not crossing.any():
+            continue
+        changes = any(t_0 + 1e-6 * T_s < t_s <= t_1 + 1e-6 * T_s for t_s in timeline.plant_changes())
+        if begin > t_0 and carried is not None:
+            t_0, values, slopes = begin, (carried, values[1]), None
+        else:
+            slopes = None if changes else _slopes(study, run, first + k)
+        roots = [
+            (root, "abc"[column])
+            for column in columns
+            if (root := _root(t_0, t_1, begin, values, slopes, column)) is not None
+        ]
+        if roots:
+            t_s, phase = min(roots)
+            return _Zero(t_s, phase, _between(t_0, t_1, t_s, values, slopes))
+    return None
+
+
+def _circuit_at(study: Study, run: Simulation, t_s: float) -> NetworkCircuit:
+    states = states_of_timeline(run.timeline)
+    if states is None:
+        raise ValueError("there is no fault in this run")
+    return network_circuit(study.filter, *connection_at(run.timeline, t_s), states)
+
+
+def _fault_currents(study: Study, run: Simulation, first: int) -> Array:
+    """(n, 3): currents of the phases into the fault from a row on, A (:eq:`fault-current`)."""
+    T_s, end = study.converter.T_s, len(run.log)
+    x = np.column_stack([run.log[first:, :6], run.circuit_log[first:]])
+    found = np.zeros((len(x), 2))
+    changes = [max(math.ceil(t_s / T_s - 1e-6), first) for t_s in run.timeline.plant_changes()]
+    cuts = sorted({first, end, *(k for k in changes if k < end)})
+    for begin, until in itertools.pairwise(cuts):
+        circuit = _circuit_at(study, run, (begin + 1e-6) * T_s)
+        found[begin - first : until - first] = x[begin - first : until - first] @ circuit.fault_per_state.T
+    return np.column_stack(clarke_inverse(*found.T))
+
+
+def _slopes(study: Study, run: Simulation, row: int) -> tuple[Array, Array] | None:
+    """Of the currents at a row and at the next one, A/s; None where the voltage of the bridge acts on them at once."""
+    circuit = _circuit_at(study, run, (row + 1e-6) * study.converter.T_s)
+    rows = circuit.fault_per_state
+    if np.abs(rows @ circuit.B).max() > 0.0:
+        return None
+    found = []
+    for k in (row, row + 1):
+        x = np.concatenate([run.log[k, :6], run.circuit_log[k]])
+        found.append(np.array(clarke_inverse(*(rows @ (circuit.A @ x + circuit.E @ run.log[k, 6:8])))))
+    return found[0], found[1]
+
+
+def _between(
+    t_0: float, t_1: float, t_s: float, values: tuple[Array, Array], slopes: tuple[Array, Array] | None
+) -> Array:
+    h = t_1 - t_0
+    s = (t_s - t_0) / h
+    line = (1.0 - s) * values[0] + s * values[1]
+    if slopes is None:
+        return line
+    rise = values[1] - values[0]
+    return line + s * (1.0 - s) * ((1.0 - s) * (h * slopes[0] - rise) - s * (h * slopes[1] - rise))
+
+
+def _root(
+    t_0: float,
+    t_1: float,
+    begin: float,
+    values: tuple[Array, Array],
+    slopes: tuple[Array, Array] | None,
+    column: int,
+) -> float | None:
+    """Where a current between two samples is zero, from ``begin`` on, by bisection; None if its sign stays."""
+    low, high = begin, t_1
+    at_low = _between(t_0, t_1, low, values, slopes)[column]
+    at_high = values[1][column]
+    if at_low * at_high > 0.0:
+        return None
+    while high - low > 1e-9 * (t_1 - t_0):
+        middle = 0.5 * (low + high)
+        if at_low * _between(t_0, t_1, middle, values, slopes)[column] <= 0.0:
+            high = middle
+        else:
+            low = middle
+    return high
