@@ -83,6 +83,14 @@ def test_what_an_end_would_undo_is_a_fault() -> None:
     assert len(one_event(f'{sag}, {{ time = "100 ms", breaker = "open" }}, {{ time = "1 s", V_g_pu = 0.9 }}')) == 4
 
 
+def test_a_wrong_duration_is_one_fault() -> None:
+    """It was told twice, the second time as lasts = "nan s"."""
+    said = '{ phase_jump = "10 deg", lasts = "-1 s" }'
+    with pytest.raises(StudyError) as caught:
+        one_event(said)
+    assert [str(fault.value) for fault in caught.value.faults] == ['"-1 s"']
+
+
 def test_a_rate_becomes_the_duration_of_a_ramp_from_the_frequency_before() -> None:
     events = one_event('{ df = "1 Hz", df_per_s = 4 }, { time = "2 s", df = "-1 Hz", df_per_s = "0.5 Hz/s" }')
     assert [(event.df_hz, event.over_s) for event in events] == [(1.0, 0.25), (-1.0, 4.0)]

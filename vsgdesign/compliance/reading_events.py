@@ -168,6 +168,8 @@ def _read_network(table: TableReader, event: SuiteEvent, present: _Present) -> S
 
 def _end(table: TableReader, event: SuiteEvent, lasts: float, before: _Present, present: _Present) -> list[SuiteEvent]:
     """The event that ends what another began ``lasts`` before. What it cannot end stays."""
+    if not math.isfinite(lasts):  # its fault has been said
+        return []
     end = SuiteEvent(t_s=float(f"{event.t_s + lasts:.12g}"))
     if event.over_s > lasts:
         table.fault("lasts", f"{lasts:g} s", f"ends before the ramp, which takes {event.over_s:g} s")
