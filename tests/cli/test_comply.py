@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from tests.cli.small_studies import as_json, call, failure
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.time_series import read_npz
 from vsgdesign.compliance import job
+from vsgdesign.compliance import maps as survival_maps
 from vsgdesign.compliance.evidence import read_evidence
 from vsgdesign.compliance.rows import VERDICTS
 from vsgdesign.parameters import load_study
@@ -183,6 +185,22 @@ def test_two_workers_write_the_same_bytes(place: Path, done: dict[str, Any], mon
     monkeypatch.setattr(job, "BLOCK", 2)
     monkeypatch.setattr(pipeline, "_write_report", lambda _folder, _document: None)
     assert_same(place, done, comply(place, "two", "--workers", "2"), "two", report=False)
+
+
+def test_every_controller_has_its_maps(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On two values of each axis."""
+    few = {"DEPTHS": (0.0, 0.5), "LENGTHS_OF_SAGS_S": (0.02, 1.0), "PHASES_DEG": (-60.0, 60.0)}
+    for name, values in (few | {"SCR": (1.5, 8.0), "X_OVER_R": (1.0, 5.0)}).items():
+        monkeypatch.setattr(survival_maps, name, values)
+    arguments = "--suite", place / "three.toml", "--out", place / "maps", "--workers", "1"
+    document = as_json("comply", place / "small.toml", *arguments)
+    names = [controller["name"] for controller in document["controllers"]]
+    assert len(names) > 1
+    found = [(one["key"], one["controller"]) for one in document["maps"]]
+    assert sorted(found) == sorted((kind, name) for name in names for kind in survival_maps.KINDS)
+    page = html.unescape((place / "maps" / "report.html").read_text(encoding="utf-8"))
+    for one in document["maps"]:
+        assert one["title"] in page
 
 
 def test_an_interrupted_run_continues_to_the_same_bytes(
