@@ -19,7 +19,9 @@ from vsgdesign.compliance import job
 from vsgdesign.compliance import maps as survival_maps
 from vsgdesign.compliance.evidence import read_evidence
 from vsgdesign.compliance.rows import VERDICTS
+from vsgdesign.errors import StudyError
 from vsgdesign.parameters import load_study
+from vsgdesign.parameters.loading import study_from_text
 from vsgdesign.pipeline import comply as pipeline
 from vsgdesign.report.compliance.answer import headline
 from vsgdesign.report.compliance.arranged import arrange
@@ -257,6 +259,13 @@ def test_a_wrong_name_is_one_sentence(place: Path, arguments: tuple[str, ...], s
     own = () if "--suite" in arguments else ("--suite", place / "three.toml")
     assert said in failure(2, "comply", place / "small.toml", *own, *arguments, "--out", place / "none")
     assert not (place / "none").exists()
+
+
+def test_what_the_tests_of_a_suite_decide_is_refused_in_a_study() -> None:
+    text = STUDY + "[[grid.components]]\norder = -1\namplitude_pu = 0.01\n[network]\nload = { P_pu = 0.5 }\n"
+    with pytest.raises(StudyError) as caught:
+        pipeline.study_for_suites(study_from_text(text))
+    assert [fault.field for fault in caught.value.faults] == ["grid.components", "network"]
 
 
 def test_every_fault_of_every_suite_is_said_at_once(place: Path) -> None:

@@ -39,7 +39,7 @@ def case_of(
         "f_g": source.omega_g / (2.0 * math.pi),
     }
     document["simulation"] = {
-        "duration": _whole_rows(subject, subject.lead_s + cleared_s(test) + after_s(subject, test)),
+        "duration": _whole_rows(subject, subject.lead_s + test.cleared_s + after_s(subject, test)),
         "bridge": "averaged",
         "start": "steady_state",
         "log_interval": c.T_s,
@@ -57,11 +57,6 @@ def case_of(
     events = [_event(event, c, subject.lead_s) for event in test.events]
     document["events"] = events if same else [first, *events]
     return study_from_document(document, origin), toml_text(document, (title,))
-
-
-def cleared_s(test: SuiteTest) -> float:
-    """When the last event of a test, with its ramp, is over, s."""
-    return max((event.t_s + event.over_s for event in test.events), default=0.0)
 
 
 def after_s(subject: Subject, test: SuiteTest) -> float:

@@ -109,7 +109,7 @@ class MeasureInput:
     @property
     def cleared_s(self) -> float:
         """When the last event, with its ramp, is over, s."""
-        return max((event.t_s + event.over_s for event in self.test.events), default=0.0)
+        return self.test.cleared_s
 
     @property
     def step_s(self) -> float:

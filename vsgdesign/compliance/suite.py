@@ -111,6 +111,11 @@ class SuiteTest:
     needs: tuple[str, ...] = ()
     """Why the test may not apply: ``storage`` and others that ``compliance.applies`` knows."""
 
+    @property
+    def cleared_s(self) -> float:
+        """When the last event, with its ramp, is over, s."""
+        return max((event.t_s + event.over_s for event in self.events), default=0.0)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Suite:

@@ -111,24 +111,16 @@ def suites_of(names: Iterable[str]) -> tuple[Suite, ...]:
 
     Raises StudyError with the faults of all of them.
     """
-    from vsgdesign.compliance.applies import NEEDS
     from vsgdesign.compliance.reading import SUITES, suite_named
 
     asked = list(dict.fromkeys(one for name in names for one in (SUITES if name == ALL else (name,))))
     found, faults, sources = [], [], []
     for name in asked:
         try:
-            suite = suite_named(name)
+            found.append(suite_named(name))
         except StudyError as error:
             faults += error.faults
             sources.append(error.source)
-            continue
-        unknown = sorted({need for test in suite.tests for need in test.needs if need not in NEEDS})
-        if unknown:
-            known = f"A test may need {', '.join(NEEDS)}."
-            faults.append(Fault("tests.needs", ", ".join(unknown), "is not known", known))
-            sources.append(name)
-        found.append(suite)
     twice = sorted({one.name for one in found if sum(other.name == one.name for other in found) > 1})
     if twice:
         faults.append(Fault("suite", ", ".join(twice), "two suites have this name", "Rename one of the files."))
@@ -152,7 +144,10 @@ def study_for_suites(study: Study, controllers: Sequence[str] = ()) -> Study:
             faults.append(Fault(name, "", problem, advice))
     if study.grid_source.components:
         problem = "a suite has the source that its tests say"
-        faults.append(Fault("grid_source.components", "", problem, "Give a study without them."))
+        faults.append(Fault("grid.components", "", problem, "Give a study without them."))
+    if not study.network.plain:
+        problem = "a suite has the load, the faults and the breaker that its tests say"
+        faults.append(Fault("network", "", problem, "Give a study without [network]."))
     if study.origin is None:
         problem = "was built from its parts and not read from a document"
         faults.append(Fault("study", "", problem, "Use vd.load."))

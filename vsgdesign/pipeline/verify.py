@@ -176,11 +176,11 @@ def check_verifiable(study: Study, asked: Asked, needs_table_file: bool = False)
                 Fault(name, "", problem, f"Verify a study without [{name}]; vsgdesign survive measures with it.")
             )
     if not study.network.plain:
-        advice = "Verify a study without [network]; vsgdesign simulate and comply run with one."
+        advice = "Verify a study without [network]; vsgdesign simulate runs with it."
         faults.append(Fault("network", "", "random cases have nothing but the grid at the PCC", advice))
     if study.grid_source.components:
         advice = "Verify a study without them."
-        faults.append(Fault("grid_source.components", "", "random cases have a source without harmonics", advice))
+        faults.append(Fault("grid.components", "", "random cases have a source without harmonics", advice))
     if faults or spec is None:
         raise StudyError(study.name, faults)
     return spec
