@@ -13,7 +13,7 @@ import numpy as np
 from evidence.survival import CONVERTERS, STUDIES
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.compliance.matrix import judged_test
-from vsgdesign.compliance.reading import suite_named
+from vsgdesign.compliance.reading import suite_from_text, suite_named
 from vsgdesign.compliance.rows import Check
 from vsgdesign.compliance.subject import FOR_EVER_S, Subject
 from vsgdesign.compliance.suite import Criterion, SuiteTest
@@ -22,6 +22,19 @@ from vsgdesign.parameters import load_study
 from vsgdesign.pipeline.survival import survival_tables
 
 SUITE = "own"
+AT_THE_PCC = "bolted fault at the PCC"
+"""Group of the tests that are added: no suite has them, because a sag of the source or a fault behind some impedance
+leaves the converter a voltage."""
+
+EXTRA = f"""
+title = "{AT_THE_PCC}"
+criteria = [{{ measure = "survived", at_least = 1 }}]
+[[tests]]
+name = "{AT_THE_PCC}"
+scr = [2, 5, 20]
+x_over_r = 5
+events = [{{ fault = {{ kind = "three_phase", at = 0, R_pu = [0, 0.01] }}, lasts = ["0.1 s", "0.25 s"] }}]
+"""
 CONTROLLERS = ("closed form", "table")
 TOLD = ("0.2 s late", "never again", "field estimator")
 """What a schedule knows of the grid: the truth 0.2 s after every change, nothing after the first change, or what the
@@ -109,8 +122,9 @@ def suite_named_once() -> Any:
 
 @functools.cache
 def tests() -> dict[str, SuiteTest]:
-    """Its tests by their ids."""
-    return {test.id: test for test in suite_named_once().tests}
+    """Its tests by their ids, and those at the PCC."""
+    added = suite_from_text(EXTRA).tests
+    return {test.id: test for test in (*suite_named_once().tests, *added)}
 
 
 @functools.cache

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from evidence._grid_code_runs import CONTROLLERS, POINTS_PU, TOLD, GridCodeTask, prepare, run_task, tests
+from evidence._grid_code_runs import AT_THE_PCC, CONTROLLERS, POINTS_PU, TOLD, GridCodeTask, prepare, run_task, tests
 from evidence._kept_runs import kept_runs, share
 from evidence.survival import CONVERTERS
 from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, NOT_APPLICABLE
@@ -39,7 +39,7 @@ LATE_S = {"closed form": 3.2, "table": 4.1}
 
 def tasks() -> list[GridCodeTask]:
     """All runs, or the share of them that the environment asks for."""
-    names = list(tests())
+    names = [name for name, test in tests().items() if test.group != AT_THE_PCC]
     everything = [
         GridCodeTask(converter, controller, told, P_pu, name)
         for converter in CONVERTERS
@@ -51,7 +51,10 @@ def tasks() -> list[GridCodeTask]:
     ]
     order = np.random.default_rng(17).permutation(len(everything))
     chosen = np.sort(order[: round(share() * len(everything))])
-    return [everything[k] for k in chosen]
+    at_the_pcc = [name for name, test in tests().items() if test.group == AT_THE_PCC]
+    both = [(converter, controller) for converter in CONVERTERS for controller in CONTROLLERS]
+    added = [GridCodeTask(*one, TOLD[0], POINTS_PU[0], name) for one in both for name in at_the_pcc]
+    return [*(everything[k] for k in chosen), *added]
 
 
 def main(folder: Path) -> None:
@@ -71,13 +74,16 @@ def main(folder: Path) -> None:
 
 def lines_of(found: Sequence[Result]) -> list[str]:
     """The tables and the list of failures, as Markdown."""
+    added = [one for one in found if one[1]["group"] == AT_THE_PCC]
+    found = [one for one in found if one[1]["group"] != AT_THE_PCC]
     lines = [headline(found), ""]
     lines += ["### Survived, of what is possible", "", *table_of_controllers(found), ""]
     lines += ["### By group", "", *table_of_groups(found), ""]
     lines += ["### By power before the test", "", *table_of_points(found), ""]
     lines += ["### Currents", "", *table_of_currents(found), ""]
     lines += ["### Unbalanced faults and sags", "", *table_of_unbalanced(found), ""]
-    lines += ["### Every failure", "", *list_of_failures(found)]
+    lines += ["### Every failure", "", *list_of_failures(found), ""]
+    lines += ["### Added: a bolted fault at the PCC", "", *table_at_the_pcc(added)]
     return lines
 
 
@@ -222,6 +228,20 @@ def table_of_unbalanced(found: Sequence[Result]) -> list[str]:
 def _range(results: Iterable[dict[str, Any]], name: str, unit: str = "pu") -> str:
     values = [one[name] for one in results if one.get(name) is not None]
     return f"{min(values):.2f} to {max(values):.2f} {unit}" if values else "–"
+
+
+def table_at_the_pcc(found: Sequence[Result]) -> list[str]:
+    """What becomes of each converter, in the order of its tests."""
+    lines = ["| converter, controller | survived | the others |", "| --- | --- | --- |"]
+    for key in dict.fromkeys((task.converter, task.controller) for task, _ in found):
+        own = [(task, one) for task, one in found if (task.converter, task.controller) == key]
+        others = [
+            f"{task.test.removeprefix(AT_THE_PCC + ', ')}: {one['why']}"
+            for task, one in own
+            if kind_of(one) != SURVIVED
+        ]
+        lines.append(f"| {', '.join(key)} | {survived_of(own)} | {'; '.join(others) or '–'} |")
+    return lines
 
 
 def list_of_failures(found: Sequence[Result]) -> list[str]:
