@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from vsgdesign.metrics.response import first_time, onset, phasor_change, stays_from
+from vsgdesign.metrics.response import first_time, onset, phasor_change
 
 
 def test_onset_of_a_first_order_rise() -> None:
@@ -24,9 +24,6 @@ def test_first_and_last_times() -> None:
     assert first_time(t, t, 4.5) == pytest.approx(4.5)
     assert first_time(t, t, 20.0) is None
     assert first_time(t - 1.0, np.ones(10), 0.5) == 0.0
-    assert stays_from(t, 9.0 - t, 2.0) == 7.0
-    assert stays_from(t, t, 2.0) is None
-    assert stays_from(t, 0.0 * t, 2.0) == 0.0
 
 
 @pytest.mark.parametrize("hz", [50.0, 60.0])

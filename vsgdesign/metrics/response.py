@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.metrics.step_response import first_crossing
+
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 
 def onset(since: Array, change: Array, share: float) -> float | None:
-    """Time at which a change (n,) first reaches a share of its largest value, interpolated between rows.
+    """Time in s at which a change (n,), in any unit, first reaches a share of its largest value, interpolated.
 
-    ``since`` is measured from the event and begins at or before it. None if nothing changes.
+    ``since`` (n,) is measured from the event, s, and begins at or before it. None if nothing changes.
     """
     size = np.abs(change)
     largest = float(size.max(initial=0.0))
@@ -25,28 +27,18 @@ def onset(since: Array, change: Array, share: float) -> float | None:
 
 
 def first_time(since: Array, values: Array, level: float) -> float | None:
-    """Time at which values (n,) first reach a level from below, interpolated; None if they do not."""
-    above = np.flatnonzero(values >= level)
-    if above.size == 0:
-        return None
-    k = int(above[0])
-    if k == 0:
-        return float(max(since[0], 0.0))
-    share = (level - values[k - 1]) / (values[k] - values[k - 1])
-    return float(max(since[k - 1] + share * (since[k] - since[k - 1]), 0.0))
+    """Time in s, not before the event, at which values (n,) first reach a level, interpolated; None if they do not.
 
-
-def stays_from(since: Array, error: Array, band: float) -> float | None:
-    """Time from which an error (n,) stays within a band; None if it is outside at the end."""
-    outside = np.flatnonzero(np.abs(error) > band)
-    if outside.size == 0:
-        return float(max(since[0], 0.0))
-    k = int(outside[-1]) + 1
-    return None if k == len(error) else float(since[k])
+    ``since`` (n,) is measured from the event, s.
+    """
+    found = first_crossing(since, values, level)
+    return None if found is None else max(found, 0.0)
 
 
 def phasor_change(vector: Complex, t: Array, hz: float, event_s: float, begin_s: float, end_s: float) -> complex:
-    """Change of the positive-sequence phasor of a space vector by an event, in the frame that turns at ``hz``.
+    """Change of the positive-sequence phasor of a space vector (n,) by an event, in the frame that turns at ``hz``.
+
+    ``t`` (n,) and the instants are in s, and the change is in the unit of the vector.
 
     Before: the mean over the cycle before ``event_s``. After: the constant of a fit with a dc component and a
     negative sequence to the rows of [event_s + begin_s, event_s + end_s]. NaN if there are fewer than six rows.

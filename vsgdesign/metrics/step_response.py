@@ -70,7 +70,7 @@ def step_response(t: Array, y: Array, initial: float, final: float, band: float 
         raise ValueError("a step response needs a step: initial and final are equal")
     progress = (y - initial) / step
     overshoot = 100.0 * max(float(np.max(progress)) - 1.0, 0.0)
-    first_10, first_90 = _first_crossing(t, progress, 0.1), _first_crossing(t, progress, 0.9)
+    first_10, first_90 = first_crossing(t, progress, 0.1), first_crossing(t, progress, 0.9)
     rise = None if first_10 is None or first_90 is None else first_90 - first_10
     error = np.abs(progress - 1.0)
     return ResponseMetrics(
@@ -125,7 +125,8 @@ def settling_times(dt: Array, error: Array, band: float) -> Array:
     return np.where(~ever, 0.0, np.where(last == count - 1, np.inf, dt * (last + fraction)))
 
 
-def _first_crossing(t: Array, y: Array, level: float) -> float | None:
+def first_crossing(t: Array, y: Array, level: float) -> float | None:
+    """The first time at which y reaches a level from below, interpolated; None if it does not."""
     above = np.flatnonzero(y >= level)
     if above.size == 0:
         return None

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from vsgdesign.compliance.measuring import Measured, MeasureInput, measure, not_known
 from vsgdesign.compliance.suite import SuiteEvent
-from vsgdesign.metrics.response import first_time, stays_from
+from vsgdesign.metrics.response import first_time
 from vsgdesign.metrics.sequences import Sequences, frame_angle, last_sequences, positive_sequence, sequences
-from vsgdesign.metrics.step_response import cycle_mean
+from vsgdesign.metrics.step_response import cycle_mean, settling_time
 
 _NO_VOLTAGE = 0.02
 """Below this positive sequence, in pu, a voltage has no angle to which a current could be referred."""
@@ -146,7 +146,7 @@ def P_back_s(run: MeasureInput, band_pu: float = 0.05) -> Measured:
     if mean.size < run.rows_per_cycle:
         return not_known("less than a cycle follows the disturbance")
     error = mean - run.rest_before(run.trace.P_pu, run.first_s)
-    found = stays_from(run.trace.t_s[rows] - run.cleared_s, error, band_pu)
+    found = settling_time(run.trace.t_s[rows] - run.cleared_s, np.abs(error), band_pu)
     if found is None:
         return not_known(f"P is {abs(float(error[-1])):.3g} pu away from its value before, at the end of the trace")
     return Measured(found, plus_minus=run.step_s)
