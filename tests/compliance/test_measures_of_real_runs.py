@@ -126,16 +126,16 @@ def test_effective_impedance_is_the_transient_one(R_pu: float, X_pu: float) -> N
 
 
 def test_all_measures_of_a_run_take_three_milliseconds() -> None:
-    """Of 4,200 rows, the best of twenty. The linear model is made before: it belongs to the grid."""
+    """Of 4,200 rows, the best of twenty, of the processor. The linear model is made before: it belongs to the grid."""
     study = study_of("angle_damped", "utility_1mva_60hz")
     run, _ = real_run(study, grid_test(SMALL_JUMP, scr=5.0, x_over_r=5.0, duration_s=2.0))
     best = math.inf
     for _ in range(20):
         own = replace(run, shared={})
-        begin = time.perf_counter()
+        begin = time.thread_time()
         for measure in MEASURES.values():
             measure.of(own)
-        best = min(best, time.perf_counter() - begin)
+        best = min(best, time.thread_time() - begin)
     assert best < 2.0 * 3e-3  # twice: other tests run beside this one
 
 

@@ -16,7 +16,7 @@ from vsgdesign.export.compiled import SOURCES, STRICT, run_compiler, sources_of
 from vsgdesign.export.known_answers import gain_sizes, known_steps
 from vsgdesign.runtime import Scheduler, table_schedule
 
-# Not optimised: the sanitizers see the same faults, and optimising them takes longer than the calls that it would hurry.
+# Not optimised: the sanitizers see the same faults, and optimising takes longer than the calls that it would hurry.
 SANITIZERS = ("-g", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 
