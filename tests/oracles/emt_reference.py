@@ -520,8 +520,10 @@ class Changing:
             x[[k for k, name in enumerate(self.names) if name.startswith("i_g")]] = plant[2]
         return x
 
-    def moved(self, x: NDArray[np.complex128], pieces: Sequence[tuple], atol: NDArray[np.float64]) -> Any:
-        """The state after some pieces, with the jumps between them."""
+    def moved(
+        self, x: NDArray[np.complex128], pieces: Sequence[tuple], atol: NDArray[np.float64], _begin: float = 0.0
+    ) -> Any:
+        """The state after some pieces, the first of which begins at ``_begin``, with the jumps between them."""
         if not self.with_networks:
             return integrate_pieces(x, [(*piece, matrices) for *piece, (matrices, _) in pieces], atol)
         for _, some in itertools.groupby(pieces, lambda piece: id(piece[-1][1])):
@@ -543,11 +545,13 @@ def run_reference(
     noise: Any = None,
     record: Any = None,
     prober: Prober | None = None,
+    circuits: Changing | None = None,
 ) -> Trace:
     """Simulate the study from ``start``; ``gain_changes`` have ``t_s`` and ``gains``. ``beta``: what the grid is on the
     β axis. ``wander(count)``: the gains and angles that the background's random numbers give, sample by sample;
     ``noise(count)``: those of the nine sensors, V and A. ``record(count)``: the vectors of a recorded source at the
-    samples, V. ``prober``: adds a voltage to every sample, and listens."""
+    samples, V. ``prober``: adds a voltage to every sample, and listens. ``circuits``: the circuit over time; None: what
+    the events say at their instants."""
     controller, source, c = SampledController(study), StiffSource(study), study.converter
     T = controller.T
     samples = round(study.simulation.duration / T)
@@ -558,7 +562,7 @@ def run_reference(
         source.play(record(samples + 1), T)
     sensors = None if study.sensors is None else NineSensors(study, noise(samples))
     events = sorted(study.events, key=lambda event: event.t_s)
-    circuits = Changing(study, beta)
+    circuits = Changing(study, beta) if circuits is None else circuits
     instants = sorted({*source.instants, *circuits.instants})
     V_pk = math.sqrt(2.0) * c.V_rated_rms
     I_pk = math.sqrt(2.0) * c.S_rated / (3.0 * c.V_rated_rms)
@@ -623,7 +627,7 @@ def run_reference(
                 source.straight(middle, k * T + begin),
             )
             asked_for.append((end - begin, v_b, at_begin, circuits.at(middle)))
-        x = circuits.moved(x, asked_for, atol)
+        x = circuits.moved(x, asked_for, atol, k * T)
     trace.current_limited, trace.voltage_limited = controller.hits["current"], controller.hits["voltage"]
     trace.final_plant = x[:3]
     return trace

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from tests.oracles.clearing_reference import Interrupting
+from tests.oracles.emt_reference import run_reference
+from tests.simulation.studies import lc_study, lcl_study
+from tests.simulation.test_emt_against_dop853 import errors_pu, library_start
+from tests.simulation.test_networks import with_networks
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.frames import clarke_inverse
 from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.network import PHASE_TO_PHASE
-from vsgdesign.simulation import build_timeline, run_scenario, simulate
-from vsgdesign.simulation.clearing import cleared_at_zeros
+from vsgdesign.parameters.network import PHASE_TO_PHASE, PLAIN, Fault, Network
+from vsgdesign.simulation import build_timeline, gain_changes, run_scenario, simulate
+from vsgdesign.simulation.clearing import cleared_at_zeros, found_events, with_instants
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation
 
@@ -133,3 +139,149 @@ def test_pages_tell_the_instants() -> None:
     assert [event.name for event in result.study.events][-1] == found.name
     assert result.controllers[0].simulation.timeline.network_at(found.t_s).fault is None
     assert result.controllers[0].simulation.timeline.network_at(found.t_s - 1e-5).fault is not None
+
+
+@pytest.mark.parametrize(
+    ("build", "bridge", "fault", "within_s"),
+    [
+        (lcl_study, "averaged", Fault(at=0.5), 1e-9),
+        (lc_study, "averaged", Fault(kind=PHASE_TO_PHASE, phases="ca", at=0.4, R=0.3), 1e-9),
+        (lcl_study, "averaged", Fault(R=0.2), 1e-9),
+        # The slope of the fault's current jumps with the voltage of the bridge: there the current is a straight line.
+        (lc_study, "averaged", Fault(), 1e-8),
+        # The slopes at the samples do not know the pulses between them.
+        (lcl_study, "pwm", Fault(at=0.3, R=0.5), 2e-7),
+    ],
+)
+def test_instants_and_states_against_the_oracle(
+    build: Callable[..., Study], bridge: str, fault: Fault, within_s: float
+) -> None:
+    """The instants that the oracle finds on its own currents, and all states afterwards, to 1e-8 of rated."""
+    asked_s = 12.3456e-3
+    study = build("30 ms", f'[[events]]\ntime = "{1e3 * asked_s} ms"\ngrid = {{ scr = 2 }}\n')
+    changes = ((2.01e-3, Network(fault=fault)), (asked_s, PLAIN))
+    study = with_networks(study, *changes)
+    found = cleared_at_zeros(study, study.controllers[0], bridge=bridge)
+    gains = gain_changes(study, study.controllers[0], build_timeline(study))
+    run = simulate(found, gains, bridge=bridge, log_states=10**9)
+    start = library_start(study, gains)
+    oracle = Interrupting(study, asked_s)
+    own = run_reference(study, gains, bridge == "pwm", start, circuits=oracle)
+    ours = [event.t_s for event in sorted(found.events, key=lambda event: event.t_s) if event.network is not None]
+    np.testing.assert_allclose(ours[1:], [t_s for t_s, _ in oracle.found], rtol=0.0, atol=within_s)
+    assert len(oracle.found) == (1 if fault.kind == PHASE_TO_PHASE else 2)
+    reference = run_reference(found, gains, bridge == "pwm", start)
+    assert max(errors_pu(study, run, reference).values()) < 1e-8
+    # An instant that is off by its tolerance leaves a current of this size, which the slope of 20 pu and 50 Hz makes.
+    assert max(errors_pu(study, run, own).values()) < 1e-8 + 20.0 * 314.0 * within_s
+
+
+def networks_of(study: Study) -> list[tuple[float, str]]:
+    """Every network that begins: when, and its fault in short."""
+    found = []
+    for t_s, network in build_timeline(resolved(study)).networks[1:]:
+        fault = network.fault
+        found.append((t_s, "none" if fault is None else fault.phases if fault.kind == PHASE_TO_PHASE else "abc"))
+    return found
+
+
+def test_a_line_is_out_when_its_last_phase_is_interrupted() -> None:
+    """What comes at the same instant waits for it, in two events as in one; what comes in between holds on."""
+    study = faulted(THREE_PHASE, f'[[events]]\ntime = {ASKED_S}\ngrid = {{ scr = 5 }}\nP_ref = "2 kW"', "V_g_pu = 0.95")
+    found = resolved(study)
+    (last,) = {event.t_s for event in found.events if event.network is not None and event.network.fault is None}
+    timeline = build_timeline(found)
+    assert timeline.grids[-1][0] == timeline.references[-1][0] == timeline.sources[-1].t_s == last > ASKED_S
+    between = "[[events]]\ntime = 0.221\nV_g_pu = 0.9\n[[events]]\ntime = 0.222\nload = { P_pu = 0.2 }"
+    timeline = build_timeline(resolved(faulted(THREE_PHASE, between, 'V_g_pu = 0.95\nP_ref = "2 kW"')))
+    assert timeline.source_at(0.23).V_g_rms == pytest.approx(0.9 * study.converter.V_rated_rms)
+    assert timeline.references_at(0.23)[0] == 2000.0
+    assert timeline.network_at(0.2221).load == timeline.network_at(0.23).load is not None
+    assert timeline.network_at(0.2221).fault is not None
+    assert timeline.network_at(0.23).fault is None
+
+
+def test_several_faults_in_one_study() -> None:
+    """One after the other; a fault that another one replaces changes at once."""
+    more = f"""
+[[events]]
+time = "0.3 s"
+fault = {THREE_PHASE}
+[[events]]
+time = "0.34 s"
+fault = {{ kind = "phase_to_phase", phases = "ca", at = 0.2, R_pu = 0.01 }}
+[[events]]
+time = "0.36 s"
+fault = "cleared"
+"""
+    study = faulted('{ kind = "phase_to_phase", at = 0.5, R = 0 }', more)
+    found = networks_of(study)
+    assert [what for _, what in found] == ["bc", "none", "abc", "ca", "none"]
+    times = [t_s for t_s, _ in found]
+    assert times[0] == 0.1
+    assert times[2:4] == [0.3, 0.34]
+    assert ASKED_S < times[1] < ASKED_S + 0.02
+    assert 0.36 < times[4] < 0.38
+    # Each instant is that of the fault alone, because a run does not know what comes later.
+    assert networks_of(faulted('{ kind = "phase_to_phase", at = 0.5, R = 0 }'))[:2] == found[:2]
+
+
+def test_a_fault_that_an_open_breaker_leaves_ends_at_its_own_zeros() -> None:
+    """Nothing but the source feeds it then."""
+    study = faulted(THREE_PHASE, '[[events]]\ntime = "0.15 s"\nbreaker = "open"')
+    found = resolved(study)
+    timeline = build_timeline(found)
+    assert [t_s for t_s, _ in timeline.networks[1:3]] == [0.1, 0.15]
+    assert timeline.network_at(0.15).fault is not None
+    run = run_of(found)
+    last = timeline.networks[-1][0]
+    row = round(np.floor(last / study.converter.T_s))
+    assert np.abs(run.circuit_log[row + 1 :, :4]).max() < 1e-9 * study.converter.I_rated_pk
+    in_fault = np.abs(run.circuit_log[:row, 2:4]).max()
+    assert np.abs(run.circuit_log[row, 2:4]).max() < 0.02 * in_fault
+
+
+def test_a_current_without_a_zero_is_interrupted_after_five_cycles() -> None:
+    """The source's voltage vanishes half a cycle after its current was small, and its inductance keeps a dc current."""
+    dead = '[[events]]\ntime = "0.21 s"\nV_g_pu = 0'
+    study = faulted(THREE_PHASE, dead, scr=5.0)
+    study = replace(study, grid=replace(study.grid, R_g=1e-3 * study.converter.omega_n * study.grid.L_g))
+    found = resolved(study)
+    name = found.events[-1].name
+    assert name.endswith(" without a zero until 0.3200 s")
+    assert found.events[-1].t_s == pytest.approx(ASKED_S + 0.1, abs=1e-12)
+    # The next fault comes before that.
+    again = f'{dead}\n[[events]]\ntime = "0.25 s"\nfault = {THREE_PHASE}'
+    study = replace(faulted(THREE_PHASE, again, scr=5.0), grid=study.grid)
+    ended = networks_of(study)
+    assert [t_s for t_s, what in ended if what == "abc"][-1] == 0.25
+    assert build_timeline(resolved(study)).network_at(0.25).fault is not None
+
+
+def test_an_island_waits_for_the_breaker_after_a_fault() -> None:
+    """The instants are found in order of time: a synchro-check between two faults counts for the second one."""
+    more = """
+[[events]]
+time = "0.24 s"
+breaker = "open"
+load = { P_pu = 0.5 }
+[[events]]
+time = "0.26 s"
+breaker = "closed"
+synchro_check = { angle = "90 deg", V_pu = 0.5, df = "5 Hz" }
+[[events]]
+time = "0.32 s"
+fault = { kind = "phase_to_phase", at = 0.5, R = 0 }
+[[events]]
+time = "0.36 s"
+fault = "cleared"
+"""
+    study = faulted(THREE_PHASE, more)
+    found = with_instants(study, study.controllers[0])
+    timeline = build_timeline(found)
+    states = [(network.connected, network.fault is not None) for _, network in timeline.networks[1:]]
+    fault, none = (True, True), (True, False)
+    assert states == [fault, fault, none, (False, False), none, fault, none]
+    names = [event.name.partition(" ")[0] for event in found_events(study, found)]
+    assert names == ["fault", "breaker", "fault"]
+    assert with_instants(replace(study, events=()), study.controllers[0]).events == ()
