@@ -114,7 +114,7 @@ def test_each_verdict_has_its_reason() -> None:
     assert [check.verdict for check in late.checks] == [PASS, FAIL]
     needs = row(suite_test(JUMP, needs=("60 Hz",)))
     assert (needs.row.verdict, needs.evidence) == (NOT_APPLICABLE, None)
-    assert row(suite_test(SuiteEvent(t_s=0.0, P_pu=1.6))).row.verdict == IMPOSSIBLE
+    assert row(suite_test(JUMP, P_pu=1.6)).row.verdict == IMPOSSIBLE
     unknown = row(suite_test(JUMP, criteria=(Criterion(measure="above_limit_s", at_most=0.1),)), "fixed").row
     assert (unknown.verdict, unknown.checks[0].value) == (FAIL, None)
     assert "no current limit" in unknown.why

@@ -11,6 +11,10 @@ from vsgdesign.parameters.study import Place, Study
 from vsgdesign.simulation.survival.cases import BASIS
 
 
+BACK = ("P_back_s",)
+"""Measures that ask for the power of before: no converter has it again where the grid no longer carries it."""
+
+
 class _State(NamedTuple):
     """What a test asks for before its first event, or after its last one."""
 
@@ -27,7 +31,11 @@ class _State(NamedTuple):
 
 
 def impossible(study: Study, test: SuiteTest) -> str | None:
-    """Why no converter of this current can be at rest before the test, or after it; None if one could be.
+    """Why no converter of this current can do what a test asks for; None if one could.
+
+    It must be at rest before the test. After it, a converter may hold at its limit on a grid that does not carry P_ref,
+    and survive; so the power after the test counts only where the power of before is asked for (BACK). An island whose
+    load is too large leaves no converter a voltage.
 
     ``study`` has the current limit of the controller. The power that a grid carries is bounded by the current alone and
     by the voltage alone, both with the best angle and any reactive power (:eq:`largest-power`). The current into the
@@ -37,8 +45,13 @@ def impossible(study: Study, test: SuiteTest) -> str | None:
     limit_pu = study.converter.current_limit_pu
     if limit_pu is None:
         return None
-    for state in _states(test):
-        why = _overloaded_island(study, state, limit_pu) if not state.connected else _too_much(study, state, limit_pu)
+    before, after = _states(test)
+    back = any(one.measure in BACK and not one.informational for one in test.criteria)
+    for state in (before, after):
+        if not state.connected:
+            why = _overloaded_island(study, state, limit_pu)
+        else:
+            why = _too_much(study, state, limit_pu) if state is before or back else None
         if why is not None:
             return f"{state.when} {why}"
     return None
