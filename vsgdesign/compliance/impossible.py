@@ -10,7 +10,6 @@ from vsgdesign.parameters.network import Load
 from vsgdesign.parameters.study import Place, Study
 from vsgdesign.simulation.survival.cases import BASIS
 
-
 BACK = ("P_back_s",)
 """Measures that ask for the power of before: no converter has it again where the grid no longer carries it."""
 
