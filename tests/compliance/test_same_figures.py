@@ -48,6 +48,7 @@ def test_the_recovery_time_is_that_of_the_judge(run: TestRun) -> None:
 
 
 def test_the_time_in_the_limiter_is_that_of_the_judge(run: TestRun) -> None:
+    assert run.survival.limited_s is not None
     assert run.survival.limited_s > 0.01
     assert measured(run, "limited_s") == pytest.approx(run.survival.limited_s, abs=1e-9)
 
