@@ -175,7 +175,7 @@ def test_a_rest_at_the_limit_is_held_and_said() -> None:
     run = run_test(subject(), suite_test(SuiteEvent(t_s=0.0, V_g_pu=0.6), scr=10.0, x_over_r=10.0))
     assert run.survival.status == "survived"
     assert run.survival.reason is not None
-    assert run.survival.reason.startswith("it holds at a rest of its own, for the rest needs")
+    assert run.survival.reason.startswith("it comes to a rest of its own (the rest needs")
 
 
 @pytest.mark.parametrize(

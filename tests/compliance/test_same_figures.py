@@ -8,14 +8,28 @@ import numpy as np
 import pytest
 
 from tests.compliance.bench_studies import subject, suite_test
+from vsgdesign.compliance.case import case_of
 from vsgdesign.compliance.measures import MEASURES, MeasureInput, Ratings
 from vsgdesign.compliance.run import TestRun, run_test
+from vsgdesign.compliance.subject import Subject
 from vsgdesign.compliance.suite import SuiteEvent
 from vsgdesign.frames import SPACE_VECTOR_POWER
-from vsgdesign.simulation.scenario import series_at_pcc
+from vsgdesign.parameters.loading import study_from_text
+from vsgdesign.simulation.scenario import run_scenario, series_at_pcc
 from vsgdesign.simulation.survival.running import record_of
 
 CASES = ["hoang2025_5kva", "utility_1mva_60hz"]  # 50 Hz with an LC filter, 60 Hz with an LCL filter
+
+
+def stiff() -> Subject:
+    """Fixed gains whose droop asks for four times the rating at 50.5 Hz."""
+    study = study_from_text(
+        'base = "case:lab_12kva_lcl"\n'
+        'converter = { current_limit_pu = 1.2, current_limiter = "projection" }\n'
+        'simulation = { duration = "1 s", P_ref = 0, Q_ref = 0 }\n'
+        'controllers = [{ name = "fixed", kind = "fixed", design_grid = { scr = 3, x_over_r = 4 } }]\n'
+    )
+    return Subject(study=study, spec=study.controllers[0])
 
 
 @pytest.fixture(scope="module", params=CASES)
@@ -51,6 +65,24 @@ def test_the_time_in_the_limiter_is_that_of_the_judge(run: TestRun) -> None:
     assert run.survival.limited_s is not None
     assert run.survival.limited_s > 0.01
     assert measured(run, "limited_s") == pytest.approx(run.survival.limited_s, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("one", "P_pu", "event", "status"),
+    [
+        (subject(), 0.5, SuiteEvent(t_s=0.0, phase_deg=30.0), "survived"),
+        (subject(), 1.1, SuiteEvent(t_s=0.0, phase_deg=10.0), "survived"),  # begins near its limit
+        (subject(), 0.5, SuiteEvent(t_s=0.0, V_g_pu=0.6), "survived"),  # comes to a rest of its own at its limit
+        (stiff(), 0.0, SuiteEvent(t_s=0.0, df_hz=0.5, over_s=0.5), "latched"),
+    ],
+)
+def test_simulate_says_of_a_case_what_the_row_says(one: Subject, P_pu: float, event: SuiteEvent, status: str) -> None:
+    """The case of a row that began or ended near its limit was not judged by `simulate`."""
+    test = suite_test(event, P_pu=P_pu, scr=10.0 if status == "survived" else 3.0)
+    row = run_test(one, test).survival
+    again = run_scenario(case_of(one, test)[0]).controllers[0].survival
+    assert row.status == status
+    assert again == row
 
 
 def test_P_is_at_the_capacitor_and_P_pcc_behind_the_second_inductance(run: TestRun) -> None:

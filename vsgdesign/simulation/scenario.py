@@ -215,7 +215,9 @@ def _run_controllers(
             outcome=outcome_of(run.divergence, found, events, rest_at_limit(own_study, run, series)),
             estimates=estimates,
             distorted=study.has_components,
-            survival=judge_scenario(own_study, spec, ready, run, used) if study.simulation.survival else None,
+            survival=judge_scenario(own_study, spec, ready, run, used, own_rest=True)
+            if study.simulation.survival
+            else None,
             found=found_events(study, own_study),
         )
     return results, unstable

@@ -260,7 +260,7 @@ def judge_scenario(
         fault = None if rest is None else held_fault(study, simulation, rest)
         if fault is not None:
             return replace(verdict, status=LATCHED, reason=fault)
-        words = None if beyond is None else f"it holds at a rest of its own, for {beyond[1]}"
+        words = None if beyond is None else f"it comes to a rest of its own ({beyond[1]})"
         return replace(verdict, reason=words)
     if bridge == "pwm":
         rest = _own_rest(rest, record, demand)
