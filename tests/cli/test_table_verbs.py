@@ -15,6 +15,7 @@ from tests.gain_tables import table
 from vsgdesign.artifacts import GainTable, read_table_file, write_table_file
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.parameters import load_study
+from vsgdesign.report.gain_table import figures
 from vsgdesign.stability.gain_table import nominal_margins
 
 AXES: dict[str, Any] = {"scr": (2.0, 8.0), "x_over_r": (0.5, 3.0)}
@@ -131,10 +132,13 @@ def test_wrong_files_are_wrong_input(written: Path, tmp_path: Path) -> None:
         assert "Traceback" not in result.stderr
 
 
-def test_report(written: Path, tmp_path: Path) -> None:
+def test_report(written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     result = call("table", "report", written, "--out", tmp_path / "out")
     assert result.exit_code == 0
     assert result.stdout == f"report: {tmp_path / 'out' / 'report.html'}\n"
     assert (tmp_path / "out" / "table.json").read_bytes() == written.read_bytes()
+    assert len(list((tmp_path / "out" / "figures").iterdir())) > 10
+    for drawn_before in ("margin_figures", "gain_surfaces", "constraint_figures", "stale_figures"):
+        monkeypatch.setattr(figures, drawn_before, lambda _: ())
     again = as_json("table", "report", written, "--out", tmp_path / "out")
     assert again["cells"] == {"met": 4, "relaxed": 0, "outside": 0}
