@@ -88,7 +88,7 @@ def _hash(title: str, value: Any) -> Iterator[tuple[str, str]]:
     """A hash, or one for each name; a missing one is said."""
     if isinstance(value, Mapping):
         for name, one in value.items():
-            yield f"{title}: {name}", str(one or "none")
+            yield f"{title}: {name}", str(one or "none: there is no gain table")
     elif value:
         yield title, str(value)
     else:

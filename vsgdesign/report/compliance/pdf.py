@@ -103,7 +103,7 @@ def _answer(flow: Flow, title: str, arranged: Arranged) -> None:
             ]
             for one in shown
         ]
-        flow.table((30, 12, 18, 40), ("Test", "Besides", "Controllers", "Why"), alone(rows), most=2)
+        flow.table((30, 12, 18, 40), ("Test", "Grid, power", "Controllers", "Why"), alone(rows), most=2)
         if len(failing) > len(shown):
             flow.paragraph(f"{len(failing) - len(shown)} more tests fail; the matrix has all of them.")
 
