@@ -13,6 +13,7 @@ from vsgdesign.parameters.loading import study_from_document
 from vsgdesign.parameters.network_fields import fault_document, load_document, sag_document
 from vsgdesign.parameters.study import Converter, Place, Study
 from vsgdesign.parameters.toml_text import toml_text
+from vsgdesign.simulation.clearing import MOST_CYCLES
 from vsgdesign.simulation.survival.cases import BASIS
 from vsgdesign.verification.case_study import base_document, controller_document
 
@@ -66,7 +67,9 @@ def after_s(subject: Subject, test: SuiteTest) -> float:
     demand = SurvivalDemand(
         S_rated=c.S_rated, settling_time=subject.settling_time, cycle_s=cycle_s, i_max_pu=subject.limit_pu
     )
-    return max(demand.needed_s + 2.0 * cycle_s, test.duration_s or 0.0)
+    # The last phase of a fault may be interrupted so long after the instant at which the test clears it.
+    late_s = MOST_CYCLES * cycle_s if any(event.fault_cleared for event in test.events) else 0.0
+    return late_s + max(demand.needed_s + 2.0 * cycle_s, test.duration_s or 0.0)
 
 
 def _whole_rows(subject: Subject, duration_s: float) -> float:

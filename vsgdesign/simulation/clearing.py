@@ -100,6 +100,16 @@ class _Step(NamedTuple):
     fault: Fault | None
 
 
+class _Since(NamedTuple):
+    """From when on a zero is looked for."""
+
+    t_s: float
+    begun_s: float
+    """Since when the network has had this fault."""
+    currents: Array | None = None
+    """(3,): just after ``t_s``, A, where the fault begins at that instant; None where the run's rows say it."""
+
+
 class _Zero(NamedTuple):
     t_s: float
     phase: str
@@ -108,39 +118,13 @@ class _Zero(NamedTuple):
 
 
 def _cleared(study: Study, asked_s: float, spec: ControllerSpec, ready: Ready, bridge: str | None) -> Study:
+    """The study in which one fault is cleared phase by phase."""
     timeline = build_timeline(study)
     before = [network for t_s, network in timeline.networks if t_s < asked_s][-1]
-    fault, begun_s = before.fault, 0.0
-    for (_, earlier), (t_s, network) in itertools.pairwise(timeline.networks):
-        if t_s < asked_s and network.fault != earlier.fault:
-            begun_s = t_s
-    cycle = 2.0 * math.pi / study.converter.omega_n
-    again = [t_s for t_s, network in timeline.networks if t_s > asked_s and network.fault is not None]
-    latest = min([asked_s + MOST_CYCLES * cycle, study.simulation.duration, *again])
-    steps: list[_Step] = []
-    since, carried = asked_s, None
-    while fault is not None:
-        phases = "abc" if fault.kind == THREE_PHASE else fault.phases[:1]
-        held = _held(study, asked_s, before, steps, latest)
-        zero = None
-        for until in (min(since + 1.05 * cycle, latest), latest):
-            run = _short_run(held, until, spec, ready, bridge)
-            zero = None if run is None else _first_zero(held, run, phases, (begun_s, since), carried)
-            if zero is not None or until == latest:
-                break
-        if zero is None or zero.t_s > latest:
-            steps.append(_Step(latest, f"{_listed(_interrupts(fault))} without a zero until", None))
-        elif fault.kind == PHASE_TO_PHASE:
-            steps.append(_Step(zero.t_s, f"{_listed(fault.phases)} at", None))
-        else:
-            rest = Fault(kind=PHASE_TO_PHASE, at=fault.at, R=2.0 * fault.R, phases=_REST[zero.phase])
-            steps.append(_Step(zero.t_s, f"{zero.phase} at", rest))
-            carried = zero.currents
-        fault, since = steps[-1].fault, max(steps[-1].t_s, since)
-        begun_s = begun_s if carried is None else math.inf
+    steps = _interruptions(study, asked_s, before, _Runs(spec, ready, bridge))
     last = steps[-1].t_s
     words = ", ".join(f"{step.words} {step.t_s:.4f} s" for step in steps)
-    plural = "s" if len(steps) == 1 and "and" in steps[0].words else ""
+    plural = "s" if " and " in steps[0].words else ""
     events = list(_held(study, asked_s, before, steps[:-1], last).events)
     later = [event for event in study.events if asked_s < event.t_s <= last]
     at_last = [event for event in study.events if event.t_s == asked_s]
@@ -152,7 +136,38 @@ def _cleared(study: Study, asked_s: float, spec: ControllerSpec, ready: Ready, b
     return replace(study, events=tuple(sorted(events, key=lambda event: event.t_s)))
 
 
-def _interrupts(fault: Fault) -> str:
+def _interruptions(study: Study, asked_s: float, before: Network, runs: _Runs) -> list[_Step]:
+    """When the phases of a fault that is cleared at ``asked_s`` are interrupted. ``before``: the network until then."""
+    listed = build_timeline(study).networks
+    cycle = 2.0 * math.pi / study.converter.omega_n
+    again = [t_s for t_s, network in listed if t_s > asked_s and network.fault is not None]
+    latest = min([asked_s + MOST_CYCLES * cycle, study.simulation.duration, *again])
+    changes = [t for (_, old), (t, new) in itertools.pairwise(listed) if t < asked_s and new.fault != old.fault]
+    since = _Since(asked_s, max(changes, default=0.0))
+    steps: list[_Step] = []
+    fault = before.fault
+    while fault is not None:
+        held = _held(study, asked_s, before, steps, latest)
+        zero = None
+        # A second, longer run only where the first one shows no zero.
+        for until in dict.fromkeys((min(since.t_s + 1.05 * cycle, latest), latest)):
+            run = runs.until(held, until)
+            zero = None if run is None else _first_zero(held, run, fault, since)
+            if zero is not None:
+                break
+        if zero is None or zero.t_s > latest:
+            steps.append(_Step(latest, f"{_listed(_phases(fault))} without a zero until", None))
+        elif fault.kind == PHASE_TO_PHASE:
+            steps.append(_Step(zero.t_s, f"{_listed(fault.phases)} at", None))
+        else:
+            rest = Fault(kind=PHASE_TO_PHASE, at=fault.at, R=2.0 * fault.R, phases=_REST[zero.phase])
+            steps.append(_Step(zero.t_s, f"{zero.phase} at", rest))
+            since = _Since(zero.t_s, zero.t_s, zero.currents)
+        fault = steps[-1].fault
+    return steps
+
+
+def _phases(fault: Fault) -> str:
     return fault.phases if fault.kind == PHASE_TO_PHASE else "abc"
 
 
@@ -187,65 +202,99 @@ def _held(study: Study, asked_s: float, before: Network, steps: list[_Step], unt
     return replace(study, events=tuple(events))
 
 
-def _short_run(study: Study, until: float, spec: ControllerSpec, ready: Ready, bridge: str | None) -> Simulation | None:
-    """The run up to the first samples after ``until``, with every sample; None where it diverges at once."""
-    T_s = study.converter.T_s
-    duration = min(math.ceil(until / T_s + 2.0) * T_s, study.simulation.duration)
-    # No breaker closes here: a run that waits for that would end at that instant.
-    events = [
-        event
-        if event.synchronised_until is None
-        else replace(event, synchronised_until=min(event.synchronised_until, duration + 1.0))
-        for event in study.events
-    ]
-    short = replace(
-        study, events=tuple(events), simulation=replace(study.simulation, duration=duration, log_interval=T_s)
-    )
-    try:
-        return simulate(short, feed_of(short, spec, build_timeline(short), ready), bridge=bridge)
-    except SimulationDivergedError:
-        return None
+class _Runs(NamedTuple):
+    """Short runs of one controller."""
+
+    spec: ControllerSpec
+    ready: Ready
+    bridge: str | None
+
+    def until(self, study: Study, until: float) -> Simulation | None:
+        """The run up to the first samples after an instant, with every sample; None where it diverges at once."""
+        T_s = study.converter.T_s
+        duration = min(math.ceil(until / T_s + 2.0) * T_s, study.simulation.duration)
+        # No breaker closes here: a run that looks for the instant at which it may would end there.
+        events = [
+            event
+            if event.synchronised_until is None
+            else replace(event, synchronised_until=min(event.synchronised_until, duration + 1.0))
+            for event in study.events
+        ]
+        simulation = replace(study.simulation, duration=duration, log_interval=T_s)
+        short = replace(study, events=tuple(events), simulation=simulation)
+        try:
+            feed = feed_of(short, self.spec, build_timeline(short), self.ready)
+            return simulate(short, feed, bridge=self.bridge)
+        except SimulationDivergedError:
+            return None
 
 
-def _first_zero(
-    study: Study, run: Simulation, phases: str, since: tuple[float, float], carried: Array | None
-) -> _Zero | None:
-    """The first instant from ``since[1]`` on at which the current of one of the phases is zero; None if there is none.
+def _first_zero(study: Study, run: Simulation, fault: Fault, since: _Since) -> _Zero | None:
+    """The first instant at which the current of a phase of a fault is zero; None if there is none.
 
-    ``since[0]``: when the fault began; ``carried`` (3,): the currents at ``since[1]`` where the network changes then.
-    Between two samples the current follows a cubic with the right values and slopes at both, whose slopes are exact.
+    Between two samples the current is a cubic with the exact values and slopes at both. It is a straight line where the
+    slopes jump in between: at another event, and where the bridge's voltage acts on the fault's current at once.
     """
-    T_s, timeline = study.converter.T_s, run.timeline
-    begun_s, since_s = since
-    first = math.floor(since_s / T_s - 1e-6)
-    first = max(first, 0)
+    T_s, slack = study.converter.T_s, 1e-6 * study.converter.T_s
+    columns = ["abc".index(phase) for phase in (_phases(fault) if fault.kind == THREE_PHASE else fault.phases[0])]
+    first = max(math.floor(since.t_s / T_s - 1e-6), 0)
     currents = _fault_currents(study, run, first)
-    columns = ["abc".index(phase) for phase in phases]
     for k in range(len(currents) - 1):
         t_0 = (first + k) * T_s
         t_1 = t_0 + T_s
-        begin, values = t_0, (currents[k], currents[k + 1])
-        if since_s > t_0 + 1e-6 * T_s:
-            if since_s >= t_1 - 1e-6 * T_s or (carried is None and begun_s > t_0 + 1e-6 * T_s):
-                continue
-            begin = since_s
-        crossing = values[0][columns] * values[1][columns] <= 0.0
-        if begin == t_0 and not crossing.any():
+        if since.t_s >= t_1 - slack:
             continue
-        changes = any(t_0 + 1e-6 * T_s < t_s <= t_1 + 1e-6 * T_s for t_s in timeline.plant_changes())
-        if begin > t_0 and carried is not None:
-            t_0, values, slopes = begin, (carried, values[1]), None
+        inside = since.t_s > t_0 + slack
+        if not inside and not (currents[k, columns] * currents[k + 1, columns] <= 0.0).any():
+            continue
+        begin = since.t_s if inside else t_0
+        if inside and since.begun_s > t_0 + slack:
+            if since.currents is None:
+                continue
+            piece = _Piece(begin, t_1, since.currents, currents[k + 1])
         else:
-            slopes = None if changes else _slopes(study, run, first + k)
-        roots = [
-            (root, "abc"[column])
-            for column in columns
-            if (root := _root(t_0, t_1, begin, values, slopes, column)) is not None
-        ]
+            changed = any(t_0 + slack < t_s <= t_1 + slack for t_s in run.timeline.plant_changes())
+            slopes = None if changed else _slopes(study, run, first + k)
+            piece = _Piece(t_0, t_1, currents[k], currents[k + 1], slopes)
+        roots = [(root, "abc"[column]) for column in columns if (root := piece.root(begin, column)) is not None]
         if roots:
             t_s, phase = min(roots)
-            return _Zero(t_s, phase, _between(t_0, t_1, t_s, values, slopes))
+            return _Zero(t_s, phase, piece.at(t_s))
     return None
+
+
+class _Piece(NamedTuple):
+    """The currents of the phases (3,) between two instants."""
+
+    t_0: float
+    t_1: float
+    begin: Array
+    end: Array
+    slopes: tuple[Array, Array] | None = None
+    """At both instants, A/s; None: straight lines."""
+
+    def at(self, t_s: float) -> Array:
+        h, rise = self.t_1 - self.t_0, self.end - self.begin
+        s = (t_s - self.t_0) / h
+        line = self.begin + s * rise
+        if self.slopes is None:
+            return line
+        left, right = (h * slope - rise for slope in self.slopes)
+        return line + s * (1.0 - s) * ((1.0 - s) * left - s * right)
+
+    def root(self, since_s: float, column: int) -> float | None:
+        """Where the current of a phase is zero from an instant on, by bisection; None if its sign stays."""
+        low, high = since_s, self.t_1
+        at_low = self.at(low)[column]
+        if at_low * self.end[column] > 0.0:
+            return None
+        while high - low > 1e-9 * (self.t_1 - self.t_0):
+            middle = 0.5 * (low + high)
+            if at_low * self.at(middle)[column] <= 0.0:
+                high = middle
+            else:
+                low = middle
+        return high
 
 
 def _circuit_at(study: Study, run: Simulation, t_s: float) -> NetworkCircuit:
@@ -279,38 +328,3 @@ def _slopes(study: Study, run: Simulation, row: int) -> tuple[Array, Array] | No
         x = np.concatenate([run.log[k, :6], run.circuit_log[k]])
         found.append(np.array(clarke_inverse(*(rows @ (circuit.A @ x + circuit.E @ run.log[k, 6:8])))))
     return found[0], found[1]
-
-
-def _between(
-    t_0: float, t_1: float, t_s: float, values: tuple[Array, Array], slopes: tuple[Array, Array] | None
-) -> Array:
-    h = t_1 - t_0
-    s = (t_s - t_0) / h
-    line = (1.0 - s) * values[0] + s * values[1]
-    if slopes is None:
-        return line
-    rise = values[1] - values[0]
-    return line + s * (1.0 - s) * ((1.0 - s) * (h * slopes[0] - rise) - s * (h * slopes[1] - rise))
-
-
-def _root(
-    t_0: float,
-    t_1: float,
-    begin: float,
-    values: tuple[Array, Array],
-    slopes: tuple[Array, Array] | None,
-    column: int,
-) -> float | None:
-    """Where a current between two samples is zero, from ``begin`` on, by bisection; None if its sign stays."""
-    low, high = begin, t_1
-    at_low = _between(t_0, t_1, low, values, slopes)[column]
-    at_high = values[1][column]
-    if at_low * at_high > 0.0:
-        return None
-    while high - low > 1e-9 * (t_1 - t_0):
-        middle = 0.5 * (low + high)
-        if at_low * _between(t_0, t_1, middle, values, slopes)[column] <= 0.0:
-            high = middle
-        else:
-            low = middle
-    return high

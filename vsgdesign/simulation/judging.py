@@ -100,8 +100,11 @@ def _is_twin(controller: ControllerResult, other: ControllerResult, ready: Ready
 
 def _against(controller: ControllerResult, twin: ControllerResult) -> tuple[StepAgainstTruth, ...]:
     steps = []
-    for ours, theirs in zip(controller.events, twin.events, strict=True):
-        if ours.kind == "step":
+    for ours in controller.events:
+        # A step together with the clearing of a fault comes at an instant of each run.
+        of_twin = [one for one in twin.events if (one.kind, one.signal) == (ours.kind, ours.signal)]
+        if ours.kind == "step" and of_twin:
+            theirs = min(of_twin, key=lambda one: abs(one.t_s - ours.t_s))
             a, b = (e.cycle_mean if controller.ripples else e.raw for e in (ours, theirs))
             steps.append(
                 StepAgainstTruth(
