@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -163,6 +164,13 @@ def test_a_case_repeats_its_row(place: Path, done: dict[str, Any], tmp_path: Pat
     at = np.searchsorted(series["t_s"], trace.t_s + 0.1 - 1e-6)
     assert np.max(np.abs(series["omega"][at] / (2.0 * np.pi) - trace.f_hz)) < 5e-6  # single precision at 50 Hz
     assert np.max(np.abs(series["V_rms"][at] / 110.0 - trace.V_pu)) < 1e-6
+
+
+def test_every_key_is_documented(done: dict[str, Any]) -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "how-to" / "comply.md").read_text(encoding="utf-8")
+    table = page.partition("### results.json\n")[2].partition("\n## ")[0].strip()
+    named = " ".join(line.split("|")[1] for line in table.splitlines())
+    assert set(re.findall(r"`(\w+)`", named)) == set(done)
 
 
 def test_it_says_what_was_run(done: dict[str, Any]) -> None:
