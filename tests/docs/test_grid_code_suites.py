@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -30,6 +31,15 @@ def test_the_page_says_what_the_suite_holds(name: str) -> None:
 def test_the_page_has_no_other_suites() -> None:
     headings = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("## ")]
     assert headings == [f"## {suite_named(name).title}" for name in order()]
+
+
+def test_other_pages_know_how_many_tests_there_are() -> None:
+    counts = [
+        int(found) for found in re.findall(r"^`--suite \w+`, (\d+) tests", PAGE.read_text(encoding="utf-8"), re.M)
+    ]
+    assert len(counts) == len(SUITES)
+    for page in ("README.md", "CHANGELOG.md"):
+        assert f"{sum(counts)} tests" in (PAGE.parents[1] / page).read_text(encoding="utf-8"), page
 
 
 if __name__ == "__main__":
