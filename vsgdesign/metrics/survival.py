@@ -151,13 +151,13 @@ class Survival:
     status: str
     """One of STATUSES."""
     reason: str | None = None
-    """Why it did not survive, or why there is no verdict; None if it survived."""
+    """Why it did not survive, why there is no verdict, or what is remarkable of a run that survived; else None."""
     recovery_s: float | None = None
     """Time from the clearing until P and Q stay at the new rest, s; None if they are not there at the end."""
     peak_pu: float | None = None
-    """Largest converter current later than 5 ms after each event, pu of the rated peak."""
+    """Largest length of the converter current's vector later than 5 ms after each event, pu of the rated peak."""
     first_peak_pu: float | None = None
-    """Largest converter current within 5 ms of an event, pu of the rated peak."""
+    """The same within 5 ms of an event."""
     limited_s: float | None = None
     """Time for which the limiter acted after the first event, s."""
     limited_at_end: float | None = None
