@@ -21,7 +21,7 @@ from vsgdesign.metrics.power_quality import interharmonic_rms, ripple_rms
 from vsgdesign.parameters.background import draw_background
 from vsgdesign.parameters.sensors import draw_sensors
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation.online import pcc_vectors
+from vsgdesign.simulation.at_pcc import pcc_vectors
 from vsgdesign.simulation.run import Simulation
 
 Array = NDArray[np.float64]

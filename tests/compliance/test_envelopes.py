@@ -147,7 +147,7 @@ events = [{ phase_jump = -0.105 }]
 
 def test_a_response_on_the_declared_machine_is_inside_and_one_without_inertia_outside() -> None:
     test = suite_from_text(JUMP).tests[0]
-    t = np.arange(-40, 2000) * 1e-3
+    t = np.arange(-40, 2000, dtype=np.float64) * 1e-3
     given = {"H_s": 5.0, "D_pu": 200.0, "X_eff_pu": 0.27}
     X = 0.27 + 0.1 * 10.0 / math.hypot(1.0, 10.0)
     machine = Machine(H_s=5.0, D_pu=200.0, X_pu=X, omega_n=100.0 * math.pi)
@@ -173,7 +173,7 @@ def test_the_declared_machine_has_the_poles_of_the_power_loops() -> None:
 
 
 def test_without_gains_or_a_jump_there_is_no_envelope_and_it_says_why() -> None:
-    t = np.arange(-40, 100) * 1e-3
+    t = np.arange(-40, 100, dtype=np.float64) * 1e-3
     test = suite_from_text(JUMP).tests[0]
     bounds = ENVELOPES["swing_after_jump"].of(run_of(test, np.zeros(len(t)), t))
     assert "gains are not known" in bounds.why
@@ -182,7 +182,7 @@ def test_without_gains_or_a_jump_there_is_no_envelope_and_it_says_why() -> None:
 
 
 def test_rounding_is_inside_and_a_value_that_is_no_number_is_not() -> None:
-    t = np.arange(100) * 1e-3
+    t = np.arange(100, dtype=np.float64) * 1e-3
     run = run_of(suite_from_text(JUMP).tests[0], np.full(100, 0.5), t)
     bounds = Bounds("P_pu", t, np.full(100, 0.5 + 1e-15), np.full(100, 1.0))
     assert bounds.excess(run.trace) == 0.0
@@ -191,7 +191,7 @@ def test_rounding_is_inside_and_a_value_that_is_no_number_is_not() -> None:
 
 def test_a_band_is_asked_from_one_instant_to_another_after_the_last_change() -> None:
     test = suite_from_text(JUMP).tests[0]
-    t = np.arange(-40, 2000) * 1e-3
+    t = np.arange(-40, 2000, dtype=np.float64) * 1e-3
     run = run_of(test, 0.5 + np.where((t >= 0.0) & (t < 1.2), 0.3, 0.0), t)
     envelope = ENVELOPES["power_band"]
     given = {"low_pu": 0.4, "high_pu": 0.55, "from_s": 1.25}

@@ -13,7 +13,9 @@ from tests.parameters.documents import case_document, to_toml
 from vsgdesign.errors import StudyError
 from vsgdesign.parameters import Study, study_from_text
 
-DOCUMENT = case_document() | {"network": {"load": {"P": "1 kW", "series": {"R_pu": 2.0, "X_L_pu": 0.5}}}}
+DOCUMENT: dict[str, Any] = case_document() | {
+    "network": {"load": {"P": "1 kW", "series": {"R_pu": 2.0, "X_L_pu": 0.5}}}
+}
 DOCUMENT["events"] += [
     {"time": 51.0, "fault": {"kind": "phase_to_phase", "at": 0.5, "R": "1 ohm", "phases": "ca"}, "breaker": "open"},
     {"time": 52.0, "fault": "cleared", "sag": {"type": "C", "V_pu": 0.5, "angle": "-20 deg"}},
