@@ -130,11 +130,11 @@ def headline(found: Sequence[Result]) -> str:
     late = sum(map(is_late, lost))
     told = [one for one in found if one[0].told != TOLD[1]]
     return (
-        f"{len(found):,} runs. Told the grid 0.2 s late, or with the field estimator in the loop: **{survived_of(told)} "
-        f"are survived of what is possible.** With those that are never told again: {survived_of(found)}. Of the "
+        f"{len(found):,} runs. Told the grid 0.2 s late, or with the field estimator in the loop: **{survived_of(told)}"
+        f" are survived of what is possible.** With those that are never told again: {survived_of(found)}. Of the "
         f"{len(lost):,} that are lost, {late:,} are late alone: they come to rest after more than 2 T + 0.2 s. "
-        f"{count[IMPOSSIBLE]:,} runs are impossible for any converter of this current, {count[NO_START]:,} have {NO_START} "
-        f"with this controller's droops, and {count[NOT_APPLICABLE]:,} do not apply."
+        f"{count[IMPOSSIBLE]:,} runs are impossible for any converter of this current, {count[NO_START]:,} "
+        f"have {NO_START} with this controller's droops, and {count[NOT_APPLICABLE]:,} do not apply."
     )
 
 
