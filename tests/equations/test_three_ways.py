@@ -24,6 +24,7 @@ from vsgdesign.equations.controller_data import Nothing, flat_settings, flat_sta
 from vsgdesign.equations.integration import advanced
 from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, LimiterLaw, limiter_named
 from vsgdesign.equations.limiters.interface import always, no_memory
+from vsgdesign.equations.sags import sag_sequences
 
 RANGES: dict[str, tuple[float, float]] = {
     "response_time": (1e-3, 1e-2), "settling_time": (0.1, 3.0), "damping_ratio": (0.3, 2.0), "droop_ratio": (0.0, 0.1),
@@ -50,7 +51,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "notch_back": (0.01, 0.1), "error_R": (0.0, 0.5), "error_X": (0.0, 0.5), "error_Z": (0.0, 0.3),
     "h_R": (0.01, 0.5), "h_X": (0.01, 0.5), "var_R": (0.0, 0.1), "var_X": (0.0, 0.1), "share": (0.0, 1.0),
     "goal_scr": (1.0, 20.0), "left_scr": (1.0, 20.0), "r_over_x": (0.05, 3.0), "goal_r_over_x": (0.05, 3.0),
-    "left_r_over_x": (0.05, 3.0),
+    "left_r_over_x": (0.05, 3.0), "X_g": (0.1, 2.0), "G_load": (0.0, 0.5), "B_load": (-0.3, 0.3),
 }  # fmt: skip
 BY_PREFIX: tuple[tuple[str, tuple[float, float]], ...] = (
     ("V_", (90.0, 130.0)),
@@ -70,7 +71,7 @@ FLAGS = ("zero_sequence", "by_inertia")
 """Arguments that choose between formulas and are never symbols."""
 
 
-NO_EQUATIONS = (limiter_named, always, no_memory, flat_state, flat_settings)
+NO_EQUATIONS = (limiter_named, always, no_memory, flat_state, flat_settings, sag_sequences)
 """Look a name up, have no numbers, or put numbers side by side."""
 
 CONSTANTS_OF_A_STUDY = tuple(limiter.build for limiter in LIMITERS.values())

@@ -36,15 +36,15 @@ def scr_reactance(R_g: Any, L_g: Any, Z_base: Any, omega: Any) -> Any:
     return Z_base / (omega * L_g) + 0.0 * R_g
 
 
-def grid_behind_load(R_g: Any, X_g: Any, G: Any, B: Any) -> tuple[Any, Any, Any, Any]:
+def grid_behind_load(R_g: Any, X_g: Any, G_load: Any, B_load: Any) -> tuple[Any, Any, Any, Any]:
     """Returns (R, X, cosine, sine) of what a grid with a load at the PCC looks like from the converter
     (:eq:`grid-behind-load`).
 
-    The load has the admittance G + jB in S. R and X are in Ω. The source's phasor is that of the grid times
+    The load has the admittance G_load + jB_load in S. R and X are in Ω. The source's phasor is that of the grid times
     cosine + j sine.
     """
-    real = 1.0 + R_g * G - X_g * B
-    imag = R_g * B + X_g * G
+    real = 1.0 + R_g * G_load - X_g * B_load
+    imag = R_g * B_load + X_g * G_load
     length_sq = real * real + imag * imag
     cosine, sine = real / length_sq, -imag / length_sq
     return R_g * cosine - X_g * sine, R_g * sine + X_g * cosine, cosine, sine
