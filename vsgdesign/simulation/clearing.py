@@ -18,7 +18,7 @@ from vsgdesign.parameters.network import PHASE_TO_PHASE, THREE_PHASE, Fault, Net
 from vsgdesign.parameters.study import ControllerSpec, Event, Study
 from vsgdesign.simulation.circuits import connection_at, states_of_timeline
 from vsgdesign.simulation.feeds import feed_of
-from vsgdesign.simulation.reclosing import closings_of, reclosed
+from vsgdesign.simulation.reclosing import closings_of, reclosed, waits_to_close
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.timeline import build_timeline
 
@@ -44,8 +44,7 @@ def with_instants(study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *,
     ``study`` has the current limit of the controller.
     """
     for asked_s in clearings(study):
-        waiting = [one for one in study.events if one.synchro_check is not None or one.synchronised_until is not None]
-        if waiting and waiting[0].t_s < asked_s:
+        if any(waits_to_close(one) and one.t_s < asked_s for one in study.events):
             closed = reclosed(study, spec, ready, bridge=bridge)
             if any(one.t_s < asked_s for one in closings_of(study, closed)):
                 study = closed

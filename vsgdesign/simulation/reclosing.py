@@ -40,7 +40,7 @@ def reclosed(study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, brid
     the breaker stays open, and the event says so. A study whose breaker does not wait is returned as it is. ``study``
     has the current limit of the controller.
     """
-    waits = [k for k, one in enumerate(study.events) if one.synchro_check is not None or one.synchronised_until]
+    waits = [k for k, one in enumerate(study.events) if waits_to_close(one)]
     if not waits:
         return study
     at, event = waits[0], study.events[waits[0]]
@@ -66,6 +66,11 @@ def reclosed(study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, brid
             events[k] = replace(later, network=replace(later.network, connected=True))
     events.append(Event(t_s, name, network=replace(timeline.network_at(t_s), connected=True)))
     return replace(study, events=tuple(sorted(events, key=lambda one: one.t_s)))
+
+
+def waits_to_close(event: Event) -> bool:
+    """Whether the breaker waits from an event on, until an instant that is not known yet."""
+    return event.synchro_check is not None or event.synchronised_until == math.inf
 
 
 def closings_of(study: Study, found: Study) -> tuple[Event, ...]:
