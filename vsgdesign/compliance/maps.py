@@ -40,7 +40,7 @@ DEPTHS = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 LENGTHS_OF_SAGS_S = (0.02, 0.05, 0.1, 0.15, 0.25, 0.4, 0.6, 1.0, 1.5, 2.5)
 PHASES_DEG = tuple(float(value) for value in range(-180, 181, 15) if value)
 SCR = (1.2, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
-X_OVER_R = (0.3, 0.6, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0)
+X_OVER_R = (0.3, 1.0, 3.0, 10.0, 20.0)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from vsgdesign.artifacts.files import plain, write_text
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
+from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import ControllerSpec, Study
@@ -99,9 +101,16 @@ def comply_study(
             run_s = time.perf_counter() - begin - ready_s
             document = _document(job, journal, asked)
             _place_traces(journal, folder)
-            _write_cases(job, document, folder, Path(os.path.realpath(out)), asked.cases)
             document |= {"provenance": provenance()}
-            _write_report(folder, document)
+            chosen = _rows_with_case(document, asked.cases)
+            cases = partial(_write_cases, job, chosen, str(folder), os.path.realpath(out))
+            if executor is None:
+                cases()
+                _write_report(folder, document)
+            else:  # side by side: both take a second
+                written = executor.submit(cases)
+                _write_report(folder, document)
+                written.result()
         timing = {"prepare": ready_s, "runs": run_s, "report": time.perf_counter() - begin - ready_s - run_s}
         return write_record(folder, plain(document | {"timing_s": timing}), VERB)
 
@@ -281,36 +290,50 @@ def _linked(source: str, target: str) -> str:
     return shutil.copyfile(source, target)
 
 
-def _write_cases(job: SuiteJob, document: dict[str, Any], folder: Path, place: Path, which: str) -> None:
-    """Study files that repeat rows with ``vsgdesign simulate``, and the gain tables that they name."""
-    from vsgdesign.compliance.case import case_of
-    from vsgdesign.compliance.closing import closed_test
-    from vsgdesign.compliance.evidence import slug
+def _rows_with_case(document: dict[str, Any], which: str) -> list[dict[str, Any]]:
+    """The rows that get a study file, whose path they then say."""
     from vsgdesign.compliance.rows import FAIL
 
-    tests = {(suite.name, test.id): test for suite in job.suites for test in suite.tests}
-    places = {spec.name: k for k, spec in enumerate(job.study.controllers)}
     chosen = [
         row
         for row in document["rows"]
         if row["csv"] and (which == ALL or (which == FAILING and row["verdict"] == FAIL))
     ]
+    for row in chosen:
+        row["study"] = f"cases/{_case_name(row)}.toml"
+    return chosen
+
+
+def _case_name(row: Mapping[str, Any]) -> str:
+    from vsgdesign.compliance.evidence import slug
+
+    return slug(row["suite"], row["test"], row["controller"])
+
+
+def _write_cases(job: SuiteJob, chosen: Sequence[Mapping[str, Any]], folder: str, place: str) -> None:
+    """Study files that repeat rows with ``vsgdesign simulate``, and the gain tables that they name, in ``folder``,
+    which will be at ``place``."""
+    from vsgdesign.compliance.case import case_of
+    from vsgdesign.compliance.closing import closed_test
+
     if not chosen:
         return
-    (folder / "cases").mkdir()
+    for structure in job.structures:
+        STRUCTURES.register(structure)
+    tests = {(suite.name, test.id): test for suite in job.suites for test in suite.tests}
+    places = {spec.name: k for k, spec in enumerate(job.study.controllers)}
+    cases = Path(folder) / "cases"
+    cases.mkdir()
     for name in dict.fromkeys(row["controller"] for row in chosen):
         if name in job.tables:
-            write_table_file(job.tables[name], folder / "cases" / f"{name}.table.json")
+            write_table_file(job.tables[name], cases / f"{name}.table.json")
     for row in chosen:
-        name = slug(row["suite"], row["test"], row["controller"])
+        name = _case_name(row)
         table = f"{row['controller']}.table.json" if row["controller"] in job.tables else None
-        test = tests[row["suite"], row["test"]]
         subject = job.subject(places[row["controller"]])
-        _, text = case_of(
-            subject, closed_test(subject, test), name=_study_name(name), folder=place / "cases", table=table
-        )
-        write_text(folder / "cases" / f"{name}.toml", text)
-        row["study"] = f"cases/{name}.toml"
+        test = closed_test(subject, tests[row["suite"], row["test"]])
+        _, text = case_of(subject, test, name=_study_name(name), folder=Path(place) / "cases", table=table)
+        write_text(cases / f"{name}.toml", text)
 
 
 def _study_name(name: str) -> str:
