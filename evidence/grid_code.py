@@ -107,7 +107,7 @@ def survived_of(found: Iterable[Result]) -> str:
     judged = count[SURVIVED] + count["lost"]
     if not judged:
         return "–"
-    return f"{count[SURVIVED]:,} of {judged:,} ({100.0 * count[SURVIVED] / judged:.1f} %)"
+    return f"{count[SURVIVED]:,} of {judged:,} ({_percent(count[SURVIVED], judged)})"
 
 
 def at_rest_later(found: Sequence[Result]) -> str:
@@ -115,7 +115,13 @@ def at_rest_later(found: Sequence[Result]) -> str:
     count = counted(found)
     judged = count[SURVIVED] + count["lost"]
     late = sum(is_late(result) and result["recovery_s"] <= LATE_S[task.controller] for task, result in found)
-    return f"{100.0 * (count[SURVIVED] + late) / judged:.1f} %" if judged else "–"
+    return _percent(count[SURVIVED] + late, judged) if judged else "–"
+
+
+def _percent(part: int, whole: int) -> str:
+    """A share that is 100 % only where it is the whole."""
+    share = 100.0 * part / whole
+    return f"{share:.1f} %" if part == whole or share < 99.95 else f"{share:.2f} %"
 
 
 def is_late(result: dict[str, Any]) -> bool:
