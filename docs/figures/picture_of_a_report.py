@@ -1,6 +1,6 @@
 """Takes the pictures of pages' answers for docs/how-to/results.md and docs/how-to/comply.md.
 
-Run: python docs/figures/picture_of_a_report.py [NAME]
+Run: python docs/figures/picture_of_a_report.py [NAME …]
 
 The script runs studies/structures and sends the controllers of studies/gridcode through all suites, which takes some
 minutes. It opens the pages in Chromium, which must be on the path.
@@ -19,8 +19,12 @@ ROOT = FOLDER.parents[1]
 PICTURES = {
     "report_answer": (("run", "structures"), (1120, 900)),
     "compliance_page": (("comply", "gridcode"), (1120, 1080)),
+    "survival_maps": (("comply", "gridcode"), (1120, 1310)),
 }
 """By name: verb and study, and the window in pixels: the answer, without what is below it."""
+
+ALONE = {"survival_maps": "h1, #filter, main > *:not(figure.maps) { display: none !important }"}
+"""What a style hides, so that a part of the page stands alone."""
 
 
 def main() -> None:
@@ -40,6 +44,9 @@ def take(page: Path, name: str) -> None:
     if browser is None:
         sys.exit("error: Chromium is not on the path")
     width, height = PICTURES[name][1]
+    if name in ALONE:
+        text = page.read_text(encoding="utf-8").replace("</head>", f"<style>{ALONE[name]}</style></head>", 1)
+        page.write_text(text, encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run(
             [
