@@ -5,6 +5,8 @@ from __future__ import annotations
 import html
 import json
 import re
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +22,7 @@ from vsgdesign.compliance import job
 from vsgdesign.compliance import maps as survival_maps
 from vsgdesign.compliance.evidence import read_evidence
 from vsgdesign.compliance.rows import VERDICTS
-from vsgdesign.errors import StudyError
+from vsgdesign.errors import StudyError, WorkerError
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.loading import study_from_text
 from vsgdesign.pipeline import comply as pipeline
@@ -291,3 +293,13 @@ def test_a_folder_of_the_users_is_left_alone(place: Path) -> None:
     said = failure(2, "comply", place / "small.toml", "--suite", place / "three.toml", "--out", place / "mine")
     assert "left untouched" in said
     assert (place / "mine" / "letter.txt").read_text() == "dear"
+
+
+def test_a_lost_worker_is_said_where_the_study_files_are_written() -> None:
+    lost: Future[None] = Future()
+    lost.set_exception(BrokenProcessPool("gone"))
+    with pytest.raises(WorkerError, match="workers: "):
+        pipeline._finished(lost)
+    done: Future[None] = Future()
+    done.set_result(None)
+    pipeline._finished(done)

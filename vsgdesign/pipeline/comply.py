@@ -19,12 +19,12 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.structures import STRUCTURES
-from vsgdesign.errors import Fault, StudyError
+from vsgdesign.errors import Fault, StudyError, WorkerError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import ControllerSpec, Study
 
 if TYPE_CHECKING:  # the simulation is loaded by who measures
-    from concurrent.futures import Executor
+    from concurrent.futures import Executor, Future
 
     from vsgdesign.compliance.job import SuiteJob
     from vsgdesign.compliance.journal import SuiteJournal
@@ -110,7 +110,7 @@ def comply_study(
             else:  # side by side: both take a second
                 written = executor.submit(cases)
                 _write_report(folder, document)
-                written.result()
+                _finished(written)
         timing = {"prepare": ready_s, "runs": run_s, "report": time.perf_counter() - begin - ready_s - run_s}
         return write_record(folder, plain(document | {"timing_s": timing}), VERB)
 
@@ -288,6 +288,18 @@ def _linked(source: str, target: str) -> str:
         os.link(source, target)
         return target
     return shutil.copyfile(source, target)
+
+
+def _finished(written: Future[None]) -> None:
+    """Waits for the study files. Raises WorkerError where the worker that writes them is lost."""
+    from concurrent.futures import BrokenExecutor
+
+    from vsgdesign.execution.executors import LOST
+
+    try:
+        written.result()
+    except BrokenExecutor as error:
+        raise WorkerError(f"workers: {LOST}") from error
 
 
 def _rows_with_case(document: dict[str, Any], which: str) -> list[dict[str, Any]]:
