@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from latex2mathml.converter import convert
 
 from website.explorer import MARK, embed_explorers
 from website.staging import API, EQUATION, FILES, FOLDERS, NOTE, ROOT, equation, exists
@@ -35,7 +36,6 @@ def test_an_equation_keeps_its_label_and_loses_its_tag() -> None:
 
 def test_every_equation_is_rendered_whole() -> None:
     """Before: latex2mathml left \\arg as it is, and the site could not be built."""
-    convert = pytest.importorskip("latex2mathml.converter").convert
     for page in [*(ROOT / "docs").rglob("*.md"), *(ROOT / "studies").rglob("*.md")]:
         for body in EQUATION.findall(page.read_text(encoding="utf-8")):
             assert "<math" in equation(body, lambda text: convert(text, display="block"))
