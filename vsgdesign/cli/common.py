@@ -103,11 +103,11 @@ def print_json(document: Any) -> None:
 
 @contextmanager
 def progress(quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
-    """Show a progress bar for each stage on standard error if that is a terminal."""
+    """Show a progress bar for each stage on standard error, with the time left, if that is a terminal."""
     if quiet or not sys.stderr.isatty():
         yield None
         return
-    from vsgdesign.cli.console.scenario import progress_bars
+    from vsgdesign.cli.console.bars import progress_bars
 
     with progress_bars() as report:
         yield report
