@@ -102,6 +102,7 @@ def test_an_interruption_is_continued(
         patched.setattr(many, "run_case", stopping)
         result = survive(study, "--out", str(out))
     assert result.exit_code == 130
+    assert "finished work is kept, and the same command continues there" in result.stderr
     assert not out.exists()
     made.clear()
     monkeypatch.setattr(many, "run_case", lambda subject, case: made.append(case) or run(subject, case))

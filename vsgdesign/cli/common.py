@@ -4,12 +4,14 @@ needs.
 
 from __future__ import annotations
 
+import glob
 import json
 import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import wraps
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
@@ -62,6 +64,21 @@ def verb(function: Callable[..., None]) -> Callable[..., None]:
 
 class Interrupted(Exception):
     """A signal has arrived, and the message must say more than that nothing was written."""
+
+
+@contextmanager
+def keeping(folder: str | Path) -> Iterator[None]:
+    """Within the block Ctrl-C says so if finished work is kept beside the ``folder`` of the results."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        place = Path(os.path.realpath(folder))
+        beside = (place.with_name(f".{place.name}.survival"), *place.parent.glob(f".{glob.escape(place.name)}.*.cells"))
+        if not any(True for kept in beside for _ in kept.glob("*.json*")):
+            raise
+        raise Interrupted(
+            "no results were written; finished work is kept, and the same command continues there"
+        ) from None
 
 
 def _end(message: str, code: int) -> NoReturn:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from vsgdesign.cli.common import JSON, STUDY, load, print_json, progress, verb
+from vsgdesign.cli.common import JSON, STUDY, keeping, load, print_json, progress, verb
 
 
 @click.command()
@@ -35,7 +35,7 @@ def compare(study_file: str, out: str | None, emt: bool, seed: int, workers: int
 
     study = load(study_file)
     folder = Path("out") / f"{study.name}-comparison" if out is None else Path(out)
-    with progress(quiet=as_json) as tell:
+    with keeping(folder), progress(quiet=as_json) as tell:
         document = report_comparison(study, folder, emt=emt, seed=seed, workers=workers, progress=tell)
     if as_json:
         print_json(document)

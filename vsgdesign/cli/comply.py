@@ -17,22 +17,26 @@ from vsgdesign.cli.common import EXIT_IMPOSSIBLE, JSON, STUDY, Interrupted, load
     help="A packaged suite, a file of your own, or all packaged ones. May be repeated.  [default: all]",
 )
 @click.option(
-    "--controller", "controllers", multiple=True, metavar="NAME", help="Only this controller. May be repeated."
+    "--controller",
+    "controllers",
+    multiple=True,
+    metavar="NAME",
+    help="Only this controller. May be repeated.  [default: all]",
 )
 @click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-compliance]")
-@click.option("--maps/--no-maps", default=True, help="Draw survival maps of every controller, too.  [default: yes]")
+@click.option("--maps/--no-maps", default=True, help="Also draw survival maps of every controller.  [default: yes]")
 @click.option(
     "--cases",
     type=click.Choice(["failing", "all", "none"]),
     default="failing",
     show_default=True,
-    help="Write these rows as study files.",
+    help="Which rows of the matrix to write as study files.",
 )
 @click.option(
-    "--workers", type=click.IntRange(1), default=None, metavar="N", help="Processes.  [default: one per core]"
+    "--workers", type=click.IntRange(1), default=None, metavar="N", help="Number of processes.  [default: one per core]"
 )
-@click.option("--resume/--fresh", default=True, help="Continue an interrupted run.  [default: resume]")
-@click.option("--strict", is_flag=True, help="End with exit code 1 if a row fails.")
+@click.option("--resume/--fresh", default=True, help="Continue an interrupted run, or begin again.  [default: resume]")
+@click.option("--strict", is_flag=True, help="End with exit code 1 if a test fails.")
 @JSON
 @verb
 def comply(
@@ -47,7 +51,7 @@ def comply(
     strict: bool,
     as_json: bool,
 ) -> None:
-    """Test the controllers as grid codes do, with a verdict for each test.
+    """Run suites of grid-code tests, with a verdict for each test.
 
     The folder contains a page with the matrix of all tests and controllers, results.json, and the trace of every run as
     CSV. An interrupted or killed run continues with the same command.

@@ -18,13 +18,18 @@ _RECIPE = click.option(
     help="A packaged recipe (published, continuous, wide; field for estimator train) or a file.  "
     "[default: that of the study, else published]",
 )
-_SEED = click.option("--seed", type=click.IntRange(0), default=None, help="[default: that of the study, else 0]")
+_SEED = click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=None,
+    help="Seed of all random draws.  [default: that of the study, else 0]",
+)
 _WORKERS = click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Number of processes.")
 
 
 @click.group()
 def estimator() -> None:
-    """Make windows, train networks, compare and stress estimators."""
+    """Train, compare and stress estimators of the grid impedance."""
 
 
 @estimator.command()
@@ -36,7 +41,10 @@ def estimator() -> None:
 @JSON
 @verb
 def windows(study_file: str, recipe: str | None, out: str, seed: int | None, workers: int, as_json: bool) -> None:
-    """Make a data set of windows from EMT simulations. An interrupted call continues where it stopped."""
+    """Make a data set of windows from EMT simulations.
+
+    The same command continues after an interruption.
+    """
     from vsgdesign.estimator.recipes import load_recipe
     from vsgdesign.estimator.sampling import describe_sampling, sampling_document, with_sampling
     from vsgdesign.estimator.scenarios import describe_draws
@@ -118,7 +126,7 @@ def train(
     workers: int,
     as_json: bool,
 ) -> None:
-    """Make windows or runs, train a network on them, and write its weights.
+    """Train a network on simulated windows, and write its weights.
 
     The recipe field trains the network behind the field estimator; the others train the network of windows.
     """
@@ -246,7 +254,10 @@ def compare(
     workers: int,
     as_json: bool,
 ) -> None:
-    """Compare classical methods and networks on the same windows: error and its bound, disturbance, delay."""
+    """Compare classical methods and networks on the same windows.
+
+    The report shows the error and its theoretical bound, how much each method disturbs the grid, and its delay.
+    """
     from vsgdesign.pipeline.estimator import report_comparison
 
     around = (background, sensors)
@@ -276,7 +287,10 @@ def stress(
     workers: int,
     as_json: bool,
 ) -> None:
-    """Test the same methods when frequency, phase, voltage, X/R, SCR, noise or harmonics differ from the training."""
+    """Test the same methods in conditions they were not trained for.
+
+    Frequency, phase, voltage, X/R, SCR, noise or harmonics differ from the training.
+    """
     from vsgdesign.pipeline.estimator import report_stress
 
     around = (background, sensors)

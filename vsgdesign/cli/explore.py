@@ -25,12 +25,30 @@ _LAST_WORDS_S = 1.0
 
 @click.command()
 @click.argument("file", metavar="STUDY.toml|TABLE.json", type=click.Path())
-@click.option("--study", "study_file", default=None, metavar="STUDY.toml", help="The study of a TABLE.json.")
-@click.option("--controller", default=None, metavar="NAME", help="The controller of a TABLE.json.  [default: the last]")
+@click.option(
+    "--study", "study_file", default=None, metavar="STUDY.toml", help="The study with the converter of TABLE.json."
+)
+@click.option(
+    "--controller", default=None, metavar="NAME", help="The controller that has TABLE.json.  [default: the last one]"
+)
 @click.option("--browser/--no-browser", default=True, help="Open the page in the browser.  [default: yes]")
-@click.option("--port", type=click.IntRange(1, 65535), default=None, metavar="N", help="[default: any free one]")
-@click.option("--state", "link", default=None, metavar="TEXT", help="Begin with the state of a link of the page.")
-@click.option("--static", default=None, metavar="FILE.html", help="Write a page without server, and open nothing.")
+@click.option(
+    "--port",
+    type=click.IntRange(1, 65535),
+    default=None,
+    metavar="N",
+    help="Port on this machine.  [default: any free one]",
+)
+@click.option(
+    "--state",
+    "link",
+    default=None,
+    metavar="TEXT",
+    help="Begin with the state in this link, which the page has copied.",
+)
+@click.option(
+    "--static", default=None, metavar="FILE.html", help="Write one file that needs no server, and open nothing."
+)
 @verb
 def explore(
     file: str,

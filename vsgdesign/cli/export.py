@@ -12,12 +12,18 @@ from vsgdesign.errors import counted
 
 @click.group()
 def export() -> None:
-    """Write C99 or ONNX for the controller."""
+    """Write the controller as C99, or the network as ONNX."""
 
 
 @export.command(name="c")
 @click.argument("table_file", metavar="TABLE.json", type=click.Path())
-@click.option("--weights", default=None, metavar="W.json", type=click.Path(), help="Also the impedance estimator.")
+@click.option(
+    "--weights",
+    default=None,
+    metavar="W.json",
+    type=click.Path(),
+    help="Also write the network that estimates the impedance.",
+)
 @click.option("--out", required=True, metavar="FOLDER", help="Folder to write. A folder with other files is refused.")
 @click.option(
     "--study",
@@ -27,20 +33,36 @@ def export() -> None:
     help="Refuse the table if it belongs to another study, and take the study's current limiter.",
 )
 @click.option(
-    "--v-limit", type=float, default=None, metavar="V", help="Full scale of the sensor.  [default: 4 rated peaks]"
+    "--v-limit",
+    type=float,
+    default=None,
+    metavar="V",
+    help="Full scale of the voltage sensors.  [default: 4 rated peaks]",
 )
 @click.option(
-    "--i-limit", type=float, default=None, metavar="A", help="Full scale of the sensor.  [default: 4 rated peaks]"
+    "--i-limit",
+    type=float,
+    default=None,
+    metavar="A",
+    help="Full scale of the current sensors.  [default: 4 rated peaks]",
 )
-@click.option("--grid-phase", is_flag=True, help="The windows will start at the grid phase of the training.")
+@click.option(
+    "--grid-phase",
+    is_flag=True,
+    help="The controller knows the phase of the grid: windows start at it, as in the training.",
+)
 @click.option(
     "--estimator",
     type=click.Choice(["field", "field_network", "none"]),
     default=None,
-    help="Also the field estimator for the converter of --study, or not.  [default: as the study's controllers]",
+    help="Also write the field estimator for the converter of --study, or not.  [default: as the study's controllers]",
 )
 @click.option(
-    "--rate", type=float, default=None, metavar="1/s", help="Largest rate of SCR and R/X.  [default: certified]"
+    "--rate",
+    type=float,
+    default=None,
+    metavar="1/s",
+    help="Largest rate of change of SCR and R/X.  [default: certified]",
 )
 @JSON
 @verb
@@ -56,7 +78,10 @@ def c(
     rate: float | None,
     as_json: bool,
 ) -> None:
-    """Write C99 of the scheduler, the controller and the estimator, with a self-test and all hashes."""
+    """Write C99 of the scheduler, the controller and the estimator.
+
+    The folder also contains a self-test, and the hashes of everything that it was made from.
+    """
     from vsgdesign.export import export_c_files
 
     study = None if study_file is None else load(study_file)
@@ -86,7 +111,10 @@ def c(
 @click.option("--double", is_flag=True, help="Use double instead of single precision.")
 @verb
 def onnx(weights_file: str, out: str, double: bool) -> None:
-    """Write the impedance estimator as ONNX, scaling included: its inputs are V and A, its outputs ohm and henry."""
+    """Write the network that estimates the impedance as ONNX.
+
+    Scaling is included: the inputs are V and A, the outputs ohm and henry.
+    """
     from vsgdesign.export.onnx_model import export_onnx
 
     digest = export_onnx(weights_file, out, double=double)

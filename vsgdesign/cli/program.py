@@ -15,6 +15,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
     from vsgdesign.cli.common import EXIT_IMPOSSIBLE, EXIT_WRONG_INPUT
     from vsgdesign.cli.common import JSON as _JSON
     from vsgdesign.cli.common import STUDY as _STUDY
+    from vsgdesign.cli.common import keeping as _keeping
     from vsgdesign.cli.common import load as _load
     from vsgdesign.cli.common import print_json as _print_json
     from vsgdesign.cli.common import progress as _progress
@@ -70,7 +71,10 @@ def run(study_file: str, out: str | None, bridge: str | None, as_json: bool) -> 
 @_JSON
 @_verb
 def simulate(study_file: str, out: str | None, bridge: str | None, as_json: bool) -> None:
-    """Simulate every controller: time series and results.json."""
+    """Simulate every controller, and write the time series.
+
+    The folder contains time series and results.json.
+    """
     _run(study_file, out, bridge, as_json, report=False)
 
 
@@ -123,7 +127,8 @@ def design(study_file: str, as_json: bool) -> None:
 def margins(study_file: str, evidence: bool, as_json: bool) -> None:
     """Print modes and margins over the study's grids.
 
-    The output gives the worst cells, the details of the study's own grids, and the gates.
+    The output gives the worst cells, the details of the study's own grids, and which of its limits for margins are
+    met.
     """
     from vsgdesign.pipeline import assess_study, stability_document
 
@@ -170,20 +175,49 @@ def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json:
 
 @main.command()
 @_STUDY
-@click.option("--controller", default=None, metavar="NAME", help="A scheduled controller.  [default: the last one]")
 @click.option(
-    "--scr", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the table's, else the axes]"
+    "--controller", default=None, metavar="NAME", help="The scheduled controller to prove.  [default: the last one]"
 )
 @click.option(
-    "--x-over-r", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the table's, else the axes]"
+    "--scr",
+    type=(float, float),
+    default=None,
+    metavar="LOW HIGH",
+    help="Range of SCR.  [default: the table's, else the axes]",
 )
-@click.option("--p-pu", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the table's, else ±0.9]")
-@click.option("--q-pu", type=(float, float), default=None, metavar="LOW HIGH", help="[default: the table's, else ±0.4]")
 @click.option(
-    "--error", type=float, default=None, help="Relative error of R_g and of L_g.  [default: the table's, else 0.2]"
+    "--x-over-r",
+    type=(float, float),
+    default=None,
+    metavar="LOW HIGH",
+    help="Range of X/R.  [default: the table's, else the axes]",
 )
 @click.option(
-    "--error-z", type=float, default=None, help="The same of |Z_g|, where that is more.  [default: the table's, else 0]"
+    "--p-pu",
+    type=(float, float),
+    default=None,
+    metavar="LOW HIGH",
+    help="Range of P in pu.  [default: the table's, else ±0.9]",
+)
+@click.option(
+    "--q-pu",
+    type=(float, float),
+    default=None,
+    metavar="LOW HIGH",
+    help="Range of Q in pu.  [default: the table's, else ±0.4]",
+)
+@click.option(
+    "--error",
+    type=float,
+    default=None,
+    help="Relative error of the estimated R_g and of L_g.  [default: the table's, else 0.2]",
+)
+@click.option(
+    "--error-z",
+    type=float,
+    default=None,
+    help="Error of the estimate in any direction, relative to |Z_g|. The larger error counts.  "
+    "[default: the table's, else 0]",
 )
 @click.option(
     "--rate", type=float, default=float("inf"), help="Largest |d ln SCR/dt| and |d ln(X/R)/dt|, 1/s.  [default: inf]"
@@ -295,7 +329,7 @@ def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, re
     study = _load(study_file)
     name = study.name if report else f"{study.name}-simulation"
     folder = Path("out") / name if out is None else Path(out)
-    with _progress(quiet=as_json) as progress:
+    with _keeping(folder), _progress(quiet=as_json) as progress:
         results = run_study(study, folder, bridge=bridge, report=report, progress=progress, warn=_warn)
     if as_json:
         _print_json(results)

@@ -4,25 +4,31 @@ from __future__ import annotations
 
 import click
 
-from vsgdesign.cli.common import JSON, STUDY, load, print_json, progress, verb
+from vsgdesign.cli.common import JSON, STUDY, keeping, load, print_json, progress, verb
 
 
 @click.command()
 @STUDY
 @click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-survival]")
 @click.option(
-    "--controller", "controllers", multiple=True, metavar="NAME", help="Only this controller. May be repeated."
+    "--controller",
+    "controllers",
+    multiple=True,
+    metavar="NAME",
+    help="Only this controller. May be repeated.  [default: all]",
 )
 @click.option(
     "--limiter",
     "limiters",
     multiple=True,
     metavar="NAME",
-    help="With this current limiter instead of the study's; none: without. May be repeated.",
+    help="Replace the study's current limiter by this one; none: no limiter. May be repeated.",
 )
-@click.option("--bridge", type=click.Choice(["averaged", "pwm"]), default="averaged", show_default=True)
 @click.option(
-    "--workers", type=click.IntRange(1), default=None, metavar="N", help="Processes.  [default: one per core]"
+    "--bridge", type=click.Choice(["averaged", "pwm"]), default="averaged", show_default=True, help="Bridge model."
+)
+@click.option(
+    "--workers", type=click.IntRange(1), default=None, metavar="N", help="Number of processes.  [default: one per core]"
 )
 @JSON
 @verb
@@ -46,7 +52,7 @@ def survive(
 
     study = load(study_file)
     folder = Path("out") / f"{study.name}-survival" if out is None else Path(out)
-    with progress(quiet=as_json) as tell:
+    with keeping(folder), progress(quiet=as_json) as tell:
         document = report_survival(
             study,
             folder,

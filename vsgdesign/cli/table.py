@@ -33,7 +33,9 @@ def table() -> None:
 @click.option(
     "--controller", default=None, metavar="NAME", help="The controller whose table is built.  [default: the last one]"
 )
-@click.option("--out", default=None, metavar="FILE.json", help="[default: out/STUDY-CONTROLLER.json]")
+@click.option(
+    "--out", default=None, metavar="FILE.json", help="File for the table.  [default: out/STUDY-CONTROLLER.json]"
+)
 @click.option(
     "--workers", type=click.IntRange(1), default=None, metavar="N", help="Number of processes.  [default: one per core]"
 )
@@ -50,9 +52,9 @@ def table() -> None:
     type=click.IntRange(1),
     default=None,
     metavar="N",
-    help="Verify the table in N random EMT cases; its file says the result.",
+    help="Also verify the table in N random EMT cases. Its file keeps the result.",
 )
-@click.option("--fresh", is_flag=True, help="Do not continue from the cells of an interrupted build.")
+@click.option("--fresh", is_flag=True, help="Begin again, and do not use the finished cells of an interrupted build.")
 @JSON
 @verb
 def build(
@@ -66,8 +68,9 @@ def build(
     fresh: bool,
     as_json: bool,
 ) -> None:
-    """Design a table for the study's [specification]: first every node, then between the nodes.
+    """Design a table for the study's [specification].
 
+    Every node is designed first, and then the table is checked and mended between the nodes.
     An interrupted or killed build continues from its finished cells and gives the same file.
     """
     from pathlib import Path
@@ -111,12 +114,12 @@ def build(
 @click.option(
     "--sigma",
     is_flag=True,
-    help="Show how certain an estimate must be in each cell to be followed fully, and only this.",
+    help="Show only how certain an estimate must be in each cell to be followed fully.",
 )
 @JSON
 @verb
 def show(table_file: str, sigma: bool, as_json: bool) -> None:
-    """Show what a table is for, its gains, its margins and its certificate, cell by cell."""
+    """Show a table: its purpose, gains, margins and certificate."""
     from vsgdesign.artifacts.gain_table import table_document
     from vsgdesign.artifacts.gain_table_file import read_table_file
     from vsgdesign.runtime.needed_sigma import needed_sigmas
@@ -141,7 +144,10 @@ def show(table_file: str, sigma: bool, as_json: bool) -> None:
 @JSON
 @verb
 def check(table_file: str, study_file: str | None, as_json: bool) -> None:
-    """Read a table and analyse every node again. The exit code is 1 if something does not agree."""
+    """Read a table, and analyse every node again.
+
+    The exit code is 1 if something does not agree with the file.
+    """
     from vsgdesign.artifacts.gain_table_file import read_table_file
     from vsgdesign.stability.gain_table import check_table
 
@@ -162,7 +168,10 @@ def check(table_file: str, study_file: str | None, as_json: bool) -> None:
 @JSON
 @verb
 def compare(table_files: tuple[str, ...], as_json: bool) -> None:
-    """Compare two or more tables on the grids of the first: their margins there, gains and differences."""
+    """Compare the gains and margins of two or more tables.
+
+    All of them are compared on the grids of the first one.
+    """
     from vsgdesign.artifacts.gain_table_file import read_table_file
     from vsgdesign.stability.gain_table import compare_tables
 
@@ -183,7 +192,10 @@ def compare(table_files: tuple[str, ...], as_json: bool) -> None:
 @JSON
 @verb
 def report(table_file: str, out: str | None, as_json: bool) -> None:
-    """Write figures and one page: gains, margin maps, active constraints, certificate, stale schedules."""
+    """Write the table as one page with figures.
+
+    The page shows gains, margin maps, active constraints, the certificate, and stale schedules.
+    """
     from pathlib import Path
 
     from vsgdesign.artifacts.gain_table_file import read_table_file

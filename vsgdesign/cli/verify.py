@@ -25,39 +25,54 @@ def _shard(_context: click.Context, _parameter: click.Parameter, text: str | Non
 
 @click.command()
 @click.argument("file", metavar="STUDY.toml|TABLE.json", type=click.Path())
-@click.option("--study", "study_file", default=None, metavar="STUDY.toml", help="The study of a TABLE.json.")
-@click.option("--controller", default=None, metavar="NAME", help="The controller.  [default: the last one]")
-@click.option("--runs", type=click.IntRange(1), default=None, metavar="N", help="Cases.  [default: the study's]")
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=None, help="[default: the study's]")
+@click.option(
+    "--study", "study_file", default=None, metavar="STUDY.toml", help="The study with the converter of TABLE.json."
+)
+@click.option("--controller", default=None, metavar="NAME", help="The controller to verify.  [default: the last one]")
+@click.option(
+    "--runs", type=click.IntRange(1), default=None, metavar="N", help="Number of random cases.  [default: the study's]"
+)
+@click.option(
+    "--seed", type=click.IntRange(0, 2**31 - 1), default=None, help="Seed of the random cases.  [default: the study's]"
+)
 @click.option(
     "--confidence",
     type=click.FloatRange(0.5, 0.999999),
     default=None,
-    help="Probability with which each bound holds.  [default: the study's]",
+    help="Confidence with which each bound holds.  [default: the study's]",
 )
-@click.option("--bridge", type=click.Choice(["averaged", "pwm"]), default="averaged", show_default=True)
-@click.option("--strict", is_flag=True, help="Round as Python does, on any instruction set; slower.")
+@click.option(
+    "--bridge", type=click.Choice(["averaged", "pwm"]), default="averaged", show_default=True, help="Bridge model."
+)
+@click.option("--strict", is_flag=True, help="Give the same bytes on every x86 processor. This is slower.")
 @click.option(
     "--search",
     type=click.IntRange(0),
     default=None,
     metavar="N",
-    help="Runs of a search for the worst; they do not count in the shares.  [default: 5 % of the runs]",
+    help="Number of further runs that search for worse cases. They do not count in the shares.  "
+    "[default: 5 % of the runs]",
 )
 @click.option(
     "--workers", type=click.IntRange(1), default=None, metavar="N", help="Number of processes.  [default: one per core]"
 )
 @click.option("--cluster", default=None, metavar="local|ADDRESS", help='A Dask cluster (needs the extra "cluster").')
-@click.option("--shard", callback=_shard, default=None, metavar="i/N", help="Only part i of N, for --merge.")
+@click.option(
+    "--shard",
+    callback=_shard,
+    default=None,
+    metavar="i/N",
+    help="Simulate only part i of N. --merge puts the parts together.",
+)
 @click.option(
     "--merge",
     multiple=True,
     metavar="DIR",
     type=click.Path(),
-    help="Merge the shards in this folder instead of running. May be repeated.",
+    help="Read the parts in this folder instead of simulating. May be repeated.",
 )
 @click.option(
-    "--resume/--fresh", default=True, help="Continue from the blocks of an interrupted verification.  [default: resume]"
+    "--resume/--fresh", default=True, help="Continue an interrupted verification, or begin again.  [default: resume]"
 )
 @click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-verification]")
 @JSON
@@ -80,7 +95,7 @@ def verify(
     out: str | None,
     as_json: bool,
 ) -> None:
-    """Run random cases in EMT, and bound the share that breaks a promise.
+    """Simulate random cases, and bound the share of failures.
 
     The study's [verification] says what is drawn. The bound is exact, and the worst cases are written as study files.
     An interrupted or killed verification continues with the same command and gives the same counts.
