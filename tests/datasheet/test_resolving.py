@@ -191,6 +191,43 @@ def test_delays(delay: object, expected: int) -> None:
     assert of(delay=delay).delay_samples == expected
 
 
+@pytest.mark.parametrize(
+    ("changes", "scr", "said"),
+    [
+        ({"scr": "4"}, (3.2, 5.0), "scr: 3.2 to 5: one value is no range"),
+        ({"scr": [4, 4]}, (3.2, 5.0), "scr: 3.2 to 5: one value is no range"),
+        ({"scr": "≥ 1.5"}, (1.5, 20.0), "scr: up to 20: only the least is given"),
+        ({"scr": "at least 8"}, (8.0, 32.0), "scr: up to 32"),
+        ({"scr": "up to 12"}, (1.5, 12.0), "scr: from 1.5: only the largest is given"),
+        ({"scr": None, "Minimum short circuit ratio": "2"}, (2.0, 20.0), "scr: up to 20"),
+        ({"scr": None, "short_circuit_power": "400 kVA"}, (3.2, 5.0), "scr: 3.2 to 5"),
+        ({"scr": None, "short_circuit_power": "min. 400 kVA"}, (4.0, 20.0), "scr: up to 20"),
+        ({"scr": None, "grid_impedance": "≤ 0.5 pu"}, (2.0, 20.0), "scr: up to 20"),
+    ],
+)
+def test_one_value_where_a_range_belongs(changes: dict[str, object], scr: tuple[float, float], said: str) -> None:
+    """The other end is assumed, and the assumption is listed: it decides on which grids the table works."""
+    sheet = of(**changes)
+    assert sheet.scr == pytest.approx(scr, rel=1e-12)
+    assert any(f"{item.field}: {item.text}".startswith(said) for item in sheet.assumptions)
+
+
+def test_one_ratio_of_x_over_r_is_no_range_either() -> None:
+    sheet = of(x_over_r="5")
+    assert sheet.x_over_r == (4.0, 6.25)
+    assert [item.field for item in sheet.assumptions] == ["x_over_r"]
+
+
+@pytest.mark.parametrize("unit", ["rad/s", "rpm", "1/min"])
+def test_a_unit_that_no_field_has_is_no_remark(tmp_path: Path, unit: str) -> None:
+    """Without a heading, the third column may hold remarks; 314 rad/s must not become 314 Hz."""
+    path = tmp_path / "sheet.csv"
+    rows = [f"{key};{value}" for key, value in (SIMPLE | {"frequency": f"100;{unit}"}).items()]
+    path.write_text("\n".join(rows))
+    with pytest.raises(StudyError, match=rf'"{unit}" is not a unit of this field'):
+        resolve(read_sheet(path))
+
+
 def test_every_assumption_is_said() -> None:
     """With nothing but what must be given, everything else is an assumption, and nothing else is."""
     bare = of(
@@ -235,6 +272,8 @@ def test_every_assumption_is_said() -> None:
         ({"dc_link": "600 V", "pwm": "SPWM"}, "say pwm = SVPWM"),
         ({"dc_link": "75 kV"}, "times the rated voltage"),
         ({"frequency": "50/60 Hz"}, "is two frequencies"),
+        ({"frequency": "314.16"}, "That is 2π times 50 Hz: did you mean 50 Hz?"),
+        ({"frequency": "377 Hz"}, "did you mean 60 Hz?"),
         ({"carrier": "10 Hz"}, "Did you mean 10 kHz?"),
         ({"carrier": "400 Hz"}, "samples 16 times in a cycle"),
         ({"sampling": "15 kHz"}, "is 1.5 samples per carrier"),

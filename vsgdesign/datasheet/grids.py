@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from vsgdesign.datasheet.quantities import RATIO
+from vsgdesign.datasheet.quantities import RATIO, Amount
 from vsgdesign.datasheet.rows import LIMITS, Rows
 from vsgdesign.equations.grid import grid_from_scr_impedance
 from vsgdesign.frames import base_impedance, ll_to_phase
@@ -29,11 +29,11 @@ def read_scr(rows: Rows, S: float, V: float) -> tuple[float, float]:
     per_unit = [value / {"VA": S, "ohm": Z_base, RATIO: 1.0}[amount.base] for value in amount.values]
     if amount.base != "VA":  # an impedance: its inverse in per unit is the ratio
         per_unit = [1.0 / value if value > 0.0 else math.inf for value in per_unit]
-    ends = sorted(per_unit)
     rows.remarks["scr"] = f"{names[0].replace('_', ' ')} " + " to ".join(
         format_quantity(value, amount.base) for value in amount.values
     )
-    return _ends(rows, names[0], ends, "scr")
+    turned = amount.base != "VA"  # the least impedance is the largest ratio
+    return _ends(rows, names[0], per_unit, _said(rows, names[0], amount), DEFAULT_SCR, turned=turned)
 
 
 def read_range(rows: Rows, name: str, default: tuple[float, float]) -> tuple[float, float]:
@@ -43,16 +43,47 @@ def read_range(rows: Rows, name: str, default: tuple[float, float]) -> tuple[flo
         if name not in rows.given:
             rows.assume(name, f"{default[0]:.6g} to {default[1]:.6g}")
         return default
-    return _ends(rows, name, sorted(amount.values), name)
+    return _ends(rows, name, list(amount.values), _said(rows, name, amount), default)
 
 
-def _ends(rows: Rows, name: str, ends: list[float], limits: str) -> tuple[float, float]:
-    low, high = LIMITS[limits]
+def _said(rows: Rows, name: str, amount: Amount) -> frozenset[str]:
+    """What the field and its name say about the value: ``least``, ``most``."""
+    return amount.words | {rows.beside.get(name, "")}
+
+
+def _ends(
+    rows: Rows,
+    name: str,
+    values: list[float],
+    said: frozenset[str],
+    default: tuple[float, float],
+    *,
+    turned: bool = False,
+) -> tuple[float, float]:
+    """Both ends of a range. Of a single value, which is no range, the other end or both are assumed, and it is said."""
+    field = "x_over_r" if name == "x_over_r" else "scr"
+    low, high = LIMITS[field]
+    ends = sorted(values)
     if not all(low <= end <= high for end in ends):
         shown = " to ".join(f"{end:.4g}" for end in ends)
-        what = "" if name == limits else f"is {limits} {shown}, "
+        what = "" if name == field else f"is {field} {shown}, "
         rows.fault(name, f"{what}outside {low:.6g} to {high:.6g}", "Check it, the rating and their units.")
-    return ends[0], ends[-1]
+        return ends[0], ends[-1]
+    if len(ends) == 2 and ends[1] > 1.02 * ends[0]:
+        return ends[0], ends[1]
+    one, example = ends[0], f"{default[0]:.6g} to {default[1]:.6g}"
+    if ("most" if turned else "least") in said:
+        ends = [one, max(default[1], min(4.0 * one, high))]
+        rows.assume(field, f"up to {ends[1]:.6g}: only the least is given")
+    elif ("least" if turned else "most") in said:
+        ends = [min(default[0], max(0.25 * one, low)), one]
+        rows.assume(field, f"from {ends[0]:.6g}: only the largest is given")
+    else:
+        ends = [max(float(f"{one / 1.25:.4g}"), low), min(float(f"{one * 1.25:.4g}"), high)]
+        rows.assume(
+            field, f"{ends[0]:.6g} to {ends[1]:.6g}: one value is no range. For more grids give one, such as {example}"
+        )
+    return ends[0], ends[1]
 
 
 def strongest_inductance(scr: tuple[float, float], x_over_r: tuple[float, float], Z: float, omega: float) -> float:

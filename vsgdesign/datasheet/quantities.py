@@ -54,6 +54,8 @@ _PHRASES = (
 _DIGITS = r"[-+−]?(?:\d[\d\s.,'’]*\d|\d|[.,]\d+)(?:[eE][-+−]?\d+)?"
 _VALUE = re.compile(rf"^\s*({_DIGITS})\s*(.*?)\s*$")
 _LEADING = re.compile(r"^\s*(?:(?:approx\.?|approximately|about|ca\.?|typ\.?|max\.?|nominal|rated|[~≈≤<=])\s*)+", re.I)
+_LEAST = re.compile(r"^\s*(?:>=?|≥|at least|not less than|from|min(?:imum)?\b\.?)\s*(?=[\d.,])", re.I)
+_MOST = re.compile(r"^\s*(?:<=?|≤|at most|not more than|up to|max(?:imum)?\b\.?)\s*(?=[\d.,])", re.I)
 _TOLERANCE = re.compile(r"\s*(?:±|\+\s*/?\s*[-−])\s*[\d.,]+\s*%?\s*$")
 _RANGE = re.compile(r"\s*(?:\.{2,3}|…|–|—|\bto\b|\bbis\b|(?<![eE(\s])\s*-(?=\s*[\d.,])|(?<=\w)\s+-\s+(?=\d))\s*", re.I)
 
@@ -89,11 +91,13 @@ def read_amount(
     """Read a text in one of some units (``V``, ``VA``, ``W``, ``var``, ``Hz``, ``H``, ``F``, ``ohm``, ``A``, ``1``).
 
     ``unit`` is the content of a column of units; a unit in the text itself has priority. A number without a unit is
-    in the first of ``bases``. With ``decimal_comma`` the file is known to write 1,5. Raises AmountError.
+    in the first of ``bases``. With ``decimal_comma`` the file is known to write 1,5. Where a range may stand, a single
+    value may be said to be its ``least`` or ``most``. Raises AmountError.
     """
     if isinstance(text, int | float):
         text = repr(float(text))
-    body = _TOLERANCE.sub("", _LEADING.sub("", _plain(text))).strip("[]; ")
+    body, side = _side(_plain(text)) if ranged else (_plain(text), frozenset())
+    body = _TOLERANCE.sub("", _LEADING.sub("", body)).strip("[]; ")
     parts = _RANGE.split(body) if ranged else [body]
     if ranged and len(parts) == 1 and body.count(",") == 1 and re.fullmatch(r"\s*[\d.]+\s*,\s+[\d.]+\s*", body):
         parts = body.split(",")
@@ -113,11 +117,26 @@ def read_amount(
         raise AmountError("its two ends are in different units", "Give both in the same unit.")
     if not all(math.isfinite(value) for value in values):
         raise AmountError("must be a finite number")
-    return Amount(tuple(values), read[0][0], frozenset().union(*(words for _, words in read)), not any(units))
+    words = side if len(values) == 1 else frozenset()
+    return Amount(tuple(values), read[0][0], words.union(*(words for _, words in read)), not any(units))
+
+
+def _side(text: str) -> tuple[str, frozenset[str]]:
+    """A text without what makes it one end of a range, such as ≥ or "at most", and which end it is."""
+    for pattern, word in ((_LEAST, "least"), (_MOST, "most")):
+        if pattern.match(text):
+            return pattern.sub("", text), frozenset({word})
+    return text, frozenset()
+
+
+_ANGULAR = re.compile(r"\s*(?:rad|deg|°|rev|1)?\s*/\s*(?:s|sec|min)\s*|\s*(?:rpm|s-1|min-1)\s*", re.I)
+"""Units of a speed of rotation. No field has one, and none may be taken for a remark."""
 
 
 def is_unit(text: str) -> bool:
-    """Whether a text is a unit of any field, as in a column of units."""
+    """Whether a text is a unit of any field, as in a column of units; also one that no field has, such as rad/s."""
+    if _ANGULAR.fullmatch(text):
+        return True
     try:
         read_amount(f"1 {text}", ("V", "VA", "W", "var", "Hz", "H", "F", "ohm", "A", "s", RATIO))
     except AmountError:

@@ -17,6 +17,7 @@ from vsgdesign.frames import (
     rated_current_rms,
     rms_to_peak,
 )
+from vsgdesign.parameters.plausible import angular_advice, frequency_of_angular
 from vsgdesign.parameters.units import format_quantity
 
 DEFAULT_CURRENT_LIMIT = 1.2
@@ -87,7 +88,11 @@ def read_frequency(rows: Rows) -> float:
     if entry is not None and re.match(r"\s*\d+\s*(?:hz)?\s*(?:/|or|und|oder|and)\s*\d+", str(entry.value), re.I):
         rows.fault("frequency", "is two frequencies", "Give the one that this study is for; make two studies.")
         return math.nan
-    return rows.plain("frequency", "Hz", math.nan)
+    f_n = rows.plain("frequency", "Hz", math.nan)
+    meant = frequency_of_angular(f_n)
+    if meant is not None:
+        rows.fault("frequency", "is in rad/s, it seems", angular_advice(meant))
+    return f_n
 
 
 def read_dc_link(rows: Rows) -> float:

@@ -22,6 +22,7 @@ from vsgdesign.parameters.background import read_background
 from vsgdesign.parameters.controllers import read_controllers, read_limit, read_limiter, read_target
 from vsgdesign.parameters.estimator import read_estimator
 from vsgdesign.parameters.inner_loops import InnerLoopSource, read_inner_loops, request_of
+from vsgdesign.parameters.plausible import check_plausible
 from vsgdesign.parameters.reader import Asked, TableReader
 from vsgdesign.parameters.replay import read_replay
 from vsgdesign.parameters.scenario import read_components, read_events, read_grid, read_network, read_simulation
@@ -60,13 +61,14 @@ def build_study(
     ``asked`` collects every quantity that is read, by its full name.
     """
     root = TableReader(document, "", faults, asked)
-    root.integer("schema", SCHEMA, SCHEMA, default=SCHEMA)
+    _read_schema(root)
     name, title, source = _read_identity(root.child("study"), default_name)
     converter_table = root.section("converter")
     current_limiter = converter_table.choice("current_limiter", tuple(LIMITERS), default=CIRCULAR.name)
     limiter_table = converter_table.child("limiter")
     converter = _read_converter(converter_table)
     filter_ = _read_filter(root.section("filter"))
+    check_plausible(converter, filter_, faults)
     limiter_given = read_limiter(limiter_table, LIMITERS[current_limiter], converter, filter_)
     inner = read_inner_loops(root.child("inner_loops"), filter_, converter)
     grid_table = root.section("grid")
@@ -146,6 +148,16 @@ def build_study(
         sensors=sensors,
         replay=replay,
     )
+
+
+def _read_schema(root: TableReader) -> None:
+    """The version of the format, of which there is one."""
+    root.integer("schema", SCHEMA, SCHEMA, default=SCHEMA)
+    written = root.table.get("schema")
+    if isinstance(written, int) and not isinstance(written, bool) and written > SCHEMA:
+        root.faults.pop()  # it has a better answer than its limits
+        problem = f"must be a whole number from {SCHEMA} to {SCHEMA}: this version of vsgdesign reads no newer format"
+        root.fault("schema", written, problem, "Install a newer version, or write the study in this format.")
 
 
 def _axes_given(root: TableReader, stability: StabilitySpec) -> dict[str, tuple[float, ...]]:

@@ -31,10 +31,18 @@ def read_toml(path: Path, noun: str) -> dict[str, Any]:
             raise fault(f"is a folder, not a {noun}" if path.is_dir() else "there is no such file", advice)
         text = path.read_text(encoding="utf-8-sig")  # as spreadsheets and some editors write it
     except UnicodeDecodeError as error:
+        if path.read_bytes()[:2] in (b"\xff\xfe", b"\xfe\xff"):  # as Windows writes "Unicode"
+            raise fault("is not UTF-8 text but UTF-16", "Save it with the encoding UTF-8.") from None
         raise fault(f"is not UTF-8 text (byte {error.start})", "Give a TOML text file.") from None
     except OSError as error:
         raise fault(f"cannot be read ({error.strerror})", advice) from None
-    return parse_toml(text, str(path))
+    try:
+        return parse_toml(text, str(path))
+    except StudyError:
+        if noun == "study file" and path.suffix.casefold() in (".csv", ".tsv"):
+            advice = f"If it is a datasheet, write its study with vsgdesign new --from {path.name}."
+            raise fault("is a table of values, not TOML", advice) from None
+        raise
 
 
 def _is_stream(path: Path) -> bool:
