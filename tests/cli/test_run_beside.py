@@ -85,7 +85,6 @@ def test_the_files_are_those_of_a_run_of_one_process(
 ) -> None:
     run_study(study, tmp_path / "one", report=False, workers=1)
     monkeypatch.setattr(making, "executor_of", threads)
-    monkeypatch.setattr(making, "worker_processes", threads)
     monkeypatch.setattr("vsgdesign.certificate.box_check.compile_ahead", lambda: None)
     run_study(study, tmp_path / "many", report=False, workers=2)
     one, many = contents(tmp_path / "one"), contents(tmp_path / "many")
@@ -111,7 +110,6 @@ def test_a_controller_without_a_table_does_not_wait_for_a_certificate(
             simulated.set()
 
     monkeypatch.setattr(making, "executor_of", threads)
-    monkeypatch.setattr(making, "worker_processes", threads)
     monkeypatch.setattr(making, "_certified", slow)
     monkeypatch.setattr("vsgdesign.certificate.box_check.compile_ahead", lambda: None)
     run_study(study, tmp_path / "out", report=False, workers=2, progress=tell)

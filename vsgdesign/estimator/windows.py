@@ -22,7 +22,7 @@ from vsgdesign.estimator.blocks import Arrays, Parts, made_blocks
 from vsgdesign.estimator.data_set import DataSet, check_data_target, write_data_set
 from vsgdesign.estimator.recipes import WindowRecipe, check_recipe
 from vsgdesign.estimator.sampling import turn_per_window, with_sampling
-from vsgdesign.estimator.scenarios import Scenario, check_draws, draw_scenario
+from vsgdesign.estimator.scenarios import Scenario, check_draws, draw_scenarios
 from vsgdesign.estimator.sensing import background, measured_channels
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.frames import rotate
@@ -146,7 +146,7 @@ def _header(study: Study, recipe: WindowRecipe, seed: int) -> dict[str, Any]:
 
 def make_block(study: Study, recipe: WindowRecipe, seed: int, indices: range) -> Arrays:
     """Arrays of a :class:`DataSet` for some scenarios."""
-    rows: list[Arrays] = [run_windows(study, recipe, draw_scenario(study, recipe, seed, k)) for k in indices]
+    rows: list[Arrays] = [run_windows(study, recipe, one) for one in draw_scenarios(study, recipe, seed, indices)]
     return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
 
 

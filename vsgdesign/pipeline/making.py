@@ -2,14 +2,15 @@
 
 They take longer than the simulation, and each keeps one core busy for a part of its time only. While the tables are
 designed, the network is trained. While certificates are searched for, the controllers that can do without are
-simulated. What is made does not depend on what it is made beside.
+simulated. While the tables are verified, the others are simulated, and files are written. What is made does not depend
+on what it is made beside.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.execution.executors import executor_of
-from vsgdesign.execution.processes import worker_processes
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import Study
 from vsgdesign.pipeline.table import make_tables
@@ -40,10 +40,13 @@ class Made:
     """How the network was trained, if it was trained."""
     late: Callable[[], Ready] | None
     """Waits for the certificates and returns ``ready`` with every table. None: no table is missing."""
+    verified: Callable[[], Ready]
+    """Waits for the verification and returns all that is made. To be called after ``late``."""
     executor: Executor | None
     """Worker processes that are there anyway."""
     timing_s: dict[str, float]
-    """Wall time of ``tables``, ``estimator`` and, once they are there, ``certificates``. They may overlap."""
+    """Wall time of ``tables``, ``estimator`` and, once they are there, ``certificates`` and ``verification``. They may
+    overlap."""
 
 
 @contextmanager
@@ -66,8 +69,9 @@ def made(
     tell, timing = progress or silent, {}
     specs = [spec for spec in study.controllers if spec.schedule == "table" and spec.table_file is None]
     with ExitStack() as held:
+        aside = held.enter_context(ThreadPoolExecutor(1))  # ends after the processes for which it waits
         executor = held.enter_context(executor_of(workers)) if specs else None
-        network = _training(study, bridge, held, beside=executor is not None, progress=progress)
+        network = _training(study, bridge, executor, progress=progress)
         certify: list[Callable[[], tuple[CertificateRecord | None, float]]] = []
         begin = time.perf_counter()
         if executor is not None:
@@ -92,11 +96,23 @@ def made(
         names = {spec.name for spec in specs}
         ready = Ready(tables={name: one for name, one in tables.items() if name not in names}, network=weights)
 
-        def verified(ready: Ready) -> Ready:
+        verifying: list[Callable[[], Ready]] = []
+
+        def verify_all(ready: Ready) -> Ready:
+            """Begins to verify the tables, beside what comes next if other processes can do it."""
+
+            def verified() -> Ready:
+                begin = time.perf_counter()
+                found = verified_tables(study, ready.tables, out, executor=executor, workers=workers, progress=progress)
+                if any(found[name] is not table for name, table in ready.tables.items()):
+                    timing["verification"] = time.perf_counter() - begin
+                return replace(ready, tables=found)
+
             if not verify:
-                return ready
-            found = verified_tables(study, ready.tables, out, executor=executor, workers=workers, progress=progress)
-            return replace(ready, tables=found)
+                verifying.append(lambda: ready)
+            else:
+                verifying.append(verified if executor is None else aside.submit(verified).result)
+            return ready
 
         def late() -> Ready:
             tell("certify", 0.0)
@@ -107,29 +123,30 @@ def made(
                 spec.name: replace(tables[spec.name], certificate=record)
                 for spec, (record, _) in zip(specs, found, strict=True)
             }
-            return verified(replace(ready, tables={name: done.get(name, tables[name]) for name in tables}))
+            return verify_all(replace(ready, tables={name: done.get(name, tables[name]) for name in tables}))
 
         yield Made(
-            ready=ready if specs else verified(ready),
+            ready=ready if specs else verify_all(ready),
             trained=trained,
             late=late if specs else None,
+            verified=lambda: verifying[-1](),
             executor=executor,
             timing_s=timing,
         )
 
 
 def _training(
-    study: Study, bridge: str | None, held: ExitStack, *, beside: bool, progress: Progress | None
+    study: Study, bridge: str | None, executor: Executor | None, *, progress: Progress | None
 ) -> Callable[[], tuple[Any, Any]]:
-    """Begins to train the network in a process of its own, if there is work ``beside``; else when it is asked for.
-    Returns what waits for the network."""
+    """Begins to train the network on one of the workers, if there are any; else when it is asked for. Returns what
+    waits for the network."""
     tell = progress or silent
-    if study.estimator is None or not (beside and trains(study)):
+    if study.estimator is None or executor is None or not trains(study):
         return lambda: make_network(study, bridge=bridge, progress=progress)
     recipe_of(study, study.estimator, bridge)  # its faults are said before the work begins
     from vsgdesign.design.sweep import begun
 
-    waits = begun(held.enter_context(worker_processes(1)), make_network, study, bridge=bridge)
+    waits = begun(executor, make_network, study, bridge=bridge)
 
     def network() -> tuple[Any, Any]:
         tell("train the network", 0.0)

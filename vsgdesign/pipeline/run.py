@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +33,7 @@ from vsgdesign.stability.words import shares_of
 
 if TYPE_CHECKING:
     from vsgdesign.estimator.trained import TrainedEstimator
+    from vsgdesign.report.figure_types import WrittenFigure
 
 
 def run_study(
@@ -61,34 +62,27 @@ def run_study(
         staged_folder(out, verb, inputs=study.input_files) as folder,
         made(study, out, bridge=bridge, verify=report, workers=workers, progress=progress) as have,
     ):
-        exports: list[Callable[[], Any]] = []
-
-        def complete(ready: Ready) -> Ready:
-            _write_made(ready, folder)
-            exports.extend(_exports(study, ready, folder, have.executor, warn))
-            return ready
-
-        late = have.late
         begin = time.perf_counter()
         result = run_scenario(
             study,
-            have.ready if late is not None else complete(have.ready),
+            have.ready,
             bridge=bridge,
             warn=warn,
             progress=lambda name, t_s: tell(f"simulate {name}", t_s / study.simulation.duration),
-            late=None if late is None else lambda: complete(late()),
+            late=have.late,
         )
-        timing = have.timing_s | {"simulate": time.perf_counter() - begin}
+        have.timing_s["simulate"] = time.perf_counter() - begin
         return _write(
             result,
             folder,
             verb,
-            timing,
+            have.timing_s,
             report=report,
             trained=have.trained,
             tell=tell,
-            exports=exports,
+            verified=have.verified,
             executor=have.executor,
+            warn=warn,
         )
 
 
@@ -96,9 +90,16 @@ def write_run(result: ScenarioResult, out: str | Path, *, progress: Progress | N
     """Writes the folder of :func:`run_study` for a scenario that was simulated before. Raises ArtifactError."""
     verb = "vsgdesign run"
     with staged_folder(out, verb, inputs=result.study.input_files) as folder:
-        _write_made(result.ready, folder)
-        exports = _exports(result.study, result.ready, folder)
-        return _write(result, folder, verb, {}, report=True, trained=None, tell=progress or silent, exports=exports)
+        return _write(
+            result,
+            folder,
+            verb,
+            {},
+            report=True,
+            trained=None,
+            tell=progress or silent,
+            verified=lambda: result.ready,
+        )
 
 
 def _write_made(ready: Ready, folder: Path) -> None:
@@ -117,10 +118,14 @@ def _write(
     report: bool,
     trained: TrainedEstimator | None,
     tell: Progress,
-    exports: Sequence[Callable[[], Any]],
+    verified: Callable[[], Ready],
     executor: Executor | None = None,
+    warn: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
-    """Time series, figures, page and record of a simulated scenario, and what waits for its C."""
+    """Time series, figures, tables with their C, page and record of a simulated scenario.
+
+    The first two are written while the tables are ``verified``.
+    """
     study, network = result.study, result.ready.network
     begin = time.perf_counter()
     for done, controller in enumerate(result.controllers):
@@ -132,15 +137,25 @@ def _write(
     tell("write time series", 1.0)
     timing["write"] = time.perf_counter() - begin
     inner = inner_document(assess_inner_loops(study, what_if=False)) if study.inner_request is not None else None
+    drawn: Callable[[], list[WrittenFigure]] | None = None
     if report:
-        from vsgdesign.report import write_figures, write_report
+        from vsgdesign.report import begin_figures
 
         begin = time.perf_counter()
         tell("draw figures", 0.0)
-        figures = write_figures(result, folder / "figures", trained, executor)
+        drawn = begin_figures(result, folder / "figures", trained, executor)
+        timing["report"] = time.perf_counter() - begin
+    result = replace(result, ready=verified())
+    _write_made(result.ready, folder)
+    exports = _exports(study, result.ready, folder, executor, warn)
+    if drawn is not None:
+        from vsgdesign.report import write_report
+
+        begin = time.perf_counter()
+        figures = drawn()
         tell("draw figures", 1.0)
         write_report(result, figures, folder / "report.html", trained, inner)
-        timing["report"] = time.perf_counter() - begin
+        timing["report"] += time.perf_counter() - begin
     for wait in exports:
         wait()
     document = results_document(result, timing)

@@ -307,7 +307,7 @@ def _counted(
     tell, kept = progress or silent, set(journal.summary.blocks)
     missing = [number for number in numbers if number not in kept]
     tell(RUNS, 1.0 - len(missing) / max(len(numbers), 1))
-    for summary in run_blocks(job, missing, executor if len(missing) > 1 or job.strict else None, ahead):
+    for summary in run_blocks(job, missing, executor, ahead):
         journal.add(summary)
         tell(RUNS, len(journal.summary.blocks) / len(numbers))
     return journal.summary

@@ -4,7 +4,7 @@ does not load matplotlib.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ExplorerFile",
     "WrittenFigure",
+    "begin_figures",
     "require_pdf",
     "write_comparison_figures",
     "write_comparison_report",
@@ -40,18 +41,26 @@ def write_figures(
     result: ScenarioResult,
     folder: str | Path,
     trained: TrainedEstimator | None = None,
-    executor: Executor | None = None,
 ) -> list[WrittenFigure]:
     """Draw every figure of a scenario into ``folder`` (created if missing), each as SVG and as PNG (200 dpi).
 
-    ``trained`` is the network that was trained in the run, for the figures of its training. Worker processes of an
-    ``executor`` draw the files, which are the same.
+    ``trained`` is the network that was trained in the run, for the figures of its training.
     """
-    from vsgdesign.report.scenario.files import write_all
+    return begin_figures(result, folder, trained)()
+
+
+def begin_figures(
+    result: ScenarioResult,
+    folder: str | Path,
+    trained: TrainedEstimator | None = None,
+    executor: Executor | None = None,
+) -> Callable[[], list[WrittenFigure]]:
+    """Begins what :func:`write_figures` does, on worker processes of an ``executor``, and returns what waits for it."""
+    from vsgdesign.report.scenario.files import begin_all
 
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    return write_all(result, folder, trained, executor)
+    return begin_all(result, folder, trained, executor)
 
 
 def write_report(

@@ -27,9 +27,9 @@ def upper_bound(broken: int, judged: int, confidence: float = CONFIDENCE) -> flo
         return 1.0
     if broken == 0:  # the same number in closed form, without the rounding of a search for it
         return -math.expm1(math.log1p(-confidence) / judged)
-    from scipy.stats import beta
+    from scipy.special import betaincinv  # all of scipy.stats would take longer to load than a table to verify
 
-    return float(beta.ppf(confidence, broken + 1, judged - broken))
+    return float(betaincinv(broken + 1, judged - broken, confidence))
 
 
 def one_in(bound: float) -> int:

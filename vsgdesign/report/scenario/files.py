@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,20 +31,21 @@ def all_figures(result: ScenarioResult, trained: TrainedEstimator | None = None)
     yield from bode_figures(result)
 
 
-def write_all(
+def begin_all(
     result: ScenarioResult,
     folder: Path,
     trained: TrainedEstimator | None = None,
     executor: Executor | None = None,
-) -> list[WrittenFigure]:
-    """Write every figure of a scenario into an existing folder.
+) -> Callable[[], list[WrittenFigure]]:
+    """Begins to write every figure of a scenario into an existing folder, and returns what waits for them.
 
-    Workers of an ``executor`` draw what is laid out here: this takes three quarters of the time.
+    Workers of an ``executor`` draw what is laid out here: this takes three quarters of the time. Without an executor
+    a figure is written before the next one is laid out.
     """
     if executor is None:
-        return [write_figure(figure, folder) for figure in all_figures(result, trained)]
+        figures = [write_figure(figure, folder) for figure in all_figures(result, trained)]
+        return lambda: figures
     from vsgdesign.design.sweep import begun
 
-    return [
-        wait() for wait in [begun(executor, write_figure, figure, folder) for figure in all_figures(result, trained)]
-    ]
+    waits = [begun(executor, write_figure, figure, folder) for figure in all_figures(result, trained)]
+    return lambda: [wait() for wait in waits]
