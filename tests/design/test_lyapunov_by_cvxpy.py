@@ -1,4 +1,4 @@
-"""The cutting plane against one semidefinite program with all cells at once, written in cvxpy."""
+"""The cutting planes against one semidefinite program with all cells at once, written in cvxpy."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
+from vsgdesign.certificate.level_set import largest_level_set
 from vsgdesign.certificate.lyapunov import Family, best_fit, fit, residual
 
 CELLS, ORDER = 25, 3
@@ -55,6 +56,25 @@ def test_the_largest_decay_is_that_of_the_whole_program(seed: int) -> None:
         inverse = np.linalg.inv(half)
         assert np.linalg.eigvalsh(inverse @ (a.T @ P + P @ a) @ inverse.T).max() < -2.0 * found.decay + 1e-9
     assert residual(A, family(A), found.P, found.decay).max() < 0.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_largest_set_is_that_of_the_whole_program(seed: int) -> None:
+    """Its volume to the solver's accuracy, and a bound on V that is reached."""
+    A, decay, limits, share = cells(seed), 0.1, (0.8, 1.2), 0.3
+    Y = cp.Variable((ORDER, ORDER), symmetric=True)
+    kept = [a @ Y + Y @ a.T + 2.0 * decay * Y << 0 for a in A] + [Y[2, 2] <= share]
+    for V in limits:
+        turn = np.array([[V, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        kept.append(turn @ Y @ turn.T << np.eye(2))
+    problem = cp.Problem(cp.Maximize(cp.log_det(Y)), kept)
+    problem.solve(solver=cp.CLARABEL)
+    assert problem.status == cp.OPTIMAL
+    P, active = largest_level_set(A, decay, limits, share)
+    assert P is not None
+    assert len(active) < CELLS
+    assert -np.linalg.slogdet(P)[1] == pytest.approx(float(problem.value), abs=1e-3)
+    assert np.linalg.inv(P)[2, 2] <= share * (1.0 + 1e-6)
 
 
 def test_a_function_of_the_solver_is_not_believed_before_its_eigenvalues(monkeypatch: pytest.MonkeyPatch) -> None:
