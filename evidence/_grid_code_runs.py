@@ -18,6 +18,7 @@ from vsgdesign.compliance.rows import Check
 from vsgdesign.compliance.subject import FOR_EVER_S, Subject
 from vsgdesign.compliance.suite import Criterion, SuiteTest
 from vsgdesign.compliance.trace import Trace
+from vsgdesign.metrics.survival import GRACE_S, SETTLING_TIMES, SURVIVED
 from vsgdesign.parameters import load_study
 from vsgdesign.pipeline.survival import survival_tables
 
@@ -43,7 +44,7 @@ field estimator finds by itself."""
 SILENT_S = {"0.2 s late": 0.2, "never again": FOR_EVER_S, "field estimator": 0.0}
 WATCHED_S = 5.5
 """How long runs whose schedule is never told again are watched after their last event, s: long enough to see who comes
-to rest later than the judge allows, after 2 T + 0.2 s."""
+to rest later than the judge allows, after 3 T + 0.2 s."""
 
 POINTS_PU = (0.5, 0.9, -0.9, 0.0)
 """Powers before the test. The first is that of most tests of the suite, which are taken as they are there."""
@@ -81,10 +82,14 @@ def run_task(task: GridCodeTask, folder: str) -> dict[str, Any]:
     judged = judged_test(subject, suite_named_once(), test)
     row = judged.row
     f_hz = subject.study.converter.omega_n / (2.0 * math.pi)
+    stricter_s = SETTLING_TIMES * subject.settling_time + GRACE_S
     ripple = {} if judged.evidence is None else ripple_of(judged.evidence.trace, test, f_hz)
     figures: dict[str, Check] = {check.measure: check for check in row.checks}
     values = {name: figures[name].value if name in figures else None for name in MEASURED}
-    return {"group": row.group, "verdict": row.verdict, "status": row.status, "why": row.why, **values, **ripple}
+    recovery_s = values["recovery_s"]
+    within_2_T = row.status == SURVIVED and recovery_s is not None and recovery_s <= stricter_s
+    found = {"group": row.group, "verdict": row.verdict, "status": row.status, "why": row.why}
+    return {**found, "within_2_T": within_2_T, **values, **ripple}
 
 
 def ripple_of(trace: Trace, test: SuiteTest, f_hz: float) -> dict[str, float]:

@@ -33,9 +33,6 @@ LIMIT_PU = 1.26
 
 NO_START = "no rest to begin at"
 
-LATE_S = {"closed form": 3.2, "table": 4.1}
-"""3 T + 0.2 s after the disturbance, which the survival judge allows a schedule that is never told again."""
-
 
 def tasks() -> list[GridCodeTask]:
     """All runs, or the share of them that the environment asks for."""
@@ -102,20 +99,24 @@ def counted(found: Iterable[Result]) -> Counter[str]:
 
 
 def survived_of(found: Iterable[Result]) -> str:
-    """``survived of judged (share)``; a dash without any."""
-    count = counted(found)
-    judged = count[SURVIVED] + count["lost"]
-    if not judged:
-        return "–"
-    return f"{count[SURVIVED]:,} of {judged:,} ({_percent(count[SURVIVED], judged)})"
+    """``survived of judged (share)``, as the judge of survival has it; a dash without any."""
+    return _share_of(found, lambda result: kind_of(result) == SURVIVED)
 
 
-def at_rest_later(found: Sequence[Result]) -> str:
-    """As :func:`survived_of`, with those that are only late: at rest within LATE_S, and neither slipped nor held."""
-    count = counted(found)
-    judged = count[SURVIVED] + count["lost"]
-    late = sum(is_late(result) and result["recovery_s"] <= LATE_S[task.controller] for task, result in found)
-    return _percent(count[SURVIVED] + late, judged) if judged else "–"
+def within_2_T_of(found: Iterable[Result]) -> str:
+    """As :func:`survived_of`, but at rest within 2 T + 0.2 s whatever the schedule is told."""
+    return _share_of(found, lambda result: bool(result["within_2_T"]))
+
+
+def at_rest_of(found: Iterable[Result]) -> str:
+    """As :func:`survived_of`, with those that come to rest later, and neither slip nor are held by their limiter."""
+    return _share_of(found, lambda result: kind_of(result) == SURVIVED or is_late(result))
+
+
+def _share_of(found: Iterable[Result], good: Callable[[dict[str, Any]], bool]) -> str:
+    judged = [result for _, result in found if kind_of(result) in (SURVIVED, "lost")]
+    count = sum(map(good, judged))
+    return f"{count:,} of {len(judged):,} ({_percent(count, len(judged))})" if judged else "–"
 
 
 def _percent(part: int, whole: int) -> str:
@@ -125,20 +126,22 @@ def _percent(part: int, whole: int) -> str:
 
 
 def is_late(result: dict[str, Any]) -> bool:
-    """Whether a run is lost for its time alone: it does come to rest."""
+    """Whether a run is lost for its time alone: it comes to rest while it is watched, and neither slips nor is held."""
     return kind_of(result) == "lost" and result["status"] == NOT_AT_REST and "later than" in result["why"]
 
 
 def headline(found: Sequence[Result]) -> str:
-    """The answer in two sentences."""
+    """The answer in some sentences."""
     count = counted(found)
     lost = [result for _, result in found if kind_of(result) == "lost"]
     late = sum(map(is_late, lost))
     told = [one for one in found if one[0].told != TOLD[1]]
+    never = [one for one in found if one[0].told == TOLD[1]]
     return (
         f"{len(found):,} runs. Told the grid 0.2 s late, or with the field estimator in the loop: **{survived_of(told)}"
-        f" are survived of what is possible.** With those that are never told again: {survived_of(found)}. Of the "
-        f"{len(lost):,} that are lost, {late:,} are late alone: they come to rest after more than 2 T + 0.2 s. "
+        f" are survived of what is possible. Never told again: {survived_of(never)}**; {within_2_T_of(never)} are at "
+        f"rest within the 2 T + 0.2 s of the others, and {at_rest_of(never)} come to rest. Of the "
+        f"{len(lost):,} that are lost, {late:,} are late alone: they come to rest later, and neither slip nor latch. "
         f"{count[IMPOSSIBLE]:,} runs are impossible for any converter of this current, {count[NO_START]:,} "
         f"have {NO_START} with this controller's droops, and {count[NOT_APPLICABLE]:,} do not apply."
     )
@@ -146,14 +149,15 @@ def headline(found: Sequence[Result]) -> str:
 
 def table_of_controllers(found: Sequence[Result]) -> list[str]:
     """Survived per converter and controller, for each thing that a schedule is told."""
-    titles = [*TOLD[:2], f"{TOLD[1]}, 3 T + 0.2 s", *TOLD[2:], "impossible", NO_START]
+    titles = [*TOLD[:2], "within 2 T + 0.2 s", "at rest at last", *TOLD[2:], "impossible", NO_START]
     lines = ["| converter, controller | " + " | ".join(titles) + " |", "| --- |" + " --- |" * len(titles)]
     for converter in CONVERTERS:
         for controller in CONTROLLERS:
             own = [one for one in found if one[0].converter == converter and one[0].controller == controller]
             count = counted(own)
             cells = [survived_of(one for one in own if one[0].told == told) for told in TOLD]
-            cells.insert(2, at_rest_later([one for one in own if one[0].told == TOLD[1]]))
+            never = [one for one in own if one[0].told == TOLD[1]]
+            cells[2:2] = [within_2_T_of(never), at_rest_of(never)]
             cells += [str(count[IMPOSSIBLE]), str(count[NO_START])]
             lines.append(f"| {converter}, {controller} | {' | '.join(cells)} |")
     return lines

@@ -26,7 +26,7 @@ from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.segments import START_PHASE, Segments
 from vsgdesign.simulation.lanes.telling import GainsAtRest
-from vsgdesign.simulation.survival.running import SETTLING_TIMES, SETTLING_TIMES_FOR_EVER
+from vsgdesign.simulation.survival.running import SETTLING_TIMES, settling_times_asked
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.int64]
@@ -150,7 +150,7 @@ def ends_of(study: Study, cases: LaneCases, segments: Segments, demand: Survival
     T_s, T = study.converter.T_s, demand.settling_time
     cycle_s = 2.0 * math.pi / last_of(segments).omega
     cycle = np.maximum(np.round(cycle_s / T_s), 1).astype(np.int64)
-    times = np.where(np.isinf(cases.silent_s), SETTLING_TIMES_FOR_EVER, SETTLING_TIMES)
+    times = settling_times_asked(cases.silent_s, T)
     needed = times * T + demand.grace_s + WATCHED * T + 2.0 * cycle_s
     end_s = np.where(cases.kind == STEP, cases.events.t_s[:, 0] + STEP_WINDOW * T, cases.cleared_s + needed)
     return np.ceil(end_s / T_s - 1e-6).astype(np.int64), cycle

@@ -40,7 +40,7 @@ from vsgdesign.simulation.lanes.results import (
 from vsgdesign.simulation.lanes.segments import Segments, segments_of
 from vsgdesign.simulation.lanes.telling import OfTrueGrid, Telling, alone_because, learns, telling
 from vsgdesign.simulation.outcome import BOUND_PU
-from vsgdesign.simulation.survival.running import SETTLING_TIMES, SETTLING_TIMES_FOR_EVER, settling_time_of
+from vsgdesign.simulation.survival.running import settling_time_of, settling_times_asked
 
 Array = NDArray[np.float64]
 
@@ -284,7 +284,7 @@ def _judge_disturbance(
     found.swing_rad[:] = swing
     found.recovery_s[:] = entry.time(demand.band, T_s, cases.cleared_s)
     at_end = (limited - part.get(kept["late"])) / math.floor(END_S / T_s + 1e-6)
-    times = np.where(np.isinf(cases.silent_s), SETTLING_TIMES_FOR_EVER, SETTLING_TIMES)
+    times = settling_times_asked(cases.silent_s, demand.settling_time)
     deadline = times * demand.settling_time + demand.grace_s
     lost = np.isinf(found.recovery_s)
     found.status[lost | (found.recovery_s > deadline)] = NOT_AT_REST

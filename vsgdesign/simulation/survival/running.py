@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,8 @@ from vsgdesign.simulation.timeline import Timeline, build_timeline
 Array = NDArray[np.float64]
 
 SETTLING_TIMES, SETTLING_TIMES_FOR_EVER = 2.0, 3.0
-"""The deadline in settling times: of every case, and of one whose schedule stays stale for ever."""
+"""The deadline in settling times: of every case, and of one whose schedule stays stale for ever
+(:func:`settling_times_asked`)."""
 
 _OWN_REST_PU = 0.15
 """A switched bridge rests beside the averaged model by its ripple, up to this far: by 7 % of S_rated in Q for a 1 MVA
@@ -128,7 +130,7 @@ class Subject:
             settling_time=self.settling_time,
             cycle_s=1.0 / frequency,
             i_max_pu=self.limit_pu,
-            settling_times=SETTLING_TIMES_FOR_EVER if case.for_ever else SETTLING_TIMES,
+            settling_times=float(settling_times_asked(case.knowledge.silent_s, self.settling_time)),
             grace_s=GRACE_S,
         )
         return replace(demand, **field_demand(case.scr_at_the_end, c.omega_n)) if self.in_the_field else demand
@@ -157,6 +159,17 @@ class CaseResult:
     verdict: Survival
     seconds: float
     """Wall time of the run, s."""
+
+
+def settling_times_asked(silent_s: Any, settling_time: float) -> Any:
+    """The deadline in settling times T (s) for a schedule that is silent for ``silent_s`` after a change; an array or a
+    number.
+
+    A schedule that is silent until after the longest deadline, 3 T + 0.2 s, stays stale for ever as far as a run can
+    tell, and has this deadline. All others have 2 T + 0.2 s.
+    """
+    for_ever = np.asarray(silent_s) >= SETTLING_TIMES_FOR_EVER * settling_time + GRACE_S
+    return np.where(for_ever, SETTLING_TIMES_FOR_EVER, SETTLING_TIMES)
 
 
 def run_case(subject: Subject, case: SurvivalCase) -> CaseResult:
@@ -239,6 +252,7 @@ def judge_scenario(
         settling_time=subject.settling_time,
         cycle_s=2.0 * math.pi / (c.omega_n if alone else timeline.source_at(end_s).omega),
         i_max_pu=limit_pu,
+        settling_times=float(settling_times_asked(silent_s_of(spec), subject.settling_time)),
     )
     found = rests_of_scenario(subject, study, timeline)
     record = _while_connected(record_of(study, simulation), timeline)
@@ -265,6 +279,12 @@ def judge_scenario(
     if bridge == "pwm":
         rest = _own_rest(rest, record, demand)
     return judge_survival(record, instants, cleared_s, rest, demand)
+
+
+def silent_s_of(spec: ControllerSpec) -> float:
+    """For how long a controller is told nothing after a change of the grid, s; 0 where it is told at once or finds the
+    grid by itself."""
+    return 0.0 if spec.knowledge is None else spec.knowledge.silent_s
 
 
 def rests_of_scenario(subject: Subject, study: Study, timeline: Timeline) -> tuple[ExpectedRest | None, ...]:
