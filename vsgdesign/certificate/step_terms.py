@@ -13,6 +13,7 @@ from vsgdesign.certificate.rest_shift import rest_shift
 from vsgdesign.equations.power_flow import admittance, jacobian_from_admittance
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.frames import PHASES
+from vsgdesign.operating_point.static_limits import acting_current_pk
 from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -57,13 +58,13 @@ def acting_limits(study: Study) -> ActingLimits:
         V_limits = max(c.V_min_pu - _BEYOND_PU[0], 0.0), c.V_max_pu + _BEYOND_PU[1]
     elif low is not None and high is not None:
         clips, V_limits = True, (float(low / c.V_rated_rms), float(high / c.V_rated_rms))
-    soft_pk = float(getattr(settings.limiter, "i_soft_pk", np.inf))
+    acting_pk = acting_current_pk(study)
     return ActingLimits(
-        current_pu=min(settings.i_max_pk, soft_pk) / c.I_rated_pk if limited else None,
+        current_pu=acting_pk / c.I_rated_pk if limited else None,
         V_low_pu=V_limits[0],
         V_high_pu=V_limits[1],
         limiter=study.current_limiter,
-        soft=limited and soft_pk < settings.i_max_pk,
+        soft=limited and acting_pk < settings.i_max_pk,
         clips_V=clips,
     )
 

@@ -13,8 +13,9 @@ from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]
 
-_BRIDGE_SHARE = 0.995
-"""Of the bridge's voltage limit: the rest is for the sampled bridge, which makes its fundamental in steps."""
+_SAMPLED_SHARE = 0.995
+"""Of the bridge's voltage limit and of the current: the rest is for the sampled bridge, which makes its fundamental in
+steps."""
 
 
 def static_limit_uses(study: Study, R: Any, X: Any, omega_g: Any, P: Any, Q: Any, V_rms: Any) -> dict[str, Array]:
@@ -28,18 +29,27 @@ def static_limit_uses(study: Study, R: Any, X: Any, omega_g: Any, P: Any, Q: Any
     apparent = np.hypot(P, Q)
     V_pu = V_rms / c.V_rated_rms
     carried = c.S_rated * V_pu * V_pu * c.Z_base / np.hypot(R, X)
-    limit_pu = np.inf if c.current_limit_pu is None else c.current_limit_pu
     with np.errstate(invalid="ignore"):
-        bridge = V_rms + (study.filter.R_1 + 1j * omega_g * study.filter.L_1) * converter_current_rms(
-            study, omega_g, P, Q, V_rms
-        )
+        current = converter_current_rms(study, omega_g, P, Q, V_rms)
+        bridge = V_rms + (study.filter.R_1 + 1j * omega_g * study.filter.L_1) * current
         return {
             "power transfer": POWER_MARGIN * apparent / carried,
             "least voltage": low / V_rms,
             "largest voltage": V_rms / high,
-            "current": apparent / (limit_pu * c.S_rated * V_pu),
-            "bridge voltage": rms_to_peak(np.abs(bridge)) / (_BRIDGE_SHARE * c.v_max_pk),
+            "current": rms_to_peak(np.abs(current)) / (_SAMPLED_SHARE * acting_current_pk(study)),
+            "bridge voltage": rms_to_peak(np.abs(bridge)) / (_SAMPLED_SHARE * c.v_max_pk),
         }
+
+
+def acting_current_pk(study: Study) -> float:
+    """The converter current from which on the study's limiter acts, A peak: its soft limit, where it has one.
+
+    No steady state may lie above it. Infinite without a current limit.
+    """
+    if study.converter.current_limit_pu is None:
+        return np.inf
+    settings = study.controller_settings()
+    return float(min(settings.i_max_pk, getattr(settings.limiter, "i_soft_pk", np.inf)))
 
 
 def converter_current_rms(study: Study, omega_g: Any, P: Any, Q: Any, V_rms: Any) -> Any:
