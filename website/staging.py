@@ -16,6 +16,10 @@ BAR = re.compile(r'<mo(?: stretchy="false")?>(&#x0007C;|&#x02016;)</mo>')
 """A bar that stands for itself: browsers would space it like a relation."""
 ARG = re.compile(r"\\arg\b")
 """A command that latex2mathml does not know."""
+OPENS = re.compile(r"(?<!\\)\{|\\begin\b|\\left\b")
+CLOSES = re.compile(r"(?<!\\)\}|\\end\b|\\right\b")
+DEPTH = re.compile(rf"({OPENS.pattern}|{CLOSES.pattern}|\\q?quad\b|\\\\)")
+GATHERED = re.compile(r"^\\begin\{gathered\}(.*)\\end\{gathered\}$")
 NOTE = re.compile(r"^<!-- (?:file|not run): [^\n]* -->\n(?=```)", re.MULTILINE)
 
 API = {
@@ -74,13 +78,34 @@ def equation(body: str, render: Callable[[str], str]) -> str:
     """A display equation as MathML, with its label beside it. ValueError where a command of LaTeX is left over."""
     label = re.search(r"\\tag\{([^}]*)\}", body)
     plain = " ".join(re.sub(r"\\tag\{[^}]*\}", "", body).split())
-    math = render(ARG.sub(r"\\operatorname{arg}", plain.replace("{aligned}", "{align*}")))
+    plain = ARG.sub(r"\\operatorname{arg}", plain.replace("{aligned}", "{align*}"))
+    rows = ["".join(render(part) for part in row) for row in parted(plain)]
+    math = '<span class="row"></span>'.join(rows)
+    if "linebreak" in math:
+        raise ValueError(f"an equation has rows that a browser would not break ({plain[:60]})")
     left = re.search(r".{0,40}(?:\\|&(?!#x[0-9A-F]+;)).{0,40}", math)
     if left:
         raise ValueError(f"an equation is not rendered whole ({left[0]}): {body}")
     math = BAR.sub(r'<mo lspace="0" rspace="0" stretchy="false">\1</mo>', math)
     said = f'<span class="label">({label[1]})</span>' if label else ""
     return f'<div class="equation"><div>{math}</div>{said}</div>'
+
+
+def parted(text: str) -> list[list[str]]:
+    """The rows of an equation, each in parts at its wide spaces: a narrow page puts them below each other.
+
+    A space within braces, an environment, or \\left and \\right is none of these. Only {gathered} has rows here.
+    """
+    rows, depth = [[""]], 0
+    for piece in DEPTH.split(GATHERED.sub(r"\1", text)):
+        if piece == r"\\" and depth == 0:
+            rows.append([""])
+        elif piece in (r"\quad", r"\qquad") and depth == 0:
+            rows[-1].append("")
+        else:
+            depth += 1 if OPENS.fullmatch(piece) else -1 if CLOSES.fullmatch(piece) else 0
+            rows[-1][-1] += piece
+    return [[part.strip() for part in row if part.strip()] for row in rows]
 
 
 def stage_api(folder: Path) -> list[dict[str, str]]:

@@ -10,7 +10,7 @@ import pytest
 from latex2mathml.converter import convert
 
 from website.explorer import MARK, embed_explorers
-from website.staging import API, EQUATION, FILES, FOLDERS, NOTE, ROOT, equation, exists
+from website.staging import API, EQUATION, FILES, FOLDERS, NOTE, ROOT, equation, exists, parted
 
 NAVIGATION = (ROOT / "website" / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:\n")[1]
 
@@ -32,6 +32,22 @@ def test_an_equation_keeps_its_label_and_loses_its_tag() -> None:
     shown = equation("\\begin{aligned}\na &= b \\\\\nc &= d\n\\end{aligned}\n\\tag{some-label}", render)
     assert asked == ["\\begin{align*} a &= b \\\\ c &= d \\end{align*}"]
     assert shown == '<div class="equation"><div><math/></div><span class="label">(some-label)</span></div>'
+
+
+@pytest.mark.parametrize(
+    ("text", "rows"),
+    [
+        (r"a = b, \qquad c = d", [["a = b,", "c = d"]]),
+        (r"a \quad\text{if }\quad b", [["a", r"\text{if }", "b"]]),
+        (r"\begin{align*} a &= b \qquad c \\ d \end{align*}", [[r"\begin{align*} a &= b \qquad c \\ d \end{align*}"]]),
+        (r"\left(a \quad b\right) \quad \{ c \quad d \}", [[r"\left(a \quad b\right)", r"\{ c", r"d \}"]]),
+        (r"\begin{cases} a \\ b \end{cases} \qquad c", [[r"\begin{cases} a \\ b \end{cases}", "c"]]),
+        (r"\begin{gathered} a \quad b \\ c \end{gathered}", [["a", "b"], ["c"]]),
+    ],
+)
+def test_an_equation_is_parted_at_its_rows_and_wide_spaces(text: str, rows: list[list[str]]) -> None:
+    """Before: the rows of {gathered} were one line, and 58 equations were cut off at 1280 px."""
+    assert parted(text) == rows
 
 
 def test_every_equation_is_rendered_whole() -> None:
