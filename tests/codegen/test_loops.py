@@ -94,10 +94,21 @@ def drawn(seed: int = 0) -> Run:
     )  # fmt: skip
 
 
-def call(loop: Any, run: Run, begin: int, end: int) -> int:
+def test_a_log_may_begin_later() -> None:
+    whole, part = drawn(), drawn()
+    call(compiled_loop(SPEC), whole, 0, END)
+    call(compiled_loop(SPEC), part, 0, 4 * EVERY)
+    late = part._replace(log=np.full_like(part.log[:, : part.log.shape[1] - 4], np.nan))
+    call(compiled_loop(SPEC), late, 4 * EVERY, END, log_begin=4 * EVERY)
+    slots = (END - 1) // EVERY + 1
+    np.testing.assert_array_equal(late.log[:, : slots - 4], whole.log[:, 4:slots])
+    assert np.isnan(late.log[:, slots - 4 :]).all()
+
+
+def call(loop: Any, run: Run, begin: int, end: int, **more: int) -> int:
     return loop(
         begin, end, run.rows, np.array([0.3]), cyclic=run.cyclic, cycle=run.cycle, fed=run.fed[:, begin:end],
-        rings=run.rings, ring_length=LENGTHS, log=run.log, every=EVERY, origin=ORIGIN, program=run.program,
+        rings=run.rings, ring_length=LENGTHS, log=run.log, every=EVERY, origin=ORIGIN, program=run.program, **more,
     )  # fmt: skip
 
 
@@ -254,6 +265,8 @@ def test_what_does_not_fit_together_is_refused(change: dict[str, Any], message: 
         ({"cyclic": np.zeros((4, 1))}, r"cyclic has the shape \(4, 1\)"),
         ({"ring_length": np.array([10])}, "ring_length is beyond its ring of 9 samples"),
         ({"log": np.zeros((1, 2, 3, 4)), "every": 3}, "log has 2 slots: give 4"),
+        ({"log": np.zeros((1, 2, 3, 4)), "begin": 4, "log_begin": 4}, "log has 2 slots: give 6"),
+        ({"begin": 4, "log_begin": 5}, "log_begin = 5: give a multiple of 1 from 0 to 4"),
         ({"end": -1}, "samples 0 to -1"),
         ({"row": np.array([3])}, "record 0 of the program lies outside"),
         ({"first": np.array([0, 2])}, "first of the program does not lead"),

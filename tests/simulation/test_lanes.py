@@ -23,7 +23,7 @@ from vsgdesign.simulation.lanes.rests import Rests, demand_of, last_of, rests_of
 from vsgdesign.simulation.lanes.results import JUDGED, LaneResults
 from vsgdesign.simulation.lanes.segments import segments_of
 from vsgdesign.simulation.lanes.telling import telling
-from vsgdesign.simulation.survival.running import settling_time_of
+from vsgdesign.simulation.survival.running import own_rest_of, settling_time_of
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
 
@@ -111,15 +111,20 @@ def test_a_switched_bridge_with_events_inside_its_intervals() -> None:
         cases = drawn(study, spec, family, 2)
         rests = batch(study, spec, cases)[1]
         results = lanes_run.run_lanes(study, spec, NOTHING, cases, bridge="pwm")
+        demand = demand_of(own, T)
         for k in np.flatnonzero(results.status >= JUDGED).tolist():
             run = run_one(study, spec, NOTHING, cases, k, "pwm")
             rest = ExpectedRest(
                 P=float(rests.P_end[k]), Q=float(rests.Q_end[k]), delta=float(rests.delta_end[k]), i_s_pu=0.5
             )
             omega_end = float(last_of(segments_of(cases)).omega[k])
+            verdict, record = verdict_of(own, run, cases, k, rest, T, omega_end)
+            beside = verdict.recovery_s
+            rest = own_rest_of(rest, record, replace(demand, cycle_s=2.0 * np.pi / omega_end))
             verdict, _ = verdict_of(own, run, cases, k, rest, T, omega_end)
-            recovery = np.inf if verdict.recovery_s is None else verdict.recovery_s
-            assert results.recovery_s[k] == pytest.approx(recovery, abs=1e-8)
+            assert verdict.recovery_s is not None
+            assert beside != pytest.approx(verdict.recovery_s, abs=1e-5)  # it has a rest of its own
+            assert results.recovery_s[k] == pytest.approx(verdict.recovery_s, abs=1e-8)
             assert results.peak_pu[k] == pytest.approx(verdict.peak_pu, abs=1e-9)
             assert results.limited_s[k] == pytest.approx(verdict.limited_s, abs=1e-12)
 
@@ -188,5 +193,3 @@ def test_what_cannot_be_run_in_a_batch_is_refused() -> None:
     odd = replace(study, converter=replace(study.converter, samples_per_carrier=3))
     with pytest.raises(InfeasibleStudyError, match="even number"):
         lanes_run.run_lanes(odd, spec, NOTHING, drawn(study, spec, "grid", 2), bridge="pwm")
-    with pytest.raises(InfeasibleStudyError, match="averaged bridge"):
-        lanes_run.run_lanes(study, spec, NOTHING, drawn(study, spec, "step", 2), bridge="pwm")

@@ -14,6 +14,7 @@ from tests import gain_tables
 from vsgdesign.artifacts.gain_table_file import write_table_file
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.errors import StudyError
+from vsgdesign.metrics.events import MEASURED
 from vsgdesign.metrics.survival import SURVIVED
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.knowledge import GridEstimate
@@ -26,6 +27,8 @@ from vsgdesign.simulation.lanes.results import JUDGED
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.verification.case_study import case_study
 from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
+
+UTILITY = Path(__file__).resolve().parents[2] / "studies" / "survival" / "utility.toml"
 
 TEXT = """
 base = "case:hoang2025_5kva"
@@ -126,6 +129,30 @@ def test_a_run_of_the_file_has_the_figures_of_the_batch() -> None:
         said = survival_text(run)
         assert said.startswith(f"one survives the events and is at rest {found.recovery_s[k]:.4g} s after the last one")
         assert said in "".join(verdict_text(run, []))
+
+
+@pytest.mark.parametrize("name", ["5 kVA, LC", "1 MVA, LCL, 60 Hz, delayed"])
+def test_a_switched_bridge_has_the_figures_of_its_file(name: str) -> None:
+    """Its powers ripple, and it rests beside the averaged bridge: a run knows both, and so does a batch."""
+    own = name.startswith("5 kVA")
+    study = study_from_text(TEXT).undisturbed if own else load_study(UTILITY)
+    spec, lead_s = study.controllers[1], 0.2 if own else 1.0
+    names = ("step", "step", "sag") if own else ("step", "grid")
+    families = np.array([FAMILIES.index(name) for name in names])
+    cases = cases_of(study, spec, uniforms_of(1, 0, len(names)), families)[0].later(lead_s)
+    found = run_lanes(study, spec, NOTHING, cases, bridge="pwm")
+    assert (found.status == JUDGED).all()
+    for k, name in enumerate(names):
+        result = run_scenario(case_study(study, spec, cases, k, bridge="pwm")[0]).controllers[0]
+        if name == "step":
+            step = next(event for event in result.events if event.kind == "step")
+            assert step.status == MEASURED
+            assert step.cycle_mean.overshoot_pct == pytest.approx(100.0 * found.overshoot[k], abs=1e-6)
+            assert step.cycle_mean.settling_time_s == pytest.approx(found.settling_s[k], abs=1e-6)
+            continue
+        assert result.survival is not None
+        for figure in ("recovery_s", "peak_pu", "first_peak_pu", "limited_s", "swing_rad"):
+            assert getattr(result.survival, figure) == pytest.approx(getattr(found, figure)[k], abs=1e-6), figure
 
 
 def test_a_table_and_files_are_named_as_seen_from_the_case(tmp_path: Path) -> None:

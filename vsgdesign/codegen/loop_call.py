@@ -86,6 +86,7 @@ class Loop:
         ring_length: Integers | None = None,
         log: Floats | None = None,
         every: int = 0,
+        log_begin: int = 0,
         origin: int = 0,
         program: Program | None = None,
     ) -> int:
@@ -95,13 +96,13 @@ class Loop:
         ``uniform`` (n,); ``cyclic`` (period, n) and ``cycle`` (period,), the body's number, are those of sample
         k % period. ``fed`` (G, end − begin, n, L) begins at sample ``begin``. ``rings`` (G, size, n, L) hold the last
         ``ring_length`` (G,) samples, sample k in slot k % ring_length. ``log`` (G, slots, n, L) gets samples 0,
-        ``every``, 2·``every``, … of the run in slots 0, 1, 2, …; ``every`` = 0 logs nothing. ``index`` is
-        k − ``origin``.
+        ``every``, 2·``every``, … of the run in slots 0, 1, 2, …, or those from ``log_begin`` on, a multiple of
+        ``every`` and not after ``begin``; ``every`` = 0 logs nothing. ``index`` is k − ``origin``.
 
         Raises ValueError with everything that does not fit. The interpreter's lock is free meanwhile.
         """
         arguments = self._arguments(
-            begin, end, rows, uniform, cyclic, cycle, fed, rings, ring_length, log, every, origin, program
+            begin, end, rows, uniform, cyclic, cycle, fed, rings, ring_length, log, every, origin, program, log_begin
         )
         return 0 if begin == end or not len(rows) else self._call(_PACKED.pack(*arguments))
 
@@ -136,6 +137,7 @@ class Loop:
         every: int,
         origin: int,
         program: Program | None,
+        log_begin: int = 0,
     ) -> list[int]:
         """The arguments of the compiled function, after all checks."""
         spec = self.spec
@@ -162,11 +164,13 @@ class Loop:
                     *([] if program is None else _program_faults(spec, program, rows)),
                 ]
             )
-        _refuse(_faults(spec, given, begin, end, every))
+        _refuse(_faults(spec, given, begin, end, every, log_begin))
         self._fitting, self._records = shapes, program.at if program is not None else None
         period = given["cycle"] if "cycle" in given else given.get("cyclic", _ONE)
         fed_strides, log_strides = (given[name].strides if name in given else (0, 0) for name in ("fed", "log"))
         places = [_address(given[name]) if name in given else 0 for name in POINTERS]
+        if "log" in given:  # the loop counts slots from sample 0
+            places[POINTERS.index("log")] -= log_begin // every * log_strides[1]
         if program is None:
             places[-len(_OF_PROGRAM) :] = _no_program(len(rows))[1]
         return [
@@ -294,7 +298,7 @@ def _program_faults(spec: LoopSpec, program: Program, rows: Floats) -> list[str]
     return faults
 
 
-def _faults(spec: LoopSpec, given: Arrays, begin: int, end: int, every: int) -> list[str]:
+def _faults(spec: LoopSpec, given: Arrays, begin: int, end: int, every: int, log_begin: int) -> list[str]:
     """What may differ from call to call."""
     faults = []
     if begin < 0 or end < begin:
@@ -303,8 +307,11 @@ def _faults(spec: LoopSpec, given: Arrays, begin: int, end: int, every: int) -> 
         faults.append(f"rows has {len(given['rows'])} groups: a loop that stops takes one")
     if spec.fed and given["fed"].shape[1] < end - begin:
         faults.append(f"fed has {given['fed'].shape[1]} samples: give {end - begin}")
-    if every and end > begin and given["log"].shape[1] <= (end - 1) // every:
-        faults.append(f"log has {given['log'].shape[1]} slots: give {(end - 1) // every + 1}")
+    if every and end > begin:
+        if not 0 <= log_begin <= begin or log_begin % every:
+            faults.append(f"log_begin = {log_begin}: give a multiple of {every} from 0 to {begin}")
+        elif (slots := (end - 1 - log_begin) // every + 1) > given["log"].shape[1]:
+            faults.append(f"log has {given['log'].shape[1]} slots: give {slots}")
     if spec.rings:
         size, lengths = given["rings"].shape[1], given["ring_length"]
         if len(lengths) and (lengths.min() < 1 or lengths.max() > size):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +115,7 @@ def measure_event(
     begin, stop = int(begin), int(max(stop, begin + 2))
     before = y[max(begin - samples_per_cycle, 0) : begin] if begin > 0 else y[:1]
     initial = float(np.mean(before))
-    last = _whole_cycles(y[begin:stop], end.samples_per_cycle or samples_per_cycle)
+    last = late_mean(y[begin:stop], end.samples_per_cycle or samples_per_cycle)
     final = last if end.final is None else end.final
     since = t[begin:stop] - window.t_s
     mean = cycle_mean(y[max(begin - samples_per_cycle, 0) : stop], samples_per_cycle)[-(stop - begin) :]
@@ -205,12 +206,14 @@ def time_needed(since: Array, error: Array, decay: float, moved_s: float = 0.0, 
     return needed
 
 
-def _whole_cycles(y: Array, samples_per_cycle: int) -> float:
-    """Mean of the whole cycles within the last tenth, at least one; the mean of everything if there is less than one
-    cycle.
-    """
-    count = max(len(y) // 10 // samples_per_cycle, 1) * samples_per_cycle
-    return float(np.mean(y[-count:]))
+def late_rows(rows: Any, samples_per_cycle: Any) -> Any:
+    """The rows of the whole cycles within the last tenth of a window, at least of one; numbers or arrays."""
+    return np.maximum(rows // 10 // samples_per_cycle, 1) * samples_per_cycle
+
+
+def late_mean(y: Array, samples_per_cycle: int) -> float:
+    """Mean over these rows; the mean of everything if there is less than one cycle."""
+    return float(np.mean(y[-int(late_rows(len(y), samples_per_cycle)) :]))
 
 
 def _rounded_up(seconds: float) -> str:

@@ -16,8 +16,12 @@ from vsgdesign.equations.structures import STRUCTURES, Structure
 from vsgdesign.errors import WorkerError
 from vsgdesign.execution.executors import LOST
 from vsgdesign.execution.threads import one_thread
+from vsgdesign.identification.registry import samples_itself
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes.cases import LaneCases
+from vsgdesign.simulation.lanes.rests import SWITCHED_WINDOW
+from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
+from vsgdesign.simulation.survival.running import settling_time_of
 from vsgdesign.verification.counting import MapAxes, Results, count_block
 from vsgdesign.verification.promises import Promise
 from vsgdesign.verification.summary import Summary
@@ -94,6 +98,23 @@ class Job:
         for structure in self.structures:
             STRUCTURES.register(structure)
 
+    def drawn(self, first: int, count: int) -> tuple[LaneCases, Any]:
+        """The cases from number ``first`` on, and the family of each."""
+        cases, family = self.batch.draw(self.study, self.spec, first, count, self.ready)
+        return self._at_rest(cases), family
+
+    def cases_of(self, coordinates: Any, family: int) -> LaneCases:
+        """Cases of one family by their numbers in [0, 1), one case a row."""
+        return self._at_rest(self.batch.cases_of(self.study, self.spec, coordinates, family, self.ready)[0])
+
+    def _at_rest(self, cases: LaneCases) -> LaneCases:
+        """The cases with the time that a switched bridge needs to come to its own rest before the first event."""
+        if self.bridge != "pwm":
+            return cases
+        learns = self.spec.kind == "scheduled" and samples_itself(self.spec.estimate)
+        lead_s = SWITCHED_WINDOW * settling_time_of(self.spec, self.ready)
+        return cases.later(max(lead_s - (LEARNING_S if learns else LEAD_S), 0.0))
+
     def run(self, cases: LaneCases) -> Results:
         """The results of cases."""
         return self.batch.run(self.study, self.spec, self.ready, cases, bridge=self.bridge, strict=self.strict)
@@ -135,7 +156,7 @@ def run_block(job: Job, number: int) -> Summary:
     job.prepare()
     first, count = job.span(number)
     with one_thread():
-        cases, family = job.batch.draw(job.study, job.spec, first, count, job.ready)
+        cases, family = job.drawn(first, count)
         results = job.run(cases)
         return count_block(
             number,

@@ -125,7 +125,7 @@ def _grid(study: Study, drawn: LaneCases, k: int) -> dict[str, Any]:
 
 def _simulation(study: Study, drawn: LaneCases, k: int, settling_time: float, bridge: str) -> dict[str, Any]:
     T_s, own = study.converter.T_s, drawn.take(np.array([k]))
-    end = int(ends_of(study, own, segments_of(own), demand_of(study, settling_time))[0][0])
+    end = int(ends_of(study, own, segments_of(own), demand_of(study, settling_time), bridge)[0][0])
     found: dict[str, Any] = {
         "duration": end * T_s,
         "bridge": bridge,

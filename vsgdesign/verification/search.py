@@ -68,7 +68,7 @@ class _Watch:
         """The largest figure over its limit of each case (rows of ``coordinates``), zero where it is not asked for."""
         job, name = self.job, self.job.families[self.family]
         inside = np.clip(coordinates, 0.0, np.nextafter(1.0, 0.0))
-        cases, _ = job.batch.cases_of(job.study, job.spec, inside, self.family, job.ready)
+        cases = job.cases_of(inside, self.family)
         results = job.run(cases)
         status, figures = np.asarray(results.status), figures_of(results)
         held = [promise for promise in job.promises if name in promise.families]

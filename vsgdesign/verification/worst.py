@@ -16,7 +16,7 @@ from vsgdesign.verification.blocks import Job
 from vsgdesign.verification.document import figures_document
 from vsgdesign.verification.draws import COORDINATES, UNIFORMS, uniforms_of
 from vsgdesign.verification.promises import FIGURES
-from vsgdesign.verification.search import FoundCase, Searched, begun_search, starts_of
+from vsgdesign.verification.search import Searched, begun_search, starts_of
 from vsgdesign.verification.summary import WORST, CaseFigures, Summary
 from vsgdesign.verification.words import beside_relaxed, end_of, start_of, what_of, why_of
 
@@ -57,7 +57,7 @@ def write_worst(
     folder.written.mkdir()
     for k, (family, promise, case) in enumerate(worst):
         tell("worst cases", k / len(worst))
-        cases, _ = job.batch.draw(job.study, job.spec, case.number, 1, job.ready)
+        cases, _ = job.drawn(case.number, 1)
         coordinates = uniforms_of(_seed(job), case.number, 1)[0]
         name = f"{k + 1:02d}-case-{case.number}"
         row = {"rank": k + 1, "case": case.number} | _row(folder, name, job, cases, family, promise, case, coordinates)
@@ -87,7 +87,7 @@ def write_found(folder: CaseFolder, job: Job, searched: Searched) -> dict[str, A
     if searched.found:
         folder.written.mkdir()
     for k, one in enumerate(searched.found):
-        cases, _ = _cases_of(job, one)
+        cases = job.cases_of(np.array([one.coordinates]), job.families.index(one.family))
         name = f"{k + 1:02d}-{one.family}"
         row = _row(folder, name, job, cases, one.family, one.promise, one.case, np.array(one.coordinates))
         found.append({"rank": k + 1, "case": None} | row | {"broken": list(one.broken)})
@@ -96,11 +96,6 @@ def write_found(folder: CaseFolder, job: Job, searched: Searched) -> dict[str, A
 
 def _seed(job: Job) -> int:
     return 0 if job.study.verification is None else job.study.verification.seed
-
-
-def _cases_of(job: Job, one: FoundCase) -> tuple[LaneCases, Any]:
-    rows = np.array([one.coordinates])
-    return job.batch.cases_of(job.study, job.spec, rows, job.families.index(one.family), job.ready)
 
 
 def _row(

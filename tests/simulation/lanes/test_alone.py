@@ -14,7 +14,10 @@ from vsgdesign.parameters import study_from_text
 from vsgdesign.simulation import run_scenario
 from vsgdesign.simulation.lanes.alone import run_alone, study_of_case
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases, no_events
+from vsgdesign.simulation.lanes.rests import demand_of, ends_of
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT
+from vsgdesign.simulation.lanes.segments import segments_of
+from vsgdesign.simulation.survival.running import settling_time_of
 
 FIELD = TEXT.replace('kind = "scheduled"', 'kind = "scheduled"\nestimate = "field"', 1)
 
@@ -41,6 +44,25 @@ def cases() -> LaneCases:
         kind=np.array([STEP, DISTURBANCE, DISTURBANCE], dtype=np.int8),
         signal=np.zeros(3, dtype=np.int8),
     )
+
+
+def test_a_switched_bridge_is_judged_by_its_own_rest() -> None:
+    """As ``simulate`` judges the study of the case."""
+    study = study_from_text(FIELD.replace('estimate = "field"', 'estimate = "field"\nsettling_time = 0.2', 1))
+    spec, drawn = study.controllers[0], cases().take(np.array([0, 1]))
+    found = run_alone(study, spec, NOTHING, drawn, bridge="pwm")
+    samples = ends_of(study, drawn, segments_of(drawn), demand_of(study, settling_time_of(spec, NOTHING)), "pwm")[0]
+    runs = []
+    for k in range(2):
+        one = replace(study_of_case(study, drawn, k, int(samples[k])), controllers=(spec,))
+        one = replace(one, simulation=replace(one.simulation, survival=k == 1))
+        runs.append(run_scenario(one, bridge="pwm").controllers[0])
+    step, verdict = runs[0].events[0].cycle_mean, runs[1].survival
+    assert step.overshoot_pct is not None
+    assert verdict is not None
+    assert found.overshoot[0] == pytest.approx(step.overshoot_pct / 100.0, abs=1e-6)
+    assert found.settling_s[0] == pytest.approx(step.settling_time_s, abs=1e-6)
+    assert found.recovery_s[1] == pytest.approx(verdict.recovery_s, abs=1e-6)
 
 
 def test_figures_of_cases_that_run_alone_are_those_of_scenarios() -> None:

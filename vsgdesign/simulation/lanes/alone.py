@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
+from vsgdesign.metrics.events import late_mean
 from vsgdesign.metrics.step_response import cycle_mean, step_response
 from vsgdesign.metrics.survival import (
     ExpectedRest,
@@ -27,7 +28,7 @@ from vsgdesign.simulation.lanes.segments import segments_of
 from vsgdesign.simulation.lanes.telling import OfTrueGrid
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import derive_series, samples_per_mean
-from vsgdesign.simulation.survival.running import record_of, settling_time_of
+from vsgdesign.simulation.survival.running import own_rest_of, record_of, settling_time_of
 
 Array = NDArray[np.float64]
 
@@ -37,9 +38,9 @@ def run_alone(
 ) -> LaneResults:
     """Runs every case of a controller that estimates its grid in every sample, one after the other.
 
-    The rests are those with the gains of the true grid. The figures of a step are those of the mean over two nominal
-    cycles, in which the probe does not show (:func:`vsgdesign.simulation.scenario.mean_cycles`). All others are as in
-    lanes.
+    The rests are those with the gains of the true grid, or those that a switched bridge comes to. The figures of a step
+    are those of the mean over two nominal cycles, in which the probe does not show
+    (:func:`vsgdesign.simulation.scenario.mean_cycles`). All others are as in lanes.
     """
     own = study.with_limit_of(spec)
     results = LaneResults.of_none(len(cases))
@@ -47,7 +48,7 @@ def run_alone(
         return results
     segments, demand = segments_of(cases), demand_of(own, settling_time_of(spec, ready))
     rests, _ = rests_of(own, cases, segments, OfTrueGrid(gain_law(own, spec, ready), cases), demand, results)
-    ends, cycle = ends_of(own, cases, segments, demand)
+    ends, cycle = ends_of(own, cases, segments, demand, bridge)
     for k in np.flatnonzero(results.status == JUDGED).tolist():
         one = study_of_case(own, cases, k, int(ends[k]))
         try:
@@ -59,7 +60,7 @@ def run_alone(
             results.status[k] = NO_REST
             continue
         of_case = replace(demand, cycle_s=int(cycle[k]) * own.converter.T_s)
-        _judge(one, run, cases, k, rests, of_case, results)
+        _judge(one, run, cases, k, rests, of_case, results, switched=bridge == "pwm")
     return results
 
 
@@ -103,7 +104,15 @@ def study_of_case(study: Study, cases: LaneCases, k: int, samples: int) -> Study
 
 
 def _judge(
-    study: Study, run: Simulation, cases: LaneCases, k: int, rests: Rests, demand: SurvivalDemand, results: LaneResults
+    study: Study,
+    run: Simulation,
+    cases: LaneCases,
+    k: int,
+    rests: Rests,
+    demand: SurvivalDemand,
+    results: LaneResults,
+    *,
+    switched: bool,
 ) -> None:
     record = record_of(study, run)
     instants = [float(t_s) for t_s in cases.events.t_s[k] if math.isfinite(t_s)]
@@ -116,16 +125,28 @@ def _judge(
         if record.diverged:
             _diverged(results, k, True)
         else:
-            _judge_step(study, run, cases, k, rests, results)
+            cycle_at_end = round(demand.cycle_s / T_s) if switched else None
+            _judge_step(study, run, cases, k, rests, results, cycle_at_end)
         return
     rest = ExpectedRest(P=rests.P_end[k], Q=rests.Q_end[k], delta=rests.delta_end[k], i_s_pu=0.0)
+    if switched:
+        rest = own_rest_of(rest, record, demand)
     verdict = judge_survival(record, instants, float(cases.cleared_s[k]), rest, demand)
     results.status[k] = JUDGED if verdict.survived else STATUSES.index(verdict.status)
     results.recovery_s[k] = math.inf if verdict.recovery_s is None else verdict.recovery_s
     results.swing_rad[k] = math.nan if verdict.swing_rad is None else verdict.swing_rad
 
 
-def _judge_step(study: Study, run: Simulation, cases: LaneCases, k: int, rests: Rests, results: LaneResults) -> None:
+def _judge_step(
+    study: Study,
+    run: Simulation,
+    cases: LaneCases,
+    k: int,
+    rests: Rests,
+    results: LaneResults,
+    cycle_at_end: int | None,
+) -> None:
+    """``cycle_at_end``: samples of a cycle of the grid, with a switched bridge; None with an averaged one."""
     active = cases.signal[k] == ACTIVE
     series = derive_series(study, run)["P_pcc" if active else "Q_pcc"]
     t_s = float(cases.events.t_s[k, 0])
@@ -133,6 +154,8 @@ def _judge_step(study: Study, run: Simulation, cases: LaneCases, k: int, rests: 
     count = samples_per_mean(study, run.t_s)
     initial = float(np.mean(series[max(begin - count, 0) : begin]))
     final = float((rests.P_end if active else rests.Q_end)[k])
+    if cycle_at_end is not None:
+        final = late_mean(series[begin:], cycle_at_end)
     found = step_response(run.t_s[begin:] - t_s, cycle_mean(series, count)[begin:], initial, final)
     results.overshoot[k] = (found.overshoot_pct or 0.0) / 100.0
     results.settling_s[k] = math.inf if found.settling_time_s is None else found.settling_time_s

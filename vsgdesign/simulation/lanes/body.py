@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.codegen.blocks import with_outputs
 from vsgdesign.codegen.flat import Block, flat_block
 from vsgdesign.codegen.llvm import Loop, LoopSpec, best_lanes, compiled_loop
 from vsgdesign.equations.controller import ControllerSettings, ControllerState
@@ -71,6 +72,26 @@ class LaneKind(NamedTuple):
     listening: bool = False
     """Whether a field estimator sends its probe and listens; of an averaged bridge only."""
 
+    @property
+    def by_mean(self) -> bool:
+        """Whether a step is judged by the mean of its power, because that ripples."""
+        return self.listening or self.switched
+
+    @property
+    def logged(self) -> tuple[str, ...]:
+        """What is logged: the means of a switched bridge, which is judged by the rest that it comes to, and this is
+        known at the end alone. Sums stand for the means of a disturbance."""
+        if not self.switched or self.broken:
+            return ()
+        return ("watched.mean",) if self.step else ("watched.sum_P", "watched.sum_Q")
+
+    @property
+    def unwatched(self) -> tuple[str, ...]:
+        """What of the record of its watch it does not need."""
+        if self.switched:
+            return ("watch.most", "watch.entry.") if self.step else ("watch.entry.",)
+        return ("watch.late",)
+
 
 class LaneLoop(NamedTuple):
     """A compiled loop and the place of every number in it."""
@@ -79,11 +100,12 @@ class LaneLoop(NamedTuple):
     spec: LoopSpec
     place: dict[str, int]
     """Row of every input of the state and of every constant."""
+    spans: dict[str, slice]
+    """Rows of every record among them, which are beside each other."""
 
     def rows(self, prefix: str) -> slice:
-        """The rows of a record, which are beside each other."""
-        found = [row for name, row in self.place.items() if name.startswith(f"{prefix}.")]
-        return slice(found[0], found[-1] + 1)
+        """The rows of a record."""
+        return self.spans[prefix]
 
 
 def kind_of(study: Study, *, step: bool, ramped: bool, bridge: str, listening: bool = False) -> LaneKind:
@@ -112,6 +134,11 @@ def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> L
     bodies = tuple(_body(kind, limiter, memory, constants, rising) for rising in slopes)
     inputs = set().union(*(body.inputs for body in bodies))
     watch, demand = _watched(kind)
+    watched = [
+        (before, after)
+        for before, after in zip(names_of(watch, "watch"), names_of(watch, "watched"), strict=True)
+        if not before.startswith(kind.unwatched)
+    ]
     moving = [
         *zip(names_of(ControllerState, "state", {"limiter": memory}),
              names_of(ControllerState, "following", {"limiter": memory}), strict=True),
@@ -119,10 +146,13 @@ def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> L
         *zip(names_of(BridgeVoltage, "pending"), names_of(BridgeVoltage, "waiting"), strict=True),
         *zip(names_of(SourcePhasor, "source"), names_of(SourcePhasor, "turned"), strict=True),
         *(zip(names_of(Ramp, "ramp"), names_of(Ramp, "ramp_after"), strict=True) if kind.ramped else ()),
-        *zip(names_of(watch, "watch"), names_of(watch, "watched"), strict=True),
+        *watched,
     ]  # fmt: skip
     rings = (("power_ago", "power"),) if kind.step else (("P_ago", "P"), ("Q_ago", "Q"))
-    rings = () if kind.broken or (kind.step and not kind.listening) else rings
+    rings = () if kind.step and not kind.by_mean else rings
+    if kind.switched:  # what it does not watch has no place
+        outputs = tuple(output for _, output in (*moving, *rings)) + kind.logged
+        bodies = tuple(with_outputs(body, outputs) for body in bodies)
     if kind.listening:
         bodies = tuple(listening_body(body, tuple(moving), rings) for body in bodies)
         moving += LISTENING
@@ -141,7 +171,7 @@ def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> L
         *(["circuit.R_g", "circuit.L_g"] if kind.step else []),
         *(names_of(EdgeRow, "edge") if kind.switched else []),
         *([*names_of(CarrierPart, "part"), *names_of(SecondPiece, "second")] if kind.broken else []),
-        *(["P_ago", "Q_ago"] if kind.broken and not kind.step else []),
+        *(name for name, _ in (rings if kind.broken else ())),
     ]
     lane = [name for name in lane if name not in shared_demand]
     uniform = [
@@ -161,25 +191,37 @@ def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> L
         constant=tuple(name for name in lane if name in inputs),
         uniform=tuple(name for name in uniform if name in inputs),
         cyclic=tuple(names_of(CarrierPart, "part")) if kind.switched and not kind.broken else (),
-        rings=rings,
-        index="" if kind.listening else "k",
+        rings=() if kind.broken else rings,
+        logged=kind.logged,
+        index="" if kind.listening or kind.switched else "k",
         lanes=lanes,
         vectors=max(16 // lanes, 1),
         strict=strict,
     )
     place = {name: row for row, name in enumerate(spec.rows)}
-    return LaneLoop(compiled_loop(spec, target), spec, place)
+    return LaneLoop(compiled_loop(spec, target), spec, place, _spans(place))
+
+
+def _spans(place: dict[str, int]) -> dict[str, slice]:
+    """The rows of every record, and of every record within one."""
+    found: dict[str, slice] = {}
+    for name, row in place.items():
+        parts = name.split(".")
+        for length in range(1, len(parts)):
+            record = ".".join(parts[:length])
+            found[record] = slice(found[record].start if record in found else row, row + 1)
+    return found
 
 
 def _watched(kind: LaneKind) -> tuple[type[Any], type[Any]]:
     """What is watched of a lane, and what is demanded of it: records."""
     if not kind.step:
         return DisturbanceWatch, DisturbanceDemand
-    return (MeanStepWatch, MeanStepDemand) if kind.listening else (StepWatch, StepDemand)
+    return (MeanStepWatch, MeanStepDemand) if kind.by_mean else (StepWatch, StepDemand)
 
 
 def _body(kind: LaneKind, limiter: Limiter, memory: Any, constants: Any, rising: bool) -> Block:
-    of_step = lane_of_mean_step if kind.listening else lane_of_step
+    of_step = lane_of_mean_step if kind.by_mean else lane_of_step
     function = of_step if kind.step else (lane_with_ramp if kind.ramped else lane_of_disturbance)
     fixed: dict[str, Any] = {
         "limiter": limiter.law,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,6 +84,11 @@ class LaneCases:
         events = parts.pop("events")
         some = {f.name: getattr(events, f.name)[chosen] for f in fields(events)}
         return LaneCases(events=LaneEvents(**some), **{name: values[chosen] for name, values in parts.items()})
+
+    def later(self, by_s: float) -> LaneCases:
+        """The same cases with everything that happens later by a time."""
+        events = replace(self.events, t_s=self.events.t_s + by_s)
+        return replace(self, events=events, cleared_s=self.cleared_s + by_s)
 
     @property
     def ramped(self) -> NDArray[np.bool_]:

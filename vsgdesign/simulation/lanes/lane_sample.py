@@ -212,7 +212,7 @@ def lane_of_mean_step(
     rising: bool,
     second_inductor: bool,
 ) -> Any:
-    """A lane in which a reference is stepped and a probe ripples the powers. Returns (following, moved, waiting,
+    """A lane in which a reference is stepped and the powers ripple. Returns (following, moved, waiting,
     turned, watched, power)."""
     after, output, moved, waiting, turned = bridge_sample(
         state,

@@ -13,15 +13,16 @@ from numpy.typing import NDArray
 from vsgdesign.codegen.llvm import Program
 from vsgdesign.equations.controller_data import ControllerState
 from vsgdesign.frames import rms_to_peak
+from vsgdesign.metrics.events import late_rows
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, FIRST_S, SurvivalDemand
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.lanes.body import LaneKind, LaneLoop, carrier_values, kind_of, lane_loop, uniform_values
-from vsgdesign.simulation.lanes.cases import ACTIVE, LaneCases
+from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
 from vsgdesign.simulation.lanes.circuit_program import SAME_INSTANT, BrokenSample, CircuitProgram
 from vsgdesign.simulation.lanes.listening import listener_values
 from vsgdesign.simulation.lanes.program import ProgramWriter
-from vsgdesign.simulation.lanes.rests import Rests
+from vsgdesign.simulation.lanes.rests import Rests, cycles_at_end
 from vsgdesign.simulation.lanes.segments import START_PHASE, segments_of
 
 Array = NDArray[np.float64]
@@ -48,12 +49,21 @@ class Part:
     demanded: dict[str, float]
     """Uniform numbers of what is demanded."""
     strict: bool
+    cases: LaneCases
+    """Those of these lanes."""
+    cycle: int
+    """Samples over which the means are taken."""
+    cycle_at_end: Samples
+    """Samples of a cycle of the grid at the end, (n,)."""
     kept: dict[str, int] = field(default_factory=dict)
     """First row of what is kept for the end."""
     rings: Array | None = None
     ring_length: Samples | None = None
     broken: list[BrokenSample] = field(default_factory=list)
     """In the order of their samples."""
+    log: Array | None = None
+    """(G, S, n, L): of a switched bridge, what its kind logs from sample ``log_begin`` on."""
+    log_begin: int = 0
 
     def __len__(self) -> int:
         return len(self.index)
@@ -98,7 +108,8 @@ class Part:
             rows[0, begin : begin + len(values)] = values[:, None]
         if self.rings is not None and self.ring_length is not None:
             slot = k % int(self.ring_length[group])
-            for name, value in zip(("P_ago", "Q_ago"), self.rings[group, slot, :, lane], strict=True):
+            names = (name for name, _ in self.made.spec.rings)
+            for name, value in zip(names, self.rings[group, slot, :, lane], strict=True):
                 rows[0, own.place[name]] = value
         own.loop(k, k + 1, rows, uniform_values(own.spec, self.study, **self.demanded))
         return rows[0, : len(own.spec.state), 0]
@@ -107,10 +118,15 @@ class Part:
         return bisect_left(self.broken, sample, key=lambda one: one.sample)
 
     def _run(self, begin: int, end: int) -> None:
-        width = self.made.spec.width
+        width, logging = self.made.spec.width, {}
+        if self.log is not None and begin < self.log_begin < end:
+            self._run(begin, self.log_begin)
+            begin = self.log_begin
         active = -(-int((self.ends + 1 > begin).sum()) // width)
         if end <= begin or active == 0:
             return
+        if self.log is not None and begin >= self.log_begin:
+            logging = {"log": self.log[:active], "every": 1, "log_begin": self.log_begin}
         carrier = {}
         if self.made.spec.cyclic:
             cyclic, cycle = carrier_values(self.study.converter.samples_per_carrier)
@@ -119,12 +135,16 @@ class Part:
         if self.rings is not None and self.ring_length is not None:
             rings = {"rings": self.rings[:active], "ring_length": self.ring_length[:active]}
         program = replace(self.program, first=self.program.first[: active + 1], done=self.program.done[:active])
-        self.made.loop(begin, end, self.rows[:active], self.uniform, program=program, **carrier, **rings)
+        self.made.loop(begin, end, self.rows[:active], self.uniform, program=program, **carrier, **rings, **logging)
 
     def get(self, row: int | str) -> Array:
         """A row of every lane, (n,)."""
         place = self.made.place[row] if isinstance(row, str) else row
         return self.rows[:, place, :].reshape(-1)[: len(self)].copy()
+
+    def watched(self, name: str) -> Array:
+        """What was watched up to the end of every lane, (n,)."""
+        return self.get(self.kept["watch"] + self.made.place[f"watch.{name}"] - self.made.rows("watch").start)
 
     def put(self, row: int | str, values: Array) -> None:
         """Sets a row of every lane, (n,), or m rows that are beside each other, (m, n).
@@ -155,6 +175,12 @@ def at_or_after(t_s: Array, T_s: float, slack: float) -> Samples:
     return np.ceil(np.minimum(t_s / T_s, 2.0**40) - slack).astype(np.int64)
 
 
+def first_judged(cases: LaneCases, T_s: float) -> Samples:
+    """The first sample that a settling time or a recovery counts, (n,): that of the step, or that of the clearing."""
+    step = cases.kind == STEP
+    return np.where(step, at_or_after(cases.events.t_s[:, 0], T_s, 0.5), at_or_after(cases.cleared_s, T_s, 1e-9))
+
+
 def make_part(  # noqa: PLR0913 - everything that a part is made of
     study: Study,
     cases: LaneCases,
@@ -172,7 +198,7 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     """A part of the cases of one kind, which are ``cases`` with their ``rests`` and ends, and ``index`` in the batch.
 
     ``demand``: what is asked of a disturbance, with the cycle of these cases, or that over which the power of a step is
-    judged where a field estimator is ``listening``.
+    judged where it ripples: where a field estimator is ``listening``, or with a switched bridge.
     """
     order = np.argsort(-ends, kind="stable")
     cases, index, rests, ends = cases.take(order), index[order], rests.take(order), ends[order]
@@ -182,7 +208,7 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     groups = -(-n // width)
     watch = made.rows("watch")
     kept, at = {}, len(made.spec.rows)
-    counts = {"watch": watch.stop - watch.start, "limited": 1, "late": 1}
+    counts = {"watch": watch.stop - watch.start, "limited": 1, "late": 1, "initial": 1}
     counts |= dict.fromkeys(("first", "least", "most"), cases.events.count)
     for name, count in counts.items():
         kept[name], at = at, at + count
@@ -208,10 +234,17 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
         demanded=demanded,
         strict=strict,
         kept=kept,
+        cases=cases,
+        cycle=cycle,
+        cycle_at_end=np.zeros(n, dtype=np.int64),
     )
-    writer = ProgramWriter()
+    segments, writer = segments_of(cases), ProgramWriter()
+    part.cycle_at_end[:] = cycles_at_end(study, segments)
+    if made.spec.logged:
+        part.log_begin = int(first_judged(cases, T_s).min())
+        part.log = np.empty((groups, part.end - part.log_begin, len(made.spec.logged), width))
     _rest(part, cases, rests)
-    circuit = CircuitProgram(study, made, writer, segments_of(cases), ramped)
+    circuit = CircuitProgram(study, made, writer, segments, ramped)
     circuit.write()
     part.broken = sorted(circuit.broken, key=lambda one: one.sample)
     _references(part, writer, cases)
@@ -252,7 +285,8 @@ def _rest(part: Part, cases: LaneCases, rests: Rests) -> None:
         part.put(part.made.rows("pending").start + row, values)
     part.put("source.cosine", np.full(len(part), math.cos(START_PHASE)))
     part.put("source.sine", np.full(len(part), math.sin(START_PHASE)))
-    part.put("watch.entry.last_out", np.full(len(part), -1.0))
+    if "watch.entry.last_out" in place:
+        part.put("watch.entry.last_out", np.full(len(part), -1.0))
     for name in ("P_ref", "Q_ref"):
         part.put(f"refs.{name}", getattr(cases, name))
     for name in ("R_g", "L_g"):
@@ -304,10 +338,15 @@ def _watch_step(part: Part, writer: ProgramWriter, cases: LaneCases, rests: Rest
         part.put("of.V_g_pk", rms_to_peak(cases.V_g_rms))
     lanes, t_s = np.arange(len(cases)), cases.events.t_s[:, 0]
     at = at_or_after(t_s, T_s, 0.5)
-    _entry_anew(part, writer, lanes, at)
-    writer.put(lanes, at, place["watch.most"], np.zeros(len(lanes)))
-    if "watch.mean" in place:
-        writer.copy(lanes, at, place["of.initial"], 1, place["watch.mean"])
+    if part.log is None:
+        _entry_anew(part, writer, lanes, at)
+        writer.put(lanes, at, place["watch.most"], np.zeros(len(lanes)))
+        if "watch.mean" in place:
+            writer.copy(lanes, at, place["of.initial"], 1, place["watch.mean"])
+    else:
+        writer.copy(lanes, at, part.kept["initial"], 1, place["watch.mean"])
+        late = part.ends - late_rows(part.ends - at, part.cycle_at_end)
+        writer.put(lanes, late, place["watch.late"], np.zeros(len(lanes)))
     _load(part, writer, lanes, t_s, at, first=True)
 
 
@@ -333,6 +372,7 @@ def _watch_disturbance(part: Part, writer: ProgramWriter, cases: LaneCases, rest
         writer.put(lanes, at, least, np.tile([np.inf, -np.inf], (len(lanes), 1)))
         _load(part, writer, lanes, t_s, at, first=k == 0)
     everyone = np.arange(len(cases))
-    _entry_anew(part, writer, everyone, at_or_after(cases.cleared_s, T_s, 1e-9))
+    if part.log is None:
+        _entry_anew(part, writer, everyone, first_judged(cases, T_s))
     late = part.ends - np.int64(math.floor(END_S / T_s + 1e-6))
     writer.copy(everyone, late, kept["late"], 1, place["watch.load.limited"])

@@ -34,6 +34,11 @@ Samples = NDArray[np.int64]
 STEP_WINDOW = 1.85
 """For how many settling times a step is watched."""
 
+SWITCHED_WINDOW = 2.5
+"""The same with a switched bridge, and for how many settling times it runs before its first event. It is judged by the
+rest that it comes to, and begins at the rest of the averaged bridge, up to a tenth of the rating beside its own: in
+this time what is left of either fades away."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Rests:
@@ -145,12 +150,20 @@ def _powers_at_pcc(
     return instantaneous_power(alpha, beta, x[4], x[5])
 
 
-def ends_of(study: Study, cases: LaneCases, segments: Segments, demand: SurvivalDemand) -> tuple[Samples, Samples]:
+def cycles_at_end(study: Study, segments: Segments) -> Samples:
+    """Samples of a cycle of the grid at the end of each case, (N,)."""
+    cycle_s = 2.0 * math.pi / last_of(segments).omega
+    return np.maximum(np.round(cycle_s / study.converter.T_s), 1).astype(np.int64)
+
+
+def ends_of(
+    study: Study, cases: LaneCases, segments: Segments, demand: SurvivalDemand, bridge: str
+) -> tuple[Samples, Samples]:
     """For how many samples each case runs, and the samples of a cycle at its end, (N,)."""
     T_s, T = study.converter.T_s, demand.settling_time
-    cycle_s = 2.0 * math.pi / last_of(segments).omega
-    cycle = np.maximum(np.round(cycle_s / T_s), 1).astype(np.int64)
+    cycle_s, cycle = 2.0 * math.pi / last_of(segments).omega, cycles_at_end(study, segments)
     times = settling_times_asked(cases.silent_s, T)
     needed = times * T + demand.grace_s + WATCHED * T + 2.0 * cycle_s
-    end_s = np.where(cases.kind == STEP, cases.events.t_s[:, 0] + STEP_WINDOW * T, cases.cleared_s + needed)
+    window = SWITCHED_WINDOW if bridge == "pwm" else STEP_WINDOW
+    end_s = np.where(cases.kind == STEP, cases.events.t_s[:, 0] + window * T, cases.cleared_s + needed)
     return np.ceil(end_s / T_s - 1e-6).astype(np.int64), cycle

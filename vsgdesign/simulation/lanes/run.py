@@ -24,6 +24,7 @@ from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.lanes.alone import run_alone
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases
 from vsgdesign.simulation.lanes.learning import Listeners, before_learning, samples_of_mean
+from vsgdesign.simulation.lanes.own_rest import judge_steps, pieces, recovered
 from vsgdesign.simulation.lanes.part import Part, make_part
 from vsgdesign.simulation.lanes.rests import Rests, demand_of, ends_of, rests_of
 from vsgdesign.simulation.lanes.results import (
@@ -63,24 +64,37 @@ def run_lanes(
     the source; a switched bridge whose intervals do not lie on one slope of the carrier.
     """
     own = study.with_limit_of(spec)
-    _refuse(own, cases, bridge)
+    _refuse(own, bridge)
     if alone_because(spec, bridge):
         return run_alone(study, spec, ready, cases, bridge=bridge)
+    if bridge != "pwm" or len(cases) == 0:
+        return _run_together(own, spec, ready, cases, bridge, strict)
+    results = LaneResults.of_none(len(cases))
+    demand = demand_of(own, settling_time_of(spec, ready))
+    for some in pieces(ends_of(own, cases, segments_of(cases), demand, bridge)[0], cases, own.converter.T_s):
+        results.fill(some, _run_together(own, spec, ready, cases.take(some), bridge, strict))
+    return results
+
+
+def _run_together(
+    own: Study, spec: ControllerSpec, ready: Ready, cases: LaneCases, bridge: str, strict: bool
+) -> LaneResults:
+    """Runs cases side by side. ``own`` is the study with the current limit of the controller."""
     results = LaneResults.of_none(len(cases))
     if len(cases) == 0:
         return results
     segments = segments_of(cases)
     demand = demand_of(own, settling_time_of(spec, ready))
 
-    def parts(rests: Rests, *, strict: bool, samples_of_mean: int = 0) -> list[Part]:
+    def parts(rests: Rests, *, strict: bool, listening: bool = False) -> list[Part]:
         good = np.flatnonzero(results.status == JUDGED)
-        return parts_of(own, cases, segments, rests, demand, good, bridge, strict, samples_of_mean=samples_of_mean)
+        return parts_of(own, cases, segments, rests, demand, good, bridge, strict, listening=listening)
 
     if learns(spec):
         rests, _ = rests_of(own, cases, segments, OfTrueGrid(gain_law(own, spec, ready), cases), demand, results)
         rests, learning = before_learning(own, spec, ready, cases, rests, results)
         # A last bit may decide what an estimator decides: it runs as alone.
-        run = parts(rests, strict=True, samples_of_mean=samples_of_mean(own))
+        run = parts(rests, strict=True, listening=True)
         for part in run:
             Listeners(own, spec, part, learning.take(part.index)).run()
     else:
@@ -90,21 +104,16 @@ def run_lanes(
         if run:
             drive(own, run, told, gains)
     for part in run:
-        _judge(part, cases.take(part.index), rests, demand, results)
+        _judge(part, rests, demand, results)
     return results
 
 
-def _refuse(study: Study, cases: LaneCases, bridge: str) -> None:
+def _refuse(study: Study, bridge: str) -> None:
     only_a_grid(study.network, "a batch of runs")
     if study.has_components or study.sensors is not None or study.background is not None:
         raise InfeasibleStudyError(
             "a batch of runs has a sinusoidal source and ideal sensors: leave [background], [sensors], [replay] and "
             "components of the source out, or simulate the cases one by one."
-        )
-    if bridge == "pwm" and (cases.kind == STEP).any():
-        raise InfeasibleStudyError(
-            "a step is watched sample by sample, and the power of a switched bridge ripples: use an averaged bridge "
-            "for steps of a reference, or simulate the cases one by one."
         )
     if bridge == "pwm" and study.converter.samples_per_carrier % 2:
         raise InfeasibleStudyError(
@@ -123,17 +132,19 @@ def parts_of(
     bridge: str,
     strict: bool,
     *,
-    samples_of_mean: int = 0,
+    listening: bool = False,
 ) -> list[Part]:
-    """The cases in parts of one kind, of one cycle and with or without ramps.
+    """The cases in parts of one kind, of one cycle and with or without ramps. ``listening``: a field estimator does.
 
-    ``samples_of_mean``: a field estimator listens, and a step is judged by the mean over so many samples.
+    A step is judged by the mean of its power over a nominal cycle where the bridge ripples it, and over the samples of
+    :func:`samples_of_mean` where a probe does.
     """
     T_s = study.converter.T_s
-    ends, cycle = ends_of(study, cases, segments, demand)
+    nominal = max(round(2.0 * math.pi / study.converter.omega_n / T_s), 1) if bridge == "pwm" else 0
+    ends, cycle = ends_of(study, cases, segments, demand, bridge)
     parts = []
     ramped = cases.ramped
-    judged_over = np.where(cases.kind == STEP, samples_of_mean, cycle)
+    judged_over = np.where(cases.kind == STEP, samples_of_mean(study) if listening else nominal, cycle)
     keys = np.stack([cases.kind == DISTURBANCE, ramped, judged_over], axis=1).astype(np.int64)
     for key in np.unique(keys[good], axis=0):
         index = good[(keys[good] == key).all(axis=1)]
@@ -149,7 +160,7 @@ def parts_of(
             ramped=bool(key[1]),
             bridge=bridge,
             strict=strict,
-            listening=samples_of_mean > 0,
+            listening=listening,
         )
         parts.append(part)
     return parts
@@ -227,15 +238,10 @@ def _put_estimate(parts: list[Part], R_g: Array, L_g: Array) -> None:
             part.put("grid.R_g", np.stack([R_g[part.index], L_g[part.index]]))
 
 
-def _judge(part: Part, cases: LaneCases, rests: Rests, demand: SurvivalDemand, results: LaneResults) -> None:
+def _judge(part: Part, rests: Rests, demand: SurvivalDemand, results: LaneResults) -> None:
     """The verdicts of a part."""
     kept, place, T_s = part.kept, part.made.place, part.study.converter.T_s
-    first_watch = part.made.rows("watch").start
-
-    def watched(name: str) -> Array:
-        return part.get(kept["watch"] + place[f"watch.{name}"] - first_watch)
-
-    entry = LastEntry(*(watched(f"entry.{name}") for name in LastEntry._fields))
+    watched = part.watched
     I_rated = part.study.converter.I_rated_pk
     count = len(part)
     found = LaneResults.of_none(count)
@@ -245,35 +251,30 @@ def _judge(part: Part, cases: LaneCases, rests: Rests, demand: SurvivalDemand, r
     found.above_s[:] = watched("load.above") * T_s
     limited = watched("load.limited")
     found.limited_s[:] = (limited - part.get(kept["limited"])) * T_s
-    if "watch.delta" not in place:
-        t_s = cases.events.t_s[:, 0]
-        found.settling_s[:] = entry.time(SETTLING_BAND, T_s, t_s)
-        found.overshoot[:] = np.maximum(watched("most") - 1.0, 0.0)
+    if "watch.delta" in place:
+        _judge_disturbance(part, rests, demand, limited, found)
+    elif part.log is not None:
+        judge_steps(part, found)
     else:
-        _judge_disturbance(part, cases, rests, demand, entry, limited, found)
+        found.settling_s[:] = _entry(part).time(SETTLING_BAND, T_s, part.cases.events.t_s[:, 0])
+        found.overshoot[:] = np.maximum(watched("most") - 1.0, 0.0)
     numbers = np.stack([limited, watched("load.later_sq"), part.get("state.omega_i"), part.get("state.V")])
     bad = ~np.isfinite(numbers).all(axis=0) | (np.maximum(found.first_peak_pu, found.peak_pu) > BOUND_PU)
     found.status[bad] = DIVERGED
-    found.settling_s[bad] = np.where(cases.kind[bad] == STEP, np.inf, np.nan)
-    found.recovery_s[bad] = np.where(cases.kind[bad] == STEP, np.nan, np.inf)
+    kind = part.cases.kind[bad]
+    found.settling_s[bad] = np.where(kind == STEP, np.inf, np.nan)
+    found.recovery_s[bad] = np.where(kind == STEP, np.nan, np.inf)
     results.fill(part.index, found)
 
 
-def _judge_disturbance(
-    part: Part,
-    cases: LaneCases,
-    rests: Rests,
-    demand: SurvivalDemand,
-    entry: LastEntry,
-    limited: Array,
-    found: LaneResults,
-) -> None:
-    kept, place, T_s, events = part.kept, part.made.place, part.study.converter.T_s, cases.events
+def _entry(part: Part) -> LastEntry:
+    return LastEntry(*(part.watched(f"entry.{name}") for name in LastEntry._fields))
+
+
+def _judge_disturbance(part: Part, rests: Rests, demand: SurvivalDemand, limited: Array, found: LaneResults) -> None:
+    kept, T_s, cases, events = part.kept, part.study.converter.T_s, part.cases, part.cases.events
     used = np.isfinite(events.t_s)
-    first_watch = part.made.rows("watch").start
-    last, least, most = (
-        part.get(kept["watch"] + place[f"watch.{name}"] - first_watch) for name in ("delta", "least", "most")
-    )
+    last, least, most = (part.watched(name) for name in ("delta", "least", "most"))
     columns = {
         name: np.stack([part.get(kept[name] + k) for k in range(events.count)], axis=1) for name in Swings._fields
     }
@@ -282,7 +283,10 @@ def _judge_disturbance(
     columns["least"][rows, final], columns["most"][rows, final] = least, most
     swing, slipped = swings_of(Swings(**columns), used, last, rests.delta_end[part.index])
     found.swing_rad[:] = swing
-    found.recovery_s[:] = entry.time(demand.band, T_s, cases.cleared_s)
+    if part.log is None:
+        found.recovery_s[:] = _entry(part).time(demand.band, T_s, cases.cleared_s)
+    else:
+        found.recovery_s[:] = recovered(part, rests, demand)
     at_end = (limited - part.get(kept["late"])) / math.floor(END_S / T_s + 1e-6)
     times = settling_times_asked(cases.silent_s, demand.settling_time)
     deadline = times * demand.settling_time + demand.grace_s

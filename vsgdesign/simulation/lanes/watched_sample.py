@@ -74,7 +74,7 @@ class StepDemand(NamedTuple):
 
 
 class MeanStepWatch(NamedTuple):
-    """Of a step of a reference whose power is judged by its mean, because a probe ripples it."""
+    """Of a step of a reference whose power is judged by its mean, because a probe or a switched bridge ripples it."""
 
     most: Any
     """Largest share of the step that the mean reached."""
@@ -84,6 +84,8 @@ class MeanStepWatch(NamedTuple):
     """Sum of the power over the samples of the mean, W or var."""
     mean: Any
     """W or var."""
+    late: Any
+    """Sum of the power since it was last set to zero, W or var: a switched bridge rests where this leads to."""
 
 
 class MeanStepDemand(NamedTuple):
@@ -211,6 +213,7 @@ def watched_mean_step(
         load=loaded(watch.load, load_of, x, limited),
         sum=total,
         mean=mean,
+        late=watch.late + power,
     )
 
 

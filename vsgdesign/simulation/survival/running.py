@@ -51,9 +51,12 @@ SETTLING_TIMES, SETTLING_TIMES_FOR_EVER = 2.0, 3.0
 """The deadline in settling times: of every case, and of one whose schedule stays stale for ever
 (:func:`settling_times_asked`)."""
 
-_OWN_REST_PU = 0.15
+OWN_REST_PU = 0.15
 """A switched bridge rests beside the averaged model by its ripple, up to this far: by 7 % of S_rated in Q for a 1 MVA
 converter with 3 kHz at SCR 20, with and without a limit. It is judged by its own rest."""
+
+OWN_REST_CYCLES = 5
+"""A switched bridge rests at the means over a cycle within its last cycles, of which there are so many."""
 
 
 _LAST_CYCLES = 5
@@ -209,7 +212,7 @@ def trace_case(subject: Subject, case: SurvivalCase) -> CaseRun | Survival:
         known = _known(subject, told, study.simulation.duration)
         rest = rest_on(subject, study, known, *late_grid(study, timeline, since_s), refs)
     elif subject.bridge == "pwm":
-        rest = _own_rest(rest, record, demand)
+        rest = own_rest_of(rest, record, demand)
     instants = case.instants_s
     verdict = judge_survival(record, instants, case.lead_s + case.cleared_s, rest, demand)
     return CaseRun(
@@ -277,7 +280,7 @@ def judge_scenario(
         words = None if beyond is None else f"it comes to a rest of its own ({beyond[1]})"
         return replace(verdict, reason=words)
     if bridge == "pwm":
-        rest = _own_rest(rest, record, demand)
+        rest = own_rest_of(rest, record, demand)
     return judge_survival(record, instants, cleared_s, rest, demand)
 
 
@@ -438,12 +441,12 @@ def _feed(
     return gain_changes(study, subject.spec, timeline)
 
 
-def _own_rest(rest: ExpectedRest, record: SurvivalRecord, demand: SurvivalDemand) -> ExpectedRest:
+def own_rest_of(rest: ExpectedRest, record: SurvivalRecord, demand: SurvivalDemand) -> ExpectedRest:
     """The powers at which a switched bridge itself rests, where these are near those of the averaged model."""
     cycle = max(round(demand.cycle_s / float(record.t_s[1] - record.t_s[0])), 1)
-    count = 5 * cycle
+    count = OWN_REST_CYCLES * cycle
     if record.diverged or len(record.t_s) < 2 * count:
         return rest
     P, Q = (float(np.mean(cycle_mean(values, cycle)[-count + cycle :])) for values in (record.P, record.Q))
-    near = max(abs(P - rest.P), abs(Q - rest.Q)) < _OWN_REST_PU * demand.S_rated
+    near = max(abs(P - rest.P), abs(Q - rest.Q)) < OWN_REST_PU * demand.S_rated
     return replace(rest, P=P, Q=Q) if near else rest

@@ -1,0 +1,135 @@
+"""Figures of a switched bridge, which is judged by the rest that it comes to itself.
+
+Its powers ripple, so their means over a cycle are judged, and it rests beside the averaged bridge. Where it rests is
+known at the end of a run alone: the means are logged until then. It is what :func:`vsgdesign.metrics.measure_event` and
+:func:`vsgdesign.simulation.survival.running.judge_scenario` do with one run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.metrics.events import late_rows
+from vsgdesign.metrics.step_response import SETTLING_BAND
+from vsgdesign.metrics.survival import SurvivalDemand
+from vsgdesign.simulation.lanes.cases import STEP, LaneCases
+from vsgdesign.simulation.lanes.part import Part, first_judged
+from vsgdesign.simulation.lanes.rests import Rests
+from vsgdesign.simulation.lanes.results import LaneResults, LastEntry
+from vsgdesign.simulation.survival.running import OWN_REST_CYCLES, OWN_REST_PU
+
+Array = NDArray[np.float64]
+Samples = NDArray[np.int64]
+
+LOG_BYTES = 48_000_000
+"""Memory for the logs of the lanes that run at once."""
+
+_LANES = 16
+"""Lanes of a group: fewer at once save nothing."""
+
+_ROWS = 2048
+"""Rows of a log that are looked at together."""
+
+
+def pieces(ends: Samples, cases: LaneCases, T_s: float) -> Iterator[NDArray[np.intp]]:
+    """The cases, which run for ``ends`` samples, in pieces whose logs have room in LOG_BYTES together, by index."""
+    first = first_judged(cases, T_s)
+    order = np.lexsort((first, cases.kind))
+    begin = 0
+    while begin < len(order):
+        left = order[begin:]
+        left = left[cases.kind[left] == cases.kind[left[0]]]
+        slots = np.maximum.accumulate(ends[left]) + 1 - first[left[0]]
+        logged = 1 if cases.kind[left[0]] == STEP else 2
+        room = int(np.searchsorted(8 * logged * slots * np.arange(1, len(left) + 1), LOG_BYTES, side="right"))
+        count = min(max(room // _LANES, 1) * _LANES, len(left))
+        yield left[:count]
+        begin += count
+
+
+def judge_steps(part: Part, found: LaneResults) -> None:
+    """Overshoot and settling time of each step, by the mean over a nominal cycle."""
+    T_s = part.study.converter.T_s
+    begin = first_judged(part.cases, T_s)
+    initial, late = part.get(part.kept["initial"]), part.watched("late")
+    final = late / late_rows(part.ends - begin, part.cycle_at_end)
+    t_s = part.cases.events.t_s[:, 0]
+    for lanes, log in _groups(part):
+        start, step = initial[lanes], (final - initial)[lanes]
+
+        def error(means: Array, start: Array = start, step: Array = step) -> Array:
+            return np.abs((means[..., 0, :] - start) / step - 1.0)
+
+        _cut(log, begin[lanes] - part.log_begin, part.ends[lanes] - part.log_begin)
+        most = (np.where(step > 0.0, log[:, 0].max(axis=0), log[:, 0].min(axis=0)) - start) / step
+        found.overshoot[lanes] = np.maximum(most - 1.0, 0.0)
+        entry = _last_entry(log, part.log_begin, begin[lanes], part.ends[lanes], error, SETTLING_BAND)
+        found.settling_s[lanes] = entry.time(SETTLING_BAND, T_s, t_s[lanes])
+
+
+def recovered(part: Part, rests: Rests, demand: SurvivalDemand) -> Array:
+    """Time from the clearing on from which the means of P and Q over a cycle stay at the rest, s (n,)."""
+    T_s, S = part.study.converter.T_s, part.study.converter.S_rated
+    begin, cycle = first_judged(part.cases, T_s), part.cycle
+    averaged = np.stack([rests.P_end, rests.Q_end])[:, part.index]
+    recovery = np.empty(len(part))
+    for lanes, log in _groups(part):
+        width = len(part.ends[lanes])
+        ends = part.ends[lanes] - part.log_begin
+        rest = averaged[:, lanes].copy()
+        for k in range(width):
+            own = log[ends[k] - (OWN_REST_CYCLES - 1) * cycle : ends[k], :, k].mean(axis=0) / cycle
+            if np.abs(own - rest[:, k]).max() < OWN_REST_PU * S:
+                rest[:, k] = own
+
+        def error(sums: Array, rest: Array = rest) -> Array:
+            return np.abs(sums / cycle - rest).max(axis=-2) / S
+
+        entry = _last_entry(log, part.log_begin, begin[lanes], part.ends[lanes], error, demand.band)
+        recovery[lanes] = entry.time(demand.band, T_s, part.cases.cleared_s[lanes])
+    return recovery
+
+
+def _groups(part: Part) -> Iterator[tuple[slice, Array]]:
+    """The lanes of each group of a part, with their log (S, n, W)."""
+    if part.log is None:
+        raise ValueError("the means of this part were not logged")
+    width = part.log.shape[-1]
+    for k, log in enumerate(part.log):
+        lanes = slice(k * width, min((k + 1) * width, len(part)))
+        yield lanes, log[:, :, : lanes.stop - lanes.start]
+
+
+def _cut(log: Array, begin: Samples, end: Samples) -> None:
+    """Leaves the rows ``begin`` to ``end`` − 1 of each lane, (W,), of a log (S, n, W): those around them repeat the
+    first and the last."""
+    for k, (first, stop) in enumerate(zip(begin.tolist(), end.tolist(), strict=True)):
+        log[:first, :, k] = log[first, :, k]
+        log[stop:, :, k] = log[stop - 1, :, k]
+
+
+def _last_entry(
+    log: Array, log_begin: int, begin: Samples, end: Samples, error: Callable[[Array], Array], band: float
+) -> LastEntry:
+    """When the signal of each lane, (W,), entered its band for the last time, from the samples ``begin`` to ``end`` −
+    1 of its log (S, n, W), whose first is sample ``log_begin``. ``error``: from (…, n, W) to (…, W)."""
+    lanes, last = np.arange(len(begin)), np.full(len(begin), -1)
+    for stop in range(int(end.max()) - log_begin, int(begin.min()) - log_begin, -_ROWS):
+        rows = np.arange(max(stop - _ROWS, 0), stop)
+        samples = log_begin + rows[:, None]
+        outside = (error(log[rows[0] : stop]) > band) & (samples >= begin) & (samples < end)
+        here = outside.any(axis=0) & (last < 0)
+        last[here] = (rows[-1] - np.argmax(outside[::-1], axis=0))[here]
+        if (last >= 0).all():
+            break
+    after = np.minimum(last + 1, end - 1 - log_begin)
+    out, into = (error(log[rows, :, lanes].T) for rows in (np.maximum(last, 0), after))
+    return LastEntry(
+        last_out=np.where(last < 0, -1.0, last + float(log_begin)),
+        error_out=out,
+        error_in=into,
+        was_out=1.0 * (last == end - 1 - log_begin),
+    )
