@@ -266,7 +266,7 @@ def _external(study: Study, a: ControllerAssessment) -> list[Verdict]:
             value="",
             limit="",
             verdict=NOT_ASSESSED,
-            evidence="run the scenario with such events",
+            evidence="vsgdesign comply --suite fnn --suite gc0137 runs these tests",
         )
     )
     return rows

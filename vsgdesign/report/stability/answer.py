@@ -47,7 +47,8 @@ def stability_answer(result: StabilityResult) -> Answer:
     )
     notes = (
         "Worst cells of the full-order model within the converter's limits; the settling time is that of the reduced "
-        "model. All gates are internal ones of vsgdesign and no grid code's. Those of the reduced model are in part 1.",
+        "model. A gate is a limit for a margin that this project or the study sets; no grid code asks for it. Those of "
+        "the reduced model are in part 1.",
     )
     return Answer("Against the gates", ("All gates", *map(_title, tests)), rows, notes=notes)
 

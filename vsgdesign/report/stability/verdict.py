@@ -53,8 +53,8 @@ def verdict_text(result: StabilityResult) -> list[str]:
     """Paragraphs: how many gates are met, what limits each controller, and what the verdict does not cover."""
     sentences = [_controller(result, a) for a in result.assessments]
     sentences.append(
-        "All gates are internal ones of vsgdesign and no grid code's; what grid codes and test frameworks ask for is "
-        "listed as informational or as not assessed, never as a pass."
+        "A gate is a limit for a margin that this project or the study sets; no grid code asks for it. What grid codes "
+        "and test frameworks ask for is listed as informational or as not assessed, never as a pass."
     )
     return sentences
 

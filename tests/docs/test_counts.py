@@ -1,0 +1,63 @@
+"""What pages say of how many there are, and which: studies, cases, measures, names of the package, benchmarks."""
+
+from __future__ import annotations
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+import vsgdesign
+from vsgdesign.compliance.measures import MEASURES
+from vsgdesign.parameters.loading import case_names
+
+ROOT = Path(__file__).resolve().parents[2]
+WORDS = dict(enumerate(("nine", "ten", "eleven", "twelve", "thirteen", "fourteen", "fifteen"), 9)) | dict(
+    enumerate(("sixteen", "seventeen", "eighteen", "nineteen", "twenty"), 16)
+)
+
+
+def text(page: str) -> str:
+    return (ROOT / page).read_text(encoding="utf-8")
+
+
+def test_the_index_knows_how_many_studies_there_are() -> None:
+    studies = {file.parent.name for file in (ROOT / "studies").glob("*/study.toml")}
+    shown = set(re.findall(r"^\| .*\[(\w+)\]\(\w+/README\.md\) \| \*\*", text("studies/README.md"), re.M))
+    assert studies | {"walk_through"} == shown  # this one draws figures only
+    assert f"{WORDS[len(studies)].capitalize()} worked studies" in text("docs/README.md")
+
+
+def test_the_readme_knows_how_many_cases_there_are() -> None:
+    assert f"{WORDS[len(case_names())]} cases" in text("README.md")
+    assert all(f"`case:{name}`" in text("docs/converters.md") for name in case_names())
+
+
+def test_the_changelog_knows_how_many_measures_there_are() -> None:
+    assert f"- {len(MEASURES)} [measures]" in text("CHANGELOG.md")
+
+
+def test_every_public_name_is_on_the_page_on_python() -> None:
+    page = text("docs/how-to/python.md")
+    names = set(vsgdesign.__all__) - {"__version__"}
+    assert {name for name in names if not re.search(rf"`vd\.{name}\b", page)} == set()
+
+
+def test_functions_named_beside_verbs_exist() -> None:
+    rows = re.findall(r"^\| `(vsgdesign\.[\w.]+)\.(\w+)` \|", text("docs/how-to/python.md"), re.M)
+    assert rows
+    for module, name in rows:
+        assert hasattr(import_module(module), name), f"{module}.{name}"
+
+
+def test_every_benchmark_is_listed() -> None:
+    with_rows = {
+        file.name for file in (ROOT / "bench").glob("*.py") if re.search(r"^BENCHMARKS\b", file.read_text(), re.M)
+    }
+    assert set(re.findall(r"^\| `(\w+\.py)` \|", text("bench/README.md"), re.M)) == with_rows
+
+
+def test_the_list_of_studies_has_the_figures_of_the_studies() -> None:
+    """Before: 297 and 244 tests in the list, where the study itself says 292 and 243."""
+    figures = re.findall(r"\b\d+ of 55\d\b", text("studies/gridcode/README.md"))
+    assert figures
+    assert set(re.findall(r"\b\d+ of 55\d\b", text("studies/README.md"))) <= set(figures)
