@@ -15,7 +15,7 @@ import numpy as np
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.artifacts.step_record import StepRow, StepStatement
 from vsgdesign.certificate import Certificate, Region, certified_steps, certify, region_of
-from vsgdesign.certificate.certify import prepared
+from vsgdesign.certificate.certifying import prepared
 from vsgdesign.certificate.region import System, random_points
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, SimulationDivergedError
 from vsgdesign.parameters import Study, load_study

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,9 @@ from tests.gain_tables import table
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.gain_table_file import read_table_file
 from vsgdesign.certificate import Region, refusal_record
+from vsgdesign.errors import WorkerError
 from vsgdesign.parameters import Study, load_study
-from vsgdesign.pipeline import making, run_study
+from vsgdesign.pipeline import making, run, run_study
 from vsgdesign.pipeline import table as table_pipeline
 
 TABLED = """
@@ -44,7 +46,10 @@ x_over_r = [1, 10]
 grid_phase = true
 recipe = "few.toml"
 """
-RECORD = refusal_record("no such function", Region((5.0, 20.0), (1.0, 10.0), (0.0, 1e3), (0.0, 1e3), 0.1), None)
+COUNTS = {"runs": 7, "judged": 7, "confidence": 0.9, "families": {}}
+REGION = Region((5.0, 20.0), (1.0, 10.0), (0.0, 1e3), (0.0, 1e3), 0.1)
+RECORD = refusal_record("no such function", REGION, None)
+LATER = refusal_record("no such function, with steps", REGION, None)
 
 
 @pytest.fixture
@@ -55,7 +60,7 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Study:
     found = load_study(tmp_path / "mine.toml")
     designed = table(base=base_of(found, "impedance"))
     monkeypatch.setattr(table_pipeline, "_built_table", lambda *_: designed)
-    monkeypatch.setattr(making, "_certified", lambda *_: (RECORD, 0.1))
+    monkeypatch.setattr(making, "_proved", lambda *_: (RECORD, 0.1))
     return found
 
 
@@ -85,7 +90,7 @@ def test_the_files_are_those_of_a_run_of_one_process(
 ) -> None:
     run_study(study, tmp_path / "one", report=False, workers=1)
     monkeypatch.setattr(making, "executor_of", threads)
-    monkeypatch.setattr("vsgdesign.certificate.box_check.compile_ahead", lambda: None)
+    monkeypatch.setattr("vsgdesign.design.table.compiled_ahead", lambda: None)
     run_study(study, tmp_path / "many", report=False, workers=2)
     one, many = contents(tmp_path / "one"), contents(tmp_path / "many")
     assert one == many
@@ -110,11 +115,72 @@ def test_a_controller_without_a_table_does_not_wait_for_a_certificate(
             simulated.set()
 
     monkeypatch.setattr(making, "executor_of", threads)
-    monkeypatch.setattr(making, "_certified", slow)
-    monkeypatch.setattr("vsgdesign.certificate.box_check.compile_ahead", lambda: None)
+    monkeypatch.setattr(making, "_proved", slow)
+    monkeypatch.setattr("vsgdesign.design.table.compiled_ahead", lambda: None)
     run_study(study, tmp_path / "out", report=False, workers=2, progress=tell)
     assert order[-1] == "simulate tabled"
     assert order.index("certificate") > order.index("simulate scheduled")
+
+
+def test_files_are_written_while_tables_are_verified(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The verification takes the table with its certificate; that of the files also has its steps and its counts."""
+    written, given = threading.Event(), []
+
+    def verify(_study: Study, tables: Any, *_: Any, **__: Any) -> Any:
+        assert written.wait(60.0)
+        given.append(tables["tabled"])
+        return {"tabled": replace(tables["tabled"], verification=COUNTS)}
+
+    def tell(what: str, share: float) -> None:
+        if what == "write time series" and share == 1.0:
+            written.set()
+
+    monkeypatch.setattr(making, "executor_of", threads)
+    monkeypatch.setattr(making, "verified_tables", verify)
+    monkeypatch.setattr(making, "_stepped", lambda *_: (LATER, 0.1))
+    monkeypatch.setattr("vsgdesign.design.table.compiled_ahead", lambda: None)
+    monkeypatch.setattr(run, "_exports", lambda *_: [])
+    run_study(study, tmp_path / "out", workers=2, progress=tell)
+    assert given[0].certificate == RECORD
+    document = json.loads((tmp_path / "out" / "tabled.table.json").read_text(encoding="utf-8"))
+    assert document["verification"] == COUNTS
+    assert document["certificate"]["reason"] == LATER.reason
+    times = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))["timing_s"]
+    assert times["certificates"] == pytest.approx(0.2)
+
+
+def test_an_interrupted_run_ends_while_tables_are_verified(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What waits for other processes ends with them."""
+    begun = threading.Event()
+
+    @contextmanager
+    def processes(count: int | None = None) -> Iterator[Executor]:
+        with threads(count) as executor:
+            try:
+                yield executor
+            finally:
+                ended.set()
+
+    def verify(*_: Any, **__: Any) -> Any:
+        begun.set()
+        assert ended.wait(60.0)
+        raise WorkerError("the workers are gone")
+
+    def stop(what: str, _share: float) -> None:
+        if what == "simulate tabled" and begun.wait(60.0):
+            raise KeyboardInterrupt
+
+    ended = threading.Event()
+    monkeypatch.setattr(making, "executor_of", processes)
+    monkeypatch.setattr(making, "verified_tables", verify)
+    monkeypatch.setattr("vsgdesign.design.table.compiled_ahead", lambda: None)
+    with pytest.raises(KeyboardInterrupt):
+        run_study(study, tmp_path / "out", workers=2, progress=stop)
+    assert not (tmp_path / "out").exists()
 
 
 def test_finished_cells_are_kept_until_the_run_is_complete(

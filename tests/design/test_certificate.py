@@ -140,7 +140,7 @@ def test_a_corner_that_points_miss_is_found(study: Study) -> None:
 def test_what_is_claimed_holds_where_boxes_broke_it(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fitted to a few strong grids, a function fails elsewhere. The boxes find where, and none are left to try another
     on: what is claimed then holds at those points, too."""
-    module: Any = importlib.import_module("vsgdesign.certificate.certify")
+    module: Any = importlib.import_module("vsgdesign.certificate.certifying")
     spec = controller(study, "angle_damped", Q_droop=0.5)
     system = System(study, closed_form_schedule(study, spec.target))
     rng = np.random.default_rng(5)

@@ -15,7 +15,7 @@ from vsgdesign.artifacts import GainTable
 from vsgdesign.certificate import Certificate, Region, certify
 from vsgdesign.certificate.box_check import compile_ahead, judge, survey
 from vsgdesign.certificate.boxes import Boxes, parameters_of, points_of, whole_region
-from vsgdesign.certificate.certify import Motion
+from vsgdesign.certificate.certifying import Motion
 from vsgdesign.certificate.enclosure import programs
 from vsgdesign.certificate.lyapunov import residual
 from vsgdesign.certificate.proof import EMPTY, PROVED, UNDECIDED, look_at, prove

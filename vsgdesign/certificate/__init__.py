@@ -1,9 +1,47 @@
-"""A proof over a region of grids, operating points and estimate errors, or a counterexample."""
+"""A proof over a region of grids, operating points and estimate errors, or a counterexample. Names are imported when
+they are first used: Numba takes long to load.
+"""
 
-from vsgdesign.certificate.certify import certify, largest_rate, region_of
-from vsgdesign.certificate.region import MeasuredSchedule, Region
-from vsgdesign.certificate.results import Certificate, Counterexample, Gap, NoFunctionError, Trajectory, refusal_record
-from vsgdesign.certificate.steps import certified_steps, with_steps
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from vsgdesign.certificate.certifying import certify, largest_rate, region_of
+    from vsgdesign.certificate.region import MeasuredSchedule, Region
+    from vsgdesign.certificate.results import (
+        Certificate,
+        Counterexample,
+        Gap,
+        NoFunctionError,
+        Trajectory,
+        refusal_record,
+    )
+    from vsgdesign.certificate.steps import certified_steps, with_steps
+
+_HOMES = {
+    "Certificate": "results",
+    "Counterexample": "results",
+    "Gap": "results",
+    "MeasuredSchedule": "region",
+    "NoFunctionError": "results",
+    "Region": "region",
+    "Trajectory": "results",
+    "certified_steps": "steps",
+    "certify": "certifying",
+    "largest_rate": "certifying",
+    "refusal_record": "results",
+    "region_of": "certifying",
+    "with_steps": "steps",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+
 
 __all__ = [
     "Certificate",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.artifacts.step_record import StepRow, StepStatement
 from vsgdesign.certificate.boxes import encloses
-from vsgdesign.certificate.certify import Motion, prepared, proved_between
+from vsgdesign.certificate.certifying import Motion, prepared, proved_between
 from vsgdesign.certificate.level_set import largest_level_set
 from vsgdesign.certificate.lyapunov import residual
 from vsgdesign.certificate.region import MeasuredSchedule, Region, System, nodes, random_points

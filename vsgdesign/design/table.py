@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,8 +13,7 @@ import numpy as np
 
 from vsgdesign.artifacts.certificate_record import CertificateRecord
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.certificate import NoFunctionError, Region, certify, refusal_record, with_steps
-from vsgdesign.certificate.box_check import compile_ahead
+from vsgdesign.certificate import Certificate, Counterexample, NoFunctionError, Region, refusal_record
 from vsgdesign.design.assembly import Withdrawn, assemble, withdraw_promises
 from vsgdesign.design.between import POINTS, BetweenCheck, between_document
 from vsgdesign.design.causes import Cause, explain_pair, explained_between
@@ -51,6 +51,9 @@ exists; and boxes that it may take: some ten seconds on two cores."""
 _STEP_BOXES = 15_000
 """Boxes for each part of the region in the proof of the certified steps: some seconds. ``certify`` takes more and
 leaves fewer parts at points."""
+
+Proved = Certificate | Counterexample | CertificateRecord | None
+"""A certificate, a counterexample, or the record of why there is neither."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,7 @@ def build_table(
     with one_thread():
         if certificate and executor is not None:
             # One worker compiles this while the others compile what designs need, instead of all of them the same.
-            executor.submit(compile_ahead)
+            executor.submit(compiled_ahead)
         job = TableJob(
             study=study,
             controller=controller,
@@ -176,18 +179,53 @@ def table_certificate(
     Any speed of change; where no common function exists, a slow grid (_CERTIFICATES). Without gaps where the
     boxes suffice. ``each``: what applies a function to the parts of the region for which certified steps are proved.
     """
-    spec = study.specification
+    return stepped_record(study, controller, table, proved_over_box(study, controller, table), each)
+
+
+def compiled_ahead() -> None:
+    """Compiles what a certificate needs, or loads it."""
+    from vsgdesign.certificate.box_check import compile_ahead
+
+    compile_ahead()
+
+
+def proved_over_box(study: Study, controller: ControllerSpec, table: GainTable) -> Proved:
+    """What is proved of decay over the table's box, without the certified steps: all that a scheduler needs to know."""
+    from vsgdesign.certificate import certify
+
     box = table.validity
-    study = study if spec is None else replace(study, scr_basis=spec.scr_basis)
     refused = None
     for rate, boxes in _CERTIFICATES:
         region = Region(box.scr, box.x_over_r, box.P, box.Q, box.error, rate, box.error_Z)
         try:
-            found = certify(study, controller, region, schedule=table_schedule(table), budget=boxes)
-            found = with_steps(study, controller, found, schedule=table_schedule(table), budget=_STEP_BOXES, each=each)
+            return certify(_on_basis(study), controller, region, schedule=table_schedule(table), budget=boxes)
         except (InfeasibleStudyError, StudyError) as fault:  # no such function, or a box that is not asked for
             slowest = fault.slowest if isinstance(fault, NoFunctionError) else None
             refused = refusal_record(str(fault), region, slowest)
-            continue
-        return found.as_record()
     return refused
+
+
+def stepped_record(
+    study: Study, controller: ControllerSpec, table: GainTable, found: Proved, each: Each = map
+) -> CertificateRecord | None:
+    """The record of what is proved, with the certified steps where there is a certificate. Their proof takes longer
+    than the certificate's own."""
+    if isinstance(found, Certificate):
+        from vsgdesign.certificate import with_steps
+
+        # A box that steps cannot be asked for leaves the certificate without them.
+        with suppress(InfeasibleStudyError, StudyError):
+            schedule = table_schedule(table)
+            found = with_steps(_on_basis(study), controller, found, schedule=schedule, budget=_STEP_BOXES, each=each)
+    return record_of(found)
+
+
+def record_of(found: Proved) -> CertificateRecord | None:
+    """What a gain table keeps of it."""
+    return found if found is None or isinstance(found, CertificateRecord) else found.as_record()
+
+
+def _on_basis(study: Study) -> Study:
+    """The study with the basis of SCR that its specification has."""
+    spec = study.specification
+    return study if spec is None else replace(study, scr_basis=spec.scr_basis)

@@ -2,14 +2,14 @@
 
 They take longer than the simulation, and each keeps one core busy for a part of its time only. While the tables are
 designed, the network is trained. While certificates are searched for, the controllers that can do without are
-simulated. While the tables are verified, the others are simulated, and files are written. What is made does not depend
-on what it is made beside.
+simulated. While the tables are verified and steps are certified, the others are simulated, and files are written. What
+is made does not depend on what it is made beside.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -20,13 +20,14 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.execution.executors import executor_of
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.parameters.study import Study
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.pipeline.table import make_tables
 from vsgdesign.pipeline.training import make_network, recipe_of, trains
 from vsgdesign.pipeline.verify import verified_tables
 
 if TYPE_CHECKING:
     from vsgdesign.artifacts.certificate_record import CertificateRecord
+    from vsgdesign.design.table import Proved
     from vsgdesign.estimator.trained import TrainedEstimator
 
 
@@ -39,9 +40,10 @@ class Made:
     trained: TrainedEstimator | None
     """How the network was trained, if it was trained."""
     late: Callable[[], Ready] | None
-    """Waits for the certificates and returns ``ready`` with every table. None: no table is missing."""
+    """Waits for the certificates and returns ``ready`` with every table, as a scheduler takes it: without certified
+    steps. None: no table is missing."""
     verified: Callable[[], Ready]
-    """Waits for the verification and returns all that is made. To be called after ``late``."""
+    """Waits for certified steps and verification, and returns all that is made. To be called after ``late``."""
     executor: Executor | None
     """Worker processes that are there anyway."""
     timing_s: dict[str, float]
@@ -72,67 +74,103 @@ def made(
         aside = held.enter_context(ThreadPoolExecutor(1))  # ends after the processes for which it waits
         executor = held.enter_context(executor_of(workers)) if specs else None
         network = _training(study, bridge, executor, progress=progress)
-        certify: list[Callable[[], tuple[CertificateRecord | None, float]]] = []
         begin = time.perf_counter()
         if executor is not None:
-            from vsgdesign.certificate.box_check import compile_ahead
             from vsgdesign.design.sweep import begun
+            from vsgdesign.design.table import compiled_ahead
 
             # One worker compiles this while the other compiles what designs need, instead of both the same.
-            begun(executor, compile_ahead)
+            begun(executor, compiled_ahead)
         tables = make_tables(study, out, executor=executor, workers=1, certificates=False, keep=held, progress=progress)
         if tables:
             timing["tables"] = time.perf_counter() - begin
-        if specs:
-            from vsgdesign.design.sweep import begun
-
-            certify = [
-                begun(executor, _certified, study.with_limit_of(spec), spec, tables[spec.name]) for spec in specs
-            ]
+        certificates = _Certificates(study, specs, tables, executor, timing, tell)
         begin = time.perf_counter()
         weights, trained = network()
         if weights is not None:
             timing["estimator"] = time.perf_counter() - begin if trained is None else sum(trained.timing_s.values())
-        names = {spec.name for spec in specs}
-        ready = Ready(tables={name: one for name, one in tables.items() if name not in names}, network=weights)
-
         verifying: list[Callable[[], Ready]] = []
+
+        def verified(ready: Ready) -> Ready:
+            begin = time.perf_counter()
+            found = verified_tables(study, ready.tables, out, executor=executor, workers=workers, progress=progress)
+            if any(found[name] is not table for name, table in ready.tables.items()):
+                timing["verification"] = time.perf_counter() - begin
+            return replace(ready, tables=found)
 
         def verify_all(ready: Ready) -> Ready:
             """Begins to verify the tables, beside what comes next if other processes can do it."""
-
-            def verified() -> Ready:
-                begin = time.perf_counter()
-                found = verified_tables(study, ready.tables, out, executor=executor, workers=workers, progress=progress)
-                if any(found[name] is not table for name, table in ready.tables.items()):
-                    timing["verification"] = time.perf_counter() - begin
-                return replace(ready, tables=found)
-
             if not verify:
                 verifying.append(lambda: ready)
+            elif executor is None:
+                verifying.append(lambda: verified(ready))
             else:
-                verifying.append(verified if executor is None else aside.submit(verified).result)
+                verifying.append(aside.submit(verified, ready).result)
             return ready
 
-        def late() -> Ready:
-            tell("certify", 0.0)
-            found = [wait() for wait in certify]
-            tell("certify", 1.0)
-            timing["certificates"] = sum(seconds for _, seconds in found)
-            done = {
-                spec.name: replace(tables[spec.name], certificate=record)
-                for spec, (record, _) in zip(specs, found, strict=True)
-            }
-            return verify_all(replace(ready, tables={name: done.get(name, tables[name]) for name in tables}))
-
+        first = {name: table for name, table in tables.items() if name not in certificates.names}
+        ready = Ready(tables=first, network=weights)
         yield Made(
             ready=ready if specs else verify_all(ready),
             trained=trained,
-            late=late if specs else None,
-            verified=lambda: verifying[-1](),
+            late=(lambda: verify_all(certificates.proved(ready))) if specs else None,
+            verified=lambda: certificates.stepped(verifying[-1]()),
             executor=executor,
             timing_s=timing,
         )
+
+
+class _Certificates:
+    """The certificates of tables that were just designed, and the certified steps that belong to them."""
+
+    def __init__(
+        self,
+        study: Study,
+        specs: Sequence[ControllerSpec],
+        tables: dict[str, GainTable],
+        executor: Executor | None,
+        timing: dict[str, float],
+        tell: Progress,
+    ) -> None:
+        """Begins with the certificates."""
+        self.names = frozenset(spec.name for spec in specs)
+        self._study, self._specs, self._tables = study, specs, tables
+        self._executor, self._timing, self._tell = executor, timing, tell
+        self._certificates = [self._begun(_proved, spec) for spec in specs]
+        self._steps: dict[str, Callable[[], tuple[Any, float]]] = {}
+
+    def proved(self, ready: Ready) -> Ready:
+        """Waits for the certificates and begins with the steps. Returns ``ready`` with every table, as a scheduler
+        takes it."""
+        from vsgdesign.design.table import record_of
+
+        self._tell("certify", 0.0)
+        done = dict(self._tables)
+        for spec, wait in zip(self._specs, self._certificates, strict=True):
+            found = self._counted(wait)
+            done[spec.name] = replace(self._tables[spec.name], certificate=record_of(found))
+            self._steps[spec.name] = self._begun(_stepped, spec, found)
+        self._tell("certify", 0.5)
+        return replace(ready, tables=done)
+
+    def stepped(self, ready: Ready) -> Ready:
+        """Waits for the steps. Returns ``ready`` with tables whose certificates have them."""
+        whole = dict(ready.tables)
+        for name, wait in self._steps.items():
+            whole[name] = replace(whole[name], certificate=self._counted(wait))
+            self._tell("certify", 1.0)
+        return replace(ready, tables=whole)
+
+    def _begun(self, function: Callable[..., Any], spec: ControllerSpec, *rest: Any) -> Callable[[], tuple[Any, float]]:
+        from vsgdesign.design.sweep import begun
+
+        study, table = self._study.with_limit_of(spec), self._tables[spec.name]
+        return begun(self._executor, function, study, spec, table, *rest)
+
+    def _counted(self, wait: Callable[[], tuple[Any, float]]) -> Any:
+        found, seconds = wait()
+        self._timing["certificates"] = self._timing.get("certificates", 0.0) + seconds
+        return found
 
 
 def _training(
@@ -157,10 +195,19 @@ def _training(
     return network
 
 
-def _certified(study: Study, spec: Any, table: GainTable) -> tuple[CertificateRecord | None, float]:
-    """The certificate of a table, and the seconds that it took."""
-    from vsgdesign.design.table import table_certificate
+def _proved(study: Study, spec: ControllerSpec, table: GainTable) -> tuple[Proved, float]:
+    """What is proved over the box of a table, and the seconds that it took."""
+    from vsgdesign.design.table import proved_over_box
 
     begin = time.perf_counter()
-    record = table_certificate(study, spec, table)
-    return record, time.perf_counter() - begin
+    return proved_over_box(study, spec, table), time.perf_counter() - begin
+
+
+def _stepped(
+    study: Study, spec: ControllerSpec, table: GainTable, found: Proved
+) -> tuple[CertificateRecord | None, float]:
+    """The record of that with its certified steps, and the seconds that these took."""
+    from vsgdesign.design.table import stepped_record
+
+    begin = time.perf_counter()
+    return stepped_record(study, spec, table, found), time.perf_counter() - begin
