@@ -50,9 +50,14 @@ def cycle_mean(y: Array, samples_per_cycle: int) -> Array:
     """Mean over the cycle, or the whole cycles, that end at each sample; before the first end, over what there is."""
     if samples_per_cycle <= 1:
         return y.copy()
-    total = np.concatenate(([0.0], np.cumsum(y - y[0])))
-    count = np.minimum(np.arange(1, len(y) + 1), samples_per_cycle)
-    return y[0] + (total[1:] - total[np.arange(1, len(y) + 1) - count]) / count
+    n = min(samples_per_cycle, len(y))
+    total = np.cumsum(y - y[0])
+    mean = np.empty(len(y))
+    np.divide(total[:n], np.arange(1, n + 1), out=mean[:n])
+    np.subtract(total[n:], total[:-n], out=mean[n:])
+    mean[n:] /= n
+    mean += y[0]
+    return mean
 
 
 def mean_in_words(cycles: int) -> str:

@@ -10,11 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.metrics.angles import unwrapped
 from vsgdesign.metrics.step_response import SETTLING_BAND, cycle_mean, settling_time
 
 Array = NDArray[np.float64]
@@ -73,6 +75,17 @@ class SurvivalRecord:
     limited: Array
     """Share of the samples since the row before in which the current limiter acted, 0 to 1."""
     diverged: bool = False
+
+    @cached_property
+    def finite_rows(self) -> int:
+        """How many rows come before the first that holds anything but numbers."""
+        columns = (self.P, self.Q, self.delta, self.i_s_pu, self.limited)
+        # A sum is finite only if every number is. One of large numbers may overflow, so it proves nothing else.
+        with np.errstate(all="ignore"):
+            if all(math.isfinite(float(np.sum(column))) for column in columns):
+                return len(self.t_s)
+        bad = ~np.isfinite(np.column_stack(columns)).all(axis=1)
+        return int(np.argmax(bad)) if bad.any() else len(self.t_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,7 +209,7 @@ def judge_survival(
     refused = rest.refused(demand.i_max_pu)
     if refused is not None:
         return Survival(status=refused[0], reason=refused[1])
-    good = _finite_rows(record)
+    good = record.finite_rows
     diverged = record.diverged or good < len(record.t_s)
     t = record.t_s[:good]
     if good < 2 or t[-1] <= events_s[0]:
@@ -206,7 +219,7 @@ def judge_survival(
     starts, loads = _starts(t, events_s), loads_of(record, events_s, demand.i_max_pu)
     limited = record.limited[:good]
     swing, slipped = _swing(record.delta[:good], starts, rest.delta, ended=not diverged)
-    at_end = float(np.mean(limited[t > t[-1] - END_S]))
+    at_end = float(np.mean(limited[np.searchsorted(t, t[-1] - END_S, side="right") :]))
     recovery = None if diverged else _recovery(record, cleared_s, rest, demand)
     figures = Survival(
         status=SURVIVED,
@@ -250,17 +263,20 @@ class Loads(NamedTuple):
 
 def loads_of(record: SurvivalRecord, events_s: Sequence[float], i_max_pu: float | None) -> Loads:
     """What a record says of the converter's current, up to its first value that is no number."""
-    good = _finite_rows(record)
+    good = record.finite_rows
     t, current, limited = record.t_s[:good], record.i_s_pu[:good], record.limited[:good]
     step, starts = float(record.t_s[1] - record.t_s[0]), _starts(t, events_s)
-    after, first = np.zeros(good, dtype=bool), np.zeros(good, dtype=bool)
-    after[starts[0] :] = True
-    for event_s, start in zip(events_s, starts, strict=True):
-        first[start : int(np.searchsorted(t, event_s + FIRST_S - 0.5 * step))] = True
-    above = 0 if i_max_pu is None else int(np.sum(after & (current > i_max_pu)))
+    firsts, laters, at = [], [], int(starts[0])
+    for event_s, start in zip(events_s, starts.tolist(), strict=True):
+        end = int(np.searchsorted(t, event_s + FIRST_S - 0.5 * step))
+        laters.append(current[at:start])
+        firsts.append(current[start:end])
+        at = max(at, end)
+    laters.append(current[at:])
+    above = 0 if i_max_pu is None else int(np.count_nonzero(current[starts[0] :] > i_max_pu))
     return Loads(
-        first_peak_pu=_largest(current[first]),
-        peak_pu=_largest(current[after & ~first]),
+        first_peak_pu=_largest(firsts),
+        peak_pu=_largest(laters),
         limited_s=float(np.sum(limited[starts[0] + 1 :]) * step),
         above_s=above * step,
     )
@@ -279,26 +295,26 @@ def _recovery(record: SurvivalRecord, cleared_s: float, rest: ExpectedRest, dema
     """
     t = record.t_s
     cycle = max(round(demand.cycle_s / float(t[1] - t[0])), 1)
-    P, Q = cycle_mean(record.P, cycle), cycle_mean(record.Q, cycle)
-    error = np.maximum(np.abs(P - rest.P), np.abs(Q - rest.Q)) / demand.S_rated
     since = t - cleared_s
-    later = since >= 0.0
-    if not later.any():
+    first = int(np.searchsorted(since, 0.0))
+    since = since[first:]
+    if not len(since):
         return None
+    P, Q = cycle_mean(record.P, cycle)[first:], cycle_mean(record.Q, cycle)[first:]
+    error = np.maximum(np.abs(P - rest.P), np.abs(Q - rest.Q)) / demand.S_rated
     if demand.share_inside >= 1.0:
-        return settling_time(since[later], error[later], demand.band)
-    late = since >= demand.deadline_s
-    if late.any() and float(np.mean(error[late] <= demand.band)) < demand.share_inside:
+        return settling_time(since, error, demand.band)
+    late = int(np.searchsorted(since, demand.deadline_s))
+    if late < len(since) and float(np.mean(error[late:] <= demand.band)) < demand.share_inside:
         return None
-    early = later & ~late
-    reached = settling_time(since[early], error[early], demand.band) if early.any() else 0.0
+    reached = settling_time(since[:late], error[:late], demand.band) if late else 0.0
     return demand.deadline_s if reached is None else reached
 
 
 def _swing(delta: Array, starts: NDArray[np.intp], rest: float, ended: bool) -> tuple[float, bool]:
     """Largest distance of the angle from its rest after each event, rad, and whether it slipped by a turn."""
     turn = 2.0 * math.pi
-    angle = np.unwrap(delta) - rest
+    angle = unwrapped(delta) - rest
     ends = [*starts[1:], len(angle)]
     swing, slipped = 0.0, False
     for k, (begin, end) in enumerate(zip(starts, ends, strict=True)):
@@ -311,7 +327,7 @@ def _swing(delta: Array, starts: NDArray[np.intp], rest: float, ended: bool) -> 
             if either_way(float(part[0]), reached, base, rest):
                 base = reached
             slipped = reached != base
-        swing = max(swing, float(np.max(np.abs(part - base))))
+        swing = max(swing, abs(float(part.max()) - base), abs(float(part.min()) - base))
     return swing, slipped or swing > turn
 
 
@@ -326,18 +342,8 @@ def either_way(first: Any, reached: Any, base: Any, rest: Any) -> Any:
     return np.abs(np.asarray(first) - reached) <= math.pi + beyond + _EITHER_WAY
 
 
-def _finite_rows(record: SurvivalRecord) -> int:
-    """How many rows come before the first that holds anything but numbers."""
-    columns = (record.P, record.Q, record.delta, record.i_s_pu, record.limited)
-    if all(np.isfinite(column).all() for column in columns):
-        return len(record.t_s)
-    values = np.column_stack(columns)
-    bad = ~np.isfinite(values).all(axis=1)
-    return int(np.argmax(bad)) if bad.any() else len(record.t_s)
-
-
-def _largest(values: Array) -> float | None:
-    return float(np.max(values)) if values.size else None
+def _largest(parts: Sequence[Array]) -> float | None:
+    return max((float(part.max()) for part in parts if part.size), default=None)
 
 
 def _check(record: SurvivalRecord, events_s: Sequence[float], cleared_s: float, demand: SurvivalDemand) -> None:
@@ -349,7 +355,7 @@ def _check(record: SurvivalRecord, events_s: Sequence[float], cleared_s: float, 
         faults.append("record: it has fewer than two rows.")
     else:
         steps = np.diff(record.t_s)
-        if not (steps > 0.0).all() or not np.allclose(steps, steps[0], rtol=1e-6, atol=0.0):
+        if not (steps.min() > 0.0 and np.abs(steps - steps[0]).max() <= 1e-6 * steps[0]):
             faults.append("t_s: the rows must be equally spaced and ascending. Resample the record.")
     if not events_s or list(events_s) != sorted(events_s) or not np.isfinite(events_s).all():
         faults.append(f"events_s = {list(events_s)}: there must be at least one event, in ascending order.")

@@ -13,7 +13,6 @@ from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.run import Simulation
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def dc_energy(simulation: Simulation, study: Study, *, bridge: str | None = None) -> Array:
@@ -24,28 +23,33 @@ def dc_energy(simulation: Simulation, study: Study, *, bridge: str | None = None
     the study's: with a switched one, the losses of the ripple in R_1 and R_c are left out. Raises InfeasibleStudyError
     where the log does not have every sample.
     """
+    return np.concatenate([[0.0], np.cumsum(dc_energy_steps(simulation.log.T, study, bridge=bridge))])
+
+
+def dc_energy_steps(log: Array, study: Study, *, bridge: str | None = None) -> Array:
+    """The energy in J that is taken in each sample, (n − 1,), from the columns of a log, (6 or more, n), in the order
+    of LOG_COLUMNS. As :func:`dc_energy`."""
     T_s, f = study.converter.T_s, study.filter
     if round(study.simulation.log_interval / T_s) != 1:
         raise InfeasibleStudyError(
             f"log_interval = {study.simulation.log_interval:.6g} s: the energy of the dc link needs every sample. "
             f"Use log_interval = {T_s:.9g}."
         )
-    i_s, v_c, i_g = (_vector(simulation, name) for name in ("i_s", "v_c", "i_g"))
+    i_s, v_c, i_g = (np.ascontiguousarray(log[at : at + 2]) for at in (0, 2, 4))  # α and β
     step_i, step_v = np.diff(i_s), np.diff(v_c)
     # What flows into the capacitor says the slope of its voltage, and v_b − R_1 i_s − v that of the current, in whose
     # difference between both ends v_b is not contained.
     step_c = np.diff(i_s - i_g)
-    flux = 0.5 * T_s * (v_c[1:] + v_c[:-1]) - T_s * T_s / 12.0 * step_c / f.C + f.R_c * f.C * step_v
+    flux = 0.5 * T_s * _sums(v_c) - T_s * T_s / 12.0 * step_c * (1.0 / f.C) + f.R_c * f.C * step_v
     if (study.simulation.bridge if bridge is None else bridge) == "pwm":
         # The current swings between its samples, and what the capacitor and the grid get of it does not.
         charge = f.C * step_v + T_s * _means(i_g)
-        middle = 0.5 * (i_s[1:] + i_s[:-1])
+        middle = 0.5 * _sums(i_s)
     else:
         step_node = step_v + f.R_c * step_c
-        charge = 0.5 * T_s * (i_s[1:] + i_s[:-1]) + T_s * T_s / 12.0 * (f.R_1 * step_i + step_node) / f.L_1
-        middle = charge / T_s
-    energy = f.L_1 * _power(step_i, middle) + _power(f.R_1 * charge + flux, charge / T_s)
-    return np.concatenate([[0.0], np.cumsum(energy)])
+        charge = 0.5 * T_s * _sums(i_s) + T_s * T_s / 12.0 * (f.R_1 * step_i + step_node) * (1.0 / f.L_1)
+        middle = charge * (1.0 / T_s)
+    return f.L_1 * _power(step_i, middle) + _power(f.R_1 * charge + flux, charge * (1.0 / T_s))
 
 
 def dc_power(simulation: Simulation, study: Study, *, bridge: str | None = None) -> Array:
@@ -57,17 +61,19 @@ def dc_power(simulation: Simulation, study: Study, *, bridge: str | None = None)
     return power
 
 
-def _means(x: Complex) -> Any:
+def _sums(x: Array) -> Array:
+    """Of every two neighbouring samples."""
+    return x[:, 1:] + x[:, :-1]
+
+
+def _means(x: Array) -> Array:
     """Mean between every two samples, of the cubic through these and their neighbours."""
-    if len(x) < 4:
-        return 0.5 * (x[1:] + x[:-1])
-    more = np.concatenate([[3.0 * (x[0] - x[1]) + x[2]], x, [3.0 * (x[-1] - x[-2]) + x[-3]]])
-    return (13.0 * (more[1:-2] + more[2:-1]) - more[:-3] - more[3:]) / 24.0
+    if x.shape[1] < 4:
+        return 0.5 * _sums(x)
+    before, after = 3.0 * (x[:, :1] - x[:, 1:2]) + x[:, 2:3], 3.0 * (x[:, -1:] - x[:, -2:-1]) + x[:, -3:-2]
+    more = np.concatenate([before, x, after], axis=1)
+    return (13.0 * (more[:, 1:-2] + more[:, 2:-1]) - more[:, :-3] - more[:, 3:]) * (1.0 / 24.0)
 
 
-def _vector(simulation: Simulation, name: str) -> Any:
-    return simulation.column(f"{name}_alpha") + 1j * simulation.column(f"{name}_beta")
-
-
-def _power(v: Complex, i: Complex) -> Any:
-    return instantaneous_power(v.real, v.imag, i.real, i.imag)[0]
+def _power(v: Array, i: Array) -> Any:
+    return instantaneous_power(*v, *i)[0]

@@ -125,12 +125,15 @@ class Timeline:
     def source_phase(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Phase of the source's fundamental in rad at each instant of a sorted array. What a background or a record
         adds to it is that of the sample before the instant."""
-        fields = np.array([(s.t_s, s.omega, s.omega_slope, s.phase) for s in self.sources]).T
-        if len(self.sources) > 1:
-            fields = fields[:, np.searchsorted(fields[0], t_s, side="right") - 1]
-        since_s, omega, slope, first = fields
-        dt = t_s - since_s
-        phase = first + omega * dt + 0.5 * slope * dt * dt
+        cuts = np.searchsorted(t_s, [s.t_s for s in self.sources[1:]]).tolist()
+        phase = np.empty(len(t_s))
+        for s, begin, end in zip(self.sources, [0, *cuts], [*cuts, len(t_s)], strict=True):
+            dt = t_s[begin:end] - s.t_s
+            part = phase[begin:end]
+            np.multiply(dt, s.omega, out=part)
+            part += s.phase
+            if s.omega_slope != 0.0:
+                part += 0.5 * s.omega_slope * dt * dt
         moving = self.wander or self.replay
         if moving is not None and len(t_s):
             phase += moving.angle_at(np.floor(t_s / moving.T_s + 1e-6).astype(np.int64))
