@@ -11,10 +11,11 @@ from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.design_inputs import design_inputs
 from vsgdesign.artifacts.gain_table import GainTable, base_of
+from vsgdesign.artifacts.ready import read_tables
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.study import Study
 from vsgdesign.pipeline import kept_tables as module
-from vsgdesign.pipeline.kept_tables import kept_tables
+from vsgdesign.pipeline.kept_tables import kept_tables, with_left_tables
 
 
 @pytest.fixture(scope="module")
@@ -95,3 +96,21 @@ def test_a_damaged_table_is_neither_taken_nor_replaced(study: Study, design: lis
 def test_a_study_without_tables_needs_nothing(design: list[str], tmp_path: Path) -> None:
     found = kept_tables(load_study("studies/structures/study.toml"), tmp_path)
     assert (found.tables, found.words, design) == ({}, [], [])
+
+
+def test_verbs_that_read_name_the_table_that_was_left(study: Study, made: GainTable, tmp_path: Path) -> None:
+    """After `run`, every other verb took minutes to design the same table again."""
+    path = tmp_path / "table" / "table.table.json"
+    path.parent.mkdir()
+    write_table_file(made, path)
+    said: list[str] = []
+    found = with_left_tables(study, tmp_path, say=said.append)
+    assert {spec.name: spec.table_file for spec in found.controllers if spec.schedule == "table"} == {
+        "table": str(path)
+    }
+    assert read_tables(found)["table"].sha256 == made.sha256
+    assert said == [f"The gain table of table is that of {path}."]
+    assert found.hash == study.hash
+    other = study.with_changes(specification={"settling_time": "2 s"})
+    assert with_left_tables(other, tmp_path) == other
+    assert with_left_tables(study, tmp_path / "elsewhere") == study

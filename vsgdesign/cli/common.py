@@ -98,9 +98,9 @@ def _of_the_disk(error: OSError) -> bool:
     return error.errno in OF_THE_DISK
 
 
-def load(study_file: str, quiet: bool = False) -> Study:
+def load(study_file: str, quiet: bool = False, *, left_tables: bool = False) -> Study:
     """Load the study of a file. If it leaves its inner loops to be designed, they are designed once and kept beside
-    it.
+    it. With ``left_tables``, a gain table of the same design that an earlier command has left below ``out`` is taken.
     """
     from vsgdesign.pipeline.opening import open_study
 
@@ -108,7 +108,12 @@ def load(study_file: str, quiet: bool = False) -> Study:
         click.echo(sentence, err=True)
 
     with progress(quiet) as report:
-        return open_study(study_file, progress=report, say=say)
+        study = open_study(study_file, progress=report, say=say)
+    if left_tables:
+        from vsgdesign.pipeline.kept_tables import with_left_tables
+
+        study = with_left_tables(study, say=say)
+    return study
 
 
 def print_json(document: Any) -> None:

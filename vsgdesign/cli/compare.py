@@ -33,7 +33,7 @@ def compare(study_file: str, out: str | None, emt: bool, seed: int, workers: int
 
     from vsgdesign.pipeline.comparison import report_comparison
 
-    study = load(study_file)
+    study = load(study_file, left_tables=True)
     folder = Path("out") / f"{study.name}-comparison" if out is None else Path(out)
     with keeping(folder), progress(quiet=as_json) as tell:
         document = report_comparison(study, folder, emt=emt, seed=seed, workers=workers, progress=tell)

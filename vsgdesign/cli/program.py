@@ -92,7 +92,7 @@ def design(study_file: str, as_json: bool) -> None:
     from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.design import design_closed_form, distinct_grids
 
-    study = _on_the_grid_alone(_load(study_file))
+    study = _on_the_grid_alone(_load(study_file, left_tables=True))
     ready = Ready(tables=read_tables(study))
     known = [spec for spec in study.controllers if spec.schedule != "table" or spec.name in ready.tables]
     missing = [
@@ -132,7 +132,7 @@ def margins(study_file: str, evidence: bool, as_json: bool) -> None:
     """
     from vsgdesign.pipeline import assess_study, stability_document
 
-    study = _on_the_grid_alone(_load(study_file))
+    study = _on_the_grid_alone(_load(study_file, left_tables=True))
     with _progress(quiet=as_json) as progress:
         document = stability_document(assess_study(study, evidence=evidence, progress=progress))
     if as_json:
@@ -160,7 +160,7 @@ def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json:
 
     from vsgdesign.pipeline import report_stability
 
-    study = _on_the_grid_alone(_load(study_file))
+    study = _on_the_grid_alone(_load(study_file, left_tables=True))
     folder = Path("out") / f"{study.name}-stability" if out is None else Path(out)
     with _progress(quiet=as_json) as progress:
         document = report_stability(study, folder, pdf=pdf, explorer=explorer, progress=progress)
@@ -259,7 +259,7 @@ def certify(
     from vsgdesign.certificate.swing import large_signal
     from vsgdesign.pipeline.table import make_tables
 
-    study = _on_the_grid_alone(_load(study_file))
+    study = _on_the_grid_alone(_load(study_file, left_tables=True))
     named = Ready(tables=read_tables(study))
     spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate, named, error_z)
     with _progress(quiet=as_json) as progress:
@@ -326,7 +326,7 @@ def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, re
 
     from vsgdesign.pipeline import run_study
 
-    study = _load(study_file)
+    study = _load(study_file, left_tables=not report)
     name = study.name if report else f"{study.name}-simulation"
     folder = Path("out") / name if out is None else Path(out)
     with _keeping(folder), _progress(quiet=as_json) as progress:

@@ -50,7 +50,7 @@ def survive(
 
     from vsgdesign.pipeline.survival import report_survival
 
-    study = load(study_file)
+    study = load(study_file, left_tables=True)
     folder = Path("out") / f"{study.name}-survival" if out is None else Path(out)
     with keeping(folder), progress(quiet=as_json) as tell:
         document = report_survival(

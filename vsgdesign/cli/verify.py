@@ -107,7 +107,7 @@ def verify(
     from vsgdesign.verification.journal import kept_runs
 
     _check_options(file, study_file, cluster, workers, shard is not None, merge, (controller, runs, seed))
-    study = load(file if study_file is None else study_file)
+    study = load(file if study_file is None else study_file, left_tables=study_file is None)
     if study_file is not None:
         study, controller = with_table(study, file, controller)
     name = f"{study.name}-verification" + ("" if shard is None else f"/shard-{shard.number}-of-{shard.of}")

@@ -66,7 +66,7 @@ def kept_tables(
         found.tables[spec.name], found.files[spec.name] = table, path.absolute()
     if missing:
         names = ", ".join(spec.name for spec in missing)
-        why = "the study names no file, and no earlier command has left one of the same design"
+        why = f"the study names no file, and no earlier command has left one of the same design below {out}"
         if say is not None:
             say(f"The gain table of {names} is designed now: {why}.")
         made = make_tables(replace(study, controllers=tuple(missing)), own, workers=workers, progress=progress)
@@ -80,6 +80,24 @@ def kept_tables(
             except (ArtifactError, OSError) as error:
                 tell(f"The gain table of {name} could not be kept and will be designed again next time: {error}")
     return found
+
+
+def with_left_tables(study: Study, out: str | Path = "out", *, say: Callable[[str], None] | None = None) -> Study:
+    """The study with the gain tables that earlier commands have left below ``out``, as files that it names.
+
+    A table of the same design would be built again otherwise. A controller without one stays as it is. ``say`` takes
+    one sentence for each table that is found.
+    """
+    out, specs = Path(out), []
+    for spec in study.controllers:
+        if spec.schedule == "table" and spec.table_file is None:
+            table, path = _left(study, spec, out, out / f"{study.name}-explore")
+            if table is not None:
+                if say is not None:
+                    say(f"The gain table of {spec.name} is that of {path}.")
+                spec = replace(spec, table_file=str(path.absolute()))
+        specs.append(spec)
+    return replace(study, controllers=tuple(specs))
 
 
 def _left(study: Study, spec: ControllerSpec, out: Path, own: Path) -> tuple[GainTable | None, Path]:

@@ -69,7 +69,8 @@ def track(eigenvalues: Complex) -> Complex:
 
     loci = np.array(eigenvalues, dtype=complex)
     for k in range(1, len(loci)):
-        distance = np.abs(loci[k - 1][:, None] - loci[k][None, :])
+        with np.errstate(invalid="ignore"):  # a mode that ends within a sample, z = 0, is s = −∞ before and after
+            distance = np.abs(loci[k - 1][:, None] - loci[k][None, :])
         distance[~np.isfinite(distance)] = 1e12
         loci[k] = loci[k][linear_sum_assignment(distance)[1]]
     return loci
