@@ -216,7 +216,7 @@ def files() -> str:
     """What each stage reads and writes."""
     d = Drawing(
         980,
-        590,
+        690,
         "The files that the stages hand over",
         "A datasheet becomes a study; the study becomes inner gains, a gain table with its certificate, and weights; "
         "these become simulation results, a report, and C.",
@@ -244,23 +244,28 @@ def files() -> str:
     d.box(550, 250, 180, 40, "control", ("vsgdesign run",))
     d.text(640, 310, "all stages into one folder,", "small")
     d.text(640, 327, "with CONTROLLER.c/", "small")
-    d.box(550, 372, 180, 56, "control", ("margins, report", "compare, certify"))
+    d.box(550, 372, 180, 56, "control", ("margins, report", "explore, compare, certify"))
     d.text(640, 446, "linear models over grids", "small")
+    d.box(550, 476, 180, 56, "control", ("verify, comply", "survive"))
+    d.text(640, 550, "many EMT runs, each judged", "small")
     for y, *_ in rows:
         d.line((450, y + 83), (505, y + 83))
-    d.line((505, 80), (505, 530))
+    d.line((505, 80), (505, 630))
     d.arrow((505, 80), (550, 80))
     d.arrow((505, 270), (550, 270))
     d.arrow((505, 400), (550, 400))
+    d.arrow((505, 504), (550, 504))
     d.box(790, 130, 160, 62, "slow", ("report.html", "figures/", "for people"))
     d.box(790, 380, 160, 46, "slow", ("page, CSV", "maps, margins"))
-    d.box(790, 490, 160, 80, "slow", ("CONTROLLER.c/", "C99, known answers,", "INTEGRATION.md,", "manifest.json"))
+    d.box(790, 481, 160, 46, "slow", ("page, PDF, CSV", "verdicts and bounds"))
+    d.box(790, 590, 160, 80, "slow", ("CONTROLLER.c/", "C99, known answers,", "INTEGRATION.md,", "manifest.json"))
     d.arrow((730, 161), (790, 161))
     d.arrow((730, 270), (870, 270), (870, 192))
     d.arrow((730, 400), (790, 400))
-    d.box(550, 510, 180, 40, "control", ("vsgdesign export c",))
-    d.arrow((505, 530), (550, 530))
-    d.arrow((730, 530), (790, 530))
+    d.arrow((730, 504), (790, 504))
+    d.box(550, 610, 180, 40, "control", ("vsgdesign export c",))
+    d.arrow((505, 630), (550, 630))
+    d.arrow((730, 630), (790, 630))
     return d.svg()
 
 

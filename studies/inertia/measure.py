@@ -17,7 +17,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters import Event, GridSource, Study, load_study
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import Place
-from vsgdesign.report.drawing.style import COLUMN_IN, REFERENCE, add_axes, line_style, look, new_figure
+from vsgdesign.report.drawing.style import COLOURS, COLUMN_IN, REFERENCE, add_axes, look, new_figure
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.simulation import GainChange, simulate
@@ -27,6 +27,8 @@ HERE = Path(__file__).resolve().parent
 CELLS = [(scr, ratio) for scr in (1.2, 3.0, 20.0) for ratio in (0.5, 5.0, 20.0)]
 RATES = (0.1, 0.25, 0.5)
 """Hz/s."""
+DASHES = ("-", (0, (5, 1.2)), (0, (1.3, 1.1)))
+"""Lines of the three X/R; an SCR has one colour."""
 
 START, RAMP = 0.2, 3.0
 P_0, Q_0 = 300e3, 0.0
@@ -99,7 +101,7 @@ def draw(curves: list[tuple[str, Any, Any, float]], path: Path) -> None:
         figure = new_figure(COLUMN_IN, 2.6)
         axes = add_axes(figure, 0.45, 0.37, 2.97, 2.15)
         for k, (name, t_s, power, _) in enumerate(curves):
-            axes.plot(t_s, power / 1e3, label=name, **line_style(k))
+            axes.plot(t_s, power / 1e3, label=name, color=COLOURS[k // 3], linestyle=DASHES[k % 3], linewidth=1.0)
         axes.axhline(curves[0][3] / 1e3, **REFERENCE)
         axes.annotate("$2HS/ω_0$·RoCoF", (1.5, curves[0][3] / 1e3), (0, 3), textcoords="offset points")
         axes.set_xlim(-START, RAMP)
