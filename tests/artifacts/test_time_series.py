@@ -137,3 +137,14 @@ def test_no_damage_gives_wrong_numbers_or_another_error(tmp_path: Path) -> None:
             ]
             assert any(good)
     assert refused > 300
+
+
+def test_a_series_that_stands_still_is_written_as_any_other(tmp_path: Path) -> None:
+    """With signs of zero, and what is no number."""
+    n = 60
+    held = np.repeat([-0.0, 0.0, 3.5], n // 3)
+    series = {"t_s": DT * np.arange(n), "R_g": held, "omega": np.where(np.arange(n) < 40, np.nan, np.inf)}
+    write_csv(tmp_path / "x.csv", series, DT)
+    rows = [line.split(",") for line in (tmp_path / "x.csv").read_text(encoding="utf-8").splitlines()[1:]]
+    assert [row[1] for row in rows] == ["-0"] * 20 + ["0"] * 20 + ["3.5"] * 20
+    assert [row[2] for row in rows] == ["nan"] * 40 + ["inf"] * 20

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Mapping
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,11 +48,21 @@ def write_csv(path: str | Path, series: Mapping[str, Array], interval_s: float) 
     t_s = series["t_s"]
     step = max(round(interval_s / (t_s[1] - t_s[0])), 1) if len(t_s) > 1 else 1
     header = ",".join(f"{name} [{UNITS[name]}]" for name in series)
-    # Time keeps more digits: at 100 s, seven no longer tell samples of 50 us apart.
-    columns = [
-        [f"{value:{'.12g' if name == 't_s' else '.7g'}}" for value in values[::step].tolist()]
-        for name, values in series.items()
-    ]
+    columns = [_texts(name, np.array(values[::step], dtype=float)) for name, values in series.items()]
+    row = ",".join(form for form, _ in columns) + "\n"
     with Path(path).open("w", encoding="utf-8") as stream:
         stream.write(header + "\n")
-        stream.writelines(",".join(row) + "\n" for row in zip(*columns, strict=True))
+        stream.writelines(row % values for values in zip(*(values for _, values in columns), strict=True))
+
+
+def _texts(name: str, values: Array) -> tuple[str, list[Any]]:
+    """A column as numbers and their format; one that mostly stands still as text, of which every piece is made once."""
+    # Time keeps more digits: at 100 s, seven no longer tell samples of 50 us apart.
+    form = "%.12g" if name == "t_s" else "%.7g"
+    bits = values.view(np.int64)  # -0 is not 0
+    starts = np.flatnonzero(np.append(True, bits[1:] != bits[:-1])[: len(values)])
+    if 2 * len(starts) > len(values):
+        return form, values.tolist()
+    lengths = np.diff(starts, append=len(values)).tolist()
+    pieces = [[form % value] * length for value, length in zip(values[starts].tolist(), lengths, strict=True)]
+    return "%s", list(chain.from_iterable(pieces))

@@ -8,6 +8,7 @@ is made does not depend on what it is made beside.
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -89,35 +90,35 @@ def made(
         weights, trained = network()
         if weights is not None:
             timing["estimator"] = time.perf_counter() - begin if trained is None else sum(trained.timing_s.values())
-        verifying: list[Callable[[], Ready]] = []
+        first = {name: table for name, table in tables.items() if name not in certificates.names}
+        ready = Ready(tables=first, network=weights)
 
         def verified(ready: Ready) -> Ready:
+            if not verify:
+                return ready
             begin = time.perf_counter()
             found = verified_tables(study, ready.tables, out, executor=executor, workers=workers, progress=progress)
             if any(found[name] is not table for name, table in ready.tables.items()):
                 timing["verification"] = time.perf_counter() - begin
             return replace(ready, tables=found)
 
-        def verify_all(ready: Ready) -> Ready:
-            """Begins to verify the tables, beside what comes next if other processes can do it."""
-            if not verify:
-                verifying.append(lambda: ready)
-            elif executor is None:
-                verifying.append(lambda: verified(ready))
-            else:
-                verifying.append(aside.submit(verified, ready).result)
-            return ready
-
-        first = {name: table for name, table in tables.items() if name not in certificates.names}
-        ready = Ready(tables=first, network=weights)
+        # Beside this process, one begins as soon as the other is there.
+        proved = _beside(aside if executor is not None else None, lambda: certificates.proved(ready))
+        counted = _beside(aside if executor is not None else None, lambda: verified(proved()))
         yield Made(
-            ready=ready if specs else verify_all(ready),
+            ready=ready,
             trained=trained,
-            late=(lambda: verify_all(certificates.proved(ready))) if specs else None,
-            verified=lambda: certificates.stepped(verifying[-1]()),
+            late=proved if specs else None,
+            verified=lambda: certificates.stepped(counted()),
             executor=executor,
             timing_s=timing,
         )
+
+
+def _beside(thread: Executor | None, call: Callable[[], Ready]) -> Callable[[], Ready]:
+    """Begins a call on a thread that waits for other processes, or makes it when it is first asked for. Returns what
+    waits for its result."""
+    return functools.cache(call) if thread is None else thread.submit(call).result
 
 
 class _Certificates:
@@ -142,6 +143,8 @@ class _Certificates:
     def proved(self, ready: Ready) -> Ready:
         """Waits for the certificates and begins with the steps. Returns ``ready`` with every table, as a scheduler
         takes it."""
+        if not self._specs:
+            return ready
         from vsgdesign.design.table import record_of
 
         self._tell("certify", 0.0)

@@ -33,19 +33,35 @@ def pcc_over_time(study: Study, timeline: Timeline, t_s: Array, log: Array, more
 
     ``more`` (n, m): the circuit's other states. A row at which the circuit changes has the voltage just after it.
     """
-    states, slack = states_of_timeline(timeline), _SAME_INSTANT * study.converter.T_s
-    if states is None and len(timeline.grids) == 1:
-        return pcc_vectors(log, study.circuit(timeline.grids[0][1]))
-    changing = (timeline.grids,) if states is None else (timeline.grids, timeline.networks)
-    instants = sorted({instant for listed in changing for instant, _ in listed})
-    held = np.searchsorted(np.array(instants) - slack, t_s, side="right") - 1
-    if states is None:
-        grids = [timeline.grid_at(instant) for instant in instants]
-        R_g, L_g = (np.array([getattr(grid, name) for grid in grids])[held, None] for name in ("R_g", "L_g"))
-        return pcc_vectors(log, study.circuit()._replace(R_g=R_g, L_g=L_g))
-    x, v_g, v_pcc = np.column_stack([log[:, :6], more]), log[:, 6:8], np.empty((len(log), 2))
-    for k in np.unique(held):
-        circuit = network_circuit(study.filter, *connection_at(timeline, instants[k]), states)
-        rows = held == k
-        v_pcc[rows] = x[rows] @ circuit.pcc_per_state.T + v_g[rows] @ circuit.pcc_per_source.T
-    return v_pcc, log[:, 4:6]
+    return AtPcc(study, timeline).rows(t_s, log, more)
+
+
+class AtPcc:
+    """What :func:`pcc_over_time` needs to know of a run, for many parts of its log."""
+
+    def __init__(self, study: Study, timeline: Timeline) -> None:
+        """Finds the instants at which the circuit changes."""
+        self._study, self._timeline = study, timeline
+        self._states = states_of_timeline(timeline)
+        changing = (timeline.grids,) if self._states is None else (timeline.grids, timeline.networks)
+        self._instants = sorted({instant for listed in changing for instant, _ in listed})
+        self._begins = np.array(self._instants) - _SAME_INSTANT * study.converter.T_s
+        self._grids = [timeline.grid_at(instant) for instant in self._instants]
+
+    def rows(self, t_s: Array, log: Array, more: Array) -> tuple[Array, Array]:
+        """As :func:`pcc_over_time`."""
+        held = np.searchsorted(self._begins, t_s, side="right") - 1
+        if self._states is None:
+            circuit = self._study.circuit()
+            if len(held) and held[0] == held[-1]:  # as mostly: one grid in all rows
+                grid = self._grids[held[0]]
+                return pcc_vectors(log, circuit._replace(R_g=grid.R_g, L_g=grid.L_g))
+            R_g, L_g = (np.array([getattr(grid, name) for grid in self._grids])[held, None] for name in ("R_g", "L_g"))
+            return pcc_vectors(log, circuit._replace(R_g=R_g, L_g=L_g))
+        x, v_g, v_pcc = np.column_stack([log[:, :6], more]), log[:, 6:8], np.empty((len(log), 2))
+        for k in np.unique(held):
+            connection = connection_at(self._timeline, self._instants[k])
+            circuit = network_circuit(self._study.filter, *connection, self._states)
+            rows = held == k
+            v_pcc[rows] = x[rows] @ circuit.pcc_per_state.T + v_g[rows] @ circuit.pcc_per_source.T
+        return v_pcc, log[:, 4:6]

@@ -22,7 +22,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References, power_lo
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.identification import Probe
 from vsgdesign.parameters.study import Grid, Study
-from vsgdesign.simulation.at_pcc import pcc_over_time
+from vsgdesign.simulation.at_pcc import AtPcc
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.probing import HeldProbe
 from vsgdesign.simulation.timeline import Timeline
@@ -338,6 +338,7 @@ class OnlineGains:
 
     def __init__(self, scheduler: OnlineScheduler, study: Study, timeline: Timeline) -> None:
         self._scheduler, self._study, self._timeline = scheduler, study, timeline
+        self._at_pcc = AtPcc(study, timeline)
         T_s = study.converter.T_s
         interval, period = scheduler.sample_interval, scheduler.update_period
         self._every = whole_multiple(interval, T_s, "sample_interval", "the controller's sampling period")
@@ -416,7 +417,7 @@ class OnlineGains:
         over = slice(begin // log_every, sample // log_every, self._every // log_every)
         rows, times = log[over], np.arange(begin, sample, self._every, dtype=np.float64) * self._T_s
         more = np.empty((len(rows), 0)) if self.more is None else self.more[over]
-        v_pcc, i_pcc = pcc_over_time(self._study, self._timeline, times, rows, more)
+        v_pcc, i_pcc = self._at_pcc.rows(times, rows, more)
         if self.sensed is not None and len(self.sensed):
             v_pcc, i_pcc = sensed_vectors(rows, self.sensed[over], v_pcc, self._study.circuit())
         omega, _, _ = power_loops(state.omega_i, state.V, state.P_f, state.Q_f, refs, gains)
