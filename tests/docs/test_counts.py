@@ -61,3 +61,11 @@ def test_the_list_of_studies_has_the_figures_of_the_studies() -> None:
     figures = re.findall(r"\b\d+ of 55\d\b", text("studies/gridcode/README.md"))
     assert figures
     assert set(re.findall(r"\b\d+ of 55\d\b", text("studies/README.md"))) <= set(figures)
+
+
+def test_every_page_is_found_from_the_index() -> None:
+    """By a question or a title, not by an equation alone. Before: the how-to of the field estimator was not."""
+    index = text("docs/README.md").partition("\n## Equations")[0]
+    linked = {target.partition("#")[0] for target in re.findall(r"\]\(([^)]+)\)", index)}
+    pages = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").rglob("*.md")}
+    assert pages - linked == {"README.md"}
