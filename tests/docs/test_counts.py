@@ -69,3 +69,11 @@ def test_every_page_is_found_from_the_index() -> None:
     linked = {target.partition("#")[0] for target in re.findall(r"\]\(([^)]+)\)", index)}
     pages = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").rglob("*.md")}
     assert pages - linked == {"README.md"}
+
+
+def test_the_docstring_of_an_event_names_every_field() -> None:
+    section = text("docs/study-file.md").partition("\n## `[[events]]`")[2].partition("\n###")[0]
+    fields = set(re.findall(r"^\| `(\w+)` \|", section, re.M)) - {"time"}
+    said = set(re.findall(r"``(\w+)``", vsgdesign.event.__doc__ or ""))
+    assert fields
+    assert fields == said

@@ -49,7 +49,8 @@ def event(time: float | str, **fields: Any) -> dict[str, Any]:
     """An event at a time in s, or at a text such as "2 s".
 
     The fields are those of [[events]] in a study file: ``P_ref``, ``Q_ref``, ``grid``, ``V_g_pu``, ``f_g``, ``over``,
-    ``phase_jump``, ``components``, ``sag``, ``load``, ``fault``, ``breaker`` and ``name``.
+    ``phase_jump``, ``components``, ``sag``, ``load``, ``fault``, ``breaker``, ``synchro_check``, ``synchronise`` and
+    ``name``.
     """
     return {"time": time} | fields
 
