@@ -128,6 +128,29 @@ def test_curves_that_are_empty_or_broken_are_no_error() -> None:
     svg(plot_sketch(Plot("T", "y", [Curve(np.arange(50.0), np.zeros(50), "#123456")])))
 
 
+def test_the_words_of_a_map_can_be_read_on_their_cells() -> None:
+    """Contrast 4.5 to 1. Before, white words on the middle blue had 3 to 1."""
+
+    def luminance(colour: str) -> float:
+        parts = [int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    values = [float(v) for v in np.linspace(0.1, 3.0, 60)]
+    found = {
+        "title": "T", "controller": "A", "label": "L", "unit": "s", "words": "",
+        "x": {"label": "SCR", "unit": "1", "values": list(range(60))},
+        "y": {"label": "X/R", "unit": "1", "values": [1.0]}, "values": [values],
+    }  # fmt: skip
+    sketch = heat_sketch(found)
+    cells = [part for part in sketch.parts if isinstance(part, Area)][:60]
+    words = [part for part in sketch.parts if isinstance(part, Words) and part.y == 26.0 + 12.5]
+    assert len(words) == 60
+    for cell, word in zip(cells, words, strict=True):
+        light, dark = sorted((luminance(cell.colour), luminance(word.colour)), reverse=True)
+        assert (light + 0.05) / (dark + 0.05) >= 4.5, (cell.colour, word.colour)
+
+
 def test_a_map_says_a_number_or_a_word_in_every_cell() -> None:
     found = {
         "title": "Critical clearing time", "controller": "A", "label": "Longest fault", "unit": "s", "words": "",

@@ -111,10 +111,17 @@ def _cell(sketch: Sketch, corner: tuple[float, float], value: float, status: str
         for k in range(1, 9):
             left = x + k * _CELL_WIDTH / 9.0
             sketch.line((left - 2.0, y + _CELL_HEIGHT - 1.0), (left + 2.0, y + _CELL_HEIGHT - 4.0), _HATCH, 0.8)
-    white = known and share > 0.62
     size = 9.5 if len(said) < 7 else 8.5
-    words = Words(x + _CELL_WIDTH / 2.0, y + 12.5, said, size, MIDDLE, "#FFFFFF" if white else "#1A1A1A")
+    words = Words(x + _CELL_WIDTH / 2.0, y + 12.5, said, size, MIDDLE, words_on(colour))
     sketch.parts.append(words)
+
+
+def words_on(colour: str) -> str:
+    """Black or white, whichever has the larger contrast to a colour such as #5B9BD5: at least 4.5 to 1 (WCAG 2.2)."""
+    parts = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    luminance = float(linear @ np.array([0.2126, 0.7152, 0.0722]))
+    return "#FFFFFF" if 1.05 / (luminance + 0.05) > (luminance + 0.05) / 0.05 else "#000000"
 
 
 def _said(value: float, status: str) -> str:
