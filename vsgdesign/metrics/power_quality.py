@@ -35,16 +35,36 @@ def interharmonic_rms(
             f"values: {len(x)} samples every {step_s:g} s are {len(x) * step_s:g} s, and a window has "
             f"{cycles / frequency_hz:g} s. Give a longer record."
         )
-    bins = np.arange(cycles * order + _BESIDE, cycles * (order + 1) - _BESIDE + 1)
+    first, last = cycles * order + _BESIDE, cycles * (order + 1) - _BESIDE
     t = np.arange(len(x), dtype=np.float64) * step_s
     x = x - _fundamental(x, t, frequency_hz)
-    squares = []
-    for k in range(windows):
-        chosen, weights = _window(k * length, (k + 1) * length)
-        turned = np.exp(-2j * math.pi * np.outer(bins, t[chosen]) * frequency_hz / cycles)
-        amplitudes = 2.0 * np.abs(turned @ (weights * x[chosen])) / length
-        squares.append(float(np.sum(0.5 * amplitudes**2)))
+    parts = [_window(k * length, (k + 1) * length) for k in range(windows)]
+    # One bin after the other, each turned by one bin more than the one before: an exponential of every sample and bin
+    # would take ten times as long.
+    further = np.exp(-2j * math.pi * frequency_hz / cycles * t)
+    turned = x * np.exp(-2j * math.pi * first * frequency_hz / cycles * t)
+    squares = np.zeros(windows)
+    for _ in range(first, last + 1):
+        amplitudes = 2.0 / length * np.abs([weights @ turned[chosen] for chosen, weights in parts])
+        squares += 0.5 * amplitudes**2
+        turned *= further
     return math.sqrt(float(np.mean(squares)))
+
+
+def spectrum_rms(values: ArrayLike, step_s: float, length: int) -> tuple[Array, Array]:
+    """Frequencies (Hz) and rms values of the lines of a signal, in its unit: the method of Welch.
+
+    ``values`` (n,): samples every ``step_s`` s. Windows of ``length`` samples (of all, if there are fewer) overlap by
+    one half. Each is freed of its mean and multiplied by a periodic Hann window, and their squares are averaged.
+    """
+    x = np.asarray(values, dtype=float)
+    length = min(length, len(x))
+    windows = np.lib.stride_tricks.sliding_window_view(x, length)[:: length - length // 2]
+    shape = 0.5 - 0.5 * np.cos(2.0 * math.pi * np.arange(length) / length)
+    lines = np.abs(np.fft.rfft((windows - windows.mean(axis=1, keepdims=True)) * shape)) ** 2
+    power = lines.mean(axis=0) / shape.sum() ** 2
+    power[1 : (length + 1) // 2] *= 2.0  # the other half of each line has a negative frequency
+    return np.fft.rfftfreq(length, step_s), np.sqrt(power)
 
 
 def ripple_rms(values: ArrayLike) -> float:

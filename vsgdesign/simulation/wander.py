@@ -156,9 +156,9 @@ class Wander:
 
 def _recursion(kept: float, drive: Array, begin: float) -> Array:
     """x_0 = begin, x_{k+1} = kept·x_k + drive_k: one value more than ``drive`` has."""
-    from scipy.signal import lfilter  # heavy: imported where it is used
-
     if not drive.any() and begin == 0.0:
         return np.zeros(len(drive) + 1)
+    from scipy.signal import lfilter  # heavy: imported where it is used
+
     values, _ = lfilter([1.0], [1.0, -kept], drive, zi=[kept * begin])
     return np.concatenate([[begin], values])
