@@ -10,7 +10,8 @@ from collections.abc import Generator
 from typing import Any
 
 import pytest
-from hypothesis import settings
+
+from tests.examples import load_profile
 
 # Before NumPy is loaded, here and in the processes that tests start. Two workers have two cores, and matrices here are
 # small: a second BLAS thread spent up to ten times the processor's time on waiting for the first.
@@ -20,9 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-# The same examples in every run, and no deadline: a machine that is busy is no fault of the code.
-settings.register_profile("repeatable", derandomize=True, deadline=None)
-settings.load_profile("repeatable")
+load_profile()
 
 # A shell that starts a job in the background makes it ignore SIGINT, and every process of it: tests of interruptions
 # would wait for nothing.

@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from tests.gain_tables import table
 from vsgdesign.artifacts import GainTable, read_table_file, write_table_file
 from vsgdesign.artifacts.gain_table import (
@@ -116,7 +117,7 @@ def test_rows_take_a_line_each(tmp_path: Path) -> None:
 WHOLE = json.dumps(table_document(random_table(4)))
 
 
-@settings(max_examples=150)
+@examples(50)
 @given(st.data())
 def test_any_changed_byte_is_refused(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
     path = tmp_path_factory.getbasetemp() / "changed.json"
@@ -130,7 +131,7 @@ def test_any_changed_byte_is_refused(tmp_path_factory: pytest.TempPathFactory, d
         read_table_file(path)
 
 
-@settings(max_examples=40)
+@examples(30)
 @given(st.data())
 def test_a_file_cut_short_says_so(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
     path = tmp_path_factory.getbasetemp() / "cut.json"

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from tests.examples import examples
 from vsgdesign.certificate.taylor_kernel import LANES, limits, negative, rows, run_program, sum_up
 from vsgdesign.certificate.tracing import Symbol, Tracer, program_of
 
@@ -44,7 +45,7 @@ def formula(x: Any, y: Any, z: Any) -> Any:
     return (x * y - z) / (x * x + z + 1.0) + np.sqrt(x + y) * np.sin(z) - np.cos(x * z) + (y - 2.0) * x
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(
     st.lists(st.floats(0.3, 3.0), min_size=3, max_size=3),
     st.lists(st.floats(0.01, 0.25) | st.just(0.0), min_size=3, max_size=3),
@@ -129,7 +130,7 @@ def test_a_blend_takes_each_boxs_parameters() -> None:
     np.testing.assert_allclose(registers[program.outputs[0], 0], 21.0 * np.arange(LANES))
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(st.integers(0, 2**31), st.floats(0.0, 3.0))
 def test_negative_only_where_every_matrix_is(seed: int, size: float) -> None:
     rng = np.random.default_rng(seed)

@@ -7,9 +7,10 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from vsgdesign.equations.power_flow import (
     dQ_dV_as_published,
     jacobian_from_powers,
@@ -34,7 +35,7 @@ def phasor_powers(delta: complex, V: complex, V_g: float, Z: complex) -> complex
     return 3.0 * v * ((v - V_g) / Z).conjugate()
 
 
-@settings(max_examples=300)
+@examples(60)
 @given(DELTA, V_RATIO, V_SOURCE, IMPEDANCE, IMPEDANCE_ANGLE)
 def test_powers_against_phasors(delta: float, ratio: float, V_g: float, Z_abs: float, angle: float) -> None:
     Z = cmath.rect(Z_abs, angle)
@@ -43,7 +44,7 @@ def test_powers_against_phasors(delta: float, ratio: float, V_g: float, Z_abs: f
     assert complex(P, Q) == pytest.approx(phasor_powers(delta, ratio * V_g, V_g, Z), abs=1e-14 * 10.0 * V_g**2 / Z_abs)
 
 
-@settings(max_examples=300)
+@examples(60)
 @given(DELTA, V_RATIO, V_SOURCE, IMPEDANCE, IMPEDANCE_ANGLE)
 def test_jacobian_against_complex_step(delta: float, ratio: float, V_g: float, Z_abs: float, angle: float) -> None:
     """A, B, C, D from measured P, Q, V equal the derivatives of the power flow, which no solver took."""
@@ -77,7 +78,7 @@ def test_jacobian_entries_to_ten_digits_where_none_is_small() -> None:
     assert worst < 1e-10
 
 
-@settings(max_examples=300)
+@examples(60)
 @given(st.floats(-0.6, 0.6), V_RATIO, V_SOURCE, IMPEDANCE, IMPEDANCE_ANGLE)
 def test_operating_point_inverts_the_power_flow(
     delta: float, ratio: float, V_g: float, Z_abs: float, angle: float
@@ -96,7 +97,7 @@ def test_operating_point_inverts_the_power_flow(
     assert delta_back == pytest.approx(delta, abs=1e-14 / above_nose**2)
 
 
-@settings(max_examples=200)
+@examples(50)
 @given(st.floats(-3.1, 3.1), st.floats(10.0, 1e6), V_SOURCE, IMPEDANCE, IMPEDANCE_ANGLE)
 def test_beyond_the_largest_scale_there_is_no_operating_point(
     direction: float, S: float, V_g: float, Z_abs: float, angle: float
@@ -126,7 +127,7 @@ def test_scr_2_needs_the_voltage_that_the_paper_does_not_mention() -> None:
     assert f"{V:.1f}" == "150.5"
 
 
-@settings(max_examples=100)
+@examples(40)
 @given(DELTA, V_RATIO, V_SOURCE, IMPEDANCE, IMPEDANCE_ANGLE)
 def test_what_the_paper_prints_for_d_is_c(delta: float, ratio: float, V_g: float, Z_abs: float, angle: float) -> None:
     V, R, X = ratio * V_g, Z_abs * math.cos(angle), Z_abs * math.sin(angle)

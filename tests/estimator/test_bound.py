@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from tests.examples import examples
 from vsgdesign.estimator.bound import (
     SensorNoise,
     bound_of,
@@ -137,7 +138,7 @@ def test_forgetting_costs_what_it_says() -> None:
         effective_cycles(0.5)
 
 
-@settings(max_examples=40)
+@examples(25)
 @given(st.integers(2, 6), st.integers(0, 10_000))
 def test_another_line_never_makes_it_worse(count: int, seed: int) -> None:
     rng = np.random.default_rng(seed)

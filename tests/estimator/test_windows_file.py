@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from vsgdesign.errors import ArtifactError, StudyError
 from vsgdesign.estimator.data_set import REASONS, DataSet, read_data_set, write_data_set
 
@@ -103,7 +104,7 @@ def test_a_file_that_cannot_be_written_says_so(tmp_path: Path) -> None:
         write_data_set(tmp_path / "file" / "w.npz", data_set())
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(st.integers(7, 40), st.integers(1, 6), st.integers(0, 5))
 def test_no_scenario_is_in_two_parts(scenarios: int, each: int, seed: int) -> None:
     data = data_set(scenarios, each)

@@ -9,10 +9,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from tests.examples import examples
 from vsgdesign.metrics import cycle_mean, disturbance_response, step_response
 from vsgdesign.metrics.step_response import settling_time
 
@@ -23,7 +24,7 @@ STEP = st.integers(1, 50).map(float)
 EXPONENT = st.integers(-8, 8)
 OFFSET = st.integers(-1000, 1000).map(float)
 
-thorough = settings(max_examples=150)
+thorough = examples(40)
 
 
 def times(y: Array) -> Array:

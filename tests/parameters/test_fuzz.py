@@ -6,9 +6,10 @@ import copy
 import math
 from typing import Any
 
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from tests.parameters.documents import case_document, to_toml
 from vsgdesign.errors import StudyError
 from vsgdesign.parameters import Study, study_from_text
@@ -88,7 +89,7 @@ def attempt(text: str) -> tuple[Study | None, StudyError | None]:
         return None, error
 
 
-@settings(max_examples=600, suppress_health_check=HEALTH_CHECKS)
+@examples(150, suppress_health_check=HEALTH_CHECKS)
 @given(st.lists(CHANGE, min_size=1, max_size=5))
 def test_only_a_study_error_comes_out(changes: list[tuple[tuple, str, Any]]) -> None:
     document = copy.deepcopy(DOCUMENT)
@@ -107,7 +108,7 @@ def test_only_a_study_error_comes_out(changes: list[tuple[tuple, str, Any]]) -> 
         assert event.grid is None or (math.isfinite(event.grid.R_g) and event.grid.L_g > 0.0)
 
 
-@settings(max_examples=300)
+@examples(60)
 @given(st.text(st.characters(exclude_categories=("Cs",)), max_size=200))
 def test_any_text_at_all(text: str) -> None:
     study, error = attempt(text)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from vsgdesign.parameters.units import UnitError, format_quantity, parse_quantity
 
 PREFIXES = {"p": -12, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
@@ -109,14 +110,14 @@ def test_refusals_say_what_is_expected(value: object, dimension: str, reason: st
         parse_quantity(value, dimension)
 
 
-@settings(max_examples=300)
+@examples(80)
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_a_bare_number_and_its_text_are_the_same(value: float) -> None:
     assert parse_quantity(value, "V") == value
     assert parse_quantity(repr(value), "V") == value
 
 
-@settings(max_examples=300)
+@examples(80)
 @given(st.floats(min_value=1e-13, max_value=1e12), st.sampled_from(["H", "F", "s", "VA", "ohm"]))
 def test_formatted_quantities_read_back(value: float, dimension: str) -> None:
     """What a message shows can be typed into a study: six digits survive."""
@@ -125,7 +126,7 @@ def test_formatted_quantities_read_back(value: float, dimension: str) -> None:
     assert 0.99 <= abs(float(shown.split()[0])) <= 1000.0 or not 1e-12 <= value < 1e12
 
 
-@settings(max_examples=300)
+@examples(80)
 @given(st.text(max_size=20), st.sampled_from(["H", "1", "rad", "A/V", "V"]))
 def test_no_text_gets_past_as_anything_but_a_finite_number(text: str, dimension: str) -> None:
     try:

@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from tests.gain_tables import table
 from tests.runtime.test_scheduler import OMEGA, POWERS, Z_BASE, grid, made, settle
 from vsgdesign.errors import ArtifactError
@@ -141,7 +142,7 @@ STEPS = st.lists(
 )
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(STEPS)
 def test_after_a_change_no_wide_estimate_brings_the_goal_back(steps: list[Any]) -> None:
     """In (ln SCR, ln R/X), the distance to the place that was left never shrinks while no estimate fits, for 0.6 s."""
@@ -169,7 +170,7 @@ CALLS = st.lists(
 )
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(CALLS, st.floats(0.5, 2.9), st.floats(-1.1, 2.2))
 def test_whatever_came_before_an_estimate_that_stays_is_reached(calls: list[Any], ln_scr: float, ln_x: float) -> None:
     """No sequence of estimates, silence, changes and refusals locks the schedule: a lasting estimate, three times as

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.artifacts.networks import random_weights
+from tests.examples import examples
 from tests.gain_tables import PUBLISHED_BASE, table
 from vsgdesign.artifacts import GainTable, ValidityBox, write_table_file
 from vsgdesign.artifacts.network_weights import write_network_weights
@@ -405,7 +406,7 @@ def test_one_axis_value_is_located_to_the_same_bits() -> None:
 NUMBERS = st.one_of(st.floats(allow_nan=True, allow_infinity=True), st.floats(-1e4, 1e4), st.floats(0.0, 20.0))
 
 
-@settings(max_examples=60)
+@examples(40)
 @given(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS, NUMBERS, NUMBERS, st.integers(0, 2**32 - 1)), max_size=25))
 def test_whatever_comes_the_gains_are_those_of_the_box(calls: list[Any]) -> None:
     scheduler = made()

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
+from tests.examples import examples
 from tests.gain_tables import PUBLISHED_BASE, table
 from vsgdesign.artifacts import GainTable, write_table_file
 from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point
@@ -69,7 +70,7 @@ def test_between_the_nodes_as_an_independent_interpolator_says() -> None:
 coordinates = st.tuples(st.floats(1.0, 30.0), st.floats(0.1, 50.0))
 
 
-@settings(max_examples=200)
+@examples(60)
 @given(coordinates)
 def test_within_the_four_neighbours(at: tuple[float, float]) -> None:
     scr, ratio = at
@@ -81,7 +82,7 @@ def test_within_the_four_neighbours(at: tuple[float, float]) -> None:
         assert corners.min() * (1 - 1e-14) <= value <= corners.max() * (1 + 1e-14)
 
 
-@settings(max_examples=100)
+@examples(40)
 @given(coordinates)
 def test_continuous(at: tuple[float, float]) -> None:
     """A step of 1e-9 moves nothing by more than the steepest cell can: a jump at a cell's border would show."""

@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from tests.examples import examples
 from tests.oracles.emt_reference import StiffSource
 from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.parameters import Event, Grid
@@ -35,7 +36,7 @@ EVENT = st.builds(
     Q_ref=st.none() | st.floats(-5e3, 5e3),
 )
 EVENTS = st.lists(EVENT, max_size=8).map(lambda events: tuple(sorted(events, key=lambda e: e.t_s)))
-HYPOTHESIS = settings(max_examples=200)
+HYPOTHESIS = examples(60)
 
 
 @HYPOTHESIS
