@@ -1,4 +1,4 @@
-"""The suite's properties on a hundred times as many examples, drawn anew each time: ``python -m evidence properties``."""
+"""The suite's properties on a hundred times as many examples, drawn anew each time."""
 
 from __future__ import annotations
 
