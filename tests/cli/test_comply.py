@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import html
+import itertools
 import json
 import re
+import shutil
+from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
@@ -16,8 +19,9 @@ import pytest
 
 from tests import gain_tables
 from tests.cli.small_studies import as_json, call, failure
-from vsgdesign.artifacts import write_table_file
+from vsgdesign.artifacts import folders, staging, write_table_file
 from vsgdesign.artifacts.time_series import read_npz
+from vsgdesign.cli.console import comply as console
 from vsgdesign.compliance import job
 from vsgdesign.compliance import maps as survival_maps
 from vsgdesign.compliance.evidence import read_evidence
@@ -26,6 +30,7 @@ from vsgdesign.errors import StudyError, WorkerError
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.loading import study_from_text
 from vsgdesign.pipeline import comply as pipeline
+from vsgdesign.report.compliance import page, pdf
 from vsgdesign.report.compliance.answer import headline
 from vsgdesign.report.compliance.arranged import arrange
 
@@ -236,6 +241,68 @@ def test_an_interrupted_run_continues_to_the_same_bytes(
     monkeypatch.setattr(job, "run_block", real)
     assert_same(place, done, comply(place, "cut", "--workers", "1"), "cut")
     assert not (place / ".cut.compliance").exists()
+
+
+LAST = [
+    (pipeline, "_document", 1),
+    (pipeline, "_linked", 2),
+    (pipeline, "write_text", 1),
+    (page, "_write_figures", 1),
+    (page, "_html", 1),
+    (pdf, "write_pdf", 1),
+    (pipeline, "write_record", 1),
+    (folders, "write_text", 1),
+    (staging, "_replace", 1),
+]
+"""What is called after the last test, in its order, and at which of its calls it is interrupted."""
+
+
+def test_an_interruption_after_the_last_test_loses_none(
+    place: Path, done: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = "comply", place / "small.toml", "--suite", place / "three.toml", "--no-maps", "--workers", "1"
+    for module, name, at in LAST:
+        with monkeypatch.context() as patch:
+            patch.setattr(module, name, interrupted_at(at, getattr(module, name)))
+            stopped = call(*arguments, "--out", place / "late")
+        assert stopped.exit_code == 130, name
+        assert stopped.stderr == "interrupted: 6 finished tests are kept; the same command continues there\n", name
+        assert not (place / "late").exists(), name
+        assert [path.name for path in place.glob(".late.*")] == [".late.compliance"], name
+    monkeypatch.setattr(job, "run_block", interrupted_at(1, job.run_block))  # nothing is left to run
+    assert_same(place, done, comply(place, "late", "--workers", "1"), "late")
+
+
+def test_an_interruption_after_the_results_says_that_they_are_there(
+    place: Path, done: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = "comply", place / "small.toml", "--suite", place / "three.toml", "--no-maps", "--workers", "1"
+    out = place / "after"
+    for module, name in ((shutil, "rmtree"), (console, "compliance_lines")):
+        with monkeypatch.context() as patch:
+            patch.setattr(module, name, interrupted_if(lambda: (out / "results.json").exists(), getattr(module, name)))
+            stopped = call(*arguments, "--out", out)
+        assert stopped.exit_code == 130, name
+        assert stopped.stderr == f'interrupted: the results are complete, in "{out}"\n', name
+        again = comply(place, "after", "--workers", "1")
+        assert_same(place, done, again, "after")
+        assert not list(place.glob(".after.*"))
+        shutil.rmtree(out)
+
+
+def interrupted_at(at: int, real: Callable[..., Any]) -> Callable[..., Any]:
+    """A function whose call number ``at`` is interrupted."""
+    calls = itertools.count(1)
+    return interrupted_if(lambda: next(calls) == at, real)
+
+
+def interrupted_if(now: Callable[[], bool], real: Callable[..., Any]) -> Callable[..., Any]:
+    def called(*arguments: Any, **named: Any) -> Any:
+        if now():
+            raise KeyboardInterrupt
+        return real(*arguments, **named)
+
+    return called
 
 
 def assert_same(place: Path, one: dict[str, Any], other: dict[str, Any], out: str, report: bool = True) -> None:

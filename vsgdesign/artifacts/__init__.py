@@ -1,7 +1,7 @@
 """The files that stages pass on to each other. Each is written completely or not at all."""
 
 from vsgdesign.artifacts.files import write_json
-from vsgdesign.artifacts.folders import staged_folder, write_record
+from vsgdesign.artifacts.folders import room_for, staged_folder, write_record
 from vsgdesign.artifacts.gain_table import GainTable, TableBase, ValidityBox
 from vsgdesign.artifacts.gain_table_file import read_table_file, write_table_file
 from vsgdesign.artifacts.provenance import provenance
@@ -14,6 +14,7 @@ __all__ = [
     "provenance",
     "read_npz",
     "read_table_file",
+    "room_for",
     "staged_folder",
     "write_csv",
     "write_json",

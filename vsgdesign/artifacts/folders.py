@@ -6,13 +6,13 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 from vsgdesign.artifacts.files import json_text, plain, write_text
 from vsgdesign.artifacts.guarded_file import content_hash
-from vsgdesign.artifacts.staging import cannot_write, check_writable, staged
+from vsgdesign.artifacts.staging import cannot_write, check_writable, parents_made, staged
 from vsgdesign.errors import ArtifactError
 
 RESULTS = "results.json"
@@ -42,6 +42,21 @@ def staged_folder(
         if not (folder / record).is_file():
             raise ValueError(f"the folder of {kind} has no {record}")
         check_folder_target(target, kind, inputs, record)
+
+
+@contextmanager
+def room_for(
+    target: str | Path, kind: str, *, inputs: Iterable[str | Path] = (), record: str = RESULTS
+) -> Iterator[None]:
+    """For work that keeps finished parts beside ``target`` before its :func:`staged_folder` begins: refuses what that
+    would refuse, and makes missing parents, which are gone again after an error. Raises ArtifactError."""
+    place = check_folder_target(target, kind, inputs, record)
+    with ExitStack() as held:
+        try:
+            held.enter_context(parents_made(place.parent))
+        except OSError as error:
+            raise cannot_write(target, error) from error
+        yield
 
 
 def write_record(folder: Path, document: dict[str, Any], kind: str, record: str = RESULTS) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -67,18 +67,38 @@ class Interrupted(Exception):
 
 
 @contextmanager
-def keeping(folder: str | Path) -> Iterator[None]:
-    """Within the block Ctrl-C says so if finished work is kept beside the ``folder`` of the results."""
+def results_at(place: str | Path, kept: Callable[[], str]) -> Iterator[None]:
+    """Within the block, which writes results at a place and shows them, Ctrl-C says so if they are there already, and
+    otherwise what ``kept`` says."""
+    before = _identity(place)
     try:
         yield
     except KeyboardInterrupt:
+        if _identity(place) not in (None, before):
+            raise Interrupted(f'the results are complete, in "{place}"') from None
+        raise Interrupted(kept()) from None
+
+
+def _identity(place: str | Path) -> tuple[int, int, int] | None:
+    """What tells a file or folder from another one that takes its place; None where there is none."""
+    try:
+        found = os.stat(place)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino, found.st_mtime_ns
+
+
+def keeping(folder: str | Path) -> AbstractContextManager[None]:
+    """As :func:`results_at`, which otherwise says whether finished work is kept beside the ``folder``."""
+
+    def kept() -> str:
         place = Path(os.path.realpath(folder))
         beside = (place.with_name(f".{place.name}.survival"), *place.parent.glob(f".{glob.escape(place.name)}.*.cells"))
-        if not any(True for kept in beside for _ in kept.glob("*.json*")):
-            raise
-        raise Interrupted(
-            "no results were written; finished work is kept, and the same command continues there"
-        ) from None
+        if any(True for one in beside for _ in one.glob("*.json*")):
+            return "no results were written; finished work is kept, and the same command continues there"
+        return "nothing was written"
+
+    return results_at(folder, kept)
 
 
 def _end(message: str, code: int) -> NoReturn:

@@ -35,12 +35,13 @@ def compare(study_file: str, out: str | None, emt: bool, seed: int, workers: int
 
     study = load(study_file, left_tables=True)
     folder = Path("out") / f"{study.name}-comparison" if out is None else Path(out)
-    with keeping(folder), progress(quiet=as_json) as tell:
-        document = report_comparison(study, folder, emt=emt, seed=seed, workers=workers, progress=tell)
-    if as_json:
-        print_json(document)
-        return
-    from vsgdesign.cli.console.compare import comparison_table
+    with keeping(folder):
+        with progress(quiet=as_json) as tell:
+            document = report_comparison(study, folder, emt=emt, seed=seed, workers=workers, progress=tell)
+        if as_json:
+            print_json(document)
+            return
+        from vsgdesign.cli.console.compare import comparison_table
 
-    comparison_table(document)
-    click.echo(f"report: {folder / 'report.html'}")
+        comparison_table(document)
+        click.echo(f"report: {folder / 'report.html'}")

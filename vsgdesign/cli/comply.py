@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from vsgdesign.cli.common import EXIT_IMPOSSIBLE, JSON, STUDY, Interrupted, load, print_json, progress, verb
+from vsgdesign.cli.common import EXIT_IMPOSSIBLE, JSON, STUDY, load, print_json, progress, results_at, verb
 
 
 @click.command()
@@ -65,21 +65,23 @@ def comply(
     study = load(study_file, quiet=as_json)
     folder = Path("out") / f"{study.name}-compliance" if out is None else Path(out)
     asked = Asked(suites=suites or (ALL,), controllers=controllers, maps=maps, cases=cases, file=study_file)
-    try:
+
+    def kept() -> str:
+        return f"{kept_rows(folder):,} finished tests are kept; the same command continues there"
+
+    with results_at(folder, kept):
         with progress(quiet=as_json) as tell:
             document = comply_study(
                 study, folder, asked, workers=workers, fresh=not resume, progress=tell, say=None if as_json else _say
             )
-    except KeyboardInterrupt:
-        raise Interrupted(f"{kept_rows(folder):,} finished tests are kept; the same command continues there") from None
-    if as_json:
-        print_json(document)
-    else:
-        from vsgdesign.cli.console.comply import compliance_lines
+        if as_json:
+            print_json(document)
+        else:
+            from vsgdesign.cli.console.comply import compliance_lines
 
-        compliance_lines(document)
-        page = folder / ("report.html" if (folder / "report.html").exists() else "results.json")
-        click.echo(f"report: {page}")
+            compliance_lines(document)
+            page = folder / ("report.html" if (folder / "report.html").exists() else "results.json")
+            click.echo(f"report: {page}")
     if strict and any(one["fail"] for one in document["summary"]):
         raise SystemExit(EXIT_IMPOSSIBLE)
 

@@ -329,16 +329,16 @@ def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, re
     study = _load(study_file, left_tables=not report)
     name = study.name if report else f"{study.name}-simulation"
     folder = Path("out") / name if out is None else Path(out)
-    with _keeping(folder), _progress(quiet=as_json) as progress:
-        results = run_study(study, folder, bridge=bridge, report=report, progress=progress, warn=_warn)
-    if as_json:
-        _print_json(results)
-        _refuse_divergence(results)
-        return
-    from vsgdesign.cli.console.scenario import results_tables
+    with _keeping(folder):
+        with _progress(quiet=as_json) as progress:
+            results = run_study(study, folder, bridge=bridge, report=report, progress=progress, warn=_warn)
+        if as_json:
+            _print_json(results)
+        else:
+            from vsgdesign.cli.console.scenario import results_tables
 
-    results_tables(results)
-    click.echo(f"results: {folder / ('report.html' if report else 'results.json')}")
+            results_tables(results)
+            click.echo(f"results: {folder / ('report.html' if report else 'results.json')}")
     _refuse_divergence(results)
 
 

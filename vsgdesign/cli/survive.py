@@ -52,20 +52,21 @@ def survive(
 
     study = load(study_file, left_tables=True)
     folder = Path("out") / f"{study.name}-survival" if out is None else Path(out)
-    with keeping(folder), progress(quiet=as_json) as tell:
-        document = report_survival(
-            study,
-            folder,
-            controllers=controllers or None,
-            limiters=limiters or None,
-            bridge=bridge,
-            workers=workers,
-            progress=tell,
-        )
-    if as_json:
-        print_json(document)
-        return
-    from vsgdesign.cli.console.survive import survival_tables
+    with keeping(folder):
+        with progress(quiet=as_json) as tell:
+            document = report_survival(
+                study,
+                folder,
+                controllers=controllers or None,
+                limiters=limiters or None,
+                bridge=bridge,
+                workers=workers,
+                progress=tell,
+            )
+        if as_json:
+            print_json(document)
+            return
+        from vsgdesign.cli.console.survive import survival_tables
 
-    survival_tables(document)
-    click.echo(f"results: {folder / 'results.json'}, every case: {folder / 'cases.csv'}")
+        survival_tables(document)
+        click.echo(f"results: {folder / 'results.json'}, every case: {folder / 'cases.csv'}")

@@ -10,10 +10,10 @@ from vsgdesign.cli.common import (
     EXIT_IMPOSSIBLE,
     JSON,
     STUDY,
-    Interrupted,
     load,
     print_json,
     progress,
+    results_at,
     verb,
 )
 
@@ -84,7 +84,13 @@ def build(
     study = load(study_file)
     default = Path("out") / f"{study.name}-{controller or study.controllers[-1].name}.json"
     file = default if out is None else Path(out)
-    try:
+
+    def kept() -> str:
+        count = len(list(cells_folder(file).glob("*.json")))
+        cells = "1 finished cell is" if count == 1 else f"{count} finished cells are"
+        return f"{cells} kept; the same command continues from there"
+
+    with results_at(file, kept):
         with progress(quiet=as_json) as tell:
             document = build_table_file(
                 study,
@@ -97,16 +103,12 @@ def build(
                 verify=verify or 0,
                 progress=tell,
             )
-    except KeyboardInterrupt:
-        kept = len(list(cells_folder(file).glob("*.json")))
-        cells = "1 finished cell is" if kept == 1 else f"{kept} finished cells are"
-        raise Interrupted(f"{cells} kept; the same command continues from there") from None
-    if as_json:
-        print_json(document)
-    else:
-        from vsgdesign.report.gain_table.words import built_text
+        if as_json:
+            print_json(document)
+        else:
+            from vsgdesign.report.gain_table.words import built_text
 
-        click.echo(built_text(document))
+            click.echo(built_text(document))
 
 
 @table.command()

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from vsgdesign.cli.common import JSON, Interrupted, load, print_json, progress, verb
+from vsgdesign.cli.common import JSON, load, print_json, progress, results_at, verb
 
 if TYPE_CHECKING:
     from vsgdesign.verification.shards import Shard
@@ -117,7 +117,11 @@ def verify(
     )
     if not merge and (reason := alone_because(check_verifiable(study, asked), bridge)):
         click.echo(reason, err=True)
-    try:
+
+    def kept() -> str:
+        return f"{kept_runs(folder):,} finished runs are kept; the same command continues there"
+
+    with results_at(folder, kept):
         with progress(quiet=as_json) as tell:
             if merge:
                 document = merge_shards(study, merge, folder, asked, workers=workers, progress=tell)
@@ -125,18 +129,15 @@ def verify(
                 document = verify_study(
                     study, folder, asked, workers=workers, cluster=cluster, shard=shard, fresh=not resume, progress=tell
                 )
-    except KeyboardInterrupt:
-        raise Interrupted(f"{kept_runs(folder):,} finished runs are kept; the same command continues there") from None
-    if as_json:
-        print_json(document)
-        return
-    if shard is not None:
-        click.echo(f"shard {shard}: {document['judged']:,} of {document['runs']:,} runs were judged; {folder}")
-        return
-    from vsgdesign.cli.console.verify import verification_tables
+        if as_json:
+            print_json(document)
+        elif shard is not None:
+            click.echo(f"shard {shard}: {document['judged']:,} of {document['runs']:,} runs were judged; {folder}")
+        else:
+            from vsgdesign.cli.console.verify import verification_tables
 
-    verification_tables(document)
-    click.echo(f"report: {folder / 'report.html'}")
+            verification_tables(document)
+            click.echo(f"report: {folder / 'report.html'}")
 
 
 def _check_options(

@@ -55,6 +55,9 @@ def suite_journal(out: str | Path, key: str, fresh: bool = False) -> Iterator[Su
     """
     with journals(out, WORK) as folder:
         path = folder / f"{key[:24]}.jsonl"
+        for traces in folder.iterdir():  # without their journal they are of no use: it was cut off while it went
+            if traces.is_dir() and not traces.with_suffix(".jsonl").exists():
+                shutil.rmtree(traces, ignore_errors=True)
         journal = SuiteJournal(path)
         if fresh:
             journal.forget()

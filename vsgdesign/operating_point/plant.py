@@ -8,6 +8,7 @@ every real matrix, and complex numbers carry both; where they differ the matrice
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -24,6 +25,8 @@ from vsgdesign.operating_point.plants import (
     state_matrices,
     transitions,
 )
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +86,12 @@ def plant_step(circuit: FilterGrid | TwoAxisCircuit, h: float, omega: float, *, 
     if isinstance(circuit, TwoAxisCircuit) and circuit.onto is not None:
         return _stiff_step(circuit, circuit.onto, h, omega, edges=edges)
     equal = isinstance(circuit, FilterGrid)
-    A, b, e = state_matrices(circuit) if equal else (circuit.A, circuit.B, circuit.E)
+    if equal:
+        A, b, e, transition, bridge = _moved_by(circuit, h)
+    else:
+        A, b, e = circuit.A, circuit.B, circuit.E
+        transition, bridge = transitions(A[None], b[None], h)
     stacked, inputs = A[None], b.reshape(1, len(A), -1)
-    transition, bridge = transitions(stacked, inputs, h)
     edge = edge_polynomials(stacked, inputs, h)[0] if edges else np.empty((0, *inputs.shape[1:]))
     if equal:
         source = source_responses(stacked, e[None], transition, h, omega)[0]
@@ -94,6 +100,17 @@ def plant_step(circuit: FilterGrid | TwoAxisCircuit, h: float, omega: float, *, 
         # (:eq:`two-axes`): c = 1 is cos on α and sin on β; c = j is −sin on α and cos on β.
         source = np.stack([alpha.real + beta.imag, beta.real - alpha.imag], axis=-1)
     return PlantStep(h, transition[0], bridge[0].reshape(b.shape), edge.reshape(len(edge), *b.shape), source)
+
+
+@functools.lru_cache(maxsize=64)
+def _moved_by(circuit: FilterGrid, h: float) -> tuple[Array, Array, Array, Array, Array]:
+    """A, b and e of a circuit, and both of :func:`transitions`: they are the same for every frequency of a ramp, and
+    nobody may write to them."""
+    A, b, e = state_matrices(circuit)
+    found = A, b, e, *transitions(A[None], b[None, :, None], h)
+    for one in found:
+        one.setflags(write=False)
+    return found
 
 
 def _stiff_step(

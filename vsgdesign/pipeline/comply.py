@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.artifacts import provenance, staged_folder, write_record, write_table_file
+from vsgdesign.artifacts import provenance, room_for, staged_folder, write_record, write_table_file
 from vsgdesign.artifacts.files import plain, write_text
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.provenance import package_hash
@@ -89,11 +89,14 @@ def comply_study(
     study = study_for_suites(study, asked.controllers)
     given = [path for path in asked.suites if os.path.isfile(path)]
     with ExitStack() as held:
-        folder = held.enter_context(staged_folder(out, VERB, inputs=(*study.input_files, *given)))
+        inputs = *study.input_files, *given
+        held.enter_context(room_for(out, VERB, inputs=inputs))
         tables = _tables(study, ready, workers, progress, say)
         maps = tuple(KINDS) if asked.maps else ()
         job = SuiteJob(study=study, tables=tables, suites=suites, folder="", block=BLOCK, maps=maps)
+        # The journal goes after the folder is in its place: an interruption in between loses no finished test.
         journal = held.enter_context(suite_journal(out, job.key, fresh))
+        folder = held.enter_context(staged_folder(out, VERB, inputs=inputs))
         job = replace(job, folder=str(journal.traces))
         ready_s = time.perf_counter() - begin
         with executor_of(workers if len(job.blocks) > 2 else 1) as executor:  # others take a second to begin

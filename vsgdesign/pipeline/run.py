@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vsgdesign.artifacts import provenance, staged_folder, write_csv, write_npz, write_record, write_table_file
+from vsgdesign.artifacts import (
+    provenance,
+    room_for,
+    staged_folder,
+    write_csv,
+    write_npz,
+    write_record,
+    write_table_file,
+)
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.table_summary import table_summary
@@ -59,8 +67,10 @@ def run_study(
     tell = progress or silent
     verb = "vsgdesign run" if report else "vsgdesign simulate"
     with (
-        staged_folder(out, verb, inputs=study.input_files) as folder,
+        room_for(out, verb, inputs=study.input_files),
+        # What it keeps goes after the folder is in its place: an interruption in between loses no finished work.
         made(study, out, bridge=bridge, verify=report, workers=workers, progress=progress) as have,
+        staged_folder(out, verb, inputs=study.input_files) as folder,
     ):
         begin = time.perf_counter()
         result = run_scenario(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.artifacts import provenance, staged_folder, write_record, write_table_file
+from vsgdesign.artifacts import provenance, room_for, staged_folder, write_record, write_table_file
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import Ready
@@ -82,11 +82,14 @@ def verify_study(
     begin = time.perf_counter()
     check_verifiable(study, asked, needs_table_file=shard is not None)
     with ExitStack() as held:
-        folder = held.enter_context(staged_folder(out, VERB if shard is None else SHARD, inputs=study.input_files))
+        kind = VERB if shard is None else SHARD
+        held.enter_context(room_for(out, kind, inputs=study.input_files))
         job, confidence = prepared_job(study, asked, out, workers=workers, progress=progress)
         ready_s = time.perf_counter() - begin
         numbers = (shard or Shard()).blocks(job)
+        # The journal goes after the folder is in its place: an interruption in between loses no finished block.
         journal = held.enter_context(journal_of(out, _key(job, shard), fresh))
+        folder = held.enter_context(staged_folder(out, kind, inputs=study.input_files))
         with executor_of(workers if len(numbers) > 1 else 1, cluster, reproducible=job.strict) as executor:
             summary = _counted(job, numbers, journal, executor, blocks_ahead(workers, cluster), progress)
             timing = {"prepare": ready_s, "runs": time.perf_counter() - begin - ready_s}

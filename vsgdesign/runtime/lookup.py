@@ -6,7 +6,8 @@ The exported C must agree with these functions.
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from itertools import repeat
 from typing import Any
 
@@ -22,6 +23,7 @@ from vsgdesign.runtime.interpolation import Interval, blend, corner_weights
 from vsgdesign.runtime.table import TableSchedule
 
 _ZEROS = (0.0,) * 6
+_MOST_KEPT = 32
 _scheduled_jacobian = on_floats(scheduled_jacobian)
 _SCR = {"impedance": on_floats(scr_impedance), "reactance": on_floats(scr_reactance)}
 _GRID = {"impedance": on_floats(grid_from_scr_impedance), "reactance": on_floats(grid_from_scr_reactance)}
@@ -47,17 +49,37 @@ class GainLookup:
     D_q: float
     V_n_rms: float
     """Voltage that is assumed before the first measurement, V."""
+    _kept: dict[tuple[str, float, float], Any] = field(default_factory=dict, init=False, repr=False)
+    """Answers of the last places: a schedule mostly stays where it was."""
+
+    def _remembered(self, what: str, one: float, other: float, function: Callable[[float, float], Any]) -> Any:
+        """``function`` of two numbers, which is asked again only where they are new."""
+        key = what, one, other
+        if key not in self._kept:
+            if len(self._kept) >= _MOST_KEPT:
+                self._kept.clear()
+            self._kept[key] = function(one, other)
+        return self._kept[key]
 
     def coordinates(self, R_g: float, L_g: float) -> tuple[float, float]:
         """SCR on the table's basis and R/X of a grid with R_g (Ω) and L_g > 0 (H) (:eq:`scr`)."""
+        return self._remembered("place", R_g, L_g, self._coordinates)
+
+    def _coordinates(self, R_g: float, L_g: float) -> tuple[float, float]:
         return _SCR[self.scr_basis](R_g, L_g, self.Z_base, self.omega), R_g / (self.omega * L_g)
 
     def grid(self, scr: float, r_over_x: float) -> tuple[float, float]:
         """R_g (Ω) and L_g (H) of a place (:eq:`scr`)."""
+        return self._remembered("grid", scr, r_over_x, self._grid)
+
+    def _grid(self, scr: float, r_over_x: float) -> tuple[float, float]:
         return _GRID[self.scr_basis](scr, 1.0 / r_over_x, self.Z_base, self.omega)
 
     def normalised(self, scr: float, r_over_x: float) -> NormalisedGains | None:
         """Normalised parameters (:eq:`bilinear`). The result is None where a node with a weight has no design."""
+        return self._remembered("normalised", scr, r_over_x, self._normalised)
+
+    def _normalised(self, scr: float, r_over_x: float) -> NormalisedGains | None:
         row, column = locate_one(self.scr, scr), locate_one(self.r_over_x, r_over_x)
         weights = corner_weights(row.fraction, column.fraction)
         low, high = self.nodes[row.low], self.nodes[row.high]

@@ -50,7 +50,7 @@ OLDEST = 0x7FFFFFFF
 
 _share_that_fits = on_floats(share_that_fits)
 _part_of_the_way = on_floats(part_of_the_way)
-_near, _limited, _within = on_floats(near), on_floats(limited), on_floats(within)
+_near, _limited, _drawn = on_floats(near), on_floats(limited), on_floats(within)
 
 Covariance = tuple[float, float, float]
 """var R_g (Ω²), cov(R_g, L_g) (Ω·H) and var L_g (H²)."""
@@ -99,6 +99,8 @@ def told_state(s: SchedulerState, told: int) -> SchedulerState:
 
     With TOLD_CHANGED, the goal of this moment is the place that the grid has left.
     """
+    if not told & ~s.told:
+        return s
     if told & ~s.told & TOLD_CHANGED:
         s = s._replace(refuted=1, left_scr=s.goal_scr, left_r_over_x=s.goal_r_over_x)
     return s._replace(told=s.told | told)
@@ -253,6 +255,11 @@ def possible(covariance: Covariance) -> bool:
     """Whether three finite numbers can be a covariance: no negative variance, no correlation beyond ±1."""
     var_R, cov_RL, var_L = covariance
     return var_R >= 0.0 and var_L >= 0.0 and cov_RL * cov_RL <= ROUNDED_CORRELATION * var_R * var_L
+
+
+def _within(value: float, low: float, high: float) -> float:
+    """As :func:`vsgdesign.runtime.guards.within`, which is called where it changes anything."""
+    return value if low <= value <= high else _drawn(value, low, high)
 
 
 def drawn_in(scr: float, r_over_x: float, c: SchedulerSettings) -> tuple[float, float]:

@@ -79,7 +79,9 @@ class ScheduledAnswers:
     @property
     def grid(self) -> Grid:
         """The grid for which the present gains are made. For a table it is the place of its scheduler."""
-        return self._grid if self._runtime is None else Grid(*self._runtime.grid)
+        if self._runtime is not None and self._runtime.grid != (self._grid.R_g, self._grid.L_g):
+            self._grid = Grid(*self._runtime.grid)
+        return self._grid
 
     def first(self, told: Grid | None = None, *, known: bool = True) -> PowerLoopGains:
         """Gains at the start: of the known grid, in the steady state that they are part of; without load for a cold

@@ -270,7 +270,8 @@ def _with_gains(
 
 def _put_changed(loop: RunLoop, put: dict[str, object], head: str, record: PowerLoopGains | References | Grid) -> None:
     """Gives the loop a record if it is another one than ``put`` has of it."""
-    if head not in put or put[head] != record:
+    known = put.get(head)
+    if known is not record and known != record:
         put[head] = record
         loop.put(head, GridEstimate(record.R_g, record.L_g) if isinstance(record, Grid) else record)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from markupsafe import Markup
@@ -37,6 +38,11 @@ class Stroke:
             return [self.points] if len(self.points) > 1 else []
         ends = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
         return [self.points[a:b] for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a > 1]
+
+    @cached_property
+    def path(self) -> str:
+        """The line as the path of an SVG; a figure may stand on a page and in a file of its own."""
+        return "".join(_path(run) for run in self.runs())
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +130,8 @@ def _part(part: Part) -> str:
     dashes = " ".join(f"{_TENTHS * part.width * length:.0f}" for length in part.dashes)
     dashed = f' stroke-dasharray="{dashes}"' if dashes else ""
     width = f"{_TENTHS * part.width:g}"
-    runs = "".join(_path(run) for run in part.runs())
-    return f'<path d="{runs}" fill="none" stroke="{part.colour}" stroke-width="{width}"{dashed}/>' if runs else ""
+    path = part.path
+    return f'<path d="{path}" fill="none" stroke="{part.colour}" stroke-width="{width}"{dashed}/>' if path else ""
 
 
 def _words(part: Words) -> str:
