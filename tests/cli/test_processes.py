@@ -40,6 +40,31 @@ def test_simulate(tmp_path: Path) -> None:
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["small-simulation"]
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
+def test_an_output_that_cannot_have_every_character(tmp_path: Path, encoding: str) -> None:
+    """A redirected output of Windows, and the locale C: a verb ended with a traceback after its work."""
+    study_file(tmp_path)
+    environment = os.environ | {"PYTHONIOENCODING": encoding}
+    for more in ([], ["--json"]):
+        result = subprocess.run(
+            [*COMMAND, "design", "small.toml", *more], cwd=tmp_path, env=environment, capture_output=True, timeout=120
+        )
+        assert (result.returncode, result.stderr) == (0, b"")
+        text = result.stdout.decode(encoding)
+        if more:
+            assert json.loads(text)["study"] == "small"
+        else:
+            assert "[W/rad]" in text
+            assert "?" in text  # δ
+
+
+def test_an_output_that_is_closed(tmp_path: Path) -> None:
+    study_file(tmp_path)
+    close = f"{sys.executable} -m vsgdesign.cli.program validate small.toml >&-"
+    result = subprocess.run(close, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
 def test_wrong_input(tmp_path: Path) -> None:
     study_file(tmp_path, duration='"0.3 ohm"')
     result = run("simulate", "small.toml", cwd=tmp_path)

@@ -5,6 +5,7 @@ needs.
 from __future__ import annotations
 
 import glob
+import io
 import json
 import os
 import sys
@@ -45,7 +46,8 @@ def verb(function: Callable[..., None]) -> Callable[..., None]:
         try:
             with signals_raise() as stop:
                 function(*args, **kwargs)
-                sys.stdout.flush()
+                if sys.stdout is not None:  # the caller has closed it
+                    sys.stdout.flush()
         except KeyboardInterrupt:
             _end(f"{stop.word}: nothing was written", stop.exit_code)
         except Interrupted as interrupted:
@@ -106,7 +108,8 @@ def _end(message: str, code: int) -> NoReturn:
     with suppress(OSError):
         click.echo(message, err=True)
     try:
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except OSError:  # a full disk: what is left in the buffer would be tried again, and complained of, at the exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(code)
@@ -136,11 +139,22 @@ def load(study_file: str, quiet: bool = False, *, left_tables: bool = False) -> 
     return study
 
 
+def streams_can_print() -> None:
+    """A character that standard output cannot write, such as ≤ in a file of Windows or in the locale C, becomes a
+    question mark. It ended a verb with a traceback after all its work.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="replace")
+
+
 def print_json(document: Any) -> None:
-    """Print a document as JSON on standard output."""
+    """Print a document as JSON on standard output, with escapes where its encoding has not every character."""
     from vsgdesign.artifacts.files import plain
 
-    click.echo(json.dumps(plain(document), indent=1, ensure_ascii=False))
+    encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
+    escapes = encoding.casefold().replace("-", "") != "utf8"
+    click.echo(json.dumps(plain(document), indent=1, ensure_ascii=escapes))
 
 
 @contextmanager

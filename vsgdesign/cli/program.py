@@ -12,7 +12,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
 
     from vsgdesign import __version__
     from vsgdesign.cli.common import BRIDGE as _BRIDGE
-    from vsgdesign.cli.common import EXIT_IMPOSSIBLE, EXIT_WRONG_INPUT
+    from vsgdesign.cli.common import EXIT_IMPOSSIBLE, EXIT_WRONG_INPUT, streams_can_print
     from vsgdesign.cli.common import JSON as _JSON
     from vsgdesign.cli.common import STUDY as _STUDY
     from vsgdesign.cli.common import keeping as _keeping
@@ -37,6 +37,7 @@ class _Program(click.Group):
     """The verbs. Before a verb begins and after it has ended, a signal ends the process with one line."""
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
+        streams_can_print()
         with signals_end():
             return super().main(*args, **kwargs)
 

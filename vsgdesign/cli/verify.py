@@ -154,7 +154,10 @@ def _check_options(
             "--workers sets the processes of this machine; a cluster at an address has its own workers"
         )
     if study_file is None and file.lower().endswith(".json"):
-        raise click.UsageError(f"{file} is a gain table; --study names the study with whose converter it is verified")
+        problem = (
+            f"{file} is no study. If it is a gain table, --study names the study with whose converter it is verified"
+        )
+        raise click.UsageError(problem)
     if merge and sharded:
         raise click.UsageError("--shard runs a part, --merge puts parts together: give one of them")
     if merge and any(value is not None for value in (*of_runs, cluster)):

@@ -40,7 +40,7 @@ def read_toml(path: Path, noun: str) -> dict[str, Any]:
         return parse_toml(text, str(path))
     except StudyError:
         if noun == "study file" and path.suffix.casefold() in (".csv", ".tsv"):
-            advice = f"If it is a datasheet, write its study with vsgdesign new --from {path.name}."
+            advice = f"If it is a datasheet, write its study with vsgdesign new --from {path}."
             raise fault("is a table of values, not TOML", advice) from None
         raise
 

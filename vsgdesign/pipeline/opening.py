@@ -92,6 +92,11 @@ class KeptInnerLoops:
             return
         self.file = path
         self._tell(f"The inner loops were designed and are kept in {path} (score {plain(record.score, 3)}).")
+        if record.score < 1.0:
+            self._tell(
+                "The score is below 1: not every requirement of the inner loops is kept. "
+                f"vsgdesign inner {self.study_file} shows which, what limits them, and what would help."
+            )
 
     def _tell(self, sentence: str) -> None:
         if self.say is not None:
