@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
 from tests.gain_tables import table
+from vsgdesign.artifacts.gain_table import table_document
+from vsgdesign.artifacts.gain_table_file import read_table_file, write_table_file
 from vsgdesign.equations.grid import grid_from_scr_impedance
 from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point
 from vsgdesign.equations.power_loops import References, power_loops
-from vsgdesign.runtime import scheduler_of, table_schedule
+from vsgdesign.errors import ArtifactError
+from vsgdesign.runtime import scheduler_of, settings_of, table_schedule
+from vsgdesign.runtime.guards import lacks_safe_place, safe_place_text
 
 NONE = References(0.0, 0.0, 0.0, 0.0)
 
@@ -60,3 +68,56 @@ def test_the_middle_is_safer_than_the_strongest_grid() -> None:
 
 def test_nor_is_a_weaker_one_with_the_published_loops() -> None:
     assert least_stable("published", 5.0, 2.0) > 0.5
+
+
+def test_a_table_carries_its_safe_place(tmp_path: Path) -> None:
+    """In its file, in the settings of its scheduler, and in what is shown of it."""
+    found = replace(table("angle_damped"), safe_place=(3.905, 0.9048))
+    write_table_file(found, tmp_path / "t.json")
+    again = read_table_file(tmp_path / "t.json")
+    assert again == found
+    assert again.safe_place == (3.905, 0.9048)
+    settings = scheduler_of(again).settings
+    assert settings.safe_scr == pytest.approx(3.905, rel=1e-6)
+    assert settings.safe_r_over_x == pytest.approx(1.0 / 0.9048, rel=1e-6)
+    assert safe_place_text(settings) == "SCR 3.905, X/R 0.9048"
+
+
+def test_what_is_set_by_hand_stays() -> None:
+    found = replace(table("angle_damped"), safe_place=(3.905, 0.9048))
+    settings = settings_of(found, safe_scr=8.0)
+    assert settings.safe_scr == 8.0
+    assert settings.safe_r_over_x == pytest.approx(1.0 / 0.9048, rel=1e-6)
+
+
+def test_a_place_at_the_edge_of_the_table_is_in_the_box_of_single_precision() -> None:
+    found = table("angle_damped")
+    v = found.validity
+    for place in ((v.scr[0], v.x_over_r[1]), (v.scr[1], v.x_over_r[0])):
+        settings = settings_of(replace(found, safe_place=place))
+        assert settings.safe_scr == pytest.approx(place[0], rel=1e-6)
+        assert settings.safe_r_over_x == pytest.approx(1.0 / place[1], rel=1e-6)
+
+
+def test_a_table_of_before_keeps_its_bytes_and_its_place() -> None:
+    old = table("angle_damped")
+    assert "safe_place" not in table_document(old)
+    assert settings_of(old).safe_scr == pytest.approx(np.sqrt(30.0), rel=1e-6)
+    assert lacks_safe_place(old)
+    assert not lacks_safe_place(table("published"))
+    assert not lacks_safe_place(replace(old, safe_place=(3.0, 1.0)))
+
+
+@pytest.mark.parametrize(
+    ("place", "problem"),
+    [
+        ((0.5, 1.0), r"safe_place: SCR 0\.5 is outside of the validity, 1\.5 to 20"),
+        ((3.0, 99.0), r"safe_place: X/R 99 is outside of the validity, 0\.3 to 10"),
+        ((float("nan"), 1.0), "safe_place: must be two numbers, SCR and X/R"),
+        ((3.0,), "safe_place: must be two numbers, SCR and X/R"),
+        ("3.0", "safe_place: must be two numbers, SCR and X/R"),
+    ],
+)
+def test_a_place_that_is_none_is_refused(tmp_path: Path, place: Any, problem: str) -> None:
+    with pytest.raises(ArtifactError, match=problem):
+        write_table_file(replace(table("angle_damped"), safe_place=place), tmp_path / "t.json")

@@ -89,7 +89,7 @@ def run_one(study: Study, spec: ControllerSpec, ready: Ready, cases: LaneCases, 
     timeline = build_timeline(own)
     if spec.kind == "fixed":
         return simulate(own, gain_changes(own, spec, timeline), bridge=bridge)
-    feed = LateSchedule(own, spec, told_of(cases, k, timeline), ready, safe=safe_grid(own))
+    feed = LateSchedule(own, spec, told_of(cases, k, timeline), ready, safe=safe_grid(own, spec, ready))
     return simulate(own, feed, bridge=bridge)
 
 

@@ -143,6 +143,9 @@ class GainTable:
     ``broken``."""
     causes: list[dict[str, Any]] = field(default_factory=list)
     """The reasons why relaxed cells give up a promise (:mod:`vsgdesign.design.causes`)."""
+    safe_place: tuple[float, float] | None = None
+    """SCR on the table's basis and X/R of the place at which a schedule waits without estimates (:eq:`safe-place`).
+    None: that of the structure in the box (:func:`vsgdesign.runtime.guards.safe_scr`)."""
     verification: dict[str, Any] | None = None
     """What random cases in EMT showed (:func:`vsgdesign.artifacts.verification_record.verification_record`); None: none
     were simulated."""
@@ -253,6 +256,8 @@ def table_document(table: GainTable) -> dict[str, Any]:
         del plainly["validity"]["error_Z"]
     if table.verification is None:  # the same of one from before tables were verified
         del plainly["verification"]
+    if table.safe_place is None:  # and of one from before a safe place was searched
+        del plainly["safe_place"]
     plainly["gains"] = plainly["gains"]._asdict()
     plainly["certificate"] = None if table.certificate is None else table.certificate.document
     for name in ("columns", "gains", "margins"):

@@ -126,10 +126,22 @@ def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
         yield "between", "must be a table of names and values, or null"
     if isinstance(table.between, dict) and not _is_look(table.between):
         yield "between", "must have points, outside and promised as whole numbers, and the list broken"
+    if table.safe_place is not None:
+        yield from _faults_of_safe_place(table)
     if table.verification is not None:
         yield from (("verification", fault) for fault in verification_faults(table.verification))
     if not isinstance(table.causes, list) or not all(isinstance(cause, dict) for cause in table.causes):
         yield "causes", "must be a list of tables of names and values"
+
+
+def _faults_of_safe_place(table: GainTable) -> Iterator[tuple[str, str]]:
+    place, axes = table.safe_place, (table.validity.scr, table.validity.x_over_r)
+    if not (isinstance(place, tuple) and len(place) == 2 and all(map(is_number, place))):
+        yield "safe_place", "must be two numbers, SCR and X/R"
+        return
+    for name, value, limits in zip(("SCR", "X/R"), place, axes, strict=True):
+        if all(map(is_number, limits)) and not limits[0] <= value <= limits[1]:
+            yield "safe_place", f"{name} {value:g} is outside of the validity, {limits[0]:g} to {limits[1]:g}"
 
 
 def _is_look(between: dict[str, Any]) -> bool:
@@ -162,8 +174,10 @@ def _from_document(document: dict[str, Any]) -> GainTable:
     unknown = document.keys() - {f.name for f in fields(GainTable)} - {"kind", "schema"}
     if unknown:
         raise ValueError(f"unknown: {', '.join(sorted(unknown))}")
-    document = {"verification": None} | document
+    document = {"verification": None, "safe_place": None} | document
     values = {f.name: document[f.name] for f in fields(GainTable)}
+    if isinstance(values["safe_place"], list):
+        values["safe_place"] = tuple(values["safe_place"])
     values["base"] = TableBase(**values["base"])
     box: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values["validity"].items()}
     values["validity"] = ValidityBox(**box)

@@ -34,6 +34,7 @@ from vsgdesign.execution.executors import Each
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.table import table_schedule
+from vsgdesign.stability.safe_place import table_safe_place
 
 SMOOTHINGS = 2
 """How often rough nodes are designed again before nodes are added."""
@@ -128,6 +129,7 @@ def _build(job: TableJob, smoothings: int, refinements: int) -> BuiltTable:
     causes = _causes(job, nodes, withdrawn)
     between = between_document(withdrawn.checked)
     table = replace(withdrawn.table, between=between, causes=[cause.as_document() for cause in causes])
+    table = replace(table, safe_place=table_safe_place(job.study, table))
     return BuiltTable(table, tuple(nodes.records), nodes.added, withdrawn.checked, causes)
 
 

@@ -16,6 +16,7 @@ from vsgdesign.errors import ArtifactError
 from vsgdesign.execution.progress import Progress
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.pipeline.table import make_tables
+from vsgdesign.runtime.guards import lacks_safe_place
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,9 @@ def _same_design(study: Study, spec: ControllerSpec, path: Path) -> GainTable | 
     except ArtifactError:
         return None  # a damaged file is nobody's table here, and the one that is designed lies elsewhere
     own = study.with_limit_of(spec)
-    if not table.design_inputs or base_differences(table.base, base_of(own, table.base.scr_basis), "the study"):
+    if lacks_safe_place(table) or not table.design_inputs:
+        return None
+    if base_differences(table.base, base_of(own, table.base.scr_basis), "the study"):
         return None
     return None if input_differences(table.design_inputs, design_inputs(own, spec.target)) else table
 

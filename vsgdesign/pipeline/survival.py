@@ -18,6 +18,7 @@ from vsgdesign.errors import ArtifactError, Fault, StudyError
 from vsgdesign.execution.progress import Progress
 from vsgdesign.identification import estimator_kind
 from vsgdesign.parameters.study import NO_LIMITER, ControllerSpec, Study
+from vsgdesign.runtime.guards import lacks_safe_place
 
 if TYPE_CHECKING:  # the simulation is loaded by who measures
     from vsgdesign.simulation.survival import CaseResult, Subject, SurvivalCase
@@ -78,8 +79,9 @@ def survival_tables(
 ) -> Ready:
     """The gain tables of a study's controllers, as :class:`vsgdesign.artifacts.ready.Ready`.
 
-    A table that ``folder`` has is read if it was designed from this study; any other is designed and kept there,
-    without its certificate, which no run needs. Raises the errors of :func:`vsgdesign.pipeline.table.make_tables`.
+    A table that ``folder`` has is read if it was designed from this study and has a safe place. Any other is designed
+    and kept there, without its certificate, which no run needs. Raises the errors of
+    :func:`vsgdesign.pipeline.table.make_tables`.
     """
     from vsgdesign.pipeline.table import make_tables
 
@@ -92,7 +94,7 @@ def survival_tables(
                 table = read_table_file(path)
             except ArtifactError:
                 continue
-            if not study_differences(table, study):
+            if not study_differences(table, study) and not lacks_safe_place(table):
                 kept[spec.name] = table
     missing = [spec for spec in study.controllers if spec.schedule == "table" and spec.name not in kept]
     if missing:

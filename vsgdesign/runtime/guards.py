@@ -90,7 +90,7 @@ class SchedulerSettings:
     voltage_range: float
     """Largest V that can be measured, V."""
     safe_scr: float
-    """The safe place, to which the gains move without estimates (:func:`safe_scr`)."""
+    """The safe place, to which the gains move without estimates (:eq:`safe-place`)."""
     safe_r_over_x: float
     rate: float = 10.0
     """Largest \\|d ln SCR/dt\\| and \\|d ln(R/X)/dt\\| of the place of the gains, 1/s."""
@@ -151,7 +151,7 @@ def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
 
     The box is the intersection of the axes, the validity and the certificate of the table. The rate is that of the
     certificate, but at most 10 1/s; it is 10 1/s without a certificate or where the grid may jump. The safe place is
-    that of the table's structure in the box (:func:`safe_scr`).
+    that of the table, drawn into the box; for a table without one it is that of its structure (:func:`safe_scr`).
     """
     from vsgdesign.artifacts.certificate_record import (
         CertificateRegion,  # only a user with a table needs this room
@@ -169,10 +169,15 @@ def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
             pairs.append(certified)
         box[name] = (max(low for low, _ in pairs), min(high for _, high in pairs))
     x_low, x_high = box.pop("x_over_r")
-    own: dict[str, Any] = {"safe_scr": safe_scr(table.structure, box["scr"])} | error_set_of(table)._asdict() | changes
+    r_over_x = 1.0 / x_high, 1.0 / x_low
+    own: dict[str, Any] = {"safe_scr": safe_scr(table.structure, box["scr"])}
+    if table.safe_place is not None:
+        scr, x_over_r = table.safe_place
+        own = {"safe_scr": _inside(scr, box["scr"]), "safe_r_over_x": _inside(1.0 / x_over_r, r_over_x)}
+    own = own | error_set_of(table)._asdict() | changes
     return box_settings(
         **box,
-        r_over_x=(1.0 / x_high, 1.0 / x_low),
+        r_over_x=r_over_x,
         S_rated=table.base.S_rated,
         V_rated_rms=table.base.V_rated_rms,
         omega=table.base.omega_n,
@@ -187,6 +192,16 @@ def safe_scr(structure: str, scr: Pair) -> float:
     """The SCR of the safe place of a structure between limits of SCR: their geometric mean where the structure is safe
     in the middle, and otherwise the largest."""
     return math.sqrt(scr[0] * scr[1]) if STRUCTURES[structure].safe_in_the_middle else scr[1]
+
+
+def lacks_safe_place(table: GainTable) -> bool:
+    """Whether a table is from before safe places were searched, so that a new design would add one."""
+    return table.safe_place is None and STRUCTURES[table.structure].safe_in_the_middle
+
+
+def safe_place_text(settings: SchedulerSettings) -> str:
+    """The safe place for people to read, as a table's pages and lists show it."""
+    return f"SCR {settings.safe_scr:.4g}, X/R {1.0 / settings.safe_r_over_x:.4g}"
 
 
 def window_settings(period: float, tick: float = SchedulerSettings.tick) -> dict[str, int]:
@@ -261,6 +276,11 @@ def limited(goal: Any, present: Any, factor: Any) -> Any:
 def within(value: Any, low: float, high: float) -> Any:
     """The value or values, drawn to between two limits."""
     return np.minimum(np.maximum(value, low), high)
+
+
+def _inside(value: float, box: Pair) -> float:
+    """The value, drawn to between the limits that a box has in single precision."""
+    return min(max(value, _single(box[0], np.inf)), _single(box[1], -np.inf))
 
 
 def _single(value: float, towards: float) -> float:

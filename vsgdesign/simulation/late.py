@@ -11,13 +11,14 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Grid, Place, Study
-from vsgdesign.runtime.guards import SchedulerSettings
+from vsgdesign.runtime.guards import SchedulerSettings, settings_of
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.following import KnownGridScheduler, MeasuredPowers, ScheduledAnswers
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.stability.cells import GainLaw
+from vsgdesign.stability.safe_place import closed_form_place
 
 STALE_S = SchedulerSettings.stale_ticks * SchedulerSettings.tick
 """Time without an answer from which on gains are those of a safe place, s: as a table's scheduler has it."""
@@ -44,22 +45,26 @@ def gain_feed(
     scheduler that follows what it is told and what is measured."""
     knowledge = knowledge_of(spec, timeline)
     if knowledge is not None:
-        return LateSchedule(study, spec, told_of(study, knowledge, timeline), ready, safe=safe_grid(study))
+        return LateSchedule(study, spec, told_of(study, knowledge, timeline), ready, safe=safe_grid(study, spec, ready))
     if follows_measured(spec):
         return KnownGridScheduler(study, spec, timeline, ready)
     return gain_changes(study, spec, timeline)
 
 
-def safe_grid(study: Study) -> Grid | None:
-    """Where a closed form takes its gains from once its estimate is stale: the middle of the specification's grids.
+def safe_grid(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> Grid | None:
+    """The grid whose gains a schedule takes once its estimate is stale (:eq:`safe-place`): that of the settings of its
+    table's scheduler, or the safe place of its closed form.
 
-    None without a specification: the closed form then goes on with what it was told last.
+    None for fixed gains, and for a closed form without a specification: it goes on with what it was told last.
     """
-    asked = study.specification
-    if asked is None:
+    if spec.kind == "fixed":
         return None
-    scr, x_over_r = (math.sqrt(axis[0] * axis[-1]) for axis in (asked.scr, asked.x_over_r))
-    return Place(scr, x_over_r, asked.scr_basis).grid(study.converter)
+    table = ready.table(spec)
+    if table is None:
+        place = closed_form_place(study, spec)
+        return None if place is None else place.grid(study.converter)
+    settings = settings_of(table)
+    return Place(settings.safe_scr, 1.0 / settings.safe_r_over_x, table.base.scr_basis).grid(study.converter)
 
 
 def told_of(study: Study, knowledge: GridEstimate, timeline: Timeline) -> Told:

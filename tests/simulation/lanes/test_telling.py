@@ -145,7 +145,7 @@ def test_gains_that_follow_the_measured_powers(text: str, ready: Ready) -> None:
         if exact(cases, lane):
             single: Any = KnownGridScheduler(one, spec, build_timeline(one), ready)
         else:
-            single = LateSchedule(one, spec, told_of(one, cases, lane), ready, safe=safe_grid(study))
+            single = LateSchedule(one, spec, told_of(one, cases, lane), ready, safe=safe_grid(study, spec, ready))
         singles.append((single, single.first_gains()))
         assert tuple(value[lane] for value in told.estimate()) == (single.grid.R_g, single.grid.L_g)
     told.first(*np.array([(float(P), 0.0, study.converter.V_rated_rms) for P in cases.P_ref]).T)
@@ -197,7 +197,7 @@ def test_gains_at_the_design_point_are_known_beforehand(specified: bool) -> None
             listed = ListedGains(gain_changes(one, spec, build_timeline(one)), T_s)
             expected = {k: (gains, listed.grid(k)) for k, gains in listed._at.items() if k < samples}
         else:
-            single = LateSchedule(one, spec, told_of(one, cases, lane), safe=safe_grid(study))
+            single = LateSchedule(one, spec, told_of(one, cases, lane), safe=safe_grid(study, spec))
             expected = {0: (single.first_gains(), single.grid)}
             for sample in range(every, samples, every):
                 window: Any = SimpleNamespace(t_s=sample * T_s, P=0.0, Q=0.0, V_rms=110.0, limited=0)

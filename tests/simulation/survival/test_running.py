@@ -25,6 +25,7 @@ from vsgdesign.simulation.survival import (
     trace_case,
 )
 from vsgdesign.simulation.survival.cases import LEAD_S
+from vsgdesign.stability.safe_place import closed_form_place
 
 START = GridState(scr=5.0, x_over_r=3.0, P_pu=0.5, Q_pu=0.0)
 SMALL = Change(t_s=0.0, phase_deg=4.0)
@@ -150,16 +151,15 @@ def test_fixed_gains_know_nothing() -> None:
     assert len(found.simulation.gain_changes) == 1
 
 
-def test_a_stale_closed_form_goes_to_the_middle_of_its_specification() -> None:
-    """SCR 1.2 to 20 and X/R 0.3 to 20: the geometric middles, SCR 4.90 and X/R 2.45."""
+def test_a_stale_closed_form_goes_to_the_safe_place_of_its_specification() -> None:
     asked = TEXT + "[specification]\nscr = [1.2, 5, 20]\nx_over_r = [0.3, 3, 20]\n"
     of, jump = subject(asked), case(Change(t_s=0.0, scr=10.0, x_over_r=3.0), silent_s=FOR_EVER)
-    middle, c = of.safe, of.study.converter
-    assert middle is not None
-    assert middle.scr(c, "impedance") == pytest.approx(math.sqrt(24.0))
-    assert middle.x_over_r(c.omega_n) == pytest.approx(math.sqrt(6.0))
+    safe, place = of.safe, closed_form_place(of.study, of.spec)
+    assert safe is not None
+    assert place is not None
+    assert safe == place.grid(of.study.converter)
     late = traced(of, jump).simulation.gain_changes[-1]
-    told = traced(subject(), replace(jump, start=replace(START, scr=middle.scr(c, "impedance"), x_over_r=6.0**0.5)))
+    told = traced(subject(), replace(jump, start=replace(START, scr=place.scr, x_over_r=place.x_over_r)))
     assert late.gains.K_ip == pytest.approx(told.simulation.gain_changes[-1].gains.K_ip, rel=0.02)
     held = traced(subject(), jump).simulation.gain_changes
     assert subject().safe is None

@@ -30,6 +30,7 @@ from vsgdesign.report.gain_table.maps import in_order, limit_of, margin_keys
 from vsgdesign.report.page.html import write_html
 from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import DASH, number, plain, plain_quantity
+from vsgdesign.runtime.guards import safe_place_text, settings_of
 from vsgdesign.runtime.needed_sigma import needed_sigma_text
 from vsgdesign.stability.gain_table import figure_of
 
@@ -133,6 +134,7 @@ def identity_table(table: GainTable) -> Table:
         ("Valid for", f"SCR {_range(v.scr)}, X/R {_range(v.x_over_r)}"),
         ("", f"P {_range(v.P, 1e3)} kW, Q {_range(v.Q, 1e3)} kvar, V {_range(v.V_rms)} V"),
         ("", f"R and X known {error_text(v.error, v.error_Z)}"),
+        ("Waits without estimates at", safe_place_text(settings_of(table))),
     )
     return Table("What it is for", ("Quantity", "Value"), rows, texts=2)
 

@@ -26,6 +26,7 @@ from vsgdesign.certificate.swing.results import EMPTY, RETURNS
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import counted
 from vsgdesign.report.gain_table.inside import inside_sentence
+from vsgdesign.runtime.guards import safe_place_text, settings_of
 from vsgdesign.runtime.needed_sigma import needed_sigma_text
 from vsgdesign.stability.gain_table import TableCheck
 
@@ -52,6 +53,7 @@ def heading(table: GainTable) -> Iterator[str]:
         f"P {v.P[0] / 1e3:g} to {v.P[1] / 1e3:g} kW, Q {v.Q[0] / 1e3:g} to {v.Q[1] / 1e3:g} kvar, "
         f"V {v.V_rms[0]:.4g} to {v.V_rms[1]:.4g} V, R and X known {error_text(v.error, v.error_Z)}"
     )
+    yield f"without estimates the schedule waits at {safe_place_text(settings_of(table))}"
     yield needed_sigma_text(table)
     yield inside_sentence(table, shipped_errors())
     if table.specification:

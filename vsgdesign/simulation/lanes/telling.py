@@ -129,7 +129,7 @@ def telling(study: Study, spec: ControllerSpec, ready: Ready, cases: LaneCases) 
     T_s = study.converter.T_s
     period = ready.update_period(spec) or UPDATE_PERIOD
     every = whole_multiple(period, T_s, "update_period", "the controller's sampling period")
-    told, updates = told_grids(cases), Updates(every, T_s, safe_grid(study))
+    told, updates = told_grids(cases), Updates(every, T_s, safe_grid(study, spec, ready))
     table = ready.table(spec)
     if table is not None:
         scheduler = scheduler_of(table)

@@ -115,8 +115,8 @@ class Subject:
 
     @property
     def safe(self) -> Grid | None:
-        """Where a closed form takes its gains from once its estimate is stale (:func:`safe_grid`)."""
-        return safe_grid(self.study)
+        """Where the schedule takes its gains from once its estimate is stale (:func:`safe_grid`)."""
+        return safe_grid(self.study, self.spec, self.ready)
 
     @property
     def settling_time(self) -> float:

@@ -1,0 +1,271 @@
+"""The safe place of a schedule: the one grid whose gains suit every grid of a specification best.
+
+A schedule that is never told its grid again stays there (docs/theory/runtime.md). The place is searched once, when a
+table is designed or a run with a closed form begins. A controller gets the result alone.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.equations.grid import SCR_BASES
+from vsgdesign.equations.power_flow import operating_point
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import STRUCTURES
+from vsgdesign.model.coupled import coupled_model
+from vsgdesign.operating_point.static_limits import static_limit_uses
+from vsgdesign.parameters.network import PLAIN
+from vsgdesign.parameters.specification import Specification
+from vsgdesign.parameters.study import ControllerSpec, GridSource, Place, Study
+from vsgdesign.parameters.survival import SurvivalSpec
+from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.runtime.guards import settings_of
+from vsgdesign.runtime.of_study import ControllerGains, follows_measured
+from vsgdesign.runtime.table import table_schedule
+from vsgdesign.stability.cells import GainLaw, cell_set, full_order_cells
+from vsgdesign.stability.margins import eigenvalues_of, margins_named
+
+Array = NDArray[np.float64]
+
+LEAST_DISK_MARGIN = 0.3
+"""Disk margin that the gains of the safe place keep on every grid, or that of the middle of the grids if this is
+less."""
+
+LARGEST_TURN = math.radians(45.0)
+"""How far the angle of any grid's impedance may be from that of the safe place, rad. The decoupling and the current
+limiter turn by this angle."""
+
+_SCRS, _ANGLES = 32, 5
+"""Places that are compared: their SCR and the angles of their impedance."""
+
+_LOWEST_RAD_S, _POINTS = 0.1, 60
+"""Frequencies on which a margin is looked for first."""
+
+
+class PlaceFigures(NamedTuple):
+    """What the gains of one place do on the grids of a specification, at their worst."""
+
+    decay: float
+    """Decay rate of the slowest mode, 1/s; not positive: unstable somewhere. It is the smaller one of the reduced and
+    the full-order model."""
+    disk_margin: float
+    """Of the full-order model; 0 where it is unstable."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Plants:
+    """Grids with operating points within the static limits: arrays (N,)."""
+
+    R_g: Array
+    L_g: Array
+    P: Array
+    Q: Array
+    V_rms: Array
+    delta: Array
+
+    def take(self, chosen: NDArray[np.bool_]) -> _Plants:
+        """Some of them."""
+        return _Plants(*(values[chosen] for values in vars(self).values()))
+
+
+def middle_place(specification: Specification) -> Place:
+    """The geometric means of SCR and of X/R over a specification's axes."""
+    scr, x_over_r = (math.sqrt(axis[0] * axis[-1]) for axis in (specification.scr, specification.x_over_r))
+    return Place(scr, x_over_r, specification.scr_basis)
+
+
+def closed_form_place(study: Study, spec: ControllerSpec) -> Place | None:
+    """The safe place of a closed form: that of :func:`safe_place` under the specification of its study. None without a
+    specification. It is searched once in a process for equal designs."""
+    if study.specification is None:
+        return None
+    if not STRUCTURES[spec.target.structure].safe_in_the_middle:
+        return middle_place(study.specification)
+    return _closed_form_place(_of_design(study, spec), follows_measured(spec))
+
+
+def table_safe_place(study: Study, table: GainTable) -> tuple[float, float] | None:
+    """SCR and X/R of the safe place of a table under the specification of its study. None where the schedule waits at
+    the place of its structure: without a specification, and for structures that are not safe between the grids."""
+    if study.specification is None or not STRUCTURES[table.structure].safe_in_the_middle:
+        return None
+    law = ControllerGains(table_schedule(table), None, True, settings_of(replace(table, safe_place=None)))
+    place = safe_place(study, law)
+    return place.scr, place.x_over_r
+
+
+def safe_place(study: Study, law: GainLaw) -> Place:
+    """The place whose gains have the best worst decay over the specification of a study (:eq:`safe-place`).
+
+    ``law`` gives the gains for an assumed grid at measured powers. The places have impedances whose angle is within
+    LARGEST_TURN of those of all grids, and their gains keep LEAST_DISK_MARGIN, or the margin of the middle of the grids
+    if that is less. The reduced model orders the places; the full-order model decides. Where no place keeps the margin,
+    it is the middle. Raises ValueError without a specification.
+    """
+    asked = study.specification
+    if asked is None:
+        raise ValueError("the study has no [specification]: there are no grids to be safe on")
+    study = replace(study, scr_basis=asked.scr_basis, grid_source=_source(asked))
+    middle, corners = middle_place(asked), _plants(study, asked, scrs=3, x_over_rs=3, Ps=3, Qs=2)
+    of_middle, floor = place_figures(study, law, middle, corners), LEAST_DISK_MARGIN
+    if of_middle.decay > 0.0:
+        floor = min(floor, of_middle.disk_margin)
+    places = _not_too_fast(study, law, _places(asked), corners, floor)
+    decays = reduced_decays(study, law, places, _plants(study, asked, scrs=4, x_over_rs=4, Ps=5, Qs=2))
+    best, best_decay = middle, 0.0
+    for k in np.argsort(-decays, kind="stable"):
+        if not decays[k] > best_decay:
+            break
+        found = place_figures(study, law, places[k], corners)
+        decay = min(float(decays[k]), found.decay)
+        if found.disk_margin >= floor and decay > best_decay:
+            best, best_decay = places[k], decay
+    return best
+
+
+def reduced_decays(study: Study, law: GainLaw, places: list[Place], plants: _Plants) -> Array:
+    """Decay rate (1/s) of the slowest mode of the coupled model over all plants with the gains of each place;
+    -infinity where a place has no gains."""
+    R_hat, L_hat = _grids(study, places)
+    gains = law(R_hat[:, None], L_hat[:, None], plants.P, plants.Q, plants.V_rms)
+    shape = (len(places), len(plants.P))
+    flat = PowerLoopGains(*(np.broadcast_to(value, shape).ravel() for value in gains))
+    good = np.isfinite(np.stack(flat)).all(axis=0)
+    every = [np.broadcast_to(values, shape).ravel()[good] for values in vars(plants).values()]
+    R_g, L_g, _, _, V_rms, delta = every
+    tau_P, tau_Q = study.power_lags
+    model = coupled_model(
+        delta,
+        V_rms,
+        study.grid_source.V_g_rms,
+        R_g + study.filter.R_2,
+        study.grid_source.omega_g * (L_g + study.filter.L_2),
+        PowerLoopGains(*(value[good] for value in flat)),
+        tau_P=tau_P,
+        tau_Q=tau_Q,
+    )
+    found = np.full(len(good), -math.inf)
+    found[good] = -eigenvalues_of(model).real.max(axis=1)
+    return found.reshape(shape).min(axis=1)
+
+
+def place_figures(study: Study, law: GainLaw, place: Place, plants: _Plants) -> PlaceFigures:
+    """The full-order model's worst figures over plants with the gains of one place."""
+    R_hat, L_hat = _grids(study, [place])
+    decay, margin = _full_order(study, law, np.broadcast_to(R_hat, plants.P.shape), L_hat, plants)
+    return PlaceFigures(float(decay.min(initial=math.inf)), float(margin.min(initial=math.inf)))
+
+
+def _not_too_fast(
+    study: Study, law: GainLaw, lines: list[list[Place]], corners: _Plants, floor: float
+) -> list[Place]:
+    """The places whose gains keep a margin on the strongest grids. Each line has places of one angle and rising SCR: of
+    these the first that keeps it, found by bisection, and all behind it, whose gains are slower still."""
+    lengths = np.hypot(corners.R_g, study.converter.omega_n * corners.L_g)
+    strong = corners.take(lengths <= 1.001 * lengths.min(initial=math.inf))
+    low, high = np.zeros(len(lines), dtype=int), np.full(len(lines), len(lines[0]))
+    while (low < high).any():
+        middle = np.minimum((low + high) // 2, len(lines[0]) - 1)
+        margins = _margins(study, law, [line[k] for line, k in zip(lines, middle, strict=True)], strong)
+        keeps = margins >= floor
+        low, high = np.where(keeps | (low >= high), low, middle + 1), np.where(keeps & (low < high), middle, high)
+    return [place for line, first in zip(lines, low, strict=True) for place in line[first:]]
+
+
+def _margins(study: Study, law: GainLaw, places: list[Place], plants: _Plants) -> Array:
+    """The worst disk margin of every place over a few plants, all at once."""
+    R_hat, L_hat = _grids(study, places)
+    count = len(plants.P)
+    every = _Plants(*(np.tile(values, len(places)) for values in vars(plants).values()))
+    margin = _full_order(study, law, np.repeat(R_hat, count), np.repeat(L_hat, count), every)[1]
+    return margin.reshape(len(places), count).min(axis=1, initial=math.inf)
+
+
+def _full_order(study: Study, law: GainLaw, R_hat: Array, L_hat: Array, plants: _Plants) -> tuple[Array, Array]:
+    """Decay (1/s) and disk margin of every plant; -infinity and 0 where there are no gains or there is no steady
+    state."""
+    gains = law(R_hat, L_hat, plants.P, plants.Q, plants.V_rms)
+    cells = cell_set(study, plants.R_g, plants.L_g, plants.P, plants.Q, gains)
+    model = full_order_cells(study, cells)
+    index = np.flatnonzero(cells.good)[model.index]
+    decay, margin = np.full(len(plants.P), -math.inf), np.zeros(len(plants.P))
+    if len(index):
+        omega = np.geomspace(_LOWEST_RAD_S, 0.999 * np.pi / model.T_s, _POINTS)
+        decay[index] = -eigenvalues_of(model).real.max(axis=1)
+        margin[index] = np.nan_to_num(margins_named(model, ["disk_output"], omega)["disk_output"].value, nan=0.0)
+    return decay, margin
+
+
+def _places(asked: Specification) -> list[list[Place]]:
+    """The places that are compared, in lines of one angle and rising SCR."""
+    scrs = np.geomspace(asked.scr[0], asked.scr[-1], _SCRS)
+    low, high = (math.atan(asked.x_over_r[k]) for k in (0, -1))
+    angles = np.linspace(max(low, high - LARGEST_TURN), min(high, low + LARGEST_TURN), _ANGLES)
+    x_over_rs = [_digits(math.tan(angle)) for angle in angles]
+    return [[Place(_digits(float(scr)), x_over_r, asked.scr_basis) for scr in scrs] for x_over_r in x_over_rs]
+
+
+def _digits(value: float) -> float:
+    """Four digits: what is shown is then what is used."""
+    return float(f"{value:.4g}")
+
+
+def _plants(study: Study, asked: Specification, *, scrs: int, x_over_rs: int, Ps: int, Qs: int) -> _Plants:
+    """So many values of each, over the axes and the powers of a specification, within the static limits."""
+    scr = np.geomspace(asked.scr[0], asked.scr[-1], scrs)
+    x_over_r = np.geomspace(asked.x_over_r[0], asked.x_over_r[-1], x_over_rs)
+    P, Q = (np.linspace(min(one), max(one), n) for one, n in ((asked.box.P, Ps), (asked.box.Q, Qs)))
+    scr, x_over_r, P, Q = (values.ravel() for values in np.meshgrid(scr, x_over_r, P, Q, indexing="ij"))
+    c, omega_g = study.converter, study.grid_source.omega_g
+    R_g, L_g = SCR_BASES[asked.scr_basis].grid(scr, x_over_r, c.Z_base, c.omega_n)
+    R, X = R_g + study.filter.R_2, omega_g * (L_g + study.filter.L_2)
+    with np.errstate(invalid="ignore"):
+        V_rms, delta = operating_point(P, Q, study.grid_source.V_g_rms, R, X)
+        uses = static_limit_uses(study, R, X, omega_g, P, Q, V_rms)
+        good = np.all([use <= 1.0 for use in uses.values()], axis=0)
+    return _Plants(R_g, L_g, P, Q, V_rms, delta).take(good)
+
+
+def _grids(study: Study, places: list[Place]) -> tuple[Array, Array]:
+    grids = [place.grid(study.converter) for place in places]
+    return np.array([grid.R_g for grid in grids]), np.array([grid.L_g for grid in grids])
+
+
+def _source(asked: Specification) -> GridSource:
+    """The source in the middle of what is asked for."""
+    V, omega = ((min(one) + max(one)) / 2.0 for one in (asked.box.V_g_rms, asked.box.omega_g))
+    return GridSource(V, omega)
+
+
+def _of_design(study: Study, spec: ControllerSpec) -> Study:
+    """The study with nothing but what the safe place depends on, so that equal designs are searched once."""
+    asked: Any = study.specification
+    fields: dict[str, Any] = dict.fromkeys(("name", "title", "source", "hash"), "")
+    fields |= dict.fromkeys(("estimator", "inner_request", "verification", "background", "sensors", "replay"))
+    return replace(
+        study.with_limit_of(spec),
+        **fields,
+        grid=middle_place(asked).grid(study.converter),
+        grid_source=_source(asked),
+        scr_basis=asked.scr_basis,
+        network=PLAIN,
+        target=spec.target,
+        controllers=(),
+        events=(),
+        simulation=replace(study.simulation, duration=1.0, log_interval=1.0, csv_interval=1.0, P_ref=0.0, Q_ref=0.0),
+        survival=SurvivalSpec(),
+        files=(),
+        origin=None,
+    )
+
+
+@functools.lru_cache(maxsize=64)
+def _closed_form_place(study: Study, measured: bool) -> Place:
+    return safe_place(study, ControllerGains(closed_form_schedule(study, study.target), None, measured))
