@@ -219,8 +219,8 @@ class Structure:
     """Whether it is designed as the two separate loops of the paper, without the coupling. Its promises are then the
     margins and responses of these loops; otherwise they are those of each loop with the other one closed."""
     safe_in_the_middle: bool = False
-    """Whether gains of the geometric middle of the grids are stable on all of them, so that a schedule may wait there
-    for an estimate. Otherwise it waits at the strongest grid."""
+    """Whether gains of a grid between the others are stable on all of them, so that a schedule may wait for an estimate
+    at a place that is searched (:eq:`safe-place`). Otherwise it waits at the strongest grid."""
     follows_references: bool = True
     """The default point for the Jacobian of the closed form: the measured P, Q and V, or the design point."""
 

@@ -108,7 +108,7 @@ class SchedulerSettings:
     """Nominal number of ticks between two updates."""
     longest_ticks: int = 40_000
     """Longest time, in ticks, for which a single update may move the place."""
-    stale_ticks: int = 600_000
+    stale_ticks: int = 700_000
     """How long a doubt may last, in ticks, before the place moves to the safe place. This is the time in which an
     estimator finds a new grid after its last surprise."""
     lost_ticks: int = 10_000_000
@@ -189,8 +189,8 @@ def settings_of(table: GainTable, **changes: Any) -> SchedulerSettings:
 
 
 def safe_scr(structure: str, scr: Pair) -> float:
-    """The SCR of the safe place of a structure between limits of SCR: their geometric mean where the structure is safe
-    in the middle, and otherwise the largest."""
+    """The SCR of the safe place of a structure between limits of SCR where none was searched: their geometric mean
+    where the structure is safe in the middle, and otherwise the largest."""
     return math.sqrt(scr[0] * scr[1]) if STRUCTURES[structure].safe_in_the_middle else scr[1]
 
 

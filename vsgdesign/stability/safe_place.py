@@ -163,9 +163,7 @@ def place_figures(study: Study, law: GainLaw, place: Place, plants: _Plants) -> 
     return PlaceFigures(float(decay.min(initial=math.inf)), float(margin.min(initial=math.inf)))
 
 
-def _not_too_fast(
-    study: Study, law: GainLaw, lines: list[list[Place]], corners: _Plants, floor: float
-) -> list[Place]:
+def _not_too_fast(study: Study, law: GainLaw, lines: list[list[Place]], corners: _Plants, floor: float) -> list[Place]:
     """The places whose gains keep a margin on the strongest grids. Each line has places of one angle and rising SCR: of
     these the first that keeps it, found by bisection, and all behind it, whose gains are slower still."""
     lengths = np.hypot(corners.R_g, study.converter.omega_n * corners.L_g)
