@@ -55,7 +55,19 @@ API = {
     "identification": ("Estimators of the grid", ("vsgdesign.identification",)),
     "stability": ("Stability", ("vsgdesign.stability.maps", "vsgdesign.stability.margins", "vsgdesign.stability.loci")),
     "codegen": ("Code generation", ("vsgdesign.codegen",)),
-    "pipeline": ("Pipeline", ("vsgdesign.pipeline.opening", "vsgdesign.pipeline.run")),
+    "metrics": ("Measures", ("vsgdesign.metrics",)),
+    "compliance": ("Grid-code tests", ("vsgdesign.compliance.reading", "vsgdesign.compliance.suite")),
+    "pipeline": (
+        "Pipeline",
+        (
+            "vsgdesign.pipeline.opening",
+            "vsgdesign.pipeline.run",
+            "vsgdesign.pipeline.verify",
+            "vsgdesign.pipeline.comply",
+            "vsgdesign.pipeline.survival",
+            "vsgdesign.pipeline.comparison",
+        ),
+    ),
 }
 """Page, its title, and the modules on it. A module that does not exist is left out, and a page without modules too."""
 
