@@ -12,7 +12,7 @@ from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.explore import maps
 from vsgdesign.explore.linear import linear_answer
 from vsgdesign.explore.live import emt_answer
-from vsgdesign.explore.maps import figures_of, map_answer, map_axes
+from vsgdesign.explore.maps import figures_of, map_answer, map_axes, map_figures
 from vsgdesign.explore.state import FIGURES, defaults, state_of
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.study import Study
@@ -121,3 +121,13 @@ def test_figures_and_axes_of_any_study(name: str) -> None:
     at = defaults(study)
     for (low, high), value in zip(map_axes(study), (at["scr"], at["x_over_r"]), strict=True):
         assert low < value < high
+
+
+def test_the_damping_of_every_mode_is_judged_by_the_gate_of_every_mode() -> None:
+    """A specification's damping ratio is a promise of the power loops; the page called nodes that keep it red."""
+    study = load_study("studies/table/study.toml")
+    assert study.specification is not None
+    promised = {figure.name: figure.promise for figure in map_figures(study)}
+    assert promised["damping"] == study.stability.gates.damping_ratio == 0.3
+    assert study.specification.damping_ratio == 0.5
+    assert promised["disk_margin"] == study.specification.disk_margin

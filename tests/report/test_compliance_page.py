@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -223,3 +224,14 @@ def test_only_so_many_failing_tests_have_a_figure_and_the_page_says_so(
     assert [str(path.relative_to(tmp_path)) for path in (tmp_path / "figures").iterdir()] == list(
         figures_of(made()["rows"]).values()
     )
+
+
+def test_a_source_without_an_edition_has_no_comma_of_one(tmp_path: Path) -> None:
+    """A suite of the user's gives its title alone: "My feeder, ; confidence: user" stood on the page."""
+    text = re.sub(r'"edition": "[^"]*"', '"edition": ""', json.dumps(made()))
+    plain = json.loads(text)
+    write_page(tmp_path, plain, traces_of(plain, 100))
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "; confidence: " in html
+    assert ", ; confidence" not in html
+    assert "</a> , " not in html

@@ -55,11 +55,11 @@ def map_figures(study: Study) -> tuple[MapFigure, ...]:
     spec, gates = study.specification, study.stability.gates
     asked = spec is not None and spec.settles
     settling = spec.settling_time if spec is not None and asked else gates.settling_time
-    damping = gates.damping_ratio if spec is None else spec.damping_ratio
     overshoot = 100.0 * spec.overshoot if spec is not None and asked else None
     return (
         MapFigure("disk_margin", "Disk margin", "", "high", (0.0, 2.0), None if spec is None else spec.disk_margin),
-        MapFigure("damping", "Least damping ratio", "", "high", (0.0, 1.0), damping),
+        # Of every mode; that of a specification is a promise of the power loops alone (docs/study-file.md).
+        MapFigure("damping", "Least damping ratio", "", "high", (0.0, 1.0), gates.damping_ratio),
         MapFigure("settling_s", "2 % settling of P", "s", "low", (0.0, 2.0 * settling), settling),
         MapFigure("overshoot", "Overshoot of P", "%", "low", (0.0, 6.0 * (overshoot or 5.0)), overshoot, 100.0),
         MapFigure("decay", "Decay of the slowest mode", "1/s", "high", (0.0, 10.0 / settling), None),

@@ -135,11 +135,8 @@ def _matrix(flow: Flow, arranged: Arranged, suite: SuiteRows) -> None:
     flow.heading(f"Clause matrix: {suite.title}", below=90.0)
     if suite.source:
         source = suite.source
-        flow.paragraph(
-            f"{source['document']}, {source['edition']}; confidence: {source['confidence']}. {source.get('note', '')}",
-            6.6,
-            DIM,
-        )
+        named = ", ".join(part for part in (source["document"], source["edition"]) if part)
+        flow.paragraph(f"{named}; confidence: {source['confidence']}. {source.get('note', '')}", 6.6, DIM)
     if suite.about:
         flow.paragraph(suite.about)
     count = len(arranged.controllers)
@@ -176,7 +173,8 @@ def _test_rows(arranged: Arranged, test: Tested) -> list[Cells]:
         cells.append(
             [Said(f"{look.sign} {row['verdict']}", look.colour, row["verdict"] == FAIL), Said("; ".join(values))]
         )
-    cells.append([Said(f"[{test.reference}] {source['edition']}, {source['confidence']}", DIM)])
+    known = ", ".join(part for part in (source["edition"], source["confidence"]) if part)
+    cells.append([Said(f"[{test.reference}] {known}", DIM)])
     rows: list[Cells] = [[[one for one in cell if one.text] or [Said("")] for cell in cells]]
     for verdict in VERDICTS:
         reasons = [reason for reason in test.reasons if reason.verdict == verdict]
