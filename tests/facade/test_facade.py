@@ -38,7 +38,7 @@ SPECIFICATION = {
     "disk_margin": 1.0,
     "P": [4500],
     "Q": [1000],
-    "error": 0.1,
+    "error": 0.0,
     "scr": [3, 4],
     "x_over_r": [2, 3],
 }
@@ -173,7 +173,7 @@ def test_a_table_from_specification_to_scheduler(study: vd.Study, tmp_path: Path
         controllers=[vd.controller("table", structure="angle_damped", schedule="table")],
         grid={"scr_basis": "impedance"},
     )
-    table = vd.design_table(asked, workers=1, points=20)
+    table = vd.design_table(asked, workers=1, points=5)
     assert table.table.scr.tolist() == [3.0, 4.0]
     file = table.save(tmp_path / "table.json")
     assert vd.open_table(file).table == table.table

@@ -14,6 +14,7 @@ from tests.report.layout import assert_apart
 from tests.report.stability_cases import TEXTS, assessed, drawn
 from vsgdesign.parameters.study import Grid
 from vsgdesign.report import write_stability_figures
+from vsgdesign.report.drawing.files import write_figure
 from vsgdesign.report.drawing.look import Cells, Scale, edges, gate_scale
 from vsgdesign.report.drawing.style import look
 from vsgdesign.report.stability.frequency import shown_cells
@@ -21,6 +22,7 @@ from vsgdesign.report.stability.maps import QUANTITIES, settling_cells, worst_ov
 from vsgdesign.report.stability.schedule import worst_over_boxes
 
 MAPS = {f"map_{quantity.name}" for quantity in QUANTITIES} | {"map_settling"}
+ONE_OF_A_KIND = ("map_damping", "between_nodes", "nichols", "nyquist", "loci_1")
 UNIT = re.compile(r"\[[^\]]+\]$")
 
 
@@ -55,10 +57,15 @@ def test_every_axis_has_a_unit_and_nothing_overlaps(name: str) -> None:
 
 
 def test_files_are_small_well_formed_and_the_same_twice(tmp_path) -> None:
-    once, twice = (write_stability_figures(assessed("unstable"), tmp_path / k) for k in "ab")
-    for a, b in zip(once, twice, strict=True):
-        assert a.svg.read_bytes() == b.svg.read_bytes(), a.name
-        assert a.png.read_bytes() == b.png.read_bytes(), a.name
+    """The second time a figure of each kind, as other tests have drawn it."""
+    (tmp_path / "again").mkdir()
+    once = write_stability_figures(assessed("unstable"), tmp_path)
+    twice = {name: write_figure(drawn("unstable")[name], tmp_path / "again") for name in ONE_OF_A_KIND}
+    assert set(twice) <= {a.name for a in once}
+    for a in once:
+        if a.name in twice:
+            assert a.svg.read_bytes() == twice[a.name].svg.read_bytes(), a.name
+            assert a.png.read_bytes() == twice[a.name].png.read_bytes(), a.name
         assert a.svg.stat().st_size < 300_000
         text = a.svg.read_text(encoding="utf-8")
         assert ET.fromstring(text.encode()).tag.endswith("svg")
