@@ -73,7 +73,7 @@ def test_the_largest_set_is_that_of_the_whole_program(seed: int) -> None:
     P, active = largest_level_set(A, decay, limits, share)
     assert P is not None
     assert len(active) < CELLS
-    assert -np.linalg.slogdet(P)[1] == pytest.approx(float(problem.value), abs=1e-3)
+    assert -np.linalg.slogdet(P)[1] == pytest.approx(problem.value, abs=1e-3)
     assert np.linalg.inv(P)[2, 2] <= share * (1.0 + 1e-6)
 
 

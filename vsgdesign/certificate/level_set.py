@@ -43,7 +43,7 @@ def largest_level_set(
             return None, tuple(active)
         try:
             # What the solver returns is not believed.
-            P = np.linalg.inv(Y)
+            P = np.asarray(np.linalg.inv(Y), dtype=float)
             worst = residual(A, family, P[None], decay)
         except np.linalg.LinAlgError:
             return None, tuple(active)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.model import decoupled_loops
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 
 class Transfer(NamedTuple):
