@@ -64,7 +64,8 @@ def spectrum_rms(values: ArrayLike, step_s: float, length: int) -> tuple[Array, 
     lines = np.abs(np.fft.rfft((windows - windows.mean(axis=1, keepdims=True)) * shape)) ** 2
     power = lines.mean(axis=0) / shape.sum() ** 2
     power[1 : (length + 1) // 2] *= 2.0  # the other half of each line has a negative frequency
-    return np.fft.rfftfreq(length, step_s), np.asarray(np.sqrt(power), dtype=float)
+    frequencies = np.arange(length // 2 + 1) / (length * step_s)
+    return frequencies, np.asarray(np.sqrt(power), dtype=float)
 
 
 def ripple_rms(values: ArrayLike) -> float:
