@@ -77,4 +77,5 @@ def test_terminal_page_and_document_agree(broken: bool, tmp_path: Path, capsys: 
     assert len(links) == len(results["worst"]) + len(results["search"]["found"])
     assert f"… and {len(results['worst']) - SHOWN} more on the page" in terminal
     assert "these do not count in the share" in terminal
+    assert "Why" not in terminal  # the page has the reasons; in a terminal each took up to ten lines
     assert f"{results['runs']:,} runs, seed {results['seed']}, AVX-512, 2 workers" in terminal

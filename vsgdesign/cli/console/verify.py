@@ -27,15 +27,20 @@ def verification_tables(document: dict[str, Any]) -> None:
     _print(console, promises_table(document))
     worst, found = document["worst"], document["search"]["found"]
     if worst:
-        _print(console, cases_table("The worst drawn cases", worst[:SHOWN], document))
+        _print(console, _cases("The worst drawn cases", worst, document))
     if len(worst) > SHOWN:
-        console.print(f"… and {len(worst) - SHOWN} more on the page", highlight=False)
+        console.print(f"… and {len(worst) - SHOWN} more on the page, which also says why", highlight=False)
     if found:
         title = "Found by searching: these do not count in the share"
-        _print(console, cases_table(title, found[:SHOWN], document))
+        _print(console, _cases(title, found, document))
     if document["judged"] < document["runs"]:
         _print(console, left_out_table(document))
     console.print(escape(_cost(document)), highlight=False, soft_wrap=True)
+
+
+def _cases(title: str, cases: list[dict[str, Any]], document: dict[str, Any]) -> Table:
+    """The first cases without their reasons: a sentence in a narrow column would take ten lines."""
+    return cases_table(title, [case | {"why": ""} for case in cases[:SHOWN]], document)
 
 
 def _cost(document: dict[str, Any]) -> str:
