@@ -24,7 +24,7 @@ from vsgdesign.report.drawing.time_axis import event_labels, time_unit
 from vsgdesign.report.scenario.figures import choose_zooms, signal_figure
 from vsgdesign.report.scenario.files import all_figures
 from vsgdesign.report.scenario.margins import loops_on_grids
-from vsgdesign.report.scenario.signals import signals
+from vsgdesign.report.scenario.signals import power_signals, signals
 
 NAMES = ["active_power", "reactive_power", "voltage", "frequency", "grid_impedance", "gains", "bode_P"]
 SVG = "{http://www.w3.org/2000/svg}"
@@ -142,6 +142,13 @@ def test_ripple_is_drawn_light_under_its_mean_with_pwm_only(short, megawatt):
         fills = [c for c in named.figure.axes[0].collections if type(c).__name__ == "FillBetweenPolyCollection"]
         assert len(fills) == envelopes
         assert ("mean over the preceding cycle" in named.caption) == bool(envelopes)
+
+
+def test_the_caption_says_what_the_droop_adds_to_a_reference(short):
+    """A soft droop of Q keeps it far from its reference, and the step is met all the same."""
+    captions = [signal_figure(short.result, signal).caption for signal in power_signals(short.result)]
+    assert "D_p·(ω_n − ω_g)" in captions[0]
+    assert "D_q·(V_n − V)" in captions[1]
 
 
 def test_no_axes_or_legends_overlap(made):

@@ -72,6 +72,13 @@ def _traces(result: ScenarioResult, values: list[Array], factor: float) -> tuple
     return tuple(traces)
 
 
+_AT_REST = {
+    "P_pcc": "At rest the droop adds D_p·(ω_n − ω_g) to the reference",
+    "Q_pcc": "At rest the droop adds D_q·(V_n − V) to the reference, which is reached at nominal voltage only",
+}
+"""What a reader needs to see that a power beside its reference is no error."""
+
+
 def _power(result: ScenarioResult, series: str, name: str, title: str, unit: str) -> Signal:
     values = [controller.series[series] for controller in result.controllers]
     to_the_end = [y for c, y in zip(result.controllers, values, strict=True) if c.simulation.divergence is None]
@@ -85,7 +92,7 @@ def _power(result: ScenarioResult, series: str, name: str, title: str, unit: str
         title=title,
         axis_label=title,
         unit=f"{prefix}{unit}",
-        caption=f"{title} at the point of common coupling, positive into the grid",
+        caption=f"{title} at the point of common coupling, positive into the grid. {_AT_REST[series]}",
         traces=_traces(result, values, factor),
         smallest_range=0.01 * result.study.converter.S_rated / factor,
         target=(t_ref, reference / factor),
