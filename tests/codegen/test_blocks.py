@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from vsgdesign.codegen.blocks import Part, Plain, Writer, joined, with_outputs
 from vsgdesign.codegen.expressions import Number
-from vsgdesign.codegen.llvm import LoopSpec, compiled_loop, flat_block
+from vsgdesign.codegen.llvm import LoopSpec, aligned_zeros, compiled_loop, flat_block
 from vsgdesign.frames import clarke_inverse, rotate
 
 
@@ -26,7 +27,7 @@ def test_an_input_is_the_output_of_its_name() -> None:
     found = Plain(both)(values)
     assert found["size"] == pytest.approx(5.0, rel=1e-15)
     assert (found["turned_x"], found["turned_y"]) == rotate(3.0, 4.0, 0.6, 0.8)
-    assert found["angle"] == np.arctan2(found["turned_y"], found["turned_x"])
+    assert found["angle"] == pytest.approx(np.arctan2(found["turned_y"], found["turned_x"]), rel=3e-16)
 
 
 def test_equal_operations_are_shared_and_others_left_out() -> None:
@@ -81,3 +82,35 @@ def test_a_limit_without_end_is_a_number() -> None:
     assert rows[0, 0, 0] == 1.0
     with pytest.raises(ValueError, match="uniform has NaN"):
         loop(0, 3, rows, np.array([np.nan]))
+
+
+def within(theta: Any, least: Any, most: Any) -> Any:
+    """An angle drawn back by a turn, its extremes, and one of them. Returns (drawn, smallest, largest, chosen)."""
+    drawn = theta - 6.25 * (theta > 6.25) + 6.25 * (theta < -6.25)
+    late = 1.0 * (theta > 6.25)
+    return drawn, np.minimum(least, theta), np.maximum(most, theta), np.where(1.0 - late > 0.5, least, most)
+
+
+def test_what_is_done_with_one_of_two_numbers_is_done_before_the_choice() -> None:
+    block = flat_block(within)
+    assert [value.name for _, value in block.lets if value.name == "*"] == []  # type: ignore[union-attr]
+    assert sum(value.name == ">" for _, value in block.lets) == 1  # type: ignore[union-attr]
+    for theta in (-7.0, -6.25, 0.3, 6.25, 6.5, math.nan):
+        expected = [float(value) for value in within(theta, -1.0, 2.0)]
+        found = list(Plain(block)({"theta": theta, "least": -1.0, "most": 2.0}).values())
+        np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("strict", [True, False])
+def test_nan_stays_through_extremes(strict: bool) -> None:
+    """An extreme may begin at infinity."""
+    outputs = [name for name, _ in flat_block(within).outputs]
+    block = with_outputs(flat_block(within), tuple(outputs[1:3]))
+    state = (("least", outputs[1]), ("most", outputs[2]))
+    loop = compiled_loop(LoopSpec((block,), state=state, constant=("theta",), lanes=4, strict=strict))
+    inf, nan = math.inf, math.nan
+    rows = aligned_zeros((1, 3, 4))
+    rows[0] = [[inf, inf, nan, 1.0], [-inf, -inf, nan, 1.0], [2.0, nan, 3.0, 3.0]]
+    loop(0, 1, rows, np.zeros(0))
+    np.testing.assert_array_equal(rows[0, :2], [[2.0, nan, nan, 1.0], [2.0, nan, nan, 3.0]])
+    assert rows.ctypes.data % 64 == 0

@@ -15,9 +15,7 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.metrics.survival import ExpectedRest
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.simulation.lanes import part as lanes_part
 from vsgdesign.simulation.lanes import run as lanes_run
-from vsgdesign.simulation.lanes.body import lane_loop
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.rests import Rests, demand_of, last_of, rests_of
 from vsgdesign.simulation.lanes.results import JUDGED, LaneResults
@@ -177,7 +175,7 @@ def test_strict_runs_have_the_same_bits_on_every_instruction_set(monkeypatch: py
     study, spec = study_named("survival", "decoupled")
     cases = drawn(study, spec, "sag", 9)
     native = lanes_run.run_lanes(study, spec, NOTHING, cases, strict=True)
-    monkeypatch.setattr(lanes_part, "lane_loop", functools.partial(lane_loop, target="sse2"))
+    monkeypatch.setattr(lanes_run, "parts_of", functools.partial(lanes_run.parts_of, target="sse2"))
     oldest = lanes_run.run_lanes(study, spec, NOTHING, cases, strict=True)
     loose = lanes_run.run_lanes(study, spec, NOTHING, cases)
     for name in ("status", "recovery_s", "first_peak_pu", "peak_pu", "limited_s", "swing_rad"):

@@ -164,6 +164,8 @@ class _Flat:
         self.taken: set[str] = set()
         self.flags: set[str] = set()
         self._known: dict[Any, Atom] = {}
+        self._made: dict[str, Operation] = {}
+        """The operation of every let."""
         self._used: dict[str, int] = {}
         """How often a name was wanted."""
 
@@ -180,15 +182,40 @@ class _Flat:
         found = _simplified(name, arguments)
         if not isinstance(found, Operation):
             return _scalar(found)
+        chosen = self._of_chosen(name, arguments)
+        if chosen is not None:
+            return chosen
         keys = [_key(argument) for argument in arguments]
         key = (name, *(sorted(keys, key=repr) if name in _COMMUTE else keys))
         if key not in self._known:
             own = self._free(hint or "value")
             self.lets.append((own, found))
+            self._made[own] = found
             if _is_flag(found, self.flags):
                 self.flags.add(own)
             self._known[key] = Variable(own)
         return self._known[key]
+
+    def _of_chosen(self, name: str, arguments: tuple[Atom, ...]) -> Atom | None:
+        """The value of an operation on a number and on one of two numbers that is chosen: again a choice, or the
+        condition itself; None where it is none. It has the same bits, and 2·(a > b) takes no product."""
+        of = [one for one in arguments if isinstance(one, Variable)]
+        choice = self._made.get(of[0].name) if len(of) == 1 else None
+        if name == "select" or choice is None or choice.name != "select":
+            return None
+        condition, *sides = choice.arguments
+        found: list[Number] = []
+        for side in sides:
+            if not isinstance(side, Number):
+                return None
+            value = _simplified(name, tuple(side if one is of[0] else one for one in arguments))
+            if not isinstance(value, Number):
+                return None
+            found.append(value)
+        one, other = found
+        if isinstance(one.value, bool) and one.value != other.value:
+            return _scalar(condition) if one.value else self.apply("not", _scalar(condition))
+        return self.apply("select", _scalar(condition), one, other)
 
     def _fitting(self, name: str, arguments: tuple[Atom, ...]) -> tuple[Atom, ...]:
         """Numbers where numbers belong, and flags where flags belong."""

@@ -24,6 +24,7 @@ __all__ = [
     "LoopSpec",
     "Program",
     "StandingLoop",
+    "aligned_zeros",
     "best_lanes",
     "compiled_loop",
     "empty_rows",
@@ -41,8 +42,12 @@ def best_lanes(target: str = "native") -> int:
 
 
 def empty_rows(spec: LoopSpec, groups: int) -> Floats:
-    """Zeros (G, R, L) for a loop, at an address that suits vectors."""
-    shape = groups, len(spec.rows), spec.width
+    """Zeros (G, R, L) for a loop."""
+    return aligned_zeros((groups, len(spec.rows), spec.width))
+
+
+def aligned_zeros(shape: tuple[int, ...]) -> Floats:
+    """Zeros at an address that suits vectors: anywhere else, each of them lies on two lines of the cache."""
     count = int(np.prod(shape))
     room = np.zeros(count + 8)
     start = (-room.ctypes.data % 64) // 8

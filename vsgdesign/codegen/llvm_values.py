@@ -159,6 +159,9 @@ class Printer:
         found = self._select(scope, wide, better, b, a)  # one instruction, which takes a where either is NaN
         if b.sound:
             return found
+        if not self.strict:  # 0·b is NaN where b is, and also where b is infinite: that is a run that has diverged
+            nothing = self.operation(scope, "*", b, self.number(Number(0.0), False))
+            return self.operation(scope, "+", found, nothing)
         nothing = Value(self.line(scope, f"fcmp uno {kind} {b.text}, {b.text}"), wide, flag=True)
         return self._select(scope, wide, nothing, b, found)
 

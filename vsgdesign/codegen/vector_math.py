@@ -22,12 +22,12 @@ QUARTER_LOW = 2.0222662487959506e-21
 HALF_PI = 1.5707963267948966
 QUARTER_PI = 0.7853981633974483
 PI = 3.141592653589793
-PI_REST = 1.2246467991473532e-16
-"""What π has beyond its double."""
 
 ANGLE_OF_HALF = 0.4636476090008061
-ANGLE_OF_HALF_REST = 2.2698777452961687e-17
-"""The angle with tangent 1/2, and what it has beyond its double."""
+"""The angle with tangent 1/2."""
+
+SMALLEST = 5e-324
+"""The smallest positive number."""
 
 LOG_2_HIGH = 0.6931471803691238
 LOG_2_LOW = 1.9082149292705877e-10
@@ -63,37 +63,32 @@ def short_sine(x: Any) -> Any:
 def short_cosine(x: Any) -> Any:
     """cos x for |x| ≤ π/4."""
     z = x * x
-    tail = z * (
-        4.16666666666666019037e-02
-        + z
-        * (
-            -1.38888888888741095749e-03
-            + z
-            * (
-                2.48015872894767294178e-05
-                + z * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11))
-            )
-        )
+    tail = 2.48015872894767294178e-05 + z * (
+        -2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)
     )
-    half = 0.5 * z
-    first = 1.0 - half
-    return first + (((1.0 - first) - half) + z * tail)
+    tail = 4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * tail)
+    # What is rounded before the last sum is less than 0.31, so that it counts for a quarter of a last digit.
+    return 1.0 + z * (z * tail - 0.5)
+
+
+def quarter_turns(quarter: Any) -> Any:
+    """Cosine and sine of whole quarter turns, −2 to 2. Returns (cosine, sine): 0, 1 or −1."""
+    size = np.abs(quarter)
+    return 1.0 - size, quarter * (2.0 - size)
 
 
 def sine(x: Any) -> Any:
     """sin x, |x| < 10⁵ rad; the error is below 2e-16."""
     rest, quarter = reduced_angle(x)
-    s, c = short_sine(rest), short_cosine(rest)
-    size = c if np.abs(quarter) == 1.0 else s
-    return -size if quarter == -1.0 or np.abs(quarter) == 2.0 else size
+    along, across = quarter_turns(quarter)
+    return short_sine(rest) * along + short_cosine(rest) * across
 
 
 def cosine(x: Any) -> Any:
     """cos x, |x| < 10⁵ rad; the error is below 2e-16."""
     rest, quarter = reduced_angle(x)
-    s, c = short_sine(rest), short_cosine(rest)
-    size = s if np.abs(quarter) == 1.0 else c
-    return -size if quarter == 1.0 or np.abs(quarter) == 2.0 else size
+    along, across = quarter_turns(quarter)
+    return short_cosine(rest) * along - short_sine(rest) * across
 
 
 def tangent(x: Any) -> Any:
@@ -120,11 +115,10 @@ def arctangent_2(y: Any, x: Any) -> Any:
     half, eighth = least > 0.4375 * most, least > 0.6875 * most
     slope = 1.0 if eighth else (0.5 if half else 0.0)
     from_there = QUARTER_PI if eighth else (ANGLE_OF_HALF if half else 0.0)
-    rest = 0.25 * PI_REST if eighth else (ANGLE_OF_HALF_REST if half else 0.0)
     top, bottom = least - slope * most, most + slope * least
-    angle = from_there + (short_arctangent(top / (1.0 if bottom == 0.0 else bottom)) + rest)
-    angle = HALF_PI - (angle - 0.5 * PI_REST) if across > along else angle
-    angle = PI - (angle - PI_REST) if x < 0.0 else angle
+    angle = from_there + short_arctangent(top / np.maximum(bottom, SMALLEST))
+    angle = HALF_PI - angle if across > along else angle
+    angle = PI - angle if x < 0.0 else angle
     return -angle if y < 0.0 else angle
 
 

@@ -50,6 +50,9 @@ from vsgdesign.simulation.lanes.watched_sample import (
 
 Array = NDArray[np.float64]
 
+_VECTORS = 2
+"""Vectors of a group: one computes while the other waits. More of them do not fit into the registers."""
+
 
 class LaneKind(NamedTuple):
     """What decides the text of a loop."""
@@ -195,7 +198,7 @@ def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> L
         logged=kind.logged,
         index="" if kind.listening or kind.switched else "k",
         lanes=lanes,
-        vectors=max(16 // lanes, 1),
+        vectors=_VECTORS,
         strict=strict,
     )
     place = {name: row for row, name in enumerate(spec.rows)}

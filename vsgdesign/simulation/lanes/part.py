@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.codegen.llvm import Program
+from vsgdesign.codegen.llvm import Program, aligned_zeros
 from vsgdesign.equations.controller_data import ControllerState
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.metrics.events import late_rows
@@ -49,6 +49,8 @@ class Part:
     demanded: dict[str, float]
     """Uniform numbers of what is demanded."""
     strict: bool
+    target: str
+    """The processor for which its loops are compiled."""
     cases: LaneCases
     """Those of these lanes."""
     cycle: int
@@ -92,7 +94,7 @@ class Part:
         width, k = self.made.spec.width, one.sample
         group, lane = divmod(one.lane, width)
         n = self.study.converter.samples_per_carrier
-        own = lane_loop(self.kind._replace(broken=True, rising=(k % n) / n < 0.5), self.strict)
+        own = lane_loop(self.kind._replace(broken=True, rising=(k % n) / n < 0.5), self.strict, self.target)
         now = self.rows[group, :, lane].copy()
         p, due = self.program, slice(self.program.first[group], self.program.first[group + 1])
         for r in np.flatnonzero((p.at[due] == k) & (p.lane[due] == lane)) + due.start:
@@ -194,6 +196,7 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     bridge: str,
     strict: bool,
     listening: bool = False,
+    target: str = "native",
 ) -> Part:
     """A part of the cases of one kind, which are ``cases`` with their ``rests`` and ends, and ``index`` in the batch.
 
@@ -203,7 +206,7 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     order = np.argsort(-ends, kind="stable")
     cases, index, rests, ends = cases.take(order), index[order], rests.take(order), ends[order]
     kind = kind_of(study, step=step, ramped=ramped, bridge=bridge, listening=listening)
-    made = lane_loop(kind, strict)
+    made = lane_loop(kind, strict, target)
     c, T_s, width, n = study.converter, study.converter.T_s, made.spec.width, len(cases)
     groups = -(-n // width)
     watch = made.rows("watch")
@@ -226,13 +229,14 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
         index=index,
         study=study,
         made=made,
-        rows=np.zeros((groups, at, width)),
+        rows=aligned_zeros((groups, at, width)),
         uniform=uniform,
         program=ProgramWriter().program(groups, width),
         ends=ends,
         kind=kind,
         demanded=demanded,
         strict=strict,
+        target=target,
         kept=kept,
         cases=cases,
         cycle=cycle,
@@ -242,7 +246,7 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     part.cycle_at_end[:] = cycles_at_end(study, segments)
     if made.spec.logged:
         part.log_begin = int(first_judged(cases, T_s).min())
-        part.log = np.empty((groups, part.end - part.log_begin, len(made.spec.logged), width))
+        part.log = aligned_zeros((groups, part.end - part.log_begin, len(made.spec.logged), width))
     _rest(part, cases, rests)
     circuit = CircuitProgram(study, made, writer, segments, ramped)
     circuit.write()
@@ -265,7 +269,7 @@ def _means(part: Part, cases: LaneCases, rests: Rests, cycle: int) -> None:
     present = {"P_ago": rests.P_start, "Q_ago": rests.Q_start, "power_ago": P_or_Q}
     sums = {"P_ago": "watch.sum_P", "Q_ago": "watch.sum_Q", "power_ago": "watch.sum"}
     groups, _, width = part.rows.shape
-    part.rings = np.empty((groups, cycle, len(ringed), width))
+    part.rings = aligned_zeros((groups, cycle, len(ringed), width))
     part.ring_length = np.full(groups, cycle, dtype=np.int64)
     for k, name in enumerate(ringed):
         part.rings[:, :, k] = padded(present[name], groups, width)[:, None]

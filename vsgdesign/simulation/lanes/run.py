@@ -133,8 +133,10 @@ def parts_of(
     strict: bool,
     *,
     listening: bool = False,
+    target: str = "native",
 ) -> list[Part]:
     """The cases in parts of one kind, of one cycle and with or without ramps. ``listening``: a field estimator does.
+    ``target``: the processor for which the loops are compiled (:func:`vsgdesign.codegen.llvm.compiled_loop`).
 
     A step is judged by the mean of its power over a nominal cycle where the bridge ripples it, and over the samples of
     :func:`samples_of_mean` where a probe does.
@@ -161,6 +163,7 @@ def parts_of(
             bridge=bridge,
             strict=strict,
             listening=listening,
+            target=target,
         )
         parts.append(part)
     return parts

@@ -125,12 +125,12 @@ def moved_by_source(x: PlantState, source: SourcePhasor, row: PlantRow) -> Plant
     c = source.cosine
     s = source.sine
     return PlantState(
-        i_s_alpha=x.i_s_alpha + (row.re1 * c - row.im1 * s),
-        i_s_beta=x.i_s_beta + (row.re1 * s + row.im1 * c),
-        v_c_alpha=x.v_c_alpha + (row.re2 * c - row.im2 * s),
-        v_c_beta=x.v_c_beta + (row.re2 * s + row.im2 * c),
-        i_g_alpha=x.i_g_alpha + (row.re3 * c - row.im3 * s),
-        i_g_beta=x.i_g_beta + (row.re3 * s + row.im3 * c),
+        i_s_alpha=x.i_s_alpha + row.re1 * c - row.im1 * s,
+        i_s_beta=x.i_s_beta + row.re1 * s + row.im1 * c,
+        v_c_alpha=x.v_c_alpha + row.re2 * c - row.im2 * s,
+        v_c_beta=x.v_c_beta + row.re2 * s + row.im2 * c,
+        i_g_alpha=x.i_g_alpha + row.re3 * c - row.im3 * s,
+        i_g_beta=x.i_g_beta + row.re3 * s + row.im3 * c,
     )
 
 
