@@ -30,6 +30,14 @@ def test_light() -> None:
     assert names.isdisjoint(HEAVY)
 
 
+def test_the_process_of_a_run_loads_what_it_needs_itself() -> None:
+    """It simulates, draws and writes. Its workers design, train and certify with libraries that take long to load."""
+    rooms = ("pipeline.run", "pipeline.verify", "design.table", "report.scenario.page", "report.scenario.files")
+    names = imported(f"import {', '.join(f'vsgdesign.{room}' for room in rooms)}")
+    assert {"casadi", "matplotlib"} <= names
+    assert names.isdisjoint({"numba", "torch", "scipy", "control", "cvxpy"})
+
+
 def test_the_proof_can_fail() -> None:
     assert "casadi" in imported("import vsgdesign.model")
 
