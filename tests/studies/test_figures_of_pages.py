@@ -1,0 +1,58 @@
+"""Overshoot and settling time of reference steps as pages state them, against the simulation of the whole study."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.parameters import load_study
+from vsgdesign.simulation import run_scenario
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [
+    ("structures", "studies/structures/README.md", ("published", "decoupled", "angle_damped"), 2),
+    ("structures", "README.md", ("published", "angle_damped"), 2),
+    ("laboratory", "studies/laboratory/README.md", ("fixed", "scheduled"), 3),
+    ("utility", "studies/utility/README.md", ("fixed", "scheduled"), 3),
+]
+"""Study, page, the controllers in the order of its columns, and digits of a settling time."""
+FIGURES = re.compile(r"([\d.]+) %(?:,| /) ([\d.]+) s")
+
+
+@pytest.fixture(scope="module")
+def steps() -> dict[str, dict[str, list[tuple[float, float]]]]:
+    """Overshoot in % and settling time in s of every reference step, by study and controller."""
+    found: dict[str, dict[str, list[tuple[float, float]]]] = {}
+    for name in sorted({one[0] for one in PAGES}):
+        result = run_scenario(load_study(ROOT / "studies" / name / "study.toml"), NOTHING)
+        found[name] = {
+            controller.spec.name: [
+                (event.raw.overshoot_pct, event.raw.settling_time_s)
+                for event in controller.events
+                if event.kind == "step"
+                and event.raw.overshoot_pct is not None
+                and event.raw.settling_time_s is not None
+            ]
+            for controller in result.controllers
+        }
+    return found
+
+
+@pytest.mark.parametrize(("study", "page", "names", "digits"), PAGES, ids=lambda value: str(value))
+def test_a_page_has_the_figures_of_its_study(
+    study: str, page: str, names: tuple[str, ...], digits: int, steps: dict[str, dict[str, list[tuple[float, float]]]]
+) -> None:
+    """Before: 1.80 s on two pages, where the study gives 1.79 s."""
+    rows = [
+        FIGURES.findall(line)
+        for line in (ROOT / page).read_text(encoding="utf-8").splitlines()
+        if re.match(r"\| [PQ]_ref [\d.]", line)
+    ]
+    simulated = [
+        [(f"{overshoot:.1f}", f"{settling:.{digits}f}") for overshoot, settling in column]
+        for column in zip(*(steps[study][name] for name in names), strict=True)
+    ]
+    assert [row for row in rows if len(row) == len(names)] == simulated
