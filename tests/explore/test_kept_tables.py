@@ -28,7 +28,7 @@ def made(study: Study) -> GainTable:
     spec = study.controllers[-1]
     inputs = design_inputs(study, spec.target)
     bare = table(name=spec.name, base=base_of(study, "impedance"))
-    return replace(bare, study=study.name, design_inputs=inputs)
+    return replace(bare, study=study.name, design_inputs=inputs, safe_place=(3.0, 3.0))
 
 
 @pytest.fixture
@@ -76,10 +76,21 @@ def test_a_table_of_another_design_is_not_taken(
     path = tmp_path / "table-table.json"
     write_table_file(made, path)
     before = path.read_bytes()
-    other = study.with_changes(specification={"settling_time": "2 s"})
-    kept_tables(other, tmp_path)
+    other, said = study.with_changes(specification={"settling_time": "2 s"}), []
+    kept_tables(other, tmp_path, say=said.append)
     assert design == ["table"]
+    assert f"{path} is not taken: specification.settling_time was 1.3 in its design, the study has 2" in said[0]
     assert path.read_bytes() == before
+
+
+def test_a_table_without_a_safe_place_is_not_taken(
+    study: Study, made: GainTable, design: list[str], tmp_path: Path
+) -> None:
+    write_table_file(replace(made, safe_place=None), tmp_path / "table-table.json")
+    said: list[str] = []
+    kept_tables(study, tmp_path, say=said.append)
+    assert design == ["table"]
+    assert "an earlier version of vsgdesign designed it, without a safe place" in said[0]
 
 
 def test_a_damaged_table_is_neither_taken_nor_replaced(study: Study, design: list[str], tmp_path: Path) -> None:

@@ -107,11 +107,12 @@ def _end(message: str, code: int) -> NoReturn:
     """Print a last line on standard error, which may be gone with its terminal, and end with the exit code."""
     with suppress(OSError):
         click.echo(message, err=True)
-    try:
-        if sys.stdout is not None:
-            sys.stdout.flush()
-    except OSError:  # a full disk: what is left in the buffer would be tried again, and complained of, at the exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    stdout = sys.stdout
+    if stdout is not None:  # the caller has closed it
+        try:
+            stdout.flush()
+        except OSError:  # a full disk: what is left in the buffer would be tried again, and complained of, at the exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stdout.fileno())
     sys.exit(code)
 
 

@@ -48,6 +48,7 @@ def kept_tables(
     out, found = Path(out), KeptTables()
     own = out / f"{study.name}-explore"
     missing: list[ControllerSpec] = []
+    reasons: list[str] = []
 
     def tell(sentence: str) -> None:
         found.words.append(sentence)
@@ -59,15 +60,17 @@ def kept_tables(
             continue
         table, path = read_named_table(study, spec), Path(spec.table_file or "")
         if table is None:
-            table, path = _left(study, spec, out, own)
+            table, path, refused = _left(study, spec, out, own)
             if table is None:
                 missing.append(spec)
+                reasons += refused
                 continue
             tell(f"The gain table of {spec.name} is that of {path}.")
         found.tables[spec.name], found.files[spec.name] = table, path.absolute()
     if missing:
         names = ", ".join(spec.name for spec in missing)
         why = f"the study names no file, and no earlier command has left one of the same design below {out}"
+        why = "; ".join([why, *reasons])
         if say is not None:
             say(f"The gain table of {names} is designed now: {why}.")
         made = make_tables(replace(study, controllers=tuple(missing)), own, workers=workers, progress=progress)
@@ -87,44 +90,53 @@ def with_left_tables(study: Study, out: str | Path = "out", *, say: Callable[[st
     """The study with the gain tables that earlier commands have left below ``out``, as files that it names.
 
     A table of the same design would be built again otherwise. A controller without one stays as it is. ``say`` takes
-    one sentence for each table that is found.
+    one sentence for each table that is found, with the reason where it is not taken.
     """
     out, specs = Path(out), []
     for spec in study.controllers:
         if spec.schedule == "table" and spec.table_file is None:
-            table, path = _left(study, spec, out, out / f"{study.name}-explore")
+            table, path, refused = _left(study, spec, out, out / f"{study.name}-explore")
             if table is not None:
-                if say is not None:
-                    say(f"The gain table of {spec.name} is that of {path}.")
+                refused = [f"The gain table of {spec.name} is that of {path}"]
                 spec = replace(spec, table_file=str(path.absolute()))
+            if say is not None:
+                for sentence in refused:
+                    say(f"{sentence}.")
         specs.append(spec)
     return replace(study, controllers=tuple(specs))
 
 
-def _left(study: Study, spec: ControllerSpec, out: Path, own: Path) -> tuple[GainTable | None, Path]:
-    """The table of the same design that an earlier command has left, and where."""
+def _left(study: Study, spec: ControllerSpec, out: Path, own: Path) -> tuple[GainTable | None, Path, list[str]]:
+    """The table of the same design that an earlier command has left, where it is, and why others are not taken."""
     places = (out / study.name / f"{spec.name}.table.json", out / f"{study.name}-{spec.name}.json")
+    refused = []
     for path in (*places, own / f"{spec.name}.table.json"):
-        table = _same_design(study, spec, path)
+        if not path.is_file():
+            continue
+        table, why = _same_design(study, spec, path)
         if table is not None:
-            return table, path
-    return None, Path()
+            return table, path, []
+        refused.append(f"{path} is not taken: {why}")
+    return None, Path(), refused
 
 
-def _same_design(study: Study, spec: ControllerSpec, path: Path) -> GainTable | None:
-    """The table in a file, if it is there, whole, and designed from the inputs that the study has."""
-    if not path.is_file():
-        return None
+def _same_design(study: Study, spec: ControllerSpec, path: Path) -> tuple[GainTable | None, str]:
+    """The table in a file, if it is whole and designed from the inputs that the study has; otherwise why it is not."""
     try:
         table = read_table_file(path)
     except ArtifactError:
-        return None  # a damaged file is nobody's table here, and the one that is designed lies elsewhere
+        return None, "the file is damaged"  # nobody's table here, and the one that is designed lies elsewhere
     own = study.with_limit_of(spec)
-    if lacks_safe_place(table) or not table.design_inputs:
-        return None
-    if base_differences(table.base, base_of(own, table.base.scr_basis), "the study"):
-        return None
-    return None if input_differences(table.design_inputs, design_inputs(own, spec.target)) else table
+    if not table.design_inputs:
+        return None, "it does not say what it was designed from"
+    differences = base_differences(table.base, base_of(own, table.base.scr_basis), "the study")
+    differences += input_differences(table.design_inputs, design_inputs(own, spec.target))
+    if differences:
+        more = f", and {len(differences) - 1} more" if len(differences) > 1 else ""
+        return None, f"{differences[0]}{more}"
+    if lacks_safe_place(table):
+        return None, "an earlier version of vsgdesign designed it, without a safe place"
+    return table, ""
 
 
 def _keep(table: GainTable, path: Path) -> None:
