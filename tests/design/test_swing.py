@@ -23,7 +23,7 @@ from vsgdesign.certificate.swing.conditions import gains_tests, limited_tests
 from vsgdesign.certificate.swing.loops import SwingLoops
 from vsgdesign.certificate.swing.statement import loops_at
 from vsgdesign.equations.limiters.interface import GridEstimate, IntegratorSteps, LimiterView
-from vsgdesign.equations.limiters.projection import PROJECTION, ProjectionMemory
+from vsgdesign.equations.limiters.projection import PROJECTION, ProjectionMemory, grid_voltage_gate
 from vsgdesign.equations.power_loops import References, frequency_at_rest, power_loops
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.frames import PHASES, peak_to_rms, rms_to_peak
@@ -222,16 +222,36 @@ def test_what_is_proved_holds_at_random_states() -> None:
 
 
 def test_an_error_of_the_angle_takes_the_largest_angles_from_a_weak_grid() -> None:
-    """At SCR 1.3, 172° and an error of 10° the held current turns the voltage against the reference: V_g sin δ is less
-    than |Z| I_max sin ε."""
-    region = replace(REGION, scr=(1.3, 1.32), x_over_r=(15.0, 16.0))
-    assert swing_statement(STUDY, SPEC, region, parts=(1, 1), budget=100_000).proved
-    start = SwingStart(angle_error=math.radians(10.0))
+    """At SCR 1.6, 174.5° and an error of 10° the held current turns the voltage against the reference: V_g sin δ is
+    less than |Z| I_max sin ε."""
+    region = replace(REGION, scr=(1.6, 1.62), x_over_r=(15.0, 16.0))
+    start = SwingStart(math.radians(174.5))
+    assert swing_statement(STUDY, SPEC, region, start=start, parts=(1, 1), budget=100_000).proved
+    start = replace(start, angle_error=math.radians(10.0))
     (part,) = swing_statement(STUDY, SPEC, region, start=start, parts=(1, 1), budget=100_000).parts
     assert (part.grade, part.undecided) == ("not proved", "edge")
     (loops,) = random_loops(region, 1, 7)
     wrong = replace(loops, angle_error=-math.radians(10.0))
     assert loops.limited(start.angle).phi > 0.0 > wrong.limited(start.angle).phi
+
+
+def test_nothing_is_proved_where_the_gate_may_close_on_a_grid_that_is_whole() -> None:
+    """At SCR 1.3 the disc of what the grid admits comes as near to zero as the gate's voltage, close to half a turn.
+    The gate of the limiter itself says so."""
+    region = replace(REGION, scr=(1.3, 1.32), x_over_r=(15.0, 16.0))
+    (part,) = swing_statement(STUDY, SPEC, region, parts=(1, 1), budget=100_000).parts
+    assert (part.grade, part.undecided) == ("not proved", "rest")
+    c = limiter_settings(1e-4).limiter
+    for scr, some in ((region.scr, True), ((1.6, 1.62), False)):
+        closed = 0
+        for loops in random_loops(replace(region, scr=scr), 20, 5):
+            for delta in np.linspace(-math.pi, math.pi, 101):
+                v, i = held_voltage(loops, float(delta))
+                if loops.limited(float(delta)).phi != 0.0:
+                    v, drop = rms_to_peak(v), rms_to_peak(complex(loops.R, loops.X) * i)
+                    drops = drop.real, drop.imag, drop.real, drop.imag
+                    closed += grid_voltage_gate(v.real, v.imag, *drops, c.v_gate_pk, c.doubt) < 1.0
+        assert (closed > 0) == some
 
 
 def test_without_the_one_sided_power_a_counterexample_is_found() -> None:

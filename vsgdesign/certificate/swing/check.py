@@ -65,7 +65,7 @@ def gains_hold(named: Named, boxes: Boxes) -> Truth:  # noqa: ARG001 - every sta
 def rest_holds(named: Named, boxes: Boxes) -> Truth:  # noqa: ARG001
     """The rest is stable, its unstable counterpart lies beyond the limit, the gate is open, and the error of the angle
     does not reach the edge of what the limit admits."""
-    good = [named[name][0] > 0.0 for name in ("rising", "beyond", "open", "clear")]
+    good = [named[name][0] > 0.0 for name in ("rising", "beyond", "open", "near", "clear")]
     return np.logical_and.reduce(good)
 
 

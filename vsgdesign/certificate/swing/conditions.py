@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -107,12 +108,15 @@ def rest_tests(system: System, region: Region, law: SwingLaw) -> list[Test]:
         soft_sq, hard_sq = at.path_sq * at.soft * at.soft, at.path_sq * at.hard * at.hard
         chord = 1.0 + at.drop - soft_sq
         sine = np.sin(error)
-        behind = at.v_g - at.path_sq.sqrt(_least_path_sq(system)) * at.hard * error
+        held = at.path_sq.sqrt(_least_path_sq(system)) * at.hard
+        behind = at.v_g - held * error
         gate = 2.0 * (law.v_gate * law.v_gate * (at.inverse_V * at.inverse_V) + law.doubt * law.doubt * hard_sq)
         outputs = {
             "rising": a * at.along + b * at.across,
             "beyond": chord + 2.0 * twice / size,
             "open": behind * behind - gate,
+            # No part of the impedance takes more from the grid voltage than the whole of it, whatever the angle.
+            "near": at.v_g - held - math.sqrt(2.0) * law.v_gate * at.inverse_V,
             "clear": at.drop - 0.25 * (chord * chord) - hard_sq * (sine * sine),
         }
         found.append(_test(tracer, outputs, conditions))

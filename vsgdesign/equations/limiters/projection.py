@@ -100,6 +100,28 @@ def current_at_reference(view: LimiterView, R: Any, X: Any, Z_v: Any, omega_C: A
     return i_d, i_q
 
 
+def grid_voltage_gate(
+    v_d: Any, v_q: Any, v_Z_d: Any, v_Z_q: Any, v_Zg_d: Any, v_Zg_q: Any, v_gate_pk: Any, doubt: Any
+) -> Any:
+    """How sure it is that there is a grid voltage to follow, from 0 to 1 (:eq:`gate`). All voltages are in V peak.
+
+    v is that of the capacitor node, v_Z the drop from there to the source, and v_Zg the part of it that is behind the
+    PCC. ``doubt`` is a share of the impedance.
+    """
+    gate_sq = v_gate_pk * v_gate_pk
+    b_d, b_q = v_d - v_Z_d, v_q - v_Z_q
+    behind = (b_d * b_d + b_q * b_q) / (gate_sq + doubt * doubt * (v_Z_d * v_Z_d + v_Z_q * v_Z_q))
+    # A short circuit may have cut off a part x of the grid's impedance. The voltage there is b plus x times the drop;
+    # here it is least.
+    drop_sq = np.maximum(v_Zg_d * v_Zg_d + v_Zg_q * v_Zg_q, 1e-18)
+    x = np.minimum(np.maximum(-(b_d * v_Zg_d + b_q * v_Zg_q) / drop_sq, 0.0), 1.0)
+    b_d, b_q = b_d + x * v_Zg_d, b_q + x * v_Zg_q
+    least = (b_d * b_d + b_q * b_q) / gate_sq
+    # The first term closes altogether, the second only nearly: a grid that is whole looks like a short circuit for a
+    # moment when its phase jumps by half a turn.
+    return np.minimum(np.maximum(np.minimum(behind - 1.0, 0.5 * least), 0.0), 1.0)
+
+
 def projection_limit(
     memory: ProjectionMemory,
     view: LimiterView,
@@ -131,13 +153,12 @@ def projection_limit(
     u_d = v_ref + c.Z_v * (turn_d * cut_d - turn_q * cut_q)
     u_q = c.Z_v * (turn_d * cut_q + turn_q * cut_d)
     angle = np.arctan2(u_q, u_d)
-    # Where the grid voltage behind the estimated impedance may be none, there is no angle to follow and no power that
-    # means anything: the gate closes, and the power loops rest.
-    b_d = v_d - (R * view.i_g_d - X * view.i_g_q)
-    b_q = v_q - (R * view.i_g_q + X * view.i_g_d)
-    i_sq = view.i_g_d * view.i_g_d + view.i_g_q * view.i_g_q
-    doubt_sq = c.v_gate_pk * c.v_gate_pk + c.doubt * c.doubt * Z * Z * i_sq
-    gate = np.minimum(np.maximum((b_d * b_d + b_q * b_q) / doubt_sq - 1.0, 0.0), 1.0)
+    # Where the grid may have no voltage, there is no angle to follow and no power that means anything: the gate closes,
+    # and the power loops rest.
+    i_d, i_q, X_g = view.i_g_d, view.i_g_q, refs.omega_0 * grid.L_g
+    v_Z_d, v_Z_q = R * i_d - X * i_q, R * i_q + X * i_d
+    v_Zg_d, v_Zg_q = grid.R_g * i_d - X_g * i_q, grid.R_g * i_q + X_g * i_d
+    gate = grid_voltage_gate(v_d, v_q, v_Z_d, v_Z_q, v_Zg_d, v_Zg_q, c.v_gate_pk, c.doubt)
     V_admitted = peak_to_rms(np.sqrt(np.maximum(u_d * u_d + u_q * u_q, 1e-12 * v_ref * v_ref)))
     V_wanted = np.maximum(V_admitted, np.minimum(view.V, refs.V_n))
     # P may not drive θ away from the admitted voltage.
