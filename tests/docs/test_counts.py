@@ -77,3 +77,25 @@ def test_the_docstring_of_an_event_names_every_field() -> None:
     said = set(re.findall(r"``(\w+)``", vsgdesign.event.__doc__ or ""))
     assert fields
     assert fields == said
+
+
+def test_pages_have_the_sums_of_the_survival_table() -> None:
+    """What a new measurement changes in the table has to change in every sentence that sums it."""
+    page = text("docs/survival.md")
+    table = page.partition("\n## What was measured\n")[2].partition("\nIn all, ")[0]
+    rows = [line.split("|") for line in table.splitlines() if re.match(r"\| [\d.]+ [kM]VA, ", line)]
+    assert len(rows) == 6
+    late, never = (
+        " of ".join(f"{sum(counts):,}" for counts in zip(*(pair(row[column]) for row in rows), strict=True))
+        for column in (2, 3)
+    )
+    assert f"In all, {late} disturbances" in page
+    assert never in page
+    for other in ("README.md", "studies/survival/README.md"):
+        assert late in text(other).replace("\n", " "), other
+
+
+def pair(cell: str) -> tuple[int, int]:
+    """2,026 of 2,027 as numbers."""
+    survived, judged = re.findall(r"[\d,]+", cell)[:2]
+    return int(survived.replace(",", "")), int(judged.replace(",", ""))
