@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import pytest
 
 from vsgdesign.parameters import study_from_text
@@ -66,3 +69,24 @@ def test_shares_of_the_families(limiter: str, share: str) -> None:
 
 def test_a_fixed_controller_is_told_nothing() -> None:
     assert not [name for name in drawn("circular", 0) if "stimat" in name]
+
+
+@pytest.mark.parametrize(
+    ("estimate", "bridge", "said"),
+    [
+        ("truth", "averaged", None),
+        ("truth", "pwm", "switched; each case runs for 2.5 settling times before its event, and .* over 1 cycle$"),
+        ("field", "pwm", "by the mean of its power over 2 cycles$"),
+        ("field", "averaged", "the power of a step is judged by its mean over 2 cycles"),
+    ],
+)
+def test_how_powers_that_ripple_are_judged(estimate: str, bridge: str, said: str | None) -> None:
+    study = study_from_text(STUDY.format(limiter="circular"))
+    spec = replace(study.controllers[1], estimate=estimate)
+    found = {row["quantity"]: row["words"] for row in distributions(study, spec, bridge)}
+    words = found.get("Bridge", found.get("Probe"))
+    if said is None:
+        assert words is None
+    else:
+        assert words is not None
+        assert re.search(said, words)

@@ -340,7 +340,7 @@ def _about(job: Job, confidence: float, summary: Summary, workers: int | str) ->
         "tables": {name: table.sha256 for name, table in job.tables.items()},
         "seed": None if verification is None else verification.seed,
         "confidence": confidence,
-        "distributions": distributions(job.study, job.spec),
+        "distributions": distributions(job.study, job.spec, job.bridge),
         "bridge": job.bridge,
         "strict": job.strict,
         "instruction_set": ", ".join(summary.instruction_sets),

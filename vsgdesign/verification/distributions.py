@@ -7,19 +7,21 @@ from collections.abc import Callable, Iterator
 
 from vsgdesign.artifacts.table_text import error_text
 from vsgdesign.artifacts.verification_text import FAMILIES
+from vsgdesign.identification.registry import samples_itself
 from vsgdesign.parameters.ranges import Range
 from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.simulation.lanes.rests import SWITCHED_WINDOW
 
 Words = Callable[[float], str]
 
 
-def distributions(study: Study, spec: ControllerSpec) -> list[dict[str, str]]:
-    """``quantity`` and ``words`` of everything that is drawn for a controller by the study's [verification]; empty for
-    a study that has none."""
-    return [{"quantity": quantity, "words": words} for quantity, words in _lines(study, spec)]
+def distributions(study: Study, spec: ControllerSpec, bridge: str = "averaged") -> list[dict[str, str]]:
+    """``quantity`` and ``words`` of everything that is drawn for a controller by the study's [verification], and how
+    powers that ripple are judged; empty for a study that has none."""
+    return [{"quantity": quantity, "words": words} for quantity, words in _lines(study, spec, bridge)]
 
 
-def _lines(study: Study, spec: ControllerSpec) -> Iterator[tuple[str, str]]:
+def _lines(study: Study, spec: ControllerSpec, bridge: str) -> Iterator[tuple[str, str]]:
     asked = study.verification
     if asked is None:
         return
@@ -41,6 +43,16 @@ def _lines(study: Study, spec: ControllerSpec) -> Iterator[tuple[str, str]]:
         silent = _uniform(asked.silent_s, _seconds, logarithmic=True)
         yield "Silence of the estimator", f"after a change of the grid or its source {silent}"
     yield "Instant of the event", "within one cycle of the grid, uniform"
+    learns = spec.kind == "scheduled" and samples_itself(spec.estimate)
+    if bridge == "pwm":
+        yield (
+            "Bridge",
+            f"switched; each case runs for {SWITCHED_WINDOW:g} settling times before its event, and is judged by the "
+            f"rest to which it comes and, in a step, by the mean of its power over {2 if learns else 1} "
+            f"cycle{'s' if learns else ''}",
+        )
+    elif learns:
+        yield "Probe", "the power of a step is judged by its mean over 2 cycles"
     with_limit = study.with_limit_of(spec)
     rests = with_limit.limiter.rests and with_limit.converter.current_limit_pu is not None
     weights = asked.weights(rests)
