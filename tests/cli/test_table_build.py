@@ -23,6 +23,7 @@ from vsgdesign.design.table import BuiltTable, build_table
 from vsgdesign.parameters import load_study
 from vsgdesign.pipeline.table import cells_folder
 from vsgdesign.stability.gain_table import check_table
+from vsgdesign.stability.safe_place import table_safe_place
 
 POINTS = "40"
 COMMAND = [sys.executable, "-m", "vsgdesign.cli.program", "table", "build"]
@@ -72,6 +73,8 @@ def test_the_table_is_what_it_says(undisturbed: Path, study_file: Path) -> None:
         assert table.margins[f"worst_overshoot_{own}_pct"].max() <= 5.0
         assert table.margins[f"worst_settling_{own}_s"].max() <= 1.3
     assert np.isfinite(table.gains.K_ip).all()
+    assert table.safe_place is not None
+    assert table.safe_place == table_safe_place(load_study(study_file), table)
 
 
 def test_without_a_certificate_the_table_is_the_same(
