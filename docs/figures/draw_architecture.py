@@ -158,7 +158,7 @@ GUARDS = (
     ("5 Jump", "within 50 % of the goal, seen 3 times, or “changed”?", "held: the jump must be confirmed"),
     ("6 Hysteresis", "more than 2 % from the goal?", "the goal stays (the estimate counts)"),
     ("7 Own error", "is its 95 % set within the designed errors?", "partly: the goal moves part of the way"),
-    ("8 Doubt", "no doubt older than 0.7 s?", "fallback: the goal is the safe place"),
+    ("8 Doubt", "no doubt older than 0.6 s?", "fallback: the goal is the safe place"),
     ("9 Rate", "is the place at its goal?", "limited: the place moves at most at r"),
     ("10 Certified box", "is the place inside the box?", "clamped: the edge of the box is used"),
     ("11 Design", "are all nodes used there designed?", "held: place and gains stay"),

@@ -136,7 +136,7 @@ def test_a_jump_waits_for_confirmation_then_goes_at_the_rate(scr: float) -> None
 def test_estimates_that_jump_about_are_never_followed() -> None:
     scheduler = made()
     present = settle(scheduler, 6.0, 1.0)
-    for k in range(35):  # less than the 0.7 s that a doubt may last
+    for k in range(30):  # less than the 0.6 s that a doubt may last
         answer = scheduler.update_estimate(*grid((2.0, 18.0)[k % 2], 1.0), *POWERS)
         assert (answer.status, answer.reason, answer.scr) == (HELD | DOUBT, JUMP, present.scr)
 
@@ -162,7 +162,7 @@ def test_without_estimates_it_falls_back_in_time_and_comes_back() -> None:
 
 @pytest.mark.parametrize("told", [{"limited": True}, {"surprised": True}, {"limited": True, "surprised": True}])
 def test_a_doubt_holds_the_place_then_leaves_it(told: dict[str, bool]) -> None:
-    """For 0.7 s, in which an estimator finds the new grid; without a doubt 10 s do nothing."""
+    """For 0.6 s, in which an estimator finds the new grid; without a doubt 10 s do nothing."""
     scheduler = made()
     present = settle(scheduler, 3.0, 1.0)
     scheduler.tell(**told)
@@ -170,9 +170,9 @@ def test_a_doubt_holds_the_place_then_leaves_it(told: dict[str, bool]) -> None:
     for _ in range(80):
         answer = scheduler.hold(*POWERS)
         texts.append(status_text(answer.status))
-        assert (answer.scr == present.scr) == (len(texts) <= 35)
-    assert texts[:35] == ["held doubt"] * 35
-    assert texts[35] == "held limited fallback doubt"
+        assert (answer.scr == present.scr) == (len(texts) <= 30)
+    assert texts[:30] == ["held doubt"] * 30
+    assert texts[30] == "held limited fallback doubt"
     assert texts[-1] == "held fallback doubt"
     assert scheduler.hold(*POWERS).scr == pytest.approx(MIDDLE, rel=1e-6)
     assert settle(scheduler, 3.0, 1.0).status == FRESH
@@ -196,7 +196,7 @@ def test_a_new_surprise_begins_the_doubt_anew() -> None:
     """A dip lasts for 0.4 s, and after its clearance an estimator needs as long again as after any other event."""
     scheduler = made()
     present = settle(scheduler, 3.0, 1.0)
-    for k in range(55):
+    for k in range(50):
         scheduler.tell(limited=True, surprised=k in (0, 20))
         answer = scheduler.hold(*POWERS)
         assert (status_text(answer.status), answer.scr) == ("held doubt", present.scr)
@@ -208,7 +208,7 @@ def test_the_same_surprise_is_not_new() -> None:
     """Told in every update, and on across a saved state, it is one surprise, and ends with the safe place."""
     scheduler, again = made(), made()
     settle(scheduler, 3.0, 1.0)
-    for _ in range(35):
+    for _ in range(30):
         scheduler.tell(surprised=True)
         assert not scheduler.hold(*POWERS).status & LIMITED
         again.restore(json.loads(json.dumps(scheduler.state())))

@@ -108,7 +108,7 @@ class SchedulerSettings:
     """Nominal number of ticks between two updates."""
     longest_ticks: int = 40_000
     """Longest time, in ticks, for which a single update may move the place."""
-    stale_ticks: int = 700_000
+    stale_ticks: int = 600_000
     """How long a doubt may last, in ticks, before the place moves to the safe place. This is the time in which an
     estimator finds a new grid after its last surprise."""
     lost_ticks: int = 10_000_000
