@@ -81,6 +81,14 @@ def results_at(place: str | Path, kept: Callable[[], str]) -> Iterator[None]:
         raise Interrupted(kept()) from None
 
 
+def kept_words(count: int, what: str) -> str:
+    """What is said of so many finished things ("test") that are kept."""
+    if not count:
+        return "nothing was written"
+    what = f"1 finished {what} is" if count == 1 else f"{count:,} finished {what}s are"
+    return f"{what} kept; the same command continues there"
+
+
 def _identity(place: str | Path) -> tuple[int, int, int] | None:
     """What tells a file or folder from another one that takes its place; None where there is none."""
     try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from vsgdesign.cli.common import EXIT_IMPOSSIBLE, JSON, STUDY, load, print_json, progress, results_at, verb
+from vsgdesign.cli.common import EXIT_IMPOSSIBLE, JSON, STUDY, kept_words, load, print_json, progress, results_at, verb
 
 
 @click.command()
@@ -67,7 +67,7 @@ def comply(
     asked = Asked(suites=suites or (ALL,), controllers=controllers, maps=maps, cases=cases, file=study_file)
 
     def kept() -> str:
-        return f"{kept_rows(folder):,} finished tests are kept; the same command continues there"
+        return kept_words(kept_rows(folder), "test")
 
     with results_at(folder, kept):
         with progress(quiet=as_json) as tell:

@@ -10,6 +10,7 @@ from vsgdesign.cli.common import (
     EXIT_IMPOSSIBLE,
     JSON,
     STUDY,
+    kept_words,
     load,
     print_json,
     progress,
@@ -86,9 +87,7 @@ def build(
     file = default if out is None else Path(out)
 
     def kept() -> str:
-        count = len(list(cells_folder(file).glob("*.json")))
-        cells = "1 finished cell is" if count == 1 else f"{count} finished cells are"
-        return f"{cells} kept; the same command continues from there"
+        return kept_words(len(list(cells_folder(file).glob("*.json"))), "cell")
 
     with results_at(file, kept):
         with progress(quiet=as_json) as tell:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from vsgdesign.cli.common import JSON, load, print_json, progress, results_at, verb
+from vsgdesign.cli.common import JSON, kept_words, load, print_json, progress, results_at, verb
 
 if TYPE_CHECKING:
     from vsgdesign.verification.shards import Shard
@@ -119,7 +119,7 @@ def verify(
         click.echo(reason, err=True)
 
     def kept() -> str:
-        return f"{kept_runs(folder):,} finished runs are kept; the same command continues there"
+        return kept_words(kept_runs(folder), "run")
 
     with results_at(folder, kept):
         with progress(quiet=as_json) as tell:

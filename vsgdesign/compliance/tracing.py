@@ -24,7 +24,7 @@ _ROWS_COUNTED = 256
 """After so many rows the energy of the dc link is counted from zero again: what a row has of it is not lost in a large
 sum."""
 
-_ROWS_AT_ONCE = 4 * _ROWS_COUNTED
+_ROWS_AT_ONCE = 2 * _ROWS_COUNTED
 
 _SAME_INSTANT = 1e-6
 """Share of a sample by which a row may lie before an event and is still after it: times are rounded."""

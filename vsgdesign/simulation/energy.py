@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.frames import instantaneous_power
+from vsgdesign.frames import SPACE_VECTOR_POWER
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.run import Simulation
 
@@ -40,16 +38,33 @@ def dc_energy_steps(log: Array, study: Study, *, bridge: str | None = None) -> A
     # What flows into the capacitor says the slope of its voltage, and v_b − R_1 i_s − v that of the current, in whose
     # difference between both ends v_b is not contained.
     step_c = np.diff(i_s - i_g)
-    flux = 0.5 * T_s * _sums(v_c) - T_s * T_s / 12.0 * step_c * (1.0 / f.C) + f.R_c * f.C * step_v
+    flux = _sums(v_c)
+    flux *= 0.5 * T_s
+    curved = T_s * T_s / 12.0 * step_c
+    curved *= 1.0 / f.C
+    flux -= curved
+    flux += f.R_c * f.C * step_v
     if (study.simulation.bridge if bridge is None else bridge) == "pwm":
         # The current swings between its samples, and what the capacitor and the grid get of it does not.
         charge = f.C * step_v + T_s * _means(i_g)
         middle = 0.5 * _sums(i_s)
     else:
-        step_node = step_v + f.R_c * step_c
-        charge = 0.5 * T_s * _sums(i_s) + T_s * T_s / 12.0 * (f.R_1 * step_i + step_node) * (1.0 / f.L_1)
+        step_c *= f.R_c
+        step_c += step_v  # of the node's voltage
+        curved = f.R_1 * step_i
+        curved += step_c
+        curved *= T_s * T_s / 12.0
+        curved *= 1.0 / f.L_1
+        charge = _sums(i_s)
+        charge *= 0.5 * T_s
+        charge += curved
         middle = charge * (1.0 / T_s)
-    return f.L_1 * _power(step_i, middle) + _power(f.R_1 * charge + flux, charge * (1.0 / T_s))
+    flux += f.R_1 * charge
+    energy = _power(step_i, middle)
+    energy *= f.L_1
+    charge *= 1.0 / T_s
+    energy += _power(flux, charge)
+    return energy
 
 
 def dc_power(simulation: Simulation, study: Study, *, bridge: str | None = None) -> Array:
@@ -75,5 +90,9 @@ def _means(x: Array) -> Array:
     return (13.0 * (more[:, 1:-2] + more[:, 2:-1]) - more[:, :-3] - more[:, 3:]) * (1.0 / 24.0)
 
 
-def _power(v: Array, i: Array) -> Any:
-    return instantaneous_power(*v, *i)[0]
+def _power(v: Array, i: Array) -> Array:
+    """:func:`vsgdesign.frames.instantaneous_power` without its second result, which takes as long."""
+    power = v[0] * i[0]
+    power += v[1] * i[1]
+    power *= SPACE_VECTOR_POWER
+    return power
