@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from vsgdesign.design.inner import designing
 from vsgdesign.design.inner.search import Effort
 from vsgdesign.errors import ArtifactError
 from vsgdesign.parameters import load_study
-from vsgdesign.pipeline import open_study
+from vsgdesign.pipeline import open_study, opening
 from vsgdesign.pipeline.opening import check_study, inner_loops_file
 from vsgdesign.report.inner.words import headline
 
@@ -78,6 +79,21 @@ def test_designed_once_and_the_same_ever_after(study: Path, monkeypatch: pytest.
     assert again == first
     assert len(said) == 1
     assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize(("score", "sentences"), [(1.2, 1), (0.783, 2)])
+def test_a_score_below_one_is_explained(
+    study: Path, designed: Path, monkeypatch: pytest.MonkeyPatch, score: float, sentences: int
+) -> None:
+    """A score of 0.783 alone says nothing to whom it is new."""
+    record = replace(read_inner_loops_file(designed), score=score)
+    monkeypatch.setattr(opening, "design_record", lambda *_: record)
+    said: list[str] = []
+    open_study(study, say=said.append)
+    assert len(said) == sentences
+    if sentences == 2:
+        assert said[1].startswith("The score is below 1: not every requirement of the inner loops is kept.")
+        assert f"vsgdesign inner {study} shows which" in said[1]
 
 
 def test_a_changed_datasheet_is_designed_again_and_said(kept: Path) -> None:

@@ -50,6 +50,15 @@ def test_what_was_assumed_is_listed(tmp_path: Path) -> None:
     assert document["study"] == str(tmp_path / "b.toml")
 
 
+def test_the_next_command_can_be_copied_into_a_shell(tmp_path: Path) -> None:
+    folder = tmp_path / "my folder"
+    folder.mkdir()
+    sheet = next(iter(write_all(tmp_path).values()))
+    code, output = run("--from", str(sheet), "--out", str(folder / "study.toml"))
+    assert code == 0
+    assert output.rstrip().endswith(f"next: vsgdesign run '{folder}/study.toml'")
+
+
 def test_a_file_is_never_overwritten(tmp_path: Path) -> None:
     sheet = write_all(tmp_path)["small"]
     study = tmp_path / "study.toml"

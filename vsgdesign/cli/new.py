@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -139,4 +140,4 @@ def _tell(path: Path, converter: Datasheet) -> None:
         click.echo(f"note: {note}")
     if converter.unused:
         click.echo("not used: " + ", ".join(converter.unused))
-    click.echo(f"next: vsgdesign run {path}")
+    click.echo(f"next: vsgdesign run {shlex.quote(str(path))}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,7 @@ def read_toml(path: Path, noun: str) -> dict[str, Any]:
         return parse_toml(text, str(path))
     except StudyError:
         if noun == "study file" and path.suffix.casefold() in (".csv", ".tsv"):
-            advice = f"If it is a datasheet, write its study with vsgdesign new --from {path}."
+            advice = f"If it is a datasheet, write its study with vsgdesign new --from {shlex.quote(str(path))}."
             raise fault("is a table of values, not TOML", advice) from None
         raise
 

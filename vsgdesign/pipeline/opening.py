@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -93,9 +94,10 @@ class KeptInnerLoops:
         self.file = path
         self._tell(f"The inner loops were designed and are kept in {path} (score {plain(record.score, 3)}).")
         if record.score < 1.0:
+            inner = f"vsgdesign inner {shlex.quote(str(self.study_file))}"
             self._tell(
                 "The score is below 1: not every requirement of the inner loops is kept. "
-                f"vsgdesign inner {self.study_file} shows which, what limits them, and what would help."
+                f"{inner} shows which, what limits them, and what would help."
             )
 
     def _tell(self, sentence: str) -> None:
