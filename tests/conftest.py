@@ -6,7 +6,8 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -41,6 +42,34 @@ def pytest_collection_finish() -> None:
     style: Any = sys.modules.get("vsgdesign.report.drawing.style")
     if style is not None:
         style._LOOK["savefig.dpi"] = 72
+
+
+_DRAWN: dict[str, bytes] = {}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_picture_of_each_name(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Verbs and documents draw the same figures again and again. Their SVG is always drawn; the PNG, which is the same
+    figure in two fifths of the time and which no test looks into there, once for each name."""
+    if request.path.parent.name not in ("cli", "docs"):
+        yield
+        return
+    from matplotlib.figure import Figure
+
+    draw = Figure.savefig
+
+    def save(figure: Figure, file: Any, **options: Any) -> None:
+        if options.get("format") == "png" and isinstance(file, Path):
+            if file.name not in _DRAWN:
+                draw(figure, file, **options)
+                _DRAWN[file.name] = file.read_bytes()
+            file.write_bytes(_DRAWN[file.name])
+        else:
+            draw(figure, file, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", save)
+        yield
 
 
 NO_SKIPS = bool(os.environ.get("VSGDESIGN_NO_SKIPS"))
