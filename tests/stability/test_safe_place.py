@@ -22,7 +22,6 @@ from vsgdesign.runtime.of_study import ControllerGains
 from vsgdesign.stability.cells import cell_set, full_order_cells
 from vsgdesign.stability.margins import full_order_margins
 from vsgdesign.stability.safe_place import (
-    LARGEST_TURN,
     LEAST_DISK_MARGIN,
     closed_form_place,
     middle_place,
@@ -106,16 +105,15 @@ def margin(name: str, place: Place, scrs: tuple[float, ...], x_over_rs: tuple[fl
 
 @pytest.mark.parametrize("name", NAMES)
 def test_no_place_of_a_finer_search_is_better(name: str) -> None:
-    """SCR in steps of 4.5 % around the place, and other angles. The compared places are 9 % apart."""
+    """SCR in steps of 3 % around the place; the compared places are 4.6 % apart. The angle is that of all places."""
     place, scrs, x_over_rs = place_of(name), (1.2, 20.0), (0.3, 20.0)
     found = slowest(name, place, scrs, x_over_rs)
     floor = min(LEAST_DISK_MARGIN, margin(name, middle_place_of(name), (20.0,), x_over_rs))
-    for angle in np.linspace(math.atan(20.0) - LARGEST_TURN, math.atan(0.3) + LARGEST_TURN, 4):
-        for scr in place.scr * 1.03 ** np.arange(-7.0, 3.0, 1.5):
-            other = Place(float(scr), math.tan(angle), "impedance")
-            # What is slower needs no margin.
-            if slowest(name, other, (1.2,), (0.3,)) > 1.1 * found:
-                assert margin(name, other, (20.0,), x_over_rs) < 1.02 * floor, f"{other} is better than {place}"
+    for scr in place.scr * 1.03 ** np.arange(-12.0, 7.0):
+        other = replace(place, scr=float(scr))
+        # What is slower needs no margin.
+        if slowest(name, other, (1.2,), (0.3,)) > 1.05 * found:
+            assert margin(name, other, (20.0,), x_over_rs) < 1.02 * floor, f"{other} is better than {place}"
 
 
 def middle_place_of(name: str) -> Place:
@@ -124,7 +122,7 @@ def middle_place_of(name: str) -> Place:
     return middle_place(specification)
 
 
-@pytest.mark.parametrize(("name", "gain"), [("study", 1.8), ("laboratory", 2.3), ("utility", 1.1)])
+@pytest.mark.parametrize(("name", "gain"), [("study", 1.6), ("laboratory", 2.4), ("utility", 1.05)])
 def test_it_is_faster_than_the_middle_and_keeps_the_margin(name: str, gain: float) -> None:
     place, middle = place_of(name), middle_place_of(name)
     nodes = (1.2, 1.5, 2.0, 5.0, 20.0), (0.3, 1.0, 5.0, 20.0)
@@ -132,8 +130,8 @@ def test_it_is_faster_than_the_middle_and_keeps_the_margin(name: str, gain: floa
     kept = margin(name, place, *nodes)
     # Below 0.3 only where the middle is.
     assert kept > 0.99 * LEAST_DISK_MARGIN or kept > 0.99 * margin(name, middle, *nodes)
-    for x_over_r in (0.3, 20.0):
-        assert abs(math.atan(place.x_over_r) - math.atan(x_over_r)) < LARGEST_TURN + 1e-3
+    # Equally far from the angles of the most resistive and the most inductive grid.
+    assert 2.0 * math.atan(place.x_over_r) == pytest.approx(math.atan(0.3) + math.atan(20.0), abs=1e-3)
 
 
 def test_equal_designs_have_one_place_whatever_happens_to_them() -> None:

@@ -38,12 +38,8 @@ LEAST_DISK_MARGIN = 0.3
 """Disk margin that the gains of the safe place keep on every grid, or that of the middle of the grids if this is
 less."""
 
-LARGEST_TURN = math.radians(45.0)
-"""How far the angle of any grid's impedance may be from that of the safe place, rad. The decoupling and the current
-limiter turn by this angle."""
-
-_SCRS, _ANGLES = 32, 5
-"""Places that are compared: their SCR and the angles of their impedance."""
+_SCRS = 64
+"""Places that are compared, by their SCR."""
 
 _LOWEST_RAD_S, _POINTS = 0.1, 60
 """Frequencies on which a margin is looked for first."""
@@ -104,9 +100,9 @@ def table_safe_place(study: Study, table: GainTable) -> tuple[float, float] | No
 def safe_place(study: Study, law: GainLaw) -> Place:
     """The place whose gains have the best worst decay over the specification of a study (:eq:`safe-place`).
 
-    ``law`` gives the gains for an assumed grid at measured powers. The places have impedances whose angle is within
-    LARGEST_TURN of those of all grids, and their gains keep LEAST_DISK_MARGIN, or the margin of the middle of the grids
-    if that is less. The reduced model orders the places; the full-order model decides. Where no place keeps the margin,
+    ``law`` gives the gains for an assumed grid at measured powers. The impedances of the places have the angle that is
+    least wrong on any grid, and their gains keep LEAST_DISK_MARGIN, or the margin of the middle of the grids if that is
+    less. The reduced model orders the places; the full-order model decides. Where no place keeps the margin,
     it is the middle. Raises ValueError without a specification.
     """
     asked = study.specification
@@ -163,27 +159,17 @@ def place_figures(study: Study, law: GainLaw, place: Place, plants: _Plants) -> 
     return PlaceFigures(float(decay.min(initial=math.inf)), float(margin.min(initial=math.inf)))
 
 
-def _not_too_fast(study: Study, law: GainLaw, lines: list[list[Place]], corners: _Plants, floor: float) -> list[Place]:
-    """The places whose gains keep a margin on the strongest grids. Each line has places of one angle and rising SCR: of
-    these the first that keeps it, found by bisection, and all behind it, whose gains are slower still."""
+def _not_too_fast(study: Study, law: GainLaw, places: list[Place], corners: _Plants, floor: float) -> list[Place]:
+    """The places whose gains keep a margin on the strongest grids. SCR rises from place to place: of these the first
+    that keeps it, found by bisection, and all behind it, whose gains are slower still."""
     lengths = np.hypot(corners.R_g, study.converter.omega_n * corners.L_g)
     strong = corners.take(lengths <= 1.001 * lengths.min(initial=math.inf))
-    low, high = np.zeros(len(lines), dtype=int), np.full(len(lines), len(lines[0]))
-    while (low < high).any():
-        middle = np.minimum((low + high) // 2, len(lines[0]) - 1)
-        margins = _margins(study, law, [line[k] for line, k in zip(lines, middle, strict=True)], strong)
-        keeps = margins >= floor
-        low, high = np.where(keeps | (low >= high), low, middle + 1), np.where(keeps & (low < high), middle, high)
-    return [place for line, first in zip(lines, low, strict=True) for place in line[first:]]
-
-
-def _margins(study: Study, law: GainLaw, places: list[Place], plants: _Plants) -> Array:
-    """The worst disk margin of every place over a few plants, all at once."""
-    R_hat, L_hat = _grids(study, places)
-    count = len(plants.P)
-    every = _Plants(*(np.tile(values, len(places)) for values in vars(plants).values()))
-    margin = _full_order(study, law, np.repeat(R_hat, count), np.repeat(L_hat, count), every)[1]
-    return margin.reshape(len(places), count).min(axis=1, initial=math.inf)
+    low, high = 0, len(places)
+    while low < high:
+        middle = (low + high) // 2
+        keeps = place_figures(study, law, places[middle], strong).disk_margin >= floor
+        low, high = (low, middle) if keeps else (middle + 1, high)
+    return places[low:]
 
 
 def _full_order(study: Study, law: GainLaw, R_hat: Array, L_hat: Array, plants: _Plants) -> tuple[Array, Array]:
@@ -201,13 +187,12 @@ def _full_order(study: Study, law: GainLaw, R_hat: Array, L_hat: Array, plants: 
     return decay, margin
 
 
-def _places(asked: Specification) -> list[list[Place]]:
-    """The places that are compared, in lines of one angle and rising SCR."""
-    scrs = np.geomspace(asked.scr[0], asked.scr[-1], _SCRS)
+def _places(asked: Specification) -> list[Place]:
+    """The places that are compared, by rising SCR. Their impedances have the middle of the grids' angles."""
     low, high = (math.atan(asked.x_over_r[k]) for k in (0, -1))
-    angles = np.linspace(max(low, high - LARGEST_TURN), min(high, low + LARGEST_TURN), _ANGLES)
-    x_over_rs = [_digits(math.tan(angle)) for angle in angles]
-    return [[Place(_digits(float(scr)), x_over_r, asked.scr_basis) for scr in scrs] for x_over_r in x_over_rs]
+    x_over_r = _digits(math.tan(0.5 * (low + high)))
+    scrs = np.geomspace(asked.scr[0], asked.scr[-1], _SCRS)
+    return [Place(_digits(float(scr)), x_over_r, asked.scr_basis) for scr in scrs]
 
 
 def _digits(value: float) -> float:
