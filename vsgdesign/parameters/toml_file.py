@@ -42,7 +42,7 @@ def read_toml(path: Path, noun: str) -> dict[str, Any]:
     except StudyError:
         if noun == "study file" and path.suffix.casefold() in (".csv", ".tsv"):
             advice = f"If it is a datasheet, write its study with vsgdesign new --from {shlex.quote(str(path))}."
-            raise fault("is a table of values, not TOML", advice) from None
+            raise fault("cannot be read as TOML: it is a table of values", advice) from None
         raise
 
 
