@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,7 +14,7 @@ from vsgdesign.certificate.region import Region, System
 from vsgdesign.certificate.tracing import Program, Symbol, Tracer, program_of
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_flow import power_flow
-from vsgdesign.frames import PHASES
+from vsgdesign.frames import PHASES, SQRT_2
 
 Array = NDArray[np.float64]
 
@@ -116,7 +115,7 @@ def rest_tests(system: System, region: Region, law: SwingLaw) -> list[Test]:
             "beyond": chord + 2.0 * twice / size,
             "open": behind * behind - gate,
             # No part of the impedance takes more from the grid voltage than the whole of it, whatever the angle.
-            "near": at.v_g - held - math.sqrt(2.0) * law.v_gate * at.inverse_V,
+            "near": at.v_g - held - SQRT_2 * law.v_gate * at.inverse_V,
             "clear": at.drop - 0.25 * (chord * chord) - hard_sq * (sine * sine),
         }
         found.append(_test(tracer, outputs, conditions))
