@@ -59,6 +59,15 @@ def test_it_begins_where_it_is_told() -> None:
     assert found.broken >= 1
 
 
+def test_a_case_from_which_it_began_is_not_found_again() -> None:
+    """The worst case of all is known; what is found is as bad as it at most, and something else."""
+    known = np.full((2, 8), 0.5)
+    known[0, [0, 3]] = 0.0, np.nextafter(1.0, 0.0)
+    found = search(JOB, 2 * POPULATION, {"step": known}).found
+    assert found
+    assert min(np.abs(known - one.coordinates).max(axis=1).min() for one in found) > 1e-6
+
+
 def test_cases_that_are_not_asked_for_are_no_finding() -> None:
     def left_out(*parts: Any, **named: Any) -> Any:
         results = cornered(*parts, **named)

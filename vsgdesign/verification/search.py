@@ -31,6 +31,9 @@ FOUND = 5
 APART = 0.05
 """Two found cases differ by at least this in one of their coordinates, of which each goes from 0 to 1."""
 
+_SAME = 1e-9
+"""Cases whose coordinates all differ by less are one."""
+
 _CEILING = 10.0
 """A figure that does not exist counts as this many times its limit."""
 
@@ -60,6 +63,8 @@ class _Watch:
 
     job: Job
     family: int
+    known: Array
+    """Coordinates of the cases that are known already, a row each. They are no finding."""
     evaluations: int = 0
     broken: int = 0
     best: list[FoundCase] = field(default_factory=list)
@@ -75,7 +80,7 @@ class _Watch:
         asked = ~np.isin(status, LEFT_OUT)
         uses = np.stack([judged_values(p, status, figures) / p.limit for p in held], axis=1)
         worst = np.where(asked, uses.max(axis=1), 0.0)
-        for k in np.argsort(-worst, kind="stable")[:FOUND].tolist():
+        for k in np.argsort(-worst, kind="stable")[: self._kept].tolist():
             if asked[k]:
                 self._keep(
                     FoundCase(
@@ -98,7 +103,17 @@ class _Watch:
         if any(_order(one) <= _order(found) for one in near):
             return
         kept = [one for one in self.best if one not in near]
-        self.best = sorted([*kept, found], key=_order)[:FOUND]
+        self.best = sorted([*kept, found], key=_order)[: self._kept]
+
+    @property
+    def _kept(self) -> int:
+        return FOUND + len(self.known)
+
+    def found(self) -> tuple[FoundCase, ...]:
+        """The worst of what is new. A case near a known one is new if it is worse."""
+        # SciPy scales the coordinates from which it begins, and back, which changes their last digits.
+        new = [one for one in self.best if not (np.abs(self.known - one.coordinates) < _SAME).all(axis=1).any()]
+        return tuple(new[:FOUND])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,9 +139,10 @@ def search(
     """Looks for the worst case of every family by differential evolution over the coordinates of its cases.
 
     ``evaluations``: most runs in all, shared equally among the families; none where they are too few for two small
-    generations of each. ``starts``: rows of coordinates to begin from, by family. The rest of the first generation
-    covers the cube evenly; two of three of its cases are at a corner in the coordinates ``edges``, where a linear
-    design is at its worst. The same seed finds the same. Raises WorkerError where a worker is lost.
+    generations of each. ``starts``: rows of coordinates of known cases to begin from, by family; the search improves
+    them and does not list them again. The rest of the first generation covers the cube evenly; two of three of its
+    cases are at a corner in the coordinates ``edges``, where a linear design is at its worst. The same seed finds the
+    same. Raises WorkerError where a worker is lost.
     """
     return begun_search(job, evaluations, starts, edges=edges, executor=executor)(progress or silent)
 
@@ -178,7 +194,7 @@ def _search_family(
     from scipy.stats import qmc
 
     job.prepare()
-    watch = _Watch(job, family)
+    watch = _Watch(job, family, starts)
     dimensions = starts.shape[1]
     generator = np.random.default_rng([seed, family])
     size = min(POPULATION, evaluations // (2 * LEAST) * LEAST)
@@ -203,7 +219,7 @@ def _search_family(
             vectorized=True,
             rng=generator,
         )
-    return Searched(evaluations=watch.evaluations, broken=watch.broken, found=tuple(watch.best))
+    return Searched(evaluations=watch.evaluations, broken=watch.broken, found=watch.found())
 
 
 def _order(found: FoundCase) -> tuple[float, str, int]:

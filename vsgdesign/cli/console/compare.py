@@ -1,14 +1,15 @@
-"""A comparison for a terminal."""
+"""A comparison for a terminal: the numbers of its page."""
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from rich.markup import escape
 
 from vsgdesign.cli.console.scenario import new_console, new_table
 from vsgdesign.parameters.specification import UNBOUNDED_H
+from vsgdesign.report.comparison.tables import ORIGINS, label, reached, share, span
+from vsgdesign.report.quantities import DASH, plain
 
 
 def comparison_table(document: dict[str, Any]) -> None:
@@ -37,8 +38,8 @@ def comparison_table(document: dict[str, Any]) -> None:
         "EMT fails",
     )
     asked = (
-        f"overshoot ≤ {100.0 * spec['overshoot']:.3g} %, settling ≤ {spec['settling_time']:.3g} s, "
-        f"disk margin ≥ {spec['disk_margin']:.3g}, damping ratio ≥ {spec['damping_ratio']:.3g}"
+        f"overshoot ≤ {plain(100.0 * spec['overshoot'])} %, settling ≤ {plain(spec['settling_time'])} s, "
+        f"disk margin ≥ {plain(spec['disk_margin'])}, damping ratio ≥ {plain(spec['damping_ratio'])}"
     )
     if spec["H_min"] > 0.0 or spec["H_max"] < UNBOUNDED_H:
         asked += (
@@ -50,21 +51,18 @@ def comparison_table(document: dict[str, Any]) -> None:
     for c in document["contenders"]:
         exact, wrong, emt = c["worst_exact"], c["worst_wrong"], c["emt"]
         table.add_row(
-            escape(c["name"].replace("_", " ")),
-            c["origin"],
-            _share(c["kept_exact"]),
-            _share(c["kept_wrong"]),
-            _share(c["kept_exact_ideal"]),
-            _share(c["kept_wrong_ideal"]),
-            _share(c["shares"]["unstable"]),
-            _pair(exact, wrong, "overshoot", 100.0),
-            _pair(exact, wrong, "settling_time", 1.0),
-            _pair(exact, wrong, "disk_margin", 1.0),
-            _span(c["droop_W_per_Hz"], 1e3),
-            _span(c["inertia_s"], 1.0),
-            _number(emt["overshoot"], 100.0),
-            _number(emt["settling_time"], 1.0),
-            f"{emt['not_settled']} of {emt['steps']}" if emt["steps"] else "–",
+            escape(label(c["name"])),
+            ORIGINS[c["origin"]],
+            *(f"{share(c[name])} %" for name in ("kept_exact", "kept_wrong", "kept_exact_ideal", "kept_wrong_ideal")),
+            f"{share(c['shares']['unstable'])} %",
+            _pair(exact, wrong, "overshoot", 100.0, spec),
+            _pair(exact, wrong, "settling_time", 1.0, spec),
+            _pair(exact, wrong, "disk_margin", 1.0, spec, at_least=True),
+            span(c["droop_W_per_Hz"], 1e3),
+            span(c["inertia_s"]),
+            reached(emt["overshoot"], 100.0, spec["overshoot"]),
+            reached(emt["settling_time"], 1.0, spec["settling_time"]),
+            f"{emt['not_settled']} of {emt['steps']}" if emt["steps"] else DASH,
         )
     console = new_console()
     console.print(table)
@@ -77,28 +75,17 @@ def comparison_table(document: dict[str, Any]) -> None:
     for c in document["contenders"]:
         if c["broken"]:
             reasons = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in c["broken"].items())
-            console.print(
-                f"{escape(c['name'].replace('_', ' '))} violates, with the number of grids: {reasons}", highlight=False
-            )
+            console.print(f"{escape(label(c['name']))} violates, with the number of grids: {reasons}", highlight=False)
 
 
-def _share(value: float) -> str:
-    shown = min(max(100.0 * value, 1.0), 99.0) if 0.0 < value < 1.0 else 100.0 * value
-    return f"{shown:.0f} %"
-
-
-def _number(value: float, factor: float) -> str:
-    if math.isnan(value):
-        return "–"
-    return "∞" if math.isinf(value) else f"{factor * value:.3g}"
-
-
-def _pair(exact: dict[str, float], wrong: dict[str, float], name: str, factor: float) -> str:
-    return f"{_number(exact[name], factor)} / {_number(wrong[name], factor)}"
-
-
-def _span(limits: tuple[float, float] | None, factor: float) -> str:
-    if limits is None:
-        return "–"
-    low, high = (f"{value / factor:.3g}" for value in limits)
-    return low if low == high else f"{low} … {high}"
+def _pair(
+    exact: dict[str, float],
+    wrong: dict[str, float],
+    name: str,
+    factor: float,
+    spec: dict[str, Any],
+    *,
+    at_least: bool = False,
+) -> str:
+    """The worst value with an exact estimate / with a wrong one, each with the digits that its verdict needs."""
+    return " / ".join(reached(side[name], factor, spec[name], at_least=at_least) for side in (exact, wrong))

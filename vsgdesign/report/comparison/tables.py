@@ -79,7 +79,7 @@ def promises_table(comparison: Comparison) -> Table:
 
 def services_table(comparison: Comparison) -> Table:
     """Droop and inertia over the grids, and steps in EMT."""
-    rows = []
+    spec, rows = comparison.specification, []
     for compared in comparison.contenders:
         s = summary_of(compared)
         emt, asked = s["emt"], s["droop_asked_W_per_Hz"]
@@ -90,8 +90,8 @@ def services_table(comparison: Comparison) -> Table:
                 DASH if asked is None else number(asked / 1e3),
                 span(s["inertia_s"]),
                 f"{emt['steps'] - emt['not_settled']} of {emt['steps']}" if emt["steps"] else DASH,
-                number(100.0 * emt["overshoot"]),
-                number(emt["settling_time"]),
+                reached(emt["overshoot"], 100.0, spec.overshoot),
+                reached(emt["settling_time"], 1.0, spec.settling_time),
             )
         )
     head = ("Gains", "delivered", "asked", "H [s]", "settled", "overshoot [%]", "settling [s]")
