@@ -147,7 +147,7 @@ def reduced_decays(study: Study, law: GainLaw, places: list[Place], plants: _Pla
         tau_P=tau_P,
         tau_Q=tau_Q,
     )
-    found = np.full(len(good), -math.inf)
+    found = np.full(shape[0] * shape[1], -math.inf)
     found[good] = -eigenvalues_of(model).real.max(axis=1)
     return found.reshape(shape).min(axis=1)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from tests.simulation.survival.subjects import TEXT, subject
 from vsgdesign.metrics.survival import DIVERGED, NO_REST, OVER_LIMIT, SURVIVED
 from vsgdesign.operating_point.equilibrium import solve_with_droop
+from vsgdesign.parameters import load_study
 from vsgdesign.simulation import build_timeline
 from vsgdesign.simulation.late import LateSchedule
 from vsgdesign.simulation.survival import (
@@ -164,6 +166,23 @@ def test_a_stale_closed_form_goes_to_the_safe_place_of_its_specification() -> No
     held = traced(subject(), jump).simulation.gain_changes
     assert subject().safe is None
     assert held[-1].gains.K_ip == pytest.approx(held[0].gains.K_ip, rel=0.1)
+
+
+def test_a_jump_to_a_very_weak_grid_that_nobody_tells_of_is_survived() -> None:
+    """With the middle of the grids as its safe place, the converter was not at rest 3.2 s later."""
+    study = load_study(Path(__file__).parents[3] / "studies" / "survival" / "study.toml")
+    spec = next(one for one in study.controllers if one.name == "angle_damped")
+    jump = SurvivalCase(
+        group="jump",
+        start=GridState(scr=20.0, x_over_r=10.0, P_pu=0.9, Q_pu=0.0),
+        changes=(Change(t_s=0.0, scr=1.2, x_over_r=10.0),),
+        cleared_s=0.0,
+        knowledge=GridKnowledge(silent_s=FOR_EVER),
+    )
+    verdict = run_case(Subject(study=study, spec=spec, limit_pu=1.2), jump).verdict
+    assert verdict.status == SURVIVED
+    assert verdict.peak_pu is not None
+    assert verdict.peak_pu < 1.26
 
 
 def test_a_schedule_that_is_told_nothing_at_first_is_refused() -> None:
