@@ -17,7 +17,7 @@ def document(**worst: float) -> dict[str, Any]:
     box = {"error_R": 0.1, "error_X": 0.1, "error_Z": 0.0}
     contender = {
         "name": "angle_damped",
-        "origin": "closed_form",
+        "origin": "closed form",
         "grids": [{}],
         "worst_exact": kept,
         "worst_wrong": kept | worst,

@@ -8,7 +8,7 @@ from rich.markup import escape
 
 from vsgdesign.cli.console.scenario import new_console, new_table
 from vsgdesign.parameters.specification import UNBOUNDED_H
-from vsgdesign.report.comparison.tables import ORIGINS, label, reached, share, span
+from vsgdesign.report.comparison.tables import label, reached, share, span
 from vsgdesign.report.quantities import DASH, plain
 
 
@@ -52,7 +52,7 @@ def comparison_table(document: dict[str, Any]) -> None:
         exact, wrong, emt = c["worst_exact"], c["worst_wrong"], c["emt"]
         table.add_row(
             escape(label(c["name"])),
-            ORIGINS[c["origin"]],
+            c["origin"],
             *(f"{share(c[name])} %" for name in ("kept_exact", "kept_wrong", "kept_exact_ideal", "kept_wrong_ideal")),
             f"{share(c['shares']['unstable'])} %",
             _pair(exact, wrong, "overshoot", 100.0, spec),

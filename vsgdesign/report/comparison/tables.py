@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 
-from vsgdesign.design.comparison import BEST_FIXED, CLOSED_FORM, GIVEN, TABLE, Comparison, summary_of
+from vsgdesign.design.comparison import CLOSED_FORM, TABLE, Comparison, summary_of
 from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.parameters.specification import UNBOUNDED_H
 from vsgdesign.report.page.table import GAIN_UNITS, Table
 from vsgdesign.report.quantities import DASH, number, plain, plain_quantity
 from vsgdesign.report.stability.gains import used_gains
-
-ORIGINS = {BEST_FIXED: "best fixed", GIVEN: "fixed", CLOSED_FORM: "closed form", TABLE: "table"}
 
 _ROUNDING = 1e-9
 """What an optimiser leaves beyond a limit that it has reached is no miss."""
@@ -28,7 +26,7 @@ def promises_table(comparison: Comparison) -> Table:
             (
                 label(s["name"]),
                 s["structure"].replace("_", "-"),
-                ORIGINS[s["origin"]],
+                s["origin"],
                 share(s["kept_exact"]),
                 share(s["kept_wrong"]),
                 share(s["shares"]["unstable"]),
