@@ -1,47 +1,77 @@
-"""Transfer functions and classical margins of loops against python-control's."""
+"""The power loops as python-control systems, and classical margins, against what is known in closed form."""
 
 from __future__ import annotations
+
+import math
 
 import control
 import numpy as np
 import pytest
 
-from vsgdesign.operating_point.loops import Transfer, loop_margins, transfer_of
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.operating_point import solve_operating_point
+from vsgdesign.operating_point.loops import loop_margins, power_loops
+from vsgdesign.stability.loops import coupled_loop
+
+GAINS = PowerLoopGains(K_ip=0.00767, D_p=2087.0, K_iq=0.115, D_q=0.687)
 
 
-def test_a_transfer_function_is_that_of_its_matrices() -> None:
-    """At any s, and without a coefficient that only rounding makes."""
-    rng = np.random.default_rng(5)
-    s = 0.3 + 2.0j
-    for n in (1, 2, 4):
-        A, b, c = rng.standard_normal((n, n)), rng.standard_normal((n, 1)), rng.standard_normal((1, n))
-        found = transfer_of(A, b, c)
-        assert found(s) == pytest.approx((c @ np.linalg.solve(s * np.eye(n) - A, b))[0, 0], rel=1e-12)
-        closed = found.closed(s)
-        assert closed == pytest.approx(found(s) / (1.0 + found(s)), rel=1e-12)
-    chain = transfer_of(np.diag([3.0, 7.0], 1) - np.diag([0.1, 0.2, 0.3]), np.eye(3)[:, 2:], np.eye(3)[:1])
-    assert chain.numerator.tolist() == pytest.approx([21.0])
+@pytest.mark.parametrize("s", [0.3j, 4.0 + 1.0j, 50.0j])
+def test_the_loops_are_systems_of_python_control(s: complex) -> None:
+    """K_ip A/(s(s + D_p K_ip)) and K_iq D/(s + K_iq D_q), open and closed."""
+    A, D = 8348.2, 68.7
+    loops = power_loops(GAINS, A, D)
+    P = GAINS.K_ip * A / (s * (s + GAINS.D_p * GAINS.K_ip))
+    Q = GAINS.K_iq * D / (s + GAINS.K_iq * GAINS.D_q)
+    pairs = (
+        (loops.P_open, P),
+        (loops.P_closed, P / (1.0 + P)),
+        (loops.Q_open, Q),
+        (loops.Q_closed, Q / (1.0 + Q)),
+    )
+    for found, expected in pairs:
+        assert isinstance(found, control.TransferFunction)
+        assert found(s) == pytest.approx(expected, rel=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(40))
-def test_margins_are_those_of_python_control(seed: int) -> None:
-    """Of loops with a pole at zero, that cross once, several times or never."""
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(1, 5))
-    poles, zeros = -(10.0 ** rng.uniform(-1.0, 1.5, n)), -(10.0 ** rng.uniform(-1.0, 1.5, int(rng.integers(0, n))))
-    if n > 2:
-        poles = np.append(poles[2:], [poles[0] + 1j * poles[1], poles[0] - 1j * poles[1]])
-    numerator = 10.0 ** rng.uniform(-2.0, 3.0) * np.atleast_1d(np.poly(zeros)).real
-    denominator = np.append(np.poly(poles).real, 0.0) if seed % 2 else np.poly(poles).real
-    found = loop_margins(Transfer(numerator, denominator))
-    gain, phase, _, _, crossover, _ = control.stability_margins(control.tf(numerator, denominator))
-    if np.isfinite(gain):
-        assert found.gain_margin_db == pytest.approx(20.0 * np.log10(gain), abs=1e-9)
-    else:
-        assert found.gain_margin_db is None
-    if np.isfinite(crossover):
-        assert found.phase_margin_deg == pytest.approx(phase, abs=1e-9)
-        assert found.crossover_rad_s == pytest.approx(crossover, rel=1e-9)
-        assert found.delay_margin_s == pytest.approx(np.deg2rad(phase) / crossover, rel=1e-9)
-    else:
-        assert found.phase_margin_deg is found.crossover_rad_s is found.delay_margin_s is None
+def test_a_coupled_loop_without_coupling_is_a_decoupled_one() -> None:
+    """At no power through a reactance alone B = C = 0. With it, both loops differ."""
+    rest, loaded = (solve_operating_point(P, 0.0, 110.0, 0.0, 1.2) for P in (0.0, 4000.0))
+    s = 2.0j
+    for point, same in ((rest, True), (loaded, False)):
+        alone = power_loops(GAINS, point.A, point.D)
+        for loop, expected in enumerate((alone.P_open, alone.Q_open)):
+            found = coupled_loop(point, GAINS, 110.0, 0.0, 1.2, loop)
+            assert isinstance(found, control.TransferFunction)
+            assert (abs(found(s) / expected(s) - 1.0) < 1e-9) == same
+
+
+@pytest.mark.parametrize(("K", "a", "b"), [(3.0, 1.0, 20.0), (50.0, 2.0, 5.0), (1e4, 16.0, 400.0)])
+def test_margins_of_three_poles(K: float, a: float, b: float) -> None:
+    """K/(s(s + a)(s + b)) turns by half a turn at √(ab), where it is K/(ab(a + b))."""
+    found = loop_margins(control.tf([K], [1.0, a + b, a * b, 0.0]))
+    assert found.gain_margin_db == pytest.approx(20.0 * math.log10(a * b * (a + b) / K), rel=1e-9)
+    omega = found.crossover_rad_s
+    assert omega is not None
+    assert omega * math.hypot(omega, a) * math.hypot(omega, b) == pytest.approx(K, rel=1e-9)
+    phase = 90.0 - math.degrees(math.atan(omega / a) + math.atan(omega / b))
+    assert found.phase_margin_deg == pytest.approx(phase, abs=1e-9)
+    assert found.delay_margin_s == pytest.approx(math.radians(phase) / omega, rel=1e-9)
+
+
+def test_a_loop_that_crosses_no_line_has_no_margin() -> None:
+    found = loop_margins(control.tf([0.5], [1.0, 1.0]))
+    assert found.gain_margin_db is None
+    assert found.phase_margin_deg is found.delay_margin_s is found.crossover_rad_s is None
+
+
+def test_the_margin_is_the_one_nearest_to_the_limit() -> None:
+    """Three crossings beside a resonance: the phase margin is the least of them."""
+    loop = control.tf([20.0], np.polymul([1.0, 0.0], [1.0, 0.4, 25.0]))
+    omega = np.geomspace(0.1, 50.0, 400_001)
+    response = loop(1j * omega)
+    assert isinstance(response, np.ndarray)
+    crosses = np.flatnonzero(np.diff(np.sign(np.abs(response) - 1.0)))
+    assert len(crosses) == 3
+    phases = np.remainder(np.angle(response[crosses], deg=True), 360.0) - 180.0
+    assert loop_margins(loop).phase_margin_deg == pytest.approx(phases[np.argmin(np.abs(phases))], abs=0.05)

@@ -138,14 +138,14 @@ def _solve(A: Array, family: Family, decay: float) -> Array | None:
     basis = _basis(n)
     m = len(basis)
     blocks, offsets = [], []
-    eye = triangle(np.eye(n))
+    eye = _triangle(np.eye(n))
     for corner in family.corners:
-        here = np.concatenate([w * triangle(basis).T for w in corner], axis=1)
+        here = np.concatenate([w * _triangle(basis).T for w in corner], axis=1)
         blocks += [np.column_stack([-here, 0.0 * eye]), np.column_stack([here, -eye])]
         offsets += [-eye, 0.0 * eye]
     for a, weights, rates in zip(A, family.weights, family.rates, strict=True):
-        still = triangle(a.T @ basis + basis @ a + 2.0 * decay * basis).T
-        shape = triangle(basis).T
+        still = _triangle(a.T @ basis + basis @ a + 2.0 * decay * basis).T
+        shape = _triangle(basis).T
         size = np.linalg.norm(a)
         for rate in rates:
             rows = np.concatenate([w * still + r * shape for w, r in zip(weights, rate, strict=True)], axis=1)
@@ -186,7 +186,7 @@ def _basis(n: int) -> Array:
     return np.array(found)
 
 
-def triangle(matrices: Array) -> Array:
+def _triangle(matrices: Array) -> Array:
     """Upper triangles column by column, off-diagonal entries times √2: the solver's cone."""
     n = matrices.shape[-1]
     columns = [matrices[..., i, j] * (1.0 if i == j else SQRT_2) for j in range(n) for i in range(j + 1)]

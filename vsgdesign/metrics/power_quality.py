@@ -51,23 +51,6 @@ def interharmonic_rms(
     return math.sqrt(float(np.mean(squares)))
 
 
-def spectrum_rms(values: ArrayLike, step_s: float, length: int) -> tuple[Array, Array]:
-    """Frequencies (Hz) and rms values of the lines of a signal, in its unit: the method of Welch.
-
-    ``values`` (n,): samples every ``step_s`` s. Windows of ``length`` samples (of all, if there are fewer) overlap by
-    one half. Each is freed of its mean and multiplied by a periodic Hann window, and their squares are averaged.
-    """
-    x = np.asarray(values, dtype=float)
-    length = min(length, len(x))
-    windows = np.lib.stride_tricks.sliding_window_view(x, length)[:: length - length // 2]
-    shape = 0.5 - 0.5 * np.cos(2.0 * math.pi * np.arange(length) / length)
-    lines = np.abs(np.fft.rfft((windows - windows.mean(axis=1, keepdims=True)) * shape)) ** 2
-    power = lines.mean(axis=0) / shape.sum() ** 2
-    power[1 : (length + 1) // 2] *= 2.0  # the other half of each line has a negative frequency
-    frequencies = np.arange(length // 2 + 1) / (length * step_s)
-    return frequencies, np.asarray(np.sqrt(power), dtype=float)
-
-
 def ripple_rms(values: ArrayLike) -> float:
     """Rms value of a signal about its mean, in its unit."""
     return float(np.std(np.asarray(values, dtype=float)))

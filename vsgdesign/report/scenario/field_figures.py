@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.metrics.answers import FOUND, Answers, inside_ellipse
 from vsgdesign.metrics.grid_band import polar_band
-from vsgdesign.metrics.power_quality import spectrum_rms
 from vsgdesign.report.drawing.style import (
     BAND,
     COLOURS,
@@ -273,12 +272,16 @@ def _probe_figure(result: ScenarioResult, controllers: list[tuple[int, Controlle
 
 def _spectrum(controller: ControllerResult, name: str, rest: Rest) -> tuple[Array, Array]:
     """Frequencies (Hz) and peak amplitudes of the lines of a logged quantity over a rest."""
+    from scipy.signal import welch
+
     simulation = controller.simulation
     rows = (simulation.t_s >= rest.begin_s) & (simulation.t_s < rest.end_s)
     step = float(simulation.t_s[1] - simulation.t_s[0])
-    f, lines_rms = spectrum_rms(simulation.column(name)[rows], step, round(_WINDOW_S / step))
+    f, power = welch(
+        simulation.column(name)[rows], 1.0 / step, window="hann", nperseg=round(_WINDOW_S / step), scaling="spectrum"
+    )
     kept = f <= _HIGHEST_HZ
-    return f[kept], rms_to_peak(lines_rms[kept])
+    return f[kept], rms_to_peak(np.sqrt(power[kept]))
 
 
 def _changes(result: ScenarioResult) -> list[float]:

@@ -11,7 +11,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import NoOperatingPointError
 from vsgdesign.operating_point import solve_operating_point
-from vsgdesign.operating_point.loops import LoopMargins, Transfer, loop_margins, power_loops
+from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
 from vsgdesign.parameters import Grid
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.runtime.of_study import gain_law
@@ -29,17 +29,19 @@ class LoopOnGrid:
     P: float
     Q: float
     gains: PowerLoopGains
-    open_loop: Transfer
+    numerator: NDArray[np.float64]
+    denominator: NDArray[np.float64]
     margins: LoopMargins
 
     @property
     def corner_rad_s(self) -> float:
         """The loop's fastest corner; K_ip·D_p for the published structure."""
-        return float(np.abs(np.roots(self.open_loop.denominator)).max())
+        return float(np.abs(np.roots(self.denominator)).max())
 
     def response(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Frequency response at angular frequencies in rad/s."""
-        return self.open_loop(1j * omega)
+        s = 1j * omega
+        return np.polyval(self.numerator, s) / np.polyval(self.denominator, s)
 
 
 def distinct_grids(result: ScenarioResult) -> tuple[Grid, ...]:
@@ -69,6 +71,7 @@ def loops_on_grids(result: ScenarioResult, controller: ControllerResult) -> tupl
             open_loop = power_loops(gains, point.A, point.D).P_open
         else:
             open_loop = coupled_loop(point, gains, study.grid_source.V_g_rms, R, X, loop=0)
+        numerator, denominator = (np.trim_zeros(np.ravel(part[0][0]), "f") for part in (open_loop.num, open_loop.den))
         loops.append(
             LoopOnGrid(
                 label=grid_label(result, grid),
@@ -76,7 +79,8 @@ def loops_on_grids(result: ScenarioResult, controller: ControllerResult) -> tupl
                 P=target.P,
                 Q=target.Q,
                 gains=gains,
-                open_loop=open_loop,
+                numerator=numerator,
+                denominator=denominator,
                 margins=loop_margins(open_loop),
             )
         )
