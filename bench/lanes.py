@@ -16,11 +16,12 @@ from vsgdesign.parameters import Study, load_study
 from vsgdesign.simulation.lanes.body import kind_of, lane_loop
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.part import Part
-from vsgdesign.simulation.lanes.rests import demand_of, rests_of
+from vsgdesign.simulation.lanes.rests import rests_of
 from vsgdesign.simulation.lanes.results import JUDGED, LaneResults
 from vsgdesign.simulation.lanes.run import parts_of, run_lanes
 from vsgdesign.simulation.lanes.segments import segments_of
 from vsgdesign.simulation.lanes.telling import telling
+from vsgdesign.simulation.survival.demand import demand_of
 from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
 
 STUDIES = Path(__file__).resolve().parents[1] / "studies"
@@ -35,7 +36,7 @@ def prepared(study: Study, family: str, bridge: str, strict: bool = False, targe
     spec = study.controllers[-1]
     own, cases = study.with_limit_of(spec), drawn(study, family, CASES)
     results, told, segments = LaneResults.of_none(CASES), telling(own, spec, NOTHING, cases), segments_of(cases)
-    demand = demand_of(own, spec.target.settling_time)
+    demand = demand_of(own.converter, spec.target.settling_time)
     rests, gains = rests_of(own, cases, segments, told, demand, results)
     good = np.flatnonzero(results.status == JUDGED)
     part = parts_of(own, cases, segments, rests, demand, good, bridge, strict, target=target)[0]

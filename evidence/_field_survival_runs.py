@@ -35,6 +35,7 @@ from vsgdesign.parameters.sensors import CHANNELS
 from vsgdesign.parameters.study import Grid, Study
 from vsgdesign.simulation.late import LateSchedule
 from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.simulation.survival.demand import demand_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 Array = NDArray[np.float64]
@@ -130,11 +131,8 @@ def judged(converter: Converter, draw: FieldDraw, study: Study, simulation: Simu
     )
     late = grid_over(simulation.timeline, cleared_s + AT_REST_AFTER_S, study.simulation.duration, T_s)
     scr = next((one.scr for one in reversed(draw.changes) if one.scr is not None), draw.start.scr)
-    demand = SurvivalDemand(
-        S_rated=c.S_rated,
-        settling_time=1.0,
-        cycle_s=MEAN_S,
-        i_max_pu=c.current_limit_pu,
+    demand = replace(
+        demand_of(c, 1.0, cycle_s=MEAN_S),
         settling_times=AT_REST_AFTER_S,
         grace_s=0.0,
         band=BAND + BAND_OF_SCR * scr,

@@ -18,14 +18,14 @@ from vsgdesign.parameters import Study, load_study
 from vsgdesign.parameters.study import Grid
 from vsgdesign.simulation.lanes.alone import study_of_case
 from vsgdesign.simulation.lanes.cases import LaneCases
-from vsgdesign.simulation.lanes.rests import demand_of, rests_of
+from vsgdesign.simulation.lanes.rests import rests_of
 from vsgdesign.simulation.lanes.results import JUDGED, LaneResults
 from vsgdesign.simulation.lanes.run import drive, parts_of, run_lanes
 from vsgdesign.simulation.lanes.segments import segments_of
 from vsgdesign.simulation.lanes.telling import telling
 from vsgdesign.simulation.late import LateSchedule, safe_grid
 from vsgdesign.simulation.run import simulate
-from vsgdesign.simulation.survival.running import settling_time_of
+from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
 
@@ -49,8 +49,8 @@ def states_of_lanes(study: Study, cases: LaneCases, samples: int) -> tuple[LaneR
     spec = next(one for one in study.controllers if one.name == CONTROLLER)
     own = study.with_limit_of(spec)
     results, told, segments = LaneResults.of_none(len(cases)), telling(own, spec, NOTHING, cases), segments_of(cases)
-    rests, gains = rests_of(own, cases, segments, told, demand_of(own, settling_time_of(spec, NOTHING)), results)
-    demand = demand_of(own, settling_time_of(spec, NOTHING))
+    demand = demand_of(own.converter, settling_time_of(spec, NOTHING))
+    rests, gains = rests_of(own, cases, segments, told, demand, results)
     parts = parts_of(own, cases, segments, rests, demand, np.flatnonzero(results.status == JUDGED), "averaged", False)
     drive(own, parts, told, gains, stop_at=samples)
     names = [f"state.{name}" for name in ControllerState._fields if name != "limiter"]

@@ -28,13 +28,13 @@ from vsgdesign.metrics.survival import (
     SETTLING_TIMES,
     ExpectedRest,
     Survival,
-    SurvivalDemand,
     SurvivalRecord,
     judge_survival,
 )
 from vsgdesign.parameters import study_from_text
 from vsgdesign.parameters.study import Converter, Place
 from vsgdesign.simulation.survival.cases import BASIS, GridKnowledge, GridState, SurvivalCase
+from vsgdesign.simulation.survival.demand import demand_of
 from vsgdesign.simulation.survival.sets import fixed_set
 
 LIMIT_PU = 1.2
@@ -131,9 +131,7 @@ def run(plant: Plant, case: SurvivalCase) -> Survival:
     c = converter_of(plant.case)
     u, omega, I_max = rms_to_peak(c.V_rated_rms), c.omega_n, LIMIT_PU * c.I_rated_pk
     L_f = plant.L_f_pu * c.Z_base / omega
-    demand = SurvivalDemand(
-        S_rated=c.S_rated, settling_time=SETTLING_S, cycle_s=2.0 * math.pi / omega, i_max_pu=LIMIT_PU
-    )
+    demand = demand_of(c, SETTLING_S, limit_pu=LIMIT_PU)
     rest = rest_at(last_state(case), c, omega * L_f)
     for one in (rest_at(case.start, c, omega * L_f), rest):
         refused = one.refused(LIMIT_PU)

@@ -12,7 +12,8 @@ from vsgdesign.compliance.run import run_test
 from vsgdesign.compliance.suite import SuiteEvent
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.survival import Change, GridKnowledge, GridState, SurvivalCase
-from vsgdesign.simulation.survival.running import Subject, run_case, settling_times_asked
+from vsgdesign.simulation.survival.demand import settling_times_asked
+from vsgdesign.simulation.survival.running import Subject, run_case
 
 WEAKER = suite_test(SuiteEvent(t_s=0.0, scr=2.0, x_over_r=5.0), scr=10.0, P_pu=0.5, silent_s=math.inf)
 """T is 0.3 s: at rest after 0.91 s, between the deadlines of 0.8 s and 1.1 s."""

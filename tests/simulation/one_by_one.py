@@ -18,7 +18,8 @@ from vsgdesign.simulation.lanes.rests import STEP_WINDOW
 from vsgdesign.simulation.late import LateSchedule, safe_grid
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import derive_series
-from vsgdesign.simulation.survival.running import record_of, settling_time_of
+from vsgdesign.simulation.survival.demand import settling_time_of
+from vsgdesign.simulation.survival.running import record_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 

@@ -17,11 +17,12 @@ from vsgdesign.parameters import load_study
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes import run as lanes_run
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
-from vsgdesign.simulation.lanes.rests import Rests, demand_of, last_of, rests_of
+from vsgdesign.simulation.lanes.rests import Rests, last_of, rests_of
 from vsgdesign.simulation.lanes.results import JUDGED, LaneResults
 from vsgdesign.simulation.lanes.segments import segments_of
 from vsgdesign.simulation.lanes.telling import telling
-from vsgdesign.simulation.survival.running import own_rest_of, settling_time_of
+from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.simulation.survival.running import own_rest_of
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
 
@@ -42,7 +43,7 @@ def batch(study: Study, spec: ControllerSpec, cases: LaneCases) -> tuple[LaneRes
     """Results and rests of a batch, and every state at the end of each case."""
     own = study.with_limit_of(spec)
     results, told, segments = LaneResults.of_none(len(cases)), telling(own, spec, NOTHING, cases), segments_of(cases)
-    demand = demand_of(own, settling_time_of(spec, NOTHING))
+    demand = demand_of(own.converter, settling_time_of(spec, NOTHING))
     rests, gains = rests_of(own, cases, segments, told, demand, results)
     good = np.flatnonzero(results.status == JUDGED)
     parts = lanes_run.parts_of(own, cases, segments, rests, demand, good, "averaged", False)
@@ -109,7 +110,7 @@ def test_a_switched_bridge_with_events_inside_its_intervals() -> None:
         cases = drawn(study, spec, family, 2)
         rests = batch(study, spec, cases)[1]
         results = lanes_run.run_lanes(study, spec, NOTHING, cases, bridge="pwm")
-        demand = demand_of(own, T)
+        demand = demand_of(own.converter, T)
         for k in np.flatnonzero(results.status >= JUDGED).tolist():
             run = run_one(study, spec, NOTHING, cases, k, "pwm")
             rest = ExpectedRest(

@@ -8,14 +8,13 @@ from typing import Any
 
 from vsgdesign.compliance.subject import Subject
 from vsgdesign.compliance.suite import SuiteEvent, SuiteTest
-from vsgdesign.metrics.survival import SurvivalDemand
 from vsgdesign.parameters.loading import study_from_document
 from vsgdesign.parameters.network_fields import fault_document, load_document, sag_document
 from vsgdesign.parameters.study import Converter, Place, Study
 from vsgdesign.parameters.toml_text import toml_text
 from vsgdesign.simulation.clearing import MOST_CYCLES
 from vsgdesign.simulation.survival.cases import BASIS
-from vsgdesign.simulation.survival.running import settling_times_asked, silent_s_of
+from vsgdesign.simulation.survival.demand import demand_of, silent_s_of
 from vsgdesign.verification.case_study import base_document, controller_document
 
 
@@ -65,13 +64,7 @@ def after_s(subject: Subject, test: SuiteTest) -> float:
     """How long a test is watched after its last event, s: as long as it asks for, and as the judge needs."""
     c, T = subject.study.converter, subject.settling_time
     cycle_s = 2.0 * math.pi / c.omega_n
-    demand = SurvivalDemand(
-        S_rated=c.S_rated,
-        settling_time=T,
-        cycle_s=cycle_s,
-        i_max_pu=subject.limit_pu,
-        settling_times=float(settling_times_asked(silent_s_of(subject.told(test.silent_s)), T)),
-    )
+    demand = demand_of(c, T, silent_s=silent_s_of(subject.told(test.silent_s)), limit_pu=subject.limit_pu)
     # The last phase of a fault may be interrupted so long after the instant at which the test clears it.
     late_s = MOST_CYCLES * cycle_s if any(event.fault_cleared for event in test.events) else 0.0
     return late_s + max(demand.needed_s + 2.0 * cycle_s, test.duration_s or 0.0)

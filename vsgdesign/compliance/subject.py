@@ -11,7 +11,7 @@ from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes.telling import learns, told_controller
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
-from vsgdesign.simulation.survival.running import settling_time_of
+from vsgdesign.simulation.survival.demand import settling_time_of
 
 ROW_S = 5e-4
 """Interval of a trace's rows, s; a sampling period where that is longer."""

@@ -14,7 +14,7 @@ from vsgdesign.metrics.survival import GRACE_S, SETTLING_TIMES, WATCHED
 from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Event, Place, Study
 from vsgdesign.simulation.steps import references_at
-from vsgdesign.simulation.survival.running import settling_time_of
+from vsgdesign.simulation.survival.demand import settling_time_of
 
 LEAD_S = 0.1
 """The run is at rest for about this long before its event, s."""

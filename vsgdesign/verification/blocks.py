@@ -21,7 +21,7 @@ from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.rests import SWITCHED_WINDOW
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
-from vsgdesign.simulation.survival.running import settling_time_of
+from vsgdesign.simulation.survival.demand import settling_time_of
 from vsgdesign.verification.counting import MapAxes, Results, count_block
 from vsgdesign.verification.promises import Promise
 from vsgdesign.verification.summary import Summary

@@ -16,9 +16,9 @@ from vsgdesign.parameters.loading import FILES, study_from_document
 from vsgdesign.parameters.study import ControllerSpec, Study, StudyOrigin
 from vsgdesign.parameters.toml_text import toml_text
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
-from vsgdesign.simulation.lanes.rests import demand_of, ends_of
+from vsgdesign.simulation.lanes.rests import ends_of
 from vsgdesign.simulation.lanes.segments import segments_of
-from vsgdesign.simulation.survival.running import settling_time_of
+from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 
 _LEFT_OUT = ("background", "sensors", "replay", "survival", "verification", "network", "events", "grid", "simulation")
 """Sections of the study that a case does not have, or has in its own words."""
@@ -125,7 +125,7 @@ def _grid(study: Study, drawn: LaneCases, k: int) -> dict[str, Any]:
 
 def _simulation(study: Study, drawn: LaneCases, k: int, settling_time: float, bridge: str) -> dict[str, Any]:
     T_s, own = study.converter.T_s, drawn.take(np.array([k]))
-    end = int(ends_of(study, own, segments_of(own), demand_of(study, settling_time), bridge)[0][0])
+    end = int(ends_of(study, own, segments_of(own), demand_of(study.converter, settling_time), bridge)[0][0])
     found: dict[str, Any] = {
         "duration": end * T_s,
         "bridge": bridge,

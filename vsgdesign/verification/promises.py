@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.metrics.survival import SurvivalDemand
 from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 
 FIGURES = {
     "overshoot": "1",
@@ -69,22 +69,9 @@ def verified_promises(
     if steps and asked.settling_time is not None:
         found.append(Promise(name="settling", figure="settling_s", limit=asked.settling_time, families=steps))
     if others:
-        limit = _deadline_s(study, spec, ready)
+        limit = demand_of(study.converter, settling_time_of(spec, ready)).deadline_s
         found.append(Promise(name="survival", figure="recovery_s", limit=limit, families=others, survival=True))
     limit_pu = study.with_limit_of(spec).converter.current_limit_pu
     if limit_pu is not None:
         found.append(Promise(name="current", figure="peak_pu", limit=LIMIT_ROOM * limit_pu, families=tuple(families)))
     return tuple(found)
-
-
-def _deadline_s(study: Study, spec: ControllerSpec, ready: Ready) -> float:
-    """When a case must be at rest, s after its last change. T is that of the table's specification or target."""
-    table = ready.table(spec)
-    asked = {} if table is None else table.specification
-    demand = SurvivalDemand(
-        S_rated=study.converter.S_rated,
-        settling_time=float(asked.get("settling_time", spec.target.settling_time)),
-        cycle_s=0.0,
-        i_max_pu=None,
-    )
-    return demand.deadline_s

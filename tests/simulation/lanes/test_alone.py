@@ -14,10 +14,10 @@ from vsgdesign.parameters import study_from_text
 from vsgdesign.simulation import run_scenario
 from vsgdesign.simulation.lanes.alone import run_alone, study_of_case
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases, no_events
-from vsgdesign.simulation.lanes.rests import demand_of, ends_of
+from vsgdesign.simulation.lanes.rests import ends_of
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT
 from vsgdesign.simulation.lanes.segments import segments_of
-from vsgdesign.simulation.survival.running import settling_time_of
+from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 
 FIELD = TEXT.replace('kind = "scheduled"', 'kind = "scheduled"\nestimate = "field"', 1)
 
@@ -51,7 +51,8 @@ def test_a_switched_bridge_is_judged_by_its_own_rest() -> None:
     study = study_from_text(FIELD.replace('estimate = "field"', 'estimate = "field"\nsettling_time = 0.2', 1))
     spec, drawn = study.controllers[0], cases().take(np.array([0, 1]))
     found = run_alone(study, spec, NOTHING, drawn, bridge="pwm")
-    samples = ends_of(study, drawn, segments_of(drawn), demand_of(study, settling_time_of(spec, NOTHING)), "pwm")[0]
+    demand = demand_of(study.converter, settling_time_of(spec, NOTHING))
+    samples = ends_of(study, drawn, segments_of(drawn), demand, "pwm")[0]
     runs = []
     for k in range(2):
         one = replace(study_of_case(study, drawn, k, int(samples[k])), controllers=(spec,))

@@ -18,7 +18,7 @@ from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.part import first_judged
 from vsgdesign.simulation.lanes.rests import SWITCHED_WINDOW
 from vsgdesign.simulation.lanes.run import run_lanes
-from vsgdesign.simulation.survival.running import settling_time_of
+from vsgdesign.simulation.survival.demand import settling_time_of
 from vsgdesign.verification.blocks import Job
 from vsgdesign.verification.counting import MapAxes
 from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of

@@ -22,13 +22,14 @@ from vsgdesign.parameters.study import ControllerSpec, Event, Grid, GridSource, 
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
-from vsgdesign.simulation.lanes.rests import Rests, demand_of, ends_of, rests_of
+from vsgdesign.simulation.lanes.rests import Rests, ends_of, rests_of
 from vsgdesign.simulation.lanes.results import DIVERGED, JUDGED, NO_REST, STATUSES, LaneResults
 from vsgdesign.simulation.lanes.segments import segments_of
 from vsgdesign.simulation.lanes.telling import OfTrueGrid
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import derive_series, samples_per_mean
-from vsgdesign.simulation.survival.running import own_rest_of, record_of, settling_time_of
+from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.simulation.survival.running import own_rest_of, record_of
 
 Array = NDArray[np.float64]
 
@@ -46,7 +47,7 @@ def run_alone(
     results = LaneResults.of_none(len(cases))
     if len(cases) == 0:
         return results
-    segments, demand = segments_of(cases), demand_of(own, settling_time_of(spec, ready))
+    segments, demand = segments_of(cases), demand_of(own.converter, settling_time_of(spec, ready))
     rests, _ = rests_of(own, cases, segments, OfTrueGrid(gain_law(own, spec, ready), cases), demand, results)
     ends, cycle = ends_of(own, cases, segments, demand, bridge)
     for k in np.flatnonzero(results.status == JUDGED).tolist():

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.filters import pcc_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.frames import instantaneous_power, rms_to_peak
-from vsgdesign.metrics.survival import GRACE_S, REST_SHARE, WATCHED, SurvivalDemand
+from vsgdesign.metrics.survival import REST_SHARE, WATCHED, SurvivalDemand
 from vsgdesign.operating_point.many import (
     BRIDGE_VOLTAGE,
     CURRENT,
@@ -26,7 +26,7 @@ from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.segments import START_PHASE, Segments
 from vsgdesign.simulation.lanes.telling import GainsAtRest
-from vsgdesign.simulation.survival.running import SETTLING_TIMES, settling_times_asked
+from vsgdesign.simulation.survival.demand import settling_times_asked
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.int64]
@@ -69,18 +69,6 @@ def _some(states: ManyStates, chosen: NDArray[np.intp]) -> ManyStates:
 
 def _some_fields(record: Any, chosen: NDArray[np.intp]) -> Any:
     return type(record)(*(_some_fields(one, chosen) if hasattr(one, "_fields") else one[chosen] for one in record))
-
-
-def demand_of(study: Study, T: float) -> SurvivalDemand:
-    c = study.converter
-    return SurvivalDemand(
-        S_rated=c.S_rated,
-        settling_time=T,
-        cycle_s=2.0 * math.pi / c.omega_n,
-        i_max_pu=c.current_limit_pu,
-        settling_times=SETTLING_TIMES,
-        grace_s=GRACE_S,
-    )
 
 
 def rests_of(

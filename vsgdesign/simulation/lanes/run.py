@@ -26,7 +26,7 @@ from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases
 from vsgdesign.simulation.lanes.learning import Listeners, before_learning, samples_of_mean
 from vsgdesign.simulation.lanes.own_rest import judge_steps, pieces, recovered
 from vsgdesign.simulation.lanes.part import Part, make_part
-from vsgdesign.simulation.lanes.rests import Rests, demand_of, ends_of, rests_of
+from vsgdesign.simulation.lanes.rests import Rests, ends_of, rests_of
 from vsgdesign.simulation.lanes.results import (
     DIVERGED,
     JUDGED,
@@ -41,7 +41,7 @@ from vsgdesign.simulation.lanes.results import (
 from vsgdesign.simulation.lanes.segments import Segments, segments_of
 from vsgdesign.simulation.lanes.telling import OfTrueGrid, Telling, alone_because, learns, telling
 from vsgdesign.simulation.outcome import BOUND_PU
-from vsgdesign.simulation.survival.running import settling_time_of, settling_times_asked
+from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, settling_times_asked
 
 Array = NDArray[np.float64]
 
@@ -70,7 +70,7 @@ def run_lanes(
     if bridge != "pwm" or len(cases) == 0:
         return _run_together(own, spec, ready, cases, bridge, strict)
     results = LaneResults.of_none(len(cases))
-    demand = demand_of(own, settling_time_of(spec, ready))
+    demand = demand_of(own.converter, settling_time_of(spec, ready))
     for some in pieces(ends_of(own, cases, segments_of(cases), demand, bridge)[0], cases, own.converter.T_s):
         results.fill(some, _run_together(own, spec, ready, cases.take(some), bridge, strict))
     return results
@@ -84,7 +84,7 @@ def _run_together(
     if len(cases) == 0:
         return results
     segments = segments_of(cases)
-    demand = demand_of(own, settling_time_of(spec, ready))
+    demand = demand_of(own.converter, settling_time_of(spec, ready))
 
     def parts(rests: Rests, *, strict: bool, listening: bool = False) -> list[Part]:
         good = np.flatnonzero(results.status == JUDGED)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,6 @@ from vsgdesign.identification import estimator_kind
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.metrics.survival import (
     DIVERGED,
-    GRACE_S,
     LATCHED,
     NO_REST,
     NOT_AT_REST,
@@ -41,15 +39,12 @@ from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.late import STALE_S, LateSchedule, Told, knowledge_of, safe_grid, told_at, told_of
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.cases import GridKnowledge, SurvivalCase
+from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
 from vsgdesign.simulation.survival.field import at_asked_powers, field_demand, late_grid
 from vsgdesign.simulation.survival.held import held_fault
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 Array = NDArray[np.float64]
-
-SETTLING_TIMES, SETTLING_TIMES_FOR_EVER = 2.0, 3.0
-"""The deadline in settling times: of every case, and of one whose schedule stays stale for ever
-(:func:`settling_times_asked`)."""
 
 OWN_REST_PU = 0.15
 """A switched bridge rests beside the averaged model by its ripple, up to this far: by 7 % of S_rated in Q for a 1 MVA
@@ -68,14 +63,6 @@ project's choice."""
 
 _SAME_INSTANT = 1e-6
 """Share of a sample by which a row may lie before an event and is still after it: times are rounded."""
-
-
-def settling_time_of(spec: ControllerSpec, ready: Ready) -> float:
-    """T of a controller: that of its table's specification, or of its closed form, s."""
-    table = ready.table(spec)
-    if table is not None and "settling_time" in table.specification:
-        return float(table.specification["settling_time"])
-    return spec.target.settling_time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,13 +115,12 @@ class Subject:
         c = self.study.converter
         df_hz = [change.df_hz for change in case.changes if change.df_hz is not None]
         frequency = c.omega_n / (2.0 * math.pi) + (df_hz[-1] if df_hz else case.start.df_hz)
-        demand = SurvivalDemand(
-            S_rated=c.S_rated,
-            settling_time=self.settling_time,
+        demand = demand_of(
+            c,
+            self.settling_time,
+            silent_s=case.knowledge.silent_s,
+            limit_pu=self.limit_pu,
             cycle_s=1.0 / frequency,
-            i_max_pu=self.limit_pu,
-            settling_times=float(settling_times_asked(case.knowledge.silent_s, self.settling_time)),
-            grace_s=GRACE_S,
         )
         return replace(demand, **field_demand(case.scr_at_the_end, c.omega_n)) if self.in_the_field else demand
 
@@ -162,17 +148,6 @@ class CaseResult:
     verdict: Survival
     seconds: float
     """Wall time of the run, s."""
-
-
-def settling_times_asked(silent_s: Any, settling_time: float) -> Any:
-    """The deadline in settling times T (s) for a schedule that is silent for ``silent_s`` after a change; an array or a
-    number.
-
-    A schedule that is silent until after the longest deadline, 3 T + 0.2 s, stays stale for ever as far as a run can
-    tell, and has this deadline. All others have 2 T + 0.2 s.
-    """
-    for_ever = np.asarray(silent_s) >= SETTLING_TIMES_FOR_EVER * settling_time + GRACE_S
-    return np.where(for_ever, SETTLING_TIMES_FOR_EVER, SETTLING_TIMES)
 
 
 def run_case(subject: Subject, case: SurvivalCase) -> CaseResult:
@@ -250,12 +225,11 @@ def judge_scenario(
     cleared_s = max(event.t_s + event.over for event in study.events)
     subject = Subject(study=study, spec=spec, ready=ready, limit_pu=math.inf if limit_pu is None else limit_pu)
     alone = not timeline.network_at(end_s).connected
-    demand = SurvivalDemand(
-        S_rated=c.S_rated,
-        settling_time=subject.settling_time,
-        cycle_s=2.0 * math.pi / (c.omega_n if alone else timeline.source_at(end_s).omega),
-        i_max_pu=limit_pu,
-        settling_times=float(settling_times_asked(silent_s_of(spec), subject.settling_time)),
+    demand = demand_of(
+        c,
+        subject.settling_time,
+        silent_s=silent_s_of(spec),
+        cycle_s=None if alone else 2.0 * math.pi / timeline.source_at(end_s).omega,
     )
     found = rests_of_scenario(subject, study, timeline)
     record = _while_connected(record_of(study, simulation), timeline)
@@ -282,12 +256,6 @@ def judge_scenario(
     if bridge == "pwm":
         rest = own_rest_of(rest, record, demand)
     return judge_survival(record, instants, cleared_s, rest, demand)
-
-
-def silent_s_of(spec: ControllerSpec) -> float:
-    """For how long a controller is told nothing after a change of the grid, s; 0 where it is told at once or finds the
-    grid by itself."""
-    return 0.0 if spec.knowledge is None else spec.knowledge.silent_s
 
 
 def rests_of_scenario(subject: Subject, study: Study, timeline: Timeline) -> tuple[ExpectedRest | None, ...]:
