@@ -19,7 +19,7 @@ from vsgdesign.report.page.html import environment
 from vsgdesign.report.quantities import number, percent
 from vsgdesign.report.scenario import tables
 from vsgdesign.report.scenario.answer import MOST_STEPS, scenario_answer, scenario_headline, steps_answer
-from vsgdesign.report.scenario.verdict import step_outcomes
+from vsgdesign.report.scenario.outcomes import step_outcomes
 from vsgdesign.simulation.judging import judge_estimates
 from vsgdesign.simulation.outcome import Outcome
 from vsgdesign.simulation.promises import promises_kept

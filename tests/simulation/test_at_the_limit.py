@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from vsgdesign.parameters import study_from_text
-from vsgdesign.report.scenario.verdict import step_outcomes, verdict
+from vsgdesign.report.scenario.outcomes import step_outcomes
+from vsgdesign.report.scenario.verdict import verdict
 from vsgdesign.simulation import run_scenario
 from vsgdesign.simulation.scenario import ScenarioResult
 

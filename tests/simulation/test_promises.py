@@ -15,8 +15,9 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters import Event, Study
 from vsgdesign.parameters.study import Grid, Place
+from vsgdesign.report.scenario.outcomes import step_outcomes
 from vsgdesign.report.scenario.promise_tables import promise_sentences, promises_table
-from vsgdesign.report.scenario.verdict import step_outcomes, verdict
+from vsgdesign.report.scenario.verdict import verdict
 from vsgdesign.simulation import ScenarioResult, run_scenario
 from vsgdesign.simulation.promises import CLOSED_FORM, GATES, TABLE, promises_kept, promises_of
 from vsgdesign.stability.cells import cells_under, full_order_cells

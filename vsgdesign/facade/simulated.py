@@ -58,7 +58,8 @@ class Run(Shown):
 
     def sentences(self) -> Sequence[str]:
         """The first sentences of the report: which targets were met or missed, and by how much."""
-        from vsgdesign.report.scenario.verdict import step_outcomes, verdict
+        from vsgdesign.report.scenario.outcomes import step_outcomes
+        from vsgdesign.report.scenario.verdict import verdict
 
         warnings = [one.message for one in self.result.instabilities]
         return [*warnings, *verdict(self.result, step_outcomes(self.result))]

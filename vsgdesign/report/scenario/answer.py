@@ -13,9 +13,10 @@ from vsgdesign.report.drawing import spark
 from vsgdesign.report.page.answer import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, counted, without_empty
 from vsgdesign.report.quantities import number, percent, plain
 from vsgdesign.report.scenario.figures import interesting_time
+from vsgdesign.report.scenario.outcomes import StepOutcome
 from vsgdesign.report.scenario.promise_tables import PROMISES, reached, slack
 from vsgdesign.report.scenario.signals import Signal, power_signals
-from vsgdesign.report.scenario.verdict import StepOutcome, verdict
+from vsgdesign.report.scenario.verdict import verdict
 from vsgdesign.simulation import ControllerResult, ScenarioResult
 from vsgdesign.simulation.judging import Judgement
 from vsgdesign.simulation.promises import Kept

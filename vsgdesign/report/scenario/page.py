@@ -20,7 +20,8 @@ from vsgdesign.report.quantities import plain, plain_quantity
 from vsgdesign.report.scenario import estimate_tables, promise_tables, tables
 from vsgdesign.report.scenario.answer import scenario_answer, scenario_headline, steps_answer
 from vsgdesign.report.scenario.field_rests import answers_table, answers_text, field_controllers
-from vsgdesign.report.scenario.verdict import explanation, step_outcomes, verdict
+from vsgdesign.report.scenario.outcomes import step_outcomes
+from vsgdesign.report.scenario.verdict import explanation, verdict
 from vsgdesign.simulation import ScenarioResult
 from vsgdesign.simulation.judging import Judgement, judge_estimates
 from vsgdesign.simulation.promises import promises_kept

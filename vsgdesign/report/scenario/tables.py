@@ -11,7 +11,7 @@ from vsgdesign.report.page.converter import grid_label, specs_table
 from vsgdesign.report.page.table import GAIN_UNITS, Table
 from vsgdesign.report.quantities import DASH, number, percent, plain, prefix_for, quantity
 from vsgdesign.report.scenario.margins import distinct_grids, loops_on_grids
-from vsgdesign.report.scenario.verdict import RULE, StepOutcome, coupling
+from vsgdesign.report.scenario.outcomes import RULE, StepOutcome, coupling
 from vsgdesign.simulation import ControllerResult, ScenarioResult
 from vsgdesign.simulation.gains import settled_changes
 from vsgdesign.simulation.scenario import mean_cycles

@@ -2,204 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-
-import numpy as np
 
 from vsgdesign.equations.structures import STRUCTURES
-from vsgdesign.metrics import EventMetrics
-from vsgdesign.metrics.beside_limit import beside_limit
-from vsgdesign.metrics.events import DIVERGED, MEASURED, NOT_SETTLED, UNSTABLE
+from vsgdesign.metrics.events import UNSTABLE
 from vsgdesign.report.quantities import number, percent, plain
-from vsgdesign.report.scenario.second_order import UncoupledResponse, settling_factor, uncoupled_P, uncoupled_Q
+from vsgdesign.report.scenario.outcomes import StepOutcome
+from vsgdesign.report.scenario.second_order import settling_factor
 from vsgdesign.report.scenario.survived import survival_text
-from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult
-from vsgdesign.simulation.promises import CLOSED_FORM, Promises, not_promised, promises_of
-from vsgdesign.simulation.scenario import samples_per_mean
+from vsgdesign.simulation import ControllerResult, ScenarioResult
+from vsgdesign.simulation.promises import CLOSED_FORM
 
-_TIME_SLACK = 1.005
-_OVERSHOOT_SLACK_PCT = 0.05
 _MOST_LISTED = 6
 _WEAK_COUPLING = 0.1
 """A |c| below this does not make a step overshoot by itself."""
-_AT_REST = 0.02
-"""Drift over the last cycle before a step, relative to the step, up to which the signal was at rest."""
-
-RULE = (
-    "Each controller is held to what it was asked for: a table to its specification, a closed form to its "
-    "settling_time and to the overshoot of its own poles (none from ξ = 1 on, and none for the first-order Q loop), "
-    "gains that are given to the study's gates, which limit the settling time and no overshoot. A target counts as met "
-    "within 0.5 % of the settling time and 0.05 percentage points of the overshoot."
-)
-
-
-@dataclass(frozen=True, kw_only=True)
-class StepOutcome:
-    """One reference step of one controller against its target."""
-
-    controller: ControllerResult
-    metrics: EventMetrics
-    window_s: float
-    """Time to the next event."""
-    row: OperatingPointRow | None
-    """The operating point after the step, if there is one."""
-    uncoupled: UncoupledResponse | None
-    promises: Promises
-    at_rest: bool
-    """Whether the signal was at rest when the step came; otherwise its results mix two transients."""
-    excuse: str = ""
-    """Why a table promises nothing for this step; empty if it does."""
-
-    @property
-    def target_settling_time_s(self) -> float | None:
-        """None: the controller was asked for none."""
-        return self.promises.settling_time
-
-    @property
-    def target_overshoot_pct(self) -> float | None:
-        """None: the controller was asked for none."""
-        return self.promises.overshoot_pct if self.metrics.signal == "P_pcc" else self.promises.overshoot_Q_pct
-
-    @property
-    def settling_time_s(self) -> float | None:
-        """On the instantaneous signal, or on its mean over whole cycles where ripple leaves any 2 % band."""
-        return self._measured().settling_time_s
-
-    @property
-    def measured_overshoot_pct(self) -> float | None:
-        """On the same signal as the settling time; None if there is no value."""
-        return self._measured().overshoot_pct
-
-    @property
-    def overshoot_pct(self) -> float:
-        """The same, zero where there is no figure."""
-        return self.measured_overshoot_pct or 0.0
-
-    @property
-    def unstable(self) -> bool:
-        """Whether the linear model is unstable where the step ends, or the simulation diverged. There is then nothing
-        to measure, and both targets are missed.
-        """
-        return self.metrics.status in (UNSTABLE, DIVERGED)
-
-    @property
-    def settles(self) -> bool:
-        """Whether the target settling time is met."""
-        settled, target = self.settling_time_s, self.target_settling_time_s
-        return target is None or (settled is not None and settled <= _TIME_SLACK * target)
-
-    @property
-    def stays_below(self) -> bool:
-        """Whether the target overshoot is met."""
-        target = self.target_overshoot_pct
-        return not self.unstable and (target is None or self.overshoot_pct <= target + _OVERSHOOT_SLACK_PCT)
-
-    @property
-    def judged(self) -> bool:
-        """Whether something was promised of this step, there was time enough to know (:eq:`window-needed`) and a steady
-        state to come to."""
-        if self.excuse or (self.target_settling_time_s is None and self.target_overshoot_pct is None):
-            return False
-        if self.metrics.status == NOT_SETTLED:
-            return self.window_s >= (self.target_settling_time_s or 0.0)
-        return self.metrics.status in (MEASURED, UNSTABLE, DIVERGED)
-
-    @property
-    def misses(self) -> bool:
-        """Whether a target is missed that could have been met."""
-        return self.judged and not (self.settles and self.stays_below)
-
-    @property
-    def settling_text(self) -> str:
-        """The settling time in s beside its target; only where there is one."""
-        settled = math.nan if self.settling_time_s is None else self.settling_time_s
-        return beside_limit(settled, self.target_settling_time_s, not self.settles, number, 3)
-
-    @property
-    def overshoot_text(self) -> str:
-        """The overshoot in per cent beside its target; a dash where there is none."""
-        measured = self.measured_overshoot_pct
-        if measured is None:
-            return percent(None)
-        return beside_limit(measured, self.target_overshoot_pct, not self.stays_below, percent, 1)
-
-    @property
-    def coupling(self) -> float | None:
-        """c = BC/(AD) at the operating point after the step."""
-        return None if self.row is None else coupling(self.row)
-
-    def _measured(self):
-        return self.metrics.cycle_mean if self.controller.ripples else self.metrics.raw
-
-
-def coupling(row: OperatingPointRow) -> float | None:
-    """c = BC/(AD): zero where P and Q do not act on each other. None where A or D is zero."""
-    point = row.point
-    if point is None:
-        return None
-    diagonal = point.A * point.D
-    return point.B * point.C / diagonal if diagonal != 0.0 else None
-
-
-def step_outcomes(result: ScenarioResult) -> list[StepOutcome]:
-    """Every reference step of every controller."""
-    starts = sorted({event.t_s for event in result.study.events})
-    ends = dict(zip(starts, [*starts[1:], result.study.simulation.duration], strict=False))
-    outcomes = []
-    for controller in result.controllers:
-        for metrics in controller.events:
-            if metrics.kind == "step":
-                rows = (row for row in result.operating_points if row.point is not None)
-                row = next((row for row in rows if abs(row.t_s - metrics.t_s) < 1e-9), None)
-                uncoupled = None if row is None else _uncoupled(controller, metrics, row, ends[metrics.t_s])
-                promises = promises_of(result.study, controller.spec, result.ready)
-                excuse = not_promised(result.ready.table(controller.spec), result.study, row)
-                window = ends[metrics.t_s] - metrics.t_s
-                at_rest = _was_at_rest(result, controller, metrics)
-                outcomes.append(
-                    StepOutcome(
-                        controller=controller,
-                        metrics=metrics,
-                        window_s=window,
-                        row=row,
-                        uncoupled=uncoupled,
-                        promises=promises,
-                        at_rest=at_rest,
-                        excuse=excuse,
-                    )
-                )
-    return outcomes
-
-
-def _was_at_rest(result: ScenarioResult, controller: ControllerResult, metrics: EventMetrics) -> bool:
-    """Compares the last two means before a step."""
-    t = controller.series["t_s"]
-    cycle = samples_per_mean(result.study, t)
-    begin = int(np.searchsorted(t, metrics.t_s - 0.5 * (t[1] - t[0])))
-    if begin < 2 * cycle:
-        return True
-    y = controller.series[metrics.signal]
-    drift = np.mean(y[begin - cycle : begin]) - np.mean(y[begin - 2 * cycle : begin - cycle])
-    final = metrics.raw.final
-    return bool(final is None or abs(drift) <= _AT_REST * abs(final - metrics.raw.initial))
-
-
-def _uncoupled(
-    controller: ControllerResult, metrics: EventMetrics, row: OperatingPointRow, end_s: float
-) -> UncoupledResponse | None:
-    # The paper's two loops are those of a structure that is designed without the coupling.
-    point = row.point
-    if not STRUCTURES[controller.spec.target.structure].uncoupled or point is None:
-        return None
-    # The gains at the end of the window: an event that also changes the grid is followed by new ones.
-    gains = [change.gains for change in controller.gain_changes if change.t_s < end_s][-1]
-    if metrics.signal == "P_pcc":
-        positive = gains.K_ip * point.A > 0.0 and gains.D_p > 0.0
-        return uncoupled_P(gains.K_ip, gains.D_p, point.A) if positive else None
-    positive = gains.K_iq * (point.D + gains.D_q) > 0.0
-    return uncoupled_Q(gains.K_iq, gains.D_q, point.D) if positive else None
 
 
 def verdict(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> list[str]:
