@@ -21,7 +21,8 @@ from vsgdesign.runtime import (
     table_schedule,
 )
 from vsgdesign.runtime.guards import NO_ESTIMATE, NO_REASON, REASONS, SATURATED, STATUSES, SchedulerSettings
-from vsgdesign.runtime.many import ManyCovariances, ManySchedulers
+from vsgdesign.runtime.many import ManySchedulers
+from vsgdesign.runtime.many_updating import ManyCovariances
 from vsgdesign.runtime.updating import advance, told_state
 
 OMEGA = PUBLISHED_BASE.omega_n

@@ -19,7 +19,8 @@ from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.identification.field import FieldEstimator
 from vsgdesign.operating_point.many import many_rests_with_measured_gains
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.runtime.many import ManyCovariances, ManySchedulers
+from vsgdesign.runtime.many import ManySchedulers
+from vsgdesign.runtime.many_updating import ManyCovariances
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.simulation.field_feed import LEAST_RESISTANCE, box_of, network_of, settings_of_study
