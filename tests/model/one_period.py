@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from tests.oracles.emt_reference import circuit_matrices
+from tests.oracles.emt_circuit import circuit_matrices
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.study import Grid
 

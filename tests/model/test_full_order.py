@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from tests.model.one_period import OnePeriod
-from tests.oracles.emt_reference import SampledController, State, circuit_matrices
+from tests.oracles.emt_circuit import circuit_matrices
+from tests.oracles.emt_controller import SampledController, State
 from tests.stability.studies import (
     CASES,
     LABORATORY,

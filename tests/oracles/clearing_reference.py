@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from tests.oracles.emt_reference import Changing
+from tests.oracles.emt_circuit import Changing
 from tests.oracles.network_reference import network_matrices, states
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.network import Fault

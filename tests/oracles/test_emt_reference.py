@@ -10,7 +10,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from tests.oracles.emt_reference import PiecewiseLinear, bridge_pieces, circuit_matrices
+from tests.oracles.emt_circuit import circuit_matrices
+from tests.oracles.emt_controller import bridge_pieces
+from tests.oracles.emt_source import PiecewiseLinear
 from tests.simulation.studies import lc_study, lcl_study
 
 

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.oracles.emt_reference import Start, State, Trace, at_rest, run_reference
+from tests.oracles.emt_controller import State
+from tests.oracles.emt_reference import Start, Trace, at_rest, run_reference
 from tests.simulation.studies import FAST_GAINS, GAINS, lc_study, lcl_study
 from vsgdesign.operating_point.sampled import steady_state
 from vsgdesign.parameters import Grid, GridSource, Study, study_from_text

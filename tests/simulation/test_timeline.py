@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from tests.examples import examples
-from tests.oracles.emt_reference import StiffSource
+from tests.oracles.emt_source import StiffSource
 from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.parameters import Event, Grid
 from vsgdesign.simulation import GainChange

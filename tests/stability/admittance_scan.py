@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from tests.oracles.emt_reference import circuit_matrices
+from tests.oracles.emt_circuit import circuit_matrices
 from vsgdesign.operating_point.full_order import Cell
 from vsgdesign.operating_point.sampled import steady_state
 from vsgdesign.parameters import Study
