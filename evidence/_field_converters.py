@@ -11,7 +11,8 @@ from vsgdesign.errors import VsgDesignError
 from vsgdesign.frames import PHASES, linear_modulation_limit, rms_to_peak
 from vsgdesign.operating_point.equilibrium import OperatingPoint, solve_operating_point, solve_with_droop
 from vsgdesign.parameters import load_study
-from vsgdesign.parameters.study import ControllerSpec, Event, Place, Study
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.study import ControllerSpec, Event, Study
 from vsgdesign.simulation.survival.cases import BASIS, Change, GridState
 
 STUDIES = Path(__file__).resolve().parents[1] / "studies" / "survival"

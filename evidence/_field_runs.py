@@ -26,8 +26,10 @@ from vsgdesign.metrics.answers import (
     valid_and_wrong,
 )
 from vsgdesign.parameters.background import BackgroundSpec, draw_background
+from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.sensors import SensorSpec, draw_sensors
-from vsgdesign.parameters.study import GridSource, Place, Study
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.run import Simulation, simulate

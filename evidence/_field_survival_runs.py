@@ -31,8 +31,9 @@ from vsgdesign.metrics.survival import (
     judge_survival,
 )
 from vsgdesign.operating_point.equilibrium import solve_with_droop
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.sensors import CHANNELS
-from vsgdesign.parameters.study import Grid, Study
+from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.late import LateSchedule
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.demand import demand_of

@@ -19,7 +19,8 @@ from vsgdesign.certificate.certifying import prepared
 from vsgdesign.certificate.region import System, random_points
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, SimulationDivergedError
 from vsgdesign.parameters import Study, load_study
-from vsgdesign.parameters.study import Event, Grid
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.study import Event
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.run import simulate
 

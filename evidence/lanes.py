@@ -15,7 +15,7 @@ from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.parameters import Study, load_study
-from vsgdesign.parameters.study import Grid
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.simulation.lanes.alone import study_of_case
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.rests import rests_of

@@ -32,7 +32,8 @@ from vsgdesign.metrics.survival import (
     judge_survival,
 )
 from vsgdesign.parameters import study_from_text
-from vsgdesign.parameters.study import Converter, Place
+from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.grid import Place
 from vsgdesign.simulation.survival.cases import BASIS, GridKnowledge, GridState, SurvivalCase
 from vsgdesign.simulation.survival.demand import demand_of
 from vsgdesign.simulation.survival.sets import fixed_set

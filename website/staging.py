@@ -48,7 +48,15 @@ API = {
             "vsgdesign.equations.controller",
         ),
     ),
-    "parameters": ("Parameters", ("vsgdesign.parameters", "vsgdesign.parameters.study")),
+    "parameters": (
+        "Parameters",
+        (
+            "vsgdesign.parameters",
+            "vsgdesign.parameters.study",
+            "vsgdesign.parameters.converter",
+            "vsgdesign.parameters.grid",
+        ),
+    ),
     "design": ("Design", ("vsgdesign.design", "vsgdesign.design.inner")),
     "simulation": ("Simulation", ("vsgdesign.simulation",)),
     "certificate": ("Certificate", ("vsgdesign.certificate",)),

@@ -15,8 +15,8 @@ from vsgdesign.design.evaluation import evaluate_gains
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters import Event, GridSource, Study, load_study
+from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import Place
 from vsgdesign.report.drawing.style import COLOURS, COLUMN_IN, REFERENCE, add_axes, look, new_figure
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.table import table_schedule

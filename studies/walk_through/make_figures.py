@@ -16,7 +16,8 @@ from scipy.optimize import least_squares
 from vsgdesign.model.full_order import PARAMETERS
 from vsgdesign.operating_point.full_order import FullOrderModel
 from vsgdesign.parameters import Study, load_study
-from vsgdesign.parameters.study import Event, Grid
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.study import Event
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation import run_scenario

@@ -15,8 +15,9 @@ from vsgdesign.compliance.measures import MeasureInput, Ratings
 from vsgdesign.compliance.suite import SuiteEvent, SuiteTest
 from vsgdesign.compliance.tracing import trace_of
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.loading import study_from_text
-from vsgdesign.parameters.study import Event, Place, Study
+from vsgdesign.parameters.study import Event, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.run import simulate

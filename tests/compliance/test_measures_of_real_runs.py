@@ -19,8 +19,8 @@ from vsgdesign.equations.structures import effective_inertia, steady_droops
 from vsgdesign.metrics.modes import damping_ratio, to_continuous
 from vsgdesign.metrics.sequences import frame_angle, last_sequences
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
+from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.loading import load_study
-from vsgdesign.parameters.study import Place
 from vsgdesign.simulation.steps import references_at
 
 LABORATORY = Path(__file__).resolve().parents[2] / "studies" / "survival" / "laboratory.toml"

@@ -20,7 +20,7 @@ from vsgdesign.design.box import (
 )
 from vsgdesign.equations.power_flow import operating_point, power_flow
 from vsgdesign.parameters import Study
-from vsgdesign.parameters.study import Place
+from vsgdesign.parameters.grid import Place
 
 WIDE = with_specification(scr=(1.2, 20.0), x_over_r=(0.3, 20.0))
 TARGET = controller(WIDE).target

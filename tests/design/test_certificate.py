@@ -22,7 +22,7 @@ from vsgdesign.equations.power_flow import operating_point, power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer, power_loops
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.parameters import ControllerSpec, Study, load_study
-from vsgdesign.parameters.study import Place
+from vsgdesign.parameters.grid import Place
 from vsgdesign.runtime import closed_form_schedule
 from vsgdesign.runtime.of_study import gain_law
 

@@ -35,8 +35,8 @@ from vsgdesign.identification.injection import Injection
 from vsgdesign.identification.pseudo_random import PseudoRandomSequence
 from vsgdesign.parameters import Study, load_study, study_from_text
 from vsgdesign.parameters.background import draw_background
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.sensors import draw_sensors
-from vsgdesign.parameters.study import Grid
 from vsgdesign.pipeline.estimator import report_comparison
 from vsgdesign.report.estimator.figures import comparison_figures, stress_figures, write_all
 from vsgdesign.report.estimator.page import (

@@ -21,7 +21,7 @@ from vsgdesign.estimator.sampling import (
     with_sampling,
 )
 from vsgdesign.parameters import study_from_text
-from vsgdesign.parameters.study import Converter
+from vsgdesign.parameters.converter import Converter
 
 BASE = study_from_text(
     'base = "case:hoang2025_5kva"\nsimulation = { duration = "1 s", P_ref = 0, Q_ref = 0 }\n'

@@ -19,7 +19,8 @@ from vsgdesign.explore.linear import linear_answer, modes_answer
 from vsgdesign.explore.state import OWN, State, state_of
 from vsgdesign.metrics.step_response import step_response
 from vsgdesign.parameters import load_study
-from vsgdesign.parameters.study import Place, Study
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.stability.cells import cells_under, full_order_cells
 from vsgdesign.stability.loci import mode_sensitivities, modes

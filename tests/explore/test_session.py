@@ -29,8 +29,8 @@ from vsgdesign.explore.scene import scene_of
 from vsgdesign.explore.session import Session, start_of
 from vsgdesign.explore.state import StateError, state_of
 from vsgdesign.parameters import load_study
+from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.loading import study_from_text
-from vsgdesign.parameters.study import Place
 from vsgdesign.simulation import run_scenario
 
 

@@ -15,7 +15,7 @@ from scipy.linalg import expm
 
 from tests.oracles.emt_circuit import circuit_matrices
 from vsgdesign.parameters import Study
-from vsgdesign.parameters.study import Grid
+from vsgdesign.parameters.grid import Grid
 
 Array = NDArray[np.float64]
 

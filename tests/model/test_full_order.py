@@ -29,7 +29,8 @@ from vsgdesign.equations.controller_data import flat_settings
 from vsgdesign.model.full_order import INPUTS, OUTPUTS, PARAMETERS, full_order_map
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order, parameter_values
 from vsgdesign.parameters import Study
-from vsgdesign.parameters.study import GridSource, Place
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.source import GridSource
 from vsgdesign.simulation import GainChange, Simulation, simulate
 
 Array = NDArray[np.float64]

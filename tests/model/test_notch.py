@@ -15,7 +15,7 @@ from vsgdesign.design.evaluation import law_of
 from vsgdesign.equations.power_filter import notch, notch_constants, notch_delay
 from vsgdesign.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.operating_point.full_order import Cell
-from vsgdesign.parameters.study import Place
+from vsgdesign.parameters.grid import Place
 from vsgdesign.stability.margins import full_order_margins
 
 CASES = (PUBLISHED, LABORATORY, UTILITY)

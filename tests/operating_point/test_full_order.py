@@ -22,7 +22,8 @@ from tests.stability.studies import (
 from vsgdesign.metrics.modes import eigenvalue_sensitivity
 from vsgdesign.model.full_order import PARAMETERS
 from vsgdesign.operating_point.full_order import Cell, parameter_sensitivity
-from vsgdesign.parameters.study import GridSource, Place
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.source import GridSource
 from vsgdesign.stability.loci import RANKED, mode_sensitivities
 
 Array = NDArray[np.float64]

@@ -34,7 +34,8 @@ from vsgdesign.operating_point.many import (
 from vsgdesign.operating_point.plants import plant_steps
 from vsgdesign.operating_point.sampled import steady_state
 from vsgdesign.parameters import Study
-from vsgdesign.parameters.study import Grid, GridSource
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.source import GridSource
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.guards import settings_of
 from vsgdesign.runtime.of_study import ControllerGains

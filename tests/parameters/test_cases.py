@@ -14,7 +14,7 @@ import pytest
 from tests.parameters.documents import build
 from vsgdesign.frames import phase_to_ll
 from vsgdesign.parameters import Study, case_names
-from vsgdesign.parameters.study import Place
+from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.units import parse_quantity
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "converters.md"

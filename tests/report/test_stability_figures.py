@@ -12,7 +12,7 @@ import pytest
 
 from tests.report.layout import assert_apart
 from tests.report.stability_cases import TEXTS, assessed, drawn
-from vsgdesign.parameters.study import Grid
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.report import write_stability_figures
 from vsgdesign.report.drawing.files import write_figure
 from vsgdesign.report.drawing.look import Cells, Scale, edges, gate_scale

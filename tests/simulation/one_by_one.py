@@ -11,7 +11,8 @@ import numpy as np
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.metrics.step_response import step_response
 from vsgdesign.metrics.survival import GRACE_S, ExpectedRest, Survival, SurvivalDemand, SurvivalRecord, judge_survival
-from vsgdesign.parameters.study import ControllerSpec, Event, Grid, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.study import ControllerSpec, Event, Study
 from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
 from vsgdesign.simulation.lanes.rests import STEP_WINDOW

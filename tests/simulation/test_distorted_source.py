@@ -9,7 +9,7 @@ from tests.simulation.studies import lc_study
 from vsgdesign.cli.console.scenario import results_tables
 from vsgdesign.operating_point.plant import plant_step
 from vsgdesign.operating_point.plants import state_matrices
-from vsgdesign.parameters.study import SourceComponent
+from vsgdesign.parameters.source import SourceComponent
 from vsgdesign.pipeline.run import results_document
 from vsgdesign.report.scenario.page import limits_of_validity
 from vsgdesign.simulation.background import Background, Interval

@@ -17,7 +17,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import References
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError
 from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.study import Grid
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.report.scenario.estimate_tables import estimate_text
 from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.simulation import MeasuredWindow, run_scenario, simulate

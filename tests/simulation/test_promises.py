@@ -14,7 +14,7 @@ from tests.gain_tables import table
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters import Event, Study
-from vsgdesign.parameters.study import Grid, Place
+from vsgdesign.parameters.grid import Grid, Place
 from vsgdesign.report.scenario.outcomes import step_outcomes
 from vsgdesign.report.scenario.promise_tables import promise_sentences, promises_table
 from vsgdesign.report.scenario.verdict import verdict

@@ -12,7 +12,7 @@ from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.metrics import step_response
 from vsgdesign.parameters import Event, Grid, GridSource, Study, load_study
-from vsgdesign.parameters.study import Place
+from vsgdesign.parameters.grid import Place
 from vsgdesign.runtime import closed_form_schedule
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.late import gain_feed

@@ -10,7 +10,7 @@ import pytest
 
 from tests.gain_tables import table
 from vsgdesign.parameters import Event, Grid, Study, load_study
-from vsgdesign.parameters.study import Place
+from vsgdesign.parameters.grid import Place
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.simulation import GainChange, simulate

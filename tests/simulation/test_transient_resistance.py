@@ -14,7 +14,7 @@ from vsgdesign.metrics.modes import damping_ratio, to_continuous
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.operating_point.sampled import steady_state
 from vsgdesign.parameters import Grid, Study, load_study
-from vsgdesign.parameters.study import Place
+from vsgdesign.parameters.grid import Place
 from vsgdesign.runtime import closed_form_schedule
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.steps import emt_step, references_at

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from vsgdesign.parameters import Study, load_study, study_from_text
-from vsgdesign.parameters.study import GridSource, Place, SourceComponent
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.source import GridSource, SourceComponent
 from vsgdesign.simulation import Simulation, gain_changes, simulate
 from vsgdesign.simulation.timeline import build_timeline
 

@@ -12,7 +12,7 @@ from vsgdesign.design.variables import variables
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.metrics import step_response
-from vsgdesign.parameters.study import Grid
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.simulation.steps import simulate_step
 
 SCR, X_OVER_R, ERROR_Z = 4.0, 10.0, 0.15

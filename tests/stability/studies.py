@@ -11,7 +11,9 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
 from vsgdesign.parameters import Grid, Study, study_from_text
-from vsgdesign.parameters.study import ClosedFormTarget, GridSource, Place
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import ClosedFormTarget
 from vsgdesign.runtime.closed_form import closed_form_schedule
 
 Array = NDArray[np.float64]

@@ -23,7 +23,8 @@ from tests.stability.studies import (
 from vsgdesign.model.full_order import OUTPUTS
 from vsgdesign.operating_point.full_order import Cell
 from vsgdesign.parameters import Grid
-from vsgdesign.parameters.study import GridSource, Place
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.source import GridSource
 from vsgdesign.stability.impedance import (
     frequency_response,
     generalised_nyquist,

@@ -22,7 +22,7 @@ from tests.stability.studies import PUBLISHED, case_study
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.metrics.step_response import ResponseMetrics
 from vsgdesign.parameters import Study
-from vsgdesign.parameters.study import Place
+from vsgdesign.parameters.grid import Place
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.stability.cells import cells_under, reduced_cells
 from vsgdesign.stability.loci import stability_limit

@@ -17,7 +17,7 @@ from vsgdesign.metrics.margins import disk_margin_per_frequency, guaranteed_marg
 from vsgdesign.model.coupled import CoupledModel
 from vsgdesign.operating_point import solve_operating_point
 from vsgdesign.operating_point.full_order import Cell
-from vsgdesign.parameters.study import Place
+from vsgdesign.parameters.grid import Place
 from vsgdesign.stability.cells import cell_set, reduced_cells
 from vsgdesign.stability.loops import FullOrderLoop, ReducedLoop
 from vsgdesign.stability.margins import (

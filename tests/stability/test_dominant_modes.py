@@ -17,7 +17,7 @@ from tests.stability.studies import LABORATORY, PUBLISHED, UTILITY, Situation, c
 from tests.stability.test_prediction_full_order import STEP_PU, emt_response
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.operating_point.full_order import Cell
-from vsgdesign.parameters.study import Place
+from vsgdesign.parameters.grid import Place
 from vsgdesign.stability.loci import modes
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from tests.stability.studies import LABORATORY, PUBLISHED, case_study, designed,
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.operating_point.full_order import Cell
 from vsgdesign.parameters import Study
-from vsgdesign.parameters.study import Grid, Place
+from vsgdesign.parameters.grid import Grid, Place
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.stability.cells import cell_set, full_order_cells, reduced_cells
 from vsgdesign.stability.maps import MODELS, MarginMap, estimate_error_map, margin_map, stale_schedule_matrix

@@ -10,7 +10,8 @@ from vsgdesign.metrics.step_response import SETTLING_BAND, settling_time, settli
 from vsgdesign.model.coupled import INPUTS, OUTPUTS
 from vsgdesign.operating_point.full_order import FullOrderModel, parameter_sensitivities, parameter_sensitivity
 from vsgdesign.parameters import load_study
-from vsgdesign.parameters.study import Grid, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.stability.cells import CellSet, cells_under, full_order_cells, gains_in_force, grid_arrays, reduced_cells
 from vsgdesign.stability.loci import RANKED, mode_movements, mode_sensitivities

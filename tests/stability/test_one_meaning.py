@@ -16,7 +16,8 @@ from vsgdesign.design.evaluation import evaluate_pairs
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters import Study
-from vsgdesign.parameters.study import ControllerSpec, Place
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.study import ControllerSpec
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.runtime.table import table_schedule

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from tests.stability.studies import PUBLISHED, Situation, case_study, designed, random_situations, situation
 from vsgdesign.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.operating_point.full_order import Cell
-from vsgdesign.parameters.study import Event, Place
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.study import Event
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.stability.steps import full_order_step
 

@@ -18,7 +18,8 @@ from tests.stability.studies import PUBLISHED, case_study, designed
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.model.coupled import INPUTS, OUTPUTS, CoupledModel, coupled_model
 from vsgdesign.operating_point import solve_operating_point
-from vsgdesign.parameters.study import Event, Place
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.study import Event
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.stability.cells import cell_set, reduced_cells
 from vsgdesign.stability.steps import reduced_step

@@ -16,7 +16,8 @@ from tests.gain_tables import table
 from vsgdesign.equations.power_flow import POWER_MARGIN, operating_point, power_flow
 from vsgdesign.equations.power_loops import References, power_loops
 from vsgdesign.parameters import Study, load_study
-from vsgdesign.parameters.study import ControllerSpec, Place
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.study import ControllerSpec
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.of_study import ControllerGains
 from vsgdesign.stability.cells import cell_set, full_order_cells

@@ -14,7 +14,7 @@ import pytest
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.parameters import Study, load_study
-from vsgdesign.parameters.study import Place
+from vsgdesign.parameters.grid import Place
 from vsgdesign.pipeline.training import make_network
 from vsgdesign.simulation import run_scenario
 from vsgdesign.simulation.judging import Judgement, judge_estimates

@@ -16,7 +16,9 @@ from vsgdesign.metrics.survival import REST_SHARE
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.operating_point.sampled import SampledState
 from vsgdesign.parameters import study_from_text
-from vsgdesign.parameters.study import Grid, GridSource, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S

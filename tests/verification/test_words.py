@@ -9,7 +9,7 @@ import pytest
 
 from tests import gain_tables
 from tests.verification.test_summary import STUDY
-from vsgdesign.parameters.study import Place
+from vsgdesign.parameters.grid import Place
 from vsgdesign.simulation.lanes.cases import LaneCases, no_events
 from vsgdesign.verification.promises import FIGURES
 from vsgdesign.verification.words import beside_relaxed, end_of, start_of, what_of, why_of

@@ -30,7 +30,7 @@ from vsgdesign.equations.power_flow import POWER_MARGIN, operating_point_discrim
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.frames import PHASES
-from vsgdesign.parameters.study import Converter
+from vsgdesign.parameters.converter import Converter
 from vsgdesign.runtime.table import TableSchedule
 
 Array = NDArray[np.float64]

@@ -8,9 +8,11 @@ from typing import Any
 
 from vsgdesign.compliance.subject import Subject
 from vsgdesign.compliance.suite import SuiteEvent, SuiteTest
+from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.loading import study_from_document
 from vsgdesign.parameters.network_fields import fault_document, load_document, sag_document
-from vsgdesign.parameters.study import Converter, Place, Study
+from vsgdesign.parameters.study import Study
 from vsgdesign.parameters.toml_text import toml_text
 from vsgdesign.simulation.clearing import MOST_CYCLES
 from vsgdesign.simulation.survival.cases import BASIS

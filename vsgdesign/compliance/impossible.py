@@ -6,8 +6,9 @@ import math
 from typing import NamedTuple
 
 from vsgdesign.compliance.suite import SuiteTest
+from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.network import Load
-from vsgdesign.parameters.study import Place, Study
+from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.survival.cases import BASIS
 
 BACK = ("P_back_s",)

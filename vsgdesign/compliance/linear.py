@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
-from vsgdesign.parameters.study import GridSource, Study
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.stability.impedance import network_frequency_perturbation
 

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.metrics.survival import SURVIVED
+from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.network import PLAIN
-from vsgdesign.parameters.study import ControllerSpec, GridSource, Place, Study
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, LaneCases, LaneEvents, no_events
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, STATUSES, LaneResults
 from vsgdesign.simulation.lanes.run import run_lanes

@@ -14,8 +14,9 @@ from vsgdesign.certificate.error_bounds import truth_behind
 from vsgdesign.equations.grid import SCR_BASES, error_half_widths
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.operating_point.static_limits import static_limit_uses
+from vsgdesign.parameters.grid import Grid, Place
 from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import Grid, Place, Study
+from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]
 

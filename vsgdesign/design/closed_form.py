@@ -11,7 +11,8 @@ from vsgdesign.equations.structures import STRUCTURES, effective_inertia
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
-from vsgdesign.parameters.study import ControllerSpec, Grid, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import follows_measured, gain_law, schedule_of
 from vsgdesign.stability.loops import coupled_loop
 

@@ -18,7 +18,9 @@ from vsgdesign.metrics.modes import damping_ratio, to_continuous
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
-from vsgdesign.parameters.study import Grid, GridSource, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import Study
 from vsgdesign.stability.loops import FullOrderLoop
 from vsgdesign.stability.steps import sampled_steps
 

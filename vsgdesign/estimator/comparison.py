@@ -27,7 +27,9 @@ from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.identification import GUESS_SCR
 from vsgdesign.identification.interface import ProbeLines
 from vsgdesign.identification.two_windows import TwoWindows
-from vsgdesign.parameters.study import Converter, Place, Study
+from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,8 @@ from vsgdesign.estimator.windows import kept_windows, scenario_study
 from vsgdesign.identification.field import FieldEstimator
 from vsgdesign.identification.interface import Array
 from vsgdesign.parameters.sensors import draw_sensors
-from vsgdesign.parameters.study import ControllerSpec, SourceComponent, Study
+from vsgdesign.parameters.source import SourceComponent
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation import simulate
 from vsgdesign.simulation.at_pcc import pcc_vectors
 from vsgdesign.simulation.field_feed import FieldScheduler, MeasuredCycle

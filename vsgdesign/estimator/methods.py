@@ -17,7 +17,8 @@ from vsgdesign.estimator.record import Record
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification import ESTIMATORS, Estimator, EstimatorKind, Installation, Samples
 from vsgdesign.identification.interface import Array
-from vsgdesign.parameters.study import Converter, Grid
+from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.grid import Grid
 
 
 class Estimates(NamedTuple):

@@ -18,7 +18,9 @@ from vsgdesign.frames import instantaneous_power
 from vsgdesign.identification import Estimator
 from vsgdesign.identification.field import FieldEstimator
 from vsgdesign.identification.interface import CHANNELS, Array, ComplexArray
-from vsgdesign.parameters.study import Converter, Grid, Study
+from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.study import Study
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

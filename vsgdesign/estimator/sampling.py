@@ -8,7 +8,7 @@ from dataclasses import replace
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.identification.sampling import EXACT, LEAST_PER_CYCLE, MOST_CYCLES, NEAR, choose_window
-from vsgdesign.parameters.study import Converter
+from vsgdesign.parameters.converter import Converter
 
 
 def with_sampling(recipe: WindowRecipe, converter: Converter) -> WindowRecipe:

@@ -16,7 +16,9 @@ from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.operating_point import solve_operating_point
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.operating_point.sampled import steady_state
-from vsgdesign.parameters.study import Grid, GridSource, Place, Study
+from vsgdesign.parameters.grid import Grid, Place
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.closed_form import closed_form_schedule
 
 ATTEMPTS = 100

@@ -13,7 +13,9 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.frames import clarke, clarke_inverse, rms_to_peak, rotate_back
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters.study import Converter, Grid, Study
+from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.study import Study
 from vsgdesign.stability.impedance import grid_impedance, output_admittance
 
 if TYPE_CHECKING:

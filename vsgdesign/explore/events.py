@@ -11,8 +11,9 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.explore.scene import Scene, Shown
 from vsgdesign.explore.state import EVENTS, EventOfState, State
 from vsgdesign.metrics.survival import GRACE_S, SETTLING_TIMES, WATCHED
+from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.knowledge import GridEstimate
-from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Event, Place, Study
+from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Event, Study
 from vsgdesign.simulation.steps import references_at
 from vsgdesign.simulation.survival.demand import settling_time_of
 

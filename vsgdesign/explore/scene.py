@@ -12,7 +12,8 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.explore.state import OWN, State
-from vsgdesign.parameters.study import ControllerSpec, Grid, Place, Study
+from vsgdesign.parameters.grid import Grid, Place
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.guards import CLAMPED, FRESH, HELD, STATUSES
 from vsgdesign.runtime.of_study import ControllerGains, gain_law
 from vsgdesign.runtime.table import TableSchedule

@@ -11,7 +11,8 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.explore.events import event_s, length_s, told_spec
 from vsgdesign.explore.scene import Shown
 from vsgdesign.explore.state import State
-from vsgdesign.parameters.study import Place, Study
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, REACTIVE, STEP, LaneCases, LaneEvents, no_events
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.run import run_lanes

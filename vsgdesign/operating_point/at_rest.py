@@ -12,7 +12,9 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.operating_point.many import NO_GAINS, NOT_CONVERGED, many_rests_with_measured_gains
 from vsgdesign.operating_point.plant import TwoAxisCircuit
 from vsgdesign.operating_point.sampled import SampledState, fault_of_rest, state_of_lane
-from vsgdesign.parameters.study import Grid, GridSource, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]
 GainsOfMeasured = Callable[[float, float, float], PowerLoopGains]

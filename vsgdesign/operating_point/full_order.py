@@ -18,7 +18,9 @@ from vsgdesign.model.full_order import PARAMETERS, FullOrderMap, LimiterInModel,
 from vsgdesign.operating_point.many import Lanes, ManyStates, lanes_of, many_steady_states
 from vsgdesign.operating_point.plants import state_matrices
 from vsgdesign.operating_point.sampled import SampledState, cold_start, fault_of_rest
-from vsgdesign.parameters.study import Grid, GridSource, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]
 

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.frames import clarke
 from vsgdesign.operating_point.plant import TwoAxisCircuit
+from vsgdesign.parameters.converter import Filter
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network import FAULT_KINDS, PHASE_PAIRS, PHASE_TO_PHASE, Fault, Load, Network
-from vsgdesign.parameters.study import Filter, Grid
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,9 @@ from vsgdesign.operating_point.many import (
     many_steady_states,
 )
 from vsgdesign.operating_point.plant import TwoAxisCircuit
-from vsgdesign.parameters.study import Grid, GridSource, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import Study
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,10 @@
 """The inputs: study files and published cases, as frozen, validated data in SI units."""
 
+from vsgdesign.parameters.converter import Converter, Filter
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.loading import case_names, load_study, study_from_text
-from vsgdesign.parameters.study import (
-    ClosedFormTarget,
-    ControllerSpec,
-    Converter,
-    Event,
-    Filter,
-    Grid,
-    GridSource,
-    SimulationSpec,
-    Study,
-)
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import ClosedFormTarget, ControllerSpec, Event, SimulationSpec, Study
 
 __all__ = [
     "ClosedFormTarget",

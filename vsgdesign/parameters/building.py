@@ -20,27 +20,19 @@ from vsgdesign.frames import ll_to_phase, rms_to_peak
 from vsgdesign.identification.registry import ESTIMATORS
 from vsgdesign.parameters.background import read_background
 from vsgdesign.parameters.controllers import read_controllers, read_limit, read_limiter, read_target
+from vsgdesign.parameters.converter import Converter, Filter
 from vsgdesign.parameters.estimator import read_estimator
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.inner_loops import InnerLoopSource, read_inner_loops, request_of
 from vsgdesign.parameters.plausible import check_plausible
 from vsgdesign.parameters.reader import Asked, TableReader
 from vsgdesign.parameters.replay import read_replay
 from vsgdesign.parameters.scenario import read_components, read_events, read_grid, read_network, read_simulation
 from vsgdesign.parameters.sensors import read_sensors
+from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.specification import read_specification
 from vsgdesign.parameters.stability import StabilitySpec, read_stability
-from vsgdesign.parameters.study import (
-    NOTCH_DAMPING,
-    POWER_FILTERS,
-    ClosedFormTarget,
-    Converter,
-    Event,
-    Filter,
-    Grid,
-    GridSource,
-    InnerLoopRequest,
-    Study,
-)
+from vsgdesign.parameters.study import NOTCH_DAMPING, POWER_FILTERS, ClosedFormTarget, Event, InnerLoopRequest, Study
 from vsgdesign.parameters.survival import read_survival
 from vsgdesign.parameters.verification import read_verification
 

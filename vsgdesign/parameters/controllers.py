@@ -14,19 +14,12 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.identification.registry import ESTIMATORS, needs_network
 from vsgdesign.identification.sampling import window_of_rate
+from vsgdesign.parameters.converter import Converter, Filter, limiter_ratings
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.knowledge import read_knowledge
 from vsgdesign.parameters.reader import REQUIRED, TableReader
 from vsgdesign.parameters.scenario import read_grid
-from vsgdesign.parameters.study import (
-    NO_LIMITER,
-    UPDATE_PERIOD,
-    ClosedFormTarget,
-    ControllerSpec,
-    Converter,
-    Filter,
-    Grid,
-    limiter_ratings,
-)
+from vsgdesign.parameters.study import NO_LIMITER, UPDATE_PERIOD, ClosedFormTarget, ControllerSpec
 from vsgdesign.parameters.units import format_quantity
 
 

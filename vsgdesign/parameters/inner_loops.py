@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 from vsgdesign.equations.closed_form import current_loop_gains, voltage_loop_gains
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.parameters.converter import Converter, Filter
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import ClosedFormTarget, Converter, Filter, InnerLoopRequest
+from vsgdesign.parameters.study import ClosedFormTarget, InnerLoopRequest
 
 DEFAULT_SCR = (1.2, 20.0)
 DEFAULT_X_OVER_R = (0.3, 20.0)

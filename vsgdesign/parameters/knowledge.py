@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.reader import TableReader
-from vsgdesign.parameters.study import Grid
 
 
 @dataclass(frozen=True)

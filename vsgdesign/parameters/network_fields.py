@@ -6,10 +6,10 @@ import math
 from typing import Any, NamedTuple
 
 from vsgdesign.equations.sags import SAG_TYPES
+from vsgdesign.parameters.converter import Converter
 from vsgdesign.parameters.network import FAULT_KINDS, PHASE_PAIRS, THREE_PHASE, Fault, Load, Network, SynchroCheck
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.source import Sag
-from vsgdesign.parameters.study import Converter
 from vsgdesign.parameters.units import format_quantity
 
 NONE, CLEARED, OPEN, CLOSED = "none", "cleared", "open", "closed"

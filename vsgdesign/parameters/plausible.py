@@ -6,7 +6,7 @@ import math
 
 from vsgdesign.errors import Fault
 from vsgdesign.frames import base_impedance, rms_to_peak
-from vsgdesign.parameters.study import Converter, Filter
+from vsgdesign.parameters.converter import Converter, Filter
 from vsgdesign.parameters.units import format_quantity
 
 _LARGEST_DC = 30.0

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.frames import clarke, peak_to_rms
+from vsgdesign.parameters.converter import Converter
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.record import Record, RecordError, read_record
-from vsgdesign.parameters.study import Converter
 
 NEIGHBOURS = 16
 """Samples on either side of an instant that its value is interpolated from."""

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.grid import Grid, Place
 from vsgdesign.parameters.network import PLAIN, Network, SynchroCheck
 from vsgdesign.parameters.network_fields import (
     CLEARED,
@@ -22,8 +24,8 @@ from vsgdesign.parameters.network_fields import (
     synchro_check_words,
 )
 from vsgdesign.parameters.reader import TableReader
-from vsgdesign.parameters.source import GridSource, Sag, sagged
-from vsgdesign.parameters.study import Converter, Event, Grid, Place, SimulationSpec, SourceComponent
+from vsgdesign.parameters.source import GridSource, Sag, SourceComponent, sagged
+from vsgdesign.parameters.study import Event, SimulationSpec
 from vsgdesign.parameters.units import UnitError, parse_quantity
 
 SCR_LIMITS = (0.05, 1e4)

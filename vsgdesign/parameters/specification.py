@@ -6,8 +6,10 @@ import math
 from dataclasses import dataclass, replace
 
 from vsgdesign.equations.grid import MOST_ERROR_Z, SCR_BASES
+from vsgdesign.parameters.converter import Converter
 from vsgdesign.parameters.reader import TableReader
-from vsgdesign.parameters.study import ClosedFormTarget, Converter, GridSource
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import ClosedFormTarget
 
 AIMS = ("settling", "inertia")
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from vsgdesign.parameters.converter import Converter
 from vsgdesign.parameters.reader import TableReader
-from vsgdesign.parameters.study import ClosedFormTarget, Converter
+from vsgdesign.parameters.study import ClosedFormTarget
 
 DEFAULT_SCR = (1.2, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0, 12.5, 16.0, 20.0)
 DEFAULT_X_OVER_R = (0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 14.0, 20.0)

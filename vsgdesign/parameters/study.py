@@ -11,13 +11,13 @@ import numpy as np
 from vsgdesign.equations.closed_form import EQUAL_TIMES
 from vsgdesign.equations.controller import ControllerSettings
 from vsgdesign.equations.filters import FilterGrid
-from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.inner_loops import InnerLoopGains
-from vsgdesign.equations.limiters import CIRCULAR, Limiter, LimiterRatings, limiter_named
+from vsgdesign.equations.limiters import CIRCULAR, Limiter, limiter_named
 from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants, notch_constants, notch_delay
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED
-from vsgdesign.frames import base_impedance, linear_modulation_limit, rated_current_rms, rms_to_peak
+from vsgdesign.parameters.converter import Converter, Filter, limiter_ratings
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network import PLAIN, Network, SynchroCheck
 from vsgdesign.parameters.source import GridSource, SourceComponent
 from vsgdesign.parameters.survival import SurvivalSpec
@@ -32,9 +32,6 @@ if TYPE_CHECKING:
     from vsgdesign.parameters.stability import StabilitySpec
     from vsgdesign.parameters.verification import VerificationSpec
 
-UNLIMITED_PU = 1e6
-"""A current limit so far out of reach that the limiter never acts (infinity would make NaN of 0·∞)."""
-
 NO_LIMITER = "none"
 """The word for a controller of a study that does not limit its current."""
 
@@ -46,108 +43,6 @@ NOTCH_DAMPING = 0.5
 
 UPDATE_PERIOD = 0.02
 """Time between two updates of a schedule where a study says nothing, s: as published."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Converter:
-    """Ratings and the sampled bridge."""
-
-    S_rated: float
-    """VA."""
-    V_rated_rms: float
-    """Phase-to-neutral, V."""
-    omega_n: float
-    """Nominal angular frequency, rad/s."""
-    V_dc: float
-    f_sw: float
-    """Carrier frequency, Hz."""
-    samples_per_carrier: int
-    delay_samples: int
-    """Samples between measuring and applying: 0 or 1."""
-    zero_sequence: bool
-    """Min-max zero-sequence injection (limit V_dc/√3) instead of plain sine-triangle (V_dc/2)."""
-    current_limit_pu: float | None
-    """Limit of the converter-current reference in pu of the rated peak; None: no limit."""
-    V_min_pu: float
-    V_max_pu: float
-
-    @property
-    def T_s(self) -> float:
-        """Sampling period of the controller, s."""
-        return 1.0 / (self.f_sw * self.samples_per_carrier)
-
-    @property
-    def Z_base(self) -> float:
-        """Base impedance, Ω."""
-        return base_impedance(self.S_rated, self.V_rated_rms)
-
-    @property
-    def I_rated_pk(self) -> float:
-        """Rated phase current, A peak."""
-        return rms_to_peak(rated_current_rms(self.S_rated, self.V_rated_rms))
-
-    @property
-    def V_limits_rms(self) -> tuple[float, float]:
-        """Least and largest phase voltage that is not flagged, V rms."""
-        return self.V_min_pu * self.V_rated_rms, self.V_max_pu * self.V_rated_rms
-
-    @property
-    def v_max_pk(self) -> float:
-        """Bridge-voltage limit, V peak."""
-        return linear_modulation_limit(self.V_dc, self.zero_sequence)
-
-
-@dataclass(frozen=True)
-class Filter:
-    """LC or LCL filter. An LC filter has L_2 = R_2 = 0."""
-
-    L_1: float
-    R_1: float
-    C: float
-    R_c: float = 0.0
-    L_2: float = 0.0
-    R_2: float = 0.0
-
-
-@dataclass(frozen=True)
-class Grid:
-    """Grid impedance at the PCC: R_g in Ω, L_g in H."""
-
-    R_g: float
-    L_g: float
-
-    def scr(self, converter: Converter, basis: str) -> float:
-        """Short-circuit ratio on a basis of :data:`vsgdesign.equations.grid.SCR_BASES`."""
-        return float(SCR_BASES[basis].scr(self.R_g, self.L_g, converter.Z_base, converter.omega_n))
-
-    def x_over_r(self, omega: float) -> float:
-        """X/R at an angular frequency; infinite without resistance."""
-        return omega * self.L_g / self.R_g if self.R_g > 0.0 else np.inf
-
-    def place(self, converter: Converter, basis: str) -> Place:
-        """The grid as a converter sees it; the inverse of :meth:`Place.grid`."""
-        return Place(self.scr(converter, basis), self.x_over_r(converter.omega_n), basis)
-
-
-@dataclass(frozen=True)
-class Place:
-    """A grid as a converter sees it: short-circuit ratio, X/R, and the basis of the ratio."""
-
-    scr: float
-    x_over_r: float
-    """X/R of the grid impedance. It is infinite without resistance."""
-    basis: str
-    """A name of :data:`vsgdesign.equations.grid.SCR_BASES`. Raises UnknownNameError for another."""
-
-    def __post_init__(self) -> None:
-        SCR_BASES[self.basis]
-
-    def grid(self, converter: Converter) -> Grid:
-        """R_g and L_g on a converter's base (:eq:`scr`)."""
-        if np.isinf(self.x_over_r):
-            return Grid(0.0, converter.Z_base / self.scr / converter.omega_n)
-        R_g, L_g = SCR_BASES[self.basis].grid(self.scr, self.x_over_r, converter.Z_base, converter.omega_n)
-        return Grid(float(R_g), float(L_g))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -467,24 +362,6 @@ class Study:
             notch_back=self.notch.back,
             limiter=self.limiter.constants(ratings, dict(self.limiter_given)),
         )
-
-
-def limiter_ratings(converter: Converter, filter_: Filter) -> LimiterRatings:
-    """Ratings from which a current limiter computes its constants."""
-    c = converter
-    limit_pu = UNLIMITED_PU if c.current_limit_pu is None else c.current_limit_pu
-    return LimiterRatings(
-        T_s=c.T_s,
-        V_rated_pk=rms_to_peak(c.V_rated_rms),
-        I_rated_pk=c.I_rated_pk,
-        i_max_pk=limit_pu * c.I_rated_pk,
-        Z_base=c.Z_base,
-        omega_0=c.omega_n,
-        R_2=filter_.R_2,
-        L_2=filter_.L_2,
-        V_low_pu=c.V_min_pu,
-        V_high_pu=c.V_max_pu,
-    )
 
 
 def _smoothing(tau: float, T_s: float) -> float:

@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from vsgdesign.equations.grid import MOST_ERROR_Z, SCR_BASES
+from vsgdesign.parameters.converter import Converter
 from vsgdesign.parameters.ranges import Drawn, Range, read_range
 from vsgdesign.parameters.reader import TableReader
+from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import Converter, GridSource
 
 DEFAULT_SCR, DEFAULT_X_OVER_R = (1.2, 20.0), (0.3, 20.0)
 """Grids where neither a specification nor the axes of the margin maps say which."""

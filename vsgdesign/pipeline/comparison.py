@@ -15,8 +15,9 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.artifacts.tables import write_table
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import Place, Study
+from vsgdesign.parameters.study import Study
 from vsgdesign.pipeline.table import make_tables
 
 if TYPE_CHECKING:  # the optimizer's libraries are loaded by who compares

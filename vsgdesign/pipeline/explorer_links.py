@@ -11,7 +11,8 @@ from typing import Any
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.compliance.suite import SuiteEvent, SuiteTest
 from vsgdesign.explore.state import StateError, state_of
-from vsgdesign.parameters.study import Place, Study
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.survival.cases import BASIS
 
 

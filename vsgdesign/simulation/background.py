@@ -20,7 +20,7 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.operating_point.plant import plant_step, straight_line_responses
 from vsgdesign.parameters.background import BackgroundSpec
-from vsgdesign.parameters.study import SourceComponent
+from vsgdesign.parameters.source import SourceComponent
 from vsgdesign.simulation.circuits import CircuitOfConnection, Connection, states_of
 from vsgdesign.simulation.timeline import SourceSegment, Timeline
 

@@ -14,9 +14,11 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.errors import CircuitError, InfeasibleStudyError
 from vsgdesign.operating_point.network import NetworkStates, network_circuit, states_of_networks
 from vsgdesign.operating_point.plant import PlantStep, TwoAxisCircuit, plant_step, two_axes
+from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network import PLAIN, Network
 from vsgdesign.parameters.network_fields import Base, Said, network_words
-from vsgdesign.parameters.study import Converter, Grid, Study
+from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.bodies import LARGEST_DEGREE, Axes
 from vsgdesign.simulation.timeline import Timeline
 

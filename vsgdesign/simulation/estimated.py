@@ -28,7 +28,8 @@ from vsgdesign.identification import (
 )
 from vsgdesign.identification.interface import FOLLOWED
 from vsgdesign.identification.sampling import WindowPlan, window_of_rate
-from vsgdesign.parameters.study import ControllerSpec, Grid, Place, Study
+from vsgdesign.parameters.grid import Grid, Place
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.online import MeasuredWindow
 from vsgdesign.simulation.timeline import Timeline

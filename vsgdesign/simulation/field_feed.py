@@ -26,8 +26,10 @@ from vsgdesign.identification import Probe
 from vsgdesign.identification.field import FieldEstimator, estimate_of, field_settings
 from vsgdesign.identification.field_network import FieldNetwork, field_network
 from vsgdesign.identification.registry import estimator_kind
+from vsgdesign.parameters.converter import Converter
 from vsgdesign.parameters.estimator import ProbeSpec
-from vsgdesign.parameters.study import ControllerSpec, Converter, Grid, Place, Study
+from vsgdesign.parameters.grid import Grid, Place
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.estimated import NO_DESIGN, EstimateLog
 from vsgdesign.simulation.field_observer import FieldMemory

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
-from vsgdesign.parameters.study import ControllerSpec, Grid, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import follows_measured, schedule_of
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.simulation.timeline import Timeline

@@ -21,7 +21,8 @@ from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.identification import Probe
-from vsgdesign.parameters.study import Grid, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.at_pcc import AtPcc
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.probing import HeldProbe

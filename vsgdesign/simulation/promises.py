@@ -17,7 +17,9 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
-from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.late import as_told
 from vsgdesign.simulation.scenario import OperatingPointRow, ScenarioResult

@@ -22,8 +22,10 @@ from vsgdesign.metrics.modes import taken
 from vsgdesign.operating_point.at_rest import GainsOfMeasured, rest_with_measured_gains
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
 from vsgdesign.operating_point.many import many_rests_with_measured_gains
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network_fields import beyond_models
-from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import follows_measured, gain_law
 from vsgdesign.simulation.at_pcc import pcc_vectors
 from vsgdesign.simulation.gains import GainChange, gain_changes

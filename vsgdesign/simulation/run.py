@@ -20,7 +20,8 @@ from vsgdesign.execution.interrupts import interrupts_come, interrupts_deferred
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification import Probe
 from vsgdesign.operating_point.sampled import SampledState
-from vsgdesign.parameters.study import Grid, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.floats import on_floats
 from vsgdesign.simulation.background import Background
 from vsgdesign.simulation.bodies import Bridge, Run

@@ -18,8 +18,9 @@ from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
 from vsgdesign.metrics.events import diverged_event
 from vsgdesign.metrics.survival import Survival
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network_fields import beyond_models
-from vsgdesign.parameters.study import ControllerSpec, Event, Grid, Study
+from vsgdesign.parameters.study import ControllerSpec, Event, Study
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.at_pcc import pcc_over_time
 from vsgdesign.simulation.clearing import found_events, with_instants

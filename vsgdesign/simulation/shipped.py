@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.parameters.study import Grid
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.runtime.updating import Answer
 from vsgdesign.simulation.estimated import window_channels
 from vsgdesign.simulation.online import MeasuredWindow

@@ -9,7 +9,8 @@ import numpy as np
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state
-from vsgdesign.parameters.study import GridSource, Study
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.circuits import Circuits, circuit_at_rest, connection_at
 from vsgdesign.simulation.timeline import Timeline
 

@@ -14,8 +14,9 @@ from vsgdesign.metrics.events import time_needed
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.metrics.step_response import SETTLING_BAND, ResponseMetrics, step_response
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network import PLAIN
-from vsgdesign.parameters.study import Event, Grid, Study
+from vsgdesign.parameters.study import Event, Study
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.rest import powers_at_control_point
 from vsgdesign.simulation.run import simulate

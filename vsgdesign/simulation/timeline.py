@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.grid import grid_behind_load
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network import PLAIN, Network
-from vsgdesign.parameters.study import Event, Grid, GridSource, SourceComponent, Study
+from vsgdesign.parameters.source import GridSource, SourceComponent
+from vsgdesign.parameters.study import Event, Study
 from vsgdesign.simulation.replay import Replay
 from vsgdesign.simulation.wander import Wander
 

@@ -16,7 +16,8 @@ from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.metrics.step_response import ResponseMetrics
 from vsgdesign.model.coupled import CoupledModel
 from vsgdesign.operating_point.full_order import FullOrderModel
-from vsgdesign.parameters.study import ControllerSpec, Grid, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.stability.cells import GainLaw, cells_under, full_order_cells, grid_arrays, reduced_cells
 from vsgdesign.stability.impedance import (

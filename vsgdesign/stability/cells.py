@@ -14,7 +14,8 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.frames import rated_current_rms, rms_to_peak
 from vsgdesign.model.coupled import CoupledModel, coupled_model
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
-from vsgdesign.parameters.study import Grid, Place, Study
+from vsgdesign.parameters.grid import Grid, Place
+from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]
 

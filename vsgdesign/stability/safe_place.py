@@ -21,9 +21,11 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.model.coupled import coupled_model
 from vsgdesign.operating_point.static_limits import static_limit_uses
+from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.network import PLAIN
+from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import ControllerSpec, GridSource, Place, Study
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.parameters.survival import SurvivalSpec
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.guards import settings_of

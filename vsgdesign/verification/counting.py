@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.operating_point.many import FAULTS
-from vsgdesign.parameters.study import Converter
+from vsgdesign.parameters.converter import Converter
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, STATUSES
 from vsgdesign.verification.histogram import binned

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.parameters.study import Grid, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.verification.counting import last_grids
 from vsgdesign.verification.promises import FIGURES

@@ -7,7 +7,7 @@ import tomllib
 from importlib import resources
 
 from tests.parameters.documents import build
-from vsgdesign.parameters.study import Converter, Filter
+from vsgdesign.parameters.converter import Converter, Filter
 
 
 @functools.cache

@@ -17,7 +17,8 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.parameters import study_from_text
-from vsgdesign.parameters.study import ControllerSpec, Event, Grid, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.study import ControllerSpec, Event, Study
 from vsgdesign.simulation import build_timeline
 from vsgdesign.simulation.following import KnownGridScheduler
 from vsgdesign.simulation.gains import gain_changes

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.simulation.survival.subjects import subject
-from vsgdesign.parameters.study import Grid
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.simulation import build_timeline
 from vsgdesign.simulation.survival import (
     FOR_EVER,

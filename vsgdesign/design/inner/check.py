@@ -12,7 +12,9 @@ from vsgdesign.design.inner.system import angle_damped_target, study_of
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.metrics.modes import damping_ratio, to_continuous
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters.study import ClosedFormTarget, Converter, Filter, Place
+from vsgdesign.parameters.converter import Converter, Filter
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.study import ClosedFormTarget
 from vsgdesign.runtime.closed_form import closed_form_schedule
 
 CHECKED = (7, 7)

@@ -16,7 +16,8 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.execution.threads import one_thread
-from vsgdesign.parameters.study import ClosedFormTarget, Converter, Filter
+from vsgdesign.parameters.converter import Converter, Filter
+from vsgdesign.parameters.study import ClosedFormTarget
 
 L_2_PU = 0.03
 """An L_2 for a filter that has none, over the base inductance."""

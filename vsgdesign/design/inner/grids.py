@@ -12,7 +12,8 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.operating_point.plants import state_matrices
-from vsgdesign.parameters.study import Converter, Filter, Place
+from vsgdesign.parameters.converter import Converter, Filter
+from vsgdesign.parameters.grid import Place
 
 GridPoint = tuple[float, float]
 """SCR and X/R."""

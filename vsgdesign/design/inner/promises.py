@@ -16,7 +16,7 @@ from vsgdesign.design.inner.system import study_of
 from vsgdesign.equations.controller import ControllerSettings
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.metrics.modes import damping_ratio
-from vsgdesign.parameters.study import Converter, Filter
+from vsgdesign.parameters.converter import Converter, Filter
 
 Array = NDArray[np.float64]
 

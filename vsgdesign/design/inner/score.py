@@ -13,7 +13,7 @@ from vsgdesign.design.inner.promises import PROMISES, Promises, Targets, bench_o
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.threads import one_thread
-from vsgdesign.parameters.study import Converter, Filter
+from vsgdesign.parameters.converter import Converter, Filter
 
 Array = NDArray[np.float64]
 

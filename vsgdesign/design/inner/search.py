@@ -13,7 +13,7 @@ from vsgdesign.design.inner.promises import Bench, Promises, bench_of, evaluate,
 from vsgdesign.design.inner.variables import Variables, closed_form_starts, variables
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.execution.progress import Progress
-from vsgdesign.parameters.study import Converter, Filter
+from vsgdesign.parameters.converter import Converter, Filter
 
 Array = NDArray[np.float64]
 

@@ -6,17 +6,11 @@ from vsgdesign.design.inner.grids import GridBox
 from vsgdesign.equations.closed_form import EQUAL_TIMES, paced
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.structures import ANGLE_DAMPED
+from vsgdesign.parameters.converter import Converter, Filter
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.stability import Gates, StabilitySpec
-from vsgdesign.parameters.study import (
-    ClosedFormTarget,
-    ControllerSpec,
-    Converter,
-    Filter,
-    GridSource,
-    Place,
-    SimulationSpec,
-    Study,
-)
+from vsgdesign.parameters.study import ClosedFormTarget, ControllerSpec, SimulationSpec, Study
 
 POWER_FILTER = 5e-3
 """s, of the power loops that the gains are checked with."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.inner_loops import InnerLoopGains
-from vsgdesign.parameters.study import Converter, Filter
+from vsgdesign.parameters.converter import Converter, Filter
 
 Array = NDArray[np.float64]
 

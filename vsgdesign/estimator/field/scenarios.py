@@ -19,7 +19,9 @@ from vsgdesign.frames import PHASES, rms_to_peak
 from vsgdesign.operating_point import solve_operating_point
 from vsgdesign.operating_point.equilibrium import OperatingPoint, solve_with_droop
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters.study import ClosedFormTarget, Event, Grid, GridSource, Place, Study
+from vsgdesign.parameters.grid import Grid, Place
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import ClosedFormTarget, Event, Study
 from vsgdesign.runtime.closed_form import closed_form_schedule
 
 DRIVING = "angle_damped"

@@ -12,7 +12,8 @@ from vsgdesign.errors import counted
 from vsgdesign.identification import GUESS_SCR, Estimator, estimator_kind
 from vsgdesign.identification.registry import needs_network
 from vsgdesign.metrics.estimation import FOUND_PCT
-from vsgdesign.parameters.study import ControllerSpec, Grid, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import DASH, number, percent, plain, plain_quantity

@@ -18,7 +18,9 @@ from vsgdesign.metrics.survival import (
     judge_survival,
     loads_of,
 )
-from vsgdesign.parameters.study import ControllerSpec, Event, Grid, GridSource, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import ControllerSpec, Event, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases

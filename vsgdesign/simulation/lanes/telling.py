@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.identification import estimator_kind
-from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Grid, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Study
 from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.runtime.lookup import GainLookup
 from vsgdesign.runtime.many import ManySchedulers

@@ -7,8 +7,10 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 from vsgdesign.parameters.background import BackgroundSpec
+from vsgdesign.parameters.grid import Grid, Place
 from vsgdesign.parameters.sensors import SensorSpec
-from vsgdesign.parameters.study import Event, Grid, GridSource, Place, Study
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import Event, Study
 from vsgdesign.simulation.timeline import Timeline
 
 BASIS = "impedance"

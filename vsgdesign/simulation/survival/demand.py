@@ -9,7 +9,8 @@ import numpy as np
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.metrics.survival import GRACE_S, SETTLING_TIMES, SurvivalDemand
-from vsgdesign.parameters.study import ControllerSpec, Converter
+from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.study import ControllerSpec
 
 SETTLING_TIMES_FOR_EVER = 3.0
 """The deadline in settling times for a schedule that stays stale for ever (:func:`settling_times_asked`)."""

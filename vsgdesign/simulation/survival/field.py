@@ -14,7 +14,9 @@ import numpy as np
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_flow import operating_point
-from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.survival.cases import LEARNING_S, SurvivalCase
 from vsgdesign.simulation.timeline import Timeline, build_timeline

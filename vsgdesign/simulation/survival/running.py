@@ -29,8 +29,10 @@ from vsgdesign.metrics.survival import (
     judge_survival,
 )
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network import Load, Network, only_a_grid
-from vsgdesign.parameters.study import ControllerSpec, Grid, GridSource, Study
+from vsgdesign.parameters.source import GridSource
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.circuits import Connection, circuit_at_rest
 from vsgdesign.simulation.estimated import EstimateLog
