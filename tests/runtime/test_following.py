@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tests.examples import examples
 from tests.gain_tables import table
-from tests.runtime.test_scheduler import OMEGA, POWERS, Z_BASE, grid, made, settle
+from tests.runtime.schedulers import OMEGA, POWERS, Z_BASE, grid, made, settle
 from vsgdesign.errors import ArtifactError
 from vsgdesign.identification import Estimate, Needs
 from vsgdesign.runtime import Answer, Scheduler, scheduler_of, settings_of, status_text

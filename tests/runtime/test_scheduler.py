@@ -4,30 +4,21 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tests.artifacts.networks import random_weights
-from tests.examples import examples
 from tests.gain_tables import PUBLISHED_BASE, table
-from vsgdesign.artifacts import GainTable, ValidityBox, write_table_file
-from vsgdesign.artifacts.network_weights import write_network_weights
+from tests.runtime.schedulers import MIDDLE, OMEGA, POWERS, SHAPED, Z_BASE, grid, made, settle
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.errors import ArtifactError
-from vsgdesign.frames import base_impedance
 from vsgdesign.runtime import (
-    Answer,
     ClosedFormSchedule,
     Scheduler,
     box_settings,
     closed_form_scheduler,
     gain_lookup,
-    load_scheduler,
     neural_estimator,
     scheduler_of,
     settings_of,
@@ -40,43 +31,14 @@ from vsgdesign.runtime.guards import (
     FALLBACK,
     FRESH,
     HELD,
-    IMPLAUSIBLE,
     JUMP,
     LIMITED,
     NO_ESTIMATE,
-    NOT_FINITE,
-    RANGE,
     REASONS,
-    REFUSED,
-    SATURATED,
-    TIME,
     UNDESIGNED,
-    window_settings,
 )
 from vsgdesign.runtime.interpolation import locate
 from vsgdesign.runtime.lookup import locate_one
-
-OMEGA = PUBLISHED_BASE.omega_n
-Z_BASE = base_impedance(5e3, 110.0)
-POWERS = (3e3, 500.0, 112.0)
-MIDDLE = np.sqrt(1.5 * 20.0)
-"""SCR of the safe place."""
-SHAPED = {"k_1": np.linspace(10.0, 20.0, 16).reshape(4, 4), "share_P": np.linspace(0.2, 1.0, 16).reshape(4, 4)}
-
-
-def grid(scr: float, x_over_r: float) -> tuple[float, float]:
-    R = Z_BASE / scr / np.hypot(1.0, x_over_r)
-    return R, R * x_over_r / OMEGA
-
-
-def made(structure: str = "angle_damped", law: str = "poles", **changes: Any) -> Scheduler:
-    shaped = SHAPED if law == "poles" else {"H": np.linspace(1.0, 3.0, 16).reshape(4, 4)}
-    return scheduler_of(table(structure, law, parameters=shaped), **changes)
-
-
-def settle(scheduler: Scheduler, scr: float, x_over_r: float, count: int = 40) -> Answer:
-    answers = [scheduler.update_estimate(*grid(scr, x_over_r), *POWERS) for _ in range(count)]
-    return answers[-1]
 
 
 @pytest.mark.parametrize(
@@ -228,49 +190,6 @@ def test_what_is_told_is_part_of_the_state() -> None:
     assert again.state()["doubt"] == 1
 
 
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        ((*grid(3.0, 1.0), np.nan, 0.0, 112.0), NOT_FINITE),
-        ((*grid(3.0, 1.0), 1e3, -np.inf, 112.0), NOT_FINITE),
-        ((*grid(3.0, 1.0), 1e3, 0.0, np.nan), NOT_FINITE),
-        ((np.nan, 4e-3, 1e3, 0.0, 112.0), NOT_FINITE),
-        ((1.0, np.inf, 1e3, 0.0, 112.0), NOT_FINITE),
-        ((*grid(3.0, 1.0), 5.1e4, 0.0, 112.0), RANGE),
-        ((*grid(3.0, 1.0), 1e3, 0.0, -1.0), RANGE),
-        ((*grid(3.0, 1.0), 1e3, 0.0, 331.0), RANGE),
-    ],
-)
-def test_unusable_inputs_are_refused_and_change_nothing(
-    arguments: tuple[float, float, float, float, float], reason: int
-) -> None:
-    scheduler = made()
-    before = settle(scheduler, 3.0, 1.0)
-    answer = scheduler.update_estimate(*arguments)
-    assert answer == before._replace(status=HELD | REFUSED, reason=reason)
-
-
-def test_time_backwards_is_refused_once_and_ages() -> None:
-    scheduler = made()
-    settle(scheduler, 3.0, 1.0)
-    assert scheduler.update_estimate(*grid(3.0, 1.0), *POWERS, ticks=2**31 - 5).status == FRESH
-    answer = scheduler.update_estimate(*grid(3.0, 1.0), *POWERS, ticks=7)
-    assert (answer.status, answer.reason) == (HELD | REFUSED, TIME)
-    assert scheduler.state()["age"] == 20_000
-    assert scheduler.update_estimate(*grid(3.0, 1.0), *POWERS, ticks=20_007).status == FRESH
-    # The counter's own overflow is no step backwards.
-    scheduler.update_estimate(*grid(3.0, 1.0), *POWERS, ticks=2**31 - 1)
-    for ticks in (2**32 - 10, 10, 20_010):
-        assert scheduler.update_estimate(*grid(3.0, 1.0), *POWERS, ticks=ticks).status == FRESH
-
-
-@pytest.mark.parametrize(("R", "L"), [(-5.0, 4e-3), (50.0, 4e-3), (1.0, -1e-3), (1.0, 0.0), (1.0, 1.0)])
-def test_implausible_estimates_are_held(R: float, L: float) -> None:
-    scheduler = made()
-    before = settle(scheduler, 3.0, 1.0)
-    assert scheduler.update_estimate(R, L, *POWERS) == before._replace(status=HELD, reason=IMPLAUSIBLE)
-
-
 def test_the_place_stays_in_the_box_and_says_clamped() -> None:
     scheduler = made()
     answer = settle(scheduler, 25.0, 1.0)
@@ -403,30 +322,6 @@ def test_one_axis_value_is_located_to_the_same_bits() -> None:
             assert all(np.array_equal(a, b) for a, b in zip(one, many, strict=True))
 
 
-NUMBERS = st.one_of(st.floats(allow_nan=True, allow_infinity=True), st.floats(-1e4, 1e4), st.floats(0.0, 20.0))
-
-
-@examples(40)
-@given(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS, NUMBERS, NUMBERS, st.integers(0, 2**32 - 1)), max_size=25))
-def test_whatever_comes_the_gains_are_those_of_the_box(calls: list[Any]) -> None:
-    scheduler = made()
-    c, before = scheduler.settings, scheduler.hold(*POWERS, ticks=0)
-    for k, (R, L, P, Q, V, ticks) in enumerate(calls):
-        # Now and then good ones, so that it moves.
-        if k % 3:
-            answer = scheduler.update_estimate(R, L, P, Q, V, ticks)
-        else:
-            answer = scheduler.update_estimate(*grid(1.0 + abs(k), 1.0), *POWERS, ticks)
-        assert c.scr[0] <= answer.scr <= c.scr[1]
-        assert c.r_over_x[0] <= answer.r_over_x <= c.r_over_x[1]
-        assert abs(np.log(answer.scr / before.scr)) <= 10.0 * 0.04 + 1e-12
-        assert abs(np.log(answer.r_over_x / before.r_over_x)) <= 10.0 * 0.04 + 1e-12
-        assert np.isfinite(answer.gains).all()
-        assert (answer.status & (FRESH | HELD)) in (FRESH, HELD)
-        assert (answer.status & FRESH != 0) == (answer.reason == 0)
-        before = answer
-
-
 @pytest.mark.parametrize("windows", [False, True])
 def test_restored_is_bit_equal(windows: bool) -> None:
     rng = np.random.default_rng(8)
@@ -447,132 +342,7 @@ def test_restored_is_bit_equal(windows: bool) -> None:
             assert a.update_estimate(R, L, *POWERS) == b.update_estimate(R, L, *POWERS)
 
 
-def test_states_of_something_else_are_refused() -> None:
-    scheduler = made()
-    good = scheduler.state()
-    for change, named in (
-        ({"schema": 1}, "schema 1"),
-        ({"made_for": "x"}, "another table"),
-        ({"age": -1}, "state.age"),
-        ({"gains": [1.0]}, "eight numbers"),
-        ({"scr": None}, "state.scr"),
-        ({"scr": 50.0}, "outside the schedule's box"),
-        ({"estimator": {}}, "state.estimator"),
-    ):
-        with pytest.raises(ArtifactError, match=named):
-            scheduler.restore(good | change)
-    with pytest.raises(ArtifactError, match="schema"):
-        scheduler.restore([])  # type: ignore[arg-type]
-    scheduler.restore(good)
-
-
-def larger() -> GainTable:
-    base = replace(PUBLISHED_BASE, V_g_rms=1100.0, V_rated_rms=1100.0)
-    box = ValidityBox((1.5, 20.0), (0.3, 10.0), (-4500.0, 4500.0), (-2000.0, 2000.0), (935.0, 1375.0), 0.2)
-    return table(base=base, validity=box)
-
-
-def test_windows_and_samples_through_a_network() -> None:
-    rng = np.random.default_rng(3)
-    estimator = neural_estimator(random_weights(), sample_interval=200e-6, v_limit=900.0)
-    whole, pushed = scheduler_of(table(), estimator), scheduler_of(table(), estimator)
-    seen = set()
-    for k in range(30):
-        v, i = 200.0 * rng.standard_normal(100), 20.0 * rng.standard_normal(100)
-        v[7] = {5: np.nan, 9: 900.0}.get(k, v[7])
-        full = [pushed.push(*pair) for pair in zip(v, i, strict=True)]
-        assert full == [False] * 99 + [True]
-        assert pushed.push(1.0, 2.0)  # left out
-        answer = whole.update(v, i, *POWERS)
-        assert pushed.update_pushed(*POWERS) == answer
-        seen.add(answer.reason)
-        assert (answer.reason == NOT_FINITE) == (k == 5)
-        assert (answer.reason == SATURATED) == (k == 9)
-    assert IMPLAUSIBLE in seen or 0 in seen
-    assert whole.update_pushed(*POWERS).reason == NO_ESTIMATE
-    with pytest.raises(ArtifactError, match="no network"):
-        made().update(np.zeros(100), np.zeros(100), *POWERS)
-
-
-def test_a_network_of_another_converter_is_refused() -> None:
-    estimator = neural_estimator(random_weights(), sample_interval=200e-6)
-    with pytest.raises(ArtifactError, match="of different converters"):
-        scheduler_of(larger(), estimator)
-
-
 def test_the_closed_lookup_is_the_tables() -> None:
     lookup = gain_lookup(table_schedule(table()), V_n_rms=110.0)
     assert lookup.grid(*lookup.coordinates(1.3, 4e-3)) == pytest.approx((1.3, 4e-3), rel=1e-14)
     assert len(REASONS) == 9
-
-
-@pytest.mark.parametrize("wrong", [True, np.True_, "0.36", None, [1.0], float("nan"), 1j])
-@pytest.mark.parametrize("at", range(5))
-def test_what_is_no_number_is_refused_and_changes_nothing(wrong: Any, at: int) -> None:
-    """True is no 1 and a text no number, whatever Python makes of them."""
-    scheduler = made()
-    before = settle(scheduler, 8.0, 3.0)
-    arguments: list[Any] = [*grid(8.0, 3.0), *POWERS]
-    arguments[at] = wrong
-    answer = scheduler.update_estimate(*arguments)
-    assert (answer.status, answer.reason) == (HELD | REFUSED, NOT_FINITE)
-    assert answer.gains == before.gains
-    if at >= 2:
-        assert scheduler.hold(*arguments[2:]).status & REFUSED
-
-
-@pytest.mark.parametrize("huge", [10**400, -(10**400), 1e308, float("inf")])
-def test_numbers_beyond_all_range_are_refused(huge: Any) -> None:
-    scheduler = made()
-    before = settle(scheduler, 8.0, 3.0)
-    answer = scheduler.update_estimate(*grid(8.0, 3.0), huge, *POWERS[1:])
-    assert answer.status == HELD | REFUSED
-    assert answer.reason in (NOT_FINITE, RANGE)
-    assert scheduler.update_estimate(huge, 4e-3, *POWERS).status & HELD
-    assert answer.gains == before.gains
-
-
-def test_every_kind_of_number_is_one() -> None:
-    expected = settle(made(), 8.0, 3.0)
-    kinds: tuple[Any, ...] = (np.float64, np.float32, np.array, int)
-    for kind in kinds:
-        scheduler = made()
-        settle(scheduler, 8.0, 3.0, 39)
-        answer = scheduler.update_estimate(*grid(8.0, 3.0), kind(3000), kind(500), kind(112))
-        assert answer == expected
-
-
-@pytest.mark.parametrize("ticks", [True, "5", 1.5, None.__class__, np.float64(3.0)])
-def test_ticks_are_whole(ticks: Any) -> None:
-    with pytest.raises(ValueError, match=r"ticks = .*must be a whole number"):
-        made().hold(*POWERS, ticks=ticks)
-    assert made().hold(*POWERS, ticks=np.uint32(7)) == made().hold(*POWERS, ticks=7)
-
-
-def test_samples_that_are_no_numbers_are_refused() -> None:
-    weights = random_weights()
-    window = weights.window
-    estimator = neural_estimator(weights, sample_interval=window.sample_interval, channels=window.channels)
-    scheduler = scheduler_of(table(), estimator)
-    good = np.ones(window.length // 2)
-    for bad in (good > 0.0, good.astype(str), np.array([10**400] * len(good), dtype=object)):
-        assert scheduler.update(bad, good, *POWERS).reason == NOT_FINITE
-        assert scheduler.update(good, bad, *POWERS).reason == NOT_FINITE
-
-
-def test_a_network_answers_once_a_window(tmp_path: Path) -> None:
-    """The nominal period is the window's: without ticks, as much time passes as the window took."""
-    weights = random_weights()
-    write_table_file(table(), tmp_path / "t.json")
-    write_network_weights(weights, tmp_path / "w.json")
-    fit = {"sample_interval": weights.window.sample_interval, "channels": weights.window.channels}
-    c = load_scheduler(tmp_path / "t.json", tmp_path / "w.json", fit=fit).settings
-    assert c.update_ticks * c.tick == pytest.approx(weights.window.samples * weights.window.sample_interval)
-    slow = window_settings(0.3)
-    assert slow == {
-        "update_ticks": 300_000,
-        "longest_ticks": 600_000,
-        "stale_ticks": 1_200_000,
-        "lost_ticks": 12_000_000,
-    }
-    assert window_settings(0.01)["stale_ticks"] == settings_of(table()).stale_ticks

@@ -16,7 +16,7 @@ from tests.oracles.emt_source import StiffSource
 from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.parameters import Event, Grid
 from vsgdesign.simulation import GainChange
-from vsgdesign.simulation.online import ListedGains
+from vsgdesign.simulation.gains_of_run import ListedGains
 from vsgdesign.simulation.run import _stretches
 from vsgdesign.simulation.timeline import build_timeline
 

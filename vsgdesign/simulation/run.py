@@ -29,8 +29,9 @@ from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits
 from vsgdesign.simulation.connecting import Connecting
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.gains_of_run import ListedGains, OnlineGains
 from vsgdesign.simulation.loop import LOG_COLUMNS, RunLoop, slopes_of
-from vsgdesign.simulation.online import ListedGains, OnlineGains, OnlineScheduler
+from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
 from vsgdesign.simulation.run_log import RunLog
