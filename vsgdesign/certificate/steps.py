@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.artifacts.step_record import StepRow, StepStatement
 from vsgdesign.certificate.boxes import encloses
-from vsgdesign.certificate.certifying import Motion, prepared, proved_between
+from vsgdesign.certificate.certifying import prepared, proved_between
 from vsgdesign.certificate.level_set import largest_level_set
 from vsgdesign.certificate.lyapunov import residual
+from vsgdesign.certificate.motion import Motion
 from vsgdesign.certificate.region import MeasuredSchedule, Region, System, nodes, random_points
 from vsgdesign.certificate.results import GAP_FREE, GRIDDED, Certificate, Counterexample
 from vsgdesign.certificate.search import worst_points
