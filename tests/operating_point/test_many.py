@@ -28,9 +28,9 @@ from vsgdesign.operating_point.many import (
     NOT_CONVERGED,
     Lanes,
     ManyStates,
-    many_rests_with_measured_gains,
     many_steady_states,
 )
+from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.operating_point.plants import plant_steps
 from vsgdesign.operating_point.sampled import steady_state
 from vsgdesign.parameters import Study

@@ -17,7 +17,7 @@ from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.clearing import with_instants
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import feed_of
-from vsgdesign.simulation.survival.running import judge_scenario
+from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import build_timeline
 
 

@@ -17,7 +17,8 @@ from vsgdesign.simulation.outcome import outcome_of
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.scenario import measure_events, rest_at_limit, series_at_pcc
-from vsgdesign.simulation.survival.running import judge_scenario, record_of
+from vsgdesign.simulation.survival.running import record_of
+from vsgdesign.simulation.survival.scenario import judge_scenario
 
 SETTLED = "settled"
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.operating_point.many import NO_GAINS, NOT_CONVERGED, many_rests_with_measured_gains
+from vsgdesign.operating_point.many import NO_GAINS, NOT_CONVERGED
+from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.operating_point.plant import TwoAxisCircuit
 from vsgdesign.operating_point.sampled import SampledState, fault_of_rest, state_of_lane
 from vsgdesign.parameters.grid import Grid

@@ -21,7 +21,7 @@ from vsgdesign.metrics import EndState
 from vsgdesign.metrics.modes import taken
 from vsgdesign.operating_point.at_rest import GainsOfMeasured, rest_with_measured_gains
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
-from vsgdesign.operating_point.many import many_rests_with_measured_gains
+from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network_fields import beyond_models
 from vsgdesign.parameters.source import GridSource

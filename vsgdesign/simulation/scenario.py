@@ -39,7 +39,7 @@ from vsgdesign.simulation.rest import (
     rests,
 )
 from vsgdesign.simulation.run import Simulation, simulate
-from vsgdesign.simulation.survival.running import judge_scenario
+from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from vsgdesign.equations.integration import TURN
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
 from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.identification.field import FieldEstimator
-from vsgdesign.operating_point.many import many_rests_with_measured_gains
+from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.many import ManySchedulers
 from vsgdesign.runtime.many_updating import ManyCovariances

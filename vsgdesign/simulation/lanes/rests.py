@@ -19,8 +19,8 @@ from vsgdesign.operating_point.many import (
     LIMITER_ACTS,
     LIMITER_PULLS,
     ManyStates,
-    many_rests_with_measured_gains,
 )
+from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT, LaneResults

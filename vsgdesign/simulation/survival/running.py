@@ -10,17 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
-from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, SimulationDivergedError
-from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification import estimator_kind
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.metrics.survival import (
     DIVERGED,
-    LATCHED,
     NO_REST,
-    NOT_AT_REST,
     OVER_LIMIT,
     ExpectedRest,
     Survival,
@@ -38,12 +34,11 @@ from vsgdesign.simulation.circuits import Connection, circuit_at_rest
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange, gain_changes
-from vsgdesign.simulation.late import STALE_S, LateSchedule, Told, knowledge_of, safe_grid, told_at, told_of
+from vsgdesign.simulation.late import LateSchedule, safe_grid
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.cases import GridKnowledge, SurvivalCase
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
+from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.simulation.survival.field import at_asked_powers, field_demand, late_grid
-from vsgdesign.simulation.survival.held import held_fault
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 Array = NDArray[np.float64]
@@ -55,13 +50,6 @@ converter with 3 kHz at SCR 20, with and without a limit. It is judged by its ow
 OWN_REST_CYCLES = 5
 """A switched bridge rests at the means over a cycle within its last cycles, of which there are so many."""
 
-
-_LAST_CYCLES = 5
-"""A run without a rest that is computed apart from it is judged by its means over so many cycles at its end."""
-
-ISLAND_F = 0.06
-"""How far the frequency of an island may be from the nominal one, as a share of it: 47 to 53 Hz at 50 Hz. It is this
-project's choice."""
 
 _SAME_INSTANT = 1e-6
 """Share of a sample by which a row may lie before an event and is still after it: times are rounded."""
@@ -201,130 +189,6 @@ def trace_case(subject: Subject, case: SurvivalCase) -> CaseRun | Survival:
         verdict=verdict,
         estimates=feed.log(timeline) if isinstance(feed, FieldScheduler) else None,
     )
-
-
-def judge_scenario(
-    study: Study,
-    spec: ControllerSpec,
-    ready: Ready,
-    simulation: Simulation,
-    bridge: str = "averaged",
-    *,
-    own_rest: bool = False,
-) -> Survival:
-    """The verdict on a run of a study whose events are one disturbance, as :func:`trace_case` gives it for a case.
-
-    ``study`` has the current limit of the controller. One that estimates the grid rests with the gains of the true one.
-    A run that ends with a fault or an open breaker has no rest that is computed apart from it: it must come to a rest
-    of its own, the means of its last cycles, and behind an open breaker within ISLAND_F and the voltage limits of the
-    converter. ``own_rest`` asks the same of a run after whose events there is no rest within the current limit, and
-    that it does there what its current allows (:func:`held_fault`). It judges a run that began with little room below
-    the limit, too.
-    """
-    c, timeline = study.converter, simulation.timeline
-    end_s, limit_pu = study.simulation.duration, c.current_limit_pu
-    instants = sorted({event.t_s for event in study.events if event.t_s > 0.0})
-    cleared_s = max(event.t_s + event.over for event in study.events)
-    subject = Subject(study=study, spec=spec, ready=ready, limit_pu=math.inf if limit_pu is None else limit_pu)
-    alone = not timeline.network_at(end_s).connected
-    demand = demand_of(
-        c,
-        subject.settling_time,
-        silent_s=silent_s_of(spec),
-        cycle_s=None if alone else 2.0 * math.pi / timeline.source_at(end_s).omega,
-    )
-    found = rests_of_scenario(subject, study, timeline)
-    record = _while_connected(record_of(study, simulation), timeline)
-    refused: list[tuple[str, str] | None] = [None if rest is None else subject.refused(rest) for rest in found]
-    if refused[0] is not None and not own_rest:
-        return Survival(status=refused[0][0], reason=f"before the events: {refused[0][1]}")
-    rest, beyond = found[1], refused[1]
-    if beyond is not None and not own_rest:
-        return Survival(status=beyond[0], reason=f"after the events: {beyond[1]}")
-    if rest is None or beyond is not None:
-        verdict = judge_survival(
-            record, instants, cleared_s, _last_means(record, demand), replace(demand, i_max_pu=None)
-        )
-        if not verdict.survived:
-            return verdict
-        fault = _fault_of_island(study, simulation) if alone else None
-        if fault is not None:
-            return replace(verdict, status=NOT_AT_REST, reason=fault)
-        fault = None if rest is None else held_fault(study, simulation, rest)
-        if fault is not None:
-            return replace(verdict, status=LATCHED, reason=fault)
-        words = None if beyond is None else f"it comes to a rest of its own ({beyond[1]})"
-        return replace(verdict, reason=words)
-    if bridge == "pwm":
-        rest = own_rest_of(rest, record, demand)
-    return judge_survival(record, instants, cleared_s, rest, demand)
-
-
-def rests_of_scenario(subject: Subject, study: Study, timeline: Timeline) -> tuple[ExpectedRest | None, ...]:
-    """Where a converter rests before and after the events of a study, with its current limit out of the way; None where
-    there is a fault or an open breaker."""
-    knowledge = knowledge_of(subject.spec, timeline)
-    told = None if knowledge is None else told_of(study, knowledge, timeline)
-    found: list[ExpectedRest | None] = []
-    before = None
-    for t_s in (0.0, study.simulation.duration):
-        source, grid, network = timeline.source_at(t_s), timeline.grid_at(t_s), timeline.network_at(t_s)
-        if network.fault is not None or not network.connected:
-            found.append(None)
-            continue
-        known = grid if told is None else _known_at(told, t_s, subject.safe)
-        at = GridSource(source.V_g_rms, source.omega)
-        asked = known, grid, at, timeline.references_at(t_s), network.load
-        found.append(found[0] if asked == before else rest_on(subject, study, *asked))
-        before = asked
-    return tuple(found)
-
-
-def _known_at(told: Told, t_s: float, safe: Grid | None) -> Grid:
-    """The grid whose gains are in force at an instant: the one told last, or a safe one once that is stale."""
-    known, answered = told_at(told, t_s)
-    if answered or safe is None:
-        return known
-    last = max(k for k, (start_s, said) in enumerate(told) if said is not None and start_s <= t_s)
-    return safe if t_s - told[last + 1][0] >= STALE_S else known
-
-
-def _while_connected(record: SurvivalRecord, timeline: Timeline) -> SurvivalRecord:
-    """The record with the angle against the grid source held while the breaker is open: it means nothing then."""
-    if all(network.connected for _, network in timeline.networks):
-        return record
-    starts = np.array([t_s for t_s, _ in timeline.networks])
-    closed = np.array([network.connected for _, network in timeline.networks])
-    step = float(record.t_s[1] - record.t_s[0])
-    there = closed[np.searchsorted(starts, record.t_s + 1e-3 * step, side="right") - 1]
-    last = np.maximum.accumulate(np.where(there, np.arange(len(there)), 0))
-    return replace(record, delta=record.delta[last])
-
-
-def _last_means(record: SurvivalRecord, demand: SurvivalDemand) -> ExpectedRest:
-    """The means of a record over its last cycles, in place of a rest that is computed apart from it."""
-    rows = min(max(round(_LAST_CYCLES * demand.cycle_s / float(record.t_s[1] - record.t_s[0])), 1), len(record.t_s))
-    P, Q, i_s = (float(np.mean(values[-rows:])) for values in (record.P, record.Q, record.i_s_pu))
-    turn = 2.0 * math.pi
-    delta = float(np.mean(np.unwrap(record.delta[-rows:])))
-    found = ExpectedRest(P=P, Q=Q, delta=delta - turn * round(delta / turn), i_s_pu=i_s)
-    return found if math.isfinite(P + Q + delta + i_s) else replace(found, P=0.0, Q=0.0, delta=0.0, i_s_pu=0.0)
-
-
-def _fault_of_island(study: Study, simulation: Simulation) -> str | None:
-    """What is wrong with the voltage or the frequency of an island over the last cycles; None: nothing."""
-    c, circuit = study.converter, study.circuit()
-    rows = max(round(_LAST_CYCLES * 2.0 * math.pi / c.omega_n / study.simulation.log_interval), 1)
-    log = simulation.log[-rows:]
-    v = np.hypot(*(capacitor_node_voltage(log[:, k], log[:, 2 + k], log[:, 4 + k], circuit) for k in (0, 1)))
-    V_pu = float(np.mean(v)) / rms_to_peak(c.V_rated_rms)
-    f_hz, f_n = float(np.mean(simulation.column("omega")[-rows:])) / (2.0 * math.pi), c.omega_n / (2.0 * math.pi)
-    if not c.V_min_pu <= V_pu <= c.V_max_pu:
-        return f"the island has {V_pu:.3g} pu, outside of {c.V_min_pu:g} to {c.V_max_pu:g} pu"
-    if abs(f_hz - f_n) > ISLAND_F * f_n:
-        low, high = f_n * (1.0 - ISLAND_F), f_n * (1.0 + ISLAND_F)
-        return f"the island has {f_hz:.4g} Hz, outside of {low:.4g} to {high:.4g} Hz"
-    return None
 
 
 def rest_of(
