@@ -44,7 +44,7 @@ def largest_level_set(
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # an inaccurate solution is checked below like any other
-                problem.solve(solver=cp.CLARABEL)
+                problem.solve(solver=cp.CLARABEL, max_threads=1)
         except cp.SolverError:
             return None, tuple(active)
         if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE) or Y.value is None:
