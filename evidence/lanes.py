@@ -77,7 +77,7 @@ def state_of_one(study: Study, cases: LaneCases, k: int, samples: int) -> Array:
     spec = next(one for one in study.controllers if one.name == CONTROLLER)
     own = study_of_case(study.with_limit_of(spec), cases, k, samples)
     timeline = build_timeline(own)
-    feed = LateSchedule(own, spec, _told(cases, k, timeline), NOTHING, safe=safe_grid(own))
+    feed = LateSchedule(own, spec, _told(cases, k, timeline), NOTHING, safe=safe_grid(own, spec, NOTHING))
     run = simulate(replace(own, simulation=replace(own.simulation, log_interval=20e-3)), feed)
     return np.array([*run.final_plant, *run.final_state[:-1]]) / ratings(study)
 

@@ -4,6 +4,29 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from vsgdesign.datasheet import Datasheet, resolve
+from vsgdesign.datasheet.reading import Entry, Sheet
+
+SIMPLE = {
+    "rating": "100 kVA",
+    "voltage": "400 V L-L",
+    "frequency": "50 Hz",
+    "dc_link": "750 V",
+    "carrier": "10 kHz",
+    "sampling": "twice",
+    "delay": "1",
+    "pwm": "SVPWM",
+    "current_limit": "1.5 pu",
+    "L_1": "0.4 mH",
+    "R_1": "4 mohm",
+    "C": "60 uF star",
+    "R_c": "0",
+    "L_2": "0.1 mH",
+    "R_2": "1 mohm",
+    "scr": "1.5 to 20",
+    "x_over_r": "0.3 to 20",
+}
+
 INDUSTRIAL = """\
 Parameter,Value,Unit
 Rated power,250,kVA
@@ -121,3 +144,14 @@ def write_all(folder: Path) -> dict[str, Path]:
     for name, content in contents.items():
         (folder / name).write_bytes(content)
     return {name.partition(".")[0]: folder / name for name in contents}
+
+
+def of(**changes: object) -> Datasheet:
+    """The simple converter with some fields changed, taken out (None) or added."""
+    return resolve(sheet_of(**changes))
+
+
+def sheet_of(**changes: object) -> Sheet:
+    """The rows of :func:`of`."""
+    fields = {key: value for key, value in (SIMPLE | changes).items() if value is not None}
+    return Sheet("test", tuple(Entry(key, value, "", key) for key, value in fields.items()))
