@@ -65,6 +65,17 @@ def test_a_loop_that_crosses_no_line_has_no_margin() -> None:
     assert found.phase_margin_deg is found.delay_margin_s is found.crossover_rad_s is None
 
 
+@pytest.mark.parametrize("pole", [0.0, 1e-15, -1e-15])
+@pytest.mark.parametrize("zero", [0.0, 1e-15, -1e-15])
+def test_rounding_makes_no_gain_margin(zero: float, pole: float) -> None:
+    """K/(s(s + a)) never turns by half a turn. With a pole not quite at zero, or a zero very far away, it does."""
+    K, a = 60.0, 16.0
+    found = loop_margins(control.tf([K * zero, K], [1.0, a, pole]))
+    assert found.gain_margin_db is None
+    omega = math.sqrt(0.5 * (math.sqrt(a**4 + 4.0 * K * K) - a * a))
+    assert found.phase_margin_deg == pytest.approx(90.0 - math.degrees(math.atan(omega / a)), abs=1e-9)
+
+
 def test_the_margin_is_the_one_nearest_to_the_limit() -> None:
     """Three crossings beside a resonance: the phase margin is the least of them."""
     loop = control.tf([20.0], np.polymul([1.0, 0.0], [1.0, 0.4, 25.0]))

@@ -13,6 +13,10 @@ from vsgdesign.model import decoupled_loops
 if TYPE_CHECKING:
     import control
 
+_ROUNDING_DB = 200.0
+"""A gain margin beyond this is none: rounding moves a pole at s = 0 or a zero at infinity by some 1e-15 of the others,
+and the loop then turns by half a turn where its gain is 1e13 or 1e-13."""
+
 
 @dataclass(frozen=True)
 class PowerLoops:
@@ -50,9 +54,10 @@ def loop_margins(open_loop: control.TransferFunction) -> LoopMargins:
     import control
 
     gain, phase, _, _, crossover, _ = control.stability_margins(open_loop)
+    gain_db = float(20.0 * np.log10(gain))
     crosses = np.isfinite(phase) and np.isfinite(crossover) and crossover > 0.0
     return LoopMargins(
-        gain_margin_db=float(20.0 * np.log10(gain)) if np.isfinite(gain) else None,
+        gain_margin_db=gain_db if abs(gain_db) < _ROUNDING_DB else None,
         phase_margin_deg=float(phase) if crosses else None,
         delay_margin_s=float(np.deg2rad(phase) / crossover) if crosses else None,
         crossover_rad_s=float(crossover) if crosses else None,
