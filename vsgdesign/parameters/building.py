@@ -22,12 +22,13 @@ from vsgdesign.parameters.background import read_background
 from vsgdesign.parameters.controllers import read_controllers, read_limit, read_limiter, read_target
 from vsgdesign.parameters.converter import Converter, Filter
 from vsgdesign.parameters.estimator import read_estimator
+from vsgdesign.parameters.events import read_events
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.inner_loops import InnerLoopSource, read_inner_loops, request_of
 from vsgdesign.parameters.plausible import check_plausible
 from vsgdesign.parameters.reader import Asked, TableReader
 from vsgdesign.parameters.replay import read_replay
-from vsgdesign.parameters.scenario import read_components, read_events, read_grid, read_network, read_simulation
+from vsgdesign.parameters.scenario import read_components, read_grid, read_network, read_simulation
 from vsgdesign.parameters.sensors import read_sensors
 from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.specification import read_specification

@@ -1,0 +1,295 @@
+"""Reads the events of a study file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.network import PLAIN, Network, SynchroCheck
+from vsgdesign.parameters.network_fields import (
+    CLOSED,
+    NONE,
+    Base,
+    Said,
+    check_said,
+    network_words,
+    read_sag,
+    read_said,
+    read_synchro_check,
+    sag_words,
+    synchro_check_words,
+)
+from vsgdesign.parameters.reader import TableReader
+from vsgdesign.parameters.scenario import read_components, read_grid
+from vsgdesign.parameters.source import GridSource, Sag, SourceComponent, sagged
+from vsgdesign.parameters.study import Event, SimulationSpec
+from vsgdesign.parameters.units import UnitError, parse_quantity
+
+_SAME_INSTANT = 1e-9
+"""Events that are less than this apart, s, are at the same instant."""
+
+
+@dataclass
+class _Present:
+    """What holds up to an event, since an event changes only what it names."""
+
+    grid: Grid
+    network: Network
+    source: GridSource
+    """Without the sag."""
+    sag: Sag | None = None
+    ramp_end_s: float = -math.inf
+    """When the last ramp of V_g_rms is over."""
+
+
+def read_events(
+    tables: list[TableReader],
+    grid: Grid,
+    basis: str,
+    converter: Converter,
+    spec: SimulationSpec,
+    source: GridSource,
+    network: Network = PLAIN,
+) -> tuple[Event, ...]:
+    """The [[events]], sorted by time. An event may change several things at once. ``grid``, ``source`` and ``network``
+    are those at the start."""
+    events: list[Event] = []
+    said: list[tuple[float, TableReader, dict[str, Any]]] = []
+    present = _Present(grid, network, source)
+    before, before_s = replace(present), -math.inf  # at the end of the instant before
+    waiting: TableReader | None = None  # of the event whose breaker waits to close
+    base = Base.of(converter)
+    limit = spec.reference_limit_pu * converter.S_rated
+    f_n = converter.omega_n / (2.0 * math.pi)
+    for table in sorted(tables, key=_time_or_last):
+        t_s = table.quantity("time", "s", 0.0, spec.duration, hint="Events must lie within simulation.duration.")
+        if not abs(t_s - before_s) <= _SAME_INSTANT:
+            before, before_s = replace(present), t_s
+        new_grid = None
+        grid_table = table.child("grid")
+        if grid_table is not None:
+            new_grid = read_grid(grid_table, converter, basis, present.grid)
+            grid_table.finish()
+            present.grid = new_grid
+        V_g_pu = table.quantity("V_g_pu", "1", 0.0, 2.0, default=None)
+        f_g = table.quantity("f_g", "Hz", 0.8 * f_n, 1.2 * f_n, default=None)
+        over = table.quantity("over", "s", 0.0, spec.duration, default=0.0)
+        jump = table.quantity("phase_jump", "rad", -math.pi, math.pi, default=0.0)
+        P_ref = table.quantity("P_ref", "W", -limit, limit, default=None)
+        Q_ref = table.quantity("Q_ref", "var", -limit, limit, default=None)
+        components = read_components(table.children("components")) if table.has("components") else None
+        table.skip("components")
+        of_network = read_said(table, base)
+        check_said(table, of_network if waiting is None else of_network._replace(breaker=None), before.network)
+        check_table = table.child("synchro_check")
+        check = None if check_table is None else read_synchro_check(check_table)
+        synchronise = table.flag("synchronise", default=False)
+        _check_waiting(table, of_network, check, synchronise, waiting, present.network)
+        sag_table = table.child_or_word("sag", NONE)
+        sag = read_sag(sag_table) if isinstance(sag_table, TableReader) else sag_table
+        if over > 0.0 and V_g_pu is None and f_g is None:
+            table.fault("over", f"{over:.6g} s", "there is nothing to ramp", "Use it with V_g_pu or f_g.")
+        event = Event(
+            t_s=t_s,
+            name="",
+            grid=new_grid,
+            V_g_rms=None if V_g_pu is None else V_g_pu * converter.V_rated_rms,
+            omega_g=None if f_g is None else 2.0 * math.pi * f_g,
+            over=over,
+            phase_jump=jump,
+            P_ref=P_ref,
+            Q_ref=Q_ref,
+            components=components,
+        )
+        if check is not None or synchronise:  # until then the breaker is open
+            waiting = table
+            of_network = of_network._replace(breaker=None)
+            event = replace(event, synchro_check=check, synchronised_until=math.inf if synchronise else None)
+        described = _describe(event, of_network, sag, converter, basis)
+        if any(value is not None for value in of_network):
+            present.network = of_network.on(present.network)
+            event = replace(event, network=present.network)
+        if sag is not None:
+            _check_sag(table, event, sag, before)
+        given = _given(table, event, converter, basis) | _given_objects(table, of_network, sag)
+        for earlier_t, earlier, values in said:
+            if abs(t_s - earlier_t) <= _SAME_INSTANT:
+                _check_agreement(table, given, earlier, values, t_s)
+        said.append((t_s, table, given))
+        if not described:
+            what = "grid, V_g_pu, f_g, phase_jump, components, sag, load, fault, breaker, P_ref or Q_ref"
+            table.fault("", None, "changes nothing", f"Give {what}.")
+        event = _with_sag(event, sag, present, converter)
+        name = table.text("name", default=described)
+        events.append(replace(event, name=name))
+        table.finish()
+    return tuple(events)
+
+
+def _check_waiting(
+    table: TableReader,
+    of_network: Said,
+    check: SynchroCheck | None,
+    synchronise: bool,
+    waiting: TableReader | None,
+    network: Network,
+) -> None:
+    """A synchro-check or the converter itself closes the breaker, at an instant that is not known beforehand."""
+    for field in (*(["synchro_check"] if check is not None else []), *(["synchronise"] if synchronise else [])):
+        if of_network.breaker != CLOSED:
+            problem = "it closes the breaker, which this event does not"
+            table.fault(field, None, problem, f'Add breaker = "{CLOSED}".')
+    if synchronise and check is not None:
+        table.fault("synchronise", "true", "the same event has a synchro_check", "Give one of them.")
+    if synchronise and of_network.on(network).load is not None:
+        problem = "there is a load at the PCC, and a converter synchronises without power"
+        table.fault("synchronise", "true", problem, 'Take the load away (load = "none"), or give synchro_check.')
+    if waiting is not None and of_network.breaker is not None:
+        problem = f"{waiting.path} closes it at an instant that is not known beforehand"
+        table.fault("breaker", of_network.breaker, problem, "Let it be the last event of the breaker.")
+
+
+def _check_sag(table: TableReader, event: Event, sag: Sag | str, before: _Present) -> None:
+    """A sag is a step from a voltage that holds."""
+    shown = sag_words(sag)
+    if sag == NONE and before.sag is None:
+        table.fault("sag", NONE, "there is no sag that it could end", "Leave it out, or begin one before.")
+    if event.V_g_rms is not None:
+        table.fault("sag", shown, "V_g_pu is given as well", "Give one of them: a sag is a share of V_g_pu before it.")
+    if event.over > 0.0:
+        table.fault("over", f"{event.over:.6g} s", "a sag begins and ends at once", "Ramp f_g in an event of its own.")
+    if event.t_s < before.ramp_end_s - _SAME_INSTANT:
+        problem = f"the ramp of V_g_pu goes on to {before.ramp_end_s:g} s"
+        table.fault("sag", shown, problem, "Begin it after the ramp, or give V_g_pu without over.")
+
+
+def _with_sag(event: Event, sag: Sag | str | None, present: _Present, converter: Converter) -> Event:
+    """The event with what a sag makes of the source: its positive sequence, the angle by which this is turned, and its
+    negative sequence. ``present`` goes on with what holds from here on."""
+    V_rated = converter.V_rated_rms
+    old = present.source
+    _, turned, before = sagged(old, present.sag, V_rated)
+    source = replace(
+        old,
+        V_g_rms=old.V_g_rms if event.V_g_rms is None else event.V_g_rms,
+        components=old.components if event.components is None else event.components,
+    )
+    # A voltage that is given says what holds from here on, so it ends the sag.
+    kept = present.sag if event.V_g_rms is None else None
+    now = kept if sag is None else (None if isinstance(sag, str) else sag)
+    if event.V_g_rms is not None:
+        present.ramp_end_s = event.t_s + event.over
+    was, present.source, present.sag = present.sag, source, now
+    if was is None and now is None:
+        return event
+    V_g_rms, angle, components = sagged(source, now, V_rated)
+    if was == now and event.components is not None:
+        return replace(event, components=components)
+    if was == now:
+        return event
+    return replace(
+        event,
+        V_g_rms=event.V_g_rms if event.V_g_rms is not None else V_g_rms,
+        phase_jump=event.phase_jump + angle - turned,
+        components=None if components == before else components,
+    )
+
+
+def _given_objects(table: TableReader, of_network: Said, sag: Sag | str | None) -> dict[str, Any]:
+    """What an event sets besides quantities. Components are compared as they are written."""
+    values = of_network._asdict() | {"sag": sag, "components": table.table.get("components")}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _given(table: TableReader, event: Event, converter: Converter, basis: str) -> dict[str, Any]:
+    """The quantities that an event sets, SI."""
+    values: dict[str, float | None] = {
+        "P_ref": event.P_ref,
+        "Q_ref": event.Q_ref,
+        "phase_jump": event.phase_jump or None,
+    }
+    for name, value in (("V_g_pu", event.V_g_rms), ("f_g", event.omega_g)):
+        values |= {name: value, f"over of {name}": None if value is None else event.over}
+    if event.grid is not None:
+        scr, ratio = event.grid.scr(converter, basis), event.grid.x_over_r(converter.omega_n)
+        known = {"R_g": event.grid.R_g, "L_g": event.grid.L_g, "scr": scr, "x_over_r": ratio}
+        written = table.table["grid"]
+        if isinstance(written, dict):  # the reader has said so where it is not
+            values |= {f"grid.{name}": value for name, value in known.items() if name in written}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _check_agreement(
+    table: TableReader, given: dict[str, Any], earlier: TableReader, before: dict[str, Any], t_s: float
+) -> None:
+    """Two events of one instant may set different things, or the same thing twice, but not two values of one thing."""
+    advice = "Give one value, or different times."
+    for name in [name for name in given if name in before]:
+        if not isinstance(given[name], float):
+            if given[name] != before[name]:
+                value = given[name] if isinstance(given[name], str) else None
+                other = f"other {name}" if name == "components" else f"another {name}"
+                table.fault(name, value, f"{earlier.path} gives {other} at the same instant, {t_s:g} s", advice)
+        elif not math.isclose(given[name], before[name], rel_tol=1e-9) and not math.isnan(given[name] - before[name]):
+            field = name.partition(" of ")[0]
+            value, other = _at(table.table, field), _at(earlier.table, field)
+            problem = f"{earlier.path} sets it to {other} at the same instant, {t_s:g} s"
+            table.fault(field, value, problem, advice)
+    impedance, ratios = {"grid.R_g", "grid.L_g"}, {"grid.scr", "grid.x_over_r"}
+    for one, two in ((impedance, ratios), (ratios, impedance)):
+        if one & given.keys() and two & before.keys():
+            table.fault(
+                "grid", None, f"{earlier.path} gives the grid in other terms at the same instant, {t_s:g} s", advice
+            )
+    for one, two in (("sag", "V_g_pu"), ("V_g_pu", "sag")):
+        if one in given and two in before and two not in given:
+            table.fault(one, None, f"{earlier.path} gives {two} at the same instant, {t_s:g} s", advice)
+
+
+def _at(table: dict[str, Any], field: str) -> object:
+    """A value as it stands in the file; what is left out is zero there."""
+    value: Any = table
+    for key in field.split("."):
+        value = value.get(key, 0)
+    return value
+
+
+def _time_or_last(table: TableReader) -> float:
+    try:
+        return parse_quantity(table.table.get("time"), "s")
+    except UnitError:
+        return math.inf
+
+
+def _describe_components(components: tuple[SourceComponent, ...]) -> str:
+    if not components:
+        return "no source components"
+    return "source " + " ".join(f"{c.order:+g}: {100.0 * c.amplitude_pu:.3g} %" for c in components)
+
+
+def _describe(event: Event, of_network: Said, sag: Sag | str | None, converter: Converter, basis: str) -> str:
+    """What an event says, in words; without what a sag makes of the source."""
+    parts = []
+    if event.grid is not None:
+        parts.append(f"SCR {event.grid.scr(converter, basis):.3g}, X/R {event.grid.x_over_r(converter.omega_n):.3g}")
+    if event.V_g_rms is not None:
+        parts.append(f"V_g {event.V_g_rms / converter.V_rated_rms:.3g} pu")
+    if event.omega_g is not None:
+        parts.append(f"f_g {event.omega_g / (2.0 * math.pi):.4g} Hz")
+    if event.phase_jump != 0.0:
+        parts.append(f"phase {math.degrees(event.phase_jump):+.3g}°")
+    if event.components is not None:
+        parts.append(_describe_components(event.components))
+    if sag is not None:
+        parts.append(sag_words(sag))
+    parts += [] if event.synchro_check is None else [synchro_check_words(event.synchro_check)]
+    parts += [] if event.synchronised_until is None else ["converter synchronises"]
+    parts += network_words(of_network, Base.of(converter))
+    if event.P_ref is not None:
+        parts.append(f"P_ref {event.P_ref / 1e3:.4g} kW")
+    if event.Q_ref is not None:
+        parts.append(f"Q_ref {event.Q_ref / 1e3:.4g} kvar")
+    return ", ".join(parts)
