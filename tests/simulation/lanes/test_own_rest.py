@@ -72,7 +72,7 @@ def test_the_last_entry_is_that_of_each_response_alone() -> None:
     log[:, 6] = 0.5  # never inside
     begin, end = log_begin + rng.integers(0, 300, lanes), log_begin + rows - rng.integers(0, 300, lanes)
     found = own_rest._last_entry(log[:, None], log_begin, begin, end, lambda y: np.abs(y[..., 0, :]), 0.02)
-    times = found.time(0.02, 0.25, 0.25 * begin)
+    times = found.time(0.02, 0.25, np.asarray(0.25 * begin, dtype=np.float64))
     for k in range(lanes):
         own: Any = np.abs(log[begin[k] - log_begin : end[k] - log_begin, k])
         instants: Any = 0.25 * np.arange(len(own))
