@@ -124,7 +124,7 @@ def test_inputs_of_every_kind_are_kept(tmp_path: Path) -> None:
     as_json("simulate", study_file(tmp_path), "--out", out)
     inside = out / "fixed.csv"  # listed, unchanged
     text = SMALL.replace('base = "case:hoang2025_5kva"', f'base = "{inside}"')
-    assert "is a table of values, not TOML" in failure(2, "simulate", study_file(tmp_path, text), "--out", out)
+    assert "it is a table of values" in failure(2, "simulate", study_file(tmp_path, text), "--out", out)
     scheduled = f'kind = "scheduled"\nschedule = "table"\ntable = "{inside}"'
     for addition in (
         SMALL.replace('kind = "scheduled"', scheduled),
