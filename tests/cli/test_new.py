@@ -137,7 +137,7 @@ class Terminal:
 
     def expect(self, text: str) -> None:
         """Read until a text comes, from behind the last one that came."""
-        assert self.comes(text, 30.0), f"{text!r} did not come; seen:\n{self.seen}"
+        assert self.comes(text, 90.0), f"{text!r} did not come; seen:\n{self.seen}"
 
     def comes(self, text: str, seconds: float) -> bool:
         """Whether a text comes in this time. What comes before it is read, and it too."""
@@ -167,7 +167,7 @@ class Terminal:
         os.write(self.master, f"{text}\n".encode())
 
     def close(self) -> int:
-        code = self.process.wait(timeout=30)
+        code = self.process.wait(timeout=90)
         os.close(self.master)
         return code
 

@@ -137,7 +137,7 @@ def test_interruption(number: int, code: int, word: str, tmp_path: Path) -> None
                 shown += os.read(ours, 4096).decode(errors="replace")
             except OSError:  # the other end is closed
                 break
-        stdout, _ = process.communicate(timeout=30)
+        stdout, _ = process.communicate(timeout=90)
     finally:
         process.kill()
         process.wait()

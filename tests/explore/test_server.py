@@ -41,7 +41,7 @@ class _Session:
         what = document.get("do")
         if what == "wait":
             self.begun.append(document["n"])
-            self.go_on.wait(5.0)
+            self.go_on.wait(60.0)
             return None if stale() else Answer({"kind": kind})
         if what == "wrong":
             raise StateError(_FAULTS)
@@ -92,7 +92,7 @@ def _ask(
     headers: Mapping[str, str] | None = None,
     path: str | None = None,
 ) -> tuple[int, bytes, http.client.HTTPMessage]:
-    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10.0)
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=60.0)
     sent = body if body is None or isinstance(body, str | bytes) else json.dumps(body)
     connection.request(method, f"/{server.gate.token}/{name}" if path is None else path, sent, dict(headers or {}))
     response = connection.getresponse()
@@ -101,7 +101,7 @@ def _ask(
     return found
 
 
-def _until(condition: Callable[[], bool], seconds: float = 10.0) -> None:
+def _until(condition: Callable[[], bool], seconds: float = 60.0) -> None:
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end
@@ -240,7 +240,7 @@ def test_a_body_that_is_too_large_is_refused(served: ExplorerServer) -> None:
 
 def test_a_body_needs_one_length(served: ExplorerServer) -> None:
     def raw(*headers: str) -> bytes:
-        with socket.create_connection(("127.0.0.1", served.server_port), timeout=10.0) as one:
+        with socket.create_connection(("127.0.0.1", served.server_port), timeout=60.0) as one:
             lines = [f"POST /{served.gate.token}/linear HTTP/1.1", f"Host: 127.0.0.1:{served.server_port}", *headers]
             one.sendall("\r\n".join([*lines, "", ""]).encode())
             one.shutdown(socket.SHUT_WR)
@@ -302,7 +302,7 @@ def test_a_defect_is_said_and_the_server_goes_on(served: ExplorerServer, complai
 
 def test_connections_stay_open_and_are_fast(served: ExplorerServer) -> None:
     # With Nagle's algorithm or with header and body in two writes a round trip takes 40 ms.
-    connection = http.client.HTTPConnection("127.0.0.1", served.server_port, timeout=10.0)
+    connection = http.client.HTTPConnection("127.0.0.1", served.server_port, timeout=60.0)
     connection.connect()
     socket_before, spent = connection.sock, []
     for number in range(12):

@@ -104,22 +104,22 @@ def test_two_threads_do_not_put_back_each_others_mode() -> None:
     def first() -> None:
         with numpy_on_symbols():
             entered.set()
-            leave.wait(5.0)
+            leave.wait(60.0)
 
     def second() -> None:
         with numpy_on_symbols():
             inside.set()
-            threads[0].join(5.0)
+            threads[0].join(60.0)
             seen.append(ca.GlobalOptions.getNumpyMode())
 
     threads = [threading.Thread(target=target) for target in (first, second)]
     threads[0].start()
-    assert entered.wait(5.0)
+    assert entered.wait(60.0)
     threads[1].start()
     inside.wait(0.05)
     leave.set()
     for thread in threads:
-        thread.join(5.0)
+        thread.join(60.0)
     assert seen == [1]
 
 

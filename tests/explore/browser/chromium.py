@@ -123,7 +123,7 @@ class Chromium:
         self.downloads = profile / "downloads"
         self.downloads.mkdir()
 
-    def call(self, method: str, session: str | None = None, /, timeout_s: float = 20.0, **given: Any) -> dict[str, Any]:
+    def call(self, method: str, session: str | None = None, /, timeout_s: float = 60.0, **given: Any) -> dict[str, Any]:
         """One command of the protocol and its result."""
         self._number += 1
         number = self._number
@@ -252,7 +252,7 @@ class Page:
             raise BrowserError(f"{expression}: {details.get('exception', {}).get('description', details['text'])}")
         return reply["result"].get("value")
 
-    def wait(self, expression: str, timeout_s: float = 6.0) -> Any:
+    def wait(self, expression: str, timeout_s: float = 40.0) -> Any:
         """Wait until an expression of the page is true. Looked at in each frame; its value."""
         watch = WATCH % (expression, 1e3 * timeout_s)
         found = self.evaluate(watch)
@@ -341,7 +341,7 @@ class Page:
         for _ in range(order.index(value)):
             self.key("ArrowDown")
 
-    def downloaded(self, name: str, timeout_s: float = 5.0) -> Path:
+    def downloaded(self, name: str, timeout_s: float = 40.0) -> Path:
         """A file that the page has saved, when it is there."""
         path = self.browser.downloads / name
         until = time.monotonic() + timeout_s

@@ -67,6 +67,7 @@ class Explorer:
     session: Session
     complaints: list[str]
     """Tracebacks of answers that failed."""
+    server: ExplorerServer
 
     def link(self, **changes: Any) -> str:
         """The address of the page with a state: the keys that differ from those of the study."""
@@ -93,7 +94,7 @@ def explorer_of(path: Path) -> Iterator[Explorer]:
     try:
         session = Session(load_study(path), Ready())
         opening.open(session)
-        yield Explorer(server.gate.address, session, complaints)
+        yield Explorer(server.gate.address, session, complaints, server)
     finally:
         server.end()
 
@@ -112,12 +113,12 @@ class ExplorerPage:
     MARGINS = (44.0, 10.0, 6.0, 36.0)
     """Of the map's axes in its canvas: left, right, top, bottom (page/map.js)."""
 
-    def __init__(self, page: Page, address: str, timeout_s: float = 20.0) -> None:
+    def __init__(self, page: Page, address: str, timeout_s: float = 40.0) -> None:
         self.page = page
         page.call("Page.addScriptToEvaluateOnNewDocument", source=COUNTER)
         self.open(address, timeout_s)
 
-    def open(self, address: str, timeout_s: float = 20.0) -> None:
+    def open(self, address: str, timeout_s: float = 40.0) -> None:
         """Go to an address, and wait until everything is drawn."""
         page = self.page
         if page.evaluate("location.href").split("#")[0] == address.split("#")[0]:

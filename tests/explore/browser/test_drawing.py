@@ -98,18 +98,52 @@ def test_a_grid_without_operating_point_says_why(explorer: Explorer, new_page: C
         assert not any(text.strip("–") for name, text in row.items() if name != "Status"), row
 
 
-def test_an_explorer_that_has_ended_is_said_so(explorer: Explorer, new_page: Callable[..., Page]) -> None:
+class Away:
+    """In place of the server's gate: every connection is closed without an answer, as where nobody listens."""
+
+    def __init__(self, *names: str) -> None:
+        self.names = names
+
+    def enter(self, path: str, *_: object) -> str:
+        name = path.rsplit("/", 1)[-1]
+        if not self.names or name in self.names:
+            raise ConnectionResetError
+        return name
+
+
+def test_a_server_that_does_not_answer_is_said_so_and_asked_again(
+    explorer: Explorer, new_page: Callable[..., Page], monkeypatch: pytest.MonkeyPatch
+) -> None:
     page = new_page()
     opened = ExplorerPage(page, explorer.address)
-    page.call("Network.emulateNetworkConditions", offline=True, latency=0, downloadThroughput=-1, uploadThroughput=-1)
-    page.click(opened.place(0.7, 0.3).point)
-    page.wait("document.documentElement.dataset.state === 'lost'")
-    assert "vsgdesign explore" in opened.text("#notice")
-    page.call("Network.emulateNetworkConditions", offline=False, latency=0, downloadThroughput=-1, uploadThroughput=-1)
-    before = opened.counts()
-    page.click(opened.place(0.6, 0.3).point)
+    before, place = opened.counts(), opened.place(0.7, 0.3)
+    with monkeypatch.context() as away:
+        away.setattr(explorer.server, "gate", Away())
+        page.click(place.point)
+        page.wait("document.documentElement.dataset.state === 'lost'")
+        assert "vsgdesign explore" in opened.text("#notice")
+        assert opened.counts() == before
+    page.wait("document.documentElement.dataset.state === 'ready'")  # without another move of the user's
     opened.redrawn(before, "linear", "emt")
+    assert opened.text("#notice") == ""
     page.faults.clear()  # the console has complained about the requests that were lost
+
+
+def test_pictures_of_two_grids_are_never_taken_for_one(
+    explorer: Explorer, new_page: Callable[..., Page], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One answer came and the other was lost: the page said that all was well, and never asked for the other again."""
+    page = new_page()
+    opened = ExplorerPage(page, explorer.address)
+    before, place = opened.counts(), opened.place(0.6, 0.3)
+    with monkeypatch.context() as away:
+        away.setattr(explorer.server, "gate", Away("emt"))
+        page.click(place.point)
+        page.wait(f"drawings.linear.length > {before['linear']} && page.transport.lost.includes('emt')")
+        assert page.evaluate("document.documentElement.dataset.state") == "lost"
+    opened.redrawn(before, "emt")
+    assert page.evaluate("document.documentElement.dataset.state") == "ready"
+    page.faults.clear()
 
 
 def test_a_missed_limit_is_seen_in_its_digits(opened: ExplorerPage) -> None:

@@ -2,7 +2,7 @@
 // Order: svg draw notice state transport map modes bode response units fields event table save actions main
 import { onThemeChange } from "./draw.js";
 import { Store, linkOf, stateOfLink } from "./state.js";
-import { Transport, loadInfo, serverAsk, snapToLattice, staticAsk } from "./transport.js";
+import { Transport, loadInfo, serverAsk, snapToLattice, staticAsk, waitAfter } from "./transport.js";
 import { GridMap, figureText, paintScale } from "./map.js";
 import { ModesPlot } from "./modes.js";
 import { BodePlot } from "./bode.js";
@@ -30,6 +30,8 @@ class Page {
     this.tab = Array.from(crypto.getRandomValues(new Uint32Array(2)), (n) => n.toString(36)).join("");
     this.ask = info.static ? staticAsk(window.STATIC) : serverAsk(this.tab);
     this.transport = new Transport(this.ask, calls);
+    this.losses = 0;
+    this.retry = null;
     this.makeFigures();
     this.makeGridPanel();
     this.event = new EventPanel(info, this.store, (signal) => this.chooseShown(signal));
@@ -233,8 +235,7 @@ class Page {
   }
 
   answered(kind, answer, wish) {
-    if (document.documentElement.dataset.state === "lost") notice("");
-    document.documentElement.dataset.state = "ready";
+    this.found();
     // While the server still compiles, it says so and wants to be asked again.
     if (answer.header.again) {
       this.response.wait(answer.header.words);
@@ -348,6 +349,7 @@ class Page {
 
   /** Faults are marked at their fields, and the fields' last good values stay in force. */
   refused(faults) {
+    this.found();
     const homeless = this.fields.mark(faults);
     let changed = false;
     for (const fault of faults) if (fault.field) changed = this.store.takeBack(String(fault.field)) || changed;
@@ -355,9 +357,36 @@ class Page {
     notice(homeless.map(faultText).join(" "), true);
   }
 
+  /** The server does not answer: it is asked again after a while, and after a longer one the next time. */
   lost() {
     document.documentElement.dataset.state = "lost";
     notice("The server does not answer. Is `vsgdesign explore` still running? What is drawn is the last answer.", true);
+    if (this.retry) return;
+    this.losses += 1;
+    this.retry = setTimeout(() => {
+      this.retry = null;
+      this.askLost();
+    }, waitAfter(this.losses));
+  }
+
+  // All that was lost, or one answer as a sign of life where that was no picture.
+  askLost() {
+    const { lost } = this.transport;
+    for (const kind of lost.length ? lost : ["linear"])
+      if (!this.transport.kind(kind).busy) this.transport.wish(kind, this.store.state);
+  }
+
+  // The server answers, perhaps again: what was lost is asked for, so that all pictures are of one state.
+  found() {
+    if (document.documentElement.dataset.state !== "lost") return;
+    this.losses = 0;
+    clearTimeout(this.retry);
+    this.retry = null;
+    if (this.transport.lost.length) this.askLost();
+    else {
+      document.documentElement.dataset.state = "ready";
+      notice("");
+    }
   }
 }
 

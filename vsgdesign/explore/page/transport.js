@@ -27,7 +27,7 @@ export class Transport {
   }
 
   kind(name) {
-    this.kinds[name] ||= { busy: false, wish: null, newest: 0, shown: 0, replaced: 0 };
+    this.kinds[name] ||= { busy: false, wish: null, newest: 0, shown: 0, replaced: 0, lost: false };
     return this.kinds[name];
   }
 
@@ -44,6 +44,11 @@ export class Transport {
     }
   }
 
+  /** The kinds whose last question had no answer. */
+  get lost() {
+    return Object.keys(this.kinds).filter((name) => this.kinds[name].lost);
+  }
+
   async send(name, wish) {
     const kind = this.kind(name);
     kind.busy = true;
@@ -53,6 +58,7 @@ export class Transport {
     } catch (error) {
       this.calls.onLost(name, error);
     }
+    kind.lost = !reply;
     kind.busy = false;
     const next = kind.wish;
     kind.wish = null;
@@ -66,6 +72,9 @@ export class Transport {
     }
   }
 }
+
+/** Milliseconds until a server that does not answer is asked again, after so many losses in a row. */
+export const waitAfter = (losses) => Math.min(1000 * 2 ** (losses - 1), 16000);
 
 /** Questions to the server beside this page. */
 export function serverAsk(tab) {
