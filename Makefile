@@ -4,18 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out
 
-.PHONY: paper test pytest lint bench evidence docs docs-test clean
+.PHONY: paper test lint bench evidence docs docs-test clean
 
 paper: $(VENV)/.train
 	$(BIN)/vsgdesign run studies/published/study.toml --out $(OUT)/published
 	$(BIN)/vsgdesign run studies/field/study.toml --out $(OUT)/field
 
-# Pyright works on one core for as long as a third of the tests: both at the same time take less than one after the other.
-# Make waits for both, and fails where either has failed.
 test: $(VENV)/.dev
-	$(MAKE) -j 2 pytest lint
-
-pytest: $(VENV)/.dev
 	$(BIN)/python -m pytest
 
 lint: $(VENV)/.dev
