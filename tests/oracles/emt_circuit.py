@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cmath
 import itertools
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -67,60 +66,97 @@ def integrate(
     return solver.y
 
 
-def integrate_pieces(x: NDArray[np.complex128], pieces: Sequence[tuple], atol: NDArray[np.float64]) -> Any:
-    """The state after one piece after another: (length, v_b, source, matrices) each, as for :func:`integrate`.
+class Powers:
+    """What a step of DOP853 needs of a circuit dx/dt = A x + A' x* + b v_b + b' v_b* + e v_g + e' v_g*.
 
-    One step of DOP853 for every piece, all at once: the circuit is linear, so that each piece is integrated from unit
-    states and from nothing, and these are put together. Where the method's own estimate of the error would reject a
-    step, or the axes differ, SciPy's solver does the piece.
+    The circuit is linear, so that a step of length h from x with the source's voltages g at the stages is a polynomial:
+    h w·K = Σ_j h^{j+1} A^j (w a^j) (A x + b v_b + e g), for weights w of the slopes K in the tableau a. Where the axes
+    differ, the state is x and x* together.
     """
-    if len(pieces) < 3 or any(part.any() for *_, matrices in pieces for part in matrices[3:]):
-        return _one_by_one(x, pieces, atol)
-    h = np.array([length for length, *_ in pieces])[:, None, None]
-    A = np.array([matrices[0] for *_, matrices in pieces])
-    peak, peak_slope, phase, omega, omega_slope = np.array([source[:5] for _, _, source, _ in pieces]).T[:, :, None]
-    t = np.array(DOP853.C) * h[:, 0]
+
+    def __init__(self, matrices: tuple) -> None:
+        A, b, e, A_unequal, b_unequal, e_unequal = self.matrices = matrices
+        self.alike = not (A_unequal.any() or b_unequal.any() or e_unequal.any())
+        inputs = [b, e]
+        if not self.alike:
+            A = np.block([[A, A_unequal], [A_unequal.conj(), A.conj()]])
+            inputs = [np.concatenate([b, b_unequal.conj()]), np.concatenate([e, e_unequal.conj()])]
+            inputs += [np.concatenate([b_unequal, b.conj()]), np.concatenate([e_unequal, e.conj()])]
+        self.n = len(A)
+        powers = [np.eye(self.n, dtype=complex)]
+        for _ in range(len(_TABLEAU)):
+            powers.append(A @ powers[-1])
+        self.of_state = np.array(powers[1:]).reshape(-1, self.n**2)
+        self.of_inputs = [np.array([power @ one for power in powers[:-1]]) for one in inputs]
+
+
+def integrate_pieces(
+    x: NDArray[np.complex128], pieces: Sequence[tuple], circuit: Powers, atol: NDArray[np.float64]
+) -> NDArray[np.complex128]:
+    """The state after one piece after another: (length, v_b, source) each, as for :func:`integrate`.
+
+    One step of DOP853 for every piece, all at once. Where the method's own estimate of the error would reject a step,
+    SciPy's solver does the piece.
+    """
+    h = np.array([length for length, *_ in pieces])
+    v_g = _stage_voltages(h, [source for *_, source in pieces])
+    v_b = np.array([v for _, v, _ in pieces])
+    powers = h[:, None, None] ** _EXPONENTS
+    whole = powers * _SUMS  # (pieces, weights, j)
+    drives = [whole * v_b[:, None, None], powers * (v_g @ _WEIGHTS).reshape(len(h), 3, -1)]
+    if not circuit.alike:
+        drives += [drive.conj() for drive in drives]
+    forced = sum(drive @ of for drive, of in zip(drives, circuit.of_inputs, strict=True))
+    moving = (whole @ circuit.of_state).reshape(len(h), 3, circuit.n, circuit.n)
+    n, states = len(x), [x if circuit.alike else np.concatenate([x, x.conj()])]
+    for move, push in zip(moving[:, 0], forced[:, 0], strict=True):
+        states.append(states[-1] + move @ states[-1] + push)
+    before = np.array(states[:-1])
+    sizes = np.abs(np.array(states)[:, :n])
+    errors = (moving[:, 1:, :n] @ before[:, None, :, None])[..., 0] + forced[:, 1:, :n]
+    errors /= (atol + _RELATIVE * np.maximum(sizes[:-1], sizes[1:]))[:, None]
+    fifth, third = np.sum(errors.real**2 + errors.imag**2, axis=2).T
+    # SciPy's rule, as in DOP853._estimate_error_norm; h is in the errors already.
+    rejected = fifth >= np.sqrt(n * (fifth + 0.01 * third))
+    rejected &= fifth + third > 0.0
+    if not rejected.any():
+        return states[-1][:n]
+    first = int(np.argmax(rejected))
+    x = integrate(states[first][:n], *pieces[first], circuit.matrices, atol)
+    return integrate_pieces(x, pieces[first + 1 :], circuit, atol) if first + 1 < len(pieces) else x
+
+
+def _stage_voltages(h: NDArray[np.float64], sources: Sequence[tuple]) -> NDArray[np.complex128]:
+    """v_g at the stages of every piece, (pieces, stages)."""
+    t = h[:, None] * _STAGES
+    peak, peak_slope, phase, omega, omega_slope = np.array([source[:5] for source in sources]).T[:, :, None]
     turned = phase + t * (omega + 0.5 * omega_slope * t)
     v_g = (peak + peak_slope * t) * np.exp(1j * turned)
-    for k, (_, _, source, _) in enumerate(pieces):
-        for order, size, angle in source[5]:
+    for k, (*_, others, lines, (begin, rise)) in enumerate(sources):
+        for order, size, angle in others:
             v_g[k] += size * np.exp(1j * (order * turned[k] + angle))
-        for own, size, angle in source[6]:
+        for own, size, angle in lines:
             v_g[k] += size * np.exp(1j * (own * t[k] + angle))
-        v_g[k] += source[7][0] + source[7][1] * t[k]
-    forced = np.array([matrices[1] * v_b for _, v_b, _, matrices in pieces])
-    drive = forced[:, None] + np.array([matrices[2] for *_, matrices in pieces])[:, None] * v_g[..., None]
-    n = len(x)
-    start = np.broadcast_to(np.eye(n, n + 1, dtype=complex), (len(pieces), n, n + 1))
-    K = np.zeros((len(_STAGES), len(pieces), n, n + 1), complex)
-    y: Any = start
-    for stage, weights in enumerate(_STAGES):
-        if stage:
-            y = start + h * np.tensordot(weights[:stage], K[:stage], 1)
-        K[stage] = A @ y
-        K[stage, :, :, n] += drive[:, min(stage, len(_STAGES) - 2)]
-    # The last stage's y is the step's result; its slope counts in the estimate of the error, as SciPy weighs it.
-    fifth, third = (np.tensordot(weights, K, 1) for weights in (DOP853.E5, DOP853.E3))
-    for k, piece in enumerate(pieces):
-        after = y[k, :, :n] @ x + y[k, :, n]
-        scale = atol + _RELATIVE * np.maximum(np.abs(x), np.abs(after))
-        e_5, e_3 = ((e[k, :, :n] @ x + e[k, :, n]) / scale for e in (fifth, third))
-        squares_5, squares_3 = np.vdot(e_5, e_5).real, np.vdot(e_3, e_3).real
-        whole = squares_5 + 0.01 * squares_3
-        if whole > 0.0 and piece[0] * squares_5 >= math.sqrt(3.0 * whole):
-            after = _one_by_one(x, [piece], atol)
-        x = after
-    return x
+        if begin or rise:
+            v_g[k] += begin + rise * t[k]
+    return v_g
 
 
-_STAGES = (*np.array(DOP853.A), np.array(DOP853.B))
-"""What every stage, and the step's result after them, takes of the slopes before it."""
+_STAGES = np.array([*DOP853.C, 1.0])
+_TABLEAU = np.zeros((13, 13))
+_TABLEAU[:12, :12], _TABLEAU[12, :12] = DOP853.A, DOP853.B
+"""The twelve stages, and the slope at the step's end, which counts in the estimate of the error alone."""
 
-
-def _one_by_one(x: NDArray[np.complex128], pieces: Sequence[tuple], atol: NDArray[np.float64]) -> Any:
-    for length, v_b, source, matrices in pieces:
-        x = integrate(x, length, v_b, source, matrices, atol)
-    return x
+_WEIGHTS = np.array(
+    [
+        np.array([[*DOP853.B, 0.0], DOP853.E5, DOP853.E3]) @ np.linalg.matrix_power(_TABLEAU, j)
+        for j in range(len(_TABLEAU))
+    ]
+)
+_SUMS = _WEIGHTS.sum(axis=2).T
+_WEIGHTS = _WEIGHTS.transpose(2, 1, 0).reshape(len(_TABLEAU), -1)
+"""w a^j of the step and of the two estimates of its error: (stage, weights × j), and their sums (weights, j)."""
+_EXPONENTS = np.arange(1, len(_TABLEAU) + 1)
 
 
 def with_beta(study: Study, grid: Grid, beta: Grid) -> tuple:
@@ -152,6 +188,7 @@ class Changing:
             else:
                 self.listed.append((instant, with_beta(study, grid, beta(grid)), None))
         self.now: Any = self.listed[0][2]
+        self._powers: dict[int, Powers] = {}
 
     def at(self, instant: float) -> tuple:
         return [(matrices, jump) for t, matrices, jump in self.listed if t <= instant][-1]
@@ -168,12 +205,16 @@ class Changing:
         self, x: NDArray[np.complex128], pieces: Sequence[tuple], atol: NDArray[np.float64], _begin: float = 0.0
     ) -> Any:
         """The state after some pieces, the first of which begins at ``_begin``, with the jumps between them."""
-        if not self.with_networks:
-            return integrate_pieces(x, [(*piece, matrices) for *piece, (matrices, _) in pieces], atol)
-        for _, some in itertools.groupby(pieces, lambda piece: id(piece[-1][1])):
+        for _, some in itertools.groupby(pieces, lambda piece: id(piece[-1][0])):
             part = list(some)
-            P = part[0][-1][1]
-            if P is not self.now:
+            matrices, P = part[0][-1]
+            if P is not None and P is not self.now:
                 x, self.now = P[0] @ x + P[1] @ x.conj(), P
-            x = integrate_pieces(x, [(*piece, matrices) for *piece, (matrices, _) in part], atol)
+            x = integrate_pieces(x, [piece[:-1] for piece in part], self._powers_of(matrices), atol)
         return x
+
+    def _powers_of(self, matrices: tuple) -> Powers:
+        """Kept with the matrices, so that their identity stays theirs."""
+        if id(matrices) not in self._powers:
+            self._powers[id(matrices)] = Powers(matrices)
+        return self._powers[id(matrices)]

@@ -10,10 +10,11 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from tests.oracles.emt_circuit import circuit_matrices
+from tests.oracles.emt_circuit import Powers, circuit_matrices, integrate, integrate_pieces, with_beta
 from tests.oracles.emt_controller import bridge_pieces
 from tests.oracles.emt_source import PiecewiseLinear
 from tests.simulation.studies import lc_study, lcl_study
+from vsgdesign.parameters import Grid
 
 
 @pytest.mark.parametrize("sample", [0, 1, 2, 3])
@@ -69,3 +70,26 @@ def test_circuit_at_standstill_obeys_ohm() -> None:
     assert i_s == pytest.approx((v_b - v_node) / Z_1, rel=1e-12)
     assert i_g == pytest.approx((v_node - v_g) / Z_2, rel=1e-12)
     assert v_c == pytest.approx((i_s - i_g) / (1j * omega * f.C), rel=1e-12)
+
+
+@pytest.mark.parametrize("unequal", [False, True])
+def test_pieces_at_once_are_those_of_scipys_solver(unequal: bool) -> None:
+    """Lengths from nothing to a period, of which the longest need several steps of the solver."""
+    study, rng = lcl_study("1 ms"), np.random.default_rng(6)
+    beta = Grid(0.4 * study.grid.R_g, 1.7 * study.grid.L_g) if unequal else study.grid
+    matrices, atol = with_beta(study, study.grid, beta), np.full(3, 1e-11)
+    pieces = [
+        (
+            length,
+            complex(*rng.normal(0.0, 150.0, 2)),
+            (150.0, 3e3, 0.3, 314.0, 50.0, ((-5.0, 4.0, 0.1),), ((470.0, 2.0, 1.0),), (3.0 - 1.0j, 2e4 + 1e3j)),
+        )
+        for length in (1e-9, 3e-6, 25e-6, 50e-6, 1e-3, 20e-6)
+    ]
+    at_once = x = np.array([10.0 - 5.0j, 150.0 + 20.0j, 8.0 + 1.0j])
+    for piece in pieces:
+        x = integrate(x, *piece, matrices, atol)
+        at_once = integrate_pieces(at_once, [piece], Powers(matrices), atol)
+        assert np.max(np.abs(at_once - x)) < 1e-11
+    together = integrate_pieces(np.array([10.0 - 5.0j, 150.0 + 20.0j, 8.0 + 1.0j]), pieces, Powers(matrices), atol)
+    assert np.max(np.abs(together - x)) < 1e-11
