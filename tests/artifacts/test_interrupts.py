@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 
 import pytest
@@ -45,6 +46,43 @@ def test_what_stopped_it_is_known_and_comes_once() -> None:
         block()
     assert tidied == ["all"]
     assert (stops[0].number, stops[0].exit_code, stops[0].word) == (signal.SIGHUP, 129, "hung up")
+
+
+class _Noisy:
+    def __del__(self) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_a_signal_where_python_loses_the_exception(capfd: pytest.CaptureFixture[str]) -> None:
+    """It was a traceback on standard error, and the work went on."""
+
+    def block() -> None:
+        with signals_raise() as stop:
+            stops.append(stop)
+            del noisy[0]
+            reached.append("after it")
+            threading.Event().wait(10.0)
+            reached.append("end")
+
+    noisy, reached, stops = [_Noisy()], [], []
+    hook = sys.unraisablehook
+    with pytest.raises(KeyboardInterrupt):
+        block()
+    assert reached == ["after it"]
+    assert (stops[0].number, sys.unraisablehook) == (signal.SIGINT, hook)
+    assert capfd.readouterr().err == ""
+
+
+def test_an_exception_that_is_lost_without_a_signal_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Faulty:
+        def __del__(self) -> None:
+            raise ValueError("lost")
+
+    shown = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda found: shown.append(str(found.exc_value)))
+    with signals_raise():
+        del [Faulty()][0]
+    assert shown == ["lost"]
 
 
 def test_nohup_stays() -> None:

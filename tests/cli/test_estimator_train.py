@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.small_studies import SMALL, as_json, call, failure, study_file
+from tests.cli.test_estimator_windows import interrupt_after, recipe_file
 from vsgdesign.artifacts.network_weights import read_network_weights
 from vsgdesign.estimator import trained
 
@@ -158,13 +159,12 @@ def test_without_pytorch_one_sentence_names_the_extra(
 
 
 def test_an_interruption_that_keeps_windows_says_how_to_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("vsgdesign.estimator.windows.make_block", interrupted)
-    arguments = ("estimator", "train", study_file(tmp_path), "--out", tmp_path / "w.json")
+    recipe = recipe_file(tmp_path)
+    arguments = ("estimator", "train", study_file(tmp_path), "--recipe", recipe, "--out", tmp_path / "w.json")
+    interrupt_after(1, monkeypatch)
     kept = call(*arguments, "--windows", tmp_path / "w.npz")
     assert (kept.exit_code, "the same command continues" in kept.stderr) == (130, True)
+    interrupt_after(1, monkeypatch)
     lost = call(*arguments)
     assert (lost.exit_code, "the same command continues" in lost.stderr) == (130, False)
 

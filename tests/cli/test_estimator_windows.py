@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,6 +19,20 @@ def recipe_file(folder: Path, text: str = RECIPE) -> Path:
     path = folder / "few.toml"
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def interrupt_after(finished: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows are made in blocks of two scenarios, and Ctrl-C comes after so many of them."""
+    make, made = windows.make_block, []
+
+    def interrupted(*arguments: Any) -> Any:
+        made.append(arguments)
+        if len(made) > finished:
+            raise KeyboardInterrupt
+        return make(*arguments)
+
+    monkeypatch.setattr(windows, "BLOCK", 2)
+    monkeypatch.setattr(windows, "make_block", interrupted)
 
 
 def test_windows_and_their_file(tmp_path: Path) -> None:
@@ -53,11 +68,12 @@ def test_a_faulty_recipe_is_wrong_input(tmp_path: Path, recipe: str, problem: st
     assert not out.exists()
 
 
-def test_an_interruption_says_how_to_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(windows, "make_block", interrupted)
+@pytest.mark.parametrize("finished", [0, 1])
+def test_an_interruption_says_whether_there_is_something_to_go_on_from(
+    finished: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a finished block, it was said that finished blocks are kept."""
+    interrupt_after(finished, monkeypatch)
     result = call(*VERB, study_file(tmp_path), "--recipe", recipe_file(tmp_path), "--out", tmp_path / "w.npz")
-    assert result.exit_code == 130
-    assert "the same command continues" in result.stderr
+    said = ["nothing was written", "finished blocks are kept, the same command continues from them"][finished]
+    assert (result.exit_code, result.stderr) == (130, f"interrupted: {said}\n")

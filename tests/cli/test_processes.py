@@ -97,6 +97,55 @@ def test_a_signal_while_modules_are_loaded(module: str, number: int, code: int, 
     assert (done.returncode, done.stdout, done.stderr) == (code, "", f"{word}: nothing was written\n")
 
 
+_AT_THE_END = """
+import atexit, os, signal, sys, threading
+def kill():
+    os.kill(os.getpid(), signal.SIGINT)
+if sys.argv[1] == "before the verb":
+    import click
+    click.Group.make_context = lambda *_, **__: kill()
+elif sys.argv[1] == "after the verb":
+    import click
+    click.Context.close = lambda _: kill()
+elif sys.argv[1] == "threads":
+    threading._register_atexit(kill)
+elif sys.argv[1] == "atexit":
+    import vsgdesign.execution.signals as signals
+    original = signals.signals_end_for_good
+    def patched(end):
+        original(end)
+        atexit.register(kill)
+    signals.signals_end_for_good = patched
+elif sys.argv[1] == "last":
+    class Last:
+        def __del__(self, kill=kill):
+            kill()
+    last = Last()
+sys.argv = ["vsgdesign", "validate", sys.argv[2]]
+from vsgdesign.cli.program import main
+main()
+"""
+_COMPLETE = "interrupted: the command was complete\n"
+
+
+@pytest.mark.parametrize(
+    ("moment", "code", "says"),
+    [
+        ("before the verb", 130, "interrupted: nothing was written\n"),
+        ("after the verb", 130, _COMPLETE),
+        ("threads", 130, _COMPLETE),
+        ("atexit", 130, _COMPLETE),
+        ("last", 0, ""),
+    ],
+)
+def test_a_signal_before_and_after_the_verb(moment: str, code: int, says: str, tmp_path: Path) -> None:
+    """It was a traceback of Python's own end, or the statement that nothing was written."""
+    command = [sys.executable, "-c", _AT_THE_END, moment, str(study_file(tmp_path))]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (code, says)
+    assert ("valid" in done.stdout) is (moment != "before the verb")
+
+
 def test_a_full_standard_output(tmp_path: Path) -> None:
     study_file(tmp_path)
     with Path("/dev/full").open("w") as full:

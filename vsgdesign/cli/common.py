@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from vsgdesign.errors import VsgDesignError
-from vsgdesign.execution.signals import Stop, signals_raise
+from vsgdesign.execution.signals import End, Stop, signals_raise
 
 if TYPE_CHECKING:
     from vsgdesign.parameters import Study
@@ -42,26 +42,34 @@ def verb(function: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(function)
     def wrapped(*args: Any, **kwargs: Any) -> None:
-        stop = Stop()
+        stop, end = Stop(), _end_of_process()
         try:
             with signals_raise() as stop:
                 function(*args, **kwargs)
                 if sys.stdout is not None:  # the caller has closed it
                     sys.stdout.flush()
+                end.done()
         except KeyboardInterrupt:
-            _end(f"{stop.word}: nothing was written", stop.exit_code)
+            _end(end, f"{stop.word}: {end.words}", stop.exit_code)
         except Interrupted as interrupted:
-            _end(f"{stop.word}: {interrupted}", stop.exit_code)
+            _end(end, f"{stop.word}: {interrupted}", stop.exit_code)
         except Exception as error:
             if stop.number is not None:  # what a signal met on its way made something else of it
-                _end(f"{stop.word}: nothing was written", stop.exit_code)
+                _end(end, f"{stop.word}: {end.words}", stop.exit_code)
             if isinstance(error, VsgDesignError):
-                _end(f"error: {error}", _exit_code(error))
+                _end(end, f"error: {error}", _exit_code(error))
             if not isinstance(error, OSError) or not _of_the_disk(error):
                 raise
-            _end(f"error: cannot write: {error.strerror}. Choose a place with enough space.", EXIT_WRONG_INPUT)
+            _end(end, f"error: cannot write: {error.strerror}. Choose a place with enough space.", EXIT_WRONG_INPUT)
 
     return wrapped
+
+
+def _end_of_process() -> End:
+    """What a signal after the verb says; the program has given it."""
+    context = click.get_current_context(silent=True)
+    found = None if context is None else context.find_object(End)
+    return found or End()
 
 
 class Interrupted(Exception):
@@ -69,7 +77,7 @@ class Interrupted(Exception):
 
 
 @contextmanager
-def results_at(place: str | Path, kept: Callable[[], str]) -> Iterator[None]:
+def results_at(place: str | Path, kept: Callable[[], str] = lambda: "nothing was written") -> Iterator[None]:
     """Within the block, which writes results at a place and shows them, Ctrl-C says so if they are there already, and
     otherwise what ``kept`` says."""
     before = _identity(place)
@@ -111,8 +119,9 @@ def keeping(folder: str | Path) -> AbstractContextManager[None]:
     return results_at(folder, kept)
 
 
-def _end(message: str, code: int) -> NoReturn:
+def _end(end: End, message: str, code: int) -> NoReturn:
     """Print a last line on standard error, which may be gone with its terminal, and end with the exit code."""
+    end.said(code)
     with suppress(OSError):
         click.echo(message, err=True)
     stdout = sys.stdout

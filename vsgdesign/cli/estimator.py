@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from vsgdesign.cli.common import JSON, STUDY, Interrupted, load, print_json, progress, verb
+from vsgdesign.cli.common import JSON, STUDY, load, print_json, progress, results_at, verb
 from vsgdesign.errors import counted
 
 _RECIPE = click.option(
@@ -54,35 +54,32 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, wor
     study = load(study_file)
     spec = study.estimator or EstimatorSpec()
     made_of = load_recipe(spec.recipe if recipe is None else recipe)
-    try:
+    with results_at(out, _kept(out, "blocks", whole=False)):
+        drawn_from = spec.seed if seed is None else seed
         with progress(quiet=as_json) as tell:
-            drawn_from = spec.seed if seed is None else seed
             data = generate_windows(study, made_of, drawn_from, out=out, workers=workers, progress=tell)
-    except KeyboardInterrupt:
-        raise Interrupted("finished blocks are kept, the same command continues from them") from None
-    scenarios, sampled = made_of.scenarios, with_sampling(made_of, study.converter)
-    if as_json:
-        print_json(
-            {
-                "file": out,
-                "sha256": data.hash,
-                "windows": len(data),
-                "scenarios": scenarios,
-                "synchronised": data.synchronised,
-                "shape": data.windows.shape,
-                "draws": data.draws,
-                "window": sampling_document(sampled, study.converter),
-                "header": data.header,
-            }
-        )
-    else:
-        shape = (
-            f"{counted(len(data), 'window')} of {data.windows.shape[1]} values from {counted(scenarios, 'scenario')}"
-        )
-        click.echo(f"{out}: {shape}, sha256 {data.hash[:12]}")
-        _echo_windows(describe_sampling(sampled, study.converter), describe_draws(data.draws))
-        if data.synchronised:
-            click.echo("synchronised with the grid's phase, as published; no converter in the field can measure it")
+        scenarios, sampled = made_of.scenarios, with_sampling(made_of, study.converter)
+        if as_json:
+            print_json(
+                {
+                    "file": out,
+                    "sha256": data.hash,
+                    "windows": len(data),
+                    "scenarios": scenarios,
+                    "synchronised": data.synchronised,
+                    "shape": data.windows.shape,
+                    "draws": data.draws,
+                    "window": sampling_document(sampled, study.converter),
+                    "header": data.header,
+                }
+            )
+        else:
+            count, made_in = counted(len(data), "window"), counted(scenarios, "scenario")
+            shape = f"{count} of {data.windows.shape[1]} values from {made_in}"
+            click.echo(f"{out}: {shape}, sha256 {data.hash[:12]}")
+            _echo_windows(describe_sampling(sampled, study.converter), describe_draws(data.draws))
+            if data.synchronised:
+                click.echo("synchronised with the grid's phase, as published; no converter in the field can measure it")
 
 
 @estimator.command()
@@ -141,26 +138,35 @@ def train(
     changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     spec = replace(study.estimator or EstimatorSpec(), **changes)
     if is_field_recipe(spec.recipe):
-        try:
+        with results_at(out, _kept(windows, "runs")):
             with progress(quiet=as_json) as tell:
                 document = train_field_weights_file(
                     study, spec, out, runs=windows, report=report, workers=workers, progress=tell
                 )
-        except KeyboardInterrupt:
-            if windows is None:
-                raise
-            raise Interrupted("finished runs are kept, the same command continues from them") from None
-        _echo_field(document, report, as_json)
+            _echo_field(document, report, as_json)
         return
     if report is not None:
         raise click.UsageError("--report: only the recipe field has one. Leave it out.")
-    try:
+    with results_at(out, _kept(windows, "windows")):
         with progress(quiet=as_json) as tell:
             document = train_weights_file(study, spec, out, windows=windows, workers=workers, progress=tell)
-    except KeyboardInterrupt:
-        if windows is None:
-            raise
-        raise Interrupted("finished windows are kept, the same command continues from them") from None
+        _echo_trained(document, out, as_json)
+
+
+def _kept(file: str | None, what: str, whole: bool = True) -> Callable[[], str]:
+    """What an interruption says of what is kept beside a file or, if it counts when it is ``whole``, in it."""
+
+    def kept() -> str:
+        from vsgdesign.estimator.blocks import kept_blocks
+
+        if file is None or not (kept_blocks(file) or (whole and Path(file).exists())):
+            return "nothing was written"
+        return f"finished {what} are kept, the same command continues from them"
+
+    return kept
+
+
+def _echo_trained(document: dict[str, Any], out: str, as_json: bool) -> None:
     if as_json:
         print_json(document)
         return
@@ -321,14 +327,15 @@ def _report(
         study = replace(study, background=draw_background({}, drawn_from, background))
     if sensors is not None:
         study = replace(study, sensors=draw_sensors({}, drawn_from, sensors))
-    with progress(quiet=as_json) as tell:
-        document = make(study, out, seed=drawn_from, progress=tell, **networks)
-    if as_json:
-        print_json(document)
-    else:
-        for sentence in document["left_out"]:
-            click.echo(sentence)
-        click.echo(f"report: {Path(out) / 'report.html'}")
+    with results_at(out):
+        with progress(quiet=as_json) as tell:
+            document = make(study, out, seed=drawn_from, progress=tell, **networks)
+        if as_json:
+            print_json(document)
+        else:
+            for sentence in document["left_out"]:
+                click.echo(sentence)
+            click.echo(f"report: {Path(out) / 'report.html'}")
 
 
 def _errors(found: dict[str, dict[str, tuple[float, float]]]) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from vsgdesign.cli.common import Interrupted, load, progress, verb
+from vsgdesign.cli.common import Interrupted, load, progress, results_at, verb
 
 if TYPE_CHECKING:
     from vsgdesign.explore.server import ExplorerServer, Opening
@@ -183,9 +183,10 @@ def _write(file: str, study_file: str | None, controller: str | None, link: str 
     from vsgdesign.explore.static import write_static
 
     session = _session(file, study_file, controller, link, None)
-    with progress(quiet=False) as tell:
-        size = write_static(session, static, progress=tell)
-    click.echo(f"page: {static} ({size / 1e6:.1f} MB)")
+    with results_at(static):
+        with progress(quiet=False) as tell:
+            size = write_static(session, static, progress=tell)
+        click.echo(f"page: {static} ({size / 1e6:.1f} MB)")
 
 
 def _explored(opening: Opening, session: Session) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from vsgdesign.cli.common import JSON, load, print_json, verb
+from vsgdesign.cli.common import JSON, load, print_json, results_at, verb
 from vsgdesign.errors import counted
 
 
@@ -86,23 +86,24 @@ def c(
 
     study = None if study_file is None else load(study_file)
     changes: dict[str, Any] = {} if rate is None else {"rate": rate}
-    made = export_c_files(
-        table_file,
-        out,
-        weights=weights,
-        study=study,
-        v_limit=v_limit,
-        i_limit=i_limit,
-        grid_phase=grid_phase,
-        estimator=estimator,
-        **changes,
-    )
-    if as_json:
-        print_json({"folder": str(made.folder)} | made.manifest)
-        return
-    files = counted(len(made.manifest["files"]), "file")
-    click.echo(f"{made.folder}: {files} of table {made.manifest['table']['name']}")
-    click.echo(f"next: make -C {made.folder} test")
+    with results_at(out):
+        made = export_c_files(
+            table_file,
+            out,
+            weights=weights,
+            study=study,
+            v_limit=v_limit,
+            i_limit=i_limit,
+            grid_phase=grid_phase,
+            estimator=estimator,
+            **changes,
+        )
+        if as_json:
+            print_json({"folder": str(made.folder)} | made.manifest)
+            return
+        files = counted(len(made.manifest["files"]), "file")
+        click.echo(f"{made.folder}: {files} of table {made.manifest['table']['name']}")
+        click.echo(f"next: make -C {made.folder} test")
 
 
 @export.command()
@@ -117,5 +118,6 @@ def onnx(weights_file: str, out: str, double: bool) -> None:
     """
     from vsgdesign.export.onnx_model import export_onnx
 
-    digest = export_onnx(weights_file, out, double=double)
-    click.echo(f"{out}: of weights {digest[:12]}")
+    with results_at(out):
+        digest = export_onnx(weights_file, out, double=double)
+        click.echo(f"{out}: of weights {digest[:12]}")

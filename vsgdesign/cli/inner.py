@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import click
 
-from vsgdesign.cli.common import JSON, STUDY, load, print_json, progress, verb
+from vsgdesign.cli.common import JSON, STUDY, load, print_json, progress, results_at, verb
 
 
 @click.command()
@@ -28,18 +30,19 @@ def inner(study_file: str, out: str | None, what_if: bool, as_json: bool) -> Non
     from vsgdesign.pipeline.opening import inner_loops_file
 
     study = load(study_file, quiet=as_json)
-    with progress(quiet=as_json) as tell:
-        if out is None:
-            found = assess_inner_loops(study, what_if=what_if, progress=tell)
-        else:
-            found = report_inner_loops(study, out, what_if=what_if, progress=tell)
-    document = inner_document(found)
-    if as_json:
-        print_json(document)
-        return
-    from vsgdesign.cli.console.inner import inner_tables
+    with nullcontext() if out is None else results_at(out):
+        with progress(quiet=as_json) as tell:
+            if out is None:
+                found = assess_inner_loops(study, what_if=what_if, progress=tell)
+            else:
+                found = report_inner_loops(study, out, what_if=what_if, progress=tell)
+        document = inner_document(found)
+        if as_json:
+            print_json(document)
+            return
+        from vsgdesign.cli.console.inner import inner_tables
 
-    kept = inner_loops_file(study_file)
-    inner_tables(document, str(kept) if found.designed and kept.exists() else None)
-    if out is not None:
-        click.echo(f"report: {out}/report.html")
+        kept = inner_loops_file(study_file)
+        inner_tables(document, str(kept) if found.designed and kept.exists() else None)
+        if out is not None:
+            click.echo(f"report: {out}/report.html")

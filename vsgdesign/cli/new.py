@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from vsgdesign.cli.common import EXIT_WRONG_INPUT, JSON, Interrupted, print_json, verb
+from vsgdesign.cli.common import EXIT_WRONG_INPUT, JSON, Interrupted, print_json, results_at, verb
 
 if TYPE_CHECKING:
     from vsgdesign.datasheet import Datasheet, Sheet
@@ -62,20 +62,21 @@ def new(sheet_file: str | None, out: str, as_json: bool) -> None:
     converter = resolve(sheet)
     text = study_text(converter, origin)
     _check(text, sheet.source)
-    write_new_text(path, text)
-    if as_json:
-        print_json(
-            {
-                "study": str(path),
-                "title": converter.title,
-                "assumed": [vars(item) for item in converter.assumptions],
-                "read": converter.remarks,
-                "notes": list(converter.notes),
-                "not_used": list(converter.unused),
-            }
-        )
-    else:
-        _tell(path, converter)
+    with results_at(path):
+        write_new_text(path, text)
+        if as_json:
+            print_json(
+                {
+                    "study": str(path),
+                    "title": converter.title,
+                    "assumed": [vars(item) for item in converter.assumptions],
+                    "read": converter.remarks,
+                    "notes": list(converter.notes),
+                    "not_used": list(converter.unused),
+                }
+            )
+        else:
+            _tell(path, converter)
 
 
 def _check(text: str, source: str) -> None:

@@ -204,9 +204,10 @@ def report(table_file: str, out: str | None, as_json: bool) -> None:
 
     found = read_table_file(table_file)
     folder = Path("out") / f"{Path(table_file).stem}-table" if out is None else Path(out)
-    with progress(quiet=as_json) as tell:
-        document = report_table(found, folder, inputs=[table_file], progress=tell)
-    if as_json:
-        print_json(document)
-    else:
-        click.echo(f"report: {folder / 'report.html'}")
+    with results_at(folder):
+        with progress(quiet=as_json) as tell:
+            document = report_table(found, folder, inputs=[table_file], progress=tell)
+        if as_json:
+            print_json(document)
+        else:
+            click.echo(f"report: {folder / 'report.html'}")

@@ -52,6 +52,17 @@ def made_blocks(
     return {name: np.concatenate([done[k][name] for k in range(count)]) for name in done[0]}
 
 
+def kept_blocks(out: str | Path) -> bool:
+    """Whether finished blocks wait beside the file that is to be made of them."""
+    out = Path(out)
+    return any(True for _ in out.parent.glob(f"{_parts_of(out, '*')}/*.npz"))
+
+
+def _parts_of(out: Path, name: str) -> str:
+    """The folder beside a file with its finished blocks, as a pattern."""
+    return f".{glob.escape(out.name)}.{name}.parts"
+
+
 class Parts:
     """Finished blocks in a folder beside the file, of this recipe, seed, converter and code only."""
 
@@ -83,7 +94,7 @@ class Parts:
     def remove(self) -> None:
         """These blocks, and those that an earlier recipe or version left beside the same file."""
         if self._out is not None:
-            for folder in self._out.parent.glob(f".{glob.escape(self._out.name)}.*.parts"):
+            for folder in self._out.parent.glob(_parts_of(self._out, "*")):
                 shutil.rmtree(folder, ignore_errors=True)
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
+import sys
 import time
 from contextlib import contextmanager
 
@@ -12,10 +14,13 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from types import FrameType
+    from typing import Any
 
 STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _AGAIN_S = 1.0
 """A terminal that closes sends several signals at once: they are one."""
+_ONCE_MORE_S = 0.02
+"""After so long, a signal comes again whose exception was lost."""
 
 
 class Stop:
@@ -37,11 +42,28 @@ class Stop:
         return "interrupted" if self.number is None else words.get(signal.Signals(self.number).name, "interrupted")
 
 
+class End:
+    """What a signal that ends the process says, and its exit code."""
+
+    def __init__(self) -> None:
+        self.words = "nothing was written"
+        self.exit_code: int | None = None
+
+    def done(self) -> None:
+        """From here on, the work is complete."""
+        self.words = "the command was complete"
+
+    def said(self, exit_code: int) -> None:
+        """The last line is written: a signal only ends what is left, with this code."""
+        self.exit_code = exit_code
+
+
 @contextmanager
 def signals_raise() -> Iterator[Stop]:
     """Within the block each of them raises KeyboardInterrupt: what cleans up after Ctrl-C does so after all.
 
-    Ignored ones stay ignored (nohup). Off the main thread, where Python delivers no signals, nothing is changed.
+    Where Python cannot pass on the exception, as within ``__del__``, it is raised again a moment later. Ignored ones
+    stay ignored (nohup). Off the main thread, where Python delivers no signals, nothing is changed.
     """
     stop = Stop()
 
@@ -52,30 +74,87 @@ def signals_raise() -> Iterator[Stop]:
             stop.at = now
             raise KeyboardInterrupt
 
+    def lost(unraisable: sys.UnraisableHookArgs) -> None:
+        if stop.number is None or not issubclass(unraisable.exc_type, KeyboardInterrupt):
+            before(unraisable)
+            return
+        stop.at = -_AGAIN_S
+        _send_again(stop.number)
+
+    before = sys.unraisablehook
     with _handled(stopping):
-        yield stop
+        sys.unraisablehook = lost
+        try:
+            yield stop
+        finally:
+            sys.unraisablehook = before
+
+
+def _send_again(number: int) -> None:
+    """Sends a signal to the main thread, soon."""
+    import threading
+
+    def send() -> None:
+        if hasattr(signal, "pthread_kill"):
+            signal.pthread_kill(main, number)
+        else:
+            signal.raise_signal(number)
+
+    main = threading.main_thread().ident or 0
+    timer = threading.Timer(_ONCE_MORE_S, send)
+    timer.daemon = True
+    timer.start()
 
 
 @contextmanager
-def signals_end() -> Iterator[None]:
-    """Within the block each of them ends the process at once, in one line: nothing has begun that needs an end.
+def signals_end(end: End | None = None) -> Iterator[None]:
+    """Within the block each of them ends the process at once, in one line: no work is under way that needs an end.
 
     For the time in which modules are loaded. An exception there would come out of whichever import it met.
     """
-
-    def end(number: int, _frame: FrameType | None) -> None:
-        stop = Stop(number)
-        try:
-            os.write(2, f"{stop.word}: nothing was written\n".encode())
-        finally:
-            os._exit(stop.exit_code)
-
-    with _handled(end):
+    with _handled(_ending(end or End())):
         yield
+
+
+def signals_end_for_good(end: End) -> None:
+    """As :func:`signals_end`, until the process is gone: Python's own end loses every exception, with a traceback.
+
+    In the last moment, in which Python answers no signal and the work is done, they are ignored.
+    """
+    handled = _handle(_ending(end))
+
+    def ignore() -> None:
+        for number in handled:
+            signal.signal(number, signal.SIG_IGN)
+
+    atexit.register(ignore)  # what is registered first comes last
+
+
+def _ending(end: End) -> Callable[[int, FrameType | None], None]:
+    def ending(number: int, _frame: FrameType | None) -> None:
+        stop = Stop(number)
+        code = stop.exit_code if end.exit_code is None else end.exit_code
+        try:
+            if end.exit_code is None:
+                os.write(2, f"{stop.word}: {end.words}\n".encode())
+        finally:
+            os._exit(code)
+
+    return ending
 
 
 @contextmanager
 def _handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    before = _handle(handler)
+    try:
+        yield
+    finally:
+        for number, previous in before.items():
+            signal.signal(number, previous)
+
+
+def _handle(handler: Callable[[int, FrameType | None], None]) -> dict[int, Any]:
+    """Handles them all, and returns the handlers before."""
     before = {}
     for number in STOPPING:
         if signal.getsignal(number) not in (signal.SIG_IGN, None):
@@ -83,8 +162,4 @@ def _handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]
                 before[number] = signal.signal(number, handler)
             except ValueError:  # not the main thread
                 break
-    try:
-        yield
-    finally:
-        for number, previous in before.items():
-            signal.signal(number, previous)
+    return before
