@@ -18,12 +18,15 @@ from tests.report.test_answer import rows_on
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.cli.program import main
 from vsgdesign.errors import ArtifactError
+from vsgdesign.estimator.bound import sensor_noise
 from vsgdesign.estimator.comparison import (
     BEFORE,
     Comparison,
     ComparisonSettings,
+    bound_of_run,
     compare_methods,
     judged,
+    methods_of,
     relative_errors,
 )
 from vsgdesign.estimator.in_the_loop import in_surroundings
@@ -89,6 +92,26 @@ def test_nobody_who_measures_is_below_half_the_bound_and_the_guess_has_none() ->
             # The field estimator remembers so long that three draws are three answers: in 1 of 200 cases the rms of
             # three is below a third of its expectation.
             assert one.rms[0] > (0.3 if one.signals == "field" else 0.5) * one.bound[0]
+
+
+def test_the_bound_of_the_field_estimator_counts_every_sample_of_the_controller() -> None:
+    """It takes a sample every 50 µs, while a window has one every 200 µs. One line with the current i over N samples
+    gives R_g to the standard deviation √(s/(2 N))/|i|; two lines of the amplitudes of the run add their information."""
+    study = load_study("studies/published/study.toml")
+    recipe = with_sampling(SETTINGS.recipe(), study.converter)
+    prober = next(one for one in methods_of(study, {}, recipe, SETTINGS) if one.name == "Field estimator")
+    run = run_case(study, recipe, 0, prober=prober.estimator)
+    assert run.field is not None
+    count = (len(run.theta) + recipe.settle) * 0.02 / 50e-6
+    noise = sensor_noise(study.converter, run.noise, *run.adc)
+    grid, omega = run.grids[-1], run.omega * np.array([1.5, 2.5])
+    variance = 4.0 / 3.0 * (noise.v**2 + np.abs(grid.R_g + 1j * omega * grid.L_g) ** 2 * noise.i**2) / count
+    information = 2.0 * np.abs(run.field.lines) ** 2 / variance
+    expected = np.sqrt(1.0 / information.sum() + run.omega**2 / (information @ omega**2))
+    found = bound_of_run(prober, run)
+    assert found is not None
+    relative = expected / abs(grid.R_g + 1j * run.omega * grid.L_g)
+    assert abs(found.Z / relative - 1.0) < 1e-6
 
 
 def test_a_probe_moves_power_as_its_current_says() -> None:

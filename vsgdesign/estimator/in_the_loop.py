@@ -80,7 +80,7 @@ class FieldRun:
     lines: Array
     """(2,): rms current of the probe's two lines over the whole run, A peak."""
     samples: int
-    """Samples of the whole run."""
+    """Samples of the controller in the whole run. The estimator takes every one; the log may have fewer rows."""
 
 
 def field_run(study: Study, recipe: WindowRecipe, scenario: Scenario, estimator: FieldEstimator) -> FieldRun:
@@ -120,7 +120,8 @@ def field_run(study: Study, recipe: WindowRecipe, scenario: Scenario, estimator:
     i = simulation.column("i_g_alpha") + 1j * simulation.column("i_g_beta")
     lines = _line_currents(i, recipe.sample_interval, n, case.grid_source.omega_g)
     theta = simulation.column("theta")[rows].reshape(len(windows), n)
-    return FieldRun(vectors, theta, answers, lines, len(simulation.log))
+    samples = round(case.simulation.duration / case.converter.T_s)
+    return FieldRun(vectors, theta, answers, lines, samples)
 
 
 def _line_currents(i: NDArray[Any], h: float, n: int, omega: float) -> Array:
