@@ -43,11 +43,12 @@ def markdown(scores: dict[str, dict[str, GroupScore]], runs: int) -> str:
     """The table: a row for each group and way."""
     head = ["change", "answers", *(f"{k} cycles" for k in CYCLES), "within 10 %", "wrong", *WINDOWS]
     lines = [
-        f"{runs} runs of three converters in the dirty background, from another seed than those of the training. By "
-        "cycles after the change: share of valid answers and, after the comma, the 95th percentile of their error, both"
-        " in %. Within 10 %: median and 95th percentile of the time to stay there, ms. Wrong: mean time per change of "
-        "valid answers with an error above 20 %, ms. Last: share of the valid answers whose 95 % ellipse contains the "
-        "truth, by cycles after the change, %.",
+        f"These are {runs} runs of three converters in the `dirty` background, drawn from another seed than the "
+        'training runs. The columns "2 cycles" to "10 cycles" give the share of valid answers that long after the '
+        'change and, after the comma, the 95th percentile of their error, both in %. "Within 10 %" gives the median '
+        'and the 95th percentile of the time in ms after which the error stays below 10 %. "Wrong" is the mean time in '
+        "ms, per change, with a valid answer whose error is above 20 %. The last three columns give the share of "
+        "valid answers in % whose 95 % ellipse contains the truth, by cycles after the change.",
         "",
         "| " + " | ".join(head) + " |",
         "| " + " | ".join("---" for _ in head) + " |",
