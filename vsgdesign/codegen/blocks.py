@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from vsgdesign.codegen.expressions import Expression, Number, Operation, Variable
-from vsgdesign.codegen.flat import Block, needed_lets
+from vsgdesign.codegen.flat import Block, needed_lets, value_key
 
 
 class Part(NamedTuple):
@@ -24,7 +24,7 @@ def joined(*parts: Part) -> Block:
     lets: list[tuple[str, Expression]] = []
     outputs: dict[str, Expression] = {}
     taken = {part.called.get(name, name) for part in parts for name in part.block.inputs}
-    shared: dict[str, Variable] = {}
+    shared: dict[Any, Variable] = {}
     for block, called in parts:
         here: dict[str, Expression] = {}
         for name in block.inputs:
@@ -34,7 +34,7 @@ def joined(*parts: Part) -> Block:
             here[name] = outputs.get(wanted, Variable(wanted))
         for name, value in block.lets:
             moved = _moved(value, here)
-            key = repr(moved)
+            key = value_key(moved)
             if key not in shared:
                 own = _free(name, taken)
                 lets.append((own, moved))

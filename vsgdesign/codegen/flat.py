@@ -149,10 +149,14 @@ def _is_flag(value: Expression, flags: set[str]) -> bool:
     return isinstance(value, Operation) and value.name in FLAGS
 
 
-def _key(value: Expression) -> Any:
+def value_key(value: Expression) -> Any:
     """Equal for the same value to the last bit; −0 is not 0, and true is not 1."""
+    if isinstance(value, Variable):
+        return value.name
     if isinstance(value, Number):
-        return ("flag", value.value) if isinstance(value.value, bool) else struct.pack("<d", value.value)
+        return value.value if isinstance(value.value, bool) else struct.pack("<d", value.value)
+    if isinstance(value, Operation):
+        return (value.name, *(value_key(one) for one in value.arguments))
     return value
 
 
@@ -185,7 +189,7 @@ class _Flat:
         chosen = self._of_chosen(name, arguments)
         if chosen is not None:
             return chosen
-        keys = [_key(argument) for argument in arguments]
+        keys = [value_key(argument) for argument in arguments]
         key = (name, *(sorted(keys, key=repr) if name in _COMMUTE else keys))
         if key not in self._known:
             own = self._free(hint or "value")
@@ -335,15 +339,15 @@ def _record(values: Values) -> dict[str, Atom]:
 
 def _simplified(name: str, arguments: tuple[Atom, ...]) -> Expression:
     """The operation, folded where that changes no bit."""
-    one = _key(Number(1.0))
+    one = value_key(Number(1.0))
     if name in ("and", "or") and isinstance(arguments[1], Number):
         arguments = arguments[::-1]
-    if name == "*" and _key(arguments[0]) == one:
+    if name == "*" and value_key(arguments[0]) == one:
         return arguments[1]
-    if name in ("*", "/") and _key(arguments[1]) == one:
+    if name in ("*", "/") and value_key(arguments[1]) == one:
         return arguments[0]
-    if name == "-" and _key(arguments[1]) == _key(Number(0.0)):
+    if name == "-" and value_key(arguments[1]) == value_key(Number(0.0)):
         return arguments[0]
-    if name == "select" and _key(arguments[1]) == _key(arguments[2]):
+    if name == "select" and value_key(arguments[1]) == value_key(arguments[2]):
         return arguments[1]
     return operation(name, *arguments)

@@ -64,7 +64,7 @@ def source_of(function: Any) -> Source:
         raise UntranslatableError(f"{shown}:{first}: {name}: is not a plain function. Write it with def.")
     comments = {
         token.start[0] + first - 1: token.string.lstrip("#").strip()
-        for token in tokenize.generate_tokens(io.StringIO(text).readline)
+        for token in tokenize.generate_tokens(io.StringIO(text if "#" in text else "").readline)
         if token.type == tokenize.COMMENT and not token.string.lstrip("# ").startswith(_FOR_TOOLS)
     }
     source = Source(function, tree, comments, ast.get_docstring(tree) or "", {}, shown)

@@ -138,8 +138,8 @@ def _two_axis_names(axes: Axes, switched: bool) -> list[str]:
 
 
 @functools.cache
-def loop_of(run: Run, states_logged: bool = False) -> Loop:
-    """The compiled loop, which logs the controller's states or not."""
+def loop_of(run: Run, states_logged: bool = False, quickly: bool = False) -> Loop:
+    """The compiled loop, which logs the controller's states or not. ``quickly``: for short runs (``compiled_loop``)."""
     layout = layout_of(run, states_logged)
     stop = "closed" if run.field else ""
     wanted = dict.fromkeys([*(output for _, output in layout.state), *([stop] if stop else [])])
@@ -158,7 +158,8 @@ def loop_of(run: Run, states_logged: bool = False) -> Loop:
             logged=layout.logged,
             stop=stop,
             strict=True,
-        )
+        ),
+        quickly=quickly,
     )
 
 
@@ -186,11 +187,12 @@ def slopes_of(samples_per_carrier: int) -> tuple[str, ...]:
 class RunLoop:
     """The numbers of one run, and the compiled loops that move them.
 
-    A number is found by its name, those of a record by the record's: ``put("refs", refs)``.
+    A number is found by its name, those of a record by the record's: ``put("refs", refs)``. ``quickly``: the run is
+    short, so that compiling takes longer than running.
     """
 
-    def __init__(self, run: Run) -> None:
-        self.run = run
+    def __init__(self, run: Run, quickly: bool = False) -> None:
+        self.run, self._quickly = run, quickly
         layout = layout_of(run)
         self._circuit: Mapping[str, Array] | None = None
         self._names = layout.rows
@@ -253,7 +255,7 @@ class RunLoop:
         """The loop over this run's numbers. A run has one log for each kind of loop."""
         key = added, states
         if key not in self._loops or self._loops[key][0] is not log:
-            loop = loop_of(self.run._replace(added=added), states)
+            loop = loop_of(self.run._replace(added=added), states, self._quickly)
             several = len(loop.spec.bodies) > 1
             self._loops[key] = (
                 log,
