@@ -23,7 +23,8 @@ SHORT = TrainingSettings(hidden=4, starts=2, damping=Damping(goal=1e-9, epochs=1
 def same(one: Training, other: Training) -> bool:
     arrays = ("W_1", "b_1", "W_2", "b_2")
     equal = all(np.array_equal(getattr(one.network, name), getattr(other.network, name)) for name in arrays)
-    return equal and repr(one.history) == repr(other.history) and one.metrics == other.metrics
+    counted = one.epochs == other.epochs
+    return equal and counted and repr(one.history) == repr(other.history) and one.metrics == other.metrics
 
 
 @pytest.mark.parametrize("form", ["components", "full"])
@@ -83,6 +84,14 @@ def test_a_second_start_is_only_taken_where_it_is_better() -> None:
     one = train_network(INPUTS, TARGETS, SPLIT, replace(SHORT, starts=1), seed=2)
     three = train_network(INPUTS, TARGETS, SPLIT, replace(SHORT, starts=3), seed=2)
     assert three.metrics["validation"].mse <= one.metrics["validation"].mse
+
+
+def test_the_epochs_of_all_starts_are_counted() -> None:
+    """Both starts of SHORT use up their 12 epochs. The history is that of one start: its first point and 12 more."""
+    training = train_network(INPUTS, TARGETS, SPLIT, SHORT)
+    assert training.stop == "epochs"
+    assert len(training.history) == 13
+    assert training.epochs == 24
 
 
 def test_regularisation_keeps_the_weights_small() -> None:

@@ -1,8 +1,9 @@
 """Levenberg–Marquardt: one core for training a network and for any small least-squares problem.
 
-A problem says what it costs and how its damped step is solved; the core chooses the damping, judges the steps,
-watches the validation set and stops. It advances by whole epochs from one frozen state to the next, so an
-interruption leaves the last whole state, and a run that goes on from there is the undisturbed one, bit by bit.
+A problem defines its cost and the solution of its damped step. This module chooses the damping, accepts or refuses the
+steps, watches the validation set and ends the search. Each epoch leads from one frozen state to the next. An
+interruption therefore leaves the state of the last complete epoch, and a search that continues from it gives the same
+bits.
 """
 
 from __future__ import annotations
@@ -18,20 +19,24 @@ from torch import Tensor
 from vsgdesign.execution.progress import Progress, silent
 
 Scores = Callable[[Tensor], tuple[float, float]]
-"""Parameters to the mean squared errors of the validation and the test set."""
+"""Function of the parameters (n,) that returns the mean squared errors of the validation and of the test set."""
 
 
 class Linearised(Protocol):
-    """A problem about one point."""
+    """A problem linearised at one point x."""
 
     @property
-    def cost(self) -> float: ...
+    def cost(self) -> float:
+        """The cost at x."""
+        ...
 
     @property
-    def gradient_norm(self) -> float: ...
+    def gradient_norm(self) -> float:
+        """The 2-norm of the gradient of the cost at x."""
+        ...
 
     def step(self, mu: float) -> Tensor | None:
-        """The damped step (:eq:`levenberg-marquardt-step`); None where it cannot be solved."""
+        """The damped step (n,) for the damping μ (:eq:`levenberg-marquardt-step`); None if it cannot be solved."""
         ...
 
 
@@ -39,21 +44,22 @@ class Problem(Protocol):
     """A sum or mean of squares over a parameter vector (float64)."""
 
     def cost(self, x: Tensor) -> float:
-        """What is minimised; anything not finite is refused as a step."""
+        """The cost at x (n,). A step to a cost that is not finite is refused."""
         ...
 
     def linearise(self, x: Tensor) -> Linearised:
-        """Cost, gradient and the damped step at x."""
+        """The cost, its gradient and the damped step at x (n,)."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class Damping:
-    """How the damping moves and when the search ends. The defaults are the paper's, else those of the field.
+    """How the damping μ changes and when the search ends. The defaults are those of the paper, or else the usual ones.
 
-    ``goal`` is on the cost, ``least_gradient`` on its gradient's 2-norm; ``checks`` is how often in a row the
-    validation error may fail to improve. After an accepted step μ is multiplied by ``decrease``, after a refused
-    one by ``increase``; beyond ``mu_max`` there is no better point to be found.
+    The search ends if the cost is at most ``goal``, if the 2-norm of its gradient is below ``least_gradient``, if the
+    validation error has failed to improve ``checks`` times in a row, or after ``epochs``. μ begins at ``mu``. It is
+    multiplied by ``decrease`` after an accepted step and by ``increase`` after a refused one. Above ``mu_max`` the
+    search ends, since no step improves the cost.
     """
 
     epochs: int = 500
@@ -68,7 +74,7 @@ class Damping:
 
 @dataclass(frozen=True, kw_only=True)
 class Epoch:
-    """One line of the history: where an epoch begins. Without a set its error is NaN."""
+    """One line of the history: the values at the beginning of an epoch. The error of an empty set is NaN."""
 
     epoch: int
     cost: float
@@ -81,7 +87,7 @@ class Epoch:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """All that the next epoch depends on. Before the first epoch: x alone."""
+    """All that the next epoch depends on. Before the first epoch, only x and μ are set."""
 
     x: Tensor
     mu: float
@@ -95,10 +101,11 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Where a search ended.
+    """The result of a search.
 
-    ``x`` is the best point, of the least validation error or, without a validation set, of the least cost: that is
-    ``score``, and ``epoch`` when it was. ``stop`` is one of ``STOPS``. ``state`` is where to go on from.
+    ``x`` (n,) is the best point: that of the least validation error or, without a validation set, of the least cost.
+    ``score`` is this error or cost, and ``epoch`` the epoch in which it was found. ``stop`` is one of ``STOPS``. The
+    search can continue from ``state``.
     """
 
     x: Tensor
@@ -127,11 +134,11 @@ def minimise(
     scores: Scores | None = None,
     progress: Progress = silent,
 ) -> Fit:
-    """Search from a point, or go on from a state, until one of ``STOPS``.
+    """Searches from a point x (n,), or continues from a state, until one of ``STOPS``.
 
-    ``scores`` are computed once an epoch; their first, if it is not NaN, decides what is best and may stop the
-    search. ``progress`` is called once an epoch. KeyboardInterrupt, from it or from outside, ends the search as
-    ``interrupted``; any other error passes through.
+    ``scores`` is called once an epoch. Its first value, if it is not NaN, decides which point is the best and may end
+    the search. ``progress`` is called once an epoch. A KeyboardInterrupt, from ``progress`` or from outside, ends the
+    search with the stop ``interrupted``. Other errors are not caught.
     """
     damping = Damping() if damping is None else damping
     state = start if isinstance(start, State) else State(start.clone(), damping.mu)
@@ -152,7 +159,7 @@ def minimise(
 
 
 def _record(state: State, here: Linearised, scores: Scores | None) -> State:
-    """The state with its epoch's line of history, and what is the best by now."""
+    """The state with the line of history of its epoch and with the best point so far."""
     validation, test = (math.nan, math.nan) if scores is None else scores(state.x)
     score = here.cost if math.isnan(validation) else validation
     better = score < state.best_score
@@ -203,7 +210,7 @@ def _fit(reached: State, stop: str, state: State) -> Fit:
 
 
 def _share(state: State, damping: Damping) -> float:
-    """How far: by epochs, or by the decades of cost to the goal where that is more."""
+    """The share that is done: of the epochs, or of the decades of the cost down to the goal if that is more."""
     first, now = state.history[0].cost, state.history[-1].cost
     by_epochs = state.epoch / max(damping.epochs, 1)
     if not 0.0 < damping.goal < first or now <= 0.0:
@@ -212,7 +219,7 @@ def _share(state: State, damping: Damping) -> float:
 
 
 def damped_cholesky(hessian: Tensor, gradient: Tensor, mu: float) -> Tensor | None:
-    """−(H + μI)⁻¹ g by Cholesky; None where rounding leaves H + μI indefinite."""
+    """−(H + μI)⁻¹ g (n,) by Cholesky; None if rounding makes H + μI indefinite."""
     damped = hessian.clone()
     damped.diagonal().add_(mu)
     factor, info = torch.linalg.cholesky_ex(damped)
@@ -223,11 +230,11 @@ def damped_cholesky(hessian: Tensor, gradient: Tensor, mu: float) -> Tensor | No
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """A small dense problem, r(x) with its Jacobian, ½‖r‖² left unhalved: the cost is the sum of squares.
+    """A small dense problem: residuals r(x) with their Jacobian. The cost is the sum of squares ‖r‖².
 
-    ``residual`` gives (N,), ``jacobian`` (N, n). The damping is on x in units of the Jacobian's column norms, so
-    that parameters may be of any size, and the step is an augmented least-squares problem by QR
-    (:eq:`augmented-step`): nothing is squared.
+    ``residual`` returns (N,) and ``jacobian`` (N, n) for x (n,). The damping uses the norms of the Jacobian's columns
+    as units, so that the parameters may have any size. The step is solved by QR as an augmented least-squares problem
+    (:eq:`augmented-step`), which does not square the condition number.
     """
 
     residual: Callable[[Tensor], Tensor]
@@ -239,7 +246,7 @@ class Residuals:
         return float(r @ r)
 
     def linearise(self, x: Tensor) -> Linearised:
-        """QR of the scaled Jacobian, once for all dampings."""
+        """The problem at x, with one QR factorisation of the scaled Jacobian for all dampings."""
         r, J = self.residual(x), self.jacobian(x)
         scale = torch.linalg.vector_norm(J, dim=0)
         scale = torch.where(scale > 0.0, scale, torch.ones_like(scale))

@@ -25,25 +25,26 @@ class Shape:
 
     @property
     def parameters(self) -> int:
-        """Weights and biases together."""
+        """Number of weights and biases."""
         return self.hidden * (self.inputs + 1) + self.outputs * (self.hidden + 1)
 
     def layers(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Parameters as (h, n + 1) and (m, h + 1), biases last; views."""
+        """The parameters as matrices (h, n + 1) and (m, h + 1) with the biases last. They are views."""
         first = self.hidden * (self.inputs + 1)
         return x[:first].view(self.hidden, self.inputs + 1), x[first:].view(self.outputs, self.hidden + 1)
 
 
 def with_ones(values: Tensor) -> Tensor:
-    """The columns and one of ones, which the bias multiplies."""
+    """The values (N, n) with a last column of ones, which the bias multiplies: (N, n + 1)."""
     return torch.cat([values, torch.ones(len(values), 1, dtype=values.dtype)], dim=1)
 
 
 def initial_parameters(shape: Shape, seed: int, start: int = 0) -> Tensor:
-    """Nguyen–Widrow: the hidden units' slopes spread over the inputs, a small output layer.
+    """First parameters after Nguyen and Widrow: spread hidden units and a small output layer.
 
-    Every unit's weight vector has the length 0.4·h^(1/n), and the biases lay the units' centres evenly along it.
-    The rule's 0.7 is for inputs even over [−1, 1]; 0.4 is the same for inputs of unit deviation.
+    The weight vector of every hidden unit has the length 0.4·h^(1/n), and the biases distribute the centres of the
+    units evenly along it. The factor of the rule is 0.7 for inputs that are uniform over [−1, 1]. 0.4 corresponds to it
+    for inputs of unit standard deviation. The same seed and start give the same parameters.
     """
     rng = np.random.default_rng([seed, start])
     n, h, m = shape.inputs, shape.hidden, shape.outputs
@@ -63,7 +64,7 @@ def outputs(shape: Shape, x: Tensor, inputs: Tensor) -> Tensor:
 
 
 def mean_squared_error(shape: Shape, x: Tensor, inputs: Tensor, targets: Tensor) -> float:
-    """Mean over samples and outputs; NaN without samples."""
+    """The mean squared error over samples and outputs; NaN without samples."""
     if len(inputs) == 0:
         return math.nan
     return float(torch.mean((outputs(shape, x, inputs) - targets) ** 2))
@@ -86,10 +87,10 @@ class NetworkProblem:
         return self._regularised(mean_squared_error(self.shape, x, self.inputs, self.targets), x)
 
     def linearise(self, x: Tensor) -> Linearised:
-        """Gauss–Newton matrix and gradient, without the Jacobian ever being formed (:eq:`network-normal`).
+        """The Gauss–Newton matrix and the gradient, without forming the Jacobian (:eq:`network-normal`).
 
-        The rows of the Jacobian's first-layer part are W_2[k, j]·s_j·(input, 1): but for a number the same for
-        every output. So one product of N rows serves all outputs.
+        The first-layer part of a row of the Jacobian is W_2[k, j]·s_j·(input, 1). Between outputs k it differs only by
+        the factor W_2[k, j], so that one product of N rows serves all outputs.
         """
         shape, (_, second) = self.shape, self.shape.layers(x)
         N, m, h = len(self.inputs), shape.outputs, shape.hidden

@@ -1,4 +1,4 @@
-"""Principal components of the inputs: train in few dimensions, then fold back to all of them exactly."""
+"""Principal components of the inputs: a network is trained on few of them and then becomes one on all inputs."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ _RESOLUTION = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """p = ((x − centre)·basis): ``basis`` (n, r) is orthogonal with columns scaled to unit deviation."""
+    """p = (x − centre)·basis. ``basis`` (n, r) has orthogonal columns, which give components of unit deviation."""
 
     centre: Array
     basis: Array
 
     def project(self, x: Array) -> Array:
-        """(N, n) to (N, r)."""
+        """The components (N, r) of inputs (N, n)."""
         return (x - self.centre) @ self.basis
 
     def fold(self, weights: Array, bias: Array) -> tuple[Array, Array]:
-        """A first layer on the components, (h, r) and (h,), as one on x, (h, n) and (h,) (:eq:`fold-projection`)."""
+        """The first layer on x, (h, n) and (h,), of one on the components, (h, r) and (h,) (:eq:`fold-projection`)."""
         folded = weights @ self.basis.T
         return folded, bias - folded @ self.centre
 
@@ -37,9 +37,9 @@ class Projection:
 def principal_components(x: Array, count: int | None = None, margin: float = 10.0) -> Projection:
     """The projection on the ``count`` largest principal components of x (N, n).
 
-    Without a count: those with a variance above ``margin`` times the median one and above what sensors resolve. A
-    window is a few phasors and ripple among hundreds of samples, so that the median is the sensors' noise; windows
-    without noise have none to stand out of. At least one is kept.
+    Without a count, those components are taken whose variance is above ``margin`` times the median variance and above
+    the resolution of sensors. A window contains a few phasors and ripple in hundreds of samples, so that the median is
+    the noise of the sensors. At least one component is kept.
     """
     centre = x.mean(axis=0)
     _, singular, directions = torch.linalg.svd(torch.from_numpy(x - centre), full_matrices=False)
@@ -50,6 +50,6 @@ def principal_components(x: Array, count: int | None = None, margin: float = 10.
         count = int(np.sum(variance > max(margin * float(np.median(variance)), floor)))
     count = max(min(count, usable), 1)
     largest = np.argmax(np.abs(rows[:count]), axis=1)
-    # The sign of a component is anybody's choice: made here, so that a seed means one network everywhere.
+    # The sign of a component is arbitrary. It is fixed here, so that a seed gives the same network everywhere.
     rows = rows[:count] * np.sign(rows[np.arange(count), largest])[:, None]
     return Projection(centre, rows.T / np.sqrt(variance[:count]))

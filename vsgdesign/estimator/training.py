@@ -31,12 +31,12 @@ FORMS = ("components", "full")
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """What is trained, and how. The defaults are the published network's.
+    """What is trained, and how. The defaults are those of the published network.
 
-    ``form``: ``components`` trains on the inputs' principal components (``components`` of them, 0: those that stand
-    out of the noise), ``full`` on all inputs; both give a network on all inputs. ``regularisation`` is the share γ
-    of the parameters in the cost. A start that does not reach the goal is followed by another, up to ``starts``;
-    the best by validation is taken.
+    With the ``form`` ``components`` the network is trained on principal components of the inputs: ``components`` of
+    them, or with 0 those above the noise. With ``full`` it is trained on all inputs. Both give a network on all inputs.
+    ``regularisation`` is the share γ of the parameters in the cost (:eq:`network-cost`). If a start does not reach the
+    goal, another one follows, up to ``starts``, and the best by validation is taken.
     """
 
     hidden: int = 8
@@ -49,7 +49,8 @@ class TrainingSettings:
 
 @dataclass(frozen=True)
 class SplitMetrics:
-    """Of one part: windows, mean squared error of the scaled targets, and per output correlation and rms error (SI)."""
+    """How good a network is on one part: number of windows, mean squared error of the scaled targets, and for each
+    output the correlation and the rms error (Ω, H)."""
 
     windows: int
     mse: float
@@ -59,20 +60,23 @@ class SplitMetrics:
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """Where a training stands: which start, its state, and the best of the starts before."""
+    """The present point of a training: number and state of the start, the best of the starts before it, and their
+    epochs."""
 
     fingerprint: str
     start: int
     state: State
     best: Fit | None
+    epochs_before: int = 0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Training:
-    """A trained network, how it got there, and how good it is.
+    """A trained network with the history of its training and its metrics.
 
-    ``history`` and ``stop`` are those of the start that was taken, ``epochs`` counts all starts. ``components`` is
-    the number of inputs that were trained on. ``checkpoint`` is where an interrupted training goes on from.
+    ``history`` and ``stop`` are those of the start that was taken, and ``epochs`` counts those of all starts.
+    ``components`` is the number of inputs of the training, and ``metrics`` has one entry for each part of the split. An
+    interrupted training continues from ``checkpoint``.
     """
 
     network: Network
@@ -94,11 +98,12 @@ def train_network(
     progress: Progress = silent,
     resume: Checkpoint | None = None,
 ) -> Training:
-    """Train on windows (N, n) and their R_g, L_g (N, 2), Ω and H, of which ``split`` says what is for what.
+    """Trains a network on windows (N, n) and their targets (N, 2); ``split`` assigns the rows to the three parts.
 
-    The same seed gives the same network. KeyboardInterrupt, from outside or from ``progress``, gives the best by
-    then with stop ``interrupted``; with its checkpoint as ``resume`` the training goes on as if undisturbed. Raises
-    StudyError with every fault of the data and settings, ArtifactError where a checkpoint is of other ones.
+    The same seed gives the same network. A KeyboardInterrupt, from outside or from ``progress``, gives the best network
+    so far with the stop ``interrupted``. With its checkpoint as ``resume``, the training continues as if it had not
+    been interrupted. Raises StudyError with every fault of data and settings, and ArtifactError if the checkpoint
+    belongs to other data or settings.
     """
     settings = TrainingSettings() if settings is None else settings
     _check(inputs, targets, split, settings, seed)
@@ -148,13 +153,12 @@ def _train(
     W_1, b_1 = projection.fold(first[:, :-1], first[:, -1])
     network = Network(W_1, b_1, second[:, :-1], second[:, -1], scaling_in, scaling_out)
     metrics = {part: split_metrics(network, inputs[rows], targets[rows]) for part, rows in vars(split).items()}
-    epochs = fit.history[-1].epoch if fit.history else 0
     return Training(
         network=network,
         stop=fit.stop,
         best_epoch=fit.epoch,
         history=fit.history,
-        epochs=epochs,
+        epochs=checkpoint.epochs_before + checkpoint.state.epoch,
         components=shape.inputs,
         metrics=metrics,
         checkpoint=checkpoint,
@@ -170,20 +174,22 @@ def _search(
     scores: Any,
     progress: Progress,
 ) -> tuple[Fit, Checkpoint]:
-    """The best fit of the starts, and where to go on."""
-    at, state, best = (0, None, None) if resume is None else (resume.start, resume.state, resume.best)
+    """The best fit of the starts, and the checkpoint from which a training continues."""
+    at, state, best, before = 0, None, None, 0
+    if resume is not None:
+        at, state, best, before = resume.start, resume.state, resume.best, resume.epochs_before
     while True:
         if state is None:
             state = State(initial_parameters(problem.shape, seed, at), settings.damping.mu)
         fit = minimise(problem, state, settings.damping, scores, progress)
-        checkpoint = Checkpoint(fingerprint, at, fit.state, best)
+        checkpoint = Checkpoint(fingerprint, at, fit.state, best, before)
         if best is None or fit.score < best.score:
             best = replace(fit, state=checkpoint.state)
         if fit.stop == "interrupted":
             return replace(best, stop=fit.stop), checkpoint
         if fit.stop == "goal" or at + 1 >= settings.starts:
             return best, checkpoint
-        at, state = at + 1, None
+        at, state, before = at + 1, None, before + fit.state.epoch
 
 
 def _projection(scaled: Array, settings: TrainingSettings) -> Projection:
@@ -194,7 +200,7 @@ def _projection(scaled: Array, settings: TrainingSettings) -> Projection:
 
 
 def split_metrics(network: Network, inputs: Array, targets: Array) -> SplitMetrics:
-    """How good a network is on some windows; NaN where there are too few."""
+    """The metrics of a network on windows (N, n) with targets (N, 2); NaN if there are no windows."""
     if len(inputs) == 0:
         nothing = (math.nan,) * targets.shape[1]
         return SplitMetrics(0, math.nan, nothing, nothing)
@@ -205,7 +211,7 @@ def split_metrics(network: Network, inputs: Array, targets: Array) -> SplitMetri
 
 
 def _correlation(a: Array, b: Array) -> tuple[float, ...]:
-    """R of each column; NaN where one does not vary."""
+    """The correlation of each column; NaN if a column is constant."""
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     size = np.sqrt(np.sum(a * a, axis=0) * np.sum(b * b, axis=0))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -258,12 +264,12 @@ def _fingerprint(inputs: Array, targets: Array, split: Split, settings: Training
 
 
 def write_checkpoint(path: str | Path, checkpoint: Checkpoint) -> None:
-    """The checkpoint as JSON, whole or not at all. Every number comes back to the last bit."""
+    """Writes the checkpoint as JSON, completely or not at all. Every number keeps all its bits."""
     write_json(path, {"kind": "vsgdesign training", "schema": 1} | _document(checkpoint))
 
 
 def read_checkpoint(path: str | Path) -> Checkpoint:
-    """A checkpoint from its file. Raises ArtifactError where it is none."""
+    """Reads a checkpoint. Raises ArtifactError if the file is not one."""
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8"))
         if document["kind"] != "vsgdesign training" or document["schema"] != 1:
@@ -272,7 +278,8 @@ def read_checkpoint(path: str | Path) -> Checkpoint:
         if best is not None:
             state, history = _state(best["state"]), _history(best["history"])
             best = Fit(_tensor(best["x"]), best["stop"], best["epoch"], _number(best["score"]), history, state)
-        return Checkpoint(document["fingerprint"], document["start"], _state(document["state"]), best)
+        state, before = _state(document["state"]), document.get("epochs_before", 0)
+        return Checkpoint(document["fingerprint"], document["start"], state, best, before)
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise ArtifactError(f'"{path}" is no checkpoint of a training ({error}): start anew.') from error
 
