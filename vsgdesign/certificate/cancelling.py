@@ -231,10 +231,12 @@ class Value:
 
 def times(a: Powers, b: Powers) -> Powers:
     """The product of two products."""
+    if not (a and b):
+        return a or b
     total = dict(a)
     for atom, exponent in b:
         total[atom] = total.get(atom, 0) + exponent
-    return tuple(sorted((atom, exponent) for atom, exponent in total.items() if exponent))
+    return tuple(sorted([power for power in total.items() if power[1]]))
 
 
 def inverse(a: Powers) -> Powers:

@@ -6,6 +6,7 @@ the true (b, g): all true grids that an error allows are covered by the corners 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -317,9 +318,7 @@ class Loops:
 
     def matrix(self, off: Sequence[Any] | None) -> list[list[Any]]:
         """A of the scaled states where the true Jacobian is off the estimated one by ``off``; None: nowhere."""
-        A, B, C, D = self.J
-        # The law is linear: its answers to one unit of each state are the columns of the matrix.
-        columns = [self._answer(0.0, 0.0, A, C), self._answer(1.0, 0.0, 0.0, 0.0), self._answer(0.0, 1.0, B, D)]
+        columns = list(self._exact)
         if off is not None:
             a, b, c, d = map(self.algebra.value, off)
             for k, more in ((0, self._answer(0.0, 0.0, a, c)), (2, self._answer(0.0, 0.0, b, d))):
@@ -332,6 +331,13 @@ class Loops:
             [a21 * (1.0 / o), a22, a23 * (1.0 / o) * from_V],
             [a31 * to_V, a32 * o * to_V, a33],
         ]
+
+    @functools.cached_property
+    def _exact(self) -> list[list[Any]]:
+        """The law is linear: its answers to one unit of each state are the columns of the matrix, here of the loops
+        about an exact estimate."""
+        A, B, C, D = self.J
+        return [self._answer(0.0, 0.0, A, C), self._answer(1.0, 0.0, 0.0, 0.0), self._answer(0.0, 1.0, B, D)]
 
     def _answer(self, offset: float, V: float, P: Any, Q: Any) -> list[Any]:
         """dδ/dt, dω_r/dt and dV/dt by :func:`~vsgdesign.equations.power_loops.power_loops_about_rest`."""

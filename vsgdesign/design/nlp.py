@@ -75,16 +75,11 @@ class RobustProgram:
         count = len(self.variables.names)
         y, margin, slack = ca.MX.sym("y", count), ca.MX.sym("margin"), ca.MX.sym("slack", len(KINDS))
         reserve = ca.MX.sym("reserve")
-        parameters = ca.MX.sym("p", len(fields(Scenarios)), SLOTS)
+        parameters, filled = ca.MX.sym("p", len(fields(Scenarios)), SLOTS), ca.MX.sym("filled")
         centre, stiffness, pull = ca.MX.sym("centre", count), ca.MX.sym("stiffness"), ca.MX.sym("pull")
-        slot = _slot_function(law, spec, self.variables)
-        rows = slot.map(SLOTS)(
-            ca.repmat(y, 1, SLOTS),
-            ca.repmat(margin, 1, SLOTS),
-            ca.repmat(slack, 1, SLOTS),
-            ca.repmat(reserve, 1, SLOTS),
-            parameters,
-        )
+        x = ca.vertcat(y, margin, slack, reserve)
+        rows_of, slopes_of = _of_filled_slots(_slot_function(law, spec, self.variables), count)
+        rows = rows_of(filled - 1.0, x, parameters)
         # H = A ω_0/(2 S k_1) at the design point, in logarithms; stiffness = ln(A ω_0/(2 S)).
         if spec.settles:
             log_inertia = stiffness - y[0] - float(np.log(self.variables.scale[0]))
@@ -100,9 +95,13 @@ class RobustProgram:
         short = margin - spec.disk_margin * (GUARD_MARGIN - _RESERVE[2] * reserve) * (1.0 - slack[2])
         away = pull * ca.sum1(ca.DM(self.variables.pull) * (y - centre) ** 2)
         objective = cell_objective(price, ca.sum1(slack), _WEIGHT_RESERVE * reserve, aim - margin, away)
-        g = ca.vertcat(ca.vec(rows), short, *held)
+        others = ca.vertcat(short, *held)
+        g = ca.vertcat(rows, others)
+        p = ca.vertcat(ca.vec(parameters), filled, centre, stiffness, pull)
+        slopes = ca.vertcat(slopes_of(filled - 1.0, x, parameters), ca.jacobian(others, x))
         options = {
             "print_time": False,
+            "jac_g": ca.Function("nlp_jac_g", [x, p], [g, slopes], ["x", "p"], ["g", "jac_g_x"]),
             "show_eval_warnings": False,  # IPOPT steps back by itself from where a determinant vanishes
             "ipopt": {
                 "print_level": 0,
@@ -118,13 +117,7 @@ class RobustProgram:
                 "mumps_pivot_order": 0,
             },
         }
-        problem = {
-            "x": ca.vertcat(y, margin, slack, reserve),
-            "p": ca.vertcat(ca.vec(parameters), centre, stiffness, pull),
-            "f": objective,
-            "g": g,
-        }
-        self._solver = ca.nlpsol("cell", "ipopt", problem, options)
+        self._solver = ca.nlpsol("cell", "ipopt", {"x": x, "p": p, "f": objective, "g": g}, options)
         self._kinds = np.array([*(_row_kinds(spec) * SLOTS), "disk_margin", "inertia", "inertia"])
         self._aim = aim
 
@@ -135,8 +128,9 @@ class RobustProgram:
         is how much being near the centre counts, ``ceiling`` the upper bounds of y."""
         v = self.variables
         packed = np.array([getattr(slots, f.name) for f in fields(Scenarios)])
-        packed = packed[:, np.arange(SLOTS) % packed.shape[1]]
-        parameters = np.concatenate([packed.T.ravel(), centre, [stiffness, pull]])
+        filled = packed.shape[1]
+        packed = packed[:, np.arange(SLOTS) % filled]
+        parameters = np.concatenate([packed.T.ravel(), [filled], centre, [stiffness, pull]])
         begin = np.concatenate([start, [0.9 * self._spec.disk_margin], np.full(len(KINDS), 0.1), [0.5]])
         low = np.concatenate([v.low, [1e-2], np.zeros(len(KINDS) + 1)])
         high = np.concatenate([ceiling, [max(self._aim, 0.011)], np.full(len(KINDS), 50.0), [1.0]])
@@ -149,6 +143,21 @@ class RobustProgram:
         prices = {kind: 0.01 * float(np.sum(np.maximum(multipliers[self._kinds == kind], 0.0))) for kind in KINDS}
         slacks = dict(zip(KINDS, x[count + 1 : -1].tolist(), strict=True))
         return Solution(np.clip(x[:count], v.low, ceiling), slacks, prices, int(self._solver.stats()["iter_count"]))
+
+
+def _of_filled_slots(slot: ca.Function, count: int) -> tuple[ca.Function, ca.Function]:
+    """(filled − 1, x, scenarios) → the rows of all slots, and their derivatives by x, where the first ``filled`` slots
+    are repeated in the others: only those are evaluated. ``count``: how many of x are y."""
+    rows, slopes = [], []
+    for filled in range(1, SLOTS + 1):
+        x, scenarios = ca.MX.sym("x", count + len(KINDS) + 2), ca.MX.sym("p", len(fields(Scenarios)), SLOTS)
+        inputs = x[:count], x[count], x[count + 1 : -1], x[-1]
+        own = slot.map(filled)(*(ca.repmat(one, 1, filled) for one in inputs), scenarios[:, :filled])
+        every = ca.vec(own[:, [k % filled for k in range(SLOTS)]])
+        rows.append(ca.Function(f"rows_{filled}", [x, scenarios], [every]))
+        slopes.append(ca.Function(f"slopes_{filled}", [x, scenarios], [ca.jacobian(every, x)]))
+    conditional = ca.Function.conditional
+    return conditional("rows", rows[:-1], rows[-1]), conditional("slopes", slopes[:-1], slopes[-1])
 
 
 def _row_kinds(spec: Specification) -> list[str]:
@@ -220,26 +229,31 @@ def _responses(A: Any, B: Any, C: Any, settling_time: float, tau: float) -> tupl
 
 
 def _margin_rows(A_K: Any, B_K: Any, C_K: Any, J: Any, margin: Any, omegas: Array) -> list[Any]:
-    """With r = 1/α²: r² − t r + d ≥ 0 and r ≥ t/2 at each frequency (:eq:`margin-constraint`), both over r's size."""
-    r = 1.0 / margin**2
-    rows: list[Any] = []
-    for omega in omegas:
-        k = _solve_complex(A_K, B_K, float(omega))
-        loop = [[_sum(_times_real(k[i][c], C_K[row, i]) for i in range(len(k))) for c in (0, 1)] for row in (0, 1)]
-        L = [[_sum(_times_real(loop[i][c], J[row, i]) for i in (0, 1)) for c in (0, 1)] for row in (0, 1)]
-        one = (1.0, 0.0)
-        a11, a22 = _minus(one, L[0][0]), _minus(one, L[1][1])
-        a12, a21 = _minus((0.0, 0.0), L[0][1]), _minus((0.0, 0.0), L[1][0])
-        inverse = _reciprocal(_minus(_product(a11, a22), _product(a12, a21)))
-        m11, m22 = (_minus(_product(a, inverse), (0.5, 0.0)) for a in (a22, a11))
-        m12, m21 = _product(a12, inverse), _product(a21, inverse)
-        t = _norm(m11) + _norm(m22) + 2.0 * ca.sqrt(_norm(_product(m12, m21)) + 1e-18)
-        d = _norm(_minus(_product(m11, m22), _product(m12, m21)))
-        rows += [1.0 - t / r + d / r**2, 1.0 - 0.5 * t / r]
-    return rows
+    """:func:`_rows_at` at each frequency: written once, with a symbol for the frequency."""
+    A, B, C, jacobian = symbols = [ca.SX.sym("k", matrix.shape[0], matrix.shape[1]) for matrix in (A_K, B_K, C_K, J)]
+    r, omega = ca.SX.sym("r"), ca.SX.sym("omega")
+    at = ca.Function("at", [*symbols, r, omega], _rows_at(A, B, C, jacobian, r, omega))
+    known = [A_K, B_K, C_K, J, 1.0 / margin**2]
+    return [row for value in omegas for row in at.call([*known, ca.SX(float(value))])]
 
 
-def _solve_complex(A: Any, B: Any, omega: float) -> list[list[tuple[Any, Any]]]:
+def _rows_at(A_K: Any, B_K: Any, C_K: Any, J: Any, r: Any, omega: Any) -> list[Any]:
+    """With r = 1/α²: r² − t r + d ≥ 0 and r ≥ t/2 at a frequency (:eq:`margin-constraint`), both over r's size."""
+    k = _solve_complex(A_K, B_K, omega)
+    loop = [[_sum(_times_real(k[i][c], C_K[row, i]) for i in range(len(k))) for c in (0, 1)] for row in (0, 1)]
+    L = [[_sum(_times_real(loop[i][c], J[row, i]) for i in (0, 1)) for c in (0, 1)] for row in (0, 1)]
+    one = (1.0, 0.0)
+    a11, a22 = _minus(one, L[0][0]), _minus(one, L[1][1])
+    a12, a21 = _minus((0.0, 0.0), L[0][1]), _minus((0.0, 0.0), L[1][0])
+    inverse = _reciprocal(_minus(_product(a11, a22), _product(a12, a21)))
+    m11, m22 = (_minus(_product(a, inverse), (0.5, 0.0)) for a in (a22, a11))
+    m12, m21 = _product(a12, inverse), _product(a21, inverse)
+    t = _norm(m11) + _norm(m22) + 2.0 * ca.sqrt(_norm(_product(m12, m21)) + 1e-18)
+    d = _norm(_minus(_product(m11, m22), _product(m12, m21)))
+    return [1.0 - t / r + d / r**2, 1.0 - 0.5 * t / r]
+
+
+def _solve_complex(A: Any, B: Any, omega: Any) -> list[list[tuple[Any, Any]]]:
     """(jω − A)⁻¹ B as pairs (re, im), by elimination from the last state up: the diagonal never vanishes at ω > 0."""
     n = A.shape[0]
     M = [[(-A[i, j] if A[i, j].nnz() else 0.0, omega if i == j else 0.0) for j in range(n)] for i in range(n)]
