@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.design.robust_studies import controller, law, robust_study, specification
-from vsgdesign.design.evaluation import evaluate_fixed, evaluate_pairs
+from vsgdesign.design.evaluation import Evaluation, evaluate_fixed, evaluate_pairs
 from vsgdesign.design.single import best_fixed, exact_scenarios, violations
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import NormalisedGains, effective_inertia
@@ -59,6 +60,22 @@ def test_equal_calls_give_equal_digits_and_the_droops_are_those_asked_for() -> N
     assert one.gains.D_p == pytest.approx(c.S_rated / (0.05 * c.omega_n))
     assert one.gains.D_q == pytest.approx(c.S_rated / (0.5 * c.V_rated_rms))
     assert one.gains.D_p == law(study).D_p
+
+
+def test_every_set_of_gains_that_was_evaluated_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search asks for the closed forms once, and in each of three rounds for the first population and two
+    generations. What is evaluated in all scenarios besides is one winner a round, and all winners in the end."""
+    asked: list[int] = []
+
+    def counted(gains: PowerLoopGains, *arguments: Any) -> Evaluation:
+        asked.append(np.size(gains.K_ip))
+        return evaluate_fixed(gains, *arguments)
+
+    monkeypatch.setattr("vsgdesign.design.single.evaluate_fixed", counted)
+    study = robust_study()
+    found = best_fixed(study, controller(study).target, GRIDS, population=8, generations=2)
+    assert asked[1:] == [8, 8, 8, 1] * 3 + [4]
+    assert found.designs == asked[0] + 3 * 3 * 8
 
 
 def test_an_unstable_tuning_is_worse_than_any_stable_one() -> None:

@@ -1,4 +1,4 @@
-"""The best single fixed tuning of a structure over a whole box of grids: what a gain schedule has to beat."""
+"""The best fixed gains of a structure over a whole box of grids, which a gain schedule has to beat."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ _MEAN = 0.1
 
 @dataclass(frozen=True)
 class FixedTuning:
-    """One set of gains for every grid. ``figures``: the worst over the grids' scenarios; ``violation``: of the promise
-    that is broken most, relative to its limit (0: all kept; from 10 on: unstable somewhere)."""
+    """One set of gains for all grids. ``figures`` are the worst over the scenarios of the grids. ``violation`` is the
+    largest relative violation of a requirement: 0 if all are kept, and 10 or more if a loop is unstable somewhere."""
 
     structure: str
     gains: PowerLoopGains
@@ -59,7 +59,7 @@ class FixedTuning:
     violation: float
     scenarios: int
     designs: int
-    """How many tunings were looked at."""
+    """Number of sets of gains that were evaluated."""
 
 
 def best_fixed(
@@ -72,13 +72,14 @@ def best_fixed(
     generations: int = GENERATIONS,
     progress: Progress | None = None,
 ) -> FixedTuning:
-    """The gains of a structure that are least bad at the worst of all grids (SCR, X/R) and powers of the specification.
+    """The fixed gains of a structure with the least violation at the worst of all grids (SCR, X/R) and powers.
 
-    Differential evolution over the structure's own gains in SI (droops that the structure leaves free are the
-    target's), begun with the closed forms of every grid. It looks at the hardest scenarios only, and the worst of each
-    round's winner join them. There is no schedule, so the estimate's error has no say. Seeded: equal calls give equal
-    digits. Raises InfeasibleStudyError without a specification with the aim ``settling``, or where no grid has an
-    operating point.
+    Grids and powers are those of the specification. The search is a differential evolution over the structure's own
+    gains in SI, begun with the closed forms of every grid. Droops that the structure leaves free are those of the
+    target. The search evaluates the hardest scenarios only, and after each round the worst ones of its winner join
+    them. Fixed gains do not depend on an estimate, so that its error does not matter. Equal calls with an equal
+    ``seed`` give equal digits. Raises InfeasibleStudyError without a specification with the aim ``settling``, or where
+    no grid has an operating point.
     """
     from scipy.optimize import differential_evolution
 
@@ -134,7 +135,7 @@ def best_fixed(
             vectorized=True,
             tol=0.0,
         )
-        designs += int(found.nfev)
+        designs += int(found.nfev) * population  # a vectorised search counts the calls, each of a whole population
         starts = np.clip(found.population, low, high)
         winners.append(starts[0])
         best_now = evaluate_fixed(decode(starts[:1]), s, spec.settling_time, law.tau_P, law.tau_Q)
@@ -165,11 +166,11 @@ def exact_scenarios(
 
 
 def violations(spec: Specification, e: Evaluation, inertia: Array) -> Array:
-    """(M, S), by how much the promise that is broken most is broken, over its limit; at most 0 where all are kept.
+    """The largest relative violation of a requirement, (M, S) for M designs in S scenarios; at most 0 if all are kept.
 
-    ``inertia``: H of each design, (M,) in s, held to H_min and H_max; fixed gains have the same H on every grid
-    (:eq:`effective-inertia`), and one that is not positive is as wrong as can be. At most 5 where the loops are stable,
-    from 10 on where they are not.
+    ``inertia`` (M,) is H of each design in s, which H_min and H_max limit. Fixed gains have the same H on every grid
+    (:eq:`effective-inertia`). An H that is not positive counts as the largest violation. The result is at most 5 where
+    the loops are stable, and 10 or more where they are not.
     """
     overshoot = np.maximum(e["overshoot_P"], e["overshoot_Q"]) / spec.overshoot - 1.0
     settling = np.maximum(e["settling_P"], e["settling_Q"]) / spec.settling_time - 1.0
