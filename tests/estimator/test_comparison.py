@@ -33,7 +33,7 @@ from vsgdesign.estimator.in_the_loop import in_surroundings
 from vsgdesign.estimator.methods import Estimates, all_methods, installation
 from vsgdesign.estimator.record import Run, measure, run_case
 from vsgdesign.estimator.sampling import with_sampling
-from vsgdesign.estimator.stress import Stress, stress_axes, stress_methods
+from vsgdesign.estimator.stress import STRESS_SETTINGS, Stress, stress_axes, stress_methods
 from vsgdesign.identification.injection import Injection
 from vsgdesign.identification.pseudo_random import PseudoRandomSequence
 from vsgdesign.parameters import Study, load_study, study_from_text
@@ -63,10 +63,12 @@ def compared() -> Comparison:
 
 @functools.cache
 def stressed() -> Stress:
-    """Two of the axes, each at its ends and one value between them."""
+    """Two of the axes at their ends and the nominal value, one draw each: the sensors are ideal."""
     axes = [axis for axis in stress_axes(50.0) if axis.name in ("shift", "harmonics")]
-    few = tuple(replace(axis, values=axis.values[::2]) for axis in axes)
-    return stress_methods(load_study("studies/published/study.toml"), NETWORKS, axes=few)
+    ends = [{axis.values[0], axis.nominal, axis.values[-1]} for axis in axes]
+    few = tuple(replace(axis, values=tuple(sorted(values))) for axis, values in zip(axes, ends, strict=True))
+    settings = replace(STRESS_SETTINGS, draws=1)
+    return stress_methods(load_study("studies/published/study.toml"), NETWORKS, settings, axes=few)
 
 
 @functools.cache

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import functools
-import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import pytest
+
+from tests.report.layout import write_svg
 from vsgdesign.parameters import study_from_text
 from vsgdesign.pipeline import StabilityResult, assess_study
-from vsgdesign.report import WrittenFigure, write_stability_report
-from vsgdesign.report.drawing.files import compact
-from vsgdesign.report.drawing.style import look
+from vsgdesign.report import WrittenFigure, write_stability_figures, write_stability_report
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.stability.figures import stability_figures
 from vsgdesign.simulation.evidence import step_evidence
@@ -45,6 +45,7 @@ TEXTS = {
     "unstable": BASE + FIXED + UNSTABLE_GAINS,
     "faulty": BASE.replace("[2, 8]", "[0.1, 0.2]") + "[grid]\nscr = 0.2\nx_over_r = 1\n" + SCHEDULED,
 }
+AS_WRITTEN = "unstable"
 
 
 @dataclass(frozen=True)
@@ -77,18 +78,21 @@ def drawn(name: str) -> dict[str, NamedFigure]:
     return {figure.name: figure for figure in stability_figures(assessed(name))}
 
 
-def write_svg(named: NamedFigure, folder: Path) -> WrittenFigure:
-    """A figure as SVG only, in half the time."""
-    svg = folder / f"{named.name}.svg"
-    buffer = io.StringIO()
-    with look():
-        named.figure.savefig(buffer, format="svg", metadata={"Date": None})
-    svg.write_text(compact(buffer.getvalue()), encoding="utf-8")
-    return WrittenFigure(named.name, named.title, named.caption, svg, svg, named.part)
-
-
 def make(name: str, folder: Path) -> Made:
-    """Figures and page of a case in a folder."""
+    """Figures and page of a case in a folder. Those of one case are drawn as the verb draws them."""
     result = assessed(name)
-    figures = [write_svg(named, folder) for named in drawn(name).values()]
+    if name == AS_WRITTEN:
+        figures = write_stability_figures(result, folder)
+    else:
+        figures = [write_svg(named, folder) for named in drawn(name).values()]
     return Made(result, figures, write_stability_report(result, figures, folder / "report.html"))
+
+
+_MADE: dict[str, Made] = {}
+
+
+def case(name: str, factory: pytest.TempPathFactory) -> Made:
+    """Of a case, made once for all tests of a worker."""
+    if name not in _MADE:
+        _MADE[name] = make(name, factory.mktemp(name))
+    return _MADE[name]

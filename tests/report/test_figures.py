@@ -153,9 +153,7 @@ def test_the_caption_says_what_the_droop_adds_to_a_reference(short):
 
 def test_no_axes_or_legends_overlap(made):
     for signal in signals(made.result):
-        figure = signal_figure(made.result, signal).figure
-        figure.draw_without_rendering()
-        assert_apart(figure, 1.0, signal.name)
+        assert_apart(signal_figure(made.result, signal).figure, 1.0, signal.name)
 
 
 def test_scheduled_loops_are_alike_on_all_grids_and_fixed_ones_are_not(short):

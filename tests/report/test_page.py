@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from dataclasses import replace
@@ -67,8 +68,14 @@ class Checker(HTMLParser):
 
 
 def checked(path) -> Checker:
+    return checked_text(path.read_text(encoding="utf-8"))
+
+
+@functools.cache
+def checked_text(text: str) -> Checker:
+    """Several tests look at one page; to read it takes longer than they do."""
     checker = Checker()
-    checker.feed(path.read_text(encoding="utf-8"))
+    checker.feed(text)
     checker.close()
     return checker
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,12 +12,10 @@ import numpy as np
 import pytest
 
 from tests.report.layout import assert_apart
-from tests.report.stability_cases import TEXTS, assessed, drawn
+from tests.report.stability_cases import AS_WRITTEN, TEXTS, assessed, case, drawn
 from vsgdesign.parameters.grid import Grid
-from vsgdesign.report import write_stability_figures
 from vsgdesign.report.drawing.files import write_figure
 from vsgdesign.report.drawing.look import Cells, Scale, edges, gate_scale
-from vsgdesign.report.drawing.style import look
 from vsgdesign.report.stability.frequency import shown_cells
 from vsgdesign.report.stability.maps import QUANTITIES, settling_cells, worst_over_powers
 from vsgdesign.report.stability.schedule import worst_over_boxes
@@ -48,19 +47,18 @@ def test_which_figures_there_are() -> None:
 def test_every_axis_has_a_unit_and_nothing_overlaps(name: str) -> None:
     for named in drawn(name).values():
         figure = named.figure
-        with look():
-            figure.draw_without_rendering()  # lays out as drawing does, in a third of the time
         labels = [label for axes in figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
         assert labels
         assert all(UNIT.search(label) for label in labels), (named.name, labels)
         assert_apart(figure, 1.5, named.name)
 
 
-def test_files_are_small_well_formed_and_the_same_twice(tmp_path) -> None:
+def test_files_are_small_well_formed_and_the_same_twice(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     """The second time a figure of each kind, as other tests have drawn it."""
-    (tmp_path / "again").mkdir()
-    once = write_stability_figures(assessed("unstable"), tmp_path)
-    twice = {name: write_figure(drawn("unstable")[name], tmp_path / "again") for name in ONE_OF_A_KIND}
+    once = case(AS_WRITTEN, tmp_path_factory).figures
+    twice = {name: write_figure(drawn(AS_WRITTEN)[name], tmp_path) for name in ONE_OF_A_KIND}
     assert set(twice) <= {a.name for a in once}
     for a in once:
         if a.name in twice:

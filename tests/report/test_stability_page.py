@@ -9,19 +9,11 @@ from urllib.parse import unquote
 
 import pytest
 
-from tests.report.stability_cases import TEXTS, Made, assessed, make
+from tests.report.stability_cases import TEXTS, Made, assessed, case
 from tests.report.test_page import checked
 from vsgdesign.report import ExplorerFile, write_stability_report
 from vsgdesign.report.stability.page import csv_files
 from vsgdesign.stability.verdict import OWN, counted_rows
-
-_MADE: dict[str, Made] = {}
-
-
-def case(name: str, factory: pytest.TempPathFactory) -> Made:
-    if name not in _MADE:
-        _MADE[name] = make(name, factory.mktemp(name))
-    return _MADE[name]
 
 
 @pytest.fixture(scope="session", params=sorted(TEXTS))

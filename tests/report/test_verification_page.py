@@ -15,7 +15,6 @@ from tests.report.layout import assert_apart
 from tests.verification_documents import document
 from vsgdesign.artifacts.verification_text import promise_sentences
 from vsgdesign.report import write_verification_report
-from vsgdesign.report.drawing.style import look
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.verification.page import verification_figures
 from vsgdesign.report.verification.tables import again_text, case_value, cases_table, left_out_table, promises_table
@@ -37,8 +36,6 @@ def drawn(broken: bool) -> dict[str, NamedFigure]:
 def test_every_axis_has_a_unit_and_nothing_overlaps(broken: bool) -> None:
     assert list(drawn(broken)) == ["verification_promises", "verification_map_step", "verification_map_grid"]
     for named in drawn(broken).values():
-        with look():
-            named.figure.draw_without_rendering()
         labels = [label for axes in named.figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
         assert labels
         assert all(UNIT.search(label) for label in labels), (named.name, labels)

@@ -6,6 +6,7 @@ with R/|Z| of the grid beside it. ``evidence/field.py`` measures them and writes
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -68,8 +69,19 @@ class MeasuredErrors:
 
 
 def shipped_errors() -> MeasuredErrors | None:
-    """The errors that the package ships; None where it ships none. Raises ArtifactError where the file is damaged."""
-    return MEASURED_FILE.read(SHIPPED) if SHIPPED.exists() else None
+    """The errors that the package ships; None where it ships none. Raises ArtifactError where the file is damaged.
+
+    A process reads the file once: to check it takes longer than to draw a figure. The arrays cannot be written to.
+    """
+    return _read_once(SHIPPED) if SHIPPED.exists() else None
+
+
+@functools.cache
+def _read_once(path: Path) -> MeasuredErrors:
+    measured = MEASURED_FILE.read(path)
+    for one in (*measured.bins, *measured.jumps):
+        one.errors.flags.writeable = False
+    return measured
 
 
 def _document(measured: MeasuredErrors) -> dict[str, Any]:
