@@ -1,4 +1,4 @@
-"""What any unbiased estimator can know of the grid from given signals: Cramér–Rao bounds."""
+"""Cramér–Rao bounds: how precise any unbiased estimator of the grid can be with given signals."""
 
 from __future__ import annotations
 
@@ -101,15 +101,21 @@ def steady_window_bound(
     known_ratio: bool = False,
     known_phase: bool = True,
 ) -> Bound:
-    """One steady window (:eq:`bound-steady`). With the grid's phasor known it is the published set-up; without it
-    there is nothing to know."""
+    """The bound of one steady window (:eq:`bound-steady`) with the current ``i`` (A peak) at ω (rad/s).
+
+    ``known_phase``: whether the grid's phasor is known, as published. Without it, the bound is infinite.
+    ``known_ratio``: whether X/R is known.
+    """
     v_variance, i_variance = (phasor_variance(deviation, samples, channels) for deviation in (noise.v, noise.i))
     information = fisher_information(i, omega, v_variance, i_variance, R_g, L_g, None if known_phase else [[1.0]])
     return bound_of_known_ratio(information, R_g, L_g) if known_ratio else bound_of(information, omega, R_g, L_g)
 
 
 def windows_bound(i: ArrayLike, omega: float, noise: SensorNoise, samples: int, R_g: float, L_g: float) -> Bound:
-    """M steady windows of one grid whose phasor is unknown but holds still (:eq:`bound-two-windows`); ``i`` (M,)."""
+    """The bound of M steady windows of one grid whose phasor is unknown but constant (:eq:`bound-two-windows`).
+
+    ``i`` (M,) are the currents of the windows, A peak, of ``samples`` samples each; ω in rad/s.
+    """
     i = np.asarray(i, dtype=complex)
     v_variance, i_variance = (phasor_variance(deviation, samples) for deviation in (noise.v, noise.i))
     information = fisher_information(i, omega, v_variance, i_variance, R_g, L_g, np.ones((len(i), 1)))
@@ -119,8 +125,11 @@ def windows_bound(i: ArrayLike, omega: float, noise: SensorNoise, samples: int, 
 def probe_bound(
     i: ArrayLike, omega: ArrayLike, omega_g: float, noise: SensorNoise, samples: float, R_g: float, L_g: float
 ) -> Bound:
-    """A probe's answer in phasors beside the fundamental, (M,) at ``omega`` (M,) rad/s (:eq:`bound-probe`): one line
-    of an injection, or the many of a binary sequence."""
+    """The bound of a probe with M lines beside the fundamental (:eq:`bound-probe`).
+
+    ``i`` (M,) are the true currents of the lines, A peak, at ``omega`` (M,) rad/s in the stationary frame, measured
+    over ``samples`` samples. An injection has one line, a binary sequence has many.
+    """
     v_variance, i_variance = (phasor_variance(deviation, samples) for deviation in (noise.v, noise.i))
     return bound_of(fisher_information(i, omega, v_variance, i_variance, R_g, L_g), omega_g, R_g, L_g)
 
@@ -135,16 +144,19 @@ def tracked_probe_bound(
     R_g: float,
     L_g: float,
 ) -> Bound:
-    """A probe whose answer is tracked with exponential forgetting (:eq:`bound-tracked`).
+    """The bound of a probe that is tracked with exponential forgetting (:eq:`bound-tracked`).
 
-    ``i`` (M,): the true currents of its lines at ``omega`` (M,) rad/s; ``samples`` of a cycle, of which each next one
-    makes those before count by 1 − 1/``memory``.
+    ``i`` (M,) are the true currents of its lines at ``omega`` (M,) rad/s, and a cycle has ``samples`` samples. With
+    every cycle, the weight of the cycles before falls by the factor 1 − 1/``memory``.
     """
     return probe_bound(i, omega, omega_g, noise, samples * effective_cycles(memory), R_g, L_g)
 
 
 def effective_cycles(memory: float) -> float:
-    """Equally weighted cycles with the noise of a mean with weights λ^k, λ = 1 − 1/``memory``: 2·memory − 1."""
+    """Number of equally weighted cycles whose mean has the noise of one with the weights λ^k, λ = 1 − 1/``memory``.
+
+    It is 2·memory − 1 (:eq:`bound-tracked`). Raises ValueError for a memory below 1.
+    """
     if not memory >= 1.0:
         raise ValueError(f"memory = {memory:g} cycles: must be at least 1.")
     return 2.0 * memory - 1.0

@@ -1,4 +1,4 @@
-"""Every method on the same grids and steps: error beside its bound, disturbance, and delay after a change of grid."""
+"""Comparison of all methods on the same grids and steps: error and bound, disturbance, delay after a change of grid."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ BEFORE, AFTER = 10, 40
 """Windows before and after the change; the last JUDGED of them are what a method is judged by."""
 JUDGED = 20
 SETTLE = 60
-"""Windows before all: until then a switched bridge makes the power creep, and the converter's frequency with it."""
+"""Windows before these. During them a switched bridge makes the power drift, and the converter's frequency with it."""
 
 WITHIN = 0.10
 """Error of |Z| that counts as found again after a change of grid."""
@@ -62,8 +62,11 @@ class ComparisonSettings:
     seed: int = 0
 
     def recipe(self, window: WindowFormat | None = None) -> WindowRecipe:
-        """Runs with a power step: at rest, then the only thing that a passive method can learn from. Windows are
-        sampled as ``window`` says; None: as the converter has it."""
+        """The recipe of runs that begin at rest and have a power step, from which a passive method can learn.
+
+        Windows are sampled as in ``window``; with None the sampling follows from the converter. Raises StudyError for
+        values that make no recipe.
+        """
         made = replace(
             PUBLISHED,
             name="comparison",
@@ -90,19 +93,19 @@ class ComparisonSettings:
 
 @dataclass(frozen=True, eq=False)
 class Accuracy:
-    """Of one method on each SCR: errors |Ẑ − Z|/|Z| over windows and draws, and the bound of its signals."""
+    """Errors |Ẑ − Z|/|Z| of one method over windows and draws, and the bound of its signals: (S,) for S SCR."""
 
     method: str
     signals: str
     rms: Array
     p95: Array
     bound: Array
-    """(S,): NaN where nothing is measured."""
+    """NaN if the method measures nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class Disturbance:
-    """What a probe does at rest on each SCR: largest move of instantaneous P and Q, relative to the rating."""
+    """The largest change of instantaneous P and Q by a probe at rest, relative to the rating: (S,) for S SCR."""
 
     method: str
     P: Array
@@ -128,7 +131,7 @@ class GridStep:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """All of it."""
+    """The results of a comparison."""
 
     settings: ComparisonSettings
     accuracy: tuple[Accuracy, ...]
@@ -137,19 +140,19 @@ class Comparison:
     weights: dict[str, str] = field(default_factory=dict)
     """Hash of each network's weights by method."""
     left_out: tuple[str, ...] = ()
-    """A sentence on each grid of the settings that the converter cannot be run on; ``settings`` are without them."""
+    """A sentence for each grid on which the converter cannot run. ``settings`` do not contain these grids."""
     around: str = ""
     """Background and sensors of the runs in words; empty where sensors came after them."""
 
 
 def window_of(recipe: WindowRecipe, converter: Converter) -> WindowFormat:
-    """What the windows of a recipe are on a converter."""
+    """The format of the windows of a recipe on a converter."""
     sampled = with_sampling(recipe, converter)
     return WindowFormat(sampled.samples, sampled.sample_interval, sampled.channels, sampled.synchronised)
 
 
 def comparison_recipe(study: Study, settings: ComparisonSettings, windows: dict[str, WindowFormat]) -> WindowRecipe:
-    """What is run: windows as the networks take them. Raises ArtifactError where they take different ones."""
+    """The recipe of the runs, with the windows that the networks take. Raises ArtifactError if their windows differ."""
     kinds = {(one.samples, one.sample_interval) for one in windows.values()}
     if len(kinds) > 1:
         taken = "; ".join(
@@ -163,7 +166,7 @@ def comparison_recipe(study: Study, settings: ComparisonSettings, windows: dict[
 
 
 def with_sensors(recipe: WindowRecipe, settings: ComparisonSettings) -> WindowRecipe:
-    """A recipe through the sensors of a comparison, so that a network has seen their noise."""
+    """A recipe with the sensors of a comparison, so that a network is trained with their noise."""
     return replace(
         recipe,
         name=f"{recipe.name}_sensors",
@@ -182,8 +185,12 @@ def train_networks(
     workers: int = 1,
     progress: Progress = silent,
 ) -> list[tuple[str, NetworkWeights]]:
-    """Name and network of each recipe; of none: the published one, and one of continuous grids that has seen noise.
-    Made here and now, some seconds each."""
+    """Trains a network for each recipe, which takes some seconds each. Returns their names and weights.
+
+    Without recipes these are the published network and one of continuous grids that is trained with noise. Raises
+    ArtifactError if the windows of the recipes differ, and the errors of
+    :func:`vsgdesign.estimator.trained.train_estimator`.
+    """
     from vsgdesign.estimator.trained import train_estimator
 
     settings = settings or ComparisonSettings()
@@ -205,8 +212,11 @@ def compare_methods(
     settings: ComparisonSettings | None = None,
     progress: Progress = silent,
 ) -> Comparison:
-    """Run, measure and judge. Grids that the converter cannot be run on are left out. Raises StudyError for settings
-    that make no recipe, InfeasibleStudyError where no grid is left, ArtifactError for weights of other windows."""
+    """Runs all methods and compares them. Grids on which the converter cannot run are left out.
+
+    ``networks`` has weights by name. Raises StudyError for settings that make no recipe, InfeasibleStudyError if no
+    grid is left, and ArtifactError for networks with different windows.
+    """
     settings, left_out = runnable_settings(study, settings or ComparisonSettings())
     recipe = comparison_recipe(study, settings, {name: one.window for name, one in networks.items()})
     methods = methods_of(study, networks, recipe, settings)
@@ -237,14 +247,14 @@ def methods_of(
 
 
 def probe_name(method: Method) -> str:
-    """Which of the probed runs a method lives on; empty for those that add nothing."""
+    """The name of the runs with a method's probe; empty for a method without a probe."""
     return method.name if method.probes else ""
 
 
 @dataclass(frozen=True, eq=False)
 class ProbedRuns:
-    """Runs with one probe, case by case. Where sensors or a background are in the loop, every case was run ``draws``
-    times, else once, because its sensors come after it."""
+    """The runs with one probe, case by case. If sensors or a background are in the loop, every case is run ``draws``
+    times. Otherwise it is run once, because the noise is added to its result."""
 
     runs: list[Run]
     draws: int
@@ -255,7 +265,7 @@ class ProbedRuns:
         return self.runs[:: self.draws]
 
     def record(self, draws: int) -> Record:
-        """As many measured runs of every case."""
+        """The measured runs, ``draws`` of every case."""
         return measure(self.runs, 1 if self.draws > 1 or self.runs[0].sensed else draws)
 
 
@@ -266,7 +276,8 @@ def probed_runs(
     settings: ComparisonSettings,
     progress: Progress,
 ) -> dict[str, ProbedRuns]:
-    """Every case (recipe, index) without a probe and with each method's, by :func:`probe_name`."""
+    """The runs of every case (recipe, index) without a probe and with the probe of each method, by
+    :func:`probe_name`."""
     probes: dict[str, Method | None] = {"": None} | {probe_name(m): m for m in methods if m.probes}
     times = {
         name: settings.draws if has_surroundings(study) or (method is not None and method.kind.by_sample) else 1
@@ -294,7 +305,10 @@ def relative_errors(record: Record, found: Estimates) -> Array:
 
 
 def judged(errors: Array, groups: int) -> tuple[Array, Array]:
-    """Rms and 95th percentile (groups,) over draws and the last windows; a missing estimate counts as 100 %."""
+    """Rms and 95th percentile (groups,) of errors (B, W) over draws and the last JUDGED windows.
+
+    A missing estimate counts as an error of 100 %.
+    """
     last = np.nan_to_num(errors[:, -JUDGED:], nan=1.0).reshape(groups, -1)
     return np.sqrt(np.mean(last**2, axis=1)), np.percentile(last, 95.0, axis=1)
 
@@ -308,7 +322,7 @@ def _accuracy(method: Method, runs: Sequence[Run], record: Record, count: int) -
 
 
 def bound_of_run(method: Method, run: Run) -> Bound | None:
-    """The bound of what a method sees at the end of a run, from the true currents; None where it measures nothing."""
+    """The bound of a method's signals at the end of a run, from the true currents; None if it measures nothing."""
     recipe, grid, estimator = run.recipe, run.grids[-1], method.estimator
     noise = sensor_noise(run.converter, run.noise, *run.adc)
     n, h = recipe.samples, recipe.sample_interval

@@ -1,4 +1,4 @@
-"""The estimators as they are compared: each on the windows of a record, as a controller would feed it."""
+"""The estimators of a comparison. Each gets the windows of a record as a controller would give them."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ class Estimates(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Method:
-    """An estimator in a comparison. A network is given the grid's phase, as published: the comparison is in its favour.
+    """An estimator in a comparison.
 
-    Estimates count whatever their status, and what a network says beyond its trained range is clipped, as on the
-    controller.
+    A network receives the grid's phase, as published, which the other methods do not have. Estimates count whatever
+    their status is. An estimate of a network outside its trained range is clipped, as on the controller.
     """
 
     kind: EstimatorKind
     at: Installation
-    """Without the sensors' noise, which is a run's own."""
+    """Without the noise of the sensors, which belongs to a run."""
     title: str | None = None
     """None: the estimator's own."""
 
     @cached_property
     def estimator(self) -> Estimator:
-        """As it is built where the sensors' noise is not known."""
+        """The estimator as it is built if the noise of the sensors is not known."""
         return self.kind.build(self.at)
 
     @property
     def name(self) -> str:
-        """As figures and tables call it."""
+        """The name in figures and tables."""
         return self.title or self.estimator.title
 
     @property
@@ -58,7 +58,8 @@ class Method:
         return self.estimator.needs.probe_hold is not None
 
     def estimate(self, record: Record) -> Estimates:
-        """One estimate per window, from what was measured up to its end."""
+        """One estimate for each window, from the samples up to its end. Raises ArtifactError if the windows do not
+        fit."""
         if record.answers is not None and self.kind.by_sample:  # it was in the loop
             return Estimates(record.answers[:, :, 0], record.answers[:, :, 1])
         B, W = record.R_g.shape
@@ -103,7 +104,7 @@ def _fed(estimator: Estimator, record: Record, run: int, window: int) -> Iterato
 
 
 def installation(converter: Converter, recipe: WindowRecipe, guess: Grid) -> Installation:
-    """A converter that takes the windows of a sampled recipe."""
+    """The installation of an estimator on a converter, with the windows of a sampled recipe and a first guess."""
     return Installation(
         T_s=converter.T_s,
         omega_n=converter.omega_n,
@@ -124,9 +125,9 @@ _SHORT = {"field": "Field estimator", "field_network": "Field, with network"}
 def all_methods(
     converter: Converter, networks: dict[str, NetworkWeights], recipe: WindowRecipe, guess: Grid
 ) -> tuple[Method, ...]:
-    """Every estimator of windows that needs no training, then each network by name.
+    """Every estimator that needs no training, then each network by name.
 
-    Raises ArtifactError for weights of another kind of window.
+    Raises ArtifactError for weights with another number of samples in a window.
     """
     at = installation(converter, recipe, guess)
     packaged = replace(at, weights=read_field_weights())

@@ -1,4 +1,4 @@
-"""What every method is given: the same runs, through the same sensors, cut into the same windows."""
+"""The data of a comparison, which are the same for every method: runs, sensors and windows."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Run:
     vectors: Array
     """(W, 2, 2, n): v_pcc and i_pcc, α and β, peak."""
     synchronised: Array
-    """The same turned so that a grid of nominal frequency begins every window at the same angle: what a network of
-    synchronised windows is shown. Equal where windows are whole cycles."""
+    """The same, turned so that the vector of a grid of nominal frequency begins every window at the same angle. A
+    network of synchronised windows receives these. They are equal to ``vectors`` if windows are whole cycles."""
     theta: Array
     """(W, n): the converter's angle, rad."""
     sent: ComplexArray
@@ -41,18 +41,19 @@ class Run:
     limited: NDArray[np.int64]
     """(W,): samples in which the current was limited."""
     omega: float
-    """The converter's mean frequency in the windows at rest, rad/s: the grid's, as a converter knows it."""
+    """Mean frequency of the converter in the windows at rest, rad/s. It is the grid's frequency as a converter knows
+    it."""
     grids: tuple[Grid, ...]
     """The grid of each window."""
     noise: tuple[float, float]
     """Of voltage and current, relative to the rated peak."""
     seed: tuple[int, ...]
     sensed: bool = False
-    """Whether sensors were in the loop already: none come after it."""
+    """Whether the sensors were in the loop. No noise is added afterwards then."""
     adc: tuple[int, float] = (0, 3.0)
     """Bits and range (pu) of these sensors."""
     field: FieldRun | None = None
-    """What the field estimator, which was in the loop, answered; None where it was not."""
+    """The run of the field estimator if it was in the loop, else None."""
 
     @property
     def space_vectors(self) -> tuple[ComplexArray, ComplexArray]:
@@ -75,8 +76,7 @@ class Record:
     channels: dict[str, Array]
     """(B, W, 2·C·n) by name of identification.interface.CHANNELS, SI, peak: v, then i, of C components of n samples."""
     synchronised: dict[str, Array]
-    """The same from windows that a grid of nominal frequency begins at the same angle; equal where they are whole
-    cycles."""
+    """The same from synchronised windows (:attr:`Run.synchronised`)."""
     theta: Array
     """(B, W, n): the converter's angle, rad."""
     sent: ComplexArray
@@ -89,11 +89,11 @@ class Record:
     L_g: Array
     """(B, W): the truth, Ω and H."""
     noise: tuple[SensorNoise, ...]
-    """(B,): what the sensors add."""
+    """(B,): noise of the sensors."""
     sample_interval: float
     samples: int
     answers: Array | None = None
-    """(B, W, 2): what an estimator in the loop said, Ω and H; None where there was none."""
+    """(B, W, 2): R_g (Ω) and L_g (H) from an estimator in the loop; None if there was none."""
 
     @property
     def windows(self) -> int:
@@ -109,8 +109,11 @@ def run_case(
     prober: Estimator | None = None,
     draw: int = 0,
 ) -> Run:
-    """Simulate one scenario of a recipe whose windows follow each other (``every`` 1, ``skip`` 0), with the probe that
-    an estimator wants. ``draw`` numbers the draws of what the study's background and the sensors in the loop are."""
+    """Simulates one scenario of a recipe whose windows follow each other (``every`` 1, ``skip`` 0).
+
+    ``prober`` is an estimator whose probe is sent. ``draw`` is the number of the draw of the study's background and of
+    the sensors in the loop.
+    """
     drawn_study, recipe = in_surroundings(study, recipe, (seed, index, 4, draw))
     scenario = draw_scenario(drawn_study, recipe, seed, index)
     scenario = replace(scenario, seed=(*scenario.seed, draw)) if draw else scenario
@@ -151,7 +154,7 @@ def run_case(
 
 
 def measure(runs: Sequence[Run], draws: int = 1) -> Record:
-    """The runs through their sensors, ``draws`` times each with noise of its own: B = runs × draws, run by run."""
+    """The measured runs: every run ``draws`` times, each time with noise of its own. B = runs × draws, run by run."""
     first = runs[0]
     c = first.converter
     plain, synchronised = ({channels: [] for channels in CHANNELS} for _ in range(2))

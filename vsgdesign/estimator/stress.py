@@ -1,4 +1,4 @@
-"""Where estimators break: one thing at a time taken from its nominal value, on the same runs for all methods."""
+"""Stress test of the estimators: one quantity at a time differs from its nominal value, on the same runs for all."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class StressAxis:
-    """One quantity, its values and what a value does to the nominal recipe. ``converter`` gives what it depends on."""
+    """One quantity with its values and with the change of the nominal recipe that a value makes."""
 
     name: str
     title: str
@@ -38,9 +38,9 @@ class StressAxis:
     values: tuple[float, ...]
     nominal: float
     change: Callable[[WindowRecipe, float, float], WindowRecipe]
-    """(nominal recipe, value, ω_n in rad/s) to the recipe."""
+    """Function of the nominal recipe, a value and ω_n (rad/s) that returns the recipe of this value."""
     frequency_error: float = 0.0
-    """By how much a unit of the value makes the converter's idea of the grid's frequency wrong, rad/s."""
+    """Error of the grid's frequency, as the converter knows it, for a value of 1, rad/s."""
 
 
 def _shift(recipe: WindowRecipe, samples: float, omega_n: float) -> WindowRecipe:
@@ -81,8 +81,10 @@ _OTHER_AXES = (
 
 
 def stress_axes(f_n: float) -> tuple[StressAxis, ...]:
-    """The questions of the stress page on a grid of a nominal frequency (Hz). Powers are held where they are by the
-    references, whatever the droop."""
+    """The axes of the stress test on a grid of the nominal frequency ``f_n`` (Hz).
+
+    The references keep the powers constant, whatever the droops are.
+    """
     values = tuple(round(f_n + by, 6) for by in _FREQUENCIES)
     return StressAxis("frequency", "Grid frequency", "Hz", values, round(f_n, 6), _frequency), *_OTHER_AXES
 
@@ -98,7 +100,7 @@ class AxisResult:
 
 @dataclass(frozen=True, eq=False)
 class Stress:
-    """All axes."""
+    """The results of a stress test."""
 
     settings: ComparisonSettings
     methods: tuple[str, ...]
@@ -109,7 +111,7 @@ class Stress:
     around: str = ""
     """As in :class:`vsgdesign.estimator.comparison.Comparison`."""
     left_out: tuple[str, ...] = ()
-    """A sentence on each value that the converter cannot be run with; its axis is without it."""
+    """A sentence for each value with which the converter cannot run. The axes do not contain these values."""
 
     def at(self, method: str, axis: str, value: float) -> float:
         """The rms error of one method at one value."""
@@ -124,8 +126,11 @@ def stress_methods(
     axes: tuple[StressAxis, ...] | None = None,
     progress: Progress = silent,
 ) -> Stress:
-    """Run every value of every axis (None: :func:`stress_axes`); otherwise SCR 8, and ideal sensors as published.
-    Raises as :func:`vsgdesign.estimator.comparison.compare_methods`."""
+    """Runs every value of every axis (None: :func:`stress_axes`).
+
+    Without ``settings``, the runs are on SCR 8 with ideal sensors, as published. Raises the errors of
+    :func:`vsgdesign.estimator.comparison.compare_methods`.
+    """
     settings, _ = runnable_settings(study, nominal_settings(settings or STRESS_SETTINGS))
     nominal = comparison_recipe(study, settings, {name: one.window for name, one in networks.items()})
     methods = methods_of(study, networks, nominal, settings)
