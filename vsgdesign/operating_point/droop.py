@@ -32,10 +32,10 @@ _AGREEMENT = 1e-9
 def points_with_droop(
     P: Array, Q_ref: Array, D_q: Array, V_n_rms: Any, V_g_rms: Array, R: Array, X: Array
 ) -> tuple[Array, Array]:
-    """V (phase rms, V) and δ (rad) at which P is delivered and Q = Q_ref + D_q (V_n − V); NaN where there is no point.
+    """V (phase rms, V) and δ (rad) at which P is delivered and Q = Q_ref + D_q (V_n − V); NaN if there is no point.
 
-    All arrays are (N,), V_n may be one number. With droop the highest voltage is taken at which more angle means more
-    power (∂P/∂δ ≥ 0): a lower one is on the lower side of the nose curve. Without droop it is that of
+    All arrays are (N,), and V_n may be a number. With droop, the result is the highest voltage at which a larger angle
+    gives more power (∂P/∂δ ≥ 0). Lower ones are on the lower side of the nose curve. Without droop it is that of
     :func:`vsgdesign.equations.power_flow.operating_point`.
     """
     with np.errstate(all="ignore"):

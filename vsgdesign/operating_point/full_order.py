@@ -37,16 +37,16 @@ class Cell:
     P_ref: float
     Q_ref: float
     source: GridSource | None = None
-    """None: the study's own."""
+    """The grid source; None stands for that of the study."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FullOrderModel:
     """Discrete-time model of N cells, z' = A z + B u, y = C z + D u, at their steady states.
 
-    States are named in ``states``; inputs and outputs are model.full_order's INPUTS and OUTPUTS. ``faults``
-    holds, per requested cell, None or why it has no steady state; the arrays hold the good cells only, in
-    order, and ``index`` says which requested cell each is.
+    ``states`` has the names of the states. Inputs and outputs are INPUTS and OUTPUTS of
+    :mod:`vsgdesign.model.full_order`. ``faults`` has for each requested cell None, or the reason why it has no steady
+    state. The arrays contain only the cells with a steady state, in order, and ``index`` has their numbers.
     """
 
     states: tuple[str, ...]
@@ -70,7 +70,7 @@ class FullOrderModel:
 def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
     """Linearises at the steady state of every cell.
 
-    A cell without one is recorded in ``faults`` and raises no error.
+    A cell without a steady state raises no error. ``faults`` says why it has none.
     """
     sources = [cell.source or study.grid_source for cell in cells]
     at = [
@@ -122,7 +122,7 @@ def slowest_decay(
 ) -> Array:
     """Decay rates (N,) in 1/s of the slowest modes of the full-order model at N steady states; negative: it grows.
 
-    The arguments are those with which ``states`` were found. NaN for a lane with a fault.
+    The arguments are those with which ``states`` were found. The rate is NaN for a lane with a fault.
     """
     at = (R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref)
     count, good = len(states), np.flatnonzero(states.fault == 0)
@@ -228,9 +228,9 @@ def _matrices(function: ca.Function, z: Array, p: Array) -> tuple[Array, ...]:
 
 
 def parameter_sensitivity(model: FullOrderModel, cell: int, parameter: str) -> Array:
-    """dA/dp of one good cell for a PARAMETER, its steady state following (:eq:`eigenvalue-sensitivity`).
+    """dA/dp (n, n) of one cell for a PARAMETER, with the change of its steady state (:eq:`eigenvalue-sensitivity`).
 
-    dz/dp = (I − A)⁻¹ ∂F/∂p, then the directional derivative of A, both by automatic differentiation.
+    dz/dp = (I − A)⁻¹ ∂F/∂p is followed by the directional derivative of A, both by automatic differentiation.
     """
     if parameter not in PARAMETERS:
         raise ValueError(f'parameter = "{parameter}": must be one of {", ".join(PARAMETERS)}')
@@ -244,7 +244,7 @@ def parameter_sensitivity(model: FullOrderModel, cell: int, parameter: str) -> A
 
 
 def parameter_sensitivities(model: FullOrderModel, cell: int, parameters: Sequence[str]) -> Array:
-    """dA/dp (parameters, n, n) of one good cell for several PARAMETERS at once, as :func:`parameter_sensitivity`."""
+    """dA/dp (parameters, n, n) of one cell for several PARAMETERS at once, as :func:`parameter_sensitivity`."""
     columns = [PARAMETERS.index(name) for name in parameters]
     z, p, A = model.z[cell], model.p[cell], model.A[cell]
     of_p = model.map.of_parameters(z, p).full()[:, columns]

@@ -1,8 +1,8 @@
 """The exact steady states of many sampled converters at once, with the gains that are given.
 
-At a fixed point of the sampled map, plant state and bridge voltage follow linearly from the voltage at the control
-point. Between the control point and the source lies then one complex impedance, which is that of the grid but for the
-sampling, and the steady state is an operating point on it (:eq:`sampled-path`).
+In a steady state of the sampled map, plant state and bridge voltage follow linearly from the voltage at the control
+point. One complex impedance then lies between the control point and the source. It differs from that of the grid only
+by the sampling, and the steady state is an operating point on it (:eq:`sampled-path`).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ FAULTS = (
     "no gains",
     "the current limiter pulls the power loops away from the steady state",
 )
-"""What the codes of :attr:`ManyStates.fault` mean; 0: there is a steady state."""
+"""The meaning of the codes of :attr:`ManyStates.fault`. The code 0 means that there is a steady state."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +47,9 @@ class ManyStates:
     plant: Array
     """(6, N): i_s, v_c, i_g, each as α, β; A and V peak. More rows with a circuit that has more states."""
     controller: ControllerState
-    """Every field (N,), those of the limiter's memory too."""
+    """The controller's state. Every field is (N,), including the memory of the limiter."""
     pending: Array
-    """(2, N): bridge voltage that waits out the delay, α and β, V peak."""
+    """(2, N): bridge voltage that the delay holds back, α and β, V peak."""
     P: Array
     Q: Array
     """(N,): powers at the control point, W and var."""
@@ -68,7 +68,7 @@ class ManyStates:
 
 
 class Lanes(NamedTuple):
-    """What many steady states are asked for: the first arguments of :func:`many_steady_states`, (N,) each."""
+    """The first arguments of :func:`many_steady_states`, (N,) each."""
 
     R_g: Array
     L_g: Array
@@ -79,7 +79,7 @@ class Lanes(NamedTuple):
 
 
 class Paths(NamedTuple):
-    """What lies between bridge and source in a sampled steady state, for N lanes, with the source at angle zero."""
+    """The path between bridge and source in a sampled steady state, for N lanes, with the source at angle zero."""
 
     known: NDArray[np.bool_]
     """Lanes whose numbers are those of a grid with a voltage; the others hold the numbers of the study's own grid."""
@@ -113,12 +113,13 @@ def many_steady_states(  # noqa: PLR0913 - what a steady state depends on
     free_of_limits: bool = False,
     circuit: TwoAxisCircuit | None = None,
 ) -> ManyStates:
-    """The steady states that one control period only turns by ω_g·T_s, with the source's phasor at ``phase`` (rad).
+    """The states that one control period only rotates by ω_g·T_s, with the source's phasor at ``phase`` (rad).
 
-    Arguments in SI and the fields of ``gains`` are numbers or (N,), and broadcast. Averaged bridge. A lane without a
-    steady state has its reason in ``fault`` and disturbs no other. With ``free_of_limits``, current above the limit is
-    no fault: the caller judges it. The limit of the bridge voltage always counts. ``circuit``, with equal axes, stands
-    for the filter with all that is connected to it, for one lane only.
+    The arguments are in SI. They and the fields of ``gains`` are numbers or (N,), and they broadcast. The bridge is
+    averaged. A lane without a steady state has its reason in ``fault`` and does not affect the others. With
+    ``free_of_limits``, a current above the limit is no fault, and the caller judges it. The limit of the bridge voltage
+    always counts. ``circuit``, with equal axes, takes the place of the filter and of all that is connected to it. It is
+    possible for one lane only.
     """
     lanes, gains = lanes_of((R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref), gains)
     paths = paths_of(study, lanes, circuit)
@@ -205,7 +206,7 @@ def states_at(
     free_of_limits: bool,
     fault: NDArray[np.int64] | None = None,
 ) -> ManyStates:
-    """Everything that follows from V and δ. NaN in V marks lanes without a steady state."""
+    """The steady states with the given V and δ. V is NaN in lanes without a steady state."""
     with np.errstate(invalid="ignore"):
         return _states_of(study, paths, lanes, gains, V, delta, phase, free_of_limits, fault)
 

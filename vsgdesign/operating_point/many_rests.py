@@ -1,4 +1,4 @@
-"""Where many sampled converters rest whose gains follow their own measured powers: gains and state found in turn."""
+"""Steady states of many sampled converters whose gains follow their own measured powers."""
 
 from __future__ import annotations
 
@@ -58,9 +58,10 @@ def many_rests_with_measured_gains(  # noqa: PLR0913 - the same
 ) -> tuple[ManyStates, PowerLoopGains]:
     """The steady states with the gains that belong to their own P, Q and V, and these gains.
 
-    Gains and steady states are computed in turn until they agree to 1e-10, with secant steps after some rounds. Where
-    the droops do not depend on the measured values, the first state is the final one. The other arguments are those of
-    :func:`many_steady_states`.
+    Gains and steady states are computed in turn until they agree to 1e-10, with secant steps after some rounds. If the
+    droops do not depend on the measured values, the first state is the final one. A lane for which there are no gains,
+    or no steady state with them, has its reason in ``fault``. The other arguments are those of
+    :func:`vsgdesign.operating_point.many.many_steady_states`.
     """
     lanes, _ = lanes_of((R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref), PowerLoopGains(0.0, 0.0, 0.0, 0.0))
     c, paths, count = study.converter, paths_of(study, lanes, circuit), len(lanes.R_g)

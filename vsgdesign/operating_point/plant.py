@@ -1,9 +1,9 @@
 """The circuit between two instants, propagated without step-size error (:eq:`exact-step`).
 
-Between sampling instants the circuit is linear, its bridge voltage piecewise constant and its source a phasor
-that turns. So one step is a matrix exponential; a switching edge adds its own step response, which is a short
-polynomial in the time that is left; and the source adds its particular solution. Where α and β are alike they share
-every real matrix, and complex numbers carry both; where they differ the matrices are real and twice as large.
+Between sampling instants the circuit is linear, its bridge voltage is piecewise constant, and its source is a rotating
+phasor. One step is therefore a matrix exponential. A switching edge adds its own step response, which is a short
+polynomial in the remaining time, and the source adds its particular solution. If α and β are alike, they share every
+real matrix, and complex numbers represent both. If they differ, the matrices are real and twice as large.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ Array = NDArray[np.float64]
 class TwoAxisCircuit:
     """A linear circuit whose axes may differ: dx/dt = A x + B (v_b,α, v_b,β) + E (v_g,α, v_g,β), SI, peak.
 
-    x has 2n entries, α and β in turn. The first three pairs are i_s, v_c and i_g, which the sensors see; others may
-    follow, the same in every circuit of a run.
+    x has 2n entries, α and β in turn. The first three pairs are i_s, v_c and i_g, which the sensors measure. Other
+    states may follow, and they are the same in every circuit of a run.
     """
 
     A: NDArray[np.float64]
@@ -43,8 +43,8 @@ class TwoAxisCircuit:
     E: NDArray[np.float64]
     """2n×2."""
     onto: NDArray[np.float64] | None = None
-    """2n×2n: what the states become where this circuit begins; it leaves states as they are that belong to the circuit.
-    None: they may have any values."""
+    """2n×2n: the factor that makes the states of this circuit from those before it. It does not change states that are
+    possible in this circuit. None: all values are possible."""
 
 
 def two_axes(alpha: FilterGrid | TwoAxisCircuit, beta: FilterGrid | None = None) -> TwoAxisCircuit:
@@ -61,8 +61,8 @@ def two_axes(alpha: FilterGrid | TwoAxisCircuit, beta: FilterGrid | None = None)
 class PlantStep:
     """Exact propagation of one circuit over one interval of length h.
 
-    Of a :class:`FilterGrid` the arrays are for one axis, since both are alike: n = 3, and there is no last dimension
-    for the axis of an input. Of a :class:`TwoAxisCircuit` they are for both, with 2n in place of n.
+    For a :class:`FilterGrid` the arrays belong to one axis, since both are alike: n = 3, and there is no last dimension
+    for the axis of an input. For a :class:`TwoAxisCircuit` they belong to both axes, with 2n in place of n.
     """
 
     h: float
@@ -74,8 +74,8 @@ class PlantStep:
     """(degree+1)×n or (degree+1)×2n×2: response to a unit step of the bridge voltage τ before the end, as a polynomial
     in x = 2τ/h − 1."""
     source: NDArray[Any]
-    """What a source c·s^m·e^{jωs} adds over the interval, m = 0, 1, 2: complex 3×n, to be multiplied by c; or real
-    3×2n×2, to be multiplied by (Re c, Im c)."""
+    """What a source c·s^m·e^{jωs} adds over the interval, m = 0, 1, 2 (:eq:`source-response`): complex 3×n, to be
+    multiplied by c; or real 3×2n×2, to be multiplied by (Re c, Im c) (:eq:`two-axes`)."""
 
 
 def plant_step(circuit: FilterGrid | TwoAxisCircuit, h: float, omega: float, *, edges: bool = True) -> PlantStep:

@@ -43,7 +43,7 @@ class PlantSteps:
     bridge: Array
     """(N, 3)."""
     edge: Array
-    """(N, degree + 1, 3). A lane that needs a lower degree has zeros above it; one that is too stiff has NaN."""
+    """(N, degree + 1, 3). Lanes that need a lower degree have zeros above it. Lanes that are too stiff have NaN."""
     source: Complex
     """(N, 3, 3): of each lane the order m = 0, 1, 2 of the source c·s^m·e^{jωs}, then the state."""
 
@@ -162,7 +162,7 @@ def edge_polynomials(A: Array, inputs: Array, h: ArrayLike) -> Array:
     """Polynomials (N, degree + 1, n, m) in x = 2τ/h − 1 for ∫₀^τ Φ(s) B ds, to the last bit that matters over
     0 ≤ τ ≤ h: the Taylor series about τ = h/2, economised.
 
-    NaN where it does not converge: the fastest mode of that lane dies out many times within h.
+    The result is NaN if the series does not converge, because the fastest mode of the lane decays many times within h.
     """
     half = 0.5 * np.asarray(h)
     transition, middle = transitions(A, inputs, half)

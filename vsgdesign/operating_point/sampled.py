@@ -31,8 +31,8 @@ from vsgdesign.parameters.study import Study
 
 @dataclass(frozen=True)
 class SampledState:
-    """Plant state (i_s, v_c, i_g and what more a circuit has, each as α, β), controller state, and the voltage waiting
-    out the delay (2)."""
+    """Plant state (i_s, v_c, i_g and further states of the circuit, each as α, β), controller state, and the bridge
+    voltage (2) that the delay holds back. SI, peak."""
 
     plant: NDArray[np.float64]
     controller: ControllerState
@@ -49,10 +49,11 @@ def steady_state(
     phase: float = 0.0,
     circuit: TwoAxisCircuit | None = None,
 ) -> SampledState:
-    """The state that one control period only turns by ω_g·T_s, with the source's phasor at ``phase`` (rad).
+    """The state that one control period only rotates by ω_g·T_s (:eq:`sampled-steady-state`).
 
-    Averaged bridge. ``circuit``, with equal axes, stands for the filter with all that is connected to it, as with a
-    load. Raises InfeasibleStudyError with the reason where there is no steady state or a limit is hit.
+    ``phase`` (rad) is that of the source's phasor. The bridge is averaged. ``circuit``, with equal axes, takes the
+    place of the filter and of all that is connected to it, for example a load. Raises InfeasibleStudyError with the
+    reason if there is no steady state, or if a limit is exceeded.
     """
     at = (grid.R_g, grid.L_g, source.V_g_rms, source.omega_g, P_ref, Q_ref)
     states = many_steady_states(study, *at, gains, phase, circuit=circuit)
@@ -102,8 +103,10 @@ def fault_of_rest(
     *,
     loaded: bool = False,
 ) -> InfeasibleStudyError:
-    """The fault of a lane as an error that says by how much and what to change; its numbers follow. ``loaded``: whether
-    more than the grid is connected."""
+    """The error for the fault of a lane. It says by how much a limit is exceeded and what to change.
+
+    ``loaded``: whether more than the grid is connected.
+    """
     fault = int(states.fault[lane])
     v_b, i_s, V = (float(values[lane]) for values in (states.v_b_pk, states.i_s_pk, states.V))
     c = study.converter

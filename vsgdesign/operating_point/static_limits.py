@@ -1,4 +1,4 @@
-"""What a converter and its grid can carry in steady state: how much of each static limit an operating point uses."""
+"""Static limits of a converter and its grid: how much of each limit an operating point uses."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ steps."""
 
 
 def static_limit_uses(study: Study, R: Any, X: Any, omega_g: Any, P: Any, Q: Any, V_rms: Any) -> dict[str, Array]:
-    """How much of each static limit operating points use, (N,) each: 1 on the limit (:eq:`static-limits`).
+    """The share of each static limit that operating points use, (N,) each; 1 is on the limit (:eq:`static-limits`).
 
     R and X in Ω lead from the control point to the source at omega_g (rad/s). P (W), Q (var) and V (phase rms, V) are
-    those at the control point. A use is NaN where they are.
+    those at the control point. A share is NaN where one of them is.
     """
     c = study.converter
     low, high = c.V_limits_rms
