@@ -6,6 +6,7 @@ import csv
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.cli.small_studies import SMALL, as_json, call, failure, study_file
@@ -159,7 +160,7 @@ def test_without_pytorch_one_sentence_names_the_extra(
 
 
 def test_an_interruption_that_keeps_windows_says_how_to_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recipe = recipe_file(tmp_path)
+    recipe = recipe_file(tmp_path, RECIPE)
     arguments = ("estimator", "train", study_file(tmp_path), "--recipe", recipe, "--out", tmp_path / "w.json")
     interrupt_after(1, monkeypatch)
     kept = call(*arguments, "--windows", tmp_path / "w.npz")
@@ -167,6 +168,49 @@ def test_an_interruption_that_keeps_windows_says_how_to_go_on(tmp_path: Path, mo
     interrupt_after(1, monkeypatch)
     lost = call(*arguments)
     assert (lost.exit_code, "the same command continues" in lost.stderr) == (130, False)
+
+
+def test_results_that_would_take_each_others_place(tmp_path: Path) -> None:
+    """After the training, the file for the weights was one of windows, and the weights were lost."""
+    arguments = ("estimator", "train", study_file(tmp_path), "--recipe", recipe_file(tmp_path))
+    said = failure(2, *arguments, "--out", tmp_path / "w.json", "--windows", tmp_path / "." / "w.json")
+    assert f'windows = "{tmp_path / "w.json"}": is the file of out as well. Give another file.' in said
+    field = ("--recipe", "field", "--report", tmp_path / "report")
+    said = failure(2, *arguments[:3], *field, "--out", tmp_path / "report" / "w.json", "--windows", tmp_path / "w.npz")
+    assert f'report = "{tmp_path / "report"}": would replace out, which is in it. Give a folder of its own.' in said
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["few.toml", "small.toml"]
+
+
+@pytest.mark.parametrize(
+    ("recipe", "says"),
+    [
+        (RECIPE.replace("40", "5"), "scenarios = 5: too few to be split 70/15/15 for training"),
+        (SMALL, "is a study, not a recipe. Give a packaged recipe (published, continuous, wide, field)"),
+        ('base = "field"\nruns = 5', "runs = 5: too few to be split 70/15/15 for training, validation and test"),
+    ],
+)
+def test_a_recipe_that_nothing_can_be_trained_on(recipe: str, says: str, tmp_path: Path) -> None:
+    """It was said after the simulations, and of a study field by field."""
+    file = recipe_file(tmp_path, recipe)
+    said = failure(2, "estimator", "train", study_file(tmp_path), "--recipe", file, "--out", tmp_path / "w.json")
+    assert (says in said, said.count("\n  - ")) == (True, 1)
+
+
+def test_so_few_scenarios_can_just_be_split() -> None:
+    from vsgdesign.estimator.data_set import check_enough, parts_of
+
+    check_enough(6, "scenarios")
+    assert [len(part) for part in parts_of(np.arange(6), "scenarios")] == [4, 1, 1]
+
+
+@pytest.mark.parametrize("verb", ["compare", "stress"])
+def test_weights_of_another_converter_are_not_compared(verb: str, folder: Path, tmp_path: Path) -> None:
+    """Where the windows happened to fit, the page showed a network that was scaled for other volts and amperes."""
+    other = study_file(tmp_path, SMALL + '[converter]\nS_rated = "6 kVA"\n')
+    said = failure(2, "estimator", verb, other, "--weights", folder / "w.json", "--out", tmp_path / "out")
+    assert "these weights do not fit the converter of the study:\n" in said
+    assert f"  - {folder / 'w.json'}: S_rated = 6000 VA: the weights' scaling is of a converter with 5000 VA." in said
+    assert not (tmp_path / "out").exists()
 
 
 SIXTY = """

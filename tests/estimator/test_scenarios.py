@@ -58,6 +58,8 @@ def test_nothing_is_thrown_away_of_the_published_recipes() -> None:
     for recipe in (PUBLISHED, CONTINUOUS):
         assert all(sum(draw_scenario(published, recipe, 0, k).redrawn) == 0 for k in range(60))
     assert describe_draws({"scenarios": 60, "draws": 60, "thrown_away": {}}) == ""
+    one = {"scenarios": 60, "draws": 63, "thrown_away": {"bridge voltage": 1, "voltage limits": 2}}
+    assert describe_draws(one).endswith("1 needs more voltage than the bridge makes, 2 leave V_min_pu to V_max_pu")
 
 
 @pytest.mark.parametrize(

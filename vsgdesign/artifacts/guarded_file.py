@@ -122,8 +122,10 @@ class GuardedFile(Generic[T]):
     def _document(self, data: bytes) -> dict[str, Any]:
         """The content without its hash, of bytes that are as they were written."""
         document = self._json(data)
-        if not isinstance(document, dict) or document.get("kind") != self.kind:
-            raise ArtifactError(f"it is not {self.what}; give a file {self.origin}.")
+        kind = document.get("kind") if isinstance(document, dict) else None
+        if kind != self.kind:
+            other = f" but of kind {json.dumps(kind)}" if isinstance(kind, str) else ""
+            raise ArtifactError(f"it is not {self.what}{other}; give a file {self.origin}.")
         schema = document.get("schema")
         if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
             raise ArtifactError(f"schema = {schema!r} is not a schema number; {self.again}.")

@@ -17,6 +17,7 @@ from vsgdesign.estimator.bound import (
     steady_window_bound,
     windows_bound,
 )
+from vsgdesign.estimator.data_set import check_enough
 from vsgdesign.estimator.in_the_loop import LINE_ORDERS, has_surroundings, surroundings_in_words
 from vsgdesign.estimator.methods import Estimates, Method, all_methods
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe, check_recipe, one_of
@@ -199,6 +200,8 @@ def train_networks(
         ("Neural, continuous", with_sensors(CONTINUOUS, settings)),
     ]
     # Before the first is trained: networks of different windows could not be compared.
+    for _, recipe in wanted:
+        check_enough(recipe.scenarios, "scenarios")
     comparison_recipe(study, settings, {name: window_of(recipe, study.converter) for name, recipe in wanted})
     return [
         (name, train_estimator(study, recipe, seed=seed, workers=workers, progress=progress).weights)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import zipfile
 from collections.abc import Mapping
@@ -115,18 +116,37 @@ class DataSet:
     def split(self, kind: str = "by_scenario", seed: int = 0) -> Split:
         """70/15/15 at random. ``by_scenario`` keeps every run in one part; ``published_split`` draws windows.
 
-        Raises StudyError for another kind, or where too few scenarios leave a part empty.
+        Raises StudyError for another kind, or where too few scenarios or windows leave a part empty.
         """
         if kind not in SPLITS:
             raise StudyError("split", [Fault("split", f'"{kind}"', "must be one of " + ", ".join(SPLITS))])
         units = self.scenario if kind == "by_scenario" else np.arange(len(self))
         names = np.random.default_rng(seed).permutation(np.unique(units))
-        ends = np.round(np.cumsum(SHARES) * len(names)).astype(int)
-        parts = np.split(names, ends[:2])
-        if min(len(part) for part in parts) == 0:
-            advice = "Make a data set of more scenarios."
-            raise StudyError("split", [Fault("scenarios", str(len(names)), "too few for 70/15/15 by scenario", advice)])
+        parts = parts_of(names, "scenarios" if kind == "by_scenario" else "windows")
         return Split(*(np.flatnonzero(np.isin(units, part)) for part in parts))
+
+
+def parts_of(names: NDArray[Any], field: str) -> list[NDArray[Any]]:
+    """Names of scenarios or runs, in their order, as parts for training, validation and test."""
+    check_enough(len(names), field)
+    return np.split(names, _ends(len(names)))
+
+
+def check_enough(count: int, field: str) -> None:
+    """Before they are made: raises StudyError where so many scenarios or runs cannot be split in three parts."""
+    if not _splits(count):
+        least = next(enough for enough in itertools.count(1) if _splits(enough))
+        problem = f"too few to be split 70/15/15 for training, validation and test (least: {least})"
+        raise StudyError("split", [Fault(field, str(count), problem, "Ask for more.")])
+
+
+def _ends(count: int) -> NDArray[np.int_]:
+    return np.round(np.cumsum(SHARES) * count).astype(int)[:2]
+
+
+def _splits(count: int) -> bool:
+    first, second = _ends(count)
+    return 0 < first < second < count
 
 
 def arrays_of(data: DataSet) -> dict[str, NDArray[Any]]:

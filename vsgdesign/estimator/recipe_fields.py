@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vsgdesign.errors import Fault
+from vsgdesign.errors import Fault, StudyError
+from vsgdesign.parameters.toml_file import read_toml
 from vsgdesign.parameters.units import UnitError, parse_quantity
 
 KINDS = ("one_of", "uniform", "log_uniform")
+_OF_A_STUDY = {"study", "converter", "simulation", "controllers"}
+"""Sections of a study, by which one is recognised."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,15 @@ class FieldRule:
     words: tuple[str, ...] = ()
     or_zero: bool = False
     """0 is allowed too: it follows from the converter."""
+
+
+def read_recipe(path: Path, known: Iterable[str]) -> dict[str, Any]:
+    """The document of a recipe's file. Raises StudyError, also for a study that is given in its place."""
+    document = read_toml(path, "recipe")
+    if document.keys() & _OF_A_STUDY:
+        advice = f"Give a packaged recipe ({', '.join(known)}), or a .toml file with the fields of a recipe."
+        raise StudyError("recipe", [Fault("recipe", f'"{path}"', "is a study, not a recipe", advice)])
+    return document
 
 
 def read_fields(document: Mapping[str, Any], rules: Mapping[str, FieldRule]) -> tuple[dict[str, Any], list[Fault]]:

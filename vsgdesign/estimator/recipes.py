@@ -17,11 +17,11 @@ from vsgdesign.estimator.recipe_fields import (
     log_uniform,
     one_of,
     read_fields,
+    read_recipe,
     uniform,
 )
 from vsgdesign.identification.interface import CHANNELS
 from vsgdesign.parameters.estimator import FIELD_RECIPES
-from vsgdesign.parameters.toml_file import read_toml
 
 _NOMINAL, _NONE = one_of(1.0), one_of(0.0)
 
@@ -211,11 +211,13 @@ def load_recipe(source: str | Path) -> WindowRecipe:
     path = Path(source)
     if path.suffix != ".toml":
         return named_recipe(str(source))
-    document = read_toml(path, "recipe")
+    document = read_recipe(path, (*RECIPES, *FIELD_RECIPES))
     faults: list[Fault] = []
     name = document.pop("base", CONTINUOUS.name)
     if not isinstance(name, str) or name not in RECIPES:
         faults.append(_unknown(str(name), "base"))
+        if name in FIELD_RECIPES:  # none of its fields is known here
+            raise StudyError(str(path), faults)
     base = RECIPES.get(str(name), CONTINUOUS)
     found, unread = read_fields(document, FIELDS)
     faults += unread

@@ -40,11 +40,11 @@ _ADVICE = {
 }
 
 _WORDS = {
-    "no operating point": "have no operating point",
-    "bridge voltage": "need more voltage than the bridge makes",
-    "current": "need more current than current_limit_pu",
-    "voltage limits": "leave V_min_pu to V_max_pu",
-    "unstable": "are unstable",
+    "no operating point": ("has", "have", "no operating point"),
+    "bridge voltage": ("needs", "need", "more voltage than the bridge makes"),
+    "current": ("needs", "need", "more current than current_limit_pu"),
+    "voltage limits": ("leaves", "leave", "V_min_pu to V_max_pu"),
+    "unstable": ("is", "are", "unstable"),
 }
 
 
@@ -247,7 +247,7 @@ def _other_grid(study: Study, recipe: WindowRecipe, rng: np.random.Generator, sc
 def _impossible(recipe: WindowRecipe, draws: Sequence[_Draw], of: str) -> str:
     """What is wrong with a recipe of which most draws are thrown away, and which field to change."""
     thrown = Counter(one.reason for one in draws if one.reason)
-    parts = ", ".join(f"{count} {_WORDS[reason]}" for reason, count in thrown.most_common())
+    parts = ", ".join(f"{count} {_words(reason, count)}" for reason, count in thrown.most_common())
     share = f"{sum(thrown.values())} of {len(draws)} draws for {of}"
     advice = _ADVICE[thrown.most_common(1)[0][0]]
     return f"recipe {recipe.name}: {share} cannot be run on this converter ({parts}). {_deciding(draws)}{advice}."
@@ -282,5 +282,10 @@ def describe_draws(draws: dict[str, object]) -> str:
     thrown = draws["thrown_away"]
     if not isinstance(thrown, dict) or not thrown:
         return ""
-    parts = ", ".join(f"{count} {_WORDS[reason]}" for reason, count in thrown.items())
+    parts = ", ".join(f"{count} {_words(reason, count)}" for reason, count in thrown.items())
     return f"drawn again: {sum(thrown.values())} of {draws['draws']} draws, because {parts}"
+
+
+def _words(reason: str, count: int) -> str:
+    one, several, rest = _WORDS[reason]
+    return f"{one if count == 1 else several} {rest}"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts import provenance
 from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.estimator.data_set import DataSet
+from vsgdesign.estimator.data_set import DataSet, check_enough
 from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.estimator.windows import generate_windows
 from vsgdesign.execution.progress import Progress, silent
@@ -80,6 +80,7 @@ def train_estimator(
     and the errors of :func:`vsgdesign.estimator.windows.generate_windows`.
     """
     require_torch()
+    check_enough(recipe.scenarios, "scenarios")
     begin = time.perf_counter()
     data = generate_windows(study, recipe, seed, out=out, workers=workers, progress=progress)
     timing = {"windows": time.perf_counter() - begin}

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from vsgdesign.artifacts import staged_folder, write_record
 from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
+from vsgdesign.errors import ArtifactError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import Study
 from vsgdesign.pipeline.training import network_document
+from vsgdesign.simulation.estimated import weights_faults
 
 if TYPE_CHECKING:
     from vsgdesign.estimator.comparison import Comparison, ComparisonSettings
@@ -136,8 +138,13 @@ def _networks(
 
     loaded = [load_recipe(recipe) for recipe in recipes]
     found: dict[str, NetworkWeights] = {}
+    unfit: list[str] = []
     for path in files:
-        found[_free(f"Neural, {Path(path).stem}", found)] = read_network_weights(path)
+        weights = read_network_weights(path)
+        unfit += [f"  - {path}: {fault}." for fault in weights_faults(study.converter, weights)]
+        found[_free(f"Neural, {Path(path).stem}", found)] = weights
+    if unfit:
+        raise ArtifactError("these weights do not fit the converter of the study:\n" + "\n".join(unfit))
     if files and not recipes:
         return found
     for name, weights in train_networks(study, loaded, seed=seed, workers=workers, progress=progress):

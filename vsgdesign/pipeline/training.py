@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -128,6 +129,7 @@ def train_weights_file(
     from vsgdesign.estimator.sampling import sampling_document, with_sampling
     from vsgdesign.estimator.trained import train_estimator
 
+    _check_places(out, windows)
     WEIGHTS_FILE.check_target(out)
     if windows is not None:
         check_data_target(windows)
@@ -232,6 +234,7 @@ def train_field_weights_file(
     ]
     if faults:
         raise StudyError("estimator", faults)
+    _check_places(out, runs, report)
     FIELD_WEIGHTS_FILE.check_target(out)
     if runs is not None:
         check_data_target(runs)
@@ -275,6 +278,22 @@ def train_field_weights_file(
             write_record(folder, named | document, _TRAIN)
         write_field_weights(trained.weights, out)
     return {"file": str(out)} | document
+
+
+def _check_places(out: str | Path, windows: str | Path | None, report: str | Path | None = None) -> None:
+    """Raises StudyError, before the long work, where one result would take the place of another."""
+    files = {name: os.path.realpath(path) for name, path in (("out", out), ("windows", windows)) if path is not None}
+    faults = []
+    if files.get("windows") == files["out"]:
+        faults.append(Fault("windows", f'"{windows}"', "is the file of out as well", "Give another file."))
+    if report is not None:
+        folder = Path(os.path.realpath(report))
+        for name, path in files.items():
+            if folder in (Path(path), *Path(path).parents):
+                problem = f"would replace {name}, which is in it"
+                faults.append(Fault("report", f'"{report}"', problem, "Give a folder of its own."))
+    if faults:
+        raise StudyError("estimator train", faults)
 
 
 _TRAIN = "vsgdesign estimator train"

@@ -28,6 +28,7 @@ from vsgdesign.identification import (
 )
 from vsgdesign.identification.interface import FOLLOWED
 from vsgdesign.identification.sampling import WindowPlan, window_of_rate
+from vsgdesign.parameters.converter import Converter
 from vsgdesign.parameters.grid import Grid, Place
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.following import ScheduledAnswers
@@ -258,6 +259,26 @@ def installed_weights(study: Study, spec: ControllerSpec, weights: NetworkWeight
             f"{window.sample_interval * 1e6:g} µs = {length * 1e3:g} ms. Leave update_period out: the network answers "
             "at the end of every window. Or train for another window"
         )
+    faults += weights_faults(c, weights)
+    if window.synchronised and not spec_of.grid_phase:
+        faults.append(
+            "grid_phase = false: the weights were trained on windows synchronised with the grid's own voltage, which "
+            "no converter in the field can measure. Train without (a recipe with a range of phase), or set "
+            "grid_phase = true to use the simulator's own phase"
+        )
+    if faults:
+        where = f"controller {spec.name}, [estimator]: these weights do not fit:\n"
+        raise ArtifactError(where + "\n".join(f"  - {fault}." for fault in faults))
+    steps = round(window.sample_interval / c.T_s)
+    cycles = max(round(length * c.omega_n / (2.0 * math.pi)), 1)
+    at = installation_of(study, WindowPlan(steps, window.samples, cycles, 0.0))
+    at = replace(at, sample_interval=window.sample_interval, weights=weights, grid_phase=spec_of.grid_phase)
+    return estimator_kind(spec.estimate).build(at)
+
+
+def weights_faults(c: Converter, weights: NetworkWeights) -> list[str]:
+    """Why a network cannot serve a converter: its sampling, or another rating or nominal frequency. Empty: it can."""
+    faults, window = [], weights.window
     steps = window.sample_interval / c.T_s
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-6 * steps:
         faults.append(
@@ -272,19 +293,7 @@ def installed_weights(study: Study, spec: ControllerSpec, weights: NetworkWeight
                 f"{name} = {value:g} {unit}: the weights' scaling is of a converter with {trained:g} {unit}. "
                 "Train for this one"
             )
-    if window.synchronised and not spec_of.grid_phase:
-        faults.append(
-            "grid_phase = false: the weights were trained on windows synchronised with the grid's own voltage, which "
-            "no converter in the field can measure. Train without (a recipe with a range of phase), or set "
-            "grid_phase = true to use the simulator's own phase"
-        )
-    if faults:
-        where = f"controller {spec.name}, [estimator]: these weights do not fit:\n"
-        raise ArtifactError(where + "\n".join(f"  - {fault}." for fault in faults))
-    steps = round(window.sample_interval / c.T_s)
-    at = installation_of(study, WindowPlan(steps, window.samples, max(round(length * f_n), 1), 0.0))
-    at = replace(at, sample_interval=window.sample_interval, weights=weights, grid_phase=spec_of.grid_phase)
-    return estimator_kind(spec.estimate).build(at)
+    return faults
 
 
 def samples_of(window: MeasuredWindow, needs: Needs) -> Iterator[Samples]:

@@ -37,7 +37,7 @@ def test_no_run_is_in_two_parts(cycles: FieldCycles) -> None:
 
 
 def test_too_few_runs_are_refused() -> None:
-    with pytest.raises(StudyError, match=r"runs = 3: too few for 70/15/15 by run"):
+    with pytest.raises(StudyError, match=r"runs = 3: too few to be split 70/15/15 .* \(least: 6\)"):
         made_up_cycles(runs=3).split()
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.field import FieldAnswer, FieldSettings
-from vsgdesign.errors import ArtifactError, Fault, StudyError
-from vsgdesign.estimator.data_set import SHARES, Split, content_hash, read_arrays, write_arrays
+from vsgdesign.errors import ArtifactError
+from vsgdesign.estimator.data_set import Split, content_hash, parts_of, read_arrays, write_arrays
 
 Array = NDArray[np.float64]
 
@@ -119,13 +119,7 @@ class FieldCycles:
         Raises StudyError if there are too few runs.
         """
         names = np.random.default_rng(seed).permutation(np.unique(self.run))
-        ends = np.round(np.cumsum(SHARES) * len(names)).astype(int)
-        parts = np.split(names, ends[:2])
-        if min(len(part) for part in parts) == 0:
-            raise StudyError(
-                "split", [Fault("runs", str(len(names)), "too few for 70/15/15 by run", "Ask for more runs.")]
-            )
-        return Split(*(np.flatnonzero(np.isin(self.run, part)) for part in parts))
+        return Split(*(np.flatnonzero(np.isin(self.run, part)) for part in parts_of(names, "runs")))
 
     def rows(self, chosen: NDArray[Any]) -> FieldCycles:
         """Some of the cycles."""

@@ -17,6 +17,7 @@ from vsgdesign.estimator.recipe_fields import (
     field_faults,
     log_uniform,
     read_fields,
+    read_recipe,
     uniform,
 )
 from vsgdesign.parameters.toml_file import read_toml
@@ -184,7 +185,7 @@ def load_field_recipe(source: str | Path) -> FieldRecipe:
         if str(source) not in FIELD_RECIPES:
             raise StudyError("recipe", [_unknown(str(source), "recipe")])
         return FIELD_RECIPES[str(source)]
-    document = read_toml(path, "recipe")
+    document = read_recipe(path, FIELD_RECIPES)
     faults: list[Fault] = []
     name = document.pop("base", FIELD.name)
     if not isinstance(name, str) or name not in FIELD_RECIPES:

@@ -16,6 +16,7 @@ from vsgdesign.artifacts import provenance
 from vsgdesign.artifacts.field_weights import FieldWeights
 from vsgdesign.artifacts.files import plain
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.estimator.data_set import check_enough
 from vsgdesign.estimator.field.cycles import FieldCycles
 from vsgdesign.estimator.field.recipe import FieldRecipe, check_field_recipe
 from vsgdesign.estimator.field.runs import generate_cycles
@@ -84,6 +85,7 @@ def train_field_network(
     """
     require_torch()
     check_field_recipe(recipe)
+    check_enough(recipe.runs, "runs")
     studies = studies_of(study, recipe)
     begin = time.perf_counter()
     cycles = generate_cycles(studies, recipe, seed, out=out, workers=workers, progress=progress)
