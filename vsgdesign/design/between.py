@@ -1,4 +1,4 @@
-"""Between the nodes of a table, and with the lookup at the estimate instead of the truth: does it keep its promises?"""
+"""Checks of a table between its nodes, where the true grid is elsewhere than the estimate that is looked up."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ _CHUNK = 250
 
 @dataclass(frozen=True)
 class PointCheck:
-    """One grid between nodes: its worst figures, and the promises broken there."""
+    """One grid between nodes, with its worst figures and the requirements that are violated there."""
 
     scr: float
     x_over_r: float
     figures: Figures
     missed: dict[str, float]
     promised: bool
-    """All nodes around, also those that a wrong estimate leads to, keep every promise."""
+    """Whether all nodes around it keep every requirement, including those that a wrong estimate leads to."""
 
 
 @dataclass(frozen=True)
@@ -50,17 +50,17 @@ class BetweenCheck:
 
     @property
     def promised(self) -> int:
-        """Grids at which the table promises something."""
+        """Number of grids at which the table promises something."""
         return sum(point.promised for point in self.points)
 
     @property
     def broken(self) -> tuple[PointCheck, ...]:
-        """Those at which it does not keep it."""
+        """The grids at which it does not keep its promise."""
         return tuple(point for point in self.points if point.promised and point.missed)
 
 
 def between_document(checked: BetweenCheck) -> dict[str, Any]:
-    """What a table keeps of its last look between the nodes."""
+    """The last check between the nodes, as a table contains it, in JSON's types."""
     return {
         "points": len(checked.points) + checked.outside,
         "seed": checked.seed,
@@ -80,7 +80,7 @@ def check_between(
     seed: int = 0,
     each: Each = map,
 ) -> BetweenCheck:
-    """The table at random grids, uniform in the logarithms of SCR and X/R, over all scenarios of the box."""
+    """Checks the table at ``count`` random grids, uniform in ln SCR and ln X/R, in all scenarios of the box."""
     rng = np.random.default_rng(seed)
     low = np.log([table.scr[0], table.x_over_r[0]])
     high = np.log([table.scr[-1], table.x_over_r[-1]])
@@ -91,7 +91,7 @@ def check_between(
 def check_points(
     study: Study, law: LawOfStudy, spec: Specification, table: GainTable, grids: Array, each: Each = map
 ) -> tuple[PointCheck, ...]:
-    """The table at given grids, rows (SCR, X/R); those without any scenario are left out."""
+    """Checks the table at given grids (N, 2), rows of SCR and X/R. Grids without any scenario are left out."""
     parts = [grids[k : k + _CHUNK] for k in range(0, len(grids), _CHUNK)]
     found = each(partial(_check, study, law, spec, table), parts)
     return tuple(point for part in found for point in part)
@@ -136,7 +136,8 @@ def probe(
     seed: int = 0,
     each: Each = map,
 ) -> tuple[PointCheck, ...]:
-    """Grids at which a promise is broken: of the middles of every edge and rectangle, and of random grids."""
+    """The grids at which a promise is broken, among the nodes, the middles of all edges and rectangles, and random
+    grids."""
     scr, ratio = np.log(table.scr), np.log(table.x_over_r)
     halves = [np.sort(np.concatenate([axis, 0.5 * (axis[1:] + axis[:-1])])) for axis in (scr, ratio)]
     probes = np.stack([axis.ravel() for axis in np.meshgrid(*halves, indexing="ij")], axis=1)
@@ -149,7 +150,7 @@ def probe(
 def failing_intervals(table: GainTable, broken: Sequence[PointCheck]) -> list[tuple[str, float]]:
     """Nodes to add, (axis, value): the middles of intervals in which a promise is broken between nodes.
 
-    The rectangle around a broken promise is cut across the axis on which it is longer.
+    The rectangle around a broken promise is divided in the middle of its longer side.
     """
     scr, ratio = np.log(table.scr), np.log(table.x_over_r)
     cuts: set[tuple[str, float]] = set()

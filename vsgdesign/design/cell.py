@@ -42,23 +42,23 @@ _CAP = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class CellDesign:
-    """What the optimizer found for one grid. ``shortfalls``: promises not kept, with what would have to be allowed."""
+    """The design of one grid. ``shortfalls`` are the requirements that it violates, with the values that it reaches."""
 
     normalised: NormalisedGains
     figures: Figures
     inertia: float
     """H in s at the design point."""
     active: str
-    """The promise that costs most; empty where none does."""
+    """The requirement that costs most; empty if none costs anything."""
     price: float
-    """Percent of inertia that 1 % more of it costs (of damping and bandwidth, for aim ``inertia``)."""
+    """Inertia in per cent that 1 % of this requirement costs; with the aim ``inertia``, damping and bandwidth."""
     shortfalls: dict[str, float]
     scenarios: int
     iterations: int
 
     @property
     def met(self) -> bool:
-        """Whether every promise is kept."""
+        """Whether every requirement is kept."""
         return not self.shortfalls
 
 
@@ -81,12 +81,13 @@ def design_cell(
     pull: float = 1.0,
     measured: Scenarios | None = None,
 ) -> CellDesign:
-    """The robust design of one grid over its scenarios (at least one), near ``centre`` where the figures allow.
+    """The robust design of one grid over its scenarios (at least one), near ``centre`` (k,) if the requirements allow
+    it.
 
-    ``ceiling``: upper bounds of y below those of the specification. ``pull``: how much more than usual being near the
-    centre counts. Seeded: equal calls give equal digits. Where k_P D_p would be too large for a change of gains, in a
-    scenario or in one of ``measured``, the grid is designed again with less damping, and the active constraint is
-    ``TRANSFER``.
+    It minimises :eq:`cell-objective`. ``ceiling`` (k,) are upper bounds of y below those of the specification. ``pull``
+    multiplies the weight of the distance from the centre. Equal calls with an equal ``seed`` give equal digits. If
+    k_P D_p would be too large for a change of gains (:eq:`droop-fed-back`), in a scenario or in one of ``measured``,
+    the grid is designed again with less damping, and the active constraint is ``TRANSFER``.
     """
     found = _designed(law, spec, s, centre, seed, ceiling, pull)
     v = variables(law.structure, spec)
@@ -108,7 +109,7 @@ def design_cell(
 def most_damping(law: LawOfStudy, normalised: NormalisedGains, s: Scenarios) -> float:
     """The largest d_1 (or ζ) with which k_P D_p stays so small in all scenarios that gains may be changed.
 
-    k_P is affine in it, so that two values tell. Infinite where k_P does not grow with it.
+    k_P is affine in it, so that two values are enough. The result is infinite if k_P does not increase with it.
     """
     d_1 = normalised.d_1_or_zeta
     less, own = (
@@ -214,10 +215,10 @@ def _worst_scenarios(e: Evaluation, design: int = 0) -> list[int]:
 
 
 def common_design(law: LawOfStudy, spec: Specification, boxes: Sequence[Scenarios], each: Each = map) -> Array:
-    """y of the one normalised design that serves all cells best: where the search of every cell begins.
+    """y (k,) of the one normalised design that is best for all cells together. The search of every cell begins there.
 
-    Cells that differ from it only where it pays interpolate well. A cell that no design serves counts no more than
-    one that is badly served, so it does not spoil the rest. ``each``: what applies a function to the cells.
+    Cells that differ from it only where it is useful interpolate well. The violation of a cell is limited, so that a
+    cell for which no design is good does not decide. ``each`` applies a function to the cells.
     """
     v = variables(law.structure, spec)
     T = spec.settling_time

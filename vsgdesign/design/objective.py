@@ -17,10 +17,10 @@ MARGIN_AIM = 1.15
 """More margin than this multiple of the least disk margin is not traded against inertia."""
 
 GUARD_MARGIN = 1.03
-"""Share of the disk margin that a design keeps at a node: filters and delay take 1 to 2 % of it."""
+"""Multiple of the required disk margin that a design has at a node, because filters and delay reduce it by 1 to 2 %."""
 
 MARGIN_RESERVE = 0.015
-"""What may be taken off that share where a requirement would be violated otherwise."""
+"""Largest reduction of this factor where a requirement would be violated otherwise."""
 
 WEIGHT_BROKEN, WEIGHT_MARGIN = 300.0, 30.0
 """Weights w_s of what is violated and w_α of missing margin; inertia, in natural logarithms, has the weight 1."""

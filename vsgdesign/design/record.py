@@ -95,17 +95,17 @@ class CellRecord:
 
     @property
     def missed(self) -> dict[str, float]:
-        """Promises that are not kept, by either model, with what would have to be allowed."""
+        """Requirements that one of the two models does not keep, each with the value that would have to be allowed."""
         if self.design is None or self.full_order is None:
             return {}
         return self.design.shortfalls
 
 
 def run_task(task: CellTask) -> CellRecord:
-    """Design one cell and look at it with the full-order model.
+    """Designs one cell and evaluates it with the full-order model.
 
-    The optimizer's model has ideal inner loops. Where the real ones take away what was promised, the cell is
-    designed again with less bandwidth; the best of these by the full-order figures is kept.
+    The optimiser's model has ideal inner loops. If the real ones violate a requirement, the cell is designed again with
+    less bandwidth, and the best of these designs by the full-order figures is kept.
     """
     with one_thread():
         return _run_task(task)
@@ -126,8 +126,10 @@ def _run_task(task: CellTask) -> CellRecord:
 
 
 def designs_of(task: CellTask, law: LawOfStudy, s: Scenarios) -> Iterator[CellDesign]:
-    """The designs of a cell with ideal inner loops over its scenarios ``s`` and those of its surroundings: the best
-    there is, then with less bandwidth."""
+    """The designs of a cell with ideal inner loops, over its scenarios ``s`` and those of its surroundings.
+
+    The first is the best design, and the others have less and less bandwidth.
+    """
     study, spec = task.study, task.spec
     v = variables(law.structure, spec)
     centre = np.array(task.centre)
@@ -146,9 +148,10 @@ def designs_of(task: CellTask, law: LawOfStudy, s: Scenarios) -> Iterator[CellDe
 
 
 def better(before: CellRecord | None, new: CellRecord) -> CellRecord:
-    """Of two designs of a node the new one, unless it misses what the one before keeps.
+    """The new one of two designs of a node, unless it violates a requirement and the one before does not.
 
-    Which promise costs what is a question to the free design: the new one is held near its neighbours.
+    The active requirement and its price stay those of the first design, because the new one is held near its
+    neighbours.
     """
     if before is None or before.design is None or new.design is None:
         return new
@@ -167,7 +170,7 @@ def _distance(spec: Specification, missed: dict[str, float]) -> float:
 
 
 def with_full_order(task: CellTask, law: LawOfStudy, s: Scenarios, design: CellDesign) -> CellRecord:
-    """A design with what the full-order model says of it."""
+    """The record of a design, with its figures in the full-order model."""
     study, spec = task.study, task.spec
     figures = full_order_figures(study, law.gains(design.normalised, s), s, spec.settling_time)
     worst = figures.worst()
@@ -184,7 +187,8 @@ def with_full_order(task: CellTask, law: LawOfStudy, s: Scenarios, design: CellD
 
 
 def write_record(folder: Path, key: str, record: CellRecord) -> None:
-    """Keep a finished cell; the file appears whole or not at all. Raises ArtifactError."""
+    """Saves a finished cell; its file is written completely or not at all. Raises ArtifactError if this is not
+    possible."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / f"{key}.json", {"key": key, **record_document(record)})
@@ -193,7 +197,7 @@ def write_record(folder: Path, key: str, record: CellRecord) -> None:
 
 
 def read_record(folder: Path, key: str) -> CellRecord | None:
-    """A cell finished before, or None where there is none or it cannot be read."""
+    """A cell that was finished before; None if there is none, or if it cannot be read."""
     try:
         document = json.loads((folder / f"{key}.json").read_text(encoding="utf-8"))
         return record_of(document) if document["key"] == key else None

@@ -1,4 +1,4 @@
-"""Many cells on any executor: progress, resumption, and the same digits whatever the number of workers."""
+"""Design of many cells on any executor, with progress, resumption, and the same digits for any number of workers."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ from vsgdesign.execution.progress import Progress, silent
 def sweep(
     tasks: Sequence[CellTask], folder: Path, executor: Executor | None = None, progress: Progress | None = None
 ) -> list[CellRecord]:
-    """Records of all tasks, in order. Cells that ``folder`` has are not done again; new ones are kept there at once.
+    """The records of all tasks, in order. Cells that are in ``folder`` are not designed again, and new ones are saved
+    there.
 
-    ``executor``: any of the concurrent.futures kind; None does the work here. An interruption cancels what has not
-    begun and leaves what is finished. Raises WorkerError where a process is lost, ArtifactError where cells cannot
-    be kept.
+    ``executor`` is one of concurrent.futures; with None the work is done in this process. An interruption cancels tasks
+    that have not begun and keeps finished cells. Raises WorkerError if a process is lost, and ArtifactError if a cell
+    cannot be saved.
     """
     tell = progress or silent
     keys = [task.key for task in tasks]
@@ -65,9 +66,9 @@ def _results(tasks: Sequence[tuple[str, CellTask]], executor: Executor | None) -
 
 
 def each_of(executor: Executor | None) -> Each:
-    """``map`` on an executor's workers, each with one thread; without one it is ``map`` itself.
+    """A ``map`` on an executor's workers, each with one thread. Without an executor it is ``map`` itself.
 
-    Functions and arguments go to other processes. Raises WorkerError where one is lost.
+    Functions and arguments are sent to other processes. The ``map`` raises WorkerError if a process is lost.
     """
     if executor is None:
         return map

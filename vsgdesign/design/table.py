@@ -1,4 +1,4 @@
-"""From a specification to a gain table: design the nodes, look between them, add nodes where a promise breaks."""
+"""From a specification to a gain table: design of the nodes, checks between them, more nodes where they are needed."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ Proved = Certificate | Counterexample | CertificateRecord | None
 
 @dataclass(frozen=True)
 class BuiltTable:
-    """A table and how it came about."""
+    """A table with the records of its cells and the check between its nodes."""
 
     table: GainTable
     records: tuple[CellRecord, ...]
@@ -67,7 +67,7 @@ class BuiltTable:
     """Nodes added between those of the specification: axis and value."""
     between: BetweenCheck
     causes: tuple[Cause, ...] = ()
-    """Why cells are relaxed."""
+    """The reasons why cells are relaxed."""
 
 
 def build_table(
@@ -85,11 +85,12 @@ def build_table(
 ) -> BuiltTable:
     """The gain table of a controller under the study's specification.
 
-    ``folder`` keeps finished cells: a build that was killed goes on from them and gives the same bytes.
-    ``smoothings``, ``refinements``: how often rough nodes are designed again, and nodes are added. ``points``: random
-    grids of each look between the nodes. ``certificate``: whether the table gets one
-    (:func:`table_certificate`), which can take as long as the rest. Raises InfeasibleStudyError where the study has
-    no specification, or where no cell has an operating point.
+    Finished cells are saved in ``folder``. A build that was interrupted continues from them and gives the same bytes.
+    ``smoothings`` and ``refinements`` say how often rough nodes are designed again and how often nodes are added.
+    ``points`` is the number of random grids in each check between the nodes. ``certificate``: whether the table gets a
+    certificate (:func:`table_certificate`), which can take as long as the rest. Raises InfeasibleStudyError if the
+    study has no specification or no cell has an operating point, WorkerError if a process is lost, and ArtifactError if
+    finished cells cannot be saved.
     """
     spec = study.specification
     if spec is None:
@@ -176,23 +177,24 @@ def _causes(job: TableJob, nodes: TableNodes, withdrawn: Withdrawn) -> tuple[Cau
 def table_certificate(
     study: Study, controller: ControllerSpec, table: GainTable, each: Each = map
 ) -> CertificateRecord | None:
-    """What a common Lyapunov function proves over the table's whole box with its interpolated gains, or why not.
+    """What a common Lyapunov function proves over the whole box of the table with its interpolated gains, or why not.
 
-    Any speed of change; where no common function exists, a slow grid (_CERTIFICATES). Without gaps where the
-    boxes suffice. ``each``: what applies a function to the parts of the region for which certified steps are proved.
+    The proof holds for any speed of change or, if no common function exists, for a grid that changes slowly
+    (_CERTIFICATES). It has no gaps if the number of boxes is sufficient. ``each`` applies a function to the parts of
+    the region for which certified steps are proved.
     """
     return stepped_record(study, controller, table, proved_over_box(study, controller, table), each)
 
 
 def compiled_ahead() -> None:
-    """Compiles what a certificate needs, or loads it."""
+    """Compiles or loads the functions that a certificate needs."""
     from vsgdesign.certificate.box_check import compile_ahead
 
     compile_ahead()
 
 
 def proved_over_box(study: Study, controller: ControllerSpec, table: GainTable) -> Proved:
-    """What is proved of decay over the table's box, without the certified steps: all that a scheduler needs to know."""
+    """The proof of decay over the table's box without the certified steps, which a scheduler does not need."""
     from vsgdesign.certificate import certify
 
     box = table.validity
@@ -210,8 +212,8 @@ def proved_over_box(study: Study, controller: ControllerSpec, table: GainTable) 
 def stepped_record(
     study: Study, controller: ControllerSpec, table: GainTable, found: Proved, each: Each = map
 ) -> CertificateRecord | None:
-    """The record of what is proved, with the certified steps where there is a certificate. Their proof takes longer
-    than the certificate's own."""
+    """The record of the proof. If there is a certificate, the record has certified steps too, whose proof takes
+    longer."""
     if isinstance(found, Certificate):
         from vsgdesign.certificate import with_steps
 
@@ -223,7 +225,7 @@ def stepped_record(
 
 
 def record_of(found: Proved) -> CertificateRecord | None:
-    """What a gain table keeps of it."""
+    """The record of a proof, as a gain table contains it."""
     return found if found is None or isinstance(found, CertificateRecord) else found.as_record()
 
 

@@ -1,4 +1,4 @@
-"""What the optimizer may choose: the free normalised parameters of each structure and law, scaled and bounded."""
+"""The variables of the optimiser: the free normalised parameters of a structure and law, with scales and bounds."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Array = NDArray[np.float64]
 
 _FIELDS = NormalisedGains._fields
 _POLES = {"k_1_or_H": (1.0, 2e3), "d_1_or_zeta": (1.0, 100.0), "k_2": (0.5, 100.0)}
-"""Least and largest, dimensionless (times the settling time's power)."""
+"""Least and largest value, dimensionless: times the settling time, or times its square for k_1."""
 _ZETA = (0.3, 4.0)
 _PULL_LOG, _PULL_SHARE = 1.5, 10.0
-"""Weights of the distance to the seed. Neighbouring cells then choose alike where the figures hardly care, so that
-what lies between them is like them; partial decoupling is chosen only where it buys much."""
+"""Weights of the distance from the centre. Where the figures hardly depend on the variables, neighbouring cells then
+choose similar ones and can be interpolated. Partial decoupling is chosen only where it has a large effect."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Variables:
 
     @property
     def pull(self) -> Array:
-        """Weight of each variable's squared distance to the seed."""
+        """Weight of each variable's squared distance from the centre."""
         return np.where(self.logarithmic, _PULL_LOG, _PULL_SHARE)
 
     def normalised(self, y: Any) -> NormalisedGains:
@@ -51,18 +51,19 @@ class Variables:
         return NormalisedGains(**{f: free[f] if f in free else np.full(shape, self.fixed[f]) for f in _FIELDS})
 
     def expression(self, y: Any, exp: Any) -> NormalisedGains:
-        """The same for a CasADi column y."""
+        """Normalised gains from a CasADi column y (k,); ``exp`` is the exponential of CasADi."""
         free = {name: self.scale[k] * (exp(y[k]) if self.logarithmic[k] else y[k]) for k, name in enumerate(self.names)}
         return NormalisedGains(**{f: free.get(f, self.fixed.get(f)) for f in _FIELDS})
 
     def of(self, normalised: NormalisedGains) -> Array:
-        """y of one design, brought within the bounds."""
+        """y (k,) of one design, moved into the bounds."""
         values = np.array([getattr(normalised, name) for name in self.names], dtype=float) / self.scale
         y = np.where(self.logarithmic, np.log(np.maximum(values, 1e-300)), values)
         return np.clip(y, self.low, self.high)
 
     def slower(self, normalised: NormalisedGains, share: float) -> Array:
-        """Upper bounds of y that leave a share of a design's damping and voltage bandwidth, and its square of k_1."""
+        """Upper bounds of y (k,) that leave ``share`` of a design's d_1 and k_2, and the square of this share of its
+        k_1."""
         y = self.of(normalised)
         powers = {"k_1_or_H": 2.0, "d_1_or_zeta": 1.0, "k_2": 1.0}
         cut = np.array([powers.get(name, 0.0) for name in self.names])
