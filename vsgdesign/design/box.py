@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.certificate.error_bounds import truth_behind
+from vsgdesign.design.table_edge import table_edge
 from vsgdesign.equations.grid import SCR_BASES, error_half_widths
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.operating_point.static_limits import static_limit_uses
@@ -177,6 +178,10 @@ def _steps(low: float, middle: float, high: float) -> list[float]:
 def _around_truth(study: Study, grid: Grid, spec: Specification) -> list[tuple[Grid, Grid]]:
     """(truth, estimate): without error first."""
     estimates = [_seen(study, spec, _estimate(study, spec, grid, signs)) for signs in _signs_of(spec)]
+    if spec.box.error_Z:
+        omega_n = study.converter.omega_n
+        crossings = table_edge(study, spec).seen_beside_corners(grid.R_g, omega_n * grid.L_g)
+        estimates += [_within_table(study, spec, Grid(R, X / omega_n)) for R, X in crossings]
     return list(dict.fromkeys([(grid, grid), *((grid, estimate) for estimate in estimates)]))
 
 
