@@ -1,4 +1,4 @@
-"""A fault that is cleared: when the current of each of its phases passes through zero and is interrupted."""
+"""Clearing of a fault: the instants at which the current of each phase passes through zero and is interrupted."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from vsgdesign.simulation.timeline import build_timeline
 Array = NDArray[np.float64]
 
 MOST_CYCLES = 5.0
-"""A current without a zero for so many nominal cycles is interrupted all the same. Only a dc component that lasts can
-keep it from zero for so long."""
+"""Nominal cycles after which a current without a zero is interrupted. Only a lasting dc component can keep it from zero
+for so long."""
 
 _REST = {"a": "bc", "b": "ca", "c": "ab"}
-"""Between which phases a three-phase fault stays when one phase is interrupted."""
+"""The phases between which a three-phase fault remains when one phase is interrupted."""
 
 _PHASE = ": phase"
 """Follows the name of an event that clears a fault, before the phases with their instants."""
@@ -40,8 +40,8 @@ def with_instants(study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *,
     faults are interrupted (:func:`cleared_at_zeros`), and that at which a breaker that waits closes
     (:func:`vsgdesign.simulation.reclosing.reclosed`).
 
-    They are found in order of time, because each depends on those before it. A study without any is returned as it is.
-    ``study`` has the current limit of the controller.
+    They are found in order of time, because each depends on those before it. A study without such events is returned
+    unchanged. ``study`` has the current limit of the controller. Raises what a run raises.
     """
     for asked_s in clearings(study):
         if any(waits_to_close(one) and one.t_s < asked_s for one in study.events):
@@ -59,9 +59,9 @@ def cleared_at_zeros(study: Study, spec: ControllerSpec, ready: Ready = NOTHING,
     fault, the phase that comes to zero first is interrupted. The other two then have one current, through 2R, and are
     interrupted at its zero. All that happens in the grid together with the clearing happens at the last zero: a line
     whose breakers interrupt the fault is out when the last phase is interrupted. A current that has no zero within
-    MOST_CYCLES, or before the next fault, is interrupted then, and the event says so. The instants are those of the
-    controller ``spec``: each is found in a run of the study up to it. A study without such an event is returned as it
-    is. ``study`` has the current limit of the controller. Raises what a run raises.
+    MOST_CYCLES, or before the next fault, is interrupted then, and the event says so. The instants belong to the
+    controller ``spec``: each is found in a run of the study up to it. A study without such an event is returned
+    unchanged. ``study`` has the current limit of the controller. Raises what a run raises.
     """
     for asked_s in clearings(study):
         study = _cleared(study, asked_s, spec, ready, bridge)

@@ -16,10 +16,10 @@ from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.timeline import Timeline
 
 IN_STEP_S = 0.2
-"""The breaker closes when the converter has been in step for so long, s, as the exported code is to be used."""
+"""Time for which the converter must be in step before the breaker closes, s, as with the exported code."""
 
 LONGEST_S = 5.0
-"""A converter that is not in step for so long, s, gives up."""
+"""Time after which a converter that is not in step gives up, s."""
 
 
 class InStep(Exception):

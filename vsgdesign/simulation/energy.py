@@ -1,4 +1,4 @@
-"""What the dc link gives to the bridge, from the log of a run with a row for every sample."""
+"""Energy and power that the dc link gives to the bridge, from the log of a run with a row for every sample."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ Array = NDArray[np.float64]
 def dc_energy(simulation: Simulation, study: Study, *, bridge: str | None = None) -> Array:
     """Energy in J that a lossless bridge has taken from the dc link up to each row of the log, (n,). It begins at zero.
 
-    Nothing is needed of what stands behind the filter, so that it holds on every grid, with a load and with a fault
-    (:eq:`dc-energy`). With an averaged bridge it is right to (ωT_s)⁴/720 of what swings with ω. ``bridge`` overrides
-    the study's: with a switched one, the losses of the ripple in R_1 and R_c are left out. Raises InfeasibleStudyError
-    where the log does not have every sample.
+    The energy follows from the filter alone, so that it is valid on every grid, with a load and with a fault
+    (:eq:`dc-energy`). With an averaged bridge the relative error of a part that oscillates with ω is (ωT_s)⁴/720.
+    ``bridge`` replaces that of the study. With a switched bridge the losses of the ripple in R_1 and R_c are left out.
+    Raises InfeasibleStudyError if the log does not have every sample.
     """
     return np.concatenate([[0.0], np.cumsum(dc_energy_steps(simulation.log.T, study, bridge=bridge))])
 

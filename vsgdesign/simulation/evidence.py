@@ -42,8 +42,8 @@ class StepEvidence:
     full_order: Array
     reduced: Array
     final: dict[str, float]
-    """Where ``emt``, ``full_order`` and ``reduced`` end, W or var: the models' own steady states, EMT's that of the
-    full order."""
+    """Final values of ``emt``, ``full_order`` and ``reduced``, W or var. They are the steady states of the two models;
+    that of EMT is that of the full-order model."""
     decay: dict[str, float]
     """Decay rate of the slowest mode of each, 1/s. It is not positive if the mode does not decay."""
 
@@ -53,7 +53,7 @@ class StepEvidence:
 
 
 def step_evidence(study: Study, cell: FocusCell, duration: float = 3.0) -> tuple[StepEvidence, StepEvidence]:
-    """P and Q steps of a focus cell: averaged EMT from the exact steady state against both linear models."""
+    """P and Q steps of one cell: EMT with an averaged bridge from the exact steady state, and both linear models."""
     model = cell.full_order
     p = dict(zip(PARAMETERS, model.p[0], strict=False))
     gains = PowerLoopGains(*(float(p[name]) for name in PowerLoopGains._fields))

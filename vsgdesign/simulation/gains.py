@@ -27,7 +27,7 @@ class GainChange:
 
 
 def gain_changes(study: Study, spec: ControllerSpec, timeline: Timeline) -> tuple[GainChange, ...]:
-    """Every change of a controller's gains over the scenario, from t = 0 on, if they depend on the grid alone.
+    """All changes of a controller's gains in a scenario, from t = 0 on, for gains that depend on the grid alone.
 
     A scheduled controller updates at whole multiples of its period. It then knows the grid up to that instant, so the
     next update is the first to see a change of grid at this instant. Raises ValueError for gains that follow

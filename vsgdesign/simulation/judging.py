@@ -55,7 +55,7 @@ class Judgement:
 
 
 def judge_estimates(result: ScenarioResult) -> tuple[Judgement, ...]:
-    """Every controller of a scenario that estimates the grid, in order."""
+    """The judgements of all controllers of a scenario that estimate the grid, in order."""
     study, timeline = result.study, result.timeline
     instants = sorted({event.t_s for event in study.events})
     changes = timeline.truth_changes()

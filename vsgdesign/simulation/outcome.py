@@ -45,14 +45,14 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Divergence:
-    """Where a run was broken off: nothing was kept from t_s on."""
+    """The instant at which a run was ended because it diverged. Nothing from t_s on is kept."""
 
     t_s: float
     reason: str
 
 
 RESTING_S = 0.4
-"""The end of a run in which it must rest at its current limit, s."""
+"""Length of the end of a run in which it must rest at its current limit, s."""
 
 _ACTS = 0.05
 """Share of the samples from which on a limiter counts as acting: a rest at its edge is limited in some samples only."""
@@ -71,7 +71,7 @@ class LimitedRest(NamedTuple):
 def limited_rest(
     study: Study, t_s: Array, P: Array, Q: Array, limited_samples: Array, since_s: float
 ) -> LimitedRest | None:
-    """Where a run rests while its current limiter acts; None where it does not, or is still moving.
+    """The rest of a run whose current limiter acts; None if the limiter does not act, or if the run still moves.
 
     Arrays of a run: time (s), the powers at the PCC (W, var), and how many samples were limited up to each row.
     ``since_s``: the last event; the end of the run that is looked at begins after it.
@@ -133,8 +133,11 @@ def outcome_of(
     events: Sequence[EventMetrics],
     at_limit: LimitedRest | None = None,
 ) -> Outcome:
-    """What became of a run by its divergence, and else by its last stretch: where that comes to rest, and the figures
-    of the event that began it. ``at_limit``: where it rests while its current limiter acts."""
+    """The outcome of a run: from its divergence, or else from the rest after its last event and the figures of this
+    event.
+
+    ``at_limit`` is the rest of a run whose current limiter acts.
+    """
     if divergence is not None:
         return Outcome("diverged", divergence.reason, divergence.t_s)
     if not found:

@@ -1,4 +1,4 @@
-"""What a run writes down while its loop runs: rows at every so many samples, and the controller's first states."""
+"""The log of a run: a row for every n-th sample, and the first states of the controller."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ Array = NDArray[np.float64]
 
 
 class RunLog:
-    """The log of a run of so many samples: a row at every ``every``-th one, and the controller's states at the first
-    ``states``."""
+    """The log of a run: a row for every ``every``-th sample, and the controller's states in the first ``states``
+    samples."""
 
     def __init__(
         self, samples: int, every: int, states: int, like: ControllerState, *, sensed: bool, more: int = 0

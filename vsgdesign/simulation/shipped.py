@@ -1,4 +1,4 @@
-"""The scheduler that ships, in the loop of a run: the Python one, or its compiled C."""
+"""The scheduler of a controller in the loop of a run: that of Python, or its compiled C."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vsgdesign.simulation.online import MeasuredWindow
 from vsgdesign.simulation.timeline import Timeline
 
 GridEstimate = Callable[[MeasuredWindow], tuple[float, float] | None]
-"""R_g (Ω) and L_g (H) of a window, or None where it cannot say."""
+"""Function of a window that returns R_g (Ω) and L_g (H), or None if it has no estimate."""
 
 
 class Runtime(Protocol):
@@ -31,7 +31,7 @@ class Runtime(Protocol):
         ...
 
     def tell(self, *, limited: bool = False, surprised: bool = False) -> None:
-        """What happened since the last update."""
+        """Tells the scheduler what has happened since the last update."""
         ...
 
     def update_estimate(self, R_g: float, L_g: float, P: float, Q: float, V_rms: float, ticks: int) -> Answer:
@@ -50,9 +50,9 @@ class Runtime(Protocol):
 class ShippedScheduler:
     """An online scheduler (:class:`vsgdesign.simulation.online.OnlineScheduler`) that asks a runtime.
 
-    ``estimate`` says what grid a window shows; without it the runtime's own network is asked, with windows of
-    ``channels``, ``synchronised`` with the grid's phase or not. ``tick`` is that of the runtime's settings, s. For one
-    run: the runtime remembers. ``answers`` has what it said, in order.
+    ``estimate`` gives the grid of a window. Without it, the runtime's own network is used, with windows of ``channels``
+    that are ``synchronised`` with the grid's phase or not. ``tick`` is that of the runtime's settings, s. The object
+    serves one run only, because the runtime has a state. ``answers`` are those of the runtime, in order.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class ShippedScheduler:
 
     @property
     def grid(self) -> Grid:
-        """The grid that the present gains are for: what the current limiter is told."""
+        """The grid for which the present gains are made. The current limiter uses it."""
         return Grid(*self._runtime.grid)
 
     def first_gains(self) -> PowerLoopGains:
@@ -92,7 +92,7 @@ class ShippedScheduler:
         return self._runtime.gains
 
     def update(self, window: MeasuredWindow) -> PowerLoopGains:
-        """What the runtime says."""
+        """The gains of the runtime after a window."""
         measured = (window.P, window.Q, window.V_rms, round(window.t_s / self._tick))
         self._runtime.tell(limited=window.limited > 0)
         if self._estimate is None:
@@ -106,7 +106,7 @@ class ShippedScheduler:
 
 
 def true_grid(timeline: Timeline) -> GridEstimate:
-    """The grid as it was during the window: an estimator without error, one window late. Without a grid, none."""
+    """Returns an estimator without error: it gives the true grid at the end of a window, or None without a grid."""
 
     def estimate(window: MeasuredWindow) -> tuple[float, float] | None:
         grid = timeline.true_grid_at(window.t_s - 0.5 * window.sample_interval)

@@ -1,4 +1,4 @@
-"""What a stability report is made from, and the names of the files that hold it."""
+"""The data of a stability report, and the names of its files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MAP_KINDS = ("reduced", "full_order", "stale", "estimate_error")
 
 @dataclass(frozen=True)
 class StabilityResult:
-    """All that the stability report is made from. ``evidence`` is keyed by (controller, cell label)."""
+    """The data of a stability report. The keys of ``evidence`` are (controller, label of the cell)."""
 
     study: Study
     assessments: tuple[ControllerAssessment, ...]

@@ -1,4 +1,4 @@
-"""Steps of the references in EMT at one operating point: what a linear promise comes to with the real inner loops."""
+"""Steps of the references in EMT at one operating point, to test linear requirements with the real inner loops."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _INTERVAL = 1e-3
 
 
 def references_at(study: Study, grid: Grid, gains: PowerLoopGains, P: float, Q: float) -> tuple[float, float]:
-    """P_ref and Q_ref that put the converter at (P, Q) in spite of its droops."""
+    """P_ref (W) and Q_ref (var) with which the converter rests at (P, Q), whatever its droops are."""
     R, X = study.path_to_grid(grid, study.grid_source.omega_g)
     V_rms = float(operating_point(P, Q, study.grid_source.V_g_rms, R, X)[0])
     c = study.converter
@@ -91,10 +91,11 @@ def emt_step(
     size_pu: float = STEP_PU,
     duration: float = 4.0,
 ) -> ResponseMetrics | None:
-    """Figures of ``signal`` ("P" or "Q") after a step of its reference; None where it does not settle within
-    ``duration``, where that is too short to know (:eq:`window-needed`), or where it does not start.
+    """Figures of ``signal`` ("P" or "Q") after a step of its reference.
 
-    It ends at the steady state of the full-order model: Q where its droop lets it.
+    The result is None if the signal does not settle within ``duration``, if this time is too short to know
+    (:eq:`window-needed`), or if the run cannot start. The final value is the steady state of the full-order model,
+    which includes the droop of Q.
     """
     size = size_pu * study.converter.S_rated
     P_ref, Q_ref = references_at(study, grid, gains, P, Q)

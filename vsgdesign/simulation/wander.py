@@ -1,4 +1,4 @@
-"""The course of time of a background: by how much the source's fundamental differs, sample by sample, from the events.
+"""A background over time: the difference between the source's fundamental and that of the events, sample by sample.
 
 From one sample to the next the difference is a constant factor g e^{jψ} on the fundamental's phasor (:eq:`wander`).
 Random numbers come in blocks of samples, each with a seed of its own, so that a run may be cut into any stretches and
@@ -25,7 +25,7 @@ _KEPT = 3
 """Blocks in memory."""
 
 FORGOTTEN_S = 60.0
-"""Time constant with which a grid takes back steps and the walk of its magnitude, s: its voltage is controlled."""
+"""Time constant with which steps and walk of the magnitude decay, s, as under the voltage control of a grid."""
 
 NOISE_TIME = 0.05
 """Correlation time of the noise, in nominal cycles: white up to some hundred hertz."""
@@ -47,7 +47,7 @@ class _Path(NamedTuple):
 
 
 class Wander:
-    """The factor g e^{jψ} of a background over time. It is 1 at t = 0, but for noise and modulation."""
+    """The factor g e^{jψ} of a background over time (:eq:`wander`). Without noise and modulation it is 1 at t = 0."""
 
     def __init__(self, spec: BackgroundSpec, T_s: float, omega_n: float) -> None:
         """``T_s``: the sampling period, s. ``omega_n``: nominal angular frequency, rad/s."""

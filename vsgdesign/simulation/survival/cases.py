@@ -65,7 +65,7 @@ class Change:
 
 @dataclass(frozen=True, kw_only=True)
 class GridKnowledge:
-    """What the scheduler is told of the grid: late, and wrong."""
+    """What the scheduler is told of the grid: how late it is told, and how wrong."""
 
     silent_s: float = 0.02
     """After every change of the grid or its source the estimator gives no answer for this long, s. The schedule is
@@ -76,7 +76,7 @@ class GridKnowledge:
     """Estimated angle of Z minus the true one, degrees, at all times."""
 
     def seen(self, grid: Grid, omega_n: float) -> Grid:
-        """The grid as it is estimated. An estimator knows that a resistance and an inductance are not negative."""
+        """The estimate of a grid. Its resistance and inductance are never negative."""
         if self.exact:
             return grid
         Z = complex(grid.R_g, omega_n * grid.L_g)

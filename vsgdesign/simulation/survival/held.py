@@ -1,4 +1,4 @@
-"""What is wrong with a rest at which a converter is held by its current limiter, where there is no other one."""
+"""The judgement of a rest at which the current limiter holds a converter and for which there is no other rest."""
 
 from __future__ import annotations
 
