@@ -13,7 +13,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from vsgdesign.codegen.evaluation import Evaluation, Unbound, free_name
+from vsgdesign.codegen.body import free_name
+from vsgdesign.codegen.evaluation import Evaluation, Unbound
 from vsgdesign.codegen.expressions import (
     Build,
     Choose,
