@@ -44,9 +44,9 @@ class Interval(NamedTuple):
 
 
 class Background:
-    """What the loop of a run is given sample by sample. ``V_base_pk``: what the components' amplitudes are taken on, V.
+    """What the source adds in each sample of a run. ``V_base_pk`` is the base of the components' amplitudes, V peak.
 
-    ``timeline``: of the run, where it has a background or a record.
+    ``timeline`` is that of the run if it has a background or a record.
     """
 
     def __init__(self, circuit: CircuitOfConnection, V_base_pk: float, timeline: Timeline | None = None) -> None:
@@ -70,7 +70,8 @@ class Background:
         return source[:, :, 0] - 1j * source[:, :, 1]
 
     def rows(self, intervals: Sequence[Interval], first: int, count: int, T_s: float) -> Array:
-        """What the components add over ``count`` whole samples (one interval), or over each of several intervals.
+        """What the components add over ``count`` whole samples (one interval), or over each of several intervals
+        (:eq:`source-components`).
 
         ``first``: the sample at which the first interval begins. A row has the states' increments, then the voltage at
         the interval's beginning, α and β.

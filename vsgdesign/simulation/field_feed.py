@@ -1,4 +1,4 @@
-"""A controller that estimates its grid with the field estimator, in a run: nothing is lent by the simulator.
+"""A run of a controller with the field estimator, which gets nothing that a real converter does not have.
 
 The estimator sends its probe and listens in every sample of the compiled loop. The loop stops where a cycle of the
 estimator ends, which may be at any sample. The answer of this cycle then goes to the schedule, and new gains act from
@@ -48,7 +48,7 @@ ANGLE_LIMITS_DEG = (14.0, 86.0)
 
 
 LEAST_RESISTANCE = -0.1
-"""R of an estimate over its |Z| from which on it is a grid: an error may make a small resistance negative."""
+"""Least R of an estimate over its |Z|. An error may make a small resistance negative."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class GridBox:
 
     @property
     def middle(self) -> Place:
-        """The geometric middle: what a controller begins with that knows nothing of its grid."""
+        """The geometric middle, with which a closed form begins that knows nothing of its grid."""
         (a, b), (c, d) = self.scr, self.x_over_r
         return Place(math.sqrt(a * b), math.sqrt(c * d), self.basis)
 
@@ -146,10 +146,10 @@ class FieldRow(NamedTuple):
 class FieldScheduler:
     """What ``simulate`` is given for a controller with ``estimate = "field"``.
 
-    Nothing is lent by the simulator. Until the first valid answer the gains are those of a safe place: that of the
-    table, or the geometric middle of the grids that the closed form is made for. A valid answer is followed. With any
-    other the last one is held, while the gains go on following the measured P, Q and V, if the schedule does. The
-    object has a state, so it serves one run at a time.
+    It gets nothing that a real converter does not have. Until the first valid answer the gains are those of a safe
+    place: that of the table, or the geometric middle of the grids that the closed form is made for. A valid answer is
+    followed. With any other the last one is held, while the gains go on following the measured P, Q and V, if the
+    schedule does. The object has a state, so it serves one run at a time.
     """
 
     probe_hold: float | None = None
@@ -173,11 +173,11 @@ class FieldScheduler:
         self.begin()
 
     def fresh(self) -> FieldScheduler:
-        """Itself, at the beginning of a run."""
+        """This object, ready for the beginning of a run."""
         return self if self._fresh else self.begin()
 
     def begin(self) -> FieldScheduler:
-        """Starts afresh: nothing is known."""
+        """Starts again without any knowledge. Returns this object."""
         omega_n = self._study.converter.omega_n
         V_n = self._study.converter.V_rated_rms
         self._fresh = True

@@ -1,4 +1,4 @@
-"""A schedule whose knowledge of the grid is late and wrong."""
+"""A schedule that is told its grid late and with an error."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ Told = Sequence[tuple[float, Grid | None]]
 
 
 def knowledge_of(spec: ControllerSpec, timeline: Timeline) -> GridEstimate | None:
-    """How wrong and how late a controller is told its grid; None: it knows the true one at all times.
+    """How late and with which error a controller is told its grid; None if it always knows the true one.
 
-    Without errors or delays of its own, a schedule still gets no answer while the breaker is open.
+    While the breaker is open, a schedule gets no answer, even if it has no error or delay of its own.
     """
     if spec.knowledge is None and spec.kind == "scheduled" and timeline.islanded:
         return GridEstimate()
@@ -42,8 +42,8 @@ def knowledge_of(spec: ControllerSpec, timeline: Timeline) -> GridEstimate | Non
 def gain_feed(
     study: Study, spec: ControllerSpec, timeline: Timeline, ready: Ready = NOTHING
 ) -> tuple[GainChange, ...] | OnlineScheduler:
-    """What a run is given for a controller without an estimator: changes of the gains that are known beforehand, or the
-    scheduler that follows what it is told and what is measured."""
+    """The gains of a run for a controller without an estimator: changes that are known beforehand, or a scheduler that
+    follows the grid that it is told and the measured values. Raises InfeasibleStudyError if there are no gains."""
     knowledge = knowledge_of(spec, timeline)
     if knowledge is not None:
         return LateSchedule(study, spec, told_of(study, knowledge, timeline), ready, safe=safe_grid(study, spec, ready))
@@ -71,9 +71,9 @@ def safe_grid(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> Gri
 def told_of(study: Study, knowledge: GridEstimate, timeline: Timeline) -> Told:
     """What a controller with this knowledge is told over a run.
 
-    It is silent from each event on that changes the grid or its source; the end of a ramp is none. If the next one
-    comes before an answer, the silence goes on from there. While the breaker is open, there is no grid to be told. In a
-    run that begins with an open breaker, the grid behind it is the one that the converter was commissioned on.
+    It is told nothing for a time after each event that changes the grid or its source. The end of a ramp is not such an
+    event. If the next event comes before an answer, this time begins again. While the breaker is open, it is told
+    nothing. In a run that begins with an open breaker, the first grid is the one behind the breaker.
     """
     told: list[tuple[float, Grid | None]] = [(0.0, knowledge.of(timeline.grid_at(0.0)))]
     if not timeline.network_at(0.0).connected:
@@ -90,7 +90,7 @@ def told_of(study: Study, knowledge: GridEstimate, timeline: Timeline) -> Told:
 
 
 def told_at(told: Told, t_s: float) -> tuple[Grid, bool]:
-    """The grid that was told last up to an instant, and whether it is still told there."""
+    """The last grid that was told up to an instant, and whether it is still told at this instant."""
     until = [grid for start_s, grid in told if start_s <= t_s]
     return [grid for grid in until if grid is not None][-1], until[-1] is not None
 

@@ -56,9 +56,9 @@ class ControllerResult:
     series: dict[str, Array]
     events: tuple[EventMetrics, ...]
     outcome: Outcome
-    """What became of the run in the end."""
+    """The outcome of the run."""
     estimates: EstimateLog | None = None
-    """Of a controller that estimates the grid: what it was told, window by window."""
+    """The answers of the estimator, if the controller estimates the grid; else None."""
     distorted: bool = False
     """Whether the grid source contains more than its fundamental."""
     survival: Survival | None = None
@@ -73,7 +73,7 @@ class ControllerResult:
 
     @property
     def moves(self) -> bool:
-        """Whether the gains never stand still, as they follow an estimate or what is measured."""
+        """Whether the gains change all the time, because they follow an estimate or measured values."""
         return self.estimates is not None or follows_measured(self.spec) or self.spec.knowledge is not None
 
 
@@ -128,10 +128,10 @@ def run_scenario(
     warn: Callable[[str], None] | None = None,
     late: Callable[[], Ready] | None = None,
 ) -> ScenarioResult:
-    """Check every operating point and the full-order model there, then simulate every controller.
+    """Checks every operating point and the full-order model there, then simulates every controller.
 
-    ``late`` returns what takes longer to make than ``ready``, with all that this contains: it is called once, when
-    every controller that can do without is simulated. Controllers whose table is not in ``ready`` then follow.
+    ``late`` returns all of ``ready`` and what takes longer to make. It is called once, after all controllers that do
+    not need it are simulated. The controllers whose table is not in ``ready`` follow then.
 
     ``progress`` is called with the controller's name and the simulated time in s, ``warn`` before the run with a
     sentence on every instability that it is going to show. Raises InfeasibleStudyError
@@ -308,7 +308,7 @@ def derive_series(study: Study, run: Simulation) -> dict[str, Array]:
 
 
 def series_at_pcc(study: Study, run: Simulation) -> dict[str, Array]:
-    """What :func:`measure_events` takes of a run: time, and phases and powers at the PCC."""
+    """The series of a run that :func:`measure_events` takes: time, and phases and powers at the PCC."""
     v_pcc, i_pcc = (vectors.T for vectors in pcc_over_time(study, run.timeline, run.t_s, run.log, run.circuit_log))
     P_pcc, Q_pcc = instantaneous_power(*v_pcc, *i_pcc)
     series = {"t_s": run.t_s}
