@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
 
 import pytest
+
+from vsgdesign.export.compiled import run_compiler
 
 
 def require_compiler(program: str = "gcc") -> None:
@@ -24,3 +31,29 @@ def needs(program: str) -> pytest.MarkDecorator:
 
 GCC_AND_CLANG = ["gcc", pytest.param("clang", marks=needs("clang"))]
 """For parametrize: gcc is required, clang is wanted."""
+
+
+def digest_of(words: Sequence[str], files: Sequence[Path]) -> str:
+    """Of words, and of the names and texts of files."""
+    found = hashlib.sha256(repr(tuple(words)).encode())
+    for path in files:
+        found.update(path.name.encode() + b"\0" + path.read_bytes())
+    return found.hexdigest()
+
+
+@functools.cache
+def _objects() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="vsg-objects")
+
+
+def objects_of(command: Sequence[str], sources: Sequence[Path], headers: Sequence[Path]) -> list[str]:
+    """The object files of C sources. One whose text, headers and command are the same was compiled before in this
+    process. ``headers``: the folders in which they are."""
+    texts = [path for folder in headers for path in sorted(folder.glob("*.h"))]
+    found = []
+    for source in sources:
+        made = Path(_objects().name) / f"{digest_of(command, [source, *texts])}.o"
+        if not made.exists():
+            run_compiler([*command, *(f"-I{folder}" for folder in headers), "-c", str(source), "-o", str(made)])
+        found.append(str(made))
+    return found

@@ -7,10 +7,13 @@ from typing import Any
 
 import pytest
 
-from tests.compilers import require_compiler
+from tests.compilers import digest_of, require_compiler
 from tests.export.exchange import exported, written
 from vsgdesign.export import CompiledC, compile_c
 from vsgdesign.runtime import Scheduler, load_scheduler
+
+_BUILT: dict[str, CompiledC] = {}
+"""By the text of the C and how it was compiled: several tests export the same table."""
 
 FIT: dict[str, Any] = {"sample_interval": 200e-6}
 
@@ -36,4 +39,8 @@ def built(folder: Path, double: bool, optimised: str | None = None) -> CompiledC
     """What ships is single precision, optimised. Double precision, which is compared to the last bits, is compiled in
     half the time without; the folder of all tests is optimised in both."""
     require_compiler("cc")
-    return compile_c(folder, double=double, flags=(optimised or ("-O0" if double else "-O2"),))
+    flag = optimised or ("-O0" if double else "-O2")
+    key = digest_of([flag, str(double)], sorted(folder.glob("*.[ch]")))
+    if key not in _BUILT:
+        _BUILT[key] = compile_c(folder, double=double, flags=(flag,))
+    return CompiledC(_BUILT[key].ffi, _BUILT[key].library, double)

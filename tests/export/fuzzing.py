@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.compilers import objects_of
 from vsgdesign.artifacts import GainTable
 from vsgdesign.equations.grid import grid_from_scr_impedance
 from vsgdesign.equations.limiters import Limiter
@@ -22,10 +23,13 @@ SANITIZERS = ("-g", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recove
 
 def build_fuzz(folder: Path, build: Path, *, double: bool, compiler: str = "gcc") -> Path:
     """The program, with sanitizers."""
-    program = build / "fuzz"
-    sources = [str(Path(__file__).with_name("fuzz.c")), *(str(folder / name) for name in SOURCES)]
-    precision = ["-DVSG_DOUBLE"] if double else []
-    run_compiler([compiler, *STRICT, *SANITIZERS, *precision, f"-I{folder}", *sources, "-o", str(program), "-lm"])
+    sources = [Path(__file__).with_name("fuzz.c"), *(folder / name for name in SOURCES)]
+    return _linked(build / "fuzz", [compiler, *STRICT, *SANITIZERS], sources, [folder], double=double)
+
+
+def _linked(program: Path, command: list[str], sources: list[Path], headers: list[Path], *, double: bool) -> Path:
+    objects = objects_of([*command, *(["-DVSG_DOUBLE"] if double else [])], sources, headers)
+    run_compiler([*command, *objects, "-o", str(program), "-lm"])
     return program
 
 
@@ -46,23 +50,16 @@ def build_control_fuzz(
         lines += ["#define FUZZ_V_BOX", f"#define FUZZ_V_LOW {constants.V_low!r}"]
         lines += [f"#define FUZZ_V_HIGH {constants.V_high!r}"]
     (build / "fuzz_settings.h").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    program = build / "fuzz_control"
-    sources = [str(Path(__file__).with_name("fuzz_control.c")), *(str(folder / name) for name in SOURCES)]
-    precision = ["-DVSG_DOUBLE"] if double else []
-    run_compiler(
-        [compiler, *STRICT, *SANITIZERS, *precision, f"-I{folder}", f"-I{build}", *sources, "-o", str(program), "-lm"]
-    )
-    return program
+    sources = [Path(__file__).with_name("fuzz_control.c"), *(folder / name for name in SOURCES)]
+    command = [compiler, *STRICT, *SANITIZERS]
+    return _linked(build / "fuzz_control", command, sources, [folder, build], double=double)
 
 
 def build_converter_fuzz(folder: Path, build: Path, *, double: bool, compiler: str = "gcc") -> Path:
     """The program that feeds the converter with its field estimator, with sanitizers."""
-    program = build / "fuzz_converter"
-    sources = [str(Path(__file__).with_name("fuzz_converter.c")), *map(str, sources_of(folder))]
-    precision = ["-DVSG_DOUBLE"] if double else []
-    plain = (flag for flag in SANITIZERS if flag != "-g")
-    run_compiler([compiler, *STRICT, *plain, *precision, f"-I{folder}", *sources, "-o", str(program), "-lm"])
-    return program
+    sources = [Path(__file__).with_name("fuzz_converter.c"), *sources_of(folder)]
+    plain = [flag for flag in SANITIZERS if flag != "-g"]
+    return _linked(build / "fuzz_converter", [compiler, *STRICT, *plain], sources, [folder], double=double)
 
 
 def run_control_fuzz(program: Path, calls: int, seed: int) -> tuple[int, str]:

@@ -20,13 +20,12 @@ from vsgdesign.export.compiled import run_compiler
 from vsgdesign.runtime import load_scheduler
 
 
-@pytest.fixture(autouse=True)
-def _sanitizers(tmp_path: Path) -> None:
+@pytest.fixture(autouse=True, scope="module")
+def _sanitizers(tmp_path_factory: pytest.TempPathFactory) -> None:
     require_compiler()
+    program = str(tmp_path_factory.mktemp("sanitizers") / "a")
     try:
-        run_compiler(
-            ["gcc", "-fsanitize=address,undefined", "-x", "c", "-", "-o", str(tmp_path / "a")], "int main(void){}"
-        )
+        run_compiler(["gcc", "-fsanitize=address,undefined", "-x", "c", "-", "-o", program], "int main(void){}")
     except ArtifactError:
         pytest.skip("gcc has no sanitizers here")
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 import subprocess
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from tests.compilers import require_compiler
+from tests.compilers import objects_of, require_compiler
 from vsgdesign.export import export_c_files
 from vsgdesign.export.compiled import STRICT, run_compiler, sources_of
 
@@ -145,57 +146,68 @@ int main(void)
 """
 
 
-def test_the_whole_converters_routines_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_whole_converters_routines_run(page: Page, tmp_path: Path) -> None:
     """The breaker closes 0.2 s after both voltages are equal, and the estimator's cycles begin then."""
-    _, (*_, routine) = exported_page(tmp_path, monkeypatch)
-    said = run(tmp_path, tmp_path / "lab-field-c", routine, CONVERTER_STAND_INS)
+    said = run(page, page.place / "lab-field-c", page.routines[3], CONVERTER_STAND_INS, tmp_path)
     closed_at, cycles, status = map(int, said.split())
     assert 4000 <= closed_at <= 8000
     assert abs(cycles - (12000 - closed_at) / 400) <= 1
     assert status & 16 == 0  # VSG_ESTIMATE_WAITS
 
 
-def test_the_interrupt_routine_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_interrupt_routine_runs(page: Page, tmp_path: Path) -> None:
     """Three simulated seconds: 150 updates, the last fresh, and the power is the set point."""
-    folder, (routine, *_) = exported_page(tmp_path, monkeypatch)
-    said = run(tmp_path, folder, routine, STAND_INS)
+    said = run(page, page.folder, page.routines[0], STAND_INS, tmp_path)
     updates, status, delivered = map(int, said.split())
     assert (updates, status) == (150, 1)
     assert abs(delivered - 4000) <= 20
 
 
-def test_an_estimator_that_knows_its_error_is_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_estimator_that_knows_its_error_is_followed(page: Page, tmp_path: Path) -> None:
     """A change far away with a wide estimate: accepted at once, and followed in part."""
-    folder, (routine, following, *_) = exported_page(tmp_path, monkeypatch)
     stand_ins = STAND_INS[: STAND_INS.index("int main")] + FOLLOWING
-    status, exact = map(int, run(tmp_path, folder, routine + following, stand_ins).split())
+    status, exact = map(int, run(page, page.folder, "".join(page.routines[:2]), stand_ins, tmp_path).split())
     assert (status, exact) == (1 + 128, 1)
 
 
-def test_the_whole_controllers_routine_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_whole_controllers_routine_runs(page: Page, tmp_path: Path) -> None:
     """At no load on a grid of nominal voltage the bridge makes that voltage, and a retuning does not disturb it."""
-    folder, (_, _, routine, _) = exported_page(tmp_path, monkeypatch)
-    size = float(run(tmp_path, folder, routine, CONTROL_STAND_INS))
+    size = float(run(page, page.folder, page.routines[2], CONTROL_STAND_INS, tmp_path))
     assert abs(size - 326.6) <= 0.02 * 326.6
 
 
-def exported_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, list[str]]:
+@dataclass(frozen=True)
+class Page:
+    """Where the page's code was run, its first exported folder, and its routines."""
+
+    place: Path
+    folder: Path
+    routines: list[str]
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Page:
     """The page's table exported, its header of constants written, and its routines."""
     require_compiler()
-    monkeypatch.chdir(tmp_path)
-    page = PAGE.read_text(encoding="utf-8")
+    text, place = PAGE.read_text(encoding="utf-8"), tmp_path_factory.mktemp("page")
     scope: dict[str, object] = {}
-    for heading in ("A table", "The whole controller", "Everything of one converter"):
-        (code,) = re.findall(rf"^## {heading}\n.*?^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-        exec(compile(code, str(PAGE), "exec"), scope)
-    routines = re.findall(r"^```c\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        for heading in ("A table", "The whole controller", "Everything of one converter"):
+            (code,) = re.findall(rf"^## {heading}\n.*?^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+            exec(compile(code, str(PAGE), "exec"), scope)
+        folder = place / export_c_files("lab.json", "lab-c").folder
+    routines = re.findall(r"^```c\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
     assert len(routines) == 4
-    return export_c_files("lab.json", "lab-c").folder, routines
+    return Page(place, folder, routines)
 
 
-def run(tmp_path: Path, folder: Path, routine: str, stand_ins: str) -> str:
-    (tmp_path / "routine.c").write_text(routine, encoding="utf-8")
-    (tmp_path / "stand_ins.c").write_text(stand_ins, encoding="utf-8")
-    sources = [*map(str, sources_of(folder)), "routine.c", "stand_ins.c"]
-    run_compiler(["gcc", *STRICT, "-O2", f"-I{folder}", "-I.", *sources, "-o", "program", "-lm"])
-    return subprocess.run([str(tmp_path / "program")], capture_output=True, text=True, check=True).stdout
+def run(page: Page, folder: Path, routine: str, stand_ins: str, build: Path) -> str:
+    """What a program of a folder says that was made of a routine and of what stands in for the rest."""
+    (build / "routine.c").write_text(routine, encoding="utf-8")
+    (build / "stand_ins.c").write_text(stand_ins, encoding="utf-8")
+    command = ["gcc", *STRICT, "-O2"]
+    sources = [*sources_of(folder), build / "routine.c", build / "stand_ins.c"]
+    objects = objects_of(command, sources, [folder, page.place])
+    run_compiler([*command, *objects, "-o", str(build / "program"), "-lm"])
+    return subprocess.run([str(build / "program")], capture_output=True, text=True, check=True).stdout

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
@@ -29,6 +30,8 @@ from vsgdesign.runtime.guards import searching_settings, window_settings
 from vsgdesign.runtime.scheduler import Scheduler, read_table_of, scheduler_of
 
 if TYPE_CHECKING:
+    import jinja2
+
     from vsgdesign.artifacts.gain_table import TableBase
     from vsgdesign.artifacts.network_weights import NetworkWeights
     from vsgdesign.parameters.study import Study
@@ -217,12 +220,20 @@ def export_c(
 
 def render(scheduler: Scheduler, origin: Origin, converter: ConverterConstants | None = None) -> dict[str, str]:
     """Every file's text by name."""
+    content = content_of(scheduler, origin) | {"field": None if converter is None else field_parts(converter)}
+    names = FILES if converter is None else (*FILES, *FIELD_FILES)
+    return {name: _environment().get_template(f"{name}.j2").render(content) for name in names}
+
+
+@functools.cache
+def _environment() -> jinja2.Environment:
+    """What reads the templates, each of which it compiles once a process."""
     import jinja2
 
     def read(name: str) -> str:
         return (resources.files("vsgdesign.export") / "templates" / name).read_text(encoding="utf-8")
 
-    environment = jinja2.Environment(
+    return jinja2.Environment(
         loader=jinja2.FunctionLoader(read),
         trim_blocks=True,
         lstrip_blocks=True,
@@ -230,9 +241,6 @@ def render(scheduler: Scheduler, origin: Origin, converter: ConverterConstants |
         keep_trailing_newline=True,
         autoescape=False,
     )
-    content = content_of(scheduler, origin) | {"field": None if converter is None else field_parts(converter)}
-    names = FILES if converter is None else (*FILES, *FIELD_FILES)
-    return {name: environment.get_template(f"{name}.j2").render(content) for name in names}
 
 
 def generator_hash() -> str:
