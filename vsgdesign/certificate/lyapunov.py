@@ -142,17 +142,17 @@ def _solve(A: Array, family: Family, decay: float) -> Array | None:
     clarabel: Any = import_module("clarabel")  # compiled, without types
 
     n = A.shape[1]
-    basis = symmetric_basis(n)
+    basis = _basis(n)
     m = len(basis)
     blocks, offsets = [], []
-    eye = cone_triangle(np.eye(n))
+    eye = _triangle(np.eye(n))
     for corner in family.corners:
-        here = np.concatenate([w * cone_triangle(basis).T for w in corner], axis=1)
+        here = np.concatenate([w * _triangle(basis).T for w in corner], axis=1)
         blocks += [np.column_stack([-here, 0.0 * eye]), np.column_stack([here, -eye])]
         offsets += [-eye, 0.0 * eye]
     for a, weights, rates in zip(A, family.weights, family.rates, strict=True):
-        still = cone_triangle(a.T @ basis + basis @ a + 2.0 * decay * basis).T
-        shape = cone_triangle(basis).T
+        still = _triangle(a.T @ basis + basis @ a + 2.0 * decay * basis).T
+        shape = _triangle(basis).T
         size = np.linalg.norm(a)
         for rate in rates:
             rows = np.concatenate([w * still + r * shape for w, r in zip(weights, rate, strict=True)], axis=1)
@@ -182,7 +182,7 @@ def _solve(A: Array, family: Family, decay: float) -> Array | None:
     return P if np.linalg.eigvalsh(np.tensordot(family.corners, P, 1)).min() > 0.0 else None
 
 
-def symmetric_basis(n: int) -> Array:
+def _basis(n: int) -> Array:
     """The symmetric matrices with a one at (i, j), i ≤ j, and at (j, i)."""
     found = []
     for j in range(n):
@@ -193,7 +193,7 @@ def symmetric_basis(n: int) -> Array:
     return np.array(found)
 
 
-def cone_triangle(matrices: Array) -> Array:
+def _triangle(matrices: Array) -> Array:
     """Upper triangles column by column, off-diagonal entries times √2: the solver's cone."""
     n = matrices.shape[-1]
     columns = [matrices[..., i, j] * (1.0 if i == j else SQRT_2) for j in range(n) for i in range(j + 1)]
