@@ -91,7 +91,7 @@ def test_provenance_names_versions() -> None:
     versions = provenance()
     assert versions["vsgdesign"] == __version__ == metadata.version("vsgdesign")
     assert versions["python"] == platform.python_version()
-    for library in ("casadi", "numba", "numpy", "scipy"):
+    for library in ("casadi", "control", "numba", "numpy", "scipy"):
         assert versions[library] == metadata.version(library)
 
 

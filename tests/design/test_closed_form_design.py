@@ -8,8 +8,7 @@ import pytest
 
 from vsgdesign.design import design_closed_form, distinct_grids
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.operating_point.loops import power_loops
-from vsgdesign.operating_point.transfer import loop_margins
+from vsgdesign.operating_point.loops import loop_margins, power_loops
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.runtime import closed_form_schedule
 

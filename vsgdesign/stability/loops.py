@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,9 @@ from vsgdesign.model.coupled import CoupledModel, coupled_model
 from vsgdesign.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.operating_point import OperatingPoint
 from vsgdesign.operating_point.full_order import FullOrderModel
-from vsgdesign.operating_point.transfer import TransferFunction, transfer_function
+
+if TYPE_CHECKING:
+    import control
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
@@ -116,12 +118,17 @@ class FullOrderLoop:
 
 def coupled_loop(
     point: OperatingPoint, gains: PowerLoopGains, V_g_rms: float, R: float, X: float, loop: int
-) -> TransferFunction:
+) -> control.TransferFunction:
     """One power's open loop (0: P, 1: Q) with the other closed and the coupling kept, at one operating point."""
+    import control
+
     delta, V_rms, source, R_path, X_path = (np.array([value]) for value in (point.delta, point.V_rms, V_g_rms, R, X))
     m, other = coupled_model(delta, V_rms, source, R_path, X_path, gains), 1 - loop
     A = m.A_K[0] + m.B_K[0][:, [other]] @ (m.J[0][[other]] @ m.C_K[0])
-    return transfer_function(A, m.B_K[0][:, [loop]], -m.J[0][[loop]] @ m.C_K[0])
+    opened = control.ss2tf(control.ss(A, m.B_K[0][:, [loop]], -m.J[0][[loop]] @ m.C_K[0], 0.0))
+    if opened is None:
+        raise RuntimeError("python-control gave no transfer function")  # its signature allows it
+    return opened
 
 
 def _check(broken_at: str) -> None:

@@ -21,6 +21,11 @@ if TYPE_CHECKING:
 
 def all_figures(result: ScenarioResult, trained: TrainedEstimator | None = None) -> Iterator[NamedFigure]:
     """Every figure of a scenario, and of the training of its network, one at a time."""
+    yield from _figures_of_runs(result, trained)
+    yield from bode_figures(result)
+
+
+def _figures_of_runs(result: ScenarioResult, trained: TrainedEstimator | None) -> Iterator[NamedFigure]:
     yield from scenario_figures(result)
     yield from estimate_figures(result)
     yield from field_figures(result)
@@ -28,7 +33,6 @@ def all_figures(result: ScenarioResult, trained: TrainedEstimator | None = None)
         from vsgdesign.report.estimator.training_figures import training_figures
 
         yield from training_figures(trained)
-    yield from bode_figures(result)
 
 
 def begin_all(
@@ -39,13 +43,19 @@ def begin_all(
 ) -> Callable[[], list[WrittenFigure]]:
     """Begins to write every figure of a scenario into an existing folder, and returns what waits for them.
 
-    Workers of an ``executor`` draw what is laid out here: this takes three quarters of the time. Without an executor a
-    figure is written before the next one is laid out.
+    Workers of an ``executor`` draw what is laid out here: this takes three quarters of the time. Bode plots are begun
+    when the figures are waited for: python-control is loaded for them while the workers are still busy. Without an
+    executor a figure is written before the next one is laid out.
     """
     if executor is None:
         figures = [write_figure(figure, folder) for figure in all_figures(result, trained)]
         return lambda: figures
     from vsgdesign.design.sweep import begun
 
-    waits = [begun(executor, write_figure, figure, folder) for figure in all_figures(result, trained)]
-    return lambda: [wait() for wait in waits]
+    waits = [begun(executor, write_figure, figure, folder) for figure in _figures_of_runs(result, trained)]
+
+    def written() -> list[WrittenFigure]:
+        last = [begun(executor, write_figure, figure, folder) for figure in bode_figures(result)]
+        return [wait() for wait in [*waits, *last]]
+
+    return written

@@ -11,8 +11,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import NoOperatingPointError
 from vsgdesign.operating_point import solve_operating_point
-from vsgdesign.operating_point.loops import power_loops
-from vsgdesign.operating_point.transfer import LoopMargins, loop_margins
+from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
 from vsgdesign.parameters import Grid
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.runtime.of_study import gain_law
@@ -72,6 +71,7 @@ def loops_on_grids(result: ScenarioResult, controller: ControllerResult) -> tupl
             open_loop = power_loops(gains, point.A, point.D).P_open
         else:
             open_loop = coupled_loop(point, gains, study.grid_source.V_g_rms, R, X, loop=0)
+        numerator, denominator = (np.trim_zeros(np.ravel(part[0][0]), "f") for part in (open_loop.num, open_loop.den))
         loops.append(
             LoopOnGrid(
                 label=grid_label(result, grid),
@@ -79,8 +79,8 @@ def loops_on_grids(result: ScenarioResult, controller: ControllerResult) -> tupl
                 P=target.P,
                 Q=target.Q,
                 gains=gains,
-                numerator=np.trim_zeros(open_loop.numerator, "f"),
-                denominator=open_loop.denominator,
+                numerator=numerator,
+                denominator=denominator,
                 margins=loop_margins(open_loop),
             )
         )
