@@ -8,10 +8,7 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.measured_errors import MeasuredErrors
 from vsgdesign.artifacts.table_text import certificate_failed, error_text
 from vsgdesign.errors import counted
-from vsgdesign.report.drawing.look import Cells, Scale
-from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
 from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.gain_table.maps import scr_label
 from vsgdesign.report.quantities import plain
 from vsgdesign.stability.inside_set import SETTLED, InsideSet, inside_set
 
@@ -65,6 +62,11 @@ def _percent(share: float) -> str:
 
 def inside_figure(table: GainTable, measured: MeasuredErrors | None) -> NamedFigure | None:
     """A map of the share of the time at rest; None where nothing was measured on the table's grids."""
+    # Matplotlib is loaded for the map alone: the sentence is part of what every verb about a table prints.
+    from vsgdesign.report.drawing.look import Cells, Scale
+    from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
+    from vsgdesign.report.gain_table.maps import scr_label
+
     if measured is None or (table.validity.error == table.validity.error_Z == 0.0):
         return None
     found = inside_set(table, measured)
