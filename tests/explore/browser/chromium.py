@@ -62,6 +62,9 @@ WATCH = """new Promise((done) => {
   };
   look();
 })"""
+ON_TOP = """((element, hit) => element.contains(hit) || hit.closest("label")?.control === element)(
+  document.querySelector(%s), document.elementFromPoint(%f, %f))"""
+"""Whether a click at a point hits an element, or its label."""
 KEYS = {
     "Tab": 9,
     "Enter": 13,
@@ -201,6 +204,7 @@ class Page:
         self.browser, self.context, self._target, self._session = browser, context, target, session
         self.urls: list[str] = []
         self.faults: deque[str] = deque()
+        self._document = ""
 
     def call(self, method: str, /, **given: Any) -> dict[str, Any]:
         """One command of the protocol to this page."""
@@ -208,7 +212,9 @@ class Page:
 
     def note(self, method: str, said: dict[str, Any]) -> None:
         """Keep what the tests ask for of the page's events."""
-        if method == "Network.requestWillBeSent":
+        if method == "Page.frameNavigated" and "parentId" not in said["frame"]:
+            self._document = said["frame"]["loaderId"]
+        elif method == "Network.requestWillBeSent":
             self.urls.append(said["request"]["url"])
         elif method == "Network.webSocketCreated":
             self.urls.append(said["url"])
@@ -221,10 +227,16 @@ class Page:
             self.faults.append(f"{said['entry']['text']} ({said['entry'].get('url', '')})")
 
     def goto(self, url: str) -> None:
-        """Go to an address; the page is not yet loaded when this returns."""
-        failed = self.call("Page.navigate", url=url).get("errorText")
-        if failed:
-            raise BrowserError(f"{url}: {failed}")
+        """Go to an address. When this returns, the document is the new one, and not yet loaded.
+
+        Chromium answers before that: what was asked next could be asked of the old document, or be lost with it.
+        """
+        reply = self.call("Page.navigate", url=url)
+        if reply.get("errorText"):
+            raise BrowserError(f"{url}: {reply['errorText']}")
+        until = time.monotonic() + 60.0
+        while reply.get("loaderId", self._document) != self._document:
+            self.browser.read(until, f"{url} takes the place of the page before")
 
     def size(self, width: int, height: int, scale: float = 1.0) -> None:
         """Size of the window, in CSS pixels, and pixels of the screen for each of them."""
@@ -296,8 +308,10 @@ class Page:
         )
 
     def click(self, at: str | tuple[float, float]) -> None:
-        """Click on an element of a selector, or at a point."""
+        """Click on an element of a selector, once it lies still and nothing is above it, or at a point."""
         x, y = self.still(at).at() if isinstance(at, str) else at
+        if isinstance(at, str):
+            self.wait(ON_TOP % (json.dumps(at), x, y))
         self.mouse("mouseMoved", x, y)
         self.mouse("mousePressed", x, y, 1)
         self.mouse("mouseReleased", x, y)
