@@ -36,7 +36,7 @@ def has_surroundings(study: Study) -> bool:
 
 
 def surroundings_in_words(study: Study) -> str:
-    """What runs of a study have around them; empty where there is nothing."""
+    """Background and sensors of a study's runs in words; empty if it has neither."""
     if not has_surroundings(study):
         return ""
     background = "a pure sine" if study.background is None else f"the background {study.background.level}"

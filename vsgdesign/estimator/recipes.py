@@ -47,7 +47,7 @@ class WindowRecipe:
     after: int
     """Windows kept before and after the change."""
     every: int = 1
-    """Of the windows after the change every so many-th is kept, so that they tell the transient."""
+    """Of the windows after the change, one of ``every`` is kept, so that they cover the transient."""
     settle: int = 2
     """Windows left out at the start, where the ripple of a switched bridge settles."""
     skip: int = 1
@@ -84,8 +84,8 @@ class WindowRecipe:
     hidden: int = 8
     components: int = 6
     starts: int = 4
-    """The network that learns these windows: tanh units, principal components of its inputs (0: all that stand out of
-    the noise) and trainings at most. [estimator] of a study has its say before the recipe."""
+    """The network that learns these windows: tanh units, principal components of its inputs (0: all above the noise)
+    and the largest number of starts. [estimator] of a study overrides the recipe."""
 
     @property
     def update_period(self) -> float:

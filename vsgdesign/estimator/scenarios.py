@@ -1,4 +1,4 @@
-"""What one run of a data set is: drawn from a recipe, drawn again where the converter cannot run it, and counted."""
+"""The scenarios of a data set: drawn from a recipe, and drawn again if the converter cannot run them."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ _ONE = {
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """One run: where it begins, what changes, and with which gains."""
+    """One run: its start, its change, and its gains."""
 
     index: int
     grids: tuple[Grid, Grid]
@@ -86,17 +86,17 @@ class _Draw:
 
 
 def draw_scenario(study: Study, recipe: WindowRecipe, seed: int, index: int) -> Scenario:
-    """One scenario of a recipe: the first of its draws that the converter can run. Depends on nothing else.
+    """One scenario of a recipe: the first of its draws that the converter can run. It depends on the arguments alone.
 
-    A draw is thrown away where before or after its change the grid cannot carry the power, the bridge's voltage or
-    the current limit is exceeded at rest, the loops are unstable, or, with ``within_V_limits``, the voltage leaves the
+    A draw is repeated if, before or after its change, the grid cannot carry the power, the bridge voltage or the
+    current limit is exceeded at rest, the loops are unstable, or, with ``within_V_limits``, the voltage leaves the
     study's limits. Raises InfeasibleStudyError after ATTEMPTS draws.
     """
     return draw_scenarios(study, recipe, seed, (index,))[0]
 
 
 def draw_scenarios(study: Study, recipe: WindowRecipe, seed: int, indices: Sequence[int]) -> list[Scenario]:
-    """Scenarios as :func:`draw_scenario` draws each; many at once take a fraction of the time."""
+    """The scenarios that :func:`draw_scenario` draws, many at once in a fraction of the time."""
     found = []
     for index, draws in zip(indices, _draws(study, recipe, seed, indices), strict=True):
         last = draws[-1].scenario
@@ -107,13 +107,13 @@ def draw_scenarios(study: Study, recipe: WindowRecipe, seed: int, indices: Seque
 
 
 def why_not(study: Study, recipe: WindowRecipe, seed: int, index: int = 0) -> str:
-    """Why the first draw of a scenario cannot be run, in words about the converter; empty: it can."""
+    """The reason in words why the first draw of a scenario cannot be run; empty if it can be."""
     (draw,) = _judged(study, [_draw(study, recipe, index, (seed, index, 0), (0,) * len(REASONS))])
     return _ONE[draw.reason] if draw.reason else ""
 
 
 def check_draws(study: Study, recipe: WindowRecipe, seed: int) -> None:
-    """Draw the first scenarios without running them. Raises InfeasibleStudyError where most draws are thrown away."""
+    """Draws the first scenarios without running them. Raises InfeasibleStudyError if most draws cannot be run."""
     draws: list[_Draw] = []
     index, count = 0, min(recipe.scenarios, SURVEYED)
     # As many draws as would be too many for all of the scenarios are enough to know.

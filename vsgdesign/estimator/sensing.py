@@ -1,4 +1,4 @@
-"""From waveforms to what a converter's sensors deliver: background harmonics, noise, quantisation, channels."""
+"""From waveforms to the readings of a converter's sensors: background harmonics, noise, quantisation, channels."""
 
 from __future__ import annotations
 
@@ -32,10 +32,11 @@ def measured_channels(
     noise: tuple[float, float],
     rng: np.random.Generator,
 ) -> Array:
-    """(N, 2·C·n) windows as the sensors deliver them from (N, 2, 2, n): voltage and current, α and β, samples.
+    """Windows (N, 2·C·n) as the sensors measure them, in V and A peak.
 
-    Noise and quantisation act on each phase's sensor, before any transformation; ``theta`` (N, n) is the
-    converter's own angle, for the dq channels.
+    ``vectors`` (N, 2, 2, n) are voltage and current, α and β, samples. Noise (relative to the rated peak) and
+    quantisation act on the sensor of each phase, before any transformation. ``theta`` (N, n) is the converter's own
+    angle in rad, for the dq channels.
     """
     ratings = np.array([rms_to_peak(converter.V_rated_rms), converter.I_rated_pk]).reshape(1, 2, 1, 1)
     phases = np.stack(clarke_inverse(vectors[:, :, 0], vectors[:, :, 1]), axis=2)
@@ -56,10 +57,12 @@ def measured_channels(
 def harmonic_phasors(
     study: Study, grid: Grid, gains: PowerLoopGains, references: tuple[float, float], orders: Sequence[int]
 ) -> dict[int, tuple[Array, Array]]:
-    """Per order, what a unit harmonic of the grid's voltage makes of v_pcc and i_pcc in the frame of the source.
+    """The responses of v_pcc and i_pcc to a unit harmonic of the grid's voltage, for each order.
 
-    Two dq phasors (2,) each, at (|order ∓ 1|)·ω_g. The converter answers with the admittance of its sampled
-    full-order model (:eq:`background-harmonics`). Linear: exact for small harmonics.
+    They are dq phasors (2,) in the frame of the source, at |order − 1|·ω_g; an order is negative for the negative
+    sequence. The converter responds with the admittance of its sampled full-order model
+    (:eq:`background-harmonics`), which is exact for small harmonics. Raises InfeasibleStudyError if there is no steady
+    state.
     """
     omega_g = study.grid_source.omega_g
     model = linearise_full_order(study, [Cell(grid, gains, *references)])
@@ -80,10 +83,10 @@ def harmonic_phasors(
 def background_vectors(
     phasors: Mapping[int, tuple[Array, Array]], amplitudes: Mapping[int, complex], source_phase: Array
 ) -> Array:
-    """(2, 2, n): voltage and current, α and β, of background harmonics at angles of the source (n), rad.
+    """Voltage and current of background harmonics (2, 2, n), α and β, at angles of the source (n), rad.
 
-    ``amplitudes`` (V peak, with their angle) make the grid's vector a·e^{jhθ} for order h > 0 and
-    a*·e^{−j|h|θ} for h < 0, θ the angle of its fundamental.
+    With the ``amplitudes`` (V peak, complex), the grid's vector is a·e^{jhθ_g} for an order h > 0 and a*·e^{−j|h|θ_g}
+    for h < 0, where θ_g is the angle of its fundamental.
     """
     turn = np.exp(1j * source_phase)
     total: NDArray[np.complex128] = np.zeros((2, len(source_phase)), dtype=complex)
@@ -97,7 +100,7 @@ def background_vectors(
 def background(
     study: Study, recipe: WindowRecipe, scenario: Any, windows: Sequence[MeasuredWindow], after: NDArray[np.bool_]
 ) -> Array:
-    """What a scenario's background harmonics add to its windows: (N, 2, 2, n)."""
+    """The voltages and currents (N, 2, 2, n) that the background harmonics of a scenario add to its windows."""
     source = scenario.source
     phasors = [
         harmonic_phasors(study, *held, list(scenario.harmonics))

@@ -1,4 +1,4 @@
-"""From a study and a recipe to weights, with what a report shows of how they came about. Plain arrays: no PyTorch."""
+"""From a study and a recipe to weights, with the data of a report on the training, in plain arrays without PyTorch."""
 
 from __future__ import annotations
 
@@ -73,11 +73,11 @@ def train_estimator(
     workers: int = 1,
     progress: Progress = silent,
 ) -> TrainedEstimator:
-    """Make the windows of a recipe, train a network on them and judge it. What is None is the recipe's.
+    """Makes the windows of a recipe, trains a network on them and evaluates it. Values that are None are the recipe's.
 
-    The same arguments give the same weights. ``out`` keeps the windows, and finished blocks of an interrupted call.
-    An interrupted training raises KeyboardInterrupt: it takes seconds. Raises InfeasibleStudyError without PyTorch,
-    and the errors of :func:`vsgdesign.estimator.windows.generate_windows`.
+    The same arguments give the same weights. The windows, and the finished blocks of an interrupted call, are saved in
+    ``out``. An interrupted training, which takes seconds, raises KeyboardInterrupt. Raises InfeasibleStudyError without
+    PyTorch, and the errors of :func:`vsgdesign.estimator.windows.generate_windows`.
     """
     require_torch()
     check_enough(recipe.scenarios, "scenarios")
@@ -106,7 +106,7 @@ def require_torch() -> None:
 def train_on(
     study: Study, data: DataSet, *, seed: int, hidden: int, components: int, starts: int, progress: Progress = silent
 ) -> TrainedEstimator:
-    """Train on windows that are there already."""
+    """Trains a network on an existing data set and evaluates it."""
     require_torch()
     from vsgdesign.estimator.training import TrainingSettings, train_network
 
