@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -33,4 +34,5 @@ def main(folder: Path) -> None:
 def property_files() -> list[Path]:
     """The test files that draw examples, relative to the project's folder."""
     found = (ROOT / "tests").rglob("test_*.py")
-    return sorted(path.relative_to(ROOT) for path in found if "\n@given(" in path.read_text(encoding="utf-8"))
+    drawn = re.compile(r"^@given\(|^from tests\.examples import TIMES$", re.MULTILINE)
+    return sorted(path.relative_to(ROOT) for path in found if drawn.search(path.read_text(encoding="utf-8")))

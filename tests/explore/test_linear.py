@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.examples import TIMES
 from tests.gain_tables import table
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.ready import NOTHING, Ready
@@ -27,7 +28,7 @@ from vsgdesign.stability.loci import mode_sensitivities, modes
 from vsgdesign.stability.margins import full_order_margins
 from vsgdesign.stability.steps import full_order_step
 
-STATES = 25
+STATES = 10 * TIMES
 """Of each of two studies."""
 DIGITS = 6
 

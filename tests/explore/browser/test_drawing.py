@@ -88,11 +88,11 @@ def test_the_whole_page_is_small_and_asks_nobody_else(explorer: Explorer, new_pa
     }
 
 
-def test_a_grid_without_operating_point_says_why(explorer: Explorer, new_page: Callable[..., Page]) -> None:
+def test_a_grid_without_operating_point_says_why(explorer: Explorer, opened: ExplorerPage) -> None:
     state = {"scr": 1.25, "x_over_r": 8.0, "P_pu": 1.19}
     why = [one["why"] for one in explorer.header("linear", explorer.state(**state))["controllers"]]
     assert all(why)
-    opened = ExplorerPage(new_page(), explorer.link(**state))
+    opened.open(explorer.link(**state))
     for row, words in zip(opened.table().values(), why, strict=True):
         assert words.lower() in row["Status"].lower()
         assert not any(text.strip("–") for name, text in row.items() if name != "Status"), row
@@ -112,10 +112,9 @@ class Away:
 
 
 def test_a_server_that_does_not_answer_is_said_so_and_asked_again(
-    explorer: Explorer, new_page: Callable[..., Page], monkeypatch: pytest.MonkeyPatch
+    explorer: Explorer, opened: ExplorerPage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    page = new_page()
-    opened = ExplorerPage(page, explorer.address)
+    page = opened.page
     before, place = opened.counts(), opened.place(0.7, 0.3)
     with monkeypatch.context() as away:
         away.setattr(explorer.server, "gate", Away())
@@ -130,11 +129,10 @@ def test_a_server_that_does_not_answer_is_said_so_and_asked_again(
 
 
 def test_pictures_of_two_grids_are_never_taken_for_one(
-    explorer: Explorer, new_page: Callable[..., Page], monkeypatch: pytest.MonkeyPatch
+    explorer: Explorer, opened: ExplorerPage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One answer came and the other was lost: the page said that all was well, and never asked for the other again."""
-    page = new_page()
-    opened = ExplorerPage(page, explorer.address)
+    page = opened.page
     before, place = opened.counts(), opened.place(0.6, 0.3)
     with monkeypatch.context() as away:
         away.setattr(explorer.server, "gate", Away("emt"))
