@@ -6,7 +6,7 @@ import json
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,11 @@ import pytest
 from tests.cli.small_studies import SMALL
 from tests.gain_tables import table
 from vsgdesign.artifacts.gain_table import base_of
-from vsgdesign.artifacts.gain_table_file import read_table_file
+from vsgdesign.artifacts.gain_table_file import read_table_file, write_table_file
 from vsgdesign.certificate import Region, refusal_record
-from vsgdesign.errors import WorkerError
+from vsgdesign.errors import ArtifactError, WorkerError
 from vsgdesign.parameters import Study, load_study
-from vsgdesign.pipeline import making, run, run_study
+from vsgdesign.pipeline import left_designs, making, run, run_study
 from vsgdesign.pipeline import table as table_pipeline
 
 TABLED = """
@@ -46,6 +46,7 @@ x_over_r = [1, 10]
 grid_phase = true
 recipe = "few.toml"
 """
+ALONE = {"name": "tabled", "kind": "scheduled", "structure": "angle_damped", "schedule": "table"}
 COUNTS = {"runs": 7, "judged": 7, "confidence": 0.9, "families": {}}
 REGION = Region((5.0, 20.0), (1.0, 10.0), (0.0, 1e3), (0.0, 1e3), 0.1)
 RECORD = refusal_record("no such function", REGION, None)
@@ -78,7 +79,8 @@ def contents(folder: Path) -> dict[str, Any]:
     document = json.loads(found.pop("results.json"))
     for name in ("timing_s", "sha256"):
         document.pop(name, None)
-    document["estimator"]["training"].pop("timing_s")
+    if "estimator" in document:
+        document["estimator"]["training"].pop("timing_s")
     for controller in document["controllers"].values():
         controller.pop("loop_s")
         controller.pop("real_time_factor")
@@ -206,3 +208,58 @@ def test_finished_cells_are_kept_until_the_run_is_complete(
     run_study(study, tmp_path / "out", report=False, workers=1)
     assert seen == [[], ["cell.json"]]
     assert not list(tmp_path.glob(".out*"))
+
+
+def again(study: Study, out: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[dict[str, Any], list[str], int]:
+    """What a run leaves in a folder that may have an earlier one's, what it says, and how many tables it designed."""
+    said, designed = [], []
+    original = table_pipeline._built_table
+
+    def counted(own: Study, *rest: Any) -> Any:
+        designed.append(own)
+        return replace(original(own, *rest), study=own.name, study_hash=own.hash)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(table_pipeline, "_built_table", counted)
+        run_study(study, out, report=False, workers=1, say=said.append)
+    return contents(out), said, len(designed)
+
+
+def test_the_same_run_again_designs_nothing_and_writes_the_same(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It designed again what lay in the folder that it replaces. A new event asks for no new design either."""
+    study = study.with_controllers(ALONE)
+    first, said, designed = again(study, tmp_path / "out", monkeypatch)
+    assert (said, designed) == ([], 1)
+    second, said, designed = again(study, tmp_path / "out", monkeypatch)
+    path = tmp_path / "out" / "tabled.table.json"
+    words = "which an earlier run designed from the same inputs with the same program."
+    assert (said, designed) == ([f"The gain table of tabled is that of {path}, {words}"], 0)
+    assert second == first
+    other = study.with_changes(events=[{"time": "0.05 s", "P_ref": "1 kW"}])
+    third, _, designed = again(other, tmp_path / "out", monkeypatch)
+    assert designed == 0
+    fresh, _, designed = again(other, tmp_path / "fresh", monkeypatch)
+    assert designed == 1
+    assert third == fresh
+    assert first["tabled.table.json"] != third["tabled.table.json"]
+
+
+@pytest.mark.parametrize("case", ["study", "program", "damaged", "another"])
+def test_another_design_is_made(case: str, study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = study.with_controllers(ALONE)
+    again(study, tmp_path / "out", monkeypatch)
+    path = tmp_path / "out" / "tabled.table.json"
+    if case == "study":
+        study = study.with_changes(specification={"settling_time": "1.4 s"})
+    elif case == "program":
+        monkeypatch.setattr(left_designs, "package_hash", lambda: "of other sources")
+    elif case == "damaged":
+        path.write_text(path.read_text(encoding="utf-8")[:-100], encoding="utf-8")
+    else:
+        write_table_file(replace(read_table_file(path), name="tabled by hand"), path)
+    with nullcontext() if case in ("study", "program") else pytest.raises(ArtifactError, match="left untouched"):
+        assert again(study, tmp_path / "out", monkeypatch)[1:] == ([], 1)
+    found = left_designs.left_designs(study, study.controllers, tmp_path / "out")
+    assert list(found) == (["tabled"] if case in ("study", "program") else [])

@@ -42,6 +42,10 @@ def _warn(text: str) -> None:
     click.echo(f"warning: {text}", err=True)
 
 
+def _say(text: str) -> None:
+    click.echo(text, err=True)
+
+
 def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, report: bool) -> None:
     from vsgdesign.pipeline import run_study
 
@@ -50,7 +54,7 @@ def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, re
     folder = Path("out") / name if out is None else Path(out)
     with keeping(folder):
         with progress(quiet=as_json) as tell:
-            results = run_study(study, folder, bridge=bridge, report=report, progress=tell, warn=_warn)
+            results = run_study(study, folder, bridge=bridge, report=report, progress=tell, warn=_warn, say=_say)
         if as_json:
             print_json(results)
         else:

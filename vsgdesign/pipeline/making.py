@@ -22,6 +22,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.execution.executors import executor_of
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.pipeline.left_designs import left_designs, made_from
 from vsgdesign.pipeline.table import make_tables
 from vsgdesign.pipeline.training import make_network, recipe_of, trains
 from vsgdesign.pipeline.verify import verified_tables
@@ -47,9 +48,16 @@ class Made:
     """Waits for certified steps and verification, and returns all that is made. To be called after ``late``."""
     executor: Executor | None
     """Worker processes that are there anyway."""
+    made_from: dict[str, str]
+    """What the designs of its own tables were made from (:func:`vsgdesign.pipeline.left_designs.made_from`)."""
     timing_s: dict[str, float]
     """Wall time of ``tables``, ``estimator`` and, once they are there, ``certificates`` and ``verification``. They may
     overlap."""
+
+
+def nothing_to_make(ready: Ready) -> Made:
+    """What is there already."""
+    return Made(ready=ready, trained=None, late=None, verified=lambda: ready, executor=None, made_from={}, timing_s={})
 
 
 @contextmanager
@@ -61,9 +69,11 @@ def made(
     verify: bool = False,
     workers: int | None = None,
     progress: Progress | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> Iterator[Made]:
     """Makes or reads what the study's controllers need. Finished cells of tables are kept beside ``out`` until the
-    block ends well. ``verify`` asks for tables that are verified as the study's [verification] says.
+    block ends well. A design that ``out`` has from the same inputs is taken, and ``say`` is told. ``verify`` asks for
+    tables that are verified as the study's [verification] says.
 
     ``workers`` processes design tables (None means one per core; 1 makes everything here, one after another). They
     are there until the block ends. Raises the errors of :func:`vsgdesign.pipeline.table.make_tables` and of
@@ -76,13 +86,18 @@ def made(
         executor = held.enter_context(executor_of(workers)) if specs else None
         network = _training(study, bridge, executor, progress=progress)
         begin = time.perf_counter()
+        left = left_designs(study, specs, out, say)
         if executor is not None:
             from vsgdesign.design.sweep import begun
             from vsgdesign.design.table import compiled_ahead
 
             # One worker compiles this while the other compiles what designs need, instead of both the same.
             begun(executor, compiled_ahead)
-        tables = make_tables(study, out, executor=executor, workers=1, certificates=False, keep=held, progress=progress)
+        others = replace(study, controllers=tuple(spec for spec in study.controllers if spec.name not in left))
+        tables = make_tables(
+            others, out, executor=executor, workers=1, certificates=False, keep=held, progress=progress
+        )
+        tables = {spec.name: (left | tables)[spec.name] for spec in study.controllers if spec.schedule == "table"}
         if tables:
             timing["tables"] = time.perf_counter() - begin
         certificates = _Certificates(study, specs, tables, executor, timing, tell)
@@ -111,6 +126,7 @@ def made(
             late=proved if specs else None,
             verified=lambda: certificates.stepped(counted()),
             executor=executor,
+            made_from={spec.name: made_from(study, spec) for spec in specs},
             timing_s=timing,
         )
 

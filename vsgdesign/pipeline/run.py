@@ -29,7 +29,7 @@ from vsgdesign.metrics import EventMetrics
 from vsgdesign.operating_point import OperatingPoint
 from vsgdesign.parameters import Study
 from vsgdesign.pipeline.inner import assess_inner_loops, inner_document
-from vsgdesign.pipeline.making import made
+from vsgdesign.pipeline.making import Made, made, nothing_to_make
 from vsgdesign.pipeline.training import judgement_document, network_document, training_document
 from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
 from vsgdesign.simulation.gains import GainChange, settled_changes
@@ -40,7 +40,6 @@ from vsgdesign.simulation.scenario import mean_cycles
 from vsgdesign.stability.words import shares_of
 
 if TYPE_CHECKING:
-    from vsgdesign.estimator.trained import TrainedEstimator
     from vsgdesign.report.figure_types import WrittenFigure
 
 
@@ -53,6 +52,7 @@ def run_study(
     workers: int | None = None,
     progress: Progress | None = None,
     warn: Callable[[str], None] | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
     """Simulates every controller and writes time series, results, figures and a report to ``out``.
 
@@ -60,8 +60,9 @@ def run_study(
     network is trained beside them (:func:`vsgdesign.pipeline.making.made`). With ``report`` tables are verified if
     the study's [verification] says ``with_run``. All is written to the same folder.
     ``warn`` is called before a controller is simulated that is unstable by the full-order model, since its run shows no
-    meaningful response. Returns the content of results.json. The folder appears when everything is done; after an error
-    or an interruption the old folder is unchanged. Raises the errors of
+    meaningful response. A design that ``out`` has already, made from the same inputs by the same program, is taken from
+    there, and ``say`` is told; the files are the same. Returns the content of results.json. The folder appears when
+    everything is done; after an error or an interruption the old folder is unchanged. Raises the errors of
     :func:`vsgdesign.simulation.run_scenario` and ArtifactError.
     """
     tell = progress or silent
@@ -69,7 +70,7 @@ def run_study(
     with (
         room_for(out, verb, inputs=study.input_files),
         # What it keeps goes after the folder is in its place: an interruption in between loses no finished work.
-        made(study, out, bridge=bridge, verify=report, workers=workers, progress=progress) as have,
+        made(study, out, bridge=bridge, verify=report, workers=workers, progress=progress, say=say) as have,
         staged_folder(out, verb, inputs=study.input_files) as folder,
     ):
         begin = time.perf_counter()
@@ -82,34 +83,14 @@ def run_study(
             late=have.late,
         )
         have.timing_s["simulate"] = time.perf_counter() - begin
-        return _write(
-            result,
-            folder,
-            verb,
-            have.timing_s,
-            report=report,
-            trained=have.trained,
-            tell=tell,
-            verified=have.verified,
-            executor=have.executor,
-            warn=warn,
-        )
+        return _write(result, folder, verb, have, report=report, tell=tell, warn=warn)
 
 
 def write_run(result: ScenarioResult, out: str | Path, *, progress: Progress | None = None) -> dict[str, Any]:
     """Writes the folder of :func:`run_study` for a scenario that was simulated before. Raises ArtifactError."""
     verb = "vsgdesign run"
     with staged_folder(out, verb, inputs=result.study.input_files) as folder:
-        return _write(
-            result,
-            folder,
-            verb,
-            {},
-            report=True,
-            trained=None,
-            tell=progress or silent,
-            verified=lambda: result.ready,
-        )
+        return _write(result, folder, verb, nothing_to_make(result.ready), report=True, tell=progress or silent)
 
 
 def _write_made(ready: Ready, folder: Path) -> None:
@@ -123,20 +104,17 @@ def _write(
     result: ScenarioResult,
     folder: Path,
     verb: str,
-    timing: dict[str, float],
+    have: Made,
     *,
     report: bool,
-    trained: TrainedEstimator | None,
     tell: Progress,
-    verified: Callable[[], Ready],
-    executor: Executor | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
     """Time series, figures, tables with their C, page and record of a simulated scenario.
 
-    The first two are written while the tables are ``verified``.
+    The first two are written while the tables are verified.
     """
-    study, network = result.study, result.ready.network
+    study, network, trained, timing = result.study, result.ready.network, have.trained, have.timing_s
     begin = time.perf_counter()
     for done, controller in enumerate(result.controllers):
         tell("write time series", done / len(result.controllers))
@@ -153,11 +131,11 @@ def _write(
 
         begin = time.perf_counter()
         tell("draw figures", 0.0)
-        drawn = begin_figures(result, folder / "figures", trained, executor)
+        drawn = begin_figures(result, folder / "figures", trained, have.executor)
         timing["report"] = time.perf_counter() - begin
-    result = replace(result, ready=verified())
+    result = replace(result, ready=have.verified())
     _write_made(result.ready, folder)
-    exports = _exports(study, result.ready, folder, executor, warn)
+    exports = _exports(study, result.ready, folder, have.executor, warn)
     if drawn is not None:
         from vsgdesign.report import write_report
 
@@ -169,6 +147,9 @@ def _write(
     for wait in exports:
         wait()
     document = results_document(result, timing)
+    for name, sha256 in have.made_from.items():
+        if sha256:
+            document["controllers"][name]["table"]["made_from"] = sha256
     if inner is not None:
         document["inner_loops"] = inner
     if network is not None:
