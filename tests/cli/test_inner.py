@@ -138,13 +138,18 @@ def test_somebody_elses_file_of_that_name_is_left(study: Path) -> None:
     assert file.read_text() == '{"notes": "mine"}\n'
 
 
-def test_a_folder_that_may_not_be_written_to_is_no_hindrance(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_that_may_not_be_written_to_is_no_hindrance(
+    study: Path, designed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = read_inner_loops_file(designed)
+    monkeypatch.setattr(opening, "design_record", lambda *_: record)
+
     def refuse(*_: object) -> None:
         raise ArtifactError("cannot write: no room")
 
     monkeypatch.setattr("vsgdesign.pipeline.opening.write_inner_loops", refuse)
     said: list[str] = []
-    assert open_study(study, say=said.append).inner_gains.K_pc > 0.0
+    assert open_study(study, say=said.append).inner_gains == record.gains
     assert "could not be kept" in said[0]
 
 
