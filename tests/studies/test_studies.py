@@ -64,10 +64,16 @@ def small_tables(study: Study, folder: Path) -> dict[str, GainTable]:
     box = replace(study.specification.box, error_R=0.0, error_X=0.0, **load)
     small = replace(study, specification=replace(study.specification, scr=(4.0, 8.0), x_over_r=(3.0, 5.0), box=box))
     return {
-        spec.name: build_table(small, spec, folder / spec.name, refinements=0, points=20, certificate=False).table
+        spec.name: build_table(small, spec, folder, smoothings=0, refinements=0, points=20, certificate=False).table
         for spec in study.controllers
         if spec.schedule == "table"
     }
+
+
+@pytest.fixture(scope="module")
+def cells(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Finished cells of all studies, found by the hash of what decides them: equal ones are designed once."""
+    return tmp_path_factory.mktemp("cells")
 
 
 @pytest.fixture(scope="module")
@@ -79,10 +85,10 @@ def network() -> NetworkWeights:
 
 
 @pytest.mark.parametrize("path", FILES, ids=name)
-def test_every_controller_goes_through_every_event(path: Path, tmp_path: Path, network: NetworkWeights) -> None:
+def test_every_controller_goes_through_every_event(path: Path, cells: Path, network: NetworkWeights) -> None:
     """Two seconds of it: nothing diverges, the current stays within what the converter could carry."""
     study = shortened(load_study(path), 2.0)
-    result = run_scenario(study, Ready(tables=small_tables(study, tmp_path), network=network))
+    result = run_scenario(study, Ready(tables=small_tables(study, cells), network=network))
     assert len(result.controllers) == len(study.controllers)
     for controller in result.controllers:
         for values in controller.series.values():
