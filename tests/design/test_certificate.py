@@ -124,7 +124,7 @@ def test_what_it_reaches(study: Study, angle_damped: Certificate) -> None:
     spec = controller(study, "angle_damped", Q_droop=0.5)
     wider = replace(PUBLISHED_BOX, scr=(1.2, 20.0), Q=(-1000.0, 1000.0))
     for region, decay in ((PUBLISHED_BOX, 2.0), (wider, 1.0)):
-        found = certify(study, spec, region, decay=decay, nodes_per_axis=9, fresh=5000)
+        found = certify(study, spec, region, decay=decay, nodes_per_axis=7, fresh=3000)
         assert isinstance(found, Certificate)
         assert (found.proof, found.decay) == ("gap-free", decay)
 
@@ -194,11 +194,13 @@ def test_boxes_hold_every_point_of_a_slow_grid(study: Study) -> None:
         assert reached.max() <= high[k]
 
 
-def test_it_is_the_same_every_time(study: Study, angle_damped: Certificate) -> None:
-    again = certify(study, controller(study, "angle_damped", Q_droop=0.5), PUBLISHED_BOX, budget=0)
+def test_it_is_the_same_every_time(study: Study) -> None:
+    spec, options = controller(study, "angle_damped", Q_droop=0.5), {"budget": 0, "nodes_per_axis": 5, "fresh": 1000}
+    first, again = (certify(study, spec, PUBLISHED_BOX, **options) for _ in range(2))
+    assert isinstance(first, Certificate)
     assert isinstance(again, Certificate)
-    assert again.decay == angle_damped.decay
-    assert again.as_document() == angle_damped.as_document()
+    assert again.decay == first.decay
+    assert again.as_document() == first.as_document()
     json.dumps(again.as_document(), allow_nan=False)
 
 

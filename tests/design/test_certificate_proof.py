@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -74,7 +75,7 @@ def test_the_inequality_of_a_point_is_that_of_its_state_matrix(k: int) -> None:
     boxes = pieces_of(s, region, places)
     parameters = parameters_of(s, boxes, whole_region(s, region))
     turn = np.linalg.inv(np.linalg.cholesky(P))
-    seen = set()
+    seen: Counter[int] = Counter()
     for n in range(len(points)):
         own = np.repeat(parameters[:, n : n + 1], LANES, axis=1)
         outputs = evaluated(ready.situation, places[n], own)
@@ -82,7 +83,9 @@ def test_the_inequality_of_a_point_is_that_of_its_state_matrix(k: int) -> None:
         applies = [bool(np.all(signs * values >= 0.0)) for signs in ready.signs]
         assert sum(applies) == 1
         case = applies.index(True)
-        seen.add(case)
+        seen[case] += 1
+        if seen[case] > 50:
+            continue
         assert 1.0 / outputs[0] == pytest.approx(voltage_of(s, points[n]), rel=1e-12)
         expected = turn @ (A[n].T @ P + P @ A[n] + 2.6 * P) @ turn.T
         found = evaluated(ready.inequalities[case], [*places[n][:4], outputs[0]], own).reshape(-1, 6)
@@ -90,7 +93,7 @@ def test_the_inequality_of_a_point_is_that_of_its_state_matrix(k: int) -> None:
             found, np.tile(expected[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], (6, 1)), rtol=1e-8, atol=1e-8
         )
     # As it is; Q at a limit; drawn in; both.
-    assert seen >= ({0, 1, 3}, {0, 1, 3}, {0}, {0, 1, 2, 5}, {0, 1, 3})[k]
+    assert set(seen) >= ({0, 1, 3}, {0, 1, 3}, {0}, {0, 1, 2, 5}, {0, 1, 3})[k]
 
 
 def evaluated(program: Program, inputs: Any, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -316,7 +319,7 @@ def test_a_decay_that_is_asked_for_is_proved_and_claimed() -> None:
     assert isinstance(found, Certificate)
     assert (found.proof, found.decay) == ("gap-free", 1.0)
     with pytest.raises(InfeasibleStudyError, match=r"decay = 9.*at most"):
-        certify(STUDY, spec, region, decay=9.0, nodes_per_axis=5, fresh=2000)
+        certify(STUDY, spec, region, decay=9.0, nodes_per_axis=5, fresh=500)
 
 
 def test_a_function_that_follows_the_grid_falls_along_a_bounded_ramp() -> None:

@@ -136,7 +136,7 @@ def test_the_largest_set_is_that_of_a_plain_search() -> None:
     A = np.array([[0.0, 1.0, 0.0], [-k, -d, 0.0], [0.0, 0.0, -4.0]])
     P, _ = largest_level_set(A[None], decay, (1.0, 1.0), 0.25)
     assert P is not None
-    cross, second = np.meshgrid(np.linspace(-3.0, 0.0, 601), np.linspace(0.1, 60.0, 6001))
+    cross, second = np.meshgrid(np.linspace(-3.0, 0.0, 301), np.linspace(0.1, 60.0, 3001))
     m11 = 2.0 * cross + 2.0 * decay
     m12 = second - k - d * cross + 2.0 * decay * cross
     m22 = -2.0 * k * cross - 2.0 * d * second + 2.0 * decay * second
