@@ -360,7 +360,10 @@ class Page {
   /** The server does not answer: it is asked again after a while, and after a longer one the next time. */
   lost() {
     document.documentElement.dataset.state = "lost";
-    notice("The server does not answer. Is `vsgdesign explore` still running? What is drawn is the last answer.", true);
+    notice(
+      "The server does not answer. Is `vsgdesign explore` still running? What is drawn is the last answer. The page asks again.",
+      true,
+    );
     if (this.retry) return;
     this.losses += 1;
     this.retry = setTimeout(() => {
