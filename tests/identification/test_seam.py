@@ -66,6 +66,13 @@ def own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(ESTIMATORS, "own", EstimatorKind("a test's own estimator", Own))
 
 
+@pytest.fixture
+def no_other_probe(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A comparison runs every case once for each probe; those of the package are compared in another test."""
+    for name in ("injection", "prbs", "field", "field_network"):
+        monkeypatch.delitem(ESTIMATORS, name)
+
+
 @pytest.mark.usefixtures("own")
 def test_a_study_runs_with_it_and_the_page_says_so(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(TEXT)
@@ -86,7 +93,7 @@ def test_its_estimate_is_what_the_gains_follow() -> None:
     assert [change.t_s for change in run.gain_changes] == pytest.approx([0.0, 0.02])
 
 
-@pytest.mark.usefixtures("own")
+@pytest.mark.usefixtures("own", "no_other_probe")
 def test_the_comparison_judges_it() -> None:
     study = load_study("studies/published/study.toml")
     found = compare_methods(study, {}, ComparisonSettings(scr=(8.0,), grid_steps=(), draws=1))
@@ -150,6 +157,7 @@ class SampleBySample:
         return Passed(seen), Estimate(*ANSWER, "ok") if seen % self.at.samples == 0 else None
 
 
+@pytest.mark.usefixtures("no_other_probe")
 def test_an_estimator_may_be_fed_sample_by_sample(monkeypatch: pytest.MonkeyPatch) -> None:
     """The guards and the log see its answers alone, one a window, in a run as in the comparison."""
     monkeypatch.setitem(ESTIMATORS, "own", EstimatorKind("sample by sample", SampleBySample))

@@ -50,7 +50,11 @@ FACTOR = re.compile(
 """√2, √3, 3/2 and their inverses, however written."""
 
 
-HINT = re.compile(r"sqrt|hypot|\*\*|1\.414|\.7071|1\.732|\.577|\.866|[23][.0]*(?:\s|\\|#.*\n)*/")
+_GAP = r"(?:\s|\\|#.*\n)*"
+HINT = re.compile(
+    rf"sqrt{_GAP}\({_GAP}[23]|hypot{_GAP}\({_GAP}1|\*\*{_GAP}-?0?\.5|1\.414|\.7071|1\.732|\.577|\.866"
+    rf"|3[.0]*{_GAP}/{_GAP}2|2[.0]*{_GAP}/{_GAP}3"
+)
 """What a text has if :data:`FACTOR` finds something in its code: only such texts are taken apart, which takes long."""
 
 
