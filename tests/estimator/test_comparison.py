@@ -42,6 +42,7 @@ from vsgdesign.parameters.background import draw_background
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.sensors import draw_sensors
 from vsgdesign.pipeline.estimator import report_comparison
+from vsgdesign.report.estimator.answer import stress_answer
 from vsgdesign.report.estimator.figures import comparison_figures, stress_figures, write_all
 from vsgdesign.report.estimator.page import (
     comparison_conclusion,
@@ -238,6 +239,7 @@ def test_pages_and_figures(tmp_path: Path) -> None:
     figures = write_all(stress_figures(stressed()), tmp_path)
     page = write_stress_page("A study", stressed(), figures, tmp_path / "b.html").read_text()
     assert "Requirements for an estimator in the field" in page
+    assert "on the published converter of 5 kVA and 50 Hz, 0.01 % of noise" in page  # and not on whichever this is
     for k, row in enumerate(rows_on(tmp_path / "b.html")[1:]):
         worst = [float(result.rms[k].max()) for result in stressed().results]
         assert row[0] == stressed().methods[k]
@@ -338,3 +340,12 @@ def test_the_comparison_counts_limited_samples() -> None:
             continue
         found = method.estimate(measure([limited]))
         assert np.isnan(found.R_g).all() == (method.name != "Constant guess")
+
+
+def test_one_sample_is_no_plural() -> None:
+    found = stressed()
+    shift = next(one for one in found.results if one.axis.name == "shift")
+    rms = np.tile([0.0, 0.2], (len(found.methods), 1))
+    shift = replace(shift, axis=replace(shift.axis, values=(0.0, 1.0)), rms=rms)
+    rows = stress_answer(replace(found, results=(shift,))).rows
+    assert {row.cells[0].detail for row in rows} == {"20 % at 1 sample"}

@@ -89,13 +89,19 @@ def stress_answer(found: Stress) -> Answer:
         cells = []
         for one in found.results:
             worst = float(one.rms[k].max())
-            at = plain(one.axis.values[int(np.argmax(one.rms[k]))])
-            unit = "" if one.axis.unit == "1" else f" {one.axis.unit}"
+            at = _at(one.axis.values[int(np.argmax(one.rms[k]))], one.axis.unit)
             mark, words = (MET, "within") if worst <= WITHIN else (MISSED, "beyond")
-            cells.append(Cell(mark, words, f"{_percent(worst)} at {at}{unit}"))
+            cells.append(Cell(mark, words, f"{_percent(worst)} at {at}"))
         rows.append(Row(name, tuple(cells), spark.key(k)))
     note = f"Whether the rms error of Z stays within {_LIMIT} over the whole axis, and its largest value."
     return Answer("Each method", tuple(one.axis.title for one in found.results), tuple(rows), "Method", (note,))
+
+
+def _at(value: float, unit: str) -> str:
+    """A value of an axis with its unit: 60.1 Hz, −2 samples, 1 sample."""
+    if unit == "samples" and abs(value) == 1.0:
+        unit = "sample"
+    return plain(value) if unit == "1" else f"{plain(value)} {unit}"
 
 
 WAY_WORDS = {
