@@ -106,7 +106,7 @@ def integrate_pieces(
     drives = [whole * v_b[:, None, None], powers * (v_g @ _WEIGHTS).reshape(len(h), 3, -1)]
     if not circuit.alike:
         drives += [drive.conj() for drive in drives]
-    forced = sum(drive @ of for drive, of in zip(drives, circuit.of_inputs, strict=True))
+    forced: Any = sum(drive @ of for drive, of in zip(drives, circuit.of_inputs, strict=True))
     moving = (whole @ circuit.of_state).reshape(len(h), 3, circuit.n, circuit.n)
     n, states = len(x), [x if circuit.alike else np.concatenate([x, x.conj()])]
     for move, push in zip(moving[:, 0], forced[:, 0], strict=True):
@@ -122,7 +122,8 @@ def integrate_pieces(
     if not rejected.any():
         return states[-1][:n]
     first = int(np.argmax(rejected))
-    x = integrate(states[first][:n], *pieces[first], circuit.matrices, atol)
+    length, v, source = pieces[first]
+    x = integrate(states[first][:n], length, v, source, circuit.matrices, atol)
     return integrate_pieces(x, pieces[first + 1 :], circuit, atol) if first + 1 < len(pieces) else x
 
 

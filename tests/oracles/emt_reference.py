@@ -135,15 +135,17 @@ def run_reference(
             v_node, i_s, i_g = sensors.read(k, v_node, i_s, i_g)
         hits = controller.hits["current"]
         u = 0j if prober is None else prober.value()
-        whole = state.V + c.V_rated_rms * u
-        turned, raised = (0.0, 0.0) if prober is None else (cmath.phase(whole), abs(whole) - state.V)
-        state = replace(state, theta=state.theta + turned, V=state.V + raised)
+        turned, raised = 0.0, 0.0
+        if prober is not None:
+            whole = state.V + c.V_rated_rms * u
+            turned, raised = cmath.phase(whole), abs(whole) - state.V
+            state = replace(state, theta=state.theta + turned, V=state.V + raised)
         for name in ("theta", "V"):
             getattr(trace, name)[k] = getattr(state, name)
         theta = state.theta
         state, asked, trace.power[k] = controller.step(state, v_node, i_s, i_g, refs, gains)
-        state = replace(state, theta=state.theta - turned, V=state.V - raised)
         if prober is not None:
+            state = replace(state, theta=state.theta - turned, V=state.V - raised)
             prober.hear(v_node, i_g, u, theta, controller.hits["current"] > hits)
         if c.delay_samples == 0:
             applied = asked

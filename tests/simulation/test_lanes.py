@@ -39,15 +39,21 @@ def drawn(study: Study, spec: ControllerSpec, family: str, count: int) -> LaneCa
     return cases_of(study, spec, uniforms_of(SEED, 0, count), FAMILIES.index(family), NOTHING)[0]
 
 
-def batch(study: Study, spec: ControllerSpec, cases: LaneCases) -> tuple[LaneResults, Rests, np.ndarray]:
-    """Results and rests of a batch, and every state at the end of each case."""
+def rests_in(study: Study, spec: ControllerSpec, cases: LaneCases) -> Rests:
+    """Where each case of a batch is at rest."""
+    own = study.with_limit_of(spec)
+    told, demand = telling(own, spec, NOTHING, cases), demand_of(own.converter, settling_time_of(spec, NOTHING))
+    return rests_of(own, cases, segments_of(cases), told, demand, LaneResults.of_none(len(cases)))[0]
+
+
+def states_after(study: Study, spec: ControllerSpec, cases: LaneCases) -> np.ndarray:
+    """Every state at the end of each case of a batch."""
     own = study.with_limit_of(spec)
     results, told, segments = LaneResults.of_none(len(cases)), telling(own, spec, NOTHING, cases), segments_of(cases)
     demand = demand_of(own.converter, settling_time_of(spec, NOTHING))
     rests, gains = rests_of(own, cases, segments, told, demand, results)
     good = np.flatnonzero(results.status == JUDGED)
     parts = lanes_run.parts_of(own, cases, segments, rests, demand, good, "averaged", False)
-    states = np.full((len(cases), 0), np.nan)
     ends = {int(end) for part in parts for end in part.ends}
     lanes_run.drive(own, parts, told, gains, stop_at=min(ends) if len(ends) == 1 else None)
     rows = []
@@ -59,7 +65,7 @@ def batch(study: Study, spec: ControllerSpec, cases: LaneCases) -> tuple[LaneRes
     states = np.full((len(cases), len(rows[0][1])), np.nan)
     for index, values in rows:
         states[index] = np.array(values).T
-    return lanes_run.run_lanes(study, spec, NOTHING, cases), rests, states
+    return states
 
 
 @pytest.mark.parametrize(
@@ -78,7 +84,7 @@ def test_figures_of_a_batch_are_those_of_single_runs(name: str, controller: str,
     study, spec = study_named(name, controller)
     cases = drawn(study, spec, family, 5)
     own, T = study.with_limit_of(spec), settling_time_of(spec, NOTHING)
-    results, rests, _ = batch(study, spec, cases)
+    results, rests = lanes_run.run_lanes(study, spec, NOTHING, cases), rests_in(study, spec, cases)
     last = last_of(segments_of(cases))
     assert (results.status >= JUDGED).sum() >= 4
     for k in np.flatnonzero(results.status >= JUDGED).tolist():
@@ -108,7 +114,7 @@ def test_a_switched_bridge_with_events_inside_its_intervals() -> None:
     own, T = study.with_limit_of(spec), settling_time_of(spec, NOTHING)
     for family in ("sag", "ramp"):
         cases = drawn(study, spec, family, 2)
-        rests = batch(study, spec, cases)[1]
+        rests = rests_in(study, spec, cases)
         results = lanes_run.run_lanes(study, spec, NOTHING, cases, bridge="pwm")
         demand = demand_of(own.converter, T)
         for k in np.flatnonzero(results.status >= JUDGED).tolist():
@@ -134,7 +140,7 @@ def test_every_state_at_the_end_of_a_step(name: str, controller: str) -> None:
     cases = drawn(study, spec, "step", 4)
     # The same instant for all: then all end at the same sample.
     cases.events.t_s[:] = 0.1037
-    results, _, states = batch(study, spec, cases)
+    results, states = lanes_run.run_lanes(study, spec, NOTHING, cases), states_after(study, spec, cases)
     c = study.converter
     for k in np.flatnonzero(results.status >= JUDGED).tolist():
         one = numbers(run_one(study, spec, NOTHING, cases, k, "averaged"))

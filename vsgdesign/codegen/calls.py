@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
 import types
 from collections.abc import Sequence
@@ -27,6 +28,8 @@ from vsgdesign.codegen.expressions import (
 from vsgdesign.codegen.language import FUNCTIONS, instead_of
 from vsgdesign.codegen.records import SCALARS, Record, is_record, known, leaves
 from vsgdesign.equations.integration import advanced
+
+_signature = functools.cache(inspect.signature)
 
 
 class Calls(Body):
@@ -74,7 +77,7 @@ class Calls(Body):
 
     def bound(self, node: ast.Call, callee: Any, given: list[Any], named: dict[str, Any]) -> dict[str, Any]:
         try:
-            bound = inspect.signature(callee).bind(*given, **named)
+            bound = _signature(callee).bind(*given, **named)
         except TypeError as error:
             raise self.source.refuse(node.lineno, f"{callee.__name__}: {error}", "Give its arguments.") from error
         bound.apply_defaults()

@@ -92,10 +92,17 @@ def flat_block(
 
     Everything known is folded, equal values are shared, and what no output needs is left out. Nothing is reordered:
     plain Python that runs the block rounds as the function does. ``kinds``: NamedTuples in fields whose hint says
-    Any. Raises UntranslatableError with file and line.
+    Any. The same question is answered once a process. Raises UntranslatableError with file and line.
     """
-    library = Library(kinds=kinds)
-    read = library.read(function, fixed)
+    # By their text, too: 0 is not −0, and 1 is not true.
+    known = tuple((name, repr(value), value) for name, value in sorted((fixed or {}).items()))
+    return _flat_block(function, known, tuple((of, tuple(said.items())) for of, said in (kinds or {}).items()))
+
+
+@functools.lru_cache(maxsize=256)
+def _flat_block(function: Any, fixed: tuple[tuple[str, str, Any], ...], kinds: tuple[tuple[Any, Any], ...]) -> Block:
+    library = Library(kinds={record: dict(said) for record, said in kinds})
+    read = library.read(function, {name: value for name, _, value in fixed})
     flat, arguments, inputs = _Flat(), [], []
     for parameter in read.parameters:
         if isinstance(parameter.kind, str):

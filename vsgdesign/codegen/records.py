@@ -61,6 +61,7 @@ class Kinds:
 
     def __init__(self, said: Mapping[Any, Mapping[str, Any]]) -> None:
         self._said = {record: dict(fields) for record, fields in said.items()}
+        self._found: dict[Any, list[tuple[str, Any]]] = {}
 
     def takes(self, record: Any, name: str, given: Any) -> bool:
         """Whether a field takes a value. A record in place of one that is nothing makes the field one of its kind."""
@@ -69,12 +70,16 @@ class Kinds:
             return kind is None
         if kind is not given.cls and kind is not None and not self.paths(kind):
             self._said.setdefault(record, {})[name] = given.cls
+            self._found.pop(record, None)
             return True
         return kind is given.cls
 
     def fields(self, record: Any) -> list[tuple[str, Any]]:
         """Names, and the class of what is no number."""
-        hints, found = _hints(record), []
+        if record in self._found:
+            return self._found[record]
+        hints = _hints(record)
+        found = self._found[record] = []
         for name in record._fields:
             default = record._field_defaults.get(name)
             kinds = self._said.get(record, {}).get(name), hints.get(name), type(default)
