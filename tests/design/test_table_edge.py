@@ -1,4 +1,4 @@
-"""Error sets at a table's edge: all that a schedule may see of a grid lies within the corners that are checked."""
+"""Error sets at a table's edge: what is seen of a grid, and every grid behind what is seen, lies within corners."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from tests.design.robust_studies import specification, with_specification
 from tests.examples import examples
+from vsgdesign.certificate.error_bounds import truth_behind
 from vsgdesign.design.table_edge import TableEdge, table_edge
 from vsgdesign.equations.grid import SCR_BASES, error_half_widths
 
@@ -47,6 +48,29 @@ def truths(table: TableEdge, rng: np.random.Generator, count: int) -> tuple[Any,
     return table.basis.grid(1.0 / size, 1.0 / ratio, 1.0, 1.0)
 
 
+def drawn_in(table: TableEdge, R_hat: Any, X_hat: Any) -> tuple[Any, Any]:
+    """Behind places, with the errors of each corner as far as they leave the grid in the table, (K, 4) each."""
+    low, high = np.zeros((len(R_hat), 4)), np.ones((len(R_hat), 4))
+    low[in_table(table, *behind(table, R_hat, X_hat, high))] = 1.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        inside = in_table(table, *behind(table, R_hat, X_hat, middle))
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    return behind(table, R_hat, X_hat, low)
+
+
+def behind(table: TableEdge, R_hat: Any, X_hat: Any, share: Any) -> tuple[Any, Any]:
+    """The grids behind places with a share of the errors of each corner, (K, 4)."""
+    shares = [share * error for error in table.errors]
+    return truth_behind(R_hat[:, None], X_hat[:, None], *SIGNS, *shares)
+
+
+def in_table(table: TableEdge, R: Any, X: Any) -> Any:
+    size, ratio = table.basis.counted(R, X), R / X
+    within = (ratio >= table.r_over_x[0] * (1.0 - 1e-9)) & (ratio <= table.r_over_x[1] * (1.0 + 1e-9))
+    return within & (size >= table.counted[0] * (1.0 - 1e-9)) & (size <= table.counted[1] * (1.0 + 1e-9))
+
+
 @examples(20)
 @given(TABLES, st.integers(0, 1000))
 def test_all_that_is_seen_of_a_grid_lies_within_the_corners(table: TableEdge, seed: int) -> None:
@@ -74,3 +98,38 @@ def test_a_corner_that_is_clipped_leaves_a_crossing_on_each_side() -> None:
     assert (corners > 1.003 * least).all()
     seen = clipped(table, *np.array(table.seen_beside_corners(R, X)).T)[0]
     assert seen.min() == pytest.approx(least, rel=1e-12)
+
+
+@examples(20)
+@given(TABLES, st.integers(0, 1000))
+def test_every_grid_lies_within_those_that_its_estimate_is_designed_for(table: TableEdge, seed: int) -> None:
+    """Grids and errors are drawn, and the estimates are clipped: the place where each is looked up knows of it."""
+    rng = np.random.default_rng(seed)
+    R, X = truths(table, rng, 40)
+    w_R, w_X = error_half_widths(R, X, *table.errors)
+    share_R, share_X = np.clip(rng.uniform(-1.5, 1.5, (2, 40)), -1.0, 1.0)
+    R_hat, X_hat = clipped(table, R + share_R * w_R, X + share_X * w_X)
+    assert table.may_be_seen_at(R, X, R_hat, X_hat).all()
+    known = drawn_in(table, R_hat, X_hat)
+    for k, points in enumerate(table.truths_seen_at(R_hat, X_hat, *known)):
+        corners = np.hstack([np.array(known)[:, k], np.array(points).reshape(-1, 2).T])
+        held, there = extent(table, *corners), extent(table, R[k], X[k])
+        # Beyond the largest X/R, the border is an arc of which five points are taken.
+        slack = 1e-8 if R_hat[k] / X_hat[k] > table.r_over_x[0] * (1.0 + 1e-9) else 2e-4
+        assert (there >= held.min(axis=1) - slack).all()
+        assert (there <= held.max(axis=1) + slack).all()
+
+
+@examples(5)
+@given(TABLES, st.integers(0, 1000))
+def test_every_grid_on_the_edge_that_is_designed_for_may_be_seen_there(table: TableEdge, seed: int) -> None:
+    """An estimate on a fine net over its error set is clipped to the place, as nearly as the net allows."""
+    rng = np.random.default_rng(seed)
+    R_hat, X_hat = truths(table, rng, 4)
+    net = np.linspace(-1.0, 1.0, 321)
+    for k, points in enumerate(table.truths_seen_at(R_hat, X_hat, *drawn_in(table, R_hat, X_hat))):
+        for R, X in points:
+            w_R, w_X = (float(width) for width in error_half_widths(R, X, *table.errors))
+            seen = clipped(table, *np.meshgrid(R + net * w_R, X + net * w_X))
+            far = np.hypot(seen[0] - R_hat[k], seen[1] - X_hat[k]).min()
+            assert far <= 0.01 * np.hypot(w_R, w_X)

@@ -105,6 +105,24 @@ def scenarios_around_estimate(
     return _scenarios(study, spec, [list(dict.fromkeys([*own, *_behind_lookups(study, spec, places)]))], P, Q)[0]
 
 
+def scenarios_on_edge(study: Study, spec: Specification, scr: float, x_over_r: float, P: float, Q: float) -> Scenarios:
+    """Scenarios of the other corners of the set of true grids that may be looked up here (:eq:`edge-truths`).
+
+    They are on the table's edge, and only places within an error of it have any. The first is the design point.
+    """
+    omega_n = study.converter.omega_n
+    place = Place(scr, x_over_r, spec.scr_basis).grid(study.converter)
+    signs = _signs_of(spec)
+    points = []
+    if any(spec.box.errors):
+        drawn = np.array([(g.R_g, omega_n * g.L_g) for g in _drawn_in(study, spec, [place] * len(signs), signs)]).T
+        at = np.array([place.R_g]), np.array([omega_n * place.L_g])
+        points = table_edge(study, spec).truths_seen_at(*at, *drawn[:, None])[0]
+    pairs = [(place, place), *((Grid(R, X / omega_n), place) for R, X in points)]
+    found = _scenarios(study, spec, [pairs], P, Q)[0]
+    return found if points else found.take(np.arange(0))
+
+
 def _behind_node(study: Study, spec: Specification, scr: float, x_over_r: float) -> list[tuple[Grid, Grid]]:
     grid = Place(scr, x_over_r, spec.scr_basis).grid(study.converter)
     return list(dict.fromkeys([(grid, grid), *_behind_lookups(study, spec, [(scr, x_over_r)])]))

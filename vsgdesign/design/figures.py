@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -46,6 +46,13 @@ def worst(e: Evaluation, design: int = 0) -> Figures:
         damping_ratio=float(e.damping_ratio[design].min()),
         abscissa=float(e.abscissa[design].max()),
     )
+
+
+def worse(one: Figures, other: Figures) -> Figures:
+    """The worse of two of each figure."""
+    low = ("disk_margin", "damping_ratio")
+    values = {f.name: (getattr(one, f.name), getattr(other, f.name)) for f in fields(Figures)}
+    return Figures(**{name: min(pair) if name in low else max(pair) for name, pair in values.items()})
 
 
 def shortfalls(spec: Specification, f: Figures, inertia: float) -> dict[str, float]:
