@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +74,7 @@ def channel(c: float) -> tuple[Array, Array]:
     return k_1 * np.array([1.0, kappa - k_2 * c]), den
 
 
+@cache
 def expected(scr: float, ratio: float) -> Expected:
     num, den = channel(coupling(scr, ratio))
     poles = np.roots(den)
