@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import typing
+from collections.abc import Callable
 from typing import Any
 
 from vsgdesign.codegen import CText, c_functions
@@ -18,7 +20,7 @@ from vsgdesign.equations.grid import (
 from vsgdesign.equations.guarded_controller import LARGEST_STATE, TIMES_NOMINAL, plausible, skipped_step, sound
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.integration import within_a_turn
-from vsgdesign.equations.limiters import limiter_named
+from vsgdesign.equations.limiters import Limiter, limiter_named
 from vsgdesign.equations.power_filter import notch
 from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
@@ -56,7 +58,12 @@ _GRID = {
 def laws(structure: str, law: str, scr_basis: str, limiter: str) -> CText:
     """C99 of the grid's functions on a basis, the scheduled Jacobian, the gains of a structure under a law, the power
     loops and the whole controller with a current limiter."""
-    chosen = limiter_named(limiter)
+    return _laws(STRUCTURES[structure].gains, law == "inertia", scr_basis, limiter_named(limiter))
+
+
+@functools.lru_cache(16)
+def _laws(structure_gains: Callable[..., Any], by_inertia: bool, scr_basis: str, chosen: Limiter) -> CText:
+    """Read once: a run exports the table of each of its controllers, most of them with the same equations."""
     memory, constants = (typing.get_type_hints(made)["return"] for made in (chosen.at_rest, chosen.build))
     functions = [
         *_GRID[scr_basis],
@@ -64,7 +71,7 @@ def laws(structure: str, law: str, scr_basis: str, limiter: str) -> CText:
         share_that_fits,
         part_of_the_way,
         scheduled_jacobian,
-        STRUCTURES[structure].gains,
+        structure_gains,
         within_a_turn,
         frequency_at_rest,
         notch,
@@ -80,7 +87,7 @@ def laws(structure: str, law: str, scr_basis: str, limiter: str) -> CText:
         *([chosen.at_rest] if memory._fields else []),
     ]
     kinds = {ControllerState: {"limiter": memory}, ControllerSettings: {"limiter": constants}}
-    fixed = {"by_inertia": law == "inertia", "limiter": chosen.law}
+    fixed = {"by_inertia": by_inertia, "limiter": chosen.law}
     return c_functions(functions, fixed=fixed, names=NAMES, kinds=kinds)
 
 
