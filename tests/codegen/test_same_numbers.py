@@ -47,7 +47,7 @@ def double(text: CText, compiler: str, tmp_path_factory: pytest.TempPathFactory)
 
 @pytest.fixture(scope="module")
 def single(text: CText, compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Compiled:
-    return Compiled(text, tmp_path_factory.mktemp("single"), compiler, double=False)
+    return Compiled(text, tmp_path_factory.mktemp("single"), compiler, double=False, optimised=False)
 
 
 _SAMPLES: dict[str, tuple[np.ndarray, np.ndarray]] = {}

@@ -109,7 +109,7 @@ def test_python_and_the_compiled_sample_agree() -> None:
 def in_c(tmp_path_factory: pytest.TempPathFactory) -> Compiled:
     require_compiler()
     text = c_functions([probe_value, listen, conclude, features])
-    return Compiled(text, tmp_path_factory.mktemp("field"), "gcc", double=True)
+    return Compiled(text, tmp_path_factory.mktemp("field"), "gcc", double=True, optimised=False)
 
 
 def compare(compiled: Compiled, name: str, call: Any, given: Any) -> None:

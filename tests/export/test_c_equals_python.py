@@ -46,7 +46,7 @@ last bit, which gains near the limit of a grid multiply by some."""
 def test_gains_places_and_statuses(structure: str, law: str, double: bool, tmp_path: Path) -> None:
     """Each with its own state all the way. 100,000 calls of each kind: ``python -m bench --only runtime``."""
     table_file, _ = written(tmp_path, structure, law)
-    compiled = built(exported(tmp_path, structure, law), double)
+    compiled = built(exported(tmp_path, structure, law), double, "-O0" if double else "-O2")
     scheduler = load_scheduler(table_file)
     calls = random_calls(scheduler, 3000, seed=11)
     difference = compare(scheduler, compiled, calls)

@@ -64,7 +64,7 @@ def field_folder(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 @pytest.fixture(scope="module", params=["double", "float"])
 def field_c(request: pytest.FixtureRequest, field_folder: Path) -> CompiledC:
-    return built(field_folder, request.param == "double")
+    return built(field_folder, request.param == "double", "-O0" if request.param == "double" else "-O2")
 
 
 def a_network() -> FieldNetwork:

@@ -28,7 +28,7 @@ CASES = ("hoang2025_5kva", "lab_12kva_lcl", "utility_1mva_60hz")
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory: pytest.TempPathFactory) -> CompiledC:
     place = tmp_path_factory.mktemp("synchronising")
-    return built(export_c_files(written(place)[0], place / "c", limiter="projection").folder, double=False)
+    return built(export_c_files(written(place)[0], place / "c", limiter="projection").folder, False, "-O2")
 
 
 class Bench:
