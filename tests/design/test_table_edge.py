@@ -100,7 +100,7 @@ def test_a_corner_that_is_clipped_leaves_a_crossing_on_each_side() -> None:
     assert seen.min() == pytest.approx(least, rel=1e-12)
 
 
-@examples(20)
+@examples(10)
 @given(TABLES, st.integers(0, 1000))
 def test_every_grid_lies_within_those_that_its_estimate_is_designed_for(table: TableEdge, seed: int) -> None:
     """Grids and errors are drawn, and the estimates are clipped: the place where each is looked up knows of it."""
