@@ -133,7 +133,7 @@ def test_what_does_not_fit_is_refused(folder: Path, tmp_path: Path) -> None:
 
 
 def test_a_converter_that_cannot_run_the_draws_says_why(folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "r.toml").write_text('base = "field"\nruns = 4\nP_pu = 1.9\n', encoding="utf-8")
+    (tmp_path / "r.toml").write_text('base = "field"\nruns = 6\nP_pu = 1.9\n', encoding="utf-8")
     recipe = ("--recipe", tmp_path / "r.toml")
     message = failure(1, "estimator", "train", folder / "study.toml", *recipe, "--out", tmp_path / "w.json")
     assert "none of 200 draws of run 0 can be run (" in message

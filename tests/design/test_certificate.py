@@ -195,8 +195,8 @@ def test_boxes_hold_every_point_of_a_slow_grid(study: Study) -> None:
 
 
 def test_it_is_the_same_every_time(study: Study) -> None:
-    spec, options = controller(study, "angle_damped", Q_droop=0.5), {"budget": 0, "nodes_per_axis": 5, "fresh": 1000}
-    first, again = (certify(study, spec, PUBLISHED_BOX, **options) for _ in range(2))
+    spec = controller(study, "angle_damped", Q_droop=0.5)
+    first, again = (certify(study, spec, PUBLISHED_BOX, budget=0, nodes_per_axis=5, fresh=1000) for _ in range(2))
     assert isinstance(first, Certificate)
     assert isinstance(again, Certificate)
     assert again.decay == first.decay

@@ -10,13 +10,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
 from vsgdesign.errors import ArtifactError
-from vsgdesign.estimator.bound import (
-    Bound,
-    probe_bound,
-    sensor_noise,
-    steady_window_bound,
-    windows_bound,
-)
+from vsgdesign.estimator.bound import Bound, probe_bound, sensor_noise, steady_window_bound, windows_bound
 from vsgdesign.estimator.data_set import check_enough
 from vsgdesign.estimator.in_the_loop import LINE_ORDERS, has_surroundings, surroundings_in_words
 from vsgdesign.estimator.methods import Estimates, Method, all_methods
