@@ -238,6 +238,10 @@ class Page:
         while reply.get("loaderId", self._document) != self._document:
             self.browser.read(until, f"{url} takes the place of the page before")
 
+    def front(self) -> None:
+        """Show this tab, as a user does who goes on there: the browser lets a hidden one draw seldom."""
+        self.call("Page.bringToFront")
+
     def size(self, width: int, height: int, scale: float = 1.0) -> None:
         """Size of the window, in CSS pixels, and pixels of the screen for each of them."""
         self.call(

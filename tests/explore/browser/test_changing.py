@@ -185,13 +185,16 @@ def test_two_tabs_do_not_disturb_each_other(explorer: Explorer, opened: Explorer
     before = [one.counts() for one in (opened, other)]
     for share in (0.3, 0.5, 0.7):
         for one, across in ((opened, share), (other, 1.0 - share)):
+            one.page.front()
             one.page.click(one.place(across, 0.4).point)
     for one, count in zip((opened, other), before, strict=True):
+        one.page.front()
         one.redrawn(count, "linear", "emt")
     assert opened.changes()["scr"] == pytest.approx(opened.place(0.7, 0.4).scr, rel=ONE_PIXEL)
     assert other.changes()["scr"] == pytest.approx(other.place(0.3, 0.4).scr, rel=ONE_PIXEL)
     assert opened.table() != other.table()
     other.page.close()
+    page.front()
 
 
 def test_a_mode_is_chosen_and_says_what_moves_it(opened: ExplorerPage) -> None:
