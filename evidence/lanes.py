@@ -52,7 +52,7 @@ def states_of_lanes(study: Study, cases: LaneCases, samples: int) -> tuple[LaneR
     demand = demand_of(own.converter, settling_time_of(spec, NOTHING))
     rests, gains = rests_of(own, cases, segments, told, demand, results)
     parts = parts_of(own, cases, segments, rests, demand, np.flatnonzero(results.status == JUDGED), "averaged", False)
-    drive(own, parts, told, gains, stop_at=samples)
+    drive(parts, told, gains, stop_at=samples)
     names = [f"state.{name}" for name in ControllerState._fields if name != "limiter"]
     states = np.full((len(cases), 6 + len(names)), np.nan)
     for part in parts:

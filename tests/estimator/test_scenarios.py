@@ -40,7 +40,7 @@ def test_what_is_kept_can_be_run_and_what_was_thrown_away_is_counted(tmp_path: P
     for index in range(20):
         scenario = draw_scenario(UTILITY, FEW, 3, index)
         for grid, gains, refs in zip(scenario.grids, scenario.gains, scenario.references, strict=True):
-            steady_state(UTILITY, grid, scenario.source, *refs, gains)
+            steady_state(UTILITY, grid, scenario.source, UTILITY.converter.references(*refs), gains)
         assert scenario.seed == (3, index, sum(scenario.redrawn))
         counts += scenario.redrawn
     data = generate_windows(UTILITY, FEW, 3, out=tmp_path / "w.npz")
@@ -85,7 +85,9 @@ def test_voltage_limits_hold_for_what_is_kept() -> None:
         scenario = draw_scenario(UTILITY, WIDE, 1, index)
         low, high = UTILITY.converter.V_limits_rms
         for grid, gains, (P_ref, Q_ref) in zip(scenario.grids, scenario.gains, scenario.references, strict=True):
-            state = steady_state(UTILITY, grid, scenario.source, P_ref, Q_ref, gains).controller
+            state = steady_state(
+                UTILITY, grid, scenario.source, UTILITY.converter.references(P_ref, Q_ref), gains
+            ).controller
             point = solve_operating_point(
                 state.P_f, state.Q_f, scenario.source.V_g_rms, *UTILITY.path_to_grid(grid, scenario.source.omega_g)
             )

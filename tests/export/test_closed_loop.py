@@ -13,7 +13,7 @@ from tests.compilers import require_compiler
 from tests.export.exchange import written
 from vsgdesign.equations.controller_data import flat_settings, flat_state
 from vsgdesign.equations.power_flow import jacobian_from_powers
-from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.export import export_c_files
 from vsgdesign.export.compiled import STRICT, run_compiler
@@ -52,7 +52,7 @@ def inputs(study: Study, gains: list[GainChange], run: Simulation) -> np.ndarray
     """What the program reads: the start of the simulation, and the circuit, source and gains after every change."""
     c, timeline = study.converter, run.timeline
     first = run.log[0]
-    refs = References(*timeline.references_at(0.0), c.omega_n, c.V_rated_rms)
+    refs = timeline.references_at(0.0)
     instants = sorted({0.0, *(event.t_s for event in study.events), *(change.t_s for change in gains)})
     changes = [_change(study, gains, timeline, t_s) for t_s in instants]
     return np.concatenate(

@@ -55,14 +55,15 @@ def draw(study: Study, count: int, seed: int) -> Lanes:
     L_g = R_g * x_over_r / c.omega_n
     V_g, omega_g = c.V_rated_rms * rng.uniform(0.8, 1.15, count), c.omega_n * rng.uniform(0.99, 1.01, count)
     P_ref, Q_ref = c.S_rated * rng.uniform(-1.2, 1.2, count), c.S_rated * rng.uniform(-0.6, 0.6, count)
-    return Lanes(R_g, L_g, V_g, omega_g, P_ref, Q_ref)
+    nominal = np.full(count, c.omega_n), np.full(count, c.V_rated_rms)
+    return Lanes(R_g, L_g, V_g, omega_g, P_ref, Q_ref, *nominal)
 
 
 def after_one_period(
     study: Study, states: ManyStates, lanes: Lanes, gains: PowerLoopGains
 ) -> tuple[Array, ControllerState, Array]:
     """Plant, controller and waiting voltage of every lane one period later, by the equations of the simulation."""
-    R_g, L_g, V_g, omega_g, P_ref, Q_ref = lanes
+    R_g, L_g, V_g, omega_g = lanes[:4]
     c, x = study.converter, states.plant
     i_s, v_c, i_g = (x[k] + 1j * x[k + 1] for k in (0, 2, 4))
     v = v_c + study.filter.R_c * (i_s - i_g)
@@ -71,7 +72,7 @@ def after_one_period(
         states.controller,
         measured,
         GridEstimate(R_g, L_g),
-        References(P_ref, Q_ref, c.omega_n, c.V_rated_rms),
+        lanes.refs,
         gains,
         study.inner_gains,
         study.controller_settings(),
@@ -94,7 +95,7 @@ def test_nothing_but_the_angle_moves_in_one_period(name: str, limiter: str) -> N
     c, lanes = study.converter, draw(study, 300, seed=7)
     damped = GAINS._replace(D_p=GAINS.D_p / 10.0, k_P=1e-5, k_Q=2e-5)
     for gains in (GAINS._replace(D_p=0.0, D_q=0.0), damped, damped._replace(D_q=500.0 * GAINS.D_q, K_pq=0.01)):
-        states = many_steady_states(study, *lanes, gains, PHASE)
+        states = many_steady_states(study, lanes, gains, PHASE)
         good = states.fault == 0
         assert good.sum() > 200
         x, after, new = after_one_period(study, states, lanes, gains)
@@ -134,11 +135,11 @@ def test_each_lane_stands_for_itself_and_says_what_is_wrong(name: str) -> None:
     c, gains = study.converter, GAINS._replace(D_p=GAINS.D_p / 10.0, D_q=20.0 * GAINS.D_q)
     study = replace(study, converter=replace(c, current_limit_pu=1.1, V_dc=1.7 * c.V_rated_rms / (c.v_max_pk / c.V_dc)))
     lanes = draw(study, 150, seed=8)
-    states = many_steady_states(study, *lanes, gains, PHASE)
+    states = many_steady_states(study, lanes, gains, PHASE)
     assert {0, *words} == set(states.fault.tolist())
     for k, fault in enumerate(states.fault):
-        R_g, L_g, V_g, omega_g, P_ref, Q_ref = (float(value[k]) for value in lanes)
-        asked = (study, Grid(R_g, L_g), GridSource(V_g, omega_g), P_ref, Q_ref, gains, PHASE)
+        R_g, L_g, V_g, omega_g, *refs = (float(value[k]) for value in lanes)
+        asked = (study, Grid(R_g, L_g), GridSource(V_g, omega_g), References(*refs), gains, PHASE)
         if fault:
             with pytest.raises(InfeasibleStudyError, match=words[int(fault)]):
                 steady_state(*asked)
@@ -156,9 +157,9 @@ def test_a_limiter_that_moves_the_voltage_at_rest_is_a_fault() -> None:
     study = replace(STUDIES["LC"], current_limiter="projection")
     grid, source = Grid(0.0, 5e-3), GridSource(1.4 * study.converter.V_rated_rms, study.converter.omega_n)
     circular = replace(study, current_limiter="circular")
-    assert steady_state(circular, grid, source, 0.0, 0.0, GAINS).controller.V > 150.0
+    assert steady_state(circular, grid, source, study.converter.references(), GAINS).controller.V > 150.0
     with pytest.raises(LimitHitError, match=r"15\d\.\d V at 50 Hz, from where the limiter") as caught:
-        steady_state(study, grid, source, 0.0, 0.0, GAINS)
+        steady_state(study, grid, source, study.converter.references(), GAINS)
     assert caught.value.limit == "voltage limits"
 
 
@@ -166,13 +167,13 @@ def test_a_lane_without_sense_disturbs_no_other() -> None:
     study = STUDIES["LCL with delay"]
     lanes = draw(study, 8, seed=9)
     lanes = Lanes._make(value[:1].repeat(8) for value in lanes)
-    alone = many_steady_states(study, *Lanes._make(value[:1] for value in lanes), GAINS)
+    alone = many_steady_states(study, Lanes._make(value[:1] for value in lanes), GAINS)
     assert alone.fault[0] == 0
     for k, bad in enumerate((np.nan, -1.0, 0.0, np.nan, np.inf, np.nan)):
         lanes[k][k] = bad
     gains = PowerLoopGains(*(np.full(8, value) for value in GAINS))
     gains.K_ip[6] = np.nan
-    states = many_steady_states(study, *lanes, gains)
+    states = many_steady_states(study, lanes, gains)
     np.testing.assert_array_equal(states.fault, [NO_POINT] * 6 + [NO_GAINS, 0])
     np.testing.assert_allclose(states.plant[:, 7], alone.plant[:, 0], rtol=1e-14)
     assert np.isnan(states.plant[:, :6]).all()
@@ -183,7 +184,7 @@ def test_free_of_limits_leaves_the_current_to_the_caller() -> None:
     limit_pu = 0.8
     study = replace(study, converter=replace(study.converter, current_limit_pu=limit_pu))
     lanes = draw(study, 50, seed=10)
-    strict, free = (many_steady_states(study, *lanes, GAINS, free_of_limits=one) for one in (False, True))
+    strict, free = (many_steady_states(study, lanes, GAINS, free_of_limits=one) for one in (False, True))
     above = free.i_s_pk > limit_pu * study.converter.I_rated_pk
     assert above.sum() > 5
     np.testing.assert_array_equal(strict.fault[above & (free.fault == 0)], CURRENT)
@@ -199,7 +200,7 @@ def test_measured_gains_belong_to_their_steady_states() -> None:
     lanes = draw(study, 40, seed=11)
     lanes = lanes._replace(P_ref=0.7 * lanes.P_ref, Q_ref=0.5 * lanes.Q_ref)
     states, gains = many_rests_with_measured_gains(
-        study, *lanes, lambda P, Q, V: law(lanes.R_g, lanes.L_g, P, Q, V), PHASE
+        study, lanes, lambda P, Q, V: law(lanes.R_g, lanes.L_g, P, Q, V), PHASE
     )
     good = states.fault == 0
     assert good.sum() > 20
@@ -207,16 +208,16 @@ def test_measured_gains_belong_to_their_steady_states() -> None:
     assert np.ptp(gains.D_p[good]) > 0.01 * np.mean(gains.D_p[good])
     for found, expected in zip(gains, again, strict=True):
         np.testing.assert_allclose(found[good], expected[good], rtol=3e-10)
-    given = many_steady_states(study, *lanes, gains, PHASE)
+    given = many_steady_states(study, lanes, gains, PHASE)
     np.testing.assert_allclose(given.plant[:, good], states.plant[:, good], rtol=1e-12, atol=1e-10)
     for k in np.flatnonzero(good)[:10]:
 
         def gains_of(P: float, Q: float, V: float, k: int = int(k)) -> PowerLoopGains:
             return PowerLoopGains(*(float(value) for value in law(lanes.R_g[k], lanes.L_g[k], P, Q, V)))
 
-        R_g, L_g, V_g, omega_g, P_ref, Q_ref = (float(value[k]) for value in lanes)
+        R_g, L_g, V_g, omega_g, *refs = (float(value[k]) for value in lanes)
         alone, own = rest_with_measured_gains(
-            study, Grid(R_g, L_g), GridSource(V_g, omega_g), P_ref, Q_ref, gains_of, PHASE
+            study, Grid(R_g, L_g), GridSource(V_g, omega_g), References(*refs), gains_of, PHASE
         )
         np.testing.assert_allclose(own, [value[k] for value in gains], rtol=1e-13)
         np.testing.assert_allclose(alone.plant, states.plant[:, k], rtol=1e-12, atol=1e-10)
@@ -236,7 +237,7 @@ def test_gains_that_overshoot_from_round_to_round_come_to_rest() -> None:
         rounds.append(1)
         return law(lanes.R_g, lanes.L_g, P, Q, V)
 
-    states, gains = many_rests_with_measured_gains(study, *lanes, gains_of, PHASE, free_of_limits=True)
+    states, gains = many_rests_with_measured_gains(study, lanes, gains_of, PHASE, free_of_limits=True)
     good = states.fault == 0
     assert good.sum() == 196
     assert not (states.fault == NOT_CONVERGED).any()
@@ -256,7 +257,7 @@ def test_lanes_without_gains_and_gains_that_find_no_rest() -> None:
         gains.K_iq[2] = np.nan
         return gains
 
-    states, gains = many_rests_with_measured_gains(study, *lanes, gains_of)
+    states, gains = many_rests_with_measured_gains(study, lanes, gains_of)
     np.testing.assert_array_equal(states.fault, [0, NOT_CONVERGED, NO_GAINS])
     np.testing.assert_array_equal([value[0] for value in gains], GAINS)
 
@@ -266,16 +267,16 @@ def test_the_slowest_mode_is_that_of_each_cell(name: str) -> None:
     """The least stable mode of the model of each cell, with NaN for lanes without a steady state."""
     study, gains = STUDIES[name], GAINS._replace(D_p=GAINS.D_p / 10.0)
     lanes = draw(study, 30, seed=12)
-    states = many_steady_states(study, *lanes, gains)
-    decay = slowest_decay(study, states, *lanes, gains)
+    states = many_steady_states(study, lanes, gains)
+    decay = slowest_decay(study, states, lanes, gains)
     np.testing.assert_array_equal(np.isnan(decay), states.fault != 0)
     good = np.flatnonzero(states.fault == 0)
     assert 10 < len(good) < 30
     for k in good[:6]:
-        R_g, L_g, V_g, omega_g, P_ref, Q_ref = (float(value[k]) for value in lanes)
+        R_g, L_g, V_g, omega_g, P_ref, Q_ref = (float(value[k]) for value in lanes[:6])
         model = linearise_full_order(study, [Cell(Grid(R_g, L_g), gains, P_ref, Q_ref, GridSource(V_g, omega_g))])
         slowest = modes(model.states, model.A[0], model.T_s)[0]
         # An eigenvalue z near 1 is known to some 1e-14, and its logarithm is divided by T_s.
         assert decay[k] == pytest.approx(-slowest.s.real, abs=1e-12 / study.converter.T_s)
     dead = lanes._replace(V_g_rms=0.0 * lanes.V_g_rms)
-    assert np.isnan(slowest_decay(study, many_steady_states(study, *dead, gains), *dead, gains)).all()
+    assert np.isnan(slowest_decay(study, many_steady_states(study, dead, gains), dead, gains)).all()

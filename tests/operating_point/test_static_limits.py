@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.simulation.studies import GAINS
-from vsgdesign.operating_point.many import CURRENT, LIMITER_ACTS, LIMITER_PULLS, many_steady_states
+from vsgdesign.operating_point.many import CURRENT, LIMITER_ACTS, LIMITER_PULLS, Lanes, many_steady_states
 from vsgdesign.operating_point.static_limits import acting_current_pk, static_limit_uses
 from vsgdesign.parameters import Study, study_from_text
 
@@ -34,13 +34,13 @@ def test_the_current_at_rest_is_the_converters_below_the_limit_that_acts(case: s
     Z, angle = c.Z_base / rng.uniform(1.5, 20.0, count), np.arctan(rng.uniform(0.3, 20.0, count))
     R_g, L_g = Z * np.cos(angle), Z * np.sin(angle) / c.omega_n
     power = c.S_rated * rng.uniform(0.8, 1.25, count) * np.exp(1j * rng.uniform(-np.pi, np.pi, count))
-    lanes = (R_g, L_g, c.V_rated_rms, c.omega_n, power.real, power.imag)
-    points = many_steady_states(study, *lanes, GAINS, free_of_limits=True)
+    lanes = Lanes(R_g, L_g, c.V_rated_rms, c.omega_n, power.real, power.imag)
+    points = many_steady_states(study, lanes, GAINS, free_of_limits=True)
     there = points.fault == 0
     R, X = study.filter.R_2 + R_g, c.omega_n * (study.filter.L_2 + L_g)
     V_rms = np.where(there, points.controller.V, np.nan)
     use = static_limit_uses(study, R, X, c.omega_n, points.P, points.Q, V_rms)["current"]
-    acts = np.isin(many_steady_states(study, *lanes, GAINS).fault, OF_CURRENT)
+    acts = np.isin(many_steady_states(study, lanes, GAINS).fault, OF_CURRENT)
     assert not acts[there & (use <= 1.0)].any()
     assert acts[there & (use > 1.01)].all()
     assert min(np.sum(there & (use <= 1.0)), np.sum(there & (use > 1.01))) > 50

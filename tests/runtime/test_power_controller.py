@@ -25,9 +25,9 @@ def test_the_same_as_in_emt(power_filter: str) -> None:
     study = lc_study("0.12 s", sections="[grid]\ncomponents = [{ order = -1, amplitude_pu = 0.02 }]\n" + filters)
     changes = [GainChange(0.0, GAINS), GainChange(0.04, DAMPED), GainChange(0.08, FAST_GAINS)]
     run = simulate(study, changes, log_states=1)
-    c, settings = study.converter, study.controller_settings()
+    settings = study.controller_settings()
     P, Q, omega, V, theta = (run.column(name) for name in ("P", "Q", "omega", "V_rms", "theta"))
-    refs = References(*run.timeline.references_at(0.0)[:2], c.omega_n, c.V_rated_rms)
+    refs = run.timeline.references_at(0.0)
     controller = PowerController(GAINS, refs, settings.T_s, settings.smoothing_P, settings.smoothing_Q, study.notch)
     first = run.controller_log[0]
     controller.restore(

@@ -94,7 +94,9 @@ def library_start(study: Study, gains: Sequence[GainChange]) -> Start:
     """The library's steady start as an initial condition. (Whether it is steady has its own test.)"""
     source = build_timeline(study).source_at(0.0)
     spec, phase, at_start = study.simulation, source.phase, GridSource(source.V_g_rms, source.omega)
-    start = steady_state(study, study.grid, at_start, spec.P_ref, spec.Q_ref, gains[0].gains, phase)
+    start = steady_state(
+        study, study.grid, at_start, study.converter.references(spec.P_ref, spec.Q_ref), gains[0].gains, phase
+    )
     x, s, pending = start.plant, start.controller, start.pending
     S = complex(s.P_f, s.Q_f)
     state = State(

@@ -55,7 +55,7 @@ def states_after(study: Study, spec: ControllerSpec, cases: LaneCases) -> np.nda
     good = np.flatnonzero(results.status == JUDGED)
     parts = lanes_run.parts_of(own, cases, segments, rests, demand, good, "averaged", False)
     ends = {int(end) for part in parts for end in part.ends}
-    lanes_run.drive(own, parts, told, gains, stop_at=min(ends) if len(ends) == 1 else None)
+    lanes_run.drive(parts, told, gains, stop_at=min(ends) if len(ends) == 1 else None)
     rows = []
     for part in parts:
         names = [f"state.{name}" for name in ControllerState._fields if name != "limiter"]

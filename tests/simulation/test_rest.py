@@ -60,7 +60,7 @@ def test_the_computed_end_is_where_emt_ends() -> None:
     for signal, computed in (("P_pcc", last.P_pcc), ("Q_pcc", last.Q_pcc)):
         assert np.abs(controller.series[signal][-100:] - computed).max() < 1e-6 * study.converter.S_rated
     # The droops are in it: neither power is at its reference.
-    P_ref, Q_ref = result.timeline.references_at(1.0)
+    P_ref, Q_ref, _, _ = result.timeline.references_at(1.0)
     assert abs(last.P_pcc - P_ref) > 50.0
     assert abs(last.Q_pcc - Q_ref) > 20.0
 

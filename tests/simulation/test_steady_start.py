@@ -67,7 +67,9 @@ def test_where_it_starts_is_what_was_asked_for() -> None:
     """At nominal frequency P = P_ref; Q and the frequency follow their droops, off-nominal too."""
     for f_g in (50.0, 50.05):
         study = lc_study("1 ms", sections=f"[grid]\nscr = 5\nf_g = {f_g}\n")
-        state = steady_state(study, study.grid, study.grid_source, 2000.0, 500.0, GAINS).controller
+        state = steady_state(
+            study, study.grid, study.grid_source, study.converter.references(2000.0, 500.0), GAINS
+        ).controller
         omega_n, omega_g = 2.0 * np.pi * 50.0, 2.0 * np.pi * f_g
         assert state.omega_i == pytest.approx(omega_g, rel=1e-13)
         assert state.P_f == pytest.approx(2000.0 + GAINS.D_p * (omega_n - omega_g), rel=1e-10)

@@ -105,7 +105,7 @@ def test_grids_and_references_hold_until_the_next(events: tuple[Event, ...], t_s
             P_ref = event.P_ref if event.P_ref is not None else P_ref
             Q_ref = event.Q_ref if event.Q_ref is not None else Q_ref
             grid = event.grid or grid
-    assert timeline.references_at(t_s) == (P_ref, Q_ref)
+    assert timeline.references_at(t_s) == STUDY.converter.references(P_ref, Q_ref)
     assert timeline.grid_at(t_s) == grid
 
 
@@ -143,6 +143,6 @@ def test_stretches_cover_every_sample_once(events: tuple[Event, ...], changes: l
             begin, end = first + 1e-5, first + count - 1e-5
             inner = [t / T_s for t in timeline.plant_changes() if begin < t / T_s < end]
             assert inner == []
-            told = [t / T_s for t, _, _ in timeline.references] + [t / T_s for t in changes]
+            told = [t / T_s for t, _ in timeline.references] + [t / T_s for t in changes]
             assert [t for t in told if first + 1e-5 < t < first + count - 1.0 - 1e-5] == []
     assert following == samples

@@ -96,7 +96,10 @@ def test_rest_is_the_same_and_stays() -> None:
     study = lc_study("1 s", sections="[grid]\nscr = 5\nf_g = 50.05\n")
     damped = with_resistance(study, 0.1)
     spec = study.simulation
-    plain, found = (steady_state(s, s.grid, s.grid_source, spec.P_ref, spec.Q_ref, GAINS) for s in (study, damped))
+    plain, found = (
+        steady_state(s, s.grid, s.grid_source, s.converter.references(spec.P_ref, spec.Q_ref), GAINS)
+        for s in (study, damped)
+    )
     np.testing.assert_array_equal(found.plant, plain.plant)
     assert found.controller == plain.controller
     run = simulate(damped, [GainChange(0.0, GAINS)])

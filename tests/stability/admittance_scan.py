@@ -59,7 +59,7 @@ def _at(study: Study, cell: Cell, hz: float, settle_s: float, amplitude: float) 
         big[:7, 7:] = np.eye(7)
         over = expm(big * T)[:7, 7:]
         integrals[k - 1, 0], integrals[k - 1, 1] = v_row @ over, i_row @ over
-    start = steady_state(study, grid, source, cell.P_ref, cell.Q_ref, cell.gains)
+    start = steady_state(study, grid, source, study.converter.references(cell.P_ref, cell.Q_ref), cell.gains)
     s = start.controller
     state = np.array([s.theta, s.omega_i, s.V, s.P_f, s.Q_f])
     pi = np.array([complex(s.xi_vd, s.xi_vq), complex(s.xi_id, s.xi_iq)])

@@ -130,7 +130,8 @@ def rest(one: Study, cases: LaneCases, k: int) -> SampledState:
     def gains_of(P: float, Q: float, V_rms: float) -> PowerLoopGains:
         return PowerLoopGains(*(float(gain) for gain in law(*known, P, Q, V_rms)))
 
-    return rest_with_measured_gains(free, grid, source, float(cases.P_ref[k]), float(cases.Q_ref[k]), gains_of)[0]
+    refs = one.converter.references(float(cases.P_ref[k]), float(cases.Q_ref[k]))
+    return rest_with_measured_gains(free, grid, source, refs, gains_of)[0]
 
 
 def test_cases_begin_at_powers_of_the_box_within_the_limits() -> None:

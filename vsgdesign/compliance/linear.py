@@ -34,9 +34,10 @@ def nfp_of(study: Study, gains: PowerLoopGains | None) -> Callable[[Array], Comp
         if not study.network.plain:
             return "a load at the PCC is not in the linear model"
         start = build_timeline(study)
-        refs = start.references_at(0.0)
         source = start.source_at(0.0)
-        cell = Cell(start.grid_at(0.0), gains, *refs, GridSource(source.V_g_rms, source.omega))
+        cell = Cell.with_references(
+            start.grid_at(0.0), gains, start.references_at(0.0), GridSource(source.V_g_rms, source.omega)
+        )
         found = linearise_full_order(study.undisturbed, [cell])
         return found if found.faults[0] is None else f"no steady state before the test: {found.faults[0]}"
 

@@ -224,7 +224,7 @@ def _judged(study: Study, draws: Sequence[_Draw]) -> list[_Draw]:
 def _obstacle(study: Study, cell: Cell, source: GridSource) -> str:
     """Which of REASONS a cell without a steady state has."""
     try:
-        steady_state(study, cell.grid, source, cell.P_ref, cell.Q_ref, cell.gains)
+        steady_state(study, cell.grid, source, study.converter.references(cell.P_ref, cell.Q_ref), cell.gains)
     except LimitHitError as error:
         return error.limit
     except InfeasibleStudyError:

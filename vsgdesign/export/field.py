@@ -100,7 +100,7 @@ def converter_constants(
     c = study.converter
     return ConverterConstants(
         study.inner_gains,
-        References(0.0, 0.0, c.omega_n, c.V_rated_rms),
+        c.references(),
         study.controller_settings(),
         settings_of_study(study),
         network,

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.operating_point.many import NO_GAINS, NOT_CONVERGED
+from vsgdesign.operating_point.many import NO_GAINS, NOT_CONVERGED, Lanes
 from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.operating_point.plant import TwoAxisCircuit
 from vsgdesign.operating_point.sampled import SampledState, fault_of_rest, state_of_lane
@@ -26,8 +26,7 @@ def rest_with_measured_gains(
     study: Study,
     grid: Grid,
     source: GridSource,
-    P_ref: float,
-    Q_ref: float,
+    refs: References,
     gains_of: GainsOfMeasured,
     phase: float = 0.0,
     circuit: TwoAxisCircuit | None = None,
@@ -43,8 +42,7 @@ def rest_with_measured_gains(
     def of_many(P: Array, Q: Array, V: Array) -> PowerLoopGains:
         return PowerLoopGains(*(np.array([value]) for value in gains_of(float(P[0]), float(Q[0]), float(V[0]))))
 
-    at = (grid.R_g, grid.L_g, source.V_g_rms, source.omega_g, P_ref, Q_ref)
-    states, found = many_rests_with_measured_gains(study, *at, of_many, phase, circuit=circuit)
+    states, found = many_rests_with_measured_gains(study, Lanes.at(grid, source, refs), of_many, phase, circuit=circuit)
     gains = PowerLoopGains(*(float(value[0]) for value in found))
     fault = states.fault[0]
     if fault == NO_GAINS:
@@ -58,5 +56,5 @@ def rest_with_measured_gains(
             "references, or start cold."
         )
     if fault:
-        raise fault_of_rest(study, grid, source, P_ref, Q_ref, gains, states, loaded=circuit is not None)
+        raise fault_of_rest(study, grid, source, refs, gains, states, loaded=circuit is not None)
     return state_of_lane(states, 0), gains

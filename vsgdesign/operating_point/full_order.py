@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from vsgdesign.equations.controller_data import flat_settings
-from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.metrics.modes import Eigen, eigen
 from vsgdesign.model.full_order import PARAMETERS, FullOrderMap, LimiterInModel, full_order_map, limiter_states
 from vsgdesign.operating_point.many import Lanes, ManyStates, lanes_of, many_steady_states
@@ -38,6 +38,23 @@ class Cell:
     Q_ref: float
     source: GridSource | None = None
     """The grid source; None stands for that of the study."""
+    omega_0: float | None = None
+    V_n: float | None = None
+    """The other set points, rad/s and phase rms V; None: nominal."""
+
+    @classmethod
+    def with_references(cls, grid: Grid, gains: PowerLoopGains, refs: References, source: GridSource) -> Cell:
+        """The cell of these set points."""
+        return cls(grid, gains, refs.P_ref, refs.Q_ref, source, refs.omega_0, refs.V_n)
+
+    def lanes(self, study: Study) -> Lanes:
+        """Grid, source and set points on a study's converter."""
+        nominal = study.converter.references(self.P_ref, self.Q_ref)
+        refs = nominal._replace(
+            omega_0=nominal.omega_0 if self.omega_0 is None else self.omega_0,
+            V_n=nominal.V_n if self.V_n is None else self.V_n,
+        )
+        return Lanes.at(self.grid, self.source or study.grid_source, refs)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,11 +89,7 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
 
     A cell without a steady state raises no error. ``faults`` says why it has none.
     """
-    sources = [cell.source or study.grid_source for cell in cells]
-    at = [
-        (cell.grid.R_g, cell.grid.L_g, source.V_g_rms, source.omega_g, cell.P_ref, cell.Q_ref)
-        for cell, source in zip(cells, sources, strict=True)
-    ]
+    at = [cell.lanes(study) for cell in cells]
     lanes = Lanes(*np.array(at, dtype=float).reshape(len(cells), len(Lanes._fields)).T)
     gains = PowerLoopGains(
         *np.array([cell.gains for cell in cells], dtype=float).reshape(len(cells), len(PowerLoopGains._fields)).T
@@ -86,11 +99,11 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
     good = np.arange(0)
     z, p = np.empty((0, len(functions.states))), np.empty((0, functions.step.size1_in(1)))
     if cells:
-        states = many_steady_states(study, *lanes, gains)
+        states = many_steady_states(study, lanes, gains)
         good = np.flatnonzero(states.fault == 0)
         for k in np.flatnonzero(states.fault).tolist():
             cell = cells[k]
-            asked = (study, cell.grid, sources[k], cell.P_ref, cell.Q_ref, cell.gains)
+            asked = (study, cell.grid, cell.source or study.grid_source, at[k].refs, cell.gains)
             faults[k] = str(fault_of_rest(*asked, states, lane=k))
         z, p = pack(functions.states, states)[good], _parameters(study, lanes, gains)[good]
     A, B, C, D = _matrices(functions.linear, z, p)
@@ -112,22 +125,17 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
 def slowest_decay(
     study: Study,
     states: ManyStates,
-    R_g: ArrayLike,
-    L_g: ArrayLike,
-    V_g_rms: ArrayLike,
-    omega_g: ArrayLike,
-    P_ref: ArrayLike,
-    Q_ref: ArrayLike,
+    lanes: Lanes,
     gains: PowerLoopGains,
 ) -> Array:
     """Decay rates (N,) in 1/s of the slowest modes of the full-order model at N steady states; negative: it grows.
 
-    The arguments are those with which ``states`` were found. The rate is NaN for a lane with a fault.
+    ``lanes`` and ``gains`` are those with which ``states`` were found. The rate is NaN for a lane with a fault.
     """
-    at = (R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref)
     count, good = len(states), np.flatnonzero(states.fault == 0)
-    lanes = Lanes._make(np.full(count, value, dtype=float)[good] for value in at)
-    laws = PowerLoopGains._make(np.full(count, value, dtype=float)[good] for value in gains)
+    every, of_every = lanes_of(study, lanes, gains)
+    lanes = Lanes._make(np.full(count, value)[good] for value in every)
+    laws = PowerLoopGains._make(np.full(count, value)[good] for value in of_every)
     functions = _functions(study, lanes)
     z, p = pack(functions.states, states)[good], _parameters(study, lanes, laws)
     decay = np.full(count, np.nan)
@@ -141,29 +149,22 @@ def slowest_decay(
 
 def parameter_values(study: Study, cell: Cell) -> list[float]:
     """The map's PARAMETERS for a cell, in order."""
-    source = cell.source or study.grid_source
-    at = (cell.grid.R_g, cell.grid.L_g, source.V_g_rms, source.omega_g, cell.P_ref, cell.Q_ref)
-    row = _parameters(study, *lanes_of(at, cell.gains))[0]
+    row = _parameters(study, *lanes_of(study, cell.lanes(study), cell.gains))[0]
     return row[: len(PARAMETERS)].tolist()
 
 
 def _parameters(study: Study, lanes: Lanes, gains: PowerLoopGains) -> Array:
     """The map's p of every lane (N, len(p)): PARAMETERS, then the controller's constants."""
-    R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref = lanes
-    c = study.converter
     values = (
-        *study.circuit()._replace(R_g=R_g, L_g=L_g),
+        *study.circuit()._replace(R_g=lanes.R_g, L_g=lanes.L_g),
         *gains,
         *study.inner_gains,
-        P_ref,
-        Q_ref,
-        c.omega_n,
-        c.V_rated_rms,
-        V_g_rms,
-        omega_g,
+        *lanes.refs,
+        lanes.V_g_rms,
+        lanes.omega_g,
         *flat_settings(study.controller_settings()),
     )
-    rows = np.empty((len(values), len(R_g)))
+    rows = np.empty((len(values), len(lanes.R_g)))
     for row, value in zip(rows, values, strict=True):
         row[:] = value
     return rows.T.copy()

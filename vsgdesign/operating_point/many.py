@@ -7,12 +7,11 @@ by the sampling, and the steady state is an operating point on it (:eq:`sampled-
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.filters import capacitor_node_voltage
@@ -22,6 +21,8 @@ from vsgdesign.frames import instantaneous_power, peak_to_rms, rms_to_peak
 from vsgdesign.operating_point.droop import points_with_droop
 from vsgdesign.operating_point.plant import TwoAxisCircuit, plant_step
 from vsgdesign.operating_point.plants import PlantSteps, plant_steps
+from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -68,14 +69,27 @@ class ManyStates:
 
 
 class Lanes(NamedTuple):
-    """The first arguments of :func:`many_steady_states`, (N,) each."""
+    """Grid, source and set points of N converters, in SI: numbers or (N,), which broadcast. The last two may be None:
+    they are then nominal."""
 
-    R_g: Array
-    L_g: Array
-    V_g_rms: Array
-    omega_g: Array
-    P_ref: Array
-    Q_ref: Array
+    R_g: Any
+    L_g: Any
+    V_g_rms: Any
+    omega_g: Any
+    P_ref: Any
+    Q_ref: Any
+    omega_0: Any = None
+    V_n: Any = None
+
+    @classmethod
+    def at(cls, grid: Grid, source: GridSource, refs: References) -> Lanes:
+        """One converter."""
+        return cls(grid.R_g, grid.L_g, source.V_g_rms, source.omega_g, *refs)
+
+    @property
+    def refs(self) -> References:
+        """The set points."""
+        return References(*self[4:])
 
 
 class Paths(NamedTuple):
@@ -99,14 +113,9 @@ class Paths(NamedTuple):
     """Impedance between control point and source as the samples see it, Ω."""
 
 
-def many_steady_states(  # noqa: PLR0913 - what a steady state depends on
+def many_steady_states(
     study: Study,
-    R_g: ArrayLike,
-    L_g: ArrayLike,
-    V_g_rms: ArrayLike,
-    omega_g: ArrayLike,
-    P_ref: ArrayLike,
-    Q_ref: ArrayLike,
+    lanes: Lanes,
     gains: PowerLoopGains,
     phase: float = 0.0,
     *,
@@ -115,24 +124,29 @@ def many_steady_states(  # noqa: PLR0913 - what a steady state depends on
 ) -> ManyStates:
     """The states that one control period only rotates by ω_g·T_s, with the source's phasor at ``phase`` (rad).
 
-    The arguments are in SI. They and the fields of ``gains`` are numbers or (N,), and they broadcast. The bridge is
-    averaged. A lane without a steady state has its reason in ``fault`` and does not affect the others. With
-    ``free_of_limits``, a current above the limit is no fault, and the caller judges it. The limit of the bridge voltage
-    always counts. ``circuit``, with equal axes, takes the place of the filter and of all that is connected to it. It is
-    possible for one lane only.
+    The fields of ``lanes`` and ``gains`` are numbers or (N,), and they broadcast. The bridge is averaged. A lane
+    without a steady state has its reason in ``fault`` and does not affect the others. With ``free_of_limits``, a
+    current above the limit is no fault, and the caller judges it. The limit of the bridge voltage always counts.
+    ``circuit``, with equal axes, takes the place of the filter and of all that is connected to it. It is possible for
+    one lane only.
     """
-    lanes, gains = lanes_of((R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref), gains)
+    lanes, gains = lanes_of(study, lanes, gains)
     paths = paths_of(study, lanes, circuit)
-    V, delta = points_of(study, paths, lanes, gains)
+    V, delta = points_of(paths, lanes, gains)
     return states_at(study, paths, lanes, gains, V, delta, phase, free_of_limits)
 
 
-def lanes_of(values: Sequence[ArrayLike], gains: PowerLoopGains) -> tuple[Lanes, PowerLoopGains]:
-    """Numbers and arrays in the order of :class:`Lanes`, and gains, as arrays of one length."""
-    given = [np.asarray(value, dtype=float) for value in (*values, *gains)]
+def lanes_of(study: Study, lanes: Lanes, gains: PowerLoopGains) -> tuple[Lanes, PowerLoopGains]:
+    """Lanes and gains as arrays of one length, with nominal values where a set point is not given."""
+    nominal = study.converter.references()
+    lanes = lanes._replace(
+        omega_0=nominal.omega_0 if lanes.omega_0 is None else lanes.omega_0,
+        V_n=nominal.V_n if lanes.V_n is None else lanes.V_n,
+    )
+    given = [np.asarray(value, dtype=float) for value in (*lanes, *gains)]
     count = max(value.size for value in given)
     arrays = [np.full(count, value) for value in given]
-    return Lanes(*arrays[: len(values)]), PowerLoopGains(*arrays[len(values) :])
+    return Lanes(*arrays[: len(lanes)]), PowerLoopGains(*arrays[len(lanes) :])
 
 
 def paths_of(study: Study, lanes: Lanes, circuit: TwoAxisCircuit | None) -> Paths:
@@ -183,16 +197,16 @@ def _on_one_axis(circuit: TwoAxisCircuit, h: float, omega: float) -> PlantSteps:
     )
 
 
-def points_of(study: Study, paths: Paths, lanes: Lanes, gains: PowerLoopGains) -> tuple[Array, Array]:
+def points_of(paths: Paths, lanes: Lanes, gains: PowerLoopGains) -> tuple[Array, Array]:
     """V and δ of steady states: both errors of the power loops are zero, and the frequency is the source's."""
-    P, V_n = power_of(study, lanes, gains), study.converter.V_rated_rms
-    V, delta = points_with_droop(P, lanes.Q_ref, gains.D_q, V_n, paths.V_rms, paths.R, paths.X)
+    P = power_of(lanes, gains)
+    V, delta = points_with_droop(P, lanes.Q_ref, gains.D_q, lanes.V_n, paths.V_rms, paths.R, paths.X)
     return np.where(paths.known & np.isfinite(gains).all(axis=0), V, np.nan), delta + paths.angle
 
 
-def power_of(study: Study, lanes: Lanes, gains: PowerLoopGains) -> Array:
+def power_of(lanes: Lanes, gains: PowerLoopGains) -> Array:
     """P of a steady state under its P–f droop, W."""
-    return lanes.P_ref + gains.D_p * (study.converter.omega_n - lanes.omega_g)
+    return lanes.P_ref + gains.D_p * (lanes.omega_0 - lanes.omega_g)
 
 
 def states_at(
@@ -223,7 +237,6 @@ def _states_of(
     fault: NDArray[np.int64] | None,
 ) -> ManyStates:
     settings, inner, c = study.controller_settings(), study.inner_gains, study.converter
-    refs = References(lanes.P_ref, lanes.Q_ref, c.omega_n, c.V_rated_rms)
     theta = delta + phase
     turn = np.exp(-1j * theta)
     # Everything in the converter's own frame, whose d axis is the voltage at the control point.
@@ -289,7 +302,7 @@ def _states_of(
     if not free_of_limits:
         _mark(found, np.abs(i_s) > settings.i_max_pk, CURRENT)
         law, estimate = study.limiter.law, GridEstimate(R_g=lanes.R_g, L_g=lanes.L_g)
-        sample = law.limit(memory, view, estimate, refs, gains, settings)
+        sample = law.limit(memory, view, estimate, lanes.refs, gains, settings)
         _mark(found, np.asarray(sample.limited) > 0.0, LIMITER_ACTS)
         # One that limits the voltage or the frequency of the power loops moves an integrator that should rest.
         moved, _ = law.move(memory, sample, view, paths.omega_g, IntegratorSteps(0.0, 0.0, 0.0), settings)

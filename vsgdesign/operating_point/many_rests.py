@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.operating_point.many import (
@@ -42,14 +42,9 @@ _LONGEST = 30.0
 _TOLERANCE = 1e-10
 
 
-def many_rests_with_measured_gains(  # noqa: PLR0913 - the same
+def many_rests_with_measured_gains(
     study: Study,
-    R_g: ArrayLike,
-    L_g: ArrayLike,
-    V_g_rms: ArrayLike,
-    omega_g: ArrayLike,
-    P_ref: ArrayLike,
-    Q_ref: ArrayLike,
+    lanes: Lanes,
     gains_of: GainsOfMany,
     phase: float = 0.0,
     *,
@@ -63,7 +58,7 @@ def many_rests_with_measured_gains(  # noqa: PLR0913 - the same
     or no steady state with them, has its reason in ``fault``. The other arguments are those of
     :func:`vsgdesign.operating_point.many.many_steady_states`.
     """
-    lanes, _ = lanes_of((R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref), PowerLoopGains(0.0, 0.0, 0.0, 0.0))
+    lanes, _ = lanes_of(study, lanes, PowerLoopGains(0.0, 0.0, 0.0, 0.0))
     c, paths, count = study.converter, paths_of(study, lanes, circuit), len(lanes.R_g)
     scale = np.array([[c.S_rated], [c.S_rated], [c.V_rated_rms]])
     first = np.array([lanes.P_ref, lanes.Q_ref, np.full(count, c.V_rated_rms)])
@@ -83,12 +78,12 @@ def many_rests_with_measured_gains(  # noqa: PLR0913 - the same
         if not active.size:
             break
         some, laws = Lanes._make(value[active] for value in lanes), PowerLoopGains(*gains[:, active])
-        P = power_of(study, some, laws)
+        P = power_of(some, laws)
         asked = np.array([P, laws.D_q])
         if not np.array_equal(asked, point_of[:, active]):  # a point depends on nothing else of the gains
-            V[active], delta[active] = points_of(study, Paths._make(value[active] for value in paths), some, laws)
+            V[active], delta[active] = points_of(Paths._make(value[active] for value in paths), some, laws)
             point_of[:, active] = asked
-        reached = np.array([P, some.Q_ref + laws.D_q * (c.V_rated_rms - V[active]), V[active]])
+        reached = np.array([P, some.Q_ref + laws.D_q * (some.V_n - V[active]), V[active]])
         there = np.isfinite(V[active])
         lost, active, reached = active[~there], active[there], reached[:, there]
         # No point with these gains: a shorter step from the last ones that had one, or another start.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.limiters import LimiterView
-from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, NoOperatingPointError
 from vsgdesign.operating_point.equilibrium import solve_with_droop
 from vsgdesign.operating_point.many import (
@@ -20,6 +20,7 @@ from vsgdesign.operating_point.many import (
     LIMITER_ACTS,
     LIMITER_PULLS,
     NO_POINT,
+    Lanes,
     ManyStates,
     many_steady_states,
 )
@@ -43,8 +44,7 @@ def steady_state(
     study: Study,
     grid: Grid,
     source: GridSource,
-    P_ref: float,
-    Q_ref: float,
+    refs: References,
     gains: PowerLoopGains,
     phase: float = 0.0,
     circuit: TwoAxisCircuit | None = None,
@@ -55,10 +55,9 @@ def steady_state(
     place of the filter and of all that is connected to it, for example a load. Raises InfeasibleStudyError with the
     reason if there is no steady state, or if a limit is exceeded.
     """
-    at = (grid.R_g, grid.L_g, source.V_g_rms, source.omega_g, P_ref, Q_ref)
-    states = many_steady_states(study, *at, gains, phase, circuit=circuit)
+    states = many_steady_states(study, Lanes.at(grid, source, refs), gains, phase, circuit=circuit)
     if states.fault[0]:
-        raise fault_of_rest(study, grid, source, P_ref, Q_ref, gains, states, loaded=circuit is not None)
+        raise fault_of_rest(study, grid, source, refs, gains, states, loaded=circuit is not None)
     return state_of_lane(states, 0)
 
 
@@ -95,8 +94,7 @@ def fault_of_rest(
     study: Study,
     grid: Grid,
     source: GridSource,
-    P_ref: float,
-    Q_ref: float,
+    refs: References,
     gains: PowerLoopGains,
     states: ManyStates,
     lane: int = 0,
@@ -113,11 +111,11 @@ def fault_of_rest(
     if fault == NO_POINT and loaded:
         return InfeasibleStudyError(
             f"no operating point: the load and the grid (R_g = {grid.R_g:.4g} Ω, L_g = {grid.L_g * 1e3:.4g} mH, "
-            f"{source.V_g_rms:.4g} V rms) together do not take P_ref = {P_ref / 1e3:.4g} kW and "
-            f"Q_ref = {Q_ref / 1e3:.4g} kvar, or are capacitive together. Ask for less, or take a smaller load."
+            f"{source.V_g_rms:.4g} V rms) together do not take P_ref = {refs.P_ref / 1e3:.4g} kW and "
+            f"Q_ref = {refs.Q_ref / 1e3:.4g} kvar, or are capacitive together. Ask for less, or take a smaller load."
         )
     if fault == NO_POINT:
-        return _no_point(study, grid, source, P_ref, Q_ref, gains)
+        return _no_point(study, grid, source, refs, gains)
     if fault == BRIDGE_VOLTAGE:
         return LimitHitError(
             f"the steady state needs a bridge voltage of {v_b:.4g} V peak, but the bridge makes at most "
@@ -147,13 +145,14 @@ def fault_of_rest(
 
 
 def _no_point(
-    study: Study, grid: Grid, source: GridSource, P_ref: float, Q_ref: float, gains: PowerLoopGains
+    study: Study, grid: Grid, source: GridSource, refs: References, gains: PowerLoopGains
 ) -> InfeasibleStudyError:
     """Why there is no operating point, and what to change. Found without the sampling, which changes no digit of it."""
     R, X = study.path_to_grid(grid, source.omega_g)
-    P = P_ref + gains.D_p * (study.converter.omega_n - source.omega_g)
+    P_ref, Q_ref = refs.P_ref, refs.Q_ref
+    P = P_ref + gains.D_p * (refs.omega_0 - source.omega_g)
     try:
-        solve_with_droop(P, Q_ref, gains.D_q, study.converter.V_rated_rms, source.V_g_rms, R, X)
+        solve_with_droop(P, Q_ref, gains.D_q, refs.V_n, source.V_g_rms, R, X)
     except NoOperatingPointError as error:
         text = str(error)
         if P_ref != P:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vsgdesign.equations.limiters import LimiterRatings
+from vsgdesign.equations.power_loops import References
 from vsgdesign.frames import base_impedance, linear_modulation_limit, rated_current_rms, rms_to_peak
 
 UNLIMITED_PU = 1e6
@@ -53,6 +54,10 @@ class Converter:
     def V_limits_rms(self) -> tuple[float, float]:
         """Least and largest phase voltage that is not flagged, V rms."""
         return self.V_min_pu * self.V_rated_rms, self.V_max_pu * self.V_rated_rms
+
+    def references(self, P_ref: float = 0.0, Q_ref: float = 0.0) -> References:
+        """Set points of the power loops, W and var, at nominal frequency and rated voltage."""
+        return References(P_ref, Q_ref, self.omega_n, self.V_rated_rms)
 
     @property
     def v_max_pk(self) -> float:

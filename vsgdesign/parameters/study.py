@@ -14,7 +14,7 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, Limiter, limiter_named
 from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants, notch_constants, notch_delay
-from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.parameters.converter import Converter, Filter, limiter_ratings
 from vsgdesign.parameters.grid import Grid
@@ -131,6 +131,9 @@ class Event:
     phase_jump: float = 0.0
     P_ref: float | None = None
     Q_ref: float | None = None
+    omega_0: float | None = None
+    V_n: float | None = None
+    """With P_ref and Q_ref the set points of the power loops (:class:`vsgdesign.equations.power_loops.References`)."""
     components: tuple[SourceComponent, ...] | None = None
     """The source's components from now on, in place of all earlier ones."""
     network: Network | None = None
@@ -140,6 +143,12 @@ class Event:
     synchronised_until: float | None = None
     """From now on until this time, s, the converter sets itself to the grid behind its open breaker. Infinite: it is
     not known yet when the breaker closes. None: it does not."""
+
+    @property
+    def set_points(self) -> dict[str, float]:
+        """The references that change, by their names in :class:`vsgdesign.equations.power_loops.References`."""
+        given = {name: getattr(self, name) for name in References._fields}
+        return {name: value for name, value in given.items() if value is not None}
 
     @property
     def of_grid(self) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 
 from vsgdesign.equations.controller_data import ControllerState, Measurement
 from vsgdesign.equations.filters import capacitor_node_voltage
-from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.synchronising import GridWatch, in_step, synchronised, watch_grid
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.frames import rms_to_peak
@@ -47,7 +47,7 @@ class Connecting:
             return
         _check(timeline, probes)
         self._V_base_pk, self._circuit = rms_to_peak(c.V_rated_rms), study.circuit()
-        self._refs = References(0.0, 0.0, c.omega_n, c.V_rated_rms)
+        self._refs = c.references()
         self._seeks = math.isinf(event.synchronised_until)
         self._first = math.ceil(event.t_s / c.T_s - 1e-6)
         if self._seeks:

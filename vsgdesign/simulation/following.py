@@ -122,7 +122,7 @@ class ScheduledAnswers:
         try:
             circuit = circuit_at_rest(study, connection_at(timeline, 0.0))
             refs = timeline.references_at(0.0)
-            return rest_with_measured_gains(study, true, at_start, *refs, gains_of, circuit=circuit)[1]
+            return rest_with_measured_gains(study, true, at_start, refs, gains_of, circuit=circuit)[1]
         except InfeasibleStudyError as error:
             raise InfeasibleStudyError(f"controller {spec.name}, the start: {error}") from error
 

@@ -13,7 +13,7 @@ import numpy as np
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.closed_form import overshoot_of
-from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
@@ -202,19 +202,16 @@ def _of_controller(result: ScenarioResult, spec: ControllerSpec) -> list[Kept]:
     return sorted(found, key=lambda one: one.t_s)
 
 
-def _rest(
-    study: Study, law: GainLaw, row: OperatingPointRow, references: tuple[float, float]
-) -> tuple[float, float, str]:
+def _rest(study: Study, law: GainLaw, row: OperatingPointRow, refs: References) -> tuple[float, float, str]:
     """P and Q at which the converter rests under its droops, and why it does not rest."""
 
     def gains_of(P: float, Q: float, V_rms: float) -> PowerLoopGains:
         return PowerLoopGains(*(float(value) for value in law(row.grid.R_g, row.grid.L_g, P, Q, V_rms)))
 
-    P_ref, Q_ref = references
     try:
-        at = rest_with_measured_gains(study, row.grid, study.grid_source, P_ref, Q_ref, gains_of)[0]
+        at = rest_with_measured_gains(study, row.grid, study.grid_source, refs, gains_of)[0]
     except InfeasibleStudyError as error:
-        return P_ref, Q_ref, str(error)
+        return refs.P_ref, refs.Q_ref, str(error)
     return float(at.controller.P_f), float(at.controller.Q_f), ""
 
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.filters import capacitor_node_voltage
-from vsgdesign.equations.power_loops import References
 from vsgdesign.equations.synchronising import GridWatch, watch_grid
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.parameters.network import SynchroCheck
@@ -87,7 +86,7 @@ def _closing(study: Study, run: Simulation, since_s: float, check: SynchroCheck)
     the exported controller follows the grid before it connects.
     """
     c, T_s = study.converter, study.converter.T_s
-    refs = References(0.0, 0.0, c.omega_n, c.V_rated_rms)
+    refs = c.references()
     i_s, v_c, i_g = (run.log[:, 2 * k : 2 * k + 2] for k in range(3))
     own: Array = capacitor_node_voltage(i_s, v_c, i_g, study.circuit())
     grid: Array = run.log[:, 6:8]

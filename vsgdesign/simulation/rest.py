@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.filters import capacitor_node_voltage
-from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.frames import instantaneous_power, rms_to_peak
 from vsgdesign.metrics import EndState
 from vsgdesign.metrics.modes import taken
 from vsgdesign.operating_point.at_rest import GainsOfMeasured, rest_with_measured_gains
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
+from vsgdesign.operating_point.many import Lanes
 from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network_fields import beyond_models
@@ -172,7 +173,7 @@ def _parts(asked: RestsAsked, since_s: float) -> list[_Part]:
     for t_s, end_s in zip(instants, ends, strict=True):
         source, grid = timeline.source_at(end_s - 1e-9), timeline.grid_at(t_s)
         gains = [change.gains for change in changes if change.t_s < end_s or change.t_s == 0.0][-1]
-        cell = Cell(grid, gains, *timeline.references_at(t_s), GridSource(source.V_g_rms, source.omega))
+        cell = Cell.with_references(grid, gains, timeline.references_at(t_s), GridSource(source.V_g_rms, source.omega))
         ramp_end = max([t_s, *(t for t in ramps if t_s < t <= end_s)])
         found.append(_Part(t_s, end_s, names[t_s], source, ramp_end, cell))
     return found
@@ -244,7 +245,7 @@ class _Measured(NamedTuple):
     t_s: float
     grid: Grid
     source: GridSource
-    references: tuple[float, float]
+    references: References
     gains_of: GainsOfMeasured
 
 
@@ -312,25 +313,25 @@ def _measured_gains(parts: Sequence[_Measured]) -> list[PowerLoopGains | Infeasi
     found: list[PowerLoopGains | InfeasibleStudyError] = [PowerLoopGains(0.0, 0.0, 0.0, 0.0)] * len(parts)
     for group in _alike([part.study for part in parts]):
         some = [parts[k] for k in group]
-        at = [(p.grid.R_g, p.grid.L_g, p.source.V_g_rms, p.source.omega_g, *p.references) for p in some]
+        at = [Lanes.at(p.grid, p.source, p.references) for p in some]
 
         def of_many(P: Array, Q: Array, V: Array, some: Sequence[_Measured] = some) -> PowerLoopGains:
             of_each = zip(some, P.tolist(), Q.tolist(), V.tolist(), strict=True)
             return PowerLoopGains(*np.array([part.gains_of(*measured) for part, *measured in of_each]).T)
 
-        R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref = np.array(at).T
-        states, gains = many_rests_with_measured_gains(some[0].study, R_g, L_g, V_g_rms, omega_g, P_ref, Q_ref, of_many)
+        states, gains = many_rests_with_measured_gains(some[0].study, Lanes(*np.array(at).T), of_many)
         for k, fault, row in zip(group, states.fault.tolist(), np.array(gains).T.tolist(), strict=True):
             found[k] = _at_references(parts[k]) if fault else PowerLoopGains(*row)
     return found
 
 
 def _at_references(part: _Measured) -> PowerLoopGains | InfeasibleStudyError:
-    gains = part.gains_of(*part.references, part.study.converter.V_rated_rms)
+    refs = part.references
+    gains = part.gains_of(refs.P_ref, refs.Q_ref, part.study.converter.V_rated_rms)
     if np.isfinite(gains).all():
         return gains
     try:
-        return rest_with_measured_gains(part.study, part.grid, part.source, *part.references, part.gains_of)[1]
+        return rest_with_measured_gains(part.study, part.grid, part.source, refs, part.gains_of)[1]
     except InfeasibleStudyError as error:
         return error
 

@@ -283,8 +283,7 @@ def _put_changed(loop: RunLoop, put: dict[str, object], head: str, record: Power
 
 
 def _references(study: Study, timeline: Timeline, sample: int) -> References:
-    P_ref, Q_ref = timeline.references_at(_time_of(sample, study.converter.T_s))
-    return References(P_ref, Q_ref, study.converter.omega_n, study.converter.V_rated_rms)
+    return timeline.references_at(_time_of(sample, study.converter.T_s))
 
 
 def _time_of(sample: int, T_s: float) -> float:
@@ -302,7 +301,7 @@ def _stretches(study: Study, timeline: Timeline, gain_cuts: set[int], samples: i
     for t_s in timeline.plant_changes():
         k = on_sample(t_s, T_s)
         cuts |= {k} if k is not None else {math.floor(t_s / T_s), math.floor(t_s / T_s) + 1}
-    for t_s, _, _ in timeline.references:
+    for t_s, _ in timeline.references:
         cuts.add(math.ceil(t_s / T_s - 1e-6))
     steps = max(round(_PROGRESS_STRETCH / T_s), 1)
     cuts |= set(range(0, samples, steps))

@@ -263,7 +263,7 @@ def operating_points(
     """
     limits = study.converter.V_limits_rms
     rows = []
-    instants = {t for t, _ in timeline.grids} | {t for t, _, _ in timeline.references}
+    instants = {t for t, _ in timeline.grids} | {t for t, _ in timeline.references}
     instants |= {source.t_s for source in timeline.sources if source.steady} | {t for t, _ in timeline.networks}
     for t_s in sorted(instants):
         beyond = beyond_models(timeline.network_at(t_s))
@@ -272,9 +272,9 @@ def operating_points(
             continue
         grid, source = timeline.grid_at(t_s), timeline.source_at(t_s)
         R, X = study.path_to_grid(grid, source.omega)
-        P_ref, Q_ref = timeline.references_at(t_s)
+        refs = timeline.references_at(t_s)
         try:
-            point = solve_operating_point(P_ref, Q_ref, source.V_g_rms, R, X, limits)
+            point = solve_operating_point(refs.P_ref, refs.Q_ref, source.V_g_rms, R, X, limits)
         except NoOperatingPointError as error:
             # A short sag has none and is ridden through; a scenario that rests there needs a limiter that rests. The
             # start must have one in any case.

@@ -28,11 +28,11 @@ def start_of(study: Study, timeline: Timeline, circuits: Circuits, gains: PowerL
         return replace(start, plant=plant)
     if not source.steady:
         raise InfeasibleStudyError("a steady-state start cannot begin inside a ramp: move the ramp after t = 0.")
-    P_ref, Q_ref = timeline.references_at(0.0)
+    refs = timeline.references_at(0.0)
     first, at_start = connection_at(timeline, 0.0), GridSource(source.V_g_rms, source.omega)
     try:
         circuit = circuit_at_rest(study, first, circuits.more)
-        state = steady_state(study, first.grid, at_start, P_ref, Q_ref, gains, source.phase, circuit)
+        state = steady_state(study, first.grid, at_start, refs, gains, source.phase, circuit)
     except InfeasibleStudyError as error:
         error.args = (f"the start: {error}",)
         raise

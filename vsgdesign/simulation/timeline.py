@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.grid import grid_behind_load
+from vsgdesign.equations.power_loops import References
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network import PLAIN, Network
 from vsgdesign.parameters.source import GridSource, SourceComponent
@@ -58,8 +59,8 @@ class Timeline:
 
     sources: tuple[SourceSegment, ...]
     grids: tuple[tuple[float, Grid], ...]
-    references: tuple[tuple[float, float, float], ...]
-    """(t_s, P_ref, Q_ref)."""
+    references: tuple[tuple[float, References], ...]
+    """The set points of the power loops."""
     components: tuple[tuple[float, tuple[SourceComponent, ...]], ...] = ((0.0, ()),)
     """What the source has besides its fundamental."""
     networks: tuple[tuple[float, Network], ...] = ((0.0, PLAIN),)
@@ -79,10 +80,9 @@ class Timeline:
         """The grid from t_s on."""
         return _last(self.grids, t_s, lambda g: g[0])[1]
 
-    def references_at(self, t_s: float) -> tuple[float, float]:
-        """(P_ref, Q_ref) from t_s on."""
-        _, P_ref, Q_ref = _last(self.references, t_s, lambda r: r[0])
-        return P_ref, Q_ref
+    def references_at(self, t_s: float) -> References:
+        """The set points of the power loops from t_s on."""
+        return _last(self.references, t_s, lambda r: r[0])[1]
 
     def components_at(self, t_s: float) -> tuple[SourceComponent, ...]:
         """What the source has besides its fundamental, from t_s on."""
@@ -157,7 +157,7 @@ def build_timeline(study: Study) -> Timeline:
     present, factor, offset, wander, replay = _at_start(study)
     sources = [present]
     grids = [(0.0, study.grid)]
-    references = [(0.0, study.simulation.P_ref, study.simulation.Q_ref)]
+    references = [(0.0, study.converter.references(study.simulation.P_ref, study.simulation.Q_ref))]
     components = [(0.0, study.grid_source.components)]
     networks = [(0.0, study.network)]
     V_end, omega_end = (math.inf, 0.0), (math.inf, 0.0)  # (end of the running ramp, value held from there)
@@ -184,10 +184,8 @@ def build_timeline(study: Study) -> Timeline:
                 components.append((t_s, event.components))
             if event.network is not None:
                 networks.append((t_s, event.network))
-            if event.P_ref is not None or event.Q_ref is not None:
-                _, P_ref, Q_ref = references[-1]
-                P_ref = P_ref if event.P_ref is None else event.P_ref
-                references.append((t_s, P_ref, Q_ref if event.Q_ref is None else event.Q_ref))
+            if event.set_points:
+                references.append((t_s, references[-1][1]._replace(**event.set_points)))
         changed = SourceSegment(t_s, V, V_slope, omega, omega_slope, phase)
         if changed != now:
             present = changed

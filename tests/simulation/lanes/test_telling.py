@@ -175,8 +175,8 @@ def test_gains_of_the_start_are_those_of_single_runs(ready: Ready) -> None:
         def gains_of(*at: Any, told: Telling = told) -> PowerLoopGains:
             return PowerLoopGains(*(float(gain[0]) for gain in told.first(*(np.array([value]) for value in at))))
 
-        refs = float(cases.P_ref[lane]), 0.0
-        _, gains = rest_with_measured_gains(one, one.grid, one.grid_source, *refs, gains_of)
+        refs = study.converter.references(float(cases.P_ref[lane]), 0.0)
+        _, gains = rest_with_measured_gains(one, one.grid, one.grid_source, refs, gains_of)
         assert gains == LateSchedule(one, spec, told_of(one, cases, lane), ready).first_gains()
 
 

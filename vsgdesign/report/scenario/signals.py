@@ -84,9 +84,9 @@ def _power(result: ScenarioResult, series: str, name: str, title: str, unit: str
     to_the_end = [y for c, y in zip(result.controllers, values, strict=True) if c.simulation.divergence is None]
     largest = max(float(np.max(np.abs(y))) for y in to_the_end or values)
     factor, prefix = prefix_for(largest)
-    column = 1 if series == "P_pcc" else 2
+    column = 0 if series == "P_pcc" else 1
     changes = result.timeline.references
-    t_ref, reference = _staircase([c[0] for c in changes], [c[column] for c in changes], _duration(result))
+    t_ref, reference = _staircase([t_s for t_s, _ in changes], [refs[column] for _, refs in changes], _duration(result))
     return Signal(
         name=name,
         title=title,

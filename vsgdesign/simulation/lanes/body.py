@@ -17,7 +17,7 @@ from vsgdesign.equations.controller import ControllerSettings, ControllerState
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import Limiter, limiter_named
-from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.lanes.lane_sample import (
     SecondPiece,
@@ -166,8 +166,7 @@ def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> L
         *(names_of(RampRow, "ramp_of") if kind.ramped else ()),
         *names_of(demand, "of"),
         *names_of(LoadDemand, "load_of"),
-        "refs.P_ref",
-        "refs.Q_ref",
+        *names_of(References, "refs"),
         *names_of(PowerLoopGains, "power_gains"),
         "grid.R_g",
         "grid.L_g",
@@ -180,8 +179,6 @@ def lane_loop(kind: LaneKind, strict: bool = False, target: str = "native") -> L
     uniform = [
         *names_of(InnerLoopGains, "inner_gains"),
         *names_of(ControllerSettings, "settings", {"limiter": constants}),
-        "refs.omega_0",
-        "refs.V_n",
         *sorted(shared_demand),
         *([f"circuit.{name}" for name in FilterGrid._fields if name not in ("R_g", "L_g")] if kind.step else ["R_c"]),
         *(["V_dc"] if kind.switched else []),
@@ -245,8 +242,6 @@ def uniform_values(spec: LoopSpec, study: Study, **others: float) -> Array:
     for the dot."""
     settings = study.controller_settings()
     known: dict[str, float] = {
-        "refs.omega_0": study.converter.omega_n,
-        "refs.V_n": study.converter.V_rated_rms,
         "R_c": study.filter.R_c,
         "V_dc": study.converter.V_dc,
         **_flat(study.inner_gains, "inner_gains"),

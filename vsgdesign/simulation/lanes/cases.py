@@ -7,6 +7,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.power_loops import References
+from vsgdesign.operating_point.many import Lanes
+
 Array = NDArray[np.float64]
 Kinds = NDArray[np.int8]
 
@@ -42,6 +45,10 @@ class LaneEvents:
     """W."""
     Q_ref: Array
     """var."""
+    omega_0: Array
+    """Frequency set point, rad/s."""
+    V_n: Array
+    """Voltage set point, phase rms, V."""
 
     @property
     def count(self) -> int:
@@ -78,6 +85,22 @@ class LaneCases:
     def __len__(self) -> int:
         return len(self.R_g)
 
+    @property
+    def at_start(self) -> Lanes:
+        """Grid, source and set points at the start."""
+        return Lanes(self.R_g, self.L_g, self.V_g_rms, self.omega_g, self.P_ref, self.Q_ref)
+
+    def references_at_end(self, nominal: References) -> References:
+        """The set points after the last event, (N,). ``nominal``: those that hold where none was given."""
+        start = nominal._replace(P_ref=self.P_ref, Q_ref=self.Q_ref)
+        at_end = [np.array(np.broadcast_to(value, len(self)), dtype=float) for value in start]
+        for k in range(self.events.count):
+            for values, name in zip(at_end, References._fields, strict=True):
+                given = getattr(self.events, name)[:, k]
+                known = np.isfinite(given) & np.isfinite(self.events.t_s[:, k])
+                values[known] = given[known]
+        return References(*at_end)
+
     def take(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> LaneCases:
         """Some of the cases, by index or by mask."""
         parts = {f.name: getattr(self, f.name) for f in fields(self)}
@@ -99,7 +122,7 @@ class LaneCases:
 def no_events(count: int, each: int = 1) -> LaneEvents:
     """Events of ``count`` runs, ``each`` of a run, none of which ever comes: to be filled in."""
     unchanged = {
-        name: np.full((count, each), np.nan) for name in ("R_g", "L_g", "V_g_rms", "omega_g", "P_ref", "Q_ref")
+        name: np.full((count, each), np.nan) for name in ("R_g", "L_g", "V_g_rms", "omega_g", *References._fields)
     }
     none = {name: np.zeros((count, each)) for name in ("over", "phase_jump")}
     return LaneEvents(t_s=np.full((count, each), np.inf), **unchanged, **none)

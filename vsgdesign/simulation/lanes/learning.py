@@ -127,10 +127,7 @@ def before_learning(
     """Where the cases rest at the start, with the gains of a controller that knows nothing. Cases without such a rest
     are marked."""
     learning = Learning(study, spec, ready, len(cases))
-    start, gains = many_rests_with_measured_gains(
-        study, cases.R_g, cases.L_g, cases.V_g_rms, cases.omega_g, cases.P_ref, cases.Q_ref, learning.first,
-        phase=START_PHASE,
-    )  # fmt: skip
+    start, gains = many_rests_with_measured_gains(study, cases.at_start, learning.first, phase=START_PHASE)
     learning.start_with(gains)
     without = (results.status == JUDGED) & (start.fault > 0)
     results.status[without], results.fault[without] = NO_REST, start.fault[without]
@@ -265,10 +262,10 @@ class Listeners:
 
     def _put(self, gains: PowerLoopGains) -> None:
         """Puts gains into force; the frequency at which the integrator would rest stays (:eq:`gain-transfer`)."""
-        part, c = self._part, self._study.converter
+        part = self._part
         if self._begun:
             before = PowerLoopGains(*(part.get(f"power_gains.{name}") for name in PowerLoopGains._fields))
-            refs = References(part.get("refs.P_ref"), part.get("refs.Q_ref"), c.omega_n, c.V_rated_rms)
+            refs = References(*(part.get(f"refs.{name}") for name in References._fields))
             part.put("state.omega_i", gain_transfer(part.get("state.omega_i"), refs, before, gains))
         for name, values in gains._asdict().items():
             part.put(f"power_gains.{name}", values)

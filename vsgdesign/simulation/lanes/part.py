@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.codegen.llvm import Program, aligned_zeros
 from vsgdesign.equations.controller_data import ControllerState
+from vsgdesign.equations.power_loops import References
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.metrics.events import late_rows
 from vsgdesign.metrics.step_response import SETTLING_BAND
@@ -291,8 +292,10 @@ def _rest(part: Part, cases: LaneCases, rests: Rests) -> None:
     part.put("source.sine", np.full(len(part), math.sin(START_PHASE)))
     if "watch.entry.last_out" in place:
         part.put("watch.entry.last_out", np.full(len(part), -1.0))
-    for name in ("P_ref", "Q_ref"):
-        part.put(f"refs.{name}", getattr(cases, name))
+    nominal = part.study.converter.references()
+    for name, value in zip(References._fields, (cases.P_ref, cases.Q_ref, nominal.omega_0, nominal.V_n), strict=True):
+        if f"refs.{name}" in place:
+            part.put(f"refs.{name}", np.broadcast_to(value, len(part)))
     for name in ("R_g", "L_g"):
         if f"circuit.{name}" in place:
             part.put(f"circuit.{name}", getattr(cases, name))
@@ -307,7 +310,7 @@ def _references(part: Part, writer: ProgramWriter, cases: LaneCases) -> None:
     """Changes of the references: in force at the first sample at or after their time."""
     events, T_s = cases.events, part.study.converter.T_s
     for k in range(events.count):
-        for name in ("P_ref", "Q_ref"):
+        for name in References._fields:
             some = np.flatnonzero(np.isfinite(getattr(events, name)[:, k]) & np.isfinite(events.t_s[:, k]))
             if some.size:
                 at = at_or_after(events.t_s[some, k], T_s, SAME_INSTANT)

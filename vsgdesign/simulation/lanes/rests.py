@@ -18,6 +18,7 @@ from vsgdesign.operating_point.many import (
     CURRENT,
     LIMITER_ACTS,
     LIMITER_PULLS,
+    Lanes,
     ManyStates,
 )
 from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains
@@ -76,14 +77,9 @@ def rests_of(
 ) -> tuple[Rests, PowerLoopGains]:
     """Where every case rests before and after, with the gains at the start; cases without one are marked."""
     last = last_of(segments)
-    P_ref, Q_ref = _last_references(cases)
-    start, gains = many_rests_with_measured_gains(
-        study, cases.R_g, cases.L_g, cases.V_g_rms, cases.omega_g, cases.P_ref, cases.Q_ref, told.first,
-        phase=START_PHASE,
-    )  # fmt: skip
-    end, _ = many_rests_with_measured_gains(
-        study, last.R_g, last.L_g, last.V_g_rms, last.omega, P_ref, Q_ref, told.known_at_end(), phase=0.0
-    )
+    at_end = Lanes(last.R_g, last.L_g, last.V_g_rms, last.omega, *cases.references_at_end(study.converter.references()))
+    start, gains = many_rests_with_measured_gains(study, cases.at_start, told.first, phase=START_PHASE)
+    end, _ = many_rests_with_measured_gains(study, at_end, told.known_at_end(), phase=0.0)
     step = cases.kind == STEP
     at_pcc = [
         _powers_at_pcc(study, state, grid.R_g, grid.L_g, grid.V_g_rms, phase)
@@ -115,15 +111,6 @@ def last_of(segments: Segments) -> Segments:
     index = np.isfinite(segments.t_s).sum(axis=1) - 1
     rows = np.arange(len(index))
     return Segments(*(values[rows, index] for values in segments))
-
-
-def _last_references(cases: LaneCases) -> tuple[Array, Array]:
-    P, Q = cases.P_ref.copy(), cases.Q_ref.copy()
-    for k in range(cases.events.count):
-        for values, given in ((P, cases.events.P_ref[:, k]), (Q, cases.events.Q_ref[:, k])):
-            known = np.isfinite(given) & np.isfinite(cases.events.t_s[:, k])
-            values[known] = given[known]
-    return P, Q
 
 
 def _powers_at_pcc(

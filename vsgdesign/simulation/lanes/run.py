@@ -102,7 +102,7 @@ def _run_together(
         rests, gains = rests_of(own, cases, segments, told, demand, results)
         run = parts(rests, strict=strict)
         if run:
-            drive(own, run, told, gains)
+            drive(run, told, gains)
     for part in run:
         _judge(part, rests, demand, results)
     return results
@@ -169,7 +169,7 @@ def parts_of(
     return parts
 
 
-def drive(study: Study, parts: list[Part], told: Telling, gains: PowerLoopGains, *, stop_at: int | None = None) -> None:
+def drive(parts: list[Part], told: Telling, gains: PowerLoopGains, *, stop_at: int | None = None) -> None:
     """Runs every part to its end, or up to before the sample ``stop_at``; the gains follow what the scheduler says."""
     end = max(part.end for part in parts) if stop_at is None else stop_at
     every, changes = told.update_samples, told.changes
@@ -188,13 +188,13 @@ def drive(study: Study, parts: list[Part], told: Telling, gains: PowerLoopGains,
             answer = told.update(begin, *measured, limited - counted)
             counted = limited
             if answer is not None:
-                gains = _transferred(study, parts, gains, answer)
+                gains = _transferred(parts, gains, answer)
                 _put_estimate(parts, *told.estimate())
         elif begin > 0 and (now := np.flatnonzero(changes.sample == begin)).size:
             columns = [np.array(np.broadcast_to(value, counted.shape), dtype=float) for value in gains]
             for column, values in zip(columns, changes.gains, strict=True):
                 column[changes.lane[now]] = values[now]
-            gains = _transferred(study, parts, gains, PowerLoopGains(*columns))
+            gains = _transferred(parts, gains, PowerLoopGains(*columns))
             R_g[changes.lane[now]], L_g[changes.lane[now]] = changes.R_g[now], changes.L_g[now]
             _put_estimate(parts, R_g, L_g)
         with interrupts_deferred():
@@ -211,14 +211,14 @@ def _measured(parts: list[Part], count: int) -> tuple[tuple[Array, Array, Array]
     return (found[0], found[1], found[2]), found[3]
 
 
-def _transferred(study: Study, parts: list[Part], old: PowerLoopGains, new: PowerLoopGains) -> PowerLoopGains:
+def _transferred(parts: list[Part], old: PowerLoopGains, new: PowerLoopGains) -> PowerLoopGains:
     """Puts new gains into force; the frequency at which the integrator would rest stays (:eq:`gain-transfer`)."""
-    c, before, after = study.converter, _stacked(old), _stacked(new)
+    before, after = _stacked(old), _stacked(new)
     for part in parts:
         one, other = before[:, part.index], after[:, part.index]
         if np.array_equal(one, other):
             continue
-        refs = References(part.get("refs.P_ref"), part.get("refs.Q_ref"), c.omega_n, c.V_rated_rms)
+        refs = References(*(part.get(f"refs.{name}") for name in References._fields))
         moved = gain_transfer(part.get("state.omega_i"), refs, PowerLoopGains(*one), PowerLoopGains(*other))
         part.put("state.omega_i", moved)
         part.put(part.made.rows("power_gains").start, other)

@@ -48,7 +48,7 @@ def held_fault(study: Study, simulation: Simulation, asked: ExpectedRest) -> str
     if asked.obstacle is not None:  # then the droops ask for what was set, if the frequency is nominal
         if not math.isclose(source.omega, c.omega_n, rel_tol=1e-9):
             return None
-        asked_pu = timeline.references_at(end_s)[0] / c.S_rated
+        asked_pu = timeline.references_at(end_s).P_ref / c.S_rated
     most = V_g * limit_pu
     if asked_pu < 0.0:
         R = study.path_to_grid(timeline.grid_at(end_s), c.omega_n)[0] / c.Z_base

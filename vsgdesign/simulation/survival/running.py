@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
-from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, SimulationDivergedError
 from vsgdesign.identification import estimator_kind
 from vsgdesign.metrics.step_response import cycle_mean
@@ -217,7 +217,7 @@ def rest_on(
     known: Grid,
     grid: Grid,
     source: GridSource,
-    refs: tuple[float, float],
+    refs: References,
     load: Load | None = None,
 ) -> ExpectedRest:
     """The steady state on a grid and a source, with a load at the PCC and the gains for the grid that is ``known``."""
@@ -233,7 +233,7 @@ def rest_on(
             free,
             grid,
             source,
-            *refs,
+            refs,
             gains_of,
             circuit=circuit_at_rest(study, Connection(grid, Network(load=load))),
         )
