@@ -9,7 +9,7 @@ from vsgdesign.codegen.expressions import Operation, Variable
 from vsgdesign.codegen.flat import Block
 from vsgdesign.equations.controller_data import Nothing
 from vsgdesign.equations.limiters import CIRCULAR
-from vsgdesign.simulation.bodies import Bridge, Run
+from vsgdesign.simulation.bodies import Bridge, Kind
 from vsgdesign.simulation.loop import loop_of
 
 KINDS = {"+": "sums", "-": "sums", "*": "products", "/": "divisions", "sqrt": "roots", "max": "maxima"}
@@ -40,7 +40,7 @@ def chain_of(block: Block, begin: str, end: str) -> Counter[str]:
 def chain() -> list[Row]:
     """All operations of a step with the averaged bridge, and those of the longest chain from a state of the circuit
     back to itself: a step cannot take less time than these one after the other."""
-    loop = loop_of(Run(law=CIRCULAR.law, memory=Nothing, constants=Nothing, bridge=Bridge())).spec
+    loop = loop_of(Kind(law=CIRCULAR.law, memory=Nothing, constants=Nothing, bridge=Bridge())).spec
     (block,) = loop.bodies
     whole = Counter(kind_of(value) for _, value in block.lets if isinstance(value, Operation))
     circuit = [(begin, end) for begin, end in loop.state if begin.startswith("x.")]

@@ -13,7 +13,7 @@ from bench.timing import REPEATS, Row, figure
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.codegen.llvm import compiled_loop, instruction_set
 from vsgdesign.parameters import Study, load_study
-from vsgdesign.simulation.lanes.body import kind_of, lane_loop
+from vsgdesign.simulation.bodies import MEAN_STEP, STEP
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.part import Part
 from vsgdesign.simulation.lanes.rests import rests_of
@@ -21,6 +21,7 @@ from vsgdesign.simulation.lanes.results import JUDGED, LaneResults
 from vsgdesign.simulation.lanes.run import parts_of, run_lanes
 from vsgdesign.simulation.lanes.segments import segments_of
 from vsgdesign.simulation.lanes.telling import telling
+from vsgdesign.simulation.loop import kind_of, loop_of, side_by_side, spec_of
 from vsgdesign.simulation.survival.demand import demand_of
 from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
 
@@ -111,11 +112,11 @@ def compilation() -> list[Row]:
     """Both bridges' loops of the lanes from nothing, in this process."""
     study, values = closed_form("table"), []
     for _ in range(3):
-        lane_loop.cache_clear()
-        compiled_loop.cache_clear()
+        for cached in (loop_of, spec_of, compiled_loop):
+            cached.cache_clear()
         begin = time.process_time()
-        for bridge in ("averaged", "pwm"):
-            lane_loop(kind_of(study, step=True, ramped=False, bridge=bridge))
+        for switched, watch in ((False, STEP), (True, MEAN_STEP)):
+            loop_of(kind_of(study, switched=switched)._replace(watch=watch), (), side_by_side(strict=False))
         values.append(time.process_time() - begin)
     return [Row("lanes", "compile the lanes' loops, both bridges", figure(values), "s", limit="LLVM")]
 

@@ -16,17 +16,16 @@ from tests.simulation.test_emt_against_dop853 import SENSORS, compare
 from tests.simulation.test_field_in_the_loop import FOLLOWING
 from vsgdesign import parameters
 from vsgdesign.codegen.blocks import Plain
-from vsgdesign.codegen.llvm import compiled_loop
 from vsgdesign.equations.controller_data import Nothing
 from vsgdesign.equations.limiters import CIRCULAR
 from vsgdesign.operating_point.plant import plant_step, state_matrices, two_axes
 from vsgdesign.parameters import Grid, Study, study_from_text
 from vsgdesign.simulation import GainChange, simulate
-from vsgdesign.simulation.bodies import FALLING, LARGEST_DEGREE, PEAK, RISING, Axes, Bridge, Run, plant, states_of
+from vsgdesign.simulation.bodies import FALLING, LARGEST_DEGREE, PEAK, RISING, Axes, Bridge, Kind, plant, states_of
+from vsgdesign.simulation.circuit_sample import BridgeVoltage, carrier, modulation
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.lanes.sample import BridgeVoltage, carrier, modulation
-from vsgdesign.simulation.loop import carrier_part, loop_of, slopes_of
+from vsgdesign.simulation.loop import ALONE, carrier_part, log_names, loop_of, slopes_of
 from vsgdesign.simulation.stretches import Stretch
 from vsgdesign.simulation.timeline import build_timeline
 
@@ -63,7 +62,7 @@ def test_an_interval_in_plain_python_has_the_bits_of_the_loop(
     def some_in_python(self: Stretch, loop, log, done: int) -> int:
         if self.first % 5 or self.count != 1:
             return run_in_loop(self, loop, log, done)
-        slopes = loop.run.bridge.slopes
+        slopes = loop.kind.bridge.slopes
         j, n = (self.first % len(slopes), len(slopes)) if slopes else (0, 1)
         part = carrier_part(j / n, j / n + 1.0 / n) if slopes else None
         piece = self.pieces[0]._replace(slope=slopes[j] if slopes else "", part=part)
@@ -89,7 +88,7 @@ def moved(slope: str, applied: BridgeVoltage, V_dc: float, axes: bool) -> np.nda
     circuit = lc_study("1 ms").circuit()
     h = H / N[slope]
     step = plant_step(two_axes(circuit) if axes else circuit, h, 314.0)
-    run = Run(
+    run = Kind(
         CIRCULAR.law, Nothing, Nothing, Bridge((slope,), True, False), Axes(6, len(step.edge) - 1) if axes else None
     )
     part = carrier_part(*PLACES[slope])
@@ -190,8 +189,8 @@ def test_every_instruction_set_gives_the_same_bits() -> None:
     for target in ("native", "avx2", "sse2"):
         with pytest.MonkeyPatch.context() as patch:
             try:
-                spec = loop_of(Run(CIRCULAR.law, Nothing, Nothing, Bridge()), False).spec
-                loop = compiled_loop(spec, target)
+                kind = Kind(CIRCULAR.law, Nothing, Nothing, Bridge())
+                loop = loop_of(kind, log_names(kind), ALONE._replace(target=target))
             except ValueError:  # this processor has it not
                 continue
             patch.setattr("vsgdesign.simulation.loop.loop_of", lambda *_, own=loop: own)

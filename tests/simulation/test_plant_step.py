@@ -15,7 +15,7 @@ from vsgdesign.operating_point.plant import plant_step
 from vsgdesign.operating_point.plants import state_matrices
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.bodies import LARGEST_DEGREE
-from vsgdesign.simulation.lanes.sample import Coefficients, polynomial
+from vsgdesign.simulation.circuit_sample import Coefficients, polynomial
 
 OMEGA = 100.0 * np.pi
 CIRCUITS = {

@@ -8,7 +8,7 @@ import pytest
 from tests.simulation.studies import FAST_GAINS, GAINS, lc_study, lcl_study
 from vsgdesign.errors import SimulationDivergedError
 from vsgdesign.simulation import GainChange, Simulation, run, simulate
-from vsgdesign.simulation.lanes.sample import carrier, modulation
+from vsgdesign.simulation.circuit_sample import carrier, modulation
 from vsgdesign.simulation.loop import LOG_COLUMNS
 
 JUMP = '[[events]]\ntime = "7.013 ms"\nphase_jump = "5 deg"\n'

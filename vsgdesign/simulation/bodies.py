@@ -1,4 +1,4 @@
-"""The body of a run's loop: one sample as a straight line, put together of the parts that the run has."""
+"""The body of a loop: one sample as a straight line, put together of the parts that the runs of a kind have."""
 
 from __future__ import annotations
 
@@ -7,15 +7,22 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from vsgdesign.codegen.blocks import Part, Writer, joined, with_outputs
-from vsgdesign.codegen.expressions import Expression
+from vsgdesign.codegen.expressions import Expression, Number
 from vsgdesign.codegen.flat import Block, flat_block
+from vsgdesign.codegen.records import Kinds
 from vsgdesign.equations.controller import ControllerSettings, ControllerState
+from vsgdesign.equations.field import LockIn
 from vsgdesign.equations.limiters import LimiterLaw
-from vsgdesign.simulation import sample
-from vsgdesign.simulation.lanes.sample import Coefficients, PlantState, measured_by
+from vsgdesign.simulation import circuit_sample, sample, watched_sample
+from vsgdesign.simulation.circuit_sample import Coefficients, PlantRow, PlantState
+from vsgdesign.simulation.ramp_sample import with_ramp
 
 RISING, FALLING, PEAK = "rising", "falling", "peak"
 """Where an interval lies on the carrier: on one of its slopes, or around its peak."""
+
+STEP, MEAN_STEP, DISTURBANCE = "step", "mean step", "disturbance"
+"""What is watched of a run: a step of a reference, judged by the power or by its mean over some samples because that
+ripples; anything else."""
 
 LARGEST_DEGREE = len(Coefficients._fields) - 1
 """Of an edge polynomial of a circuit whose axes are alike. A stiffer one goes the way of two axes."""
@@ -42,8 +49,8 @@ class Bridge(NamedTuple):
     delayed: bool = False
 
 
-class Run(NamedTuple):
-    """What a body depends on."""
+class Kind(NamedTuple):
+    """What a body depends on. Runs of one kind share a loop."""
 
     law: LimiterLaw
     memory: Any
@@ -54,21 +61,100 @@ class Run(NamedTuple):
     """None: both axes are alike."""
     sensors: bool = False
     field: bool = False
-    """Whether a field estimator listens."""
+    """Whether a field estimator sends its probe and listens."""
     added: bool = False
     """Whether the source has more than its fundamental."""
+    ramped: bool = False
+    """Whether the loop itself moves the source on a ramp."""
+    watch: str = ""
+    """What is watched: STEP, MEAN_STEP, DISTURBANCE or nothing."""
+    second_inductor: bool = True
+    """Of the filter; it decides where the watched power of a step is."""
+    cut: bool = False
+    """Whether the loop runs single samples in whose interval an event falls, with a switched bridge. An averaged bridge
+    has one interval for both parts."""
+    waits: bool = False
+    """Whether a run stands still where a cycle of its field estimator has ended, until the runs beside it are there,
+    too. Alone, the loop ends there."""
+
+    @property
+    def records(self) -> dict[Any, dict[str, Any]]:
+        """The records in fields whose type hint says Any."""
+        return {ControllerState: {"limiter": self.memory}, ControllerSettings: {"limiter": self.constants}}
+
+    def names(self, record: Any, head: str) -> list[str]:
+        """The numbers of a record under a name."""
+        return names_of(record, head, self.records)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the circuit's states."""
+        return states_of(self.axes)
+
+    @property
+    def watched(self) -> tuple[Any, Any] | None:
+        """The records of what is watched, and of what is demanded of it."""
+        return _WATCHES.get(self.watch)
+
+    @property
+    def rings(self) -> tuple[tuple[str, str], ...]:
+        """Powers that are read again some samples later: (input, output)."""
+        return {MEAN_STEP: (("power_ago", "power"),), DISTURBANCE: (("P_ago", "said.P"), ("Q_ago", "said.Q"))}.get(
+            self.watch, ()
+        )
+
+
+_WATCHES: dict[str, tuple[Any, Any]] = {
+    STEP: (watched_sample.StepWatch, watched_sample.StepDemand),
+    MEAN_STEP: (watched_sample.MeanStepWatch, watched_sample.MeanStepDemand),
+    DISTURBANCE: (watched_sample.DisturbanceWatch, watched_sample.DisturbanceDemand),
+}
+
+
+def names_of(record: Any, head: str, records: Mapping[Any, Mapping[str, Any]] | None = None) -> list[str]:
+    """The numbers of a record under a name, in the order of its fields. ``records``: those in fields whose type hint
+    says Any."""
+    return [f"{head}.{path}" for path in Kinds(records or {}).paths(record)]
+
+
+def states_of(axes: Axes | None) -> tuple[str, ...]:
+    """Names of the circuit's states: those that are measured, then the others."""
+    more = 0 if axes is None else axes.states - len(PlantState._fields)
+    return (*PlantState._fields, *(f"more_{k}" for k in range(more)))
+
+
+def moves(kind: Kind, watched: tuple[str, ...] = ()) -> tuple[tuple[str, str], ...]:
+    """What a sample moves: (input, output) of every number. ``watched``: the inputs of what is watched."""
+    arrived = "arrived" if kind.added else "moved"
+    after = {"state.theta": "next_theta", "state.V": "next_V"} if kind.field else {"state.theta": "kept_angle"}
+    found = [(f"x.{name}", f"{arrived}.{name}") for name in kind.states]
+    own = kind.names(ControllerState, "state")
+    found += [(name, after.get(name, name.replace("state.", "following.", 1))) for name in own]
+    found += [("limited", "limited_samples"), *((f"source.{part}", f"turned.{part}") for part in ("cosine", "sine"))]
+    if kind.bridge.delayed:
+        found += [(f"pending.{axis}", f"said.v_b_{axis}") for axis in ("alpha", "beta")]
+    if kind.sensors:
+        found += [(name, name.replace("before.", "true.", 1)) for name in names_of(sample.Measurement, "before")]
+    if kind.field:
+        found += [(name, name.replace("lock.", "heard.", 1)) for name in names_of(LockIn, "lock")]
+    if kind.ramped:
+        found += [("ramp.V_pk", "ramp_after.V_pk"), ("ramp.drift", "ramp_after.drift")]
+    renamed = {"watch.delta": "next_delta"} if kind.field else {}
+    found += [(name, renamed.get(name, name.replace("watch.", "watched.", 1))) for name in watched]
+    if kind.waits:
+        found.append(("k", "k_after"))
+    return tuple(found)
 
 
 @functools.cache
-def control(run: Run) -> Block:
+def control(kind: Kind) -> Block:
     """From the circuit's state to the voltage that acts over the interval: sensors, probe, controller, delay."""
-    kinds = {ControllerState: {"limiter": run.memory}, ControllerSettings: {"limiter": run.constants}}
-    own = _called(flat_block(sample.controlled, fixed={"limiter": run.law}, kinds=kinds))
-    true = _called(flat_block(measured_by), measurement="true" if run.sensors else "measured")
+    own = _called(flat_block(sample.controlled, fixed={"limiter": kind.law}, kinds=kind.records))
+    true = _called(flat_block(circuit_sample.measured_by), measurement="true" if kind.sensors else "measured")
     parts = [Part(true)]
-    if run.sensors:
+    if kind.sensors:
         parts.append(Part(_called(flat_block(sample.sensed))))
-    if run.field:
+    if kind.field:
         commanded = {"state.theta": "commanded_theta", "state.V": "commanded_V"}
         before = {"theta": "state.theta", "V_rms": "state.V"}
         heard = {"theta": "commanded_theta", "acted": "said.limited"}
@@ -81,42 +167,95 @@ def control(run: Run) -> Block:
         ]
     else:
         parts += [Part(own), Part(_called(flat_block(sample.kept_angle)), {"theta": "following.theta"})]
-    parts.append(Part(_called(flat_block(sample.source_voltage_with if run.added else sample.source_voltage))))
+    parts.append(Part(_called(flat_block(sample.source_voltage_with if kind.added else sample.source_voltage))))
     return joined(*parts)
 
 
 @functools.cache
-def plant(run: Run, slope: str = "") -> Block:
+def plant(kind: Kind, slope: str = "") -> Block:
     """From the voltage that acts to the circuit's state at the end of the interval, on a slope of the carrier."""
-    bridge = run.bridge
+    bridge = kind.bridge
     waits = "pending." if bridge.delayed else "said.v_b_"
     applied = {f"applied.{axis}": f"{waits}{axis}" for axis in ("alpha", "beta")}
-    if run.axes is not None:
-        parts = _two_axes(run.axes, bridge, slope, applied)
-    elif not slope:
-        parts = [Part(_called(flat_block(sample.averaged_plant)), applied)]
+    if kind.axes is not None:
+        return joined(*_two_axes(kind.axes, bridge, slope, applied), *_added(kind))
+    parts, row = [], {}
+    if kind.ramped:
+        parts.append(Part(_called(flat_block(with_ramp)), {"T_s": "settings.T_s"}))
+        row = {name: name.replace("row.", "moved_row.", 1) for name in names_of(PlantRow, "row")}
+    fixed: dict[str, Any] = {"zero_sequence": bridge.zero_sequence}
+    if not slope:
+        parts.append(Part(_called(flat_block(circuit_sample.averaged_plant)), applied | row))
     elif slope == PEAK:
-        fixed = {"zero_sequence": bridge.zero_sequence}
-        parts = [Part(_called(flat_block(sample.peak_plant, fixed=fixed)), applied)]
+        parts.append(Part(_called(flat_block(circuit_sample.peak_plant, fixed=fixed)), applied | row))
     else:
-        fixed = {"zero_sequence": bridge.zero_sequence, "rising": slope == RISING}
-        parts = [Part(_called(flat_block(sample.switched_plant, fixed=fixed)), applied)]
-    if run.added:
-        parts.append(Part(_with_added(states_of(run.axes))))
-    return joined(*parts)
+        fixed["rising"] = slope == RISING
+        parts.append(Part(_called(flat_block(circuit_sample.switched_plant, fixed=fixed)), applied | row))
+        if kind.cut:
+            states = {f"x.{state}": f"moved.{state}" for state in PlantState._fields}
+            rest = flat_block(circuit_sample.rest_of_interval, fixed=fixed)
+            parts.append(Part(_called(rest, plant_state="moved"), applied | states))
+    return joined(*parts, *_added(kind))
+
+
+def _added(kind: Kind) -> list[Part]:
+    """What the source's other components add to the states over the interval."""
+    if not kind.added:
+        return []
+    line = Writer()
+    for state in kind.states:
+        line.output(f"arrived.{state}", line.does("+", line.input(f"moved.{state}"), line.input(f"more.{state}")))
+    return [Part(line.block())]
 
 
 @functools.cache
-def bodies(run: Run, outputs: tuple[str, ...]) -> tuple[Block, ...]:
-    """One body for every place on the carrier that a sample may have, or the one of an averaged bridge."""
-    slopes = tuple(dict.fromkeys(run.bridge.slopes)) or ("",)
-    return tuple(with_outputs(joined(Part(control(run)), Part(plant(run, slope))), outputs) for slope in slopes)
+def watch(kind: Kind) -> Block | None:
+    """What is watched of a sample; None: nothing."""
+    if not kind.watch:
+        return None
+    if kind.watch != DISTURBANCE:
+        own = flat_block(watched_sample.watched_step if kind.watch == STEP else watched_sample.watched_mean_step)
+        if not kind.second_inductor:  # the PCC is the capacitor node
+            return joined(Part(_called(own), {"P_pcc": "said.P", "Q_pcc": "said.Q"}))
+        at_pcc = flat_block(watched_sample.power_at_pcc)
+        return joined(Part(_called(at_pcc, P="P_pcc", Q="Q_pcc"), {"circuit.R_c": "R_c"}), Part(_called(own)))
+    own = flat_block(watched_sample.watched_disturbance, fixed={} if kind.ramped else {"extra": 0.0})
+    called = {"P": "said.P", "Q": "said.Q", "theta": "state.theta", "next_theta": "following.theta"}
+    if not kind.field:
+        return joined(Part(_called(own), called))
+    # The angle that is watched is that of the commanded voltage, as a log has it.
+    called |= {"theta": "commanded_theta", "watch.delta": "commanded_delta"}
+    return joined(
+        Part(_sum("watch.delta", "added_theta", "+", "commanded_delta")),
+        Part(_called(own), called),
+        Part(_sum("watched.delta", "added_theta", "-", "next_delta")),
+    )
 
 
-def states_of(axes: Axes | None) -> tuple[str, ...]:
-    """Names of the circuit's states: those that are measured, then the others."""
-    more = 0 if axes is None else axes.states - len(PlantState._fields)
-    return (*PlantState._fields, *(f"more_{k}" for k in range(more)))
+@functools.cache
+def bodies(kind: Kind, outputs: tuple[str, ...], moved: tuple[tuple[str, str], ...] = ()) -> tuple[Block, ...]:
+    """One body for every place on the carrier that a sample may have, or the one of an averaged bridge.
+
+    ``moved``: (input, output) of everything that stays as it is in a run that stands still.
+    """
+    seen = watch(kind)
+    ends = [] if seen is None else [Part(seen)]
+    if kind.waits:
+        ends.append(Part(_standing_still(moved)))
+    slopes = tuple(dict.fromkeys(kind.bridge.slopes)) or ("",)
+    return tuple(
+        with_outputs(joined(Part(control(kind)), Part(plant(kind, slope)), *ends), outputs) for slope in slopes
+    )
+
+
+def _standing_still(moved: tuple[tuple[str, str], ...]) -> Block:
+    line = Writer()
+    still = line.does(">", line.input("lock.closed"), Number(0.5))
+    for before, after in moved:
+        line.output(after, line.does("select", still, line.input(before), line.input(after)))
+    k = line.input("k")
+    line.output("k_after", line.does("select", still, k, line.does("+", k, Number(1.0))))
+    return line.block()
 
 
 def _called(block: Block, **heads: str) -> Block:
@@ -130,11 +269,9 @@ def _called(block: Block, **heads: str) -> Block:
     return Block(block.inputs, block.lets, tuple((name(of), value) for of, value in block.outputs))
 
 
-def _with_added(states: tuple[str, ...]) -> Block:
-    """What the source's other components add to the states over the interval."""
+def _sum(one: str, other: str, operation: str, name: str) -> Block:
     line = Writer()
-    for state in states:
-        line.output(f"arrived.{state}", line.does("+", line.input(f"moved.{state}"), line.input(f"more.{state}")))
+    line.output(name, line.does(operation, line.input(one), line.input(other)))
     return line.block()
 
 
@@ -142,7 +279,7 @@ def _with_added(states: tuple[str, ...]) -> Block:
 
 
 def _two_axes(axes: Axes, bridge: Bridge, slope: str, applied: Mapping[str, str]) -> list[Part]:
-    turned = Part(_called(flat_block(sample.turned_source)))
+    turned = Part(_called(flat_block(circuit_sample.turned_source)))
     if not slope:
         return [
             Part(
@@ -152,12 +289,12 @@ def _two_axes(axes: Axes, bridge: Bridge, slope: str, applied: Mapping[str, str]
             turned,
         ]
     fixed = {"zero_sequence": bridge.zero_sequence, "rising": slope != FALLING}
-    parts = [Part(_called(flat_block(sample.legs_after, fixed=fixed), first="bridge"), applied)]
+    parts = [Part(_called(flat_block(circuit_sample.legs_after, fixed=fixed), first="bridge"), applied)]
     edges = []
     for rising in {RISING: (True,), FALLING: (False,), PEAK: (True, False)}[slope]:
         word = "falls" if rising else "rises"  # a leg falls where it meets the rising carrier
         heads = {f"edge_{leg}": f"{word}_{leg}" for leg in "abc"}
-        parts.append(Part(_called(flat_block(sample.edges_on_slope, fixed={"rising": rising}), **heads)))
+        parts.append(Part(_called(flat_block(circuit_sample.edges_on_slope, fixed={"rising": rising}), **heads)))
         edges += list(heads.values())
     return [*parts, Part(_moved_by_both(axes, tuple(edges))), turned]
 

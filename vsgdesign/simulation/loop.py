@@ -8,6 +8,7 @@ event cuts into pieces is run by Python, operation by operation.
 from __future__ import annotations
 
 import functools
+import typing
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -15,18 +16,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.codegen.blocks import Plain
-from vsgdesign.codegen.llvm import Loop, LoopSpec, StandingLoop, compiled_loop
-from vsgdesign.codegen.records import Kinds
-from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement
+from vsgdesign.codegen.llvm import Loop, LoopSpec, StandingLoop, best_lanes, compiled_loop
+from vsgdesign.equations.controller import ControllerSettings, ControllerState
 from vsgdesign.equations.controller_data import flat_state
-from vsgdesign.equations.field import FieldSettings, LockIn
+from vsgdesign.equations.field import FieldSettings
+from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
-from vsgdesign.simulation.bodies import FALLING, PEAK, RISING, Axes, Run, bodies, control, plant, states_of
-from vsgdesign.simulation.lanes.sample import CarrierPart, EdgeRow, PlantRow, carrier
+from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.bodies import (
+    DISTURBANCE,
+    FALLING,
+    PEAK,
+    RISING,
+    Axes,
+    Bridge,
+    Kind,
+    bodies,
+    control,
+    moves,
+    names_of,
+    plant,
+)
+from vsgdesign.simulation.circuit_sample import CarrierPart, EdgeRow, PlantRow, SecondPiece, carrier
+from vsgdesign.simulation.ramp_sample import RampRow
 from vsgdesign.simulation.records import numbers_of
 from vsgdesign.simulation.sample import Noise, Sensors
+from vsgdesign.simulation.watched_sample import LoadDemand
 
 Array = NDArray[np.float64]
 
@@ -65,64 +82,148 @@ class PieceRows(NamedTuple):
     more: Array | None = None
 
 
-class Layout(NamedTuple):
-    """Names of a loop's numbers."""
+class Build(NamedTuple):
+    """How a loop is compiled: for so many runs at once, for which processor, and whether every operation rounds by
+    itself."""
 
-    state: tuple[tuple[str, str], ...]
-    constant: tuple[str, ...]
-    uniform: tuple[str, ...]
-    fed: tuple[str, ...]
-    logged: tuple[str, ...]
+    lanes: int = 1
+    vectors: int = 1
+    strict: bool = True
+    target: str = "native"
+    quickly: bool = False
+    """For short runs (:func:`vsgdesign.codegen.llvm.compiled_loop`)."""
 
-    @property
-    def rows(self) -> tuple[str, ...]:
-        """Of the rows: the state, then the constants."""
-        return (*(name for name, _ in self.state), *self.constant)
+
+ALONE = Build()
+"""A run alone, with the bits of plain Python."""
+
+
+def side_by_side(*, strict: bool, target: str = "native") -> Build:
+    """Runs side by side: as many as a register holds, two of them at once. One computes while the other waits, and more
+    of them do not fit into the registers."""
+    return Build(best_lanes(target), 2, strict, target)
+
+
+def kind_of(study: Study, *, switched: bool, axes: Axes | None = None) -> Kind:
+    """The kind of a study's runs without anything that only some of them have."""
+    c, f, limiter = study.converter, study.filter, study.limiter
+    memory, constants = (typing.get_type_hints(made)["return"] for made in (limiter.at_rest, limiter.build))
+    slopes = slopes_of(c.samples_per_carrier) if switched else ()
+    bridge = Bridge(slopes, zero_sequence=bool(c.zero_sequence), delayed=c.delay_samples > 0)
+    return Kind(limiter.law, memory, constants, bridge, axes, second_inductor=f.L_2 + f.R_2 > 0.0)
+
+
+class KindLoop(NamedTuple):
+    """The compiled loop of a kind of run, and the place of every number in it."""
+
+    kind: Kind
+    loop: Loop
+    spec: LoopSpec
+    place: dict[str, int]
+    """Row of every number of the state and of every constant."""
+    spans: dict[str, slice]
+    """Rows of every record among them, which are beside each other, and of every number."""
+
+    def rows(self, name: str) -> slice:
+        """The rows of a record or of a number."""
+        return self.spans[name]
+
+
+SHARED_DEMAND = ("of.band", "of.per_S", "of.per_cycle", "load_of.limit_sq")
+"""What is demanded of all runs of a loop alike."""
 
 
 @functools.cache
-def layout_of(run: Run, states_logged: bool = False) -> Layout:
-    """Where the numbers of a run's loop stand. Rows and uniform numbers are the same whatever is added or logged."""
-    names, switched = states_of(run.axes), bool(run.bridge.slopes)
-    kinds = Kinds({ControllerState: {"limiter": run.memory}, ControllerSettings: {"limiter": run.constants}})
+def loop_of(kind: Kind, logged: tuple[str, ...] = (), build: Build = ALONE) -> KindLoop:
+    """The compiled loop of a kind of run."""
+    spec = spec_of(kind, logged, build)
+    place = {name: row for row, name in enumerate(spec.rows)}
+    return KindLoop(kind, compiled_loop(spec, build.target, build.quickly), spec, place, spans_of(spec.rows))
 
-    def of(head: str, kind: type) -> list[str]:
-        return [f"{head}.{path}" for path in kinds.paths(kind)]
 
-    own = of("state", ControllerState)
-    after = {"state.theta": "next_theta", "state.V": "next_V"} if run.field else {"state.theta": "kept_angle"}
-    told = {"state.theta": "commanded_theta", "state.V": "commanded_V"} if run.field else {}
-    moved = "arrived" if run.added else "moved"
-    state = [(f"x.{name}", f"{moved}.{name}") for name in names]
-    state += [(name, after.get(name, name.replace("state.", "following.", 1))) for name in own]
-    state += [("limited", "limited_samples"), *((f"source.{part}", f"turned.{part}") for part in ("cosine", "sine"))]
-    if run.bridge.delayed:
-        state += [(f"pending.{axis}", f"said.v_b_{axis}") for axis in ("alpha", "beta")]
-    if run.sensors:
-        state += [(f"before.{path}", f"true.{path}") for path in Measurement._fields]
-    if run.field:
-        state += [(name, name.replace("lock.", "heard.", 1)) for name in of("lock", LockIn)]
-    if run.axes is None:
-        constant = of("row", PlantRow) + (of("edge", EdgeRow) if switched else [])
-    else:
-        constant = _two_axis_names(run.axes, switched)
-    constant += ["V_g", *of("refs", References), *of("power_gains", PowerLoopGains), *of("grid", GridEstimate)]
-    uniform = [*of("inner_gains", InnerLoopGains), *of("settings", ControllerSettings), "R_c"]
-    if switched:
-        uniform.append("V_dc")
-    if run.sensors:
-        uniform += of("sensors", Sensors)
-    if run.field:
-        uniform += [*of("field", FieldSettings), "V_rated_rms", "allowed"]
-    fed = [f"more.{name}" for name in names] + ["added.alpha", "added.beta"] if run.added else []
-    fed += of("noise", Noise) if run.sensors else []
-    logged = [f"x.{name}" for name in names[:6]]
+@functools.cache
+def spec_of(kind: Kind, logged: tuple[str, ...] = (), build: Build = ALONE) -> LoopSpec:
+    """Where the numbers of a kind of run stand. Rows and uniform numbers are the same whatever is added or logged.
+
+    A field estimator that is alone ends the loop with its cycle.
+    """
+    moved, rings = moves(kind, watched_names(kind)), () if kind.cut else kind.rings
+    stop = "closed" if kind.field and not kind.waits else ""
+    state = {name for name, _ in moved}
+    wanted = [*(output for _, output in (*moved, *rings)), *([stop] if stop else [])]
+    wanted += [name for name in logged if name not in state]
+    held = tuple(pair for pair in (*moved, *rings) if pair[0] != "k")
+    made = bodies(kind, tuple(dict.fromkeys(wanted)), held if kind.waits else ())
+    known = {name for block in made for name in block.inputs}
+    return LoopSpec(
+        bodies=made,
+        state=moved,
+        constant=tuple(name for name in _constant_names(kind) if name in known),
+        uniform=tuple(name for name in _uniform_names(kind) if name in known),
+        cyclic=() if kind.cut else tuple(name for name in names_of(CarrierPart, "part") if name in known),
+        fed=fed_names(kind),
+        rings=rings,
+        logged=logged,
+        index="k" if "k" in known and not kind.waits else "",
+        stop=stop,
+        lanes=build.lanes,
+        vectors=build.vectors,
+        strict=build.strict,
+    )
+
+
+def watched_names(kind: Kind) -> tuple[str, ...]:
+    """The numbers of what is watched. A switched bridge is judged by the rest that it comes to, which is known at the
+    end alone: its means are logged until then."""
+    if kind.watched is None:
+        return ()
+    unwatched: tuple[str, ...] = ("watch.late",)
+    if kind.bridge.slopes:
+        unwatched = ("watch.entry.",) if kind.watch == DISTURBANCE else ("watch.most", "watch.entry.")
+    return tuple(name for name in names_of(kind.watched[0], "watch") if not name.startswith(unwatched))
+
+
+def fed_names(kind: Kind) -> tuple[str, ...]:
+    """What is given for every sample: what the source's other components add, and the noise of the sensors."""
+    fed = [*(f"more.{name}" for name in kind.states), "added.alpha", "added.beta"] if kind.added else []
+    return (*fed, *(names_of(Noise, "noise") if kind.sensors else ()))
+
+
+def log_names(kind: Kind, states_logged: bool = False) -> tuple[str, ...]:
+    """What the log of a run has: LOG_COLUMNS, SENSED_COLUMNS where the sensors are not ideal, the circuit's other
+    states, and the controller's own where they are ``states_logged``."""
+    commanded = {"state.theta": "commanded_theta", "state.V": "commanded_V"} if kind.field else {}
+    logged = [f"x.{name}" for name in kind.states[:6]]
     logged += ["v_g_alpha", "v_g_beta", "said.P", "said.Q", "said.omega"]
-    logged += [told.get("state.V", "state.V"), told.get("state.theta", "state.theta"), "limited_samples"]
-    logged += SENSED_COLUMNS if run.sensors else ()
-    logged += [f"x.{name}" for name in names[6:]]
-    logged += [told.get(name, name) for name in own] if states_logged else []
-    return Layout(tuple(state), tuple(constant), tuple(uniform), tuple(fed), tuple(logged))
+    logged += [commanded.get(name, name) for name in ("state.V", "state.theta")]
+    logged += ["limited_samples", *(SENSED_COLUMNS if kind.sensors else ())]
+    logged += [f"x.{name}" for name in kind.states[6:]]
+    own = kind.names(ControllerState, "state") if states_logged else []
+    return (*logged, *(commanded.get(name, name) for name in own))
+
+
+def _constant_names(kind: Kind) -> list[str]:
+    """Inputs that every run has for itself and no sample moves."""
+    switched = bool(kind.bridge.slopes)
+    if kind.axes is None:
+        found = [*names_of(PlantRow, "row"), "V_g", *(names_of(EdgeRow, "edge") if switched else [])]
+    else:
+        found = [*_two_axis_names(kind.axes, switched), "V_g"]
+    found += names_of(RampRow, "ramp_of") if kind.ramped else []
+    found += [*names_of(References, "refs"), *names_of(PowerLoopGains, "power_gains"), *names_of(GridEstimate, "grid")]
+    found += names_of(Sensors, "sensors") if kind.sensors else []
+    if kind.watched is not None:
+        found += [*names_of(kind.watched[1], "of"), *names_of(LoadDemand, "load_of"), "circuit.R_g", "circuit.L_g"]
+    if kind.cut:
+        found += [*names_of(CarrierPart, "part"), *names_of(SecondPiece, "second"), *(name for name, _ in kind.rings)]
+    return [name for name in found if name not in SHARED_DEMAND]
+
+
+def _uniform_names(kind: Kind) -> list[str]:
+    """Inputs that are the same for all runs of a loop."""
+    found = [*names_of(InnerLoopGains, "inner_gains"), *kind.names(ControllerSettings, "settings"), "R_c", "V_dc"]
+    found += [*SHARED_DEMAND, *(f"circuit.{name}" for name in FilterGrid._fields if name not in ("R_g", "L_g"))]
+    return found + ([*names_of(FieldSettings, "field"), "V_rated_rms", "allowed"] if kind.field else [])
 
 
 def _two_axis_names(axes: Axes, switched: bool) -> list[str]:
@@ -137,51 +238,45 @@ def _two_axis_names(axes: Axes, switched: bool) -> list[str]:
     return found
 
 
-@functools.cache
-def loop_of(run: Run, states_logged: bool = False, quickly: bool = False) -> Loop:
-    """The compiled loop, which logs the controller's states or not. ``quickly``: for short runs (``compiled_loop``)."""
-    layout = layout_of(run, states_logged)
-    stop = "closed" if run.field else ""
-    wanted = dict.fromkeys([*(output for _, output in layout.state), *([stop] if stop else [])])
-    inputs = set(layout.rows)
-    wanted |= dict.fromkeys(name for name in layout.logged if name not in inputs)
-    blocks = bodies(run, tuple(wanted))
-    known = {name for block in blocks for name in block.inputs}
-    return compiled_loop(
-        LoopSpec(
-            bodies=blocks,
-            state=layout.state,
-            constant=layout.constant,
-            uniform=layout.uniform,
-            cyclic=tuple(f"part.{name}" for name in CarrierPart._fields if f"part.{name}" in known),
-            fed=layout.fed,
-            logged=layout.logged,
-            stop=stop,
-            strict=True,
-        ),
-        quickly=quickly,
-    )
+def spans_of(names: tuple[str, ...]) -> dict[str, slice]:
+    """Where the numbers of every record stand, and of every record within one."""
+    found: dict[str, slice] = {}
+    for row, name in enumerate(names):
+        parts = name.split(".")
+        for length in range(1, len(parts) + 1):
+            record = ".".join(parts[:length])
+            found[record] = slice(found[record].start if record in found else row, row + 1)
+    return found
 
 
 @functools.cache
-def _plain_control(run: Run) -> Plain:
-    return Plain(control(run))
+def _plain_control(kind: Kind) -> Plain:
+    return Plain(control(kind))
 
 
 @functools.cache
-def _plain_plant(run: Run, slope: str) -> Plain:
-    return Plain(plant(run, slope))
+def _plain_plant(kind: Kind, slope: str) -> Plain:
+    return Plain(plant(kind, slope))
 
 
-def carrier_part(begin: float, end: float) -> CarrierPart:
-    """An interval on the carrier."""
-    return CarrierPart(begin, end, float(carrier(begin)))
+def carrier_part(begin: Any, end: Any) -> CarrierPart:
+    """An interval on the carrier; numbers or arrays."""
+    return CarrierPart(begin, end, carrier(begin))
 
 
 def slopes_of(samples_per_carrier: int) -> tuple[str, ...]:
     """Where the samples of a carrier's period lie on it."""
     n = samples_per_carrier
     return tuple(RISING if 2 * (j + 1) <= n else FALLING if 2 * j >= n else PEAK for j in range(n))
+
+
+def carrier_values(slopes: tuple[str, ...]) -> tuple[Array, NDArray[np.int64]]:
+    """What depends on the place on the carrier: (n, 3) of :class:`CarrierPart`, and the number of the body (n)."""
+    n, kinds = len(slopes), list(dict.fromkeys(slopes))
+    begin = np.arange(n) / max(n, 1)
+    return np.column_stack(carrier_part(begin, begin + 1.0 / max(n, 1))), np.array(
+        [kinds.index(slope) for slope in slopes], dtype=np.int64
+    )
 
 
 class RunLoop:
@@ -191,23 +286,15 @@ class RunLoop:
     short, so that compiling takes longer than running.
     """
 
-    def __init__(self, run: Run, quickly: bool = False) -> None:
-        self.run, self._quickly = run, quickly
-        layout = layout_of(run)
+    def __init__(self, kind: Kind, quickly: bool = False) -> None:
+        self.kind, self._build = kind, ALONE._replace(quickly=quickly)
+        spec = spec_of(kind, log_names(kind))
         self._circuit: Mapping[str, Array] | None = None
-        self._names = layout.rows
-        self._rows = np.zeros((1, len(layout.rows), 1))
-        self._uniform = np.zeros(len(layout.uniform))
-        self._uniform_names = layout.uniform
+        self._names, self._uniform_names = spec.rows, spec.uniform
+        self._rows, self._uniform = np.zeros((1, len(spec.rows), 1)), np.zeros(len(spec.uniform))
         self._loops: dict[tuple[bool, bool], tuple[Array, StandingLoop]] = {}
-        self._places = _heads(layout.rows)
-        self._uniform_places = _heads(layout.uniform)
-        slopes = run.bridge.slopes
-        kinds = list(dict.fromkeys(slopes))
-        n = len(slopes)
-        self._cycle = np.array([kinds.index(slope) for slope in slopes], np.int64)
-        self._parts = [carrier_part(j / n, j / n + 1.0 / n) for j in range(n)]
-        self._cyclic = np.array(self._parts, float).reshape(n, len(CarrierPart._fields))
+        self._places, self._uniform_places = spans_of(spec.rows), spans_of(spec.uniform)
+        self._cyclic, self._cycle = carrier_values(kind.bridge.slopes)
 
     def view(self, head: str) -> Array:
         """The numbers of a record as an array that moves with the run."""
@@ -247,7 +334,7 @@ class RunLoop:
         None where nothing is added to the source and the sensors are ideal. ``states``: whether the log has the
         controller's states.
         """
-        added = fed is not None and fed.shape[1] > (len(Noise._fields) if self.run.sensors else 0)
+        added = fed is not None and fed.shape[1] > (len(Noise._fields) if self.kind.sensors else 0)
         loop = self._standing(added, states, log, every)
         return loop(begin, end, None if fed is None else fed[None, : end - begin, :, None])
 
@@ -255,7 +342,8 @@ class RunLoop:
         """The loop over this run's numbers. A run has one log for each kind of loop."""
         key = added, states
         if key not in self._loops or self._loops[key][0] is not log:
-            loop = loop_of(self.run._replace(added=added), states, self._quickly)
+            kind = self.kind._replace(added=added)
+            loop = loop_of(kind, log_names(kind, states), self._build).loop
             several = len(loop.spec.bodies) > 1
             self._loops[key] = (
                 log,
@@ -273,14 +361,13 @@ class RunLoop:
     def advance_in_pieces(self, pieces: list[PieceRows], log: Array, fed: Array, states: bool = False) -> None:
         """Runs one sample whose interval is in pieces, in plain Python. ``log`` is the row to write, ``fed`` (n) what
         the loop would be given."""
-        run = self.run._replace(added=True)
-        layout = layout_of(run, states)
+        kind = self.kind._replace(added=True)
         self.put_piece(pieces[0])
         here = dict(zip(self._names, self._rows[0, :, 0].tolist(), strict=True))
         here |= dict(zip(self._uniform_names, self._uniform.tolist(), strict=True))
-        here |= dict(zip(layout.fed, fed.tolist(), strict=True))
-        here |= _plain_control(run)(here)
-        log[:] = [here[name] for name in layout.logged]
+        here |= dict(zip(fed_names(kind), fed.tolist(), strict=True))
+        here |= _plain_control(kind)(here)
+        log[:] = [here[name] for name in log_names(kind, states)]
         following = dict(here)
         for piece in pieces:
             for head, values in piece.circuit.items():
@@ -289,17 +376,9 @@ class RunLoop:
             if piece.part is not None:
                 following |= {f"part.{name}": value for name, value in piece.part._asdict().items()}
             if piece.more is not None:
-                following |= dict(zip(layout.fed, piece.more.tolist(), strict=False))
-            arrived = _plain_plant(run, piece.slope)(following)
+                following |= dict(zip(fed_names(kind), piece.more.tolist(), strict=False))
+            arrived = _plain_plant(kind, piece.slope)(following)
             following |= arrived
-            following |= {f"x.{name}": arrived[f"arrived.{name}"] for name in states_of(run.axes)}
-        self._rows[0, : len(layout.state), 0] = [following[output] for _, output in layout.state]
-
-
-def _heads(names: tuple[str, ...]) -> dict[str, slice]:
-    """Where the numbers of every record stand."""
-    found: dict[str, slice] = {}
-    for at, name in enumerate(names):
-        head = name.partition(".")[0]
-        found[head] = slice(found[head].start if head in found else at, at + 1)
-    return found
+            following |= {f"x.{name}": arrived[f"arrived.{name}"] for name in kind.states}
+        moved = moves(kind)
+        self._rows[0, : len(moved), 0] = [following[output] for _, output in moved]

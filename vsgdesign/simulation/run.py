@@ -24,13 +24,12 @@ from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.floats import on_floats
 from vsgdesign.simulation.background import Background
-from vsgdesign.simulation.bodies import Bridge, Run
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits
 from vsgdesign.simulation.connecting import Connecting
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.gains_of_run import ListedGains, OnlineGains
-from vsgdesign.simulation.loop import LOG_COLUMNS, RunLoop, slopes_of
+from vsgdesign.simulation.loop import LOG_COLUMNS, RunLoop, kind_of
 from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
@@ -223,20 +222,9 @@ def _loop(
     """The loop of a run with the numbers that do not change, at the start of the run."""
     c, settings = study.converter, study.controller_settings()
     field = feed.memory
-    run = Run(
-        law=study.limiter.law,
-        memory=type(start.controller.limiter),
-        constants=type(settings.limiter),
-        bridge=Bridge(
-            slopes=slopes_of(c.samples_per_carrier) if circuits.switched else (),
-            zero_sequence=bool(c.zero_sequence),
-            delayed=c.delay_samples > 0,
-        ),
-        axes=circuits.axes,
-        sensors=sensors is not None,
-        field=field is not None,
-    )
-    loop = RunLoop(run, quickly=round(study.simulation.duration / c.T_s) <= _SHORT)
+    kind = kind_of(study, switched=circuits.switched, axes=circuits.axes)
+    kind = kind._replace(sensors=sensors is not None, field=field is not None)
+    loop = RunLoop(kind, quickly=round(study.simulation.duration / c.T_s) <= _SHORT)
     loop.put("x", x)
     loop.put("state", start.controller)
     loop.put("inner_gains", study.inner_gains)

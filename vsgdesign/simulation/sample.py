@@ -1,4 +1,4 @@
-"""What a run does in every sample besides :mod:`vsgdesign.simulation.lanes.sample`: sensors, a probe, what is logged.
+"""What a run does in every sample besides :mod:`vsgdesign.simulation.circuit_sample`: sensors, controller, probe.
 
 Plain functions of the restricted language: the loop of a run is made of their text, and so is an interval that an event
 cuts into pieces.
@@ -18,24 +18,7 @@ from vsgdesign.equations.limiters import GridEstimate, LimiterLaw
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.equations.probe import probe_offset
 from vsgdesign.frames import clarke, clarke_inverse, rotate
-from vsgdesign.simulation.lanes.sample import (
-    BridgeVoltage,
-    CarrierPart,
-    EdgeRow,
-    PlantRow,
-    PlantState,
-    SourcePhasor,
-    edge_of_leg,
-    leg_after,
-    modulation,
-    moved_by_bridge,
-    moved_by_edges,
-    moved_by_source,
-    switched_bridge,
-)
-
-BEYOND = 5.0
-"""A modulation index that no carrier meets."""
+from vsgdesign.simulation.circuit_sample import BridgeVoltage, SourcePhasor
 
 
 class SensorChannel(NamedTuple):
@@ -76,15 +59,6 @@ class Noise(NamedTuple):
     i_g_a: Any
     i_g_b: Any
     i_g_c: Any
-
-
-class Switching(NamedTuple):
-    """The edge of one leg in an interval: its place in what is left of it, −1 to 1, and the step of the bridge voltage,
-    V peak, zero where there is no edge."""
-
-    place: Any
-    alpha: Any
-    beta: Any
 
 
 def reading(value: Any, noise: Any, channel: SensorChannel) -> Any:
@@ -194,89 +168,3 @@ def source_voltage(source: SourcePhasor, V_g: Any) -> Any:
 def source_voltage_with(source: SourcePhasor, V_g: Any, added: BridgeVoltage) -> Any:
     """The source's voltage with what is added to its fundamental, V peak. Returns (v_g_alpha, v_g_beta)."""
     return V_g * source.cosine + added.alpha, V_g * source.sine + added.beta
-
-
-def averaged_plant(x: PlantState, applied: BridgeVoltage, source: SourcePhasor, row: PlantRow) -> Any:
-    """The circuit over an interval with an averaged bridge, and the source's phasor at its end. Returns (moved,
-    turned)."""
-    moved = moved_by_source(moved_by_bridge(x, applied.alpha, applied.beta, row), source, row)
-    return moved, turned_source(source, row)
-
-
-def switched_plant(
-    x: PlantState,
-    applied: BridgeVoltage,
-    source: SourcePhasor,
-    row: PlantRow,
-    V_dc: Any,
-    part: CarrierPart,
-    edge: EdgeRow,
-    zero_sequence: bool,
-    rising: bool,
-) -> Any:
-    """The same with a switched bridge, over an interval on one slope of the carrier. Returns (moved, turned)."""
-    bridged = switched_bridge(x, applied.alpha, applied.beta, row, V_dc, part, edge, zero_sequence, rising)
-    return moved_by_source(bridged, source, row), turned_source(source, row)
-
-
-def peak_plant(
-    x: PlantState,
-    applied: BridgeVoltage,
-    source: SourcePhasor,
-    row: PlantRow,
-    V_dc: Any,
-    part: CarrierPart,
-    edge: EdgeRow,
-    zero_sequence: bool,
-) -> Any:
-    """The same over an interval in which the carrier has its peak: a leg may fall before it and rise behind it. Returns
-    (moved, turned)."""
-    m_a, m_b, m_c = modulation(applied.alpha, applied.beta, V_dc, zero_sequence)
-    half = 0.5 * V_dc
-    w_alpha, w_beta = clarke(
-        leg_after(m_a, part.level, half, True),
-        leg_after(m_b, part.level, half, True),
-        leg_after(m_c, part.level, half, True),
-    )
-    bridged = moved_by_bridge(x, w_alpha, w_beta, row)
-    met_a = met(m_a)
-    met_b = met(m_b)
-    met_c = met(m_c)
-    fallen = moved_by_edges(bridged, met_a, met_b, met_c, V_dc, part, edge, True)
-    risen = moved_by_edges(fallen, met_a, met_b, met_c, V_dc, part, edge, False)
-    return moved_by_source(risen, source, row), turned_source(source, row)
-
-
-def met(m: Any) -> Any:
-    """The modulation index where the carrier meets it below its peak, else one that it never meets."""
-    return np.where(m < 1.0, m, BEYOND)
-
-
-def turned_source(source: SourcePhasor, row: PlantRow) -> SourcePhasor:
-    """The source's phasor at the end of the interval. Returns (turned)."""
-    cosine, sine = rotate(source.cosine, source.sine, row.turn_cos, row.turn_sin)
-    return SourcePhasor(cosine, sine)
-
-
-def legs_after(applied: BridgeVoltage, V_dc: Any, part: CarrierPart, zero_sequence: bool, rising: bool) -> Any:
-    """The switched bridge just after an interval has begun. Returns (first, m_a, m_b, m_c): its voltage, V peak, and
-    the modulation indices."""
-    m_a, m_b, m_c = modulation(applied.alpha, applied.beta, V_dc, zero_sequence)
-    half = 0.5 * V_dc
-    alpha, beta = clarke(
-        leg_after(m_a, part.level, half, rising),
-        leg_after(m_b, part.level, half, rising),
-        leg_after(m_c, part.level, half, rising),
-    )
-    return BridgeVoltage(alpha, beta), m_a, m_b, m_c
-
-
-def edges_on_slope(m_a: Any, m_b: Any, m_c: Any, V_dc: Any, part: CarrierPart, rising: bool) -> Any:
-    """The edges of the three legs on one slope of the carrier. Returns (edge_a, edge_b, edge_c)."""
-    x_a, s_a = edge_of_leg(met(m_a), part, rising)
-    x_b, s_b = edge_of_leg(met(m_b), part, rising)
-    x_c, s_c = edge_of_leg(met(m_c), part, rising)
-    a_alpha, a_beta = clarke(s_a * V_dc, 0.0, 0.0)
-    b_alpha, b_beta = clarke(0.0, s_b * V_dc, 0.0)
-    c_alpha, c_beta = clarke(0.0, 0.0, s_c * V_dc)
-    return Switching(x_a, a_alpha, a_beta), Switching(x_b, b_alpha, b_beta), Switching(x_c, c_alpha, c_beta)

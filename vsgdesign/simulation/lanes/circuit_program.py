@@ -11,10 +11,10 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.operating_point.plants import PlantSteps, plant_steps
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation.lanes.body import LaneLoop, carrier_part
+from vsgdesign.simulation.circuit_sample import Coefficients
 from vsgdesign.simulation.lanes.program import ProgramWriter
-from vsgdesign.simulation.lanes.sample import Coefficients
 from vsgdesign.simulation.lanes.segments import Segments, last_before
+from vsgdesign.simulation.loop import KindLoop, carrier_part
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -40,7 +40,7 @@ class _Interval(NamedTuple):
     source: Complex
     turn: Array
     edge: Array
-    """(n, 48) of :class:`vsgdesign.simulation.lanes.sample.EdgeRow`; (n, 0) for an averaged bridge."""
+    """(n, 48) of :class:`vsgdesign.simulation.circuit_sample.EdgeRow`; (n, 0) for an averaged bridge."""
 
 
 class BrokenSample(NamedTuple):
@@ -60,7 +60,7 @@ class CircuitProgram:
 
     broken: list[BrokenSample]
 
-    def __init__(self, study: Study, loop: LaneLoop, writer: ProgramWriter, segments: Segments, ramped: bool) -> None:
+    def __init__(self, study: Study, loop: KindLoop, writer: ProgramWriter, segments: Segments, ramped: bool) -> None:
         self.broken = []
         self._switched = bool(loop.spec.cyclic)
         self._study, self._loop, self._writer, self._ramped = study, loop, writer, ramped
@@ -127,7 +127,7 @@ class CircuitProgram:
         n = self._study.converter.samples_per_carrier
         begin = (at % n) / n
         middle = begin + (t_s / self._T_s - at) / n
-        parts = carrier_part(begin, middle), carrier_part(middle, begin + 1.0 / n)
+        parts = [np.column_stack(carrier_part(*ends)) for ends in ((begin, middle), (middle, begin + 1.0 / n))]
         for k, lane in enumerate(lanes.tolist()):
             values = {
                 "row": _row(one)[k],
@@ -207,7 +207,7 @@ class CircuitProgram:
 
 
 def _row(interval: _Interval) -> Array:
-    """Values of :class:`vsgdesign.simulation.lanes.sample.PlantRow`, (n, 20)."""
+    """Values of :class:`vsgdesign.simulation.circuit_sample.PlantRow`, (n, 20)."""
     return np.column_stack(
         [
             interval.transition.reshape(-1, 9),
@@ -221,7 +221,7 @@ def _row(interval: _Interval) -> Array:
 
 
 def _edges(steps: PlantSteps) -> Array:
-    """Values of :class:`vsgdesign.simulation.lanes.sample.EdgeRow`, (n, 45): for each state its coefficients, from the
+    """Values of :class:`vsgdesign.simulation.circuit_sample.EdgeRow`, (n, 45): each state's coefficients, from the
     constant one on."""
     count, degree = steps.edge.shape[:2]
     if degree > TERMS or not np.isfinite(steps.edge).all():

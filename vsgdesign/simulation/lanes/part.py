@@ -18,13 +18,15 @@ from vsgdesign.metrics.events import late_rows
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, FIRST_S, SurvivalDemand
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation.lanes.body import LaneKind, LaneLoop, carrier_values, kind_of, lane_loop, uniform_values
+from vsgdesign.simulation.bodies import DISTURBANCE, FALLING, MEAN_STEP, RISING
+from vsgdesign.simulation.bodies import STEP as STEP_WATCHED
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
 from vsgdesign.simulation.lanes.circuit_program import SAME_INSTANT, BrokenSample, CircuitProgram
-from vsgdesign.simulation.lanes.listening import listener_values
 from vsgdesign.simulation.lanes.program import ProgramWriter
 from vsgdesign.simulation.lanes.rests import Rests, cycles_at_end
 from vsgdesign.simulation.lanes.segments import START_PHASE, segments_of
+from vsgdesign.simulation.lanes.uniform import listener_values, uniform_values
+from vsgdesign.simulation.loop import KindLoop, carrier_values, kind_of, loop_of, side_by_side
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.int64]
@@ -39,14 +41,13 @@ class Part:
 
     index: NDArray[np.intp]
     study: Study
-    made: LaneLoop
+    made: KindLoop
     rows: Array
     """(G, R, L): rows of the loop, and behind them what is kept for the end."""
     uniform: Array
     program: Program
     ends: Samples
     """Number of samples of each lane, (n,), in descending order."""
-    kind: LaneKind
     demanded: dict[str, float]
     """Uniform numbers of what is demanded."""
     strict: bool
@@ -95,7 +96,10 @@ class Part:
         width, k = self.made.spec.width, one.sample
         group, lane = divmod(one.lane, width)
         n = self.study.converter.samples_per_carrier
-        own = lane_loop(self.kind._replace(broken=True, rising=(k % n) / n < 0.5), self.strict, self.target)
+        kind = self.made.kind
+        slope = RISING if (k % n) / n < 0.5 else FALLING
+        kind = kind._replace(cut=True, bridge=kind.bridge._replace(slopes=(slope,)))
+        own = loop_of(kind, (), side_by_side(strict=self.strict, target=self.target))
         now = self.rows[group, :, lane].copy()
         p, due = self.program, slice(self.program.first[group], self.program.first[group + 1])
         for r in np.flatnonzero((p.at[due] == k) & (p.lane[due] == lane)) + due.start:
@@ -132,7 +136,7 @@ class Part:
             logging = {"log": self.log[:active], "every": 1, "log_begin": self.log_begin}
         carrier = {}
         if self.made.spec.cyclic:
-            cyclic, cycle = carrier_values(self.study.converter.samples_per_carrier)
+            cyclic, cycle = carrier_values(self.made.kind.bridge.slopes)
             carrier = {"cyclic": cyclic, "cycle": cycle}
         rings = {}
         if self.rings is not None and self.ring_length is not None:
@@ -206,13 +210,17 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     """
     order = np.argsort(-ends, kind="stable")
     cases, index, rests, ends = cases.take(order), index[order], rests.take(order), ends[order]
-    kind = kind_of(study, step=step, ramped=ramped, bridge=bridge, listening=listening)
-    made = lane_loop(kind, strict, target)
+    switched = bridge == "pwm"
+    watch = (MEAN_STEP if listening or switched else STEP_WATCHED) if step else DISTURBANCE
+    kind = kind_of(study, switched=switched)
+    kind = kind._replace(ramped=ramped, watch=watch, field=listening, waits=listening)
+    logged = (("watched.mean",) if step else ("watched.sum_P", "watched.sum_Q")) if switched else ()
+    made = loop_of(kind, logged, side_by_side(strict=strict, target=target))
     c, T_s, width, n = study.converter, study.converter.T_s, made.spec.width, len(cases)
     groups = -(-n // width)
     watch = made.rows("watch")
     kept, at = {}, len(made.spec.rows)
-    counts = {"watch": watch.stop - watch.start, "limited": 1, "late": 1, "initial": 1}
+    counts = {"watch": watch.stop - watch.start, "limited": 1, "late": 1, "initial": 1, "limited_at_end": 1}
     counts |= dict.fromkeys(("first", "least", "most"), cases.events.count)
     for name, count in counts.items():
         kept[name], at = at, at + count
@@ -234,7 +242,6 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
         uniform=uniform,
         program=ProgramWriter().program(groups, width),
         ends=ends,
-        kind=kind,
         demanded=demanded,
         strict=strict,
         target=target,
@@ -256,6 +263,7 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     (_watch_step if step else _watch_disturbance)(part, writer, cases, rests)
     lanes = np.arange(n)
     writer.copy(lanes, ends, kept["watch"], watch.stop - watch.start, watch.start)
+    writer.copy(lanes, ends, kept["limited_at_end"], 1, made.place["limited"])
     _means(part, cases, rests, cycle)
     part.program = writer.program(groups, width)
     return part
@@ -286,8 +294,9 @@ def _rest(part: Part, cases: LaneCases, rests: Rests) -> None:
         part.put(f"state.{name}", values)
     for row, values in enumerate(start.plant):
         part.put(part.made.rows("x").start + row, values)
-    for row, values in enumerate(start.pending):
-        part.put(part.made.rows("pending").start + row, values)
+    if part.made.kind.bridge.delayed:
+        for row, values in enumerate(start.pending):
+            part.put(part.made.rows("pending").start + row, values)
     part.put("source.cosine", np.full(len(part), math.cos(START_PHASE)))
     part.put("source.sine", np.full(len(part), math.sin(START_PHASE)))
     if "watch.entry.last_out" in place:
@@ -296,6 +305,7 @@ def _rest(part: Part, cases: LaneCases, rests: Rests) -> None:
     for name, value in zip(References._fields, (cases.P_ref, cases.Q_ref, nominal.omega_0, nominal.V_n), strict=True):
         if f"refs.{name}" in place:
             part.put(f"refs.{name}", np.broadcast_to(value, len(part)))
+    part.put("V_g", rms_to_peak(cases.V_g_rms))
     for name in ("R_g", "L_g"):
         if f"circuit.{name}" in place:
             part.put(f"circuit.{name}", getattr(cases, name))
@@ -322,7 +332,7 @@ def _load(part: Part, writer: ProgramWriter, lanes: NDArray[np.intp], t_s: Array
     place, T_s = part.made.place, part.study.converter.T_s
     if first:
         writer.put(lanes, at, place["load_of.after"], np.ones(len(lanes)))
-        writer.copy(lanes, at + 1, part.kept["limited"], 1, place["watch.load.limited"])
+        writer.copy(lanes, at + 1, part.kept["limited"], 1, place["limited"])
     writer.put(lanes, at, place["load_of.first"], np.ones(len(lanes)))
     # The end of the 5 ms of one event must not end those of the next.
     writer.put(lanes, at_or_after(t_s + FIRST_S, T_s, 0.5), place["load_of.first"], np.zeros(len(lanes)))
@@ -341,8 +351,6 @@ def _watch_step(part: Part, writer: ProgramWriter, cases: LaneCases, rests: Rest
         part.put("of.per_step", 1.0 / (final - initial))
     part.put("of.of_P", active.astype(float))
     part.put("of.of_Q", (~active).astype(float))
-    if "of.V_g_pk" in place:
-        part.put("of.V_g_pk", rms_to_peak(cases.V_g_rms))
     lanes, t_s = np.arange(len(cases)), cases.events.t_s[:, 0]
     at = at_or_after(t_s, T_s, 0.5)
     if part.log is None:
@@ -382,4 +390,4 @@ def _watch_disturbance(part: Part, writer: ProgramWriter, cases: LaneCases, rest
     if part.log is None:
         _entry_anew(part, writer, everyone, first_judged(cases, T_s))
     late = part.ends - np.int64(math.floor(END_S / T_s + 1e-6))
-    writer.copy(everyone, late, kept["late"], 1, place["watch.load.limited"])
+    writer.copy(everyone, late, kept["late"], 1, place["limited"])

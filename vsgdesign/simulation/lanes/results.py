@@ -61,7 +61,7 @@ class LaneResults:
 
 
 class LastEntry(NamedTuple):
-    """What :class:`vsgdesign.simulation.lanes.watched_sample.Entry` holds at the end, (n,)."""
+    """What :class:`vsgdesign.simulation.watched_sample.Entry` holds at the end, (n,)."""
 
     last_out: Array
     error_out: Array

@@ -206,7 +206,7 @@ def _measured(parts: list[Part], count: int) -> tuple[tuple[Array, Array, Array]
     """P_f, Q_f and V of every case, and how many samples it has limited its current in so far."""
     found = np.zeros((4, count))
     for part in parts:
-        for row, name in enumerate(("state.P_f", "state.Q_f", "state.V", "watch.load.limited")):
+        for row, name in enumerate(("state.P_f", "state.Q_f", "state.V", "limited")):
             found[row, part.index] = part.get(name)
     return (found[0], found[1], found[2]), found[3]
 
@@ -252,7 +252,7 @@ def _judge(part: Part, rests: Rests, demand: SurvivalDemand, results: LaneResult
     found.first_peak_pu[:] = np.sqrt(watched("load.first_sq")) / I_rated
     found.peak_pu[:] = np.sqrt(watched("load.later_sq")) / I_rated
     found.above_s[:] = watched("load.above") * T_s
-    limited = watched("load.limited")
+    limited = part.get(kept["limited_at_end"])
     found.limited_s[:] = (limited - part.get(kept["limited"])) * T_s
     if "watch.delta" in place:
         _judge_disturbance(part, rests, demand, limited, found)

@@ -1,4 +1,4 @@
-"""What is watched of a lane while it runs: the figures of a step, and those of a disturbance.
+"""What is watched of a run in every sample: the figures of a step, and those of a disturbance.
 
 They are the figures of :mod:`vsgdesign.metrics.step_response` and :mod:`vsgdesign.metrics.survival`, sample by sample,
 so that no run has to be logged. Times are numbers of samples, as floats.
@@ -10,10 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.controller import ControllerOutput, ControllerState
 from vsgdesign.equations.filters import FilterGrid, pcc_voltage
 from vsgdesign.frames import instantaneous_power
-from vsgdesign.simulation.lanes.sample import PlantState, SourcePhasor
+from vsgdesign.simulation.circuit_sample import PlantState
 
 
 class Entry(NamedTuple):
@@ -36,8 +35,6 @@ class Load(NamedTuple):
     """Largest squared length of the current within 5 ms of an event, A² peak."""
     later_sq: Any
     """The same later than this."""
-    limited: Any
-    """Samples from the start of the run in which the current limiter acted."""
     above: Any
     """Samples in which the current was above its limit."""
 
@@ -69,8 +66,6 @@ class StepDemand(NamedTuple):
     band: Any
     of_P: Any
     of_Q: Any
-    V_g_pk: Any
-    """Amplitude of the source, V peak."""
 
 
 class MeanStepWatch(NamedTuple):
@@ -98,8 +93,6 @@ class MeanStepDemand(NamedTuple):
     per_cycle: Any
     of_P: Any
     of_Q: Any
-    V_g_pk: Any
-    """Amplitude of the source, V peak."""
 
 
 class DisturbanceWatch(NamedTuple):
@@ -142,53 +135,33 @@ def entered(entry: Entry, error: Any, band: Any, k: Any) -> Entry:
     )
 
 
-def loaded(load: Load, of: LoadDemand, x: PlantState, limited: Any) -> Load:
+def loaded(load: Load, of: LoadDemand, x: PlantState) -> Load:
     """The load after a sample."""
     length_sq = x.i_s_alpha * x.i_s_alpha + x.i_s_beta * x.i_s_beta
     return Load(
         first_sq=np.maximum(load.first_sq, of.first * length_sq),
         later_sq=np.maximum(load.later_sq, of.after * (1.0 - of.first) * length_sq),
-        limited=load.limited + limited,
         above=load.above + of.after * (length_sq > of.limit_sq),
     )
 
 
-def power_at_pcc(
-    x: PlantState,
-    source: SourcePhasor,
-    output: ControllerOutput,
-    circuit: FilterGrid,
-    V_g_pk: Any,
-    second_inductor: bool,
-) -> Any:
-    """Powers at the PCC. Returns (P, Q) in W and var. Without a second inductor it is the capacitor node."""
-    if second_inductor:
-        v_alpha = pcc_voltage(x.i_s_alpha, x.v_c_alpha, x.i_g_alpha, V_g_pk * source.cosine, circuit)
-        v_beta = pcc_voltage(x.i_s_beta, x.v_c_beta, x.i_g_beta, V_g_pk * source.sine, circuit)
-        P, Q = instantaneous_power(v_alpha, v_beta, x.i_g_alpha, x.i_g_beta)
-    else:
-        P, Q = output.P, output.Q
+def power_at_pcc(x: PlantState, v_g_alpha: Any, v_g_beta: Any, circuit: FilterGrid) -> Any:
+    """Powers at the PCC behind a second inductor, W and var. Returns (P, Q)."""
+    v_alpha = pcc_voltage(x.i_s_alpha, x.v_c_alpha, x.i_g_alpha, v_g_alpha, circuit)
+    v_beta = pcc_voltage(x.i_s_beta, x.v_c_beta, x.i_g_beta, v_g_beta, circuit)
+    P, Q = instantaneous_power(v_alpha, v_beta, x.i_g_alpha, x.i_g_beta)
     return P, Q
 
 
 def watched_step(
-    watch: StepWatch,
-    of: StepDemand,
-    load_of: LoadDemand,
-    x: PlantState,
-    source: SourcePhasor,
-    output: ControllerOutput,
-    circuit: FilterGrid,
-    k: Any,
-    second_inductor: bool,
+    watch: StepWatch, of: StepDemand, load_of: LoadDemand, x: PlantState, P_pcc: Any, Q_pcc: Any, k: Any
 ) -> StepWatch:
-    """What is known of a step after a sample: the power at the PCC against its step."""
-    P, Q = power_at_pcc(x, source, output, circuit, of.V_g_pk, second_inductor)
-    progress = (of.of_P * P + of.of_Q * Q - of.initial) * of.per_step
+    """What is known of a step after a sample: the power at the PCC against its step. Returns (watched)."""
+    progress = (of.of_P * P_pcc + of.of_Q * Q_pcc - of.initial) * of.per_step
     return StepWatch(
         most=np.maximum(watch.most, progress),
         entry=entered(watch.entry, np.abs(progress - 1.0), of.band, k),
-        load=loaded(watch.load, load_of, x, output.limited),
+        load=loaded(watch.load, load_of, x),
     )
 
 
@@ -196,25 +169,27 @@ def watched_mean_step(
     watch: MeanStepWatch,
     of: MeanStepDemand,
     load_of: LoadDemand,
-    power: Any,
-    power_ago: Any,
     x: PlantState,
-    limited: Any,
+    P_pcc: Any,
+    Q_pcc: Any,
+    power_ago: Any,
     k: Any,
-) -> MeanStepWatch:
-    """What is known of a step by its mean: ``power`` is the one that is stepped, W or var, ``power_ago`` that of the
-    sample that leaves the mean."""
+) -> Any:
+    """What is known of a step by its mean; ``power_ago`` is the power, W or var, of the sample that leaves the mean.
+    Returns (watched, power): the last is the power that is stepped."""
+    power = of.of_P * P_pcc + of.of_Q * Q_pcc
     total = watch.sum + (power - power_ago)
     mean = total * of.per_cycle
     progress = (mean - of.initial) / (of.final - of.initial)
-    return MeanStepWatch(
+    after = MeanStepWatch(
         most=np.maximum(watch.most, progress),
         entry=entered(watch.entry, np.abs(progress - 1.0), of.band, k),
-        load=loaded(watch.load, load_of, x, limited),
+        load=loaded(watch.load, load_of, x),
         sum=total,
         mean=mean,
         late=watch.late + power,
     )
+    return after, power
 
 
 def watched_disturbance(
@@ -222,9 +197,10 @@ def watched_disturbance(
     of: DisturbanceDemand,
     load_of: LoadDemand,
     x: PlantState,
-    state: ControllerState,
-    following: ControllerState,
-    output: ControllerOutput,
+    theta: Any,
+    next_theta: Any,
+    P: Any,
+    Q: Any,
     P_ago: Any,
     Q_ago: Any,
     extra: Any,
@@ -232,19 +208,19 @@ def watched_disturbance(
 ) -> DisturbanceWatch:
     """What is known of a disturbance after a sample: the means of P and Q over a cycle against the rest, and the angle.
 
-    P_ago and Q_ago are the powers one cycle ago. ``following`` is the state before its angle is drawn back by a turn.
-    ``extra``: by how much more than ``of.turn`` the source turns, rad.
+    P_ago and Q_ago are the powers one cycle ago. ``next_theta`` is the converter's angle at the next sample, before it
+    is drawn back by a turn. ``extra``: by how much more than ``of.turn`` the source turns, rad. Returns (watched).
     """
-    sum_P = watch.sum_P + (output.P - P_ago)
-    sum_Q = watch.sum_Q + (output.Q - Q_ago)
+    sum_P = watch.sum_P + (P - P_ago)
+    sum_Q = watch.sum_Q + (Q - Q_ago)
     error_P = np.abs(sum_P * of.per_cycle - of.P_rest)
     error_Q = np.abs(sum_Q * of.per_cycle - of.Q_rest)
     return DisturbanceWatch(
         sum_P=sum_P,
         sum_Q=sum_Q,
         entry=entered(watch.entry, np.maximum(error_P, error_Q) * of.per_S, of.band, k),
-        load=loaded(watch.load, load_of, x, output.limited),
-        delta=watch.delta + ((following.theta - state.theta) - (of.turn + extra)),
+        load=loaded(watch.load, load_of, x),
+        delta=watch.delta + ((next_theta - theta) - (of.turn + extra)),
         least=np.minimum(watch.least, watch.delta),
         most=np.maximum(watch.most, watch.delta),
     )

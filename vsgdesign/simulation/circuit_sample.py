@@ -1,7 +1,7 @@
-"""One sample of one lane as plain functions: measure, control, move the circuit, turn the source.
+"""The circuit over one sampling interval as plain functions: bridge, edges, source, and what ideal sensors measure.
 
-They are of the restricted language, so the flat loop is made of this text. The circuit's matrices stand in rows, one
-value a lane. Both axes are alike here.
+They are of the restricted language, so that the loop is made of this text. The circuit's matrices stand in rows, one
+value a run. Both axes are alike here; :mod:`vsgdesign.simulation.bodies` writes circuits whose axes differ.
 """
 
 from __future__ import annotations
@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, controller_step
-from vsgdesign.equations.inner_loops import InnerLoopGains
-from vsgdesign.equations.integration import within_a_turn
-from vsgdesign.equations.limiters import GridEstimate, LimiterLaw
-from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.equations.controller_data import Measurement
 from vsgdesign.frames import clarke, clarke_inverse, rotate
+
+BEYOND = 5.0
+"""A modulation index that no carrier meets."""
 
 
 class PlantState(NamedTuple):
@@ -106,6 +105,24 @@ class EdgeRow(NamedTuple):
     i_s: Coefficients
     v_c: Coefficients
     i_g: Coefficients
+
+
+class SecondPiece(NamedTuple):
+    """The rest of an interval in which an event falls: the circuit over it, with what the source adds for the phasor at
+    the beginning of the whole interval; its part of the carrier, and the responses to its edges."""
+
+    row: PlantRow
+    part: CarrierPart
+    edge: EdgeRow
+
+
+class Switching(NamedTuple):
+    """The edge of one leg in an interval: its place in what is left of it, −1 to 1, and the step of the bridge voltage,
+    V peak, zero where there is no edge."""
+
+    place: Any
+    alpha: Any
+    beta: Any
 
 
 def moved_by_bridge(x: PlantState, v_alpha: Any, v_beta: Any, row: PlantRow) -> PlantState:
@@ -241,88 +258,104 @@ def measured_by(x: PlantState, R_c: Any) -> Measurement:
     )
 
 
-def drawn_back(state: ControllerState) -> ControllerState:
-    """The state with its angle within a turn. (The restricted language knows no ``_replace``.)"""
-    return ControllerState(
-        theta=within_a_turn(state.theta),
-        omega_i=state.omega_i,
-        V=state.V,
-        P_f=state.P_f,
-        Q_f=state.Q_f,
-        xi_vd=state.xi_vd,
-        xi_vq=state.xi_vq,
-        xi_id=state.xi_id,
-        xi_iq=state.xi_iq,
-        i_f_d=state.i_f_d,
-        i_f_q=state.i_f_q,
-        u_alpha=state.u_alpha,
-        u_beta=state.u_beta,
-        ripple_P=state.ripple_P,
-        ripple_Q=state.ripple_Q,
-        mean_P=state.mean_P,
-        mean_Q=state.mean_Q,
-        limiter=state.limiter,
-    )
+def averaged_plant(x: PlantState, applied: BridgeVoltage, source: SourcePhasor, row: PlantRow) -> Any:
+    """The circuit over an interval with an averaged bridge, and the source's phasor at its end. Returns (moved,
+    turned)."""
+    moved = moved_by_source(moved_by_bridge(x, applied.alpha, applied.beta, row), source, row)
+    return moved, turned_source(source, row)
 
 
-def averaged_sample(
-    state: ControllerState,
+def switched_plant(
     x: PlantState,
-    pending: BridgeVoltage,
+    applied: BridgeVoltage,
     source: SourcePhasor,
-    grid: GridEstimate,
-    refs: References,
-    power_gains: PowerLoopGains,
-    inner_gains: InnerLoopGains,
-    settings: ControllerSettings,
-    R_c: Any,
-    row: PlantRow,
-    limiter: LimiterLaw,
-    delayed: bool,
-) -> Any:
-    """One sample with an averaged bridge. Returns (following, output, moved, waiting, turned): the controller's next
-    state, its angle not yet drawn back by a turn, and its output; the circuit, the voltage that waits out the delay,
-    and the source at the next sample."""
-    measured = measured_by(x, R_c)
-    following, output = controller_step(state, measured, grid, refs, power_gains, inner_gains, settings, limiter)
-    asked = BridgeVoltage(alpha=output.v_b_alpha, beta=output.v_b_beta)
-    if delayed:
-        moved = moved_by_source(moved_by_bridge(x, pending.alpha, pending.beta, row), source, row)
-    else:
-        moved = moved_by_source(moved_by_bridge(x, asked.alpha, asked.beta, row), source, row)
-    cosine, sine = rotate(source.cosine, source.sine, row.turn_cos, row.turn_sin)
-    return following, output, moved, asked, SourcePhasor(cosine, sine)
-
-
-def switched_sample(
-    state: ControllerState,
-    x: PlantState,
-    pending: BridgeVoltage,
-    source: SourcePhasor,
-    grid: GridEstimate,
-    refs: References,
-    power_gains: PowerLoopGains,
-    inner_gains: InnerLoopGains,
-    settings: ControllerSettings,
-    R_c: Any,
     row: PlantRow,
     V_dc: Any,
     part: CarrierPart,
     edge: EdgeRow,
-    limiter: LimiterLaw,
-    delayed: bool,
     zero_sequence: bool,
     rising: bool,
 ) -> Any:
-    """One sample with a switched bridge, on one slope of the carrier. Returns (following, output, moved, waiting,
-    turned) as :func:`averaged_sample`."""
-    measured = measured_by(x, R_c)
-    following, output = controller_step(state, measured, grid, refs, power_gains, inner_gains, settings, limiter)
-    asked = BridgeVoltage(alpha=output.v_b_alpha, beta=output.v_b_beta)
-    if delayed:
-        moved = switched_bridge(x, pending.alpha, pending.beta, row, V_dc, part, edge, zero_sequence, rising)
-    else:
-        moved = switched_bridge(x, asked.alpha, asked.beta, row, V_dc, part, edge, zero_sequence, rising)
-    driven = moved_by_source(moved, source, row)
+    """The same with a switched bridge, over an interval on one slope of the carrier. Returns (moved, turned)."""
+    bridged = switched_bridge(x, applied.alpha, applied.beta, row, V_dc, part, edge, zero_sequence, rising)
+    return moved_by_source(bridged, source, row), turned_source(source, row)
+
+
+def rest_of_interval(
+    x: PlantState,
+    applied: BridgeVoltage,
+    source: SourcePhasor,
+    second: SecondPiece,
+    V_dc: Any,
+    zero_sequence: bool,
+    rising: bool,
+) -> PlantState:
+    """The second piece of an interval, from the state to which the first one has led; ``source`` is the phasor at the
+    beginning of the whole interval."""
+    bridged = switched_bridge(
+        x, applied.alpha, applied.beta, second.row, V_dc, second.part, second.edge, zero_sequence, rising
+    )
+    return moved_by_source(bridged, source, second.row)
+
+
+def peak_plant(
+    x: PlantState,
+    applied: BridgeVoltage,
+    source: SourcePhasor,
+    row: PlantRow,
+    V_dc: Any,
+    part: CarrierPart,
+    edge: EdgeRow,
+    zero_sequence: bool,
+) -> Any:
+    """The same over an interval in which the carrier has its peak: a leg may fall before it and rise behind it. Returns
+    (moved, turned)."""
+    m_a, m_b, m_c = modulation(applied.alpha, applied.beta, V_dc, zero_sequence)
+    half = 0.5 * V_dc
+    w_alpha, w_beta = clarke(
+        leg_after(m_a, part.level, half, True),
+        leg_after(m_b, part.level, half, True),
+        leg_after(m_c, part.level, half, True),
+    )
+    bridged = moved_by_bridge(x, w_alpha, w_beta, row)
+    met_a = met(m_a)
+    met_b = met(m_b)
+    met_c = met(m_c)
+    fallen = moved_by_edges(bridged, met_a, met_b, met_c, V_dc, part, edge, True)
+    risen = moved_by_edges(fallen, met_a, met_b, met_c, V_dc, part, edge, False)
+    return moved_by_source(risen, source, row), turned_source(source, row)
+
+
+def met(m: Any) -> Any:
+    """The modulation index where the carrier meets it below its peak, else one that it never meets."""
+    return np.where(m < 1.0, m, BEYOND)
+
+
+def turned_source(source: SourcePhasor, row: PlantRow) -> SourcePhasor:
+    """The source's phasor at the end of the interval. Returns (turned)."""
     cosine, sine = rotate(source.cosine, source.sine, row.turn_cos, row.turn_sin)
-    return following, output, driven, asked, SourcePhasor(cosine, sine)
+    return SourcePhasor(cosine, sine)
+
+
+def legs_after(applied: BridgeVoltage, V_dc: Any, part: CarrierPart, zero_sequence: bool, rising: bool) -> Any:
+    """The switched bridge just after an interval has begun. Returns (first, m_a, m_b, m_c): its voltage, V peak, and
+    the modulation indices."""
+    m_a, m_b, m_c = modulation(applied.alpha, applied.beta, V_dc, zero_sequence)
+    half = 0.5 * V_dc
+    alpha, beta = clarke(
+        leg_after(m_a, part.level, half, rising),
+        leg_after(m_b, part.level, half, rising),
+        leg_after(m_c, part.level, half, rising),
+    )
+    return BridgeVoltage(alpha, beta), m_a, m_b, m_c
+
+
+def edges_on_slope(m_a: Any, m_b: Any, m_c: Any, V_dc: Any, part: CarrierPart, rising: bool) -> Any:
+    """The edges of the three legs on one slope of the carrier. Returns (edge_a, edge_b, edge_c)."""
+    x_a, s_a = edge_of_leg(met(m_a), part, rising)
+    x_b, s_b = edge_of_leg(met(m_b), part, rising)
+    x_c, s_c = edge_of_leg(met(m_c), part, rising)
+    a_alpha, a_beta = clarke(s_a * V_dc, 0.0, 0.0)
+    b_alpha, b_beta = clarke(0.0, s_b * V_dc, 0.0)
+    c_alpha, c_beta = clarke(0.0, 0.0, s_c * V_dc)
+    return Switching(x_a, a_alpha, a_beta), Switching(x_b, b_alpha, b_beta), Switching(x_c, c_alpha, c_beta)

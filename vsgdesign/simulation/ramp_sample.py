@@ -1,4 +1,4 @@
-"""One interval of a lane whose source is on a ramp of its voltage or its frequency."""
+"""One interval of a run whose source is on a ramp of its voltage or its frequency."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsgdesign.frames import rotate
-from vsgdesign.simulation.lanes.sample import PlantRow
+from vsgdesign.simulation.circuit_sample import PlantRow
 
 
 class Ramp(NamedTuple):
@@ -44,13 +44,13 @@ class RampRow(NamedTuple):
     omega_slope: Any
 
 
-def with_ramp(row: PlantRow, ramp: Ramp, of: RampRow, T_s: Any) -> Any:
+def with_ramp(row: PlantRow, ramp: Ramp, ramp_of: RampRow, T_s: Any) -> Any:
     """The interval of a sample on a ramp (:eq:`source-ramp`): to second order in drift and slope. Returns (moved_row,
     ramp_after, extra): the row, the ramp at the next sample, and by how much more the source turns, rad."""
     V = ramp.V_pk
     d = ramp.drift
-    a = of.V_slope
-    r = of.omega_slope
+    a = ramp_of.V_slope
+    r = ramp_of.omega_slope
     one_im = d * V
     two_re = -0.5 * V * d * d
     two_im = 0.5 * V * r + d * a
@@ -69,12 +69,24 @@ def with_ramp(row: PlantRow, ramp: Ramp, of: RampRow, T_s: Any) -> Any:
         b1=row.b1,
         b2=row.b2,
         b3=row.b3,
-        re1=of.re01 * V + (of.re11 * a - of.im11 * one_im) + (of.re21 * two_re - of.im21 * two_im),
-        re2=of.re02 * V + (of.re12 * a - of.im12 * one_im) + (of.re22 * two_re - of.im22 * two_im),
-        re3=of.re03 * V + (of.re13 * a - of.im13 * one_im) + (of.re23 * two_re - of.im23 * two_im),
-        im1=of.im01 * V + (of.im11 * a + of.re11 * one_im) + (of.im21 * two_re + of.re21 * two_im),
-        im2=of.im02 * V + (of.im12 * a + of.re12 * one_im) + (of.im22 * two_re + of.re22 * two_im),
-        im3=of.im03 * V + (of.im13 * a + of.re13 * one_im) + (of.im23 * two_re + of.re23 * two_im),
+        re1=ramp_of.re01 * V
+        + (ramp_of.re11 * a - ramp_of.im11 * one_im)
+        + (ramp_of.re21 * two_re - ramp_of.im21 * two_im),
+        re2=ramp_of.re02 * V
+        + (ramp_of.re12 * a - ramp_of.im12 * one_im)
+        + (ramp_of.re22 * two_re - ramp_of.im22 * two_im),
+        re3=ramp_of.re03 * V
+        + (ramp_of.re13 * a - ramp_of.im13 * one_im)
+        + (ramp_of.re23 * two_re - ramp_of.im23 * two_im),
+        im1=ramp_of.im01 * V
+        + (ramp_of.im11 * a + ramp_of.re11 * one_im)
+        + (ramp_of.im21 * two_re + ramp_of.re21 * two_im),
+        im2=ramp_of.im02 * V
+        + (ramp_of.im12 * a + ramp_of.re12 * one_im)
+        + (ramp_of.im22 * two_re + ramp_of.re22 * two_im),
+        im3=ramp_of.im03 * V
+        + (ramp_of.im13 * a + ramp_of.re13 * one_im)
+        + (ramp_of.im23 * two_re + ramp_of.re23 * two_im),
         turn_cos=turn_cos,
         turn_sin=turn_sin,
     )
