@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from tests.verification_documents import document
-from vsgdesign.cli.console.verify import SHOWN, verification_tables
 from vsgdesign.report import write_verification_report
+from vsgdesign.report.page.terminal import print_terminal
+from vsgdesign.report.verification.page import SHOWN, verification_page
 
 
 class Text(HTMLParser):
@@ -48,7 +49,7 @@ def squeezed(text: str) -> str:
 def test_terminal_page_and_document_agree(broken: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made = document(broken=broken)
     results = json.loads(json.dumps(made, allow_nan=False))
-    verification_tables(results)
+    print_terminal(verification_page(results).blocks)
     terminal = squeezed(capsys.readouterr().out)
     write_verification_report(results, tmp_path)
     page = Text((tmp_path / "report.html").read_text(encoding="utf-8"))

@@ -14,7 +14,7 @@ from vsgdesign.metrics.events import UNSTABLE
 from vsgdesign.metrics.step_response import no_figures
 from vsgdesign.metrics.survival import Survival
 from vsgdesign.report.drawing import spark
-from vsgdesign.report.page.answer import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, counted, without_empty
+from vsgdesign.report.page.blocks import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, counted, without_empty
 from vsgdesign.report.page.html import environment
 from vsgdesign.report.quantities import number, percent
 from vsgdesign.report.scenario import tables

@@ -134,9 +134,10 @@ def verify(
         elif shard is not None:
             click.echo(f"shard {shard}: {document['judged']:,} of {document['runs']:,} runs were judged; {folder}")
         else:
-            from vsgdesign.cli.console.verify import verification_tables
+            from vsgdesign.report.page.terminal import print_terminal
+            from vsgdesign.report.verification.page import verification_page
 
-            verification_tables(document)
+            print_terminal(verification_page(document).blocks)
             click.echo(f"report: {folder / 'report.html'}")
 
 

@@ -9,6 +9,18 @@ _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, 
 
 DASH = "–"
 
+GAIN_UNITS = {
+    "K_ip": "rad/(s²·W)",
+    "D_p": "W·s/rad",
+    "K_iq": "V/(s·var)",
+    "D_q": "var/V",
+    "K_pq": "rad/(s²·var)",
+    "K_qp": "V/(s·W)",
+    "k_P": "rad/(s·W)",
+    "k_Q": "rad/(s·var)",
+}
+"""Units of the power loops' gains by name."""
+
 
 def prefix_for(largest: float, smallest_factor: float = 1.0) -> tuple[float, str]:
     """(factor, prefix) that brings ``largest`` to 1 … 1000; no prefix below ``smallest_factor``."""

@@ -7,7 +7,7 @@ from typing import Any
 from vsgdesign.design.comparison import Comparison, summary_of
 from vsgdesign.report.comparison.tables import error_of, label, reached, share
 from vsgdesign.report.drawing import spark
-from vsgdesign.report.page.answer import MET, MISSED, OPEN, Answer, Cell, Row, without_empty
+from vsgdesign.report.page.blocks import MET, MISSED, OPEN, Answer, Cell, Row, without_empty
 from vsgdesign.report.quantities import number, plain
 
 

@@ -13,7 +13,7 @@ from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLI
 from vsgdesign.report.compliance.arranged import Arranged, Tested
 from vsgdesign.report.compliance.verdicts import LOOKS, Counts
 from vsgdesign.report.drawing.sketch import Area, Sketch, svg
-from vsgdesign.report.page.answer import MET, MISSED, OPEN, Answer, Cell, Row
+from vsgdesign.report.page.blocks import MET, MISSED, OPEN, Answer, Cell, Row
 
 MOST_FAILING = 12
 """Failing tests that are named on top; the matrix has all of them."""

@@ -19,7 +19,7 @@ from vsgdesign.report.compliance.verdicts import LOOKS
 from vsgdesign.report.drawing.flow import DIM, LEADING, ROOM, Cells, Flow, Said, alone
 from vsgdesign.report.drawing.paper import HEIGHT, MARGIN, WIDTH, save, text_width, wrapped
 from vsgdesign.report.drawing.sketch import END
-from vsgdesign.report.page.answer import MET, MISSED, Cell
+from vsgdesign.report.page.blocks import MET, MISSED, Cell
 from vsgdesign.report.quantities import typeset
 
 MOST_FIGURES = 24

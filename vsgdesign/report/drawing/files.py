@@ -7,6 +7,8 @@ import re
 import warnings
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from vsgdesign.report.drawing.style import look
 from vsgdesign.report.drawing.ticks import plain_ticks
 from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
@@ -21,17 +23,23 @@ _FAMILY = re.compile("'DejaVu Sans'(, sans-serif)?")
 def write_figure(named: NamedFigure, folder: Path) -> WrittenFigure:
     """One figure as NAME.svg and NAME.png."""
     svg, png = folder / f"{named.name}.svg", folder / f"{named.name}.png"
-    plain_ticks(named.figure)
-    buffer = io.StringIO()
+    svg.write_text(svg_text(named.figure), encoding="utf-8", newline="\n")
     with look(), warnings.catch_warnings():
         # A controller may have any letters in its name; a missing glyph costs a box in the PNG, no more.
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        named.figure.savefig(
-            buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None}
-        )
         named.figure.savefig(png, format="png", metadata={"Software": None})
-    svg.write_text(compact(buffer.getvalue()), encoding="utf-8", newline="\n")
     return WrittenFigure(named.name, named.title, named.caption, svg, png, named.part)
+
+
+def svg_text(figure: Figure) -> str:
+    """The text of a figure's SVG file."""
+    plain_ticks(figure)
+    buffer = io.StringIO()
+    nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
+    with look(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        figure.savefig(buffer, format="svg", metadata=nothing)
+    return compact(buffer.getvalue())
 
 
 def compact(svg: str) -> str:

@@ -79,6 +79,8 @@ class Sketch:
     height: float
     label: str
     parts: list[Part] = field(default_factory=list)
+    kind: str = "sketch"
+    """Its class on a page."""
 
     def line(
         self, start: tuple[float, float], end: tuple[float, float], colour: str, width: float = 1.0, dashes: tuple = ()
@@ -92,8 +94,8 @@ class Sketch:
         self.parts.append(Area(np.array(corners, dtype=float), colour, edge))
 
 
-def svg(sketch: Sketch, kind: str = "sketch", stretched: bool = False) -> Markup:
-    """The sketch as an element of a page: of class ``kind``, no larger than its size in px.
+def svg(sketch: Sketch, kind: str = "", stretched: bool = False) -> Markup:
+    """The sketch as an element of a page: of class ``kind`` or its own, no larger than its size in px.
 
     ``stretched``: it keeps its height where the page is narrow.
     """
@@ -101,7 +103,7 @@ def svg(sketch: Sketch, kind: str = "sketch", stretched: bool = False) -> Markup
     shape = Markup('preserveAspectRatio="none" height="{:.0f}" ').format(sketch.height) if stretched else Markup("")
     box = f"{sketch.width * _TENTHS:.0f} {sketch.height * _TENTHS:.0f}"
     head = Markup('<svg class="{}" role="img" aria-label="{}" viewBox="0 0 {}" {}style="max-width:{:g}px">')
-    return head.format(kind, sketch.label, box, shape, sketch.width) + Markup(f"{body}</svg>")
+    return head.format(kind or sketch.kind, sketch.label, box, shape, sketch.width) + Markup(f"{body}</svg>")
 
 
 def svg_file(sketches: Sequence[Sketch], title: str, lines: Iterable[str] = ()) -> str:

@@ -12,7 +12,7 @@ from vsgdesign.estimator.field.scores import AFTER, GROUPS, WAYS, GroupScore
 from vsgdesign.estimator.field.trained import GROUP_WORDS, TrainedFieldNetwork
 from vsgdesign.estimator.stress import Stress
 from vsgdesign.report.drawing import spark
-from vsgdesign.report.page.answer import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, without_empty
+from vsgdesign.report.page.blocks import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, without_empty
 from vsgdesign.report.quantities import number, plain
 
 _LIMIT = f"{plain(100.0 * WITHIN)} %"

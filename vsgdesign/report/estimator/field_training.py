@@ -22,8 +22,8 @@ from vsgdesign.report.drawing.style import (
 )
 from vsgdesign.report.estimator.answer import WAY_WORDS, training_answer, training_headline
 from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.html import write_html
-from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import DASH, number
 
 _TITLES = {

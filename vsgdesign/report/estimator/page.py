@@ -18,8 +18,8 @@ from vsgdesign.report.estimator.answer import (
     stress_headline,
 )
 from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.html import write_html
-from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import DASH, number, plain
 
 

@@ -12,8 +12,7 @@ from vsgdesign.report.drawing.look import Cells, Scale, gate_scale
 from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
 from vsgdesign.report.drawing.surfaces import MOST, Surface, surface_figure, surface_scale
 from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.page.table import GAIN_UNITS
-from vsgdesign.report.quantities import plain
+from vsgdesign.report.quantities import GAIN_UNITS, plain
 from vsgdesign.report.stability.gains import gain_symbol, used_gains
 from vsgdesign.stability.gain_table import FIGURES, WORST, Figure, figure_of
 

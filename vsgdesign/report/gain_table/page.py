@@ -27,8 +27,8 @@ from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.gain_table.answer import table_answer, table_headline
 from vsgdesign.report.gain_table.inside import inside_sentence
 from vsgdesign.report.gain_table.maps import in_order, limit_of, margin_keys
+from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.html import write_html
-from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import DASH, number, plain, plain_quantity
 from vsgdesign.runtime.guards import safe_place_text, settings_of
 from vsgdesign.runtime.needed_sigma import needed_sigma_text

@@ -23,8 +23,8 @@ from vsgdesign.report.inner.words import (
     promise_rows,
     what_for,
 )
+from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.html import write_html
-from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import plain
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from vsgdesign.identification import estimator_kind
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network_fields import OPEN, Base, Said, network_words
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.report.page.table import Table
+from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.quantities import number, plain, plain_quantity
 from vsgdesign.simulation.timeline import build_timeline
 

@@ -1,29 +1,272 @@
-"""How every page is made: one skeleton, figures inlined and numbered, nothing fetched."""
+"""Blocks as HTML: a page of one skeleton with its figures inlined, or a fragment for a notebook. Nothing is fetched."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from markupsafe import Markup, escape
+
 from vsgdesign import __version__
-from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.drawing.sketch import Sketch, svg
+from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.page.blocks import (
+    BULLETS,
+    HEADLINE,
+    NUMBERS,
+    SOURCE,
+    Answer,
+    Block,
+    Box,
+    Cell,
+    Contents,
+    Figure,
+    Heading,
+    Line,
+    Live,
+    Note,
+    Page,
+    Side,
+    Sketches,
+    Span,
+    Table,
+    Where,
+    Words,
+    numbered,
+    plain_text,
+    printed,
+)
 from vsgdesign.report.quantities import typeset
 
 if TYPE_CHECKING:
     import jinja2
 
+_FEW_ROWS, _FEW_LETTERS = 14, 28
+"""A table of so many rows stays on one sheet of paper, a text of so many letters on one line."""
+
+
+def print_html(page: Page, out_path: Path) -> Path:
+    """Write a page: one file, which fetches nothing. Figures are inlined as their SVG lies on disk."""
+    blocks = numbered(page.blocks)
+    text = (
+        environment()
+        .get_template("skeleton.html.j2")
+        .render(
+            title=page.title,
+            style=Markup(_file("style.css") + page.style),
+            main=_set(blocks, blocks),
+            origin=_line(page.origin),
+            script=Markup(page.script),
+            version=__version__,
+        )
+    )
+    out_path.write_text(text, encoding="utf-8", newline="\n")
+    return out_path
+
+
+def print_fragment(blocks: Sequence[Block]) -> str:
+    """Blocks as a part of a page that has its own skeleton and style: the cell of a notebook."""
+    return str(_set(blocks, blocks))
+
+
+def _set(blocks: Sequence[Block], of_page: Sequence[Block]) -> Markup:
+    return Markup("\n").join(_block(block, of_page) for block in printed(blocks, Where.PAGE))
+
+
+def _block(block: Block, of_page: Sequence[Block]) -> Markup:
+    if isinstance(block, Box):
+        anchor = Markup(' id="{}"').format(block.anchor) if block.anchor else ""
+        head = Markup('<section class="verdict{}"{}>\n').format(" warning" if block.warning else "", anchor)
+        return head + _set(block.blocks, of_page) + Markup("\n</section>")
+    if isinstance(block, Side):
+        return Markup('<div class="side">\n{}\n</div>').format(_set(block.blocks, of_page))
+    if isinstance(block, Contents):
+        return _contents(of_page)
+    return _PRINTERS[type(block)](block)
+
+
+def _heading(block: Heading) -> Markup:
+    anchor = Markup(' id="{}"').format(block.anchor) if block.anchor else ""
+    return Markup("<h{}{}>{}</h{}>").format(block.level, anchor, with_subscripts(block.text), block.level)
+
+
+def _contents(of_page: Sequence[Block]) -> Markup:
+    parts = [block for block in of_page if isinstance(block, Heading) and block.numbered]
+    entry = Markup('<li><a href="#{}">{}</a></li>')
+    items = Markup("\n").join(entry.format(part.anchor, part.text.partition(". ")[2]) for part in parts)
+    return Markup('<nav aria-label="Parts">\n<ol>\n{}\n</ol>\n</nav>').format(items)
+
+
+def _words(block: Words) -> Markup:
+    lines = [_line(line) for line in block.lines]
+    if block.style in (BULLETS, NUMBERS):
+        tag = "ul" if block.style == BULLETS else "ol"
+        items = Markup("\n").join(Markup("<li>{}</li>").format(line) for line in lines)
+        return Markup("<{}>\n{}\n</{}>").format(tag, items, tag) if lines else Markup("")
+    kind = Markup(' class="{}"').format(block.style) if block.style in (HEADLINE, SOURCE) else ""
+    return Markup("\n").join(Markup("<p{}>{}</p>").format(kind, line) for line in lines)
+
+
+def _note(block: Note) -> Markup:
+    return Markup('<p class="note">{}</p>').format(_line(block.line))
+
+
+def _notes(notes: Iterable[str]) -> Markup:
+    return Markup("").join(_note(Note(note)) + Markup("\n") for note in notes)
+
+
+def _line(line: Line) -> Markup:
+    if isinstance(line, str):
+        return with_subscripts(line)
+    return Markup("").join(with_subscripts(one) if isinstance(one, str) else _span(one) for one in line)
+
+
+def _span(span: Span) -> Markup:
+    found = Markup("<code>{}</code>").format(span.text) if span.code else with_subscripts(span.text)
+    for tag, on in (("b", span.bold), ("i", span.italic)):
+        found = Markup("<{}>{}</{}>").format(tag, found, tag) if on else found
+    return Markup('<a href="{}">{}</a>').format(span.link, found) if span.link else found
+
+
+def _table(table: Table) -> Markup:
+    kinds = "table" + (" small" if table.small else "") + (" short" if len(table.rows) <= _FEW_ROWS else "")
+    anchor = Markup(' id="{}"').format(table.anchor) if table.anchor else ""
+    head = Markup("").join(
+        Markup("<th{}>{}</th>").format(Markup(' class="text"') if k < table.texts else "", with_subscripts(cell))
+        for k, cell in enumerate(table.head)
+    )
+    groups = Markup("").join(
+        Markup('<th colspan="{}"{}>{}</th>').format(span, Markup(' class="named"') if label else "", label)
+        for label, span in table.groups
+    )
+    groups = Markup('<tr class="groups">{}</tr>\n').format(groups) if table.groups else ""
+    rows = Markup("\n").join(_row(table, k) for k in range(len(table.rows)))
+    caption = Markup("<caption>{}</caption>\n").format(typeset(table.title)) if table.title else ""
+    return Markup(
+        '<figure class="{}">\n<table{}>\n{}<thead>\n{}<tr>{}</tr>\n</thead>\n<tbody>\n{}\n</tbody>\n</table>\n'
+        "{}</figure>"
+    ).format(kinds, anchor, caption, groups, head, rows, _notes(table.notes))
+
+
+def _row(table: Table, k: int) -> Markup:
+    kinds = " ".join(kind for kind, rows in (("flagged", table.flagged), ("marked", table.marked)) if k in rows)
+    cells = []
+    for n, cell in enumerate(table.rows[k]):
+        brief = " brief" if len(plain_text(cell)) <= _FEW_LETTERS else ""
+        look = Markup(' class="text{}"').format(brief) if n < table.texts else ""
+        link = table.links[k] if table.links and n == 0 else ""
+        shown = Markup('<a href="{}">{}</a>').format(link, _line(cell)) if link else _line(cell)
+        cells.append(Markup("<td{}>{}</td>").format(look, shown))
+    return Markup("<tr{}>{}</tr>").format(Markup(' class="{}"').format(kinds) if kinds else "", Markup("").join(cells))
+
+
+def _answer(answer: Answer) -> Markup:
+    head = Markup("").join(
+        Markup('<th class="text">{}</th>').format(with_subscripts(cell)) for cell in (answer.subject, *answer.head)
+    )
+    rows = [
+        Markup('<tr><th class="text" scope="row">{}{}</th>\n{}\n</tr>').format(
+            _picture(row.key, "key") + Markup(" ") if row.key is not None else "",
+            typeset(row.name),
+            Markup("\n").join(map(_cell, row.cells)),
+        )
+        for row in answer.rows
+    ]
+    return Markup(
+        '<figure class="table answer{}">\n<table>\n<caption>{}</caption>\n<thead>\n<tr>{}</tr>\n</thead>\n<tbody>\n{}\n'
+        "</tbody>\n</table>\n{}</figure>"
+    ).format(
+        " pictures" if answer.pictures else "",
+        typeset(answer.title),
+        head,
+        Markup("\n").join(rows),
+        _notes(answer.notes),
+    )
+
+
+def _cell(cell: Cell) -> Markup:
+    sign = Markup('<span aria-hidden="true">{}</span> ').format(cell.sign) if cell.sign else ""
+    detail = Markup(" <small>{}</small>").format(with_subscripts(tight(cell.detail))) if cell.detail else ""
+    return Markup('<td class="text">{}<span class="{}">{}{}</span>{}</td>').format(
+        "" if cell.picture is None else _picture(cell.picture), cell.mark, sign, with_subscripts(cell.words), detail
+    )
+
+
+def _picture(picture: Sketch | Markup, kind: str = "") -> Markup:
+    return svg(picture, kind or picture.kind) if isinstance(picture, Sketch) else picture
+
+
+def _figure(block: Figure) -> Markup:
+    drawn = block.drawn
+    number = f"Figure {block.number}. " if block.number else ""
+    return Markup(
+        '<figure class="drawing" id="figure-{}">\n<div class="canvas">\n{}\n</div>\n'
+        "<figcaption><b>{}{}.</b> {}</figcaption>\n</figure>"
+    ).format(
+        drawn.name,
+        inline_svg(_svg_of(block), drawn.name, drawn.title),
+        number,
+        with_subscripts(drawn.title),
+        with_subscripts(drawn.caption),
+    )
+
+
+def _svg_of(block: Figure) -> str:
+    if isinstance(block.drawn, NamedFigure):
+        from vsgdesign.report.drawing.files import svg_text
+
+        return svg_text(block.drawn.figure)
+    return block.drawn.svg.read_text(encoding="utf-8")
+
+
+def _sketches(block: Sketches) -> Markup:
+    drawn = Markup("\n").join(svg(one, block.kind) for one in block.sketches)
+    title = Markup("<b>{}.</b> ").format(block.title) if block.title else ""
+    return Markup('<figure class="plots"><div class="row">{}</div><figcaption>{}{}</figcaption></figure>').format(
+        drawn, title, with_subscripts(block.caption)
+    )
+
+
+_PRINTERS: dict[type[Block], Callable[[Any], Markup]] = {
+    Heading: _heading,
+    Words: _words,
+    Note: _note,
+    Table: _table,
+    Answer: _answer,
+    Figure: _figure,
+    Sketches: _sketches,
+    Live: lambda block: block.html,
+}
+
+
+def _file(name: str) -> str:
+    return (resources.files("vsgdesign.report") / "templates" / name).read_text(encoding="utf-8")
+
+
+def environment() -> jinja2.Environment:
+    """The skeleton's templates; every text is escaped and typeset, a missing one is an error."""
+    import jinja2
+
+    found = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_file),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+        finalize=lambda value: typeset(value) if type(value) is str else value,
+    )
+    found.filters["sub"] = with_subscripts
+    found.filters["tight"] = tight
+    return found
+
 
 def write_html(
     out_path: Path, template: str, figures: Sequence[WrittenFigure], largest: str = "", **values: Any
 ) -> Path:
-    """Write a page: a template of this room with these values, and with the figures' SVG text as it lies on disk.
-
-    The template sees ``figures`` as (number, figure, svg), numbered from 1 in the order of their parts. The figure with
-    the name ``largest`` belongs to the answer: it is the first one, and in ``largest`` instead of ``figures``.
-    """
+    """Write a page of a template of its own, until its result has a function that makes blocks."""
     placed = [
         (k + 1, figure, inline_svg(figure.svg.read_text(encoding="utf-8"), figure.name, figure.title))
         for k, figure in enumerate(sorted(figures, key=lambda figure: (figure.name != largest, figure.part)))
@@ -33,31 +276,6 @@ def write_html(
     text = environment().get_template(template).render(figures=rest, largest=first, version=__version__, **values)
     out_path.write_text(text, encoding="utf-8", newline="\n")
     return out_path
-
-
-def environment() -> jinja2.Environment:
-    """Templates of this room, with the filter ``sub``; every text is escaped, a missing one is an error."""
-    import jinja2
-
-    def read(name: str) -> str:
-        return (resources.files("vsgdesign.report") / "templates" / name).read_text(encoding="utf-8")
-
-    found = jinja2.Environment(
-        loader=jinja2.FunctionLoader(read),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-        finalize=_finalize,
-    )
-    found.filters["sub"] = with_subscripts
-    found.filters["tight"] = tight
-    return found
-
-
-def _finalize(value: Any) -> Any:
-    """Plain texts that a template prints; Markup is finished."""
-    return typeset(value) if type(value) is str else value
 
 
 _BREAKABLE = re.compile(r"(?<=[≤≥\d]) (?=[\d%°a-zA-Z])|(?<=asked) (?=[≤≥])|(?<=limit) (?=\d)")
@@ -75,10 +293,8 @@ _SUBSCRIPT = re.compile(
 )
 
 
-def with_subscripts(text: str) -> str:
+def with_subscripts(text: str) -> Markup:
     """A plain text with its symbols (K_ip, P_ref) set with subscripts, everything else escaped."""
-    from markupsafe import Markup, escape
-
     text = _PHASOR.sub(r"<i>\1</i><sub>\2,\3</sub>", str(escape(typeset(text))))
     return Markup(_SUBSCRIPT.sub(r"<i>\1</i><sub>\2</sub>", text))
 
@@ -93,10 +309,8 @@ _REFERENCE = re.compile(r'(?:xlink:)?href="#([^"]+)"')
 _URL = re.compile(r"url\(#([^)]+)\)")
 
 
-def inline_svg(svg: str, name: str, title: str) -> str:
+def inline_svg(svg: str, name: str, title: str) -> Markup:
     """An SVG file as a part of an HTML page: no namespaces or prologue, ids of its own, width from its box."""
-    from markupsafe import Markup, escape
-
     svg = _STYLE.sub("", _METADATA.sub("", _PROLOGUE.sub("", svg)))
     box = _VIEW_BOX.search(svg)
     if box is None:

@@ -14,8 +14,8 @@ from vsgdesign.identification.registry import needs_network
 from vsgdesign.metrics.estimation import FOUND_PCT
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.converter import grid_label
-from vsgdesign.report.page.table import Table
 from vsgdesign.report.quantities import DASH, number, percent, plain, plain_quantity
 from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.simulation import ScenarioResult

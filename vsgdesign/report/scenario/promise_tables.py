@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from vsgdesign.metrics.beside_limit import beside_limit
-from vsgdesign.report.page.table import Table
+from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.quantities import DASH, number, plain
 from vsgdesign.simulation.promises import Kept
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from vsgdesign.report.drawing import spark
-from vsgdesign.report.page.answer import MET, MISSED, UNKNOWN, Answer, Cell, Row, counted
+from vsgdesign.report.page.blocks import MET, MISSED, UNKNOWN, Answer, Cell, Row, counted
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.stability.verdict import FAIL, OWN, PASS, Verdict
 

@@ -10,8 +10,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.report.drawing.surfaces import MOST, Surface, surface_figure
 from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.page.table import GAIN_UNITS
-from vsgdesign.report.quantities import plain
+from vsgdesign.report.quantities import GAIN_UNITS, plain
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.stability.assessment import ControllerAssessment

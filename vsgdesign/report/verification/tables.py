@@ -21,7 +21,7 @@ from vsgdesign.artifacts.verification_text import (
     value_text,
     worst_text,
 )
-from vsgdesign.report.page.table import Table
+from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.quantities import DASH, number, plain
 
 QUANTILES = ("50", "90", "99", "99.9")

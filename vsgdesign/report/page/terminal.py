@@ -1,0 +1,121 @@
+"""Blocks on a terminal: their lines, and their tables with as many columns as it has room for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from vsgdesign.report.page.blocks import (
+    HEADLINE,
+    NUMBERS,
+    Answer,
+    Block,
+    Box,
+    Cell,
+    Heading,
+    Line,
+    Live,
+    Note,
+    Side,
+    Table,
+    Where,
+    Words,
+    plain_text,
+    printed,
+)
+from vsgdesign.report.quantities import typeset
+
+if TYPE_CHECKING:
+    import rich.table
+    from rich.console import Console
+
+WIDTH = 160
+"""Width without a terminal (a pipe, a log): every table has room."""
+
+
+def new_console() -> Console:
+    """The terminal with its own width, or a pipe with room for every table."""
+    from rich.console import Console
+
+    console = Console()
+    return console if console.is_terminal else Console(width=WIDTH)
+
+
+def print_terminal(blocks: Sequence[Block], console: Console | None = None) -> None:
+    """Print those of the blocks that are meant for a terminal."""
+    console = console or new_console()
+    for block in printed(blocks, Where.TERMINAL):
+        _print(console, block)
+
+
+def _print(console: Console, block: Block, warning: bool = False) -> None:
+    if isinstance(block, Box | Side):
+        for inner in printed(block.blocks, Where.TERMINAL):
+            _print(console, inner, isinstance(block, Box) and block.warning)
+    elif isinstance(block, Words):
+        style = ("bold red" if warning else "bold") if block.style == HEADLINE else ""
+        for k, line in enumerate(block.lines, start=1):
+            _say(console, f"{k}. {_text(line)}" if block.style == NUMBERS else _text(line), style)
+    elif isinstance(block, Heading | Note):
+        _say(console, _text(block.text if isinstance(block, Heading) else block.line), "italic")
+    elif isinstance(block, Table):
+        _table(console, block)
+    elif isinstance(block, Answer):
+        _table(console, as_table(block))
+    elif isinstance(block, Live):
+        print_terminal(block.instead, console)
+
+
+def _say(console: Console, text: str, style: str = "") -> None:
+    from rich.markup import escape
+
+    console.print(escape(text), style=style or None, highlight=False, soft_wrap=True)
+
+
+def _text(line: Line) -> str:
+    return typeset(plain_text(line))
+
+
+def as_table(answer: Answer) -> Table:
+    """Answers as a table of texts: sign, words and the figure behind them."""
+    rows = tuple((row.name, *map(_cell, row.cells)) for row in answer.rows)
+    head = (answer.subject, *answer.head)
+    return Table(answer.title, head, rows, texts=len(head), notes=answer.notes)
+
+
+def _cell(cell: Cell) -> str:
+    return " ".join(part for part in (cell.sign, cell.words, f"({cell.detail})" if cell.detail else "") if part)
+
+
+def _table(console: Console, table: Table) -> None:
+    """A table of the page. Where it flags rows, these have a star in a column of their own."""
+    from rich.markup import escape
+
+    stars = bool(table.flagged)
+    columns = [k for k, name in enumerate(table.head) if name not in table.left_out]
+    shown = new_table(table.title)
+    if stars:
+        shown.add_column("")
+    for k in columns:
+        shown.add_column(
+            escape(typeset(table.head[k])), justify="left" if k < table.texts else "right", overflow="fold"
+        )
+    rows = table.rows if table.most is None else table.rows[: table.most]
+    for k, row in enumerate(rows):
+        cells = [escape(_text(row[n])) for n in columns]
+        shown.add_row(*(["*" if k in table.flagged else ""] if stars else []), *cells)
+    console.print(shown)
+    if len(rows) < len(table.rows):
+        reasons = ", which also says why" if table.left_out else ""
+        _say(console, f"… and {len(table.rows) - len(rows)} more on the page{reasons}")
+    for note in table.notes:
+        _say(console, _text(note))
+
+
+def new_table(title: str) -> rich.table.Table:
+    """An empty table in the look of all of them."""
+    import rich.table
+    from rich import box
+    from rich.markup import escape
+
+    return rich.table.Table(title=escape(typeset(title)), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
