@@ -122,25 +122,37 @@ def objects_of(content: bytes) -> dict[int, bytes]:
             length = int(re.search(rb"/Length (\d+)", body).group(1))  # type: ignore[union-attr]
             packed = body.split(b"\nstream\n", 1)[1]
             assert packed[length:] == b"\nendstream"
-            body = body.split(b"\nstream\n", 1)[0] + b"\n" + zlib.decompress(packed[:length])
+            head, whole = body.split(b"\nstream\n", 1)[0], packed[:length]
+            body = head + b"\n" + (zlib.decompress(whole) if b"/FlateDecode" in head else whole)
         found[number] = body
     return found
 
 
-def texts_of(content: bytes) -> list[str]:
-    """What a reader of the file copies out of it: the texts of all pages, by the maps from glyphs to characters."""
-    objects = objects_of(content)
-    maps = {}
+def maps_of(objects: dict[int, bytes]) -> dict[bytes, dict[int, str]]:
+    """The character of each code, by the names of the fonts."""
+    maps: dict[bytes, dict[int, str]] = {}
     for body in objects.values():
         for name, number in re.findall(rb"/(F\d) (\d+) 0 R", body):
             to_unicode = int(re.search(rb"/ToUnicode (\d+)", objects[int(number)]).group(1))  # type: ignore[union-attr]
             pairs = re.findall(rb"^<(\w{4})> <(\w+)>$", objects[to_unicode], re.MULTILINE)
-            maps[name] = {code.lower(): bytes.fromhex(text.decode()).decode("utf-16-be") for code, text in pairs}
-    found = []
+            maps[name] = {int(code, 16): bytes.fromhex(text.decode()).decode("utf-16-be") for code, text in pairs}
+    return maps
+
+
+def texts_of(content: bytes) -> list[str]:
+    """What a reader of the file copies out of it: the texts of all pages, by the maps from codes to characters."""
+    objects = objects_of(content)
+    maps, found = maps_of(objects), []
     for body in objects.values():
-        for name, shown in re.findall(rb"/(F\d) [\d.]+ Tf [-\d. ]+ Tm <(\w*)> Tj", body):
-            codes = [shown[k : k + 4].lower() for k in range(0, len(shown), 4)]
-            found.append("".join(maps[name].get(code, "?") for code in codes))
+        font = b""
+        for name, shown in re.findall(rb"/(F\d) [\d.]+ Tf|\(((?:[^\\)]|\\.)*)\) Tj", body, re.DOTALL):
+            if name:
+                font = name
+                continue
+            codes = re.sub(rb"\\(.)", rb"\1", shown, flags=re.DOTALL)
+            found.append(
+                "".join(maps[font].get(int.from_bytes(codes[k : k + 2]), "?") for k in range(0, len(codes), 2))
+            )
     return found
 
 
@@ -151,10 +163,10 @@ def test_the_file_holds_the_texts_of_its_pages_and_the_same_bytes_each_time(tmp_
     few[1].line((40.0, 60.0), (100.0, 80.0))
     first, second = (paper.save(few, tmp_path / name, "T").read_bytes() for name in ("a.pdf", "b.pdf"))
     assert first == second
-    assert texts_of(first) == ["✗ Δθ ≥ 60° ⊘ “so”", "bold ?"]
+    assert texts_of(first) == ["✗ Δθ ≥ 60° ⊘ “so”", "bold □"]
     objects = objects_of(first)
-    assert sum(b"/Type /Page " in body for body in objects.values()) == 2
-    assert any(b"/Count 2 /Kids" in body for body in objects.values())
+    assert sum(body.endswith(b"/Type /Page\n>>") for body in objects.values()) == 2
+    assert any(b"/Count 2\n/Kids" in body for body in objects.values())
     assert any(("Matrix ✗".encode("utf-16-be").hex().encode()) in body.lower() for body in objects.values())
     assert len(first) < 60_000  # the letters that are used, not the whole fonts of 1.4 MB
 
@@ -168,12 +180,16 @@ def test_an_embedded_font_draws_the_letters_of_the_font(tmp_path: Path) -> None:
     sheet = Sheet()
     sheet.text(40.0, 60.0, "ä✗g")
     content = paper.save([sheet], tmp_path / "a.pdf", "T").read_bytes()
-    program = next(body for body in objects_of(content).values() if b"/Length1" in body).split(b">>\n", 1)[1]
+    objects = objects_of(content)
+    program = next(body for body in objects.values() if b"/Length1" in body).split(b">>\n", 1)[1]
+    codes = {letter: code for code, letter in maps_of(objects)[b"F1"].items()}
+    font_of = next(body for body in objects.values() if b"/CIDToGIDMap" in body)
+    places = objects[int(re.search(rb"/CIDToGIDMap (\d+)", font_of).group(1))].split(b">>\n", 1)[1]  # type: ignore[union-attr]
     embedded = TTFont(io.BytesIO(program))
     whole: Any = TTFont(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf")
     for letter in "ä✗g":
         name = whole.getBestCmap()[ord(letter)]
-        place = whole.getGlyphID(name)
+        place = int.from_bytes(places[2 * codes[letter] : 2 * codes[letter] + 2])
         drawn = []
         for font, glyph in ((whole, name), (embedded, embedded.getGlyphName(place))):
             glyphs = font.getGlyphSet()

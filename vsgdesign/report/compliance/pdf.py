@@ -16,11 +16,9 @@ from vsgdesign.report.compliance.figures import TestFigure
 from vsgdesign.report.compliance.heat import LEGEND, maps_by_title
 from vsgdesign.report.compliance.identity import identity_tables, sources_table, validity
 from vsgdesign.report.compliance.verdicts import LOOKS
-from vsgdesign.report.drawing.flow import DIM, LEADING, ROOM, Cells, Flow, Said, alone
-from vsgdesign.report.drawing.paper import HEIGHT, MARGIN, WIDTH, save, text_width, wrapped
-from vsgdesign.report.drawing.sketch import END
-from vsgdesign.report.page.blocks import MET, MISSED, Cell
-from vsgdesign.report.quantities import typeset
+from vsgdesign.report.drawing.flow import DIM, LEADING, Cells, Flow, Said, alone
+from vsgdesign.report.drawing.paper import MARGIN, save, text_width
+from vsgdesign.report.page.blocks import MET, MISSED, Cell, plain_text
 
 MOST_FIGURES = 24
 """Figures of failing tests on paper."""
@@ -47,42 +45,34 @@ def write_pdf(path: Path, document: Mapping[str, Any], arranged: Arranged, drawn
     flow.section = "sources"
     flow.heading("Sources", below=60.0)
     sources = sources_table(arranged.sources)
-    flow.table((4, 34, 12, 10, 40), sources.head, alone([[[Said(text)] for text in row] for row in sources.rows]))
-    _number(flow, title, document)
+    flow.table(
+        flow.shares((4, 34, 12, 10, 40)),
+        sources.head,
+        alone([[[Said(plain_text(text))] for text in row] for row in sources.rows]),
+    )
+    study = document["study"]
+    flow.number(title, f"Made by vsgdesign {__version__}. Study {study['name']}, SHA-256 {study['hash']}")
     return save(flow.sheets, path, title)
-
-
-def _number(flow: Flow, title: str, document: Mapping[str, Any]) -> None:
-    """Title, page numbers and the hash of the study on every sheet."""
-    sheets = flow.sheets
-    made = f"Made by vsgdesign {__version__}. Study {document['study']['name']}, SHA-256 {document['study']['hash']}"
-    for k, (sheet, section) in enumerate(zip(sheets, flow.sections, strict=True), start=1):
-        if k > 1:
-            sheet.text(MARGIN, MARGIN, typeset(title), 7.0, colour=DIM)
-            sheet.text(WIDTH - MARGIN, MARGIN, typeset(section), 7.0, anchor=END, colour=DIM)
-        sheet.text(MARGIN, HEIGHT - MARGIN + 10.0, made, 6.0, colour=DIM)
-        sheet.text(WIDTH - MARGIN, HEIGHT - MARGIN + 10.0, f"page {k} of {len(sheets)}", 7.0, anchor=END)
 
 
 def _answer(flow: Flow, title: str, arranged: Arranged) -> None:
     flow.heading(title, 16.0)
-    for line in wrapped(typeset(headline(arranged)), 13.0, ROOM, bold=True):
-        flow.y += 18.0
-        flow.sheet.text(MARGIN, flow.y, line, 13.0, bold=True)
-    flow.y += 10.0
+    flow.headline([headline(arranged)])
     answer = counts_answer(arranged)
     rows: list[Cells] = [
         [[Said(row.name, bold=True)], *([_counted(cell), Said(cell.detail, DIM)] for cell in row.cells)]
         for row in answer.rows
     ]
-    flow.table((34, *[66.0 / len(answer.head)] * len(answer.head)), (answer.subject, *answer.head), alone(rows))
+    flow.table(
+        flow.shares((34, *[66.0 / len(answer.head)] * len(answer.head))), (answer.subject, *answer.head), alone(rows)
+    )
     meaning = "; ".join(f"{LOOKS[verdict].sign} {verdict}: {LOOKS[verdict].says}" for verdict in VERDICTS)
     flow.paragraph(meaning + ".", 6.6, DIM)
     flow.need(24.0 * len(arranged.controllers) + 12.0)
     for k, name in enumerate(arranged.controllers):
         flow.sheet.text(MARGIN, flow.y + 11.0, name, 7.0)
         flow.sheet.sketch(counts_bar(arranged.counts[k], name), MARGIN + 90.0, flow.y + 3.0, 0.8)
-        flow.sheet.sketch(strip(arranged, k), MARGIN + 200.0, flow.y, (ROOM - 200.0) / 960.0)
+        flow.sheet.sketch(strip(arranged, k), MARGIN + 200.0, flow.y, (flow.room - 200.0) / 960.0)
         flow.y += 17.0
     flow.paragraph(
         "Left: shares of the verdicts, what fails is hatched. Right: every test in the order of the matrix. A stroke "
@@ -103,7 +93,7 @@ def _answer(flow: Flow, title: str, arranged: Arranged) -> None:
             ]
             for one in shown
         ]
-        flow.table((30, 12, 18, 40), ("Test", "Grid, power", "Controllers", "Why"), alone(rows), most=2)
+        flow.table(flow.shares((30, 12, 18, 40)), ("Test", "Grid, power", "Controllers", "Why"), alone(rows), most=2)
         if len(failing) > len(shown):
             flow.paragraph(f"{len(failing) - len(shown)} more tests fail; the matrix has all of them.")
 
@@ -120,14 +110,12 @@ def _model(flow: Flow, document: Mapping[str, Any]) -> None:
     flow.heading("The model that was tested")
     for table in identity_tables(document):
         flow.need(30.0 + LEADING * len(table.rows))
-        flow.y += 12.0
-        flow.sheet.text(MARGIN, flow.y, table.title, 8.0, bold=True)
-        flow.y += 2.0
-        rows = [[[Said(text)] for text in row] for row in table.rows]
-        flow.table((30, 70), table.head, alone(rows))
+        flow.subtitle(table.title)
+        rows = [[[Said(plain_text(text))] for text in row] for row in table.rows]
+        flow.table(flow.shares((30, 70)), table.head, alone(rows))
     flow.heading("Limits of validity")
     for sentence in validity(document):
-        flow.paragraph(sentence, bullet=True)
+        flow.paragraph(sentence, sign="•")
 
 
 def _matrix(flow: Flow, arranged: Arranged, suite: SuiteRows) -> None:
@@ -152,7 +140,7 @@ def _matrix(flow: Flow, arranged: Arranged, suite: SuiteRows) -> None:
         title: Cells = [[Said(group.name, bold=True)], [Said(said, DIM)]]
         of_tests = [_test_rows(arranged, test) for test in group.tests]
         blocks += [[title, *of_tests[0]], *of_tests[1:]]
-    flow.table(widths, head, blocks)
+    flow.table(flow.shares(widths), head, blocks)
 
 
 def _test_rows(arranged: Arranged, test: Tested) -> list[Cells]:
@@ -221,4 +209,4 @@ def _maps(flow: Flow, document: Mapping[str, Any], drawn: Drawn) -> None:
     flow.heading("Survival maps", below=200.0)
     flow.paragraph(LEGEND, colour=DIM)
     for title, words, sketches in maps_by_title(document, drawn.maps):
-        flow.sketches(title, words, sketches, int(ROOM / (_LEAST_MAP * sketches[0].width)))
+        flow.sketches(title, words, sketches, int(flow.room / (_LEAST_MAP * sketches[0].width)))

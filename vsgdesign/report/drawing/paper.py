@@ -6,16 +6,19 @@ x runs to the right and y downwards, in pt from the upper left corner.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.report.drawing.pdf_file import BOLD, FONTS, REGULAR, Mark, encoded, letters_of, pdf_bytes
-from vsgdesign.report.drawing.sketch import END, MIDDLE, Area, Part, Sketch, Stroke, Words
+from vsgdesign.report.drawing.sketch import END, MIDDLE, START, Area, Part, Sketch, Stroke, Words
+
+if TYPE_CHECKING:
+    from fpdf import FPDF
 
 Array = NDArray[np.float64]
 
@@ -24,13 +27,34 @@ WIDTH, HEIGHT = 841.9, 595.3
 
 MARGIN = 36.0
 
+PNG_DPI = 200.0
+"""Dots per inch of every figure's PNG."""
+
+_FAMILY = "DejaVu"
+
+_NO_DATE = datetime(2000, 1, 1, tzinfo=UTC)
+"""The same in every file: equal pages are equal bytes."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture of a file (PNG) with its upper left corner at a place, in pt."""
+
+    file: Path
+    x: float
+    y: float
+    width: float
+    height: float
+
 
 @dataclass
 class Sheet:
     """One page: parts in the order in which they are drawn. ``marks``: entries of the list of contents, with y."""
 
-    parts: list[Part] = field(default_factory=list)
+    parts: list[Part | Picture] = field(default_factory=list)
     marks: list[tuple[str, float]] = field(default_factory=list)
+    width: float = WIDTH
+    height: float = HEIGHT
 
     def text(self, x: float, y: float, text: str, size: float = 7.0, **look_of: Any) -> None:
         """A line of text with its baseline at y."""
@@ -41,6 +65,11 @@ class Sheet:
     ) -> None:
         """A straight line."""
         self.parts.append(Stroke(np.array([start, end]), colour, width))
+
+    def box(self, x: float, y: float, width: float, height: float, colour: str) -> None:
+        """A filled rectangle from its upper left corner."""
+        corners = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
+        self.parts.append(Area(np.array(corners), colour))
 
     def sketch(self, sketch: Sketch, x: float, y: float, scale: float) -> None:
         """A sketch with its upper left corner at a place, in ``scale`` pt for each of its px."""
@@ -60,22 +89,51 @@ class Sheet:
 
 def save(sheets: Sequence[Sheet], path: str | Path, title: str) -> Path:
     """Write pages. The same pages give the same bytes, whenever and wherever they are written."""
-    path = Path(path)
-    used: dict[str, set[str]] = {REGULAR: set(), BOLD: set()}
+    from fpdf import FPDF
+    from fpdf.enums import PageMode
+
+    pdf = FPDF(unit="pt", format=(WIDTH, HEIGHT))
+    pdf.set_auto_page_break(False)
+    pdf.set_margin(0.0)
+    pdf.set_title(title)
+    pdf.set_producer("vsgdesign")
+    pdf.set_creation_date(_NO_DATE)
+    if any(sheet.marks for sheet in sheets):
+        pdf.page_mode = PageMode.USE_OUTLINES
+    for bold in (False, True):
+        pdf.add_font(_FAMILY, "B" if bold else "", _font_file(bold))
     for sheet in sheets:
+        pdf.add_page(format=(sheet.width, sheet.height))
+        for text, y in sheet.marks:
+            pdf.set_xy(0.0, y)
+            pdf.start_section(text)
         for part in sheet.parts:
-            if isinstance(part, Words):
-                used[_font(part.bold)].update(part.text)
-    marks = [Mark(text, k, HEIGHT - y) for k, sheet in enumerate(sheets) for text, y in sheet.marks]
-    path.write_bytes(pdf_bytes([_content(sheet) for sheet in sheets], (WIDTH, HEIGHT), title, used, marks))
+            _draw(pdf, part)
+    path = Path(path)
+    path.write_bytes(bytes(pdf.output()))
     return path
+
+
+def png_size(file: Path) -> tuple[float, float]:
+    """Width and height of a figure's PNG on paper, pt: as large as its SVG."""
+    size = np.frombuffer(file.read_bytes()[16:24], dtype=">u4")
+    return float(size[0]) * 72.0 / PNG_DPI, float(size[1]) * 72.0 / PNG_DPI
 
 
 @functools.lru_cache(maxsize=20_000)
 def text_width(text: str, size: float, bold: bool = False) -> float:
     """Width of a text in pt."""
-    letters = letters_of(_font(bold))
-    return 1e-3 * size * sum(letters.widths[letters.glyph(letter)] for letter in text)
+    widths = _widths(bold)
+    return size * sum(widths[letter] for letter in _drawable(text, bold))
+
+
+_EMPTY = "□"
+
+
+def _drawable(text: str, bold: bool) -> str:
+    """The text with an empty box in place of each letter that the font does not have."""
+    widths = _widths(bold)
+    return "".join(letter if letter in widths else _EMPTY for letter in text)
 
 
 def wrapped(text: str, size: float, width: float, bold: bool = False, most: int = 99) -> list[str]:
@@ -106,47 +164,59 @@ def wrapped(text: str, size: float, width: float, bold: bool = False, most: int 
     return lines
 
 
-def _font(bold: bool) -> str:
-    return BOLD if bold else REGULAR
+@functools.cache
+def _font_file(bold: bool) -> Path:
+    """A font that comes with matplotlib: it has the signs of this field, and every machine has the same."""
+    import matplotlib
+
+    return Path(matplotlib.get_data_path()) / "fonts" / "ttf" / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf")
 
 
-def _content(sheet: Sheet) -> bytes:
-    """The operators that draw a page."""
-    found = [b"1 j 0 J"]
-    for part in sheet.parts:
-        if isinstance(part, Words):
-            found.append(_words(part))
-        elif isinstance(part, Area):
-            path = _path(part.points) + b" h"
-            if part.edge:
-                found.append(b"0.4 w %s rg %s RG %s B" % (_rgb(part.colour), _rgb(part.edge), path))
-            else:
-                found.append(b"%s rg %s f" % (_rgb(part.colour), path))
-        else:
-            dashes = b" ".join(b"%.2f" % (part.width * length) for length in part.dashes)
-            found += [b"%.2f w %s RG [%s] 0 d" % (part.width, _rgb(part.colour), dashes)]
-            found += [_path(run) + b" S" for run in part.runs()]
-    return b"\n".join(found)
+@functools.cache
+def _widths(bold: bool) -> Mapping[str, float]:
+    """Widths of the characters of a font, as a share of its size."""
+    from fontTools.ttLib import TTFont
+
+    with TTFont(_font_file(bold), lazy=True) as font:
+        metrics, scale = font["hmtx"].metrics, 1.0 / font["head"].unitsPerEm  # type: ignore[attr-defined]
+        return {chr(code): scale * metrics[glyph][0] for code, glyph in (font.getBestCmap() or {}).items()}
 
 
-def _words(part: Words) -> bytes:
-    font, x, y = _font(part.bold), part.x, HEIGHT - part.y
-    if part.anchor in (MIDDLE, END):
-        back = text_width(part.text, part.size, part.bold) * (0.5 if part.anchor == MIDDLE else 1.0)
-        x, y = (x, y - back) if part.upright else (x - back, y)
-    turn = b"0 1 -1 0" if part.upright else b"1 0 0 1"
-    name, shown = FONTS[font].encode(), encoded(part.text, font)
-    return b"BT %s rg /%s %.2f Tf %s %.2f %.2f Tm %s Tj ET" % (_rgb(part.colour), name, part.size, turn, x, y, shown)
+def _draw(pdf: FPDF, part: Part | Picture) -> None:
+    if isinstance(part, Words):
+        _words(pdf, part)
+    elif isinstance(part, Picture):
+        pdf.image(part.file, part.x, part.y, part.width, part.height)
+    elif isinstance(part, Area):
+        pdf.set_fill_color(part.colour)
+        if part.edge:
+            pdf.set_draw_color(part.edge)
+            pdf.set_line_width(0.4)
+        _path(pdf, part.points, "h B" if part.edge else "h f")
+    else:
+        pdf.set_line_width(part.width)
+        pdf.set_draw_color(part.colour)
+        # The library's own pattern has one dash and one gap; lines of this field have up to three of each.
+        pdf._out(f"[{' '.join(f'{part.width * length:.2f}' for length in part.dashes)}] 0 d")
+        for run in part.runs():
+            _path(pdf, run, "S")
 
 
-def _path(points: Array) -> bytes:
-    whole = [b"%.2f %.2f" % (x, HEIGHT - y) for x, y in points.tolist()]
-    return whole[0] + b" m " + b" l ".join(whole[1:]) + (b" l" if len(whole) > 1 else b"")
+def _path(pdf: FPDF, points: Array, end: str) -> None:
+    # Its own polyline writes point by point, which takes longer than everything else of a page of curves.
+    first, *others = (f"{x:.2f} {pdf.h - y:.2f}" for x, y in points.tolist())
+    pdf._out(" ".join([first, "m", *(f"{place} l" for place in others), end]))
 
 
-@functools.lru_cache(maxsize=256)
-def _rgb(colour: str) -> bytes:
-    """``#1A2B3C`` or ``#ABC`` as three shares."""
-    digits = colour.removeprefix("#")
-    digits = "".join(2 * digit for digit in digits) if len(digits) == 3 else digits
-    return b" ".join(b"%.3f" % (int(digits[k : k + 2], 16) / 255.0) for k in (0, 2, 4))
+def _words(pdf: FPDF, part: Words) -> None:
+    x, y, text = part.x, part.y, _drawable(part.text, part.bold)
+    pdf.set_font(_FAMILY, "B" if part.bold else "", part.size)
+    pdf.set_text_color(part.colour)
+    back = {START: 0.0, MIDDLE: 0.5, END: 1.0}[part.anchor]
+    if back:
+        back *= text_width(text, part.size, part.bold)
+    if not part.upright:
+        pdf.text(x - back, y, text)
+        return
+    with pdf.rotation(90.0, x, y):
+        pdf.text(x - back, y, text)
